@@ -142,12 +142,6 @@ def test_plots_portrait_and_conversions_come_from_the_files_of_plant_and_sensor(
     assert portrait_pair(run) == ("reach", "velocity")
     assert vibration(replace(run, measurements={})) == "truth/velocity"
 
-    rewritten(file, ("\"m/s\", Plot())", '"m/s", role="velocity")'), ('"reach": Output({"x": 1.0}, "m")',
-              '"reach": Output({"x": 1.0}, "m", Plot("way", 1), "displacement")'))  # fmt: skip
-    other = channels(lab.load(folder / "scene.toml"))
-    assert other.portrait == ("reach", "table_velocity")
-    assert other.panels[0][:2] == ("way [m]", ("reach",))
-    assert other.panels[1][:2] == ("velocity [m/s]", ("velocity", "table_velocity", "slip_speed", "band_speed"))
     rewritten(
         folder / "example_sensor.py",
         ("    def flawed", "    @property\n    def conversion(self):\n        return None\n\n    def flawed"),
@@ -260,18 +254,6 @@ def test_linear_analyses_of_a_scene_with_parts(folder):
     assert np.sort_complex(swept.rates[0]) == pytest.approx(np.sort_complex(rates), rel=1e-9)
     with pytest.raises(SceneError, match=r"example_controller\.py is not a linear feedback"):
         lab.loop(scene, "two_levels")
-
-
-def test_a_cut_recording_with_parts_is_recovered(rig, folder):
-    scene, log = folder / "scene.toml", folder / "whole.mcap"
-    assert rig("simulate", scene, "--duration", "1", "--out", log)[0] == 0
-    cut = folder / "cut.mcap"
-    cut.write_bytes(log.read_bytes()[: -log.stat().st_size // 3])
-    code, out, _ = rig("recover", cut)
-    assert (code, "it breaks off after" in out) == (1, True)
-    found = lab.open(folder / "cut.recovered.mcap", trust=True)
-    assert list(found.measurements) == ["vibrometer", "geophone"]
-    assert 0.0 < found.time[-1] < 1.0
 
 
 def test_a_folder_of_scenes_is_listed(rig, folder):

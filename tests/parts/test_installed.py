@@ -9,7 +9,7 @@ import pytest
 import rig as lab
 from rig import controllers, effects, plants, sensors
 from rig.errors import SceneError, Untrusted
-from rig.parts import Room, trust_scene
+from rig.parts import trust_scene
 from rig.scenes.scene import Scene
 
 ROOMS = (plants.PLANTS, effects.EFFECTS, sensors.KINDS, controllers.KINDS)
@@ -105,21 +105,6 @@ def test_two_packages_with_parts_of_one_name(rig, installed, tmp_path_factory, m
     assert "plant: several packages have installed a part toy_plant: knockoff 2.0 and toys 1.0" in str(caught.value)
     with pytest.raises(Untrusted):  # which of them is meant is unknown, also for a recording
         Scene.from_json(recorded)
-
-
-def test_a_module_in_the_folder_is_a_part(tmp_path, monkeypatch):
-    package = tmp_path / "room_of_parts"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
-    (package / "one.py").write_text("value = 1\n")
-    (package / "helpers").mkdir()
-    monkeypatch.syspath_prepend(str(tmp_path))
-    room = Room("nothing", "room_of_parts", [str(package)], lambda module, name: module.value)
-    assert list(room) == ["one"]
-    assert room["one"] == 1
-    assert "two" not in room
-    with pytest.raises(KeyError):
-        room["two"]
 
 
 def test_nothing_is_imported_to_know_the_names():

@@ -87,6 +87,7 @@ def test_a_ramp_is_a_straight_line_between_its_ends(move):
     (BeltDrive, {"speed": 0.1, "speed_min": 0.2, "speed_max": 0.1}, "is not below"),
     (BeltDrive, {"speed": 0.1, "lag": 0.0}, "lag"),
     (Load, {"force": 20.0, "force_min": 30.0}, "force 20 N is outside"),
+    (Load, {"force": 20.0, "force_min": 5.0, "force_max": 5.0}, "is not below"),
 ])  # fmt: skip
 def test_actuators_that_cannot_be_are_refused(section, given, told):
     with pytest.raises(ValidationError, match=told):

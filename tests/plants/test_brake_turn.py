@@ -56,11 +56,3 @@ def test_a_turn_of_squeal_closes_its_books_and_builds_nothing_on_the_way():
     energy = run.energy()
     assert abs(energy["edges"]) > 1e-9 * energy["drive"]
     assert abs(energy["error"]) < 1e-9
-
-
-def test_both_positions_of_a_switch_are_prepared_in_every_sector():
-    brake = rig.load("brake_shunt", ROUND).assemble().system()
-    key = sliding_key(brake)
-    prepared = [brake.modes(one) for one in brake.keys_of_turn(key)]
-    assert len(prepared) == (9 + 1) * COUNT
-    assert {tuple(switches) for *_, switches in prepared} == {(0,), (1,)}

@@ -203,19 +203,6 @@ def test_what_cannot_be_built_is_refused_in_words(changes, said):
         rig.load("lever", changes)
 
 
-def test_all_that_is_missing_is_told_at_once(tmp_path):
-    text = rig.scenes.path("lever").read_text()
-    broken = tmp_path / "broken.toml"
-    text = "\n".join(part for part in text.split("\n\n") if not part.startswith(("[lever]", "[disc]", "[springs.arm]")))
-    broken.write_text(text)
-    with pytest.raises(SceneError) as fault:
-        rig.load(broken)
-    told = str(fault.value)
-    assert "lever, springs.fixture and springs.tail belong together" in told
-    assert "disc, drive, load and friction belong together" in told
-    assert "held by springs.arm or by load_cell" in told
-
-
 def test_dead_weight_lifts_the_rest_position():
     """Linear theory: another dead mass moves the rest by m g r1 / K, the rig's stiffness in phi with theta free."""
     a = rig.load("lever_free_cylinder").assemble()

@@ -27,13 +27,6 @@ def test_what_does_not_go_together(values, said):
     assert said in str(error.value)
 
 
-def test_faults_are_told_all_at_once():
-    with pytest.raises(SceneError) as error:
-        rig.load("plate", {"probe.x": 1.0, "slider.position": 0.05, "load.lag": 0.1})
-    for said in ("probe at", "slider.position", "load.lag"):
-        assert said in str(error.value)
-
-
 def test_explain_tells_how_a_point_sticks_and_how_far_it_gives_way():
     told = next(effect.about for effect in explain(rig.load("plate")).effects if effect.name == "friction at film")
     creep = 0.3 * (108.79 / 1087.9e-6) / (4e9 / 1e-3)  # mu p / (G / thickness)

@@ -339,9 +339,3 @@ def test_steps_beyond_the_limit_of_rk4_are_refused_and_smoothed_friction_is_name
         rig.simulate(coarse, 0.01)
     scene = rig.load("tip", {"clock.method": "smooth"})
     assert any("friction is smoothed" in found.what for found in rig.modes(scene).findings)
-
-
-def test_a_decay_of_zero_is_refused_and_the_sudden_drop_named():
-    law = {"law": "exponential", "mu_static": 0.4, "mu_kinetic": 0.2, "decay": "0 s/m"}
-    with pytest.raises(SceneError, match=r'must be greater than 0 s/m: .* a sudden drop is "coulomb"'):
-        rig.load("tip", {f"friction.{key}": value for key, value in law.items()})

@@ -282,8 +282,3 @@ def test_dithered_slip_is_that_of_scipy(move, chain):
     )  # fmt: skip
     assert len(expected) >= 10
     assert run.times("contact slip ends")[: len(expected)] == pytest.approx(list(expected), rel=1e-6)
-
-
-def test_dither_needs_to_be_tangential():
-    with pytest.raises(rig.errors.SceneError, match=r"dither\.on"):
-        rig.load("two_dof_dither", {"dither.on": "load"})

@@ -82,21 +82,6 @@ def test_a_section_of_another_kind_drops_the_values_of_the_old_one_and_says_so(w
     assert scenes.load(write("later.toml", 'based_on = "mine.toml"\n[load]\nforce = "30 N"\n')).notes == told
 
 
-def test_a_controller_of_another_kind_keeps_what_both_have(write):
-    text = 'based_on = "belt_normal_force"\n[controllers.nf]\nkind = "belt_velocity"\n'
-    mine = scenes.load(write("mine.toml", text))
-    assert mine.controllers["nf"].sensor == scenes.load("belt_normal_force").controllers["nf"].sensor
-    assert mine.notes == (
-        "controllers.nf.kind = belt_velocity: dropped gain of normal_force; kept sensor, enable_at (mine.toml, line 3)",
-    )
-
-
-def test_steps_of_an_inherited_protocol_that_set_what_is_gone_become_marks(write):
-    mine = scenes.load(write("mine.toml", 'based_on = "brake_shunt"\n[shunt]\nkind = "open"\n'))
-    assert [step.step for step in mine.protocol].count("mark") == 2
-    assert "protocol[2]: left out, there is no shunt.connected any more" in mine.notes
-
-
 def test_another_plant_keeps_what_is_not_of_the_plant(write):
     pin = scenes.load("pin")
     tables = scenes.path("pin").read_text().partition("[pin]")[2].partition("[sensors")[0]
@@ -167,12 +152,6 @@ def test_what_is_wrong_is_told_with_its_line(write, text, line, told):
 def test_what_only_a_file_can_change_is_told(key):
     what = f"{key}: only a scene file can change {key.partition('[')[0]}; write one with rig new and change it there"
     assert faults("belt", {key: "3 s"}) == [f"{what} (given in the call)"]
-
-
-def test_what_is_removed_has_no_origin(write):
-    mine = scenes.load(write("mine.toml", 'based_on = "belt"\n[sensors]\nlaser = ["none", "chosen", "too slow"]\n'))
-    assert "laser" not in mine.sensors
-    assert not [key for key in mine.origins if key.startswith("sensors.laser")]
 
 
 def test_a_chain_has_an_end(write):

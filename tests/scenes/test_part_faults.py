@@ -60,18 +60,6 @@ def test_a_value_that_makes_new_matrices_cannot_jam():
     assert "every value of it makes new matrices" in "\n".join(faults(about, "brake_shunt"))
 
 
-def test_all_faults_are_told_at_once():
-    found = faults({
-        **FROZEN, "faults.a.at": "1.5 ms",
-        "faults.b.sensor": "vibromter", "faults.b.kind": "freeze", "faults.b.at": "6 s",
-        "faults.c.kind": "jam", "faults.c.actuator": "load.frce", "faults.c.at": "1 s",
-        "faults.d.kind": "jam",
-    })  # fmt: skip
-    assert [line.partition(":")[0].partition(" =")[0] for line in found] == [
-        "faults.d.at", "faults.d.actuator", "faults.a.at", "faults.b.sensor", "faults.c.actuator",
-    ]  # fmt: skip
-
-
 def test_one_after_the_other_is_possible():
     second = {"sensor": "vibrometer", "kind": "dropout", "at": "6 s"}
     two = {"faults.a.duration": "1 s"} | {f"faults.b.{key}": value for key, value in second.items()}

@@ -1,7 +1,4 @@
-"""Scenes that were damaged at random: each is refused with a SceneError that names the key, or is a scene that holds.
-
-The draws are the same on every machine. A larger share of them is behind the marker `slow`.
-"""
+"""Scenes that were damaged at random: each is refused with a SceneError that names the key, or holds."""
 
 import copy
 import json
@@ -15,8 +12,6 @@ from contextlib import suppress
 import pytest
 
 from rig import scenes
-from rig.analysis.kernel_shapes import ready, shape
-from rig.bench.run.runner import PlantRunner
 from rig.design import numbers
 from rig.errors import RigError, SceneError
 from rig.model.method import chosen
@@ -110,8 +105,8 @@ def give_up(*_):
     raise AssertionError(f"not judged within {SECONDS} s")
 
 
-def judge(path, deep=False):
-    """The scene of a file as it was read, None where it is refused in words. `deep`: carry it through a frame too."""
+def judge(path):
+    """The scene of a file as it was read, None where it is refused in words."""
     before = signal.signal(signal.SIGALRM, give_up)
     signal.alarm(SECONDS)
     try:
@@ -124,9 +119,6 @@ def judge(path, deep=False):
         stability_report(system, chosen(scene.clock.method, system), scene.step_ns * 1e-9, 1)
         with suppress(RigError):  # a controller that cannot be designed
             numbers(scene)
-        if deep and shape(scene) in ready():
-            with suppress(RigError):
-                PlantRunner(scene).frames(1)
         assert Scene.from_json(scene.to_json()).digest == scene.digest
         for key, (value, _) in scene.values().items():
             for one in value if isinstance(value, list) else [value]:
@@ -138,32 +130,14 @@ def judge(path, deep=False):
         signal.signal(signal.SIGALRM, before)
 
 
-def fuzz(folder, seed, count, deep=False):
-    """Damage scenes and judge them; a list of what was wrong with the judgement."""
-    draw, found = random.Random(seed), []
-    texts = [path.read_text() for path in sorted(HERE.glob("*.toml"))]
-    path = folder / "mine.toml"
-    refused = 0
-    for number in range(count):
-        data = damaged(draw, draw.choice(texts))
-        path.write_bytes(data)
-        try:
-            refused += judge(path, deep) is None
-        except Exception as error:
-            (folder / f"bad-{seed}-{number}.toml").write_bytes(data)
-            found.append(f"{seed}-{number}: {type(error).__name__}: {str(error)[:200]}")
-    assert refused > count // 2, "most of them are refused, else nothing was tried"
-    return found
-
-
 def test_a_damaged_scene_is_refused_in_words_or_holds(tmp_path):
-    assert fuzz(tmp_path, seed=1, count=100) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2, 8))
-def test_thousands_of_damaged_scenes(tmp_path, seed):
-    assert fuzz(tmp_path, seed, count=2000, deep=True) == []
+    draw, refused = random.Random(1), 0
+    texts = [path.read_text() for path in sorted(HERE.glob("*.toml"))]
+    path = tmp_path / "mine.toml"
+    for _ in range(100):
+        path.write_bytes(damaged(draw, draw.choice(texts)))
+        refused += judge(path) is None
+    assert refused > 50, "most of them are refused, else nothing was tried"
 
 
 @pytest.mark.parametrize("key", ["body.mass", "friction.law", "clock.frame", "sensors.laser.kind", "body", "x.y"])
@@ -191,19 +165,3 @@ def test_a_pipe_a_folder_and_a_file_without_end_are_no_scenes(tmp_path):
     for name, told in (("pipe", "not a regular file"), ("folder", "is a folder"), ("large", "larger than 1 MiB")):
         with pytest.raises(SceneError, match=told):
             scenes.load(tmp_path / f"{name}.toml")
-
-
-@pytest.mark.parametrize(("key", "given", "told"), [
-    ("body.mass", 1e300, "body.mass = 1e+300: must be 1e-09 to 1e+06 kg"),
-    ("drive.speed", "-1e300 m/s", 'drive.speed = "-1e300 m/s": must be -10000 to 10000 m/s'),
-    ("clock.frame", "1 ns", 'clock.frame = "1 ns": must be at least 1e-06 s'),
-    ("clock.frame", "1e308 h", 'clock.frame = "1e308 h": must be a finite number, 1e-06 to 1 s'),
-    ("load.force", "1e400 N", 'load.force = "1e400 N": must be a finite number, 0 to 1e+09 N'),
-    ("sensors.vibrometer.delay", "-1e9 s", 'sensors.vibrometer.delay = "-1e9 s": must be 0 to 100 s'),
-    ("seed", "9" * 5000, "seed = "),
-    ("limits.displacement", 1e300, "limits.displacement = 1e+300: must be 1e-12 to 10000 m"),
-])  # fmt: skip
-def test_a_fault_says_what_is_allowed(key, given, told):
-    with pytest.raises(SceneError) as caught:
-        scenes.load("belt", {key: given})
-    assert [fault[: len(told)] for fault in caught.value.faults] == [told]
