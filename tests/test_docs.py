@@ -57,11 +57,6 @@ def test_the_python_of_a_page_runs(page, tmp_path):
     assert found.returncode == 0, found.stderr
 
 
-def test_the_first_lines_of_python_are_five():
-    (code,) = blocks("README.md", "python")
-    assert len([line for line in code.splitlines() if line]) == 5
-
-
 @pytest.mark.parametrize(("page", "words"), [*commands()], ids=str)
 def test_a_command_of_a_page_is_one_that_the_program_takes(page, words):
     command = program

@@ -7,6 +7,7 @@ import pytest
 
 from rig.model import friction_law
 from rig.motion.motion import Motion
+from rig.stability.report import stability_report
 
 
 def test_a_smoothed_law_is_odd_and_its_slope_is_its_slope():
@@ -33,6 +34,8 @@ def test_it_creeps_where_it_should_stick(rigs):
     w = motion.outputs_now()[0]
     v = 0.1 - w
     assert motion.event_count == 0
+    told = [one.what for one in stability_report(a.system(), "smooth", 1e-3) if one.level == "warning"]
+    assert any("smoothed: a stuck contact creeps" in what for what in told)
     assert w == pytest.approx(1e-4 * math.atanh(40.0 * 0.9 * v / 4.0), rel=1e-6)
 
 
