@@ -11,7 +11,7 @@ from rig.compiled.kernel import kernel
 from rig.solve.roots import NONE, WORK_COLUMNS, WORK_ROWS
 from rig.solve.roots import first_crossing as inner_first_crossing
 
-GRID = np.linspace(0.0, 1.0, 4001)
+GRID = np.linspace(0.0, 1.0, 1001)
 
 
 @kernel
@@ -37,7 +37,7 @@ coefficients = st.lists(st.floats(-1.0, 1.0, allow_subnormal=False), min_size=2,
 
 
 @given(coefficients)
-@settings(max_examples=300)
+@settings(max_examples=150)
 def test_what_is_found_is_a_fall_and_the_first(c):
     assume(c[0] > 1e-6)
     u = fall(c)
@@ -51,7 +51,7 @@ def test_what_is_found_is_a_fall_and_the_first(c):
 
 
 @given(st.lists(st.floats(0.01, 3.0), min_size=1, max_size=6, unique=True))
-@settings(max_examples=300)
+@settings(max_examples=150)
 def test_the_smallest_root_is_found(roots):
     roots = sorted(roots)
     assume(all(b - a > 1e-3 for a, b in pairwise(roots)))
