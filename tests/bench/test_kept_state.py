@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.bench.run.runner import ROWS, PlantRunner
+from rig.bench.run.runner import PlantRunner
 from rig.errors import UsageError
 
 SCENES = ("belt", "belt_dither", "pendulum", "lever", "brake_shunt")
@@ -79,9 +79,3 @@ def test_what_cannot_return_says_why():
         truthful.back(truthful.keep())
     with pytest.raises(UsageError, match="a rig with the method kick cannot return"):
         PlantRunner(scenes.load("points")).keep()
-
-
-def test_a_runner_takes_at_most_a_piece_at_once():
-    runner = PlantRunner(scene("belt"))
-    runner.frames(10**9)
-    assert 0 < runner.tick <= ROWS

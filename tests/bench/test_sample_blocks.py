@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.bench.live.hub import AllSamples, Lent
+from rig.bench.live.hub import AllSamples
 from rig.bus import messages
 from rig.sensors.chain.instants import Instants
 
@@ -96,22 +96,3 @@ def test_every_sample_is_published_once_with_its_time(sends_every, ahead):
         for t_ns, block in own:
             assert t_ns == block.tick * FRAME_NS
             assert 0 <= t_ns - messages.times(block)[-1] < max(FRAME_NS, instants.period_ns)
-
-
-def test_memory_that_changes_while_it_is_encoded_is_encoded_again_from_the_copy():
-    class Torn:
-        """Samples whose instrument drops them while the sender reads them."""
-
-        reads = 0
-
-        def tobytes(self):
-            self.reads += 1
-            if self.reads == 1:
-                lent.keep()  # by the plant's thread
-                return b"overwritten"
-            return b"measured"
-
-    lent = Lent(Torn())
-    assert lent.raw() == b"measured"
-    lent.keep()  # of samples already encoded: nothing is left to copy
-    assert lent.raw() == b""

@@ -129,11 +129,8 @@ def branch(
         raise UsageError(f"{log}: its protocol has no steps after {begin}; state a duration, e.g. --duration 10")
     with log.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    origin: dict[str, str | int] = {
-        "ancestor": log.name,
-        "ancestor_sha256": digest,
-        "instant_ns": tick * run.frame_ns,
-    }
+    now = tick * run.frame_ns
+    origin: dict[str, str | int] = {"ancestor": log.name, "ancestor_sha256": digest, "instant_ns": now}
     acting = {name: controllers.restored(description) for name, description in design.described(scene).items()}
     _check(begun(scene, acting)[0], acting, changes)
     asked: list[str] = []
@@ -143,7 +140,9 @@ def branch(
             asked.append(why)
         return asked[-1] if asked else ""
 
-    events = [*_events_before(run, tick), *_actions(origin, tick, changes)]
+    text = f"continues {log.name} from {now * 1e-9:g} s"
+    events = [*_events_before(run, tick), _action(BRANCH, tick, now, text, origin)]
+    events += [_action("parameter", tick, now, "", {"set": changes})] if changes else []
 
     def continued(resumption: Resumption | None) -> Run:
         recorded = Recorded(run.commands, events, tick, resumption)
@@ -233,14 +232,6 @@ def _events_before(run: Run, tick: int) -> list[dict[str, Any]]:
             changes = {f"controllers.{event['source']}.{key}": value for key, value in values.items()}
             told.append(_action("parameter", at + 1, (at + 1) * run.frame_ns, event["text"], {"set": changes}))
     return sorted(told, key=lambda event: int(event["t_ns"]))
-
-
-def _actions(origin: Mapping[str, Any], tick: int, changes: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The events that record and make the branch at `tick`."""
-    now = origin["instant_ns"]
-    text = f"continues {origin['ancestor']} from {now * 1e-9:g} s"
-    events = [_action(BRANCH, tick, now, text, origin)]
-    return [*events, _action("parameter", tick, now, "", {"set": changes})] if changes else events
 
 
 def _action(kind: str, tick: int, t_ns: int, text: str, data: Mapping[str, Any]) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def replay(
     that is not trusted, BusError if a controller does not join, leaves or does not answer.
     """
     setup = setup_of(head(log))
-    names = {_name(given): given for given in into}
+    names = {Path(given).stem if given.endswith(".py") else given: given for given in into}
     if len(names) < len(into):
         raise UsageError(f"--into {', '.join(into)}: two controllers have the same name")
     wanted = _by_controller(changes or {}, names)
@@ -72,10 +72,6 @@ def replay(
         finally:
             session.close()
             end(processes.children.values(), LEAVE_S)
-
-
-def _name(given: str) -> str:
-    return Path(given).stem if given.endswith(".py") else given
 
 
 def _recorded(setup: Setup, name: str) -> Any:

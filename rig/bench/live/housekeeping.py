@@ -85,13 +85,6 @@ class Housekeeper:
         self._publish(now)
         return True
 
-    def _tell_passed(self, late_ns: int) -> None:
-        """Keep one fault for all pauses without a frame: an overloaded machine has many of them."""
-        passed = self._passed_ns
-        before = _passed(*passed)
-        passed.append(late_ns)
-        self.faults = [fault for fault in self.faults if fault != before] + [_passed(*passed)]
-
     def orphaned(self) -> bool:
         """Whether the parent process has ended."""
         return self._job.parent not in (0, os.getppid())
@@ -103,7 +96,9 @@ class Housekeeper:
             known = {"role": who.role, "name": who.name}
             if who.here:
                 note("joined", f"{called(who.role, who.name)} is here", **known)
-                self._is_back(who.role, who.name)
+                if (text := self._left.pop((who.role, who.name), None)) in self.faults:  # it was away for a time
+                    away = text.replace(" left at t = ", " was away from t = ")
+                    self.faults[self.faults.index(text)] = f"{away} to {self._runner.t_ns / 1e9:.3f} s"
                 continue
             text = f"{called(who.role, who.name)} left at t = {self._runner.t_ns / 1e9:.3f} s"
             note("left", text, **known)
@@ -119,12 +114,6 @@ class Housekeeper:
         """
         driving = role == "controller" and name in self._experiment.exchange.queues
         return (role, name) in self._known or driving or name in self._hub.session.inbound.reserved
-
-    def _is_back(self, role: str, name: str) -> None:
-        """A process has come back: shorten its fault to the time of its absence."""
-        if (text := self._left.pop((role, name), None)) in self.faults:
-            back = f"{self._runner.t_ns / 1e9:.3f} s"
-            self.faults[self.faults.index(text)] = f"{text.replace(' left at t = ', ' was away from t = ')} to {back}"
 
     def miss(self, missing: Iterable[str]) -> None:
         """Record which expected processes (see `called`) are not present at the first frame."""
@@ -145,19 +134,15 @@ class Housekeeper:
         for text in self._hub.session.inbound.news():
             self._experiment.journal.repeated("refused", text)
         for text in self._hub.commands.floods():
-            self._flooded(text)
+            name = text.partition(" sent ")[0]  # told once: reading them makes frames late
+            if not any(fault.startswith(f"{name} sent ") for fault in self.faults):
+                self.faults.append(text)
+            self._experiment.journal.repeated("flood", f"{name} sends too many commands")
         if self.pacer is not None:
             self._count_given_up(self.pacer)
             timing.fold()
             whole = (now - self._begun) * (os.cpu_count() or 1)
             timing.stolen_share = (pace.stolen_ns() - self._stolen) / whole if whole else 0.0
-
-    def _flooded(self, text: str) -> None:
-        """Record once that a controller sends too many commands, since reading them makes frames late."""
-        name = text.partition(" sent ")[0]
-        if not any(fault.startswith(f"{name} sent ") for fault in self.faults):
-            self.faults.append(text)
-        self._experiment.journal.repeated("flood", f"{name} sends too many commands")
 
     def _publish(self, now: int) -> None:
         timing, statistics = self._timing, self._statistics or self._runner.statistics()
@@ -193,7 +178,9 @@ class Housekeeper:
         for skipped in new:
             if skipped.late_ns > pace.PAUSE:
                 journal.note("pause", _passed(skipped.late_ns), frame=skipped.frame, late_ns=skipped.late_ns)
-                self._tell_passed(skipped.late_ns)
+                before = _passed(*self._passed_ns)  # one fault for all pauses: an overloaded machine has many
+                self._passed_ns.append(skipped.late_ns)
+                self.faults = [fault for fault in self.faults if fault != before] + [_passed(*self._passed_ns)]
             else:
                 journal.repeated("overrun", "time of the wall clock was given up", frames=skipped.frames)
         if (asleep := pace.asleep_ns()) > self._asleep + ATTEND_NS:

@@ -474,15 +474,11 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
         except (RigError, ValueError):  # no scene has values for it, or the method cannot integrate it
             continue
         lifts = pulls.keys() & {_contact(other, normal) for normal in other.normals if normal.opens}
-        patch, pulled, most = _most([(patch, *pulls.pop(patch)) for patch in lifts])
+        longest = [(patch, *pulls.pop(patch)) for patch in lifts]
+        patch, pulled, most = max(longest, key=lambda pull: pull[1], default=("", 0.0, 0.0))
         yield JudgedEffect(name, False, part, *judged, like, "", patch, pulled, most)
     for patch, (pulled, most) in pulls.items():
         yield JudgedEffect(f"lift-off at {patch}", False, pulled, *judged, "", "", patch, pulled, most)
-
-
-def _most(pulls: Sequence[tuple[str, float, float]]) -> tuple[str, float, float]:
-    """The contact that pulled for the longest time: its name, share of the time, and largest pull [N]."""
-    return max(pulls, key=lambda pull: pull[1], default=("", 0.0, 0.0))
 
 
 def _clamped(motion: Motion) -> dict[str, float]:
