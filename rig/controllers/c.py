@@ -8,11 +8,8 @@ the plant. State in, state out: the bits of all runs are the same.
 
 from __future__ import annotations
 
-import os
-import threading
-import time
+import signal
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from typing import Any, ClassVar, Literal, Self
 
 from rig.controllers.blocks.base import Numbers, Values
@@ -24,33 +21,6 @@ from rig.parts import Binary
 
 OPENED: dict[str, c_library.Library] = {}
 """SHA-256 -> library that this process has loaded."""
-
-
-class _Watch(threading.Thread):
-    """Ends this process if a call does not return within `LONGEST_S`: no signal handler runs meanwhile."""
-
-    def __init__(self) -> None:
-        super().__init__(name="watch-library", daemon=True)
-        self._calls, self.what = 0, ""
-        """Calls begun and ended; the library that is called."""
-
-    def __enter__(self) -> None:
-        self._calls += 1
-
-    def __exit__(self, *_: object) -> None:
-        self._calls += 1
-
-    def run(self) -> None:
-        """See threading.Thread."""
-        while True:
-            begun = self._calls
-            time.sleep(LONGEST_S)
-            if begun % 2 and self._calls == begun:
-                os.write(2, f"{self.what}: rig_controller_step has not returned for {LONGEST_S:g} s\n".encode())
-                os._exit(1)
-
-
-_WATCH = _Watch()
 
 
 class CompiledC(CompiledSection):
@@ -84,19 +54,15 @@ class CompiledController:
         self.section, self.numbers = section, numbers
         self.reads, self.drives = section.connected_sensors, section.connected_actuators
         self.period_ns = section.period
-        self._direct = section.where == "plant" or "direct" in numbers
-        self._watch: AbstractContextManager[None] = _WATCH if "direct" in numbers else nullcontext()
+        self._alone = "direct" in numbers
         self._parameters = section.values()
         self._library: Any = None
 
     def in_own_process(self) -> Self:
         """The same controller for a process that runs nothing else: it calls the library itself.
 
-        If a step does not return within `LONGEST_S`, the process ends with a message.
+        If a step does not return within `LONGEST_S`, the timer of the system ends the process.
         """
-        _WATCH.what = self.section.file
-        if not _WATCH.is_alive():
-            _WATCH.start()
         return type(self)(self.section, {**self.numbers, "direct": True})
 
     def start(self) -> Values:
@@ -107,29 +73,30 @@ class CompiledController:
     def update(self, state: Values, t_ns: int, values: Values) -> tuple[Values, Values]:
         """Next state, and the commands [unit of each output]."""
         library = self._library or self._opened()
+        if self._alone:
+            signal.setitimer(signal.ITIMER_REAL, LONGEST_S)  # SIGALRM ends a process, in whose code it may be
         try:
-            with self._watch:
-                code, after, commands = library.step(self._parameters, state, t_ns, values)
+            code, after, commands = library.step(self._parameters, state, t_ns, values)
         except ControllerLost:
             self._library = None
             raise
+        finally:
+            if self._alone:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
         if code:
             self._checked("step", code, after)
         return tuple(after), tuple(commands)
 
     def _opened(self) -> Any:
         """The library, in this process or in its helper."""
-        self._library = _opened(self.section.file) if self._direct else helper(self.section.file)
+        direct = self._alone or self.section.where == "plant"
+        self._library = (_opened if direct else helper)(self.section.file)
         return self._library
 
     def _checked(self, function: str, code: int, numbers: Sequence[float]) -> Sequence[float]:
-        if not code:
-            return numbers
-        name = f"{self.section.file}: rig_controller_{function}"
-        if code == c_library.OVERRUN:
-            states, outputs = self.section.file.about["states"], len(self.section.all_outputs)
-            raise ControllerLost(f"{name} writes more than the {states} states and {outputs} outputs that it states")
-        raise ControllerLost(f"{name} returned {code}")
+        if code:
+            raise ControllerLost(f"{self.section.file}: rig_controller_{function} returned {code}")
+        return numbers
 
 
 def _opened(file: Binary) -> c_library.Library:

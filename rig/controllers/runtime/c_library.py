@@ -23,10 +23,7 @@ from typing import Any
 
 VERSION = 1
 INIT, STEP = 1, 2
-OVERRUN = -(1 << 31)
-"""Answer of a function that has written more numbers than the library states."""
 _MOST = 1000  # signals, parameters, states
-_GUARD = -7.25e77  # behind the last number that a function may write
 _HEAD = struct.Struct("<I")
 LOOK_S = 0.5
 """Time [s] between two looks of a helper at whether its parent process lives."""
@@ -111,9 +108,7 @@ class Library:
         states = about["states"]
         self._parameters, self._state = (ctypes.c_double * parameters)(), (ctypes.c_double * states)()
         self._input = (ctypes.c_double * inputs)()
-        self._next, self._output = (ctypes.c_double * (states + 1))(), (ctypes.c_double * (outputs + 1))()
-        self._next[states] = self._output[outputs] = _GUARD
-        self._states, self._outputs = states, outputs
+        self._next, self._output = (ctypes.c_double * states)(), (ctypes.c_double * outputs)()
         self._given: Sequence[float] | None = None
         self._init = self._function("init", ctypes.c_void_p, ctypes.c_void_p)
         self._step = self._function("step", *[ctypes.c_void_p] * 3, ctypes.c_int64, *[ctypes.c_void_p] * 2)
@@ -137,7 +132,7 @@ class Library:
         """What init returned, and the state before the first step."""
         self._take(parameters)
         code = self._init(self._at[0], self._at[2])
-        return self._guarded(code), self._next[: self._states]
+        return code, self._next[:]
 
     def step(
         self, parameters: Sequence[float], state: Sequence[float], t_ns: int, values: Sequence[float]
@@ -147,13 +142,7 @@ class Library:
         self._state[:], self._input[:] = list(state), list(values)
         p, s, after, heard, given = self._at
         code = self._step(p, s, after, t_ns, heard, given)
-        return self._guarded(code), self._next[: self._states], self._output[: self._outputs]
-
-    def _guarded(self, code: int) -> int:
-        if self._next[self._states] == _GUARD and self._output[self._outputs] == _GUARD:
-            return code
-        self._next[self._states] = self._output[self._outputs] = _GUARD
-        return OVERRUN
+        return code, self._next[:], self._output[:]
 
 
 def formats(about: dict[str, Any]) -> tuple[struct.Struct, struct.Struct]:
