@@ -9,7 +9,6 @@ import math
 import numpy as np
 import pytest
 from reference import numbers
-from scipy.optimize import brentq
 
 import rig
 from rig.errors import SceneError
@@ -180,12 +179,9 @@ def test_stick_and_slip_begin_when_scipy_says(chain):
 
 @pytest.mark.parametrize("expected", LIU["critical_speeds_uniform_rpm"], ids=lambda e: f"{e['N0']} N")
 def test_sliding_loses_its_stability_at_the_speed_of_the_reference(expected):
-    def growth(rpm, changes):
-        return rig.modes(scene(expected["N0"], rpm, **changes)).sliding.growth
-
     for changes, key in (({}, "V1_prop1"), (PROPERTY_2, "V1_prop2")):
-        found = brentq(growth, 0.5, 4.0, args=(changes,), xtol=1e-7)
-        assert found == pytest.approx(expected[key], abs=1e-4)
+        below, above = (rig.modes(scene(expected["N0"], expected[key] + off, **changes)) for off in (-1e-4, 1e-4))
+        assert below.sliding.growth > 0.0 > above.sliding.growth
 
 
 def test_coulomb_sliding_is_stable_at_every_speed():
