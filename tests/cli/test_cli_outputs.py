@@ -56,6 +56,7 @@ FILES = [
     ("explain", "belt", "--measure", "--figure"),
     ("sound", "log.mcap", "--signal", "s", "--out"),
     ("sound", "log.mcap", "--signal", "s", "--figure"),
+    ("stick", "log.mcap", "--figure"),
     ("amplitude", "log.mcap", "--figure"),
     ("cycle", "belt", "--figure"),
     ("loop", "belt_normal_force", "--figure"),
