@@ -5,13 +5,12 @@ import json
 import tempfile
 import zipfile
 
-import numpy as np
 import pytest
 
 from rig import controllers, design, scenes
 from rig.bench.run.simulate import Recorded, simulate
 from rig.controllers.blocks.base import tunable
-from rig.controllers.runtime import fmi, process
+from rig.controllers.runtime import fmi
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerLost, SceneError, UsageError
 from rig.machine import files as user_files
@@ -185,7 +184,6 @@ def test_one_that_cannot_return_to_its_state_is_marked_and_its_parameters_are_fi
     ("changes", "told"),
     [
         ({"platform": "win64"}, "has code for win64; this machine needs linux64"),
-        ({"version": 3, "platform": "aarch64-darwin"}, "has code for aarch64-darwin; this machine needs"),
         (
             {"variable": "false", "step": None, "described_step": "0.0007"},
             "not a multiple of 0.0007 s, the fixed step of",
@@ -220,7 +218,6 @@ def _rewrite(file, change):
     [
         (b"no zip", "is not an FMU: it is not a zip file"),
         ("", "is not a usable FMU"),
-        ("<fmiModelDescription fmiVersion='9.0'/>", "is not a usable FMU"),
     ],
 )
 def test_what_is_no_fmu_is_named(tmp_path, content, told):
@@ -238,7 +235,6 @@ def test_what_is_no_fmu_is_named(tmp_path, content, told):
     ("files", "told"), [({"x": bytes(3 << 20)}, "unpacked; at most 2 MiB"), (dict.fromkeys("abcdef", b""), "contains")]
 )
 def test_an_fmu_that_becomes_too_large_is_refused_before_it_is_unpacked(units, tmp_path, monkeypatch, files, told):
-    monkeypatch.setattr(fmi, "LARGEST", 2 << 20)
     monkeypatch.setattr(fmi, "LARGEST", 2 << 20)
     monkeypatch.setattr(user_files, "FILES", 6)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
@@ -279,19 +275,3 @@ def test_without_fmpy_the_line_that_installs_it_is_named(units, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "fmpy", None)
     with pytest.raises(UsageError, match=r"fmpy cannot be loaded .*pip install .*\[fmi\]"):
         fmi.described(file)
-
-
-def test_the_process_of_a_controller_gives_the_same_answers(units):
-    from types import SimpleNamespace
-
-    one = scene(units())
-    description = SimpleNamespace(controllers=json.loads(json.dumps(design.described(one))))
-    own, here = Loop(process.made(description, "nf")), Loop(made(one))
-    values = np.random.default_rng(1).normal(size=20) * 0.01
-    for k, v in enumerate(values.tolist()):
-        assert own.answer(k * 1_000_000, (v,)) == here.answer(k * 1_000_000, (v,))
-
-
-def test_inputs_and_outputs_that_are_not_named_keep_their_values(units):
-    one = scene(units(), inputs=["v"], outputs=["force"])
-    assert made(one).reads == ("vibrometer",)

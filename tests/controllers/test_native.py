@@ -143,28 +143,12 @@ def with_power(p, state, t_ns, values):
     return state, (values[0] ** 2,)
 
 
-def with_hypot(p, state, t_ns, values):
-    return state, (math.hypot(values[0], values[1]),)
-
-
-def with_numpy(p, state, t_ns, values):
-    return state, (float(np.sum(values)),)
-
-
-def with_dictionary(p, state, t_ns, values):
-    return {"a": 1}, (values[0],)
-
-
 def with_growing_state(p, state, t_ns, values):
     return (state, 1.0), (values[0],)
 
 
 def with_two_commands(p, state, t_ns, values):
     return state, (values[0], values[1])
-
-
-def with_text(p, state, t_ns, values):
-    return state, (float(f"{values[0]}"),)
 
 
 def with_a_hidden_power(p, state, t_ns, values):
@@ -180,10 +164,7 @@ def of_another_function():
     return lambda p, state, t_ns, values: (state, (factor * values[0],))
 
 
-REFUSED = [
-    with_sum, with_power, with_hypot, with_numpy, with_dictionary, with_growing_state, with_two_commands, with_text,
-    with_a_hidden_power, of_another_function(),
-]  # fmt: skip
+REFUSED = [with_sum, with_power, with_growing_state, with_two_commands, with_a_hidden_power, of_another_function()]
 
 
 @pytest.mark.parametrize("law", REFUSED, ids=lambda law: law.__name__)
@@ -218,7 +199,7 @@ def divides(p, state, t_ns, values):
     return state, (values[0] / values[1],)
 
 
-@pytest.mark.parametrize("values", [(1.0, 0.0), (math.nan, 1.0), (math.inf, 1.0), (1e300, 1e-300)])
+@pytest.mark.parametrize("values", [(1.0, 0.0), (math.nan, 1.0), (1e300, 1e-300)])
 def test_it_declines_where_python_would_raise_or_a_value_is_not_finite(values):
     controller = Plain(divides)
     native = Native(controller, Kept())

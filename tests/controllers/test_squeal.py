@@ -68,7 +68,7 @@ def test_squeal_is_silenced_within_twenty_milliseconds_of_its_onset():
     assert onset <= first < onset + 0.02
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_noisy_sliding_does_not_connect_the_shunt(seed):
     noise = np.random.default_rng(seed).standard_normal(10 * RATE)
     _, connected = played(switch(threshold=0.005), 0.005 * noise)  # as much as the threshold, over 25 kHz
