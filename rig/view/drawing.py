@@ -142,7 +142,7 @@ class Drawing:
         """Outputs that are drawn as curves. A quantity at many points is drawn as a map instead."""
         self.points = bool(self.channels.at_points)
         """Whether the contact is a film of points."""
-        self.worded = not self.points and (system is None or bool(system.patches))
+        self.worded = bool(outputs) and not self.points and (system is None or bool(system.patches))
         """Whether there is a strip of the contact state: not for a film of points, nor for a bonded contact."""
         self.picture = picture_of(*scene_and_rig, system) if scene_and_rig and system else None
         self._lost = scene_and_rig[1].outputs.keys() - outputs.keys() if scene_and_rig else set()

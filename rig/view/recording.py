@@ -35,7 +35,8 @@ def drawing_of(run: Run) -> Drawing:
     sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
     shows = known(run)
     apart = "" if shows is Known.ALL else f"{rate(run)} samples/s"
-    return Drawing(run.scene_text(), outputs, sensors, apart, shows is Known.ALIAS)
+    scene = "" if run.measured else run.scene_text()
+    return Drawing(scene, outputs, sensors, apart, shows is Known.ALIAS)
 
 
 def view_run(

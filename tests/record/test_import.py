@@ -249,7 +249,7 @@ def test_the_command_imports_with_the_map_beside_the_files_and_what_works_on_a_r
         ("spectrum", log), ("hysteresis", log, "--over", "speed"), ("portrait", log, "--x", "pos", "--y", "vel"),
         ("response", log, "--input", "vel", "--output", "pos"), ("amplitude", log), ("sound", log, "--signal", "vel"),
         ("diff", log, log), ("export", log, "--to", "csv", "--out", tmp_path / "out"), ("note", log, "hot day"),
-        ("report", log, "--out", tmp_path / "x.html"),
+        ("report", log, "--out", tmp_path / "x.html"), ("view", log, "--save", tmp_path / "x.rrd"),
     ):  # fmt: skip
         code, out, err = rig(*command)
         assert (code, err) == (0, ""), (command, out, err)
