@@ -69,11 +69,6 @@ def test_sliding_of_characteristic_a_is_stable_above_a_speed(move, kroger):
     assert growth(move, "belt", limit * (1.0 - 1e-7)) > 0.0 > growth(move, "belt", limit * (1.0 + 1e-7))
 
 
-def test_sliding_under_coulomb_friction_is_stable_at_any_speed(move):
-    for speed in (0.001, 0.0778, 1.0):
-        assert growth(move, "belt_c_damped", speed) == pytest.approx(-0.2, rel=1e-12)
-
-
 def test_the_two_motions_live_side_by_side(move):
     """At 0.4 m/s: from the cycle it goes on cycling, from sliding it goes on sliding."""
     cycling, sliding = move("belt", moved=MOVED, duration=1.0), move("belt", {"drive.speed": 0.4}, moved=MOVED)
