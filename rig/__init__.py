@@ -209,7 +209,7 @@ def state_space(scene: Scene | str | Path, delay: float = 0.0) -> StateSpace:
     `delay` [s]: delay of the commands, as a Pade approximation of order 8. Raises rig.errors.SceneError where nothing
     slides steadily.
     """
-    from rig.analysis.plant import state_space as solve
+    from rig.analysis.control_loop import state_space as solve
 
     return solve(_scene(scene), delay)
 
@@ -249,7 +249,7 @@ def map(
     from rig.analysis.map import chart, job
 
     loaded = _scene(scene)
-    return chart(job(loaded, x, y, output, runs, longest), Path(folder), workers)
+    return chart(job(loaded, x, y, output, runs, longest), Path(folder), workers)  # type: ignore[return-value]
 
 
 def repeat(scene: Scene | str | Path, count: int, duration: float | None = None, workers: int | None = None) -> Repeats:

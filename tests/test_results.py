@@ -35,12 +35,9 @@ def golden(name):
 
 
 def regions(folder):
-    from rig.analysis.axis import axes
-    from rig.analysis.map import survey
+    from rig.analysis.map import chart, regions_job
 
-    scene = rig.load("belt")
-    keys = {"--x": "drive.speed=0.05:0.4:4", "--y": "load.force=10:20:2"}
-    return survey(scene, *axes(scene, keys), folder, 1)[0]
+    return chart(regions_job(rig.load("belt"), "drive.speed=0.05:0.4:4", "load.force=10:20:2"), folder, 1)
 
 
 def loop_report(folder):

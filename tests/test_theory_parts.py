@@ -18,7 +18,7 @@ from rig.analysis.averaged import mean_friction
 from rig.analysis.control_loop import loop
 from rig.controllers.blocks.resonator import Resonator
 from rig.model.mode_sets import ModeSets, guard_bounds
-from rig.papers.kroeger_shunt import CAPACITANCE, COUPLING, PIEZO_STIFFNESS, SWING, shaken, stack, transfer
+from rig.papers.kroeger_brake import CAPACITANCE, COUPLING, PIEZO_STIFFNESS, SWING, shaken, stack, transfer
 from rig.qualify.cost.delay import IDEAL, with_delay
 from rig.sensors.chain import filters
 from rig.sensors.chain.front_end import FrontEnd, deviation

@@ -4,14 +4,13 @@ modes               eigenvalues about steady sliding, and their report
 axis, sweep         a parameter at evenly spaced values; eigenvalues and critical values over it
 eigenvalue_curves   eigenvalues followed along a parameter, and where a growth rate is zero
 regions             stable and unstable regions over two parameters
-plant               the rig as a linear plant for control design
-control_loop        eigenvalues and margins of a closed loop; jump_loop: over impaired links; loop_report: its delays
+control_loop        the rig as a linear plant, eigenvalues and margins of a closed loop
+loop_report         that loop with delays and links
 averaged            friction under dither, averaged over a period
 cycle               the limit cycle, found by simulation or by shooting; orbit steps the plant; cycle_report prints it
 floquet             multipliers of a periodic motion, and of the motion under dither that is not fast
 map                 steady-state behaviour over one or two parameters
 stick_speeds        the speeds at which stick ends and begins
-amplitude           the amplitude index of a measured vibration
 identify            parameters of the lever rig from simulated experiments
 recorded            spectra, orders, hysteresis, pressure, sound of a recording
 report              a recording as one page (HTML) that is self-contained

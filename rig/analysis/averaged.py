@@ -144,17 +144,15 @@ def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: 
 
     start = system.start.copy()
     start[[sine, cosine]] = 0.0
-    speeding = tuple(replace(p, law=_over_speed(p.law)) for p in system.patches)
-    slow = replace(system, patches=speeding, start=start)
+    patches = [  # with laws in the form that stays outside of the matrices
+        replace(p, law=replace(friction_law.falling(p.law.numbers[0], 0.0, 0.0), static=p.law.static))
+        if p.law.code == COULOMB
+        else p
+        for p in system.patches
+    ]
+    slow = replace(system, patches=tuple(patches), start=start)
 
     def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
         return mean_friction(system.patches[p].law, w, N, fast[p], load[p])
 
     return steady(slow, sliding_key(slow), contact)
-
-
-def _over_speed(law: Law) -> Law:
-    """The same law in the form that stays outside of the matrices."""
-    if law.code != COULOMB:
-        return law
-    return replace(friction_law.falling(law.numbers[0], 0.0, 0.0), static=law.static)

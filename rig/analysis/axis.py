@@ -35,8 +35,7 @@ MOST, POINTS = 100_000, 10_000_000
 """Largest number of values of one axis, and of points of all axes together."""
 _PARTS = ("sensors", "controllers")
 FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
-_LETTERS = 12.0
-"""Letters of the second line in an inch."""
+_LETTERS = 12.0  # letters of the second line in an inch
 
 
 @dataclass(frozen=True)

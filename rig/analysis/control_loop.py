@@ -1,13 +1,16 @@
 """A control loop of a scene, linearised: closed-loop eigenvalues, gain range, phase margin and delay margin.
 
 The loop contains the controller with its own parameters, its sensor, its delay, and sample and hold, all discretised
-exactly (rig.design.sampled). Margins come from the exact frequency response L(exp(i w T)) of the open loop. A rig with
-friction may be unstable without control. Therefore the gain has a range instead of one margin: below it friction
+exactly (rig.design.linearised). Margins come from the exact frequency response L(exp(i w T)) of the open loop. A rig
+with friction may be unstable without control. Therefore the gain has a range instead of one margin: below it friction
 destabilises the rig, above it the loop does.
 
     gain range     gains of both signs between which every eigenvalue decays
     phase margin   the smallest phase at |L| = 1 that makes L = -1
     delay margin   the same phase as a delay, phase / w
+
+The plant is the rig at the sliding equilibrium of the scene's own values, from actuators to outputs. Limits of the
+actuators are left out, and dither is off.
 """
 
 from __future__ import annotations
@@ -25,20 +28,21 @@ from numpy.typing import NDArray
 from rig import controllers
 from rig.analysis.axis import Axis
 from rig.analysis.eigenvalue_curves import Spectrum, absent, of_matrix
-from rig.analysis.plant import plant
+from rig.analysis.modes import at_rest, missing
 from rig.analysis.sweep import Sweep, along
 from rig.design import numbers
-from rig.design.linearised import linear_form
-from rig.design.sampled import Sampled, sampled
+from rig.design.linearised import Plant, Sampled, linear, linear_form, sampled
 from rig.errors import PartError, SceneError, Singular
 from rig.printable import columns
 from rig.quantities import unit_of
 from rig.results import Result
 from rig.scenes.faults import near
+from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from control import StateSpace
+
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -52,7 +56,7 @@ class Loop(Result):
     """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of its sensor and of the loop together.
 
     `gain`: gain of the controller; a controller without a gain parameter gets a factor on its input, nominally 1.
-    `model`: the loop at a gain of one. `energy`: form over the states of the rig (rig.analysis.plant). `others`:
+    `model`: the loop at a gain of one. `energy`: form over the states of the rig (rig.analysis.control_loop). `others`:
     controllers of the scene that are left open.
     """
 
@@ -263,7 +267,7 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
     """Linearise the loop of controller `name` of `scene` about the equilibrium at the scene's own values; the others
     stay open.
 
-    `more_ns`: delay in addition to that of the scene [ns]; `newer`: see `rig.design.sampled.sampled`. Impaired links
+    `more_ns`: delay in addition to that of the scene [ns]; `newer`: see `rig.design.linearised.sampled`. Impaired links
     are left out.
 
     Raises SceneError for an unknown controller, for one that is not a linear feedback, and for a rig without steady
@@ -322,3 +326,46 @@ def sweep_loop(scene: Scene, axis: Axis, name: str) -> Sweep:
             return absent("no loop", error.why)
 
     return along(scene.name, axis, spectrum, name)
+
+
+ORDER = 8
+
+
+def plant(scene: Scene) -> Plant:
+    """Linearise the rig of `scene`; inputs are the actuators whose command is a value (not a generator's).
+
+    Raises SceneError without steady sliding.
+    """
+    actuators = assembled(scene.parameters, scene.frame_ns, random=False).inputs
+    assembly, at = at_rest(scene, dict.fromkeys(actuators, "held"))
+    if not at.exists:
+        why = f"no steady sliding at these values ({missing(at)}), so the rig cannot be linearised"
+        raise SceneError(scene.name, [why])
+    return linear(assembly, at)
+
+
+def state_space(scene: Scene, delay: float = 0.0, order: int = ORDER) -> StateSpace:
+    """Return the linearised rig as python-control's StateSpace, continuous in time.
+
+    Its inputs are the actuators, in their units (drive.speed is named drive_speed there: python-control takes no dots).
+    `delay`: of a loop [s], the same for every command, as a Pade approximation of `order`: exact to 1e-8 up to a
+    frequency at which the delay turns the phase by half the order in radians. A sampled loop with sample and hold has
+    half a period more; rig.analysis.control_loop treats it exactly. Raises SceneError without steady sliding.
+    """
+    import control
+
+    p = plant(scene)
+    A, B, D = p.A, p.B, p.D
+    if delay > 0.0:
+        num, den = control.pade(1.0, order)
+        pade = control.tf2ss(control.tf(num, den))
+        each = np.eye(len(p.inputs))
+        late, into, out, through = (np.kron(each, m) for m in (pade.A / delay, pade.B / delay, pade.C, pade.D))
+        zero = np.zeros((len(late), len(A)))
+        A = np.block([[A, B @ out], [zero, late]])
+        C = np.hstack([p.C, D @ out])
+        B, D = np.vstack([B @ through, into]), D @ through
+    else:
+        C = p.C
+    inputs = [name.replace(".", "_") for name in p.inputs]
+    return control.ss(A, B, C, D, inputs=inputs, outputs=list(p.outputs), name=scene.name)

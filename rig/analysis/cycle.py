@@ -41,8 +41,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.cycle_report import Cycle
 from rig.analysis.floquet import Return, floquet, middle, multipliers, returned
-from rig.analysis.many_points import refuse
-from rig.analysis.orbit import MOST, REPEAT, Orbit, all_round, repeating, stick_times, time_of, turn_of
+from rig.analysis.orbit import MOST, REPEAT, Orbit, all_round, refuse, repeating, stick_times, time_of, turn_of
 from rig.errors import NumericsError
 from rig.model.assembly import Assembly
 from rig.model.method import chosen
@@ -369,7 +368,9 @@ class _Search:
             met = self.orbit.block()
             if beyond := self.orbit.beyond():
                 return self._none(f"no limit cycle: {beyond} at {before_block:.4g} s")
-            if self._held() or self._touches(met):
+            keys = [*(event.before for event in met), self.orbit.motion.key]
+            modes = [self.orbit.system.modes(key)[:2] for key in keys]  # of contacts, without their sectors
+            if self._held() or any(a != b for a, b in pairwise(modes)):
                 self.touched = self.now
             if met:
                 since = self.now
@@ -443,12 +444,6 @@ class _Search:
     def _held(self) -> bool:
         """Whether a contact sticks now."""
         return any(self.orbit.stuck(self.orbit.motion.key, p) for p in range(len(self.orbit.system.patches)))
-
-    def _touches(self, met: list[Event]) -> bool:
-        """Whether a contact has changed, and not only its sector."""
-        keys = [*(event.before for event in met), self.orbit.motion.key]
-        modes = [self.orbit.system.modes(key)[:2] for key in keys]
-        return any(a != b for a, b in pairwise(modes))
 
     def _none(self, why: str) -> Cycle:
         return Cycle(self.scene.name, self.method, False, why, self.now)

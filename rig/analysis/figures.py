@@ -12,27 +12,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.amplitude import Row
 from rig.analysis.control_loop import Loop
 from rig.analysis.cycle_report import Cycle
 from rig.analysis.identify import Identified
 from rig.analysis.loop_report import LoopReport
 from rig.analysis.modes import Modes
-from rig.analysis.recorded.amplitudes import Amplitudes
+from rig.analysis.recorded.amplitude import Amplitudes, Row
 from rig.analysis.repeat import ONSET, Repeats
 from rig.analysis.sweep import Sweep
 from rig.errors import UsageError
 from rig.view.channels import Channels
-from rig.view.curves import Bools, apart
+from rig.view.curves import Bools, apart, plain
 from rig.view.palette import ALARM, BLUE, GREY, LINES, VERMILION, drawn, headline, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-_COLUMNS = 3
-_BAR = BLUE
 
 
 def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
@@ -41,7 +36,7 @@ def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
     sensors = list(dict.fromkeys(row.sensor for row in rows))
     if not sensors:
         raise UsageError("nothing to draw: no sensor has samples")
-    columns = min(len(sensors), _COLUMNS)
+    columns = min(len(sensors), 3)
     lines = math.ceil(len(sensors) / columns)
     with page(4.4 * columns, 1.0 + 3.2 * lines, layout="constrained") as figure:
         title = f"{amplitudes.scene}: amplitude in each stage", "(half of peak to valley) and frequency"
@@ -54,7 +49,7 @@ def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
 def _bars(axes: Axes, rows: Sequence[Row]) -> None:
     first = rows[0]
     places = range(len(rows))
-    bars = axes.bar(places, [row.found.half if row.found.cycles else 0.0 for row in rows], color=_BAR, width=0.6)
+    bars = axes.bar(places, [row.found.half if row.found.cycles else 0.0 for row in rows], color=BLUE, width=0.6)
     labels = [f"{row.found.frequency:.4g} Hz" if row.found.cycles else "no cycle" for row in rows]
     axes.bar_label(bars, labels, fontsize=8, padding=2)
     axes.margins(y=0.15)
@@ -64,8 +59,7 @@ def _bars(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set_axisbelow(True)
 
 
-_PLOTS = 3
-"""Number of plots over time."""
+_PLOTS = 3  # over time
 _STICK = "#d9dde3"
 
 
@@ -94,13 +88,13 @@ def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
     rows = [figure.add_subplot(left[i]) for i in range(len(panels))]
     for axes, panel in zip(rows, panels):
         for name in panel.outputs:
-            axes.plot(cycle.time, cycle.outputs[name], color=channels.colours[name], lw=1.6, label=_plain(name))
+            axes.plot(cycle.time, cycle.outputs[name], color=channels.colours[name], lw=1.6, label=plain(name))
         for begin, end in cycle.sticking:
             axes.axvspan(begin, end, color=_STICK, lw=0.0, zorder=0)
         axes.set(ylabel=panel.title, xlim=(0.0, cycle.period))
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize=8, frameon=False, handlelength=1.0)
         axes.tick_params(labelbottom=axes is rows[-1])
-    sticks = f"; grey: {_plain(next(iter(cycle.stick_time)))} sticks" if cycle.sticking else ""
+    sticks = f"; grey: {plain(next(iter(cycle.stick_time)))} sticks" if cycle.sticking else ""
     rows[-1].set_xlabel(f"time in the period [s]{sticks}")
     figure.align_ylabels(rows)
     if channels.portrait is not None:
@@ -112,8 +106,8 @@ def _portrait(axes: Axes, cycle: Cycle, displacement: str, velocity: str) -> Non
     style = "--" if cycle.repels else "-"
     axes.plot(cycle.outputs[displacement], cycle.outputs[velocity], style, color=BLUE, lw=1.4)
     axes.set(
-        xlabel=f"{_plain(displacement)} [{cycle.units[displacement]}]",
-        ylabel=f"{_plain(velocity)} [{cycle.units[velocity]}]",
+        xlabel=f"{plain(displacement)} [{cycle.units[displacement]}]",
+        ylabel=f"{plain(velocity)} [{cycle.units[velocity]}]",
         title="phase portrait" + "; dashed: the cycle is unstable" * cycle.repels,
     )
 
@@ -133,28 +127,17 @@ def _multipliers(axes: Axes, cycle: Cycle) -> None:
     )
 
 
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
-
-
-_MEASURED, _MODEL = BLUE, VERMILION
-
-
 @drawn(7.0, 4.2, layout="constrained")
 def identification_figure(figure: Figure, identified: Identified) -> None:
     """Draw `identified`; its title has the identified parameters."""
     fit = identified.fit
-    values = ", ".join(f"{p.key} = {p.found:.4g}{_unit(p.unit)}" for p in identified.parameters)
+    values = ", ".join(f"{p.key} = {p.found:.4g}{'' if p.unit == '1' else f' {p.unit}'}" for p in identified.parameters)
     figure.suptitle(f"{identified.scene}: {identified.experiment}\n{values}", ha="center")
     axes = figure.add_subplot()
-    axes.plot(fit.x, fit.y, "o", color=_MEASURED, markersize=3, label="measured")
-    axes.plot(fit.model_x, fit.model_y, color=_MODEL, linewidth=1.2, label="fitted")
+    axes.plot(fit.x, fit.y, "o", color=BLUE, markersize=3, label="measured")
+    axes.plot(fit.model_x, fit.model_y, color=VERMILION, linewidth=1.2, label="fitted")
     axes.set(xlabel=fit.x_name, ylabel=fit.y_name)
     axes.legend()
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
 
 
 @drawn(12.8, 6.6)
@@ -332,7 +315,7 @@ def _zero(axes: Axes, upright: bool) -> None:
 
 
 _MOST = 24  # numbers in the picture
-_COLOUR, _BAND = BLUE, "#b9cce4"
+_BAND = "#b9cce4"
 
 
 @drawn(12.0, 7.0, layout="constrained", dpi=100)
@@ -351,7 +334,7 @@ def _numbers(axes: Axes, repeats: Repeats) -> None:
     shown = [spread for spread in repeats.spreads if spread.median and spread.least != spread.greatest][:_MOST]
     for place, spread in enumerate(shown):
         ratio = np.array(repeats.values(spread.name)) / spread.median
-        axes.plot(ratio, np.full(len(ratio), -place), ".", color=_COLOUR, alpha=0.6)
+        axes.plot(ratio, np.full(len(ratio), -place), ".", color=BLUE, alpha=0.6)
     labels = [f"{spread.name}  {spread.median:.4g} {spread.unit}".rstrip(" 1") for spread in shown]
     axes.set_yticks([-place for place in range(len(shown))], labels, fontsize=8)
     axes.set_xlabel("ratio to the median, which stands beside the name")
@@ -369,7 +352,7 @@ def _spectrum(axes: Axes, repeats: Repeats) -> None:
     f = np.array(seen[0].f)[1:]
     s = np.array([run.s for run in seen if len(run.s) == len(seen[0].s)])[:, 1:]
     axes.fill_between(f, s.min(axis=0), s.max(axis=0), color=_BAND, label="range")
-    axes.semilogy(f, np.median(s, axis=0), color=_COLOUR, label="median")
+    axes.semilogy(f, np.median(s, axis=0), color=BLUE, label="median")
     axes.set(
         xlabel="frequency [Hz]",
         ylabel=f"power spectral density of {seen[0].name} [({seen[0].unit})$^2$/Hz]",

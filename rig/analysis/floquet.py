@@ -119,7 +119,7 @@ def returned(orbit: Orbit, x: Array, period: float, span: Array, steps: Sequence
     `steps`: of the differences, of the size of each state; the first with which the map is smooth counts.
     """
     system = orbit.system
-    modes = assembled(system, orbit.key_at(x))
+    modes = assembled(system, orbit.aside(x, orbit.scene.step_ns).key)
     moving = moving_states(system, modes.A)
     moving = moving[np.any(modes.landing[:, moving] != 0.0, axis=0)]  # not the current of an open circuit: it is zero
     size = _sizes(span, len(system.coordinates))

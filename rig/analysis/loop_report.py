@@ -10,6 +10,22 @@ Each run begins at steady sliding, moved along the least stable mode of the clos
 deflection, and has a network seed of its own; sensors have neither noise nor limits. The mean square of the output that
 the sensor reads, over all runs and over each period of the vibration, is fitted by an exponential: its rate is twice
 the growth rate of the mean square.
+
+A control loop over impaired links as a jump linear system: growth of the mean and of the mean square.
+
+At every tick a link delivers a message of some age, or none, and then the last one is held. The loop z(k+1) = A_j z(k)
+has a matrix for each case j, which occurs with probability p_j. For cases that are independent from tick to tick
+
+    mean          E z(k+1) = (sum_j p_j A_j) E z(k)
+    mean square   S(k+1) = sum_j p_j A_j S(k) A_j^T,    S = E z z^T
+
+and the loop is stable in the mean square exactly if the spectral radius of the second map is below one (Costa, Fragoso,
+Marques (2005), "Discrete-Time Markov Jump Linear Systems", theorem 3.9 with independent cases). Growth rates are
+ln(radius) / T and ln(radius) / (2 T). Decay in the mean square implies decay of almost every single run.
+
+Loss with a constant delay is exactly of this kind. With jitter the age of successive messages is not independent; the
+model draws it from its stationary distribution at each tick, as Nilsson (1998), "Real-Time Control Systems with
+Delays", does for random delays. Duplicates are left out: without reordering a second copy brings nothing new.
 """
 
 from __future__ import annotations
@@ -25,9 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import design
-from rig.analysis.control_loop import Loop, ends, loop
-from rig.analysis.jump_loop import fits, jump_growth, mean_age, worst_case
-from rig.analysis.plant import plant
+from rig.analysis.control_loop import Loop, ends, loop, plant
 from rig.bench.run.experiment import Experiment
 from rig.bench.run.simulate import begun, carry_on
 from rig.controllers import restored
@@ -131,8 +145,10 @@ def simulated(scene: Scene, name: str, network: Network, expected: float, hertz:
         long = min(long, 3.0 / expected)
     output = scene.sensors[ends(scene, name)[0]].reads
     seeded = (replace(alone, network=network.model_copy(update={"seed": seed})) for seed in range(1, RUNS + 1))
+    runs = np.array([_run(scene, name, output, long) for scene in seeded])
     steps = 1e9 / hertz / alone.step_ns
-    square = np.mean([_by_periods(_run(scene, name, output, long), steps) for scene in seeded], axis=0)
+    ends_of = np.rint(np.arange(int(runs.shape[1] / steps) + 1) * steps).astype(int)  # of periods
+    square = np.array([runs[:, a:b].var(axis=1).mean() for a, b in pairwise(ends_of.tolist())])
     kept = square > 1e-20 * square.max()
     bins = np.flatnonzero(kept)[1:]  # after the first period: the links are still empty at the beginning
     if len(bins) < 3:
@@ -183,12 +199,6 @@ def _run(scene: Scene, name: str, output: str, seconds: float) -> Array:
     runner.hand_over(runner.truth)
     values, _ = runner.truth.outputs()
     return np.asarray(values[runner.outputs.index(output)])
-
-
-def _by_periods(values: Array, steps: float) -> Array:
-    """The variance of `values` in each whole period of `steps` rows."""
-    ends = np.rint(np.arange(int(len(values) / steps) + 1) * steps).astype(int)
-    return np.array([np.var(values[a:b]) for a, b in pairwise(ends.tolist())])
 
 
 @dataclass(frozen=True)
@@ -351,3 +361,144 @@ def _simulate(result: LoopReport, scene: Scene, rates: _Rates, meas: Link, act: 
         result.checked = simulated(scene, name, network, result.computed, hertz)
     except SceneError as fault:
         result.notes += [f"not checked: {text}" for text in fault.faults]
+
+
+Ages = Sequence[tuple[int | None, float]]
+"""Age of the message that arrives at a tick [frames], None for none, with its probability."""
+DENSE = 10
+"""Largest number of states for which the map of S is written out as a matrix."""
+_RESTARTS = 40
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Growth rates [1/s] of a loop over impaired links: of the mean, and of the root of the mean square.
+
+    The latter is NaN where its eigenvalue was not found: rigs of many modes with little damping.
+    """
+
+    mean: float
+    mean_square: float
+    hertz: float
+    """Frequency of the mean [Hz]."""
+
+
+def latencies(link: Link, frame_ns: int) -> dict[int, float]:
+    """Time under way of a message [frames] -> probability, as rig.bus.impaired_link rounds it up."""
+    low, count = link.delay - link.jitter, 2 * link.jitter + 1
+    least, most = link.ticks(frame_ns)
+    ends = [min(max(d * frame_ns - low + 1, 0), count) for d in range(least - 1, most + 1)]
+    return {d: (b - a) / count for d, (a, b) in zip(range(least, most + 1), pairwise(ends))}
+
+
+def ages(link: Link, frame_ns: int) -> Ages:
+    """The stationary distribution of what a link delivers at a tick."""
+    under_way, kept = latencies(link, frame_ns), 1.0 - link.loss
+    least, most = min(under_way), max(under_way)
+    arrivals: list[tuple[int | None, float]] = []
+    if link.reorder:  # of the messages that arrive at this tick the last one sent counts
+        left = 1.0
+        for d in range(least, most + 1):
+            arrives = kept * under_way.get(d, 0.0)
+            arrivals.append((d, left * arrives))
+            left *= 1.0 - arrives
+        return [*arrivals, (None, left)]
+    before = 0.0
+    for m in range(least, most + 1):  # every message of age m and above has arrived, or is lost
+        there = math.prod(
+            link.loss + kept * sum(p for d, p in under_way.items() if d <= age) for age in range(m, most + 1)
+        )
+        arrivals.append((m, kept * (there - before)))
+        before = there
+    return [*arrivals, (None, link.loss)]
+
+
+def mean_age(link: Link, frame_ns: int) -> float:
+    """Mean age of the samples that a controller has [frames]; a tick without a message adds one frame."""
+    arriving = [(age, p) for age, p in ages(link, frame_ns) if age is not None]
+    share = sum(p for _, p in arriving)
+    return sum(age * p for age, p in arriving) / share + (1.0 - share) / share if share else math.inf
+
+
+def fits(scene: Scene, name: str) -> bool:
+    """Whether the loop of controller `name` works once in every frame, as `jump_growth` needs."""
+    return round(loop(scene, name).model.period * 1e9) == scene.frame_ns
+
+
+def worst_case(scene: Scene, name: str, meas: Link, act: Link) -> Growth:
+    """The growth of a loop if every message takes the longest time that its links allow.
+
+    The age of a sample at an update is a multiple of the shorter period, that of the controller or that of its sensor.
+    """
+    frame, section = scene.frame_ns, scene.controllers[name]
+    period = min(section.period, scene.sensors[ends(scene, name)[0]].period_ns)
+    heard = -(-meas.ticks(frame)[1] * frame // period) * period
+    rate = complex(loop(scene, name, heard + act.ticks(frame)[1] * frame).spectrum.rates[0])
+    return Growth(rate.real, rate.real, abs(rate.imag) / (2.0 * math.pi))
+
+
+def jump_growth(scene: Scene, name: str, meas: Link, act: Link) -> Growth:
+    """The growth of the loop of controller `name` over a link of its sensor and one of its commands.
+
+    For a loop that `fits`. Raises SceneError as `rig.analysis.control_loop.loop` does.
+    """
+    frame = scene.frame_ns
+    heard, commanded = ages(meas, frame), ages(act, frame)
+    longest = max((age for age, _ in commanded if age is not None), default=0)
+    loops = {
+        age: loop(scene, name, longest * frame, None if age is None else longest - age)
+        for age, p in commanded
+        if p > 0.0
+    }
+    cases = [(p * q, _case(loops[a], age, heard)) for a, p in commanded if p > 0.0 for age, q in heard if q > 0.0]
+    period = frame * 1e-9
+    z = np.linalg.eigvals(sum(p * A for p, A in cases))
+    mean = complex(z[np.abs(z).argmax()])
+    hertz = abs(cmath.phase(mean)) / (2.0 * math.pi * period)
+    return Growth(math.log(abs(mean)) / period, 0.5 * math.log(_radius(cases)) / period, hertz)
+
+
+def _case(cut: Loop, age: int | None, heard: Ages) -> Array:
+    """The matrix over [z, measurements under way (the newest first), the measurement heard last]."""
+    m, gain = cut.model, cut.gain
+    n, under_way = len(m.F), max((a for a, _ in heard if a is not None), default=0)
+    size = n + under_way + 1
+    reads = np.zeros(size)
+    if age is None:
+        reads[-1] = 1.0
+    elif age:
+        reads[n + age - 1] = 1.0
+    else:
+        reads[:n] = m.H
+    A = np.zeros((size, size))
+    A[:n, :n] = m.F
+    A[:n] += gain * np.outer(m.G, reads)
+    if under_way:
+        A[n, :n] = m.H
+        A[n + 1 : n + under_way, n : n + under_way - 1] = np.eye(under_way - 1)
+    A[-1] = reads
+    return A
+
+
+def _radius(cases: Sequence[tuple[float, Array]]) -> float:
+    """The spectral radius of S -> sum p A S A^T."""
+    size = len(cases[0][1])
+    if len(cases) == 1:
+        return float(np.abs(np.linalg.eigvals(cases[0][1])).max()) ** 2
+    scale = np.maximum(np.max([np.abs(A).max(axis=1) for _, A in cases], axis=0), 1e-300)
+    scaled = [(p, A / scale[:, None] * scale) for p, A in cases]  # states of similar size: the same eigenvalues
+    if size <= DENSE:
+        return float(np.abs(np.linalg.eigvals(sum(p * np.kron(A, A) for p, A in scaled))).max())
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+
+    def after(s: Array) -> Array:
+        S = s.reshape(size, size)
+        return np.asarray(sum(p * (A @ S @ A.T) for p, A in scaled)).ravel()
+
+    operator = LinearOperator((size * size, size * size), matvec=after, dtype=np.float64)  # type: ignore[call-arg]
+    start = np.eye(size).ravel()
+    try:
+        largest = eigs(operator, k=4, ncv=40, v0=start, tol=1e-10, maxiter=_RESTARTS, return_eigenvectors=False)
+    except ArpackNoConvergence:
+        return math.nan
+    return float(np.abs(largest).max())

@@ -50,13 +50,12 @@ from rig.errors import NumericsError
 from rig.model import kick_tables
 from rig.model.assembly import Assembly, portrait
 from rig.model.method import METHODS, as_integrated, chosen
-from rig.model.singular import assembled
 from rig.model.system import System
 from rig.motion.motion import SEGMENTS, Event
 from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import sliding_key, steady
-from rig.stability.step_limits import RK4_LIMIT, mode_sets
+from rig.stability.report import RK4_LIMIT
 
 TIGHTEST = 1e-12  # tolerance
 THEORY = {"dopri5": 5, "rk4": 4, "kick": 2}  # order of the error in the step
@@ -124,11 +123,6 @@ def eligible(system: System) -> dict[str, str]:
     if system.linear and not reasons["exact"]:
         reasons["dopri5"] = "every mode set is linear: dopri5 would use the exact propagator"
     return reasons
-
-
-def fastest(system: System) -> float:
-    """Return the largest eigenvalue [1/s] of the mode sets that the stability report examines."""
-    return max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
 
 
 def ladder(method: str, scene: Scene, rate: float) -> list[Setting]:
@@ -252,7 +246,7 @@ def digest(scene: Scene) -> str:
 def _own_sources() -> str:
     """The sources that define the measurement."""
     rooms = Path(__file__).parents[1]
-    names = ["qualify/cost/reference", "analysis/motion_measures", "analysis/orbit"]
+    names = ("qualify/cost/reference", "analysis/motion_measures", "analysis/orbit")
     return "".join((rooms / f"{name}.py").read_text() for name in names)
 
 
@@ -338,21 +332,16 @@ def _watched(first: Problem, patience: float) -> Problem:
     if any(event.tick > 2 * length // 3 for event in events):
         return replace(first, kind="vibration", length=length, window=_third(length, whole))
     last = max((event.tick for event in events), default=0) * step
-    frames = min(length // whole, int((last + _dies(first.system)) / (scene.frame_ns * 1e-9)))
-    length = max(frames, 3) * whole
+    sliding = steady(first.system, sliding_key(first.system))
+    decay = -float(sliding.eigenvalues()[0].real) if sliding.exists else 0.0
+    dies = _FALL / decay if decay > _FALL / _LONGEST else _LONGEST  # s, of a small motion about steady sliding
+    length = max(min(length // whole, int((last + dies) / (scene.frame_ns * 1e-9))), 3) * whole
     return replace(first, kind="smooth", length=length, window=_third(length, whole))
 
 
 def _third(length: int, whole: int) -> int:
     """A third of a run [ticks], in whole frames."""
     return length // (3 * whole) * whole
-
-
-def _dies(system: System) -> float:
-    """Time [s] after which a small motion about steady sliding has decayed; a long one if it does not decay."""
-    sliding = steady(system, sliding_key(system))
-    rate = -float(sliding.eigenvalues()[0].real) if sliding.exists else 0.0
-    return _FALL / rate if rate > _FALL / _LONGEST else _LONGEST
 
 
 @dataclass(frozen=True)

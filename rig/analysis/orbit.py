@@ -3,6 +3,8 @@
 Detection of a period in the mode set changes of a motion, and the stick time of its contacts within one.
 
 The outputs of a rig between samples: the polynomials that the plant writes for its sensors, collected.
+
+Refusal of analyses that a film of many contact points does not allow.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.records import Loan
+from rig.errors import UsageError
 from rig.model import energy_forms
 from rig.model.assembly import Assembly
 from rig.motion.motion import Event, Frames, Motion
@@ -224,19 +227,15 @@ class Orbit:
         met: list[str] = []
         for step_ns, ticks in ((own, whole), (rest, 1)):
             if step_ns and ticks:
-                motion = self._from(x, step_ns)
+                motion = self.aside(x, step_ns)
                 for done in range(0, ticks, BLOCK):
                     motion.advance(min(BLOCK, ticks - done))
                     met += [event.what for event in motion.events()]
                 x = motion.x.copy()
         return x, met
 
-    def key_at(self, x: Array) -> int:
-        """Return the mode set of state `x`."""
-        return self._from(x, self.scene.step_ns).key
-
-    def _from(self, x: Array, step_ns: int) -> Motion:
-        """A separate plant from `x` on. Two are kept: one with the step of the scene, one with the last other step."""
+    def aside(self, x: Array, step_ns: int) -> Motion:
+        """Return a plant of its own from `x` on. Two are kept: with the step of the scene, and the last other one."""
         own = self.scene.step_ns
         if step_ns not in self._aside:
             self._aside = {step: motion for step, motion in self._aside.items() if step == own}
@@ -308,3 +307,14 @@ def in_frames(scene: Scene, steps: int) -> Frames:
 def _energy(motion: Motion) -> Array:
     """The energy terms of a motion so far, and its stored energy behind them [J]."""
     return np.append(motion.terms(), energy_forms.stored(motion.system, motion.x, motion.key))
+
+
+def refuse(scene: Scene, study: str) -> None:
+    """Raise UsageError if `scene` has a film of points, whose motion is chaotic; `study` names the analysis."""
+    if scene.assemble().film is not None:
+        raise UsageError(
+            f"{scene.name}: {study} is not defined for a film of points: after the first opening motion is chaotic, "
+            f"and two runs diverge. Compute statistics of several runs: rig simulate {scene.name} --repeat 8, "
+            "with -p noise.force=1e-6 if nothing in the scene is random. "
+            f"For sliding with all points closed: rig modes {scene.name} --sweep KEY=A:B:N"
+        )

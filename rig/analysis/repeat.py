@@ -6,7 +6,7 @@ first opening                         of a contact of many points; if there is o
 mean, least contact_fraction          range pressure_centre_x
 rms OUTPUT, rms meas/SENSOR           about the mean
 band meas/SENSOR                      RMS in octaves
-amplitude, frequency                  of periodic outputs (rig.analysis.amplitude), for rigs without such points
+amplitude, frequency                  of periodic outputs (rig.analysis.recorded), for rigs without such points
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rig.analysis.amplitude import index
 from rig.analysis.pool import Arrays, carry_out, packed, temporary, unpacked
+from rig.analysis.recorded.amplitude import index
 from rig.analysis.recorded.series import series, vibration
 from rig.analysis.recorded.spectrum import welch
 from rig.analysis.studies.runs import Plan, StudyRuns, check_length, check_random, random_parts

@@ -23,8 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis import amplitude
-from rig.analysis.amplitude import stages
+from rig.analysis.recorded.amplitude import measured, stages
 from rig.analysis.recorded.comparison import flattened
 from rig.bench.live import status
 from rig.errors import LogError, RigError
@@ -438,24 +437,29 @@ def measures(run: Run, modes: Integers) -> Html:
     define it.
     """
     begin = run.begin_ns * 1e-9
-    spans = amplitude.stages(run, begin)
+    spans = stages(run, begin)
     told = [(event["t_ns"] * 1e-9, str(event["kind"])) for event in run.plant_events]
     named = enumerate(contact.NAMES) if modes.size else ()
     shares = {name: np.where(modes == UNKNOWN, np.nan, modes == i) for i, name in named}
     if statistics.FRACTION in run.signals:
         shares["points closed"] = run.signals[statistics.FRACTION]
+
+    def mean(shares: Reals) -> str:
+        known = shares[np.isfinite(shares)]
+        return f"{known.mean():.1%}" if known.size else "\N{EN DASH}"
+
     rows = []
     for stage in spans:
         here = (run.time >= stage.begin) & (run.time <= stage.end)
         last = stage is spans[-1]
         kinds = Counter(kind for t, kind in told if stage.begin <= t < stage.end or (last and t >= stage.end))
         words = ", ".join(f"{kind} {count}" for kind, count in kinds.most_common())
-        rows.append((stage.text, stage.begin, stage.end, *(_mean(v[here]) for v in shares.values()), words or "none"))
+        rows.append((stage.text, stage.begin, stage.end, *(mean(v[here]) for v in shares.values()), words or "none"))
     columns = ("stage", "from [s]", "to [s]", *shares, "events")
     sizes = [
         (row.stage, row.sensor, row.mean, row.found.half if row.found.cycles else float("nan"), row.unit,
          row.found.cycles, row.found.frequency)
-        for row in amplitude.measured(run, begin)
+        for row in measured(run, begin)
     ]  # fmt: skip
     names = ("stage", "sensor", "mean", "amplitude", "unit", "cycles", "frequency [Hz]")
     return joined(
@@ -464,11 +468,6 @@ def measures(run: Run, modes: Integers) -> Html:
             table("Sensors: mean, and half of peak to valley as mean over the cycles", names, sizes),
         )
     )
-
-
-def _mean(shares: Reals) -> str:
-    known = shares[np.isfinite(shares)]
-    return f"{known.mean():.1%}" if known.size else "\N{EN DASH}"
 
 
 def energy(run: Run) -> Html:

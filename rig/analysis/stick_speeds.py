@@ -36,10 +36,8 @@ from rig.scenes.scene import Scene
 from rig.solve.records import CLOSED, STICK
 
 _HALF = 0.5
-_SCAN = 1.05
-"""Ratio of neighbouring trial speeds."""
-_LEAST = 1e-4
-"""Smallest trial speed over the largest."""
+_SCAN = 1.05  # ratio of neighbouring trial speeds
+_LEAST = 1e-4  # smallest trial speed over the largest
 
 
 class Stages(NamedTuple):

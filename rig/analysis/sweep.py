@@ -61,14 +61,11 @@ class Critical:
         if self.kind == "jamming":
             return f"jams {'above' if self.becomes == 'unstable' else 'below'}"
         if self.below and self.above:
-            return f"unstable on both sides: {_grow(self.below)} below, {self.above} above"
+            grow = "eigenvalue grows" if self.below == 1 else "eigenvalues grow"
+            return f"unstable on both sides: {self.below} {grow} below, {self.above} above"
         if self.above is None:
             return "no result above" if self.below is None else f"{'un' * bool(self.below)}stable below"
         return f"{'un' * bool(self.above)}stable above"
-
-
-def _grow(count: int) -> str:
-    return f"{count} eigenvalue{'s' * (count > 1)} grow{'s' * (count == 1)}"
 
 
 class Gap(NamedTuple):

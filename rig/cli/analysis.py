@@ -264,20 +264,21 @@ def map_(
     One axis gives a bifurcation diagram. Results are kept: after an
     interruption the same command continues. --force draws a finished map again.
     """
-    from rig.analysis.map import chart, job, store_of
+    from rig.analysis.map import chart, job, regions_job, store_of
 
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
     if eigenvalues:
-        _regions(loaded, x, y, out, workers, force, as_json)
-        return
-    todo = job(loaded, x, y, output, tuple(separated(runs)), seconds(longest, "--longest"))
+        todo, name = regions_job(loaded, x, y), "regions"
+    else:
+        todo = job(loaded, x, y, output, tuple(separated(runs)), seconds(longest, "--longest"))
+        name = "map"
     if not todo.dithered:
         idle(loaded, todo.x, todo.y)
     store = store_of(todo, out)
-    refuse(store.folder, ("map.csv", "map.png"), force)
+    refuse(store.folder, (f"{name}.csv", f"{name}.png"), force)
     with printing.kept(store, "parts", len(todo.units)), printing.bar("rows" if y else "parts") as progress:
-        written(chart(todo, out, workers, progress), store.folder, "map", as_json)
+        written(chart(todo, out, workers, progress), store.folder, name, as_json)
 
 
 def written(result: Any, folder: Path, name: str, as_json: bool) -> None:
@@ -295,22 +296,6 @@ def idle(scene: Scene, *axes: Axis | None) -> None:
     """Warn of parameters of effects that are off."""
     for why in filter(None, (axis.idle(scene) for axis in axes if axis)):
         printing.note(f"warning: {why}")
-
-
-def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, force: bool, as_json: bool) -> None:
-    from rig.analysis.axis import axes
-    from rig.analysis.map import store_of, survey, surveyed
-
-    if y is None:
-        raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
-    across, along = axes(scene, {"--x": x, "--y": y})
-    idle(scene, across, along)
-    todo = surveyed(scene, across, along)
-    store = store_of(todo, out)
-    refuse(store.folder, ("regions.csv", "regions.png"), force)
-    with printing.kept(store, "parts", len(todo.units)), printing.bar("rows") as progress:
-        regions, folder = survey(scene, across, along, out, workers, progress)
-    written(regions, folder, "regions", as_json)
 
 
 COMMANDS = {

@@ -313,7 +313,7 @@ def reproduce(
         results = again.make_all(wanted, out, progress)
     machine = provenance(0, ())
     host = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
-    write_file(out / "README.md", again.page(again.keep(results, out), host).encode())
+    write_file(out / "README.md", again.gallery_page(again.keep(results, out), host).encode())
     if as_json:
         printing.report([result.to_json() for result in results])
     else:

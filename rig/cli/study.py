@@ -148,7 +148,7 @@ def study(
 def _asked(name: str, overrides: dict[str, str]) -> tuple[Scene, dict[str, Any]]:
     """The scene, and what a study file says about the study."""
     if name.endswith(".toml"):
-        from rig.analysis.studies.file import is_study, read
+        from rig.analysis.studies.factors import is_study, read
 
         if is_study(Path(name)):
             file = read(Path(name))

@@ -5,8 +5,8 @@ numbers: scales between the units of its sensor and actuator and those of the co
 observers. Each controller selects its numbers itself (rig.controllers.blocks.design).
 
 rig          the quantities that a controller's design step may use, among them a Kalman observer and vibration modes
-linearised   the rig linearised about steady sliding, from actuators to outputs; controllers in linear form
-sampled      the sampled control loop: controller, instrument, delay, sample and hold
+linearised   the rig linearised about steady sliding, from actuators to outputs; controllers in linear form; the
+             sampled control loop: controller, instrument, delay, sample and hold
 """
 
 from __future__ import annotations

@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 
 from rig.controllers.blocks.design import Actuator, Feedback
 from rig.controllers.blocks.observer import propagated
-from rig.design.linearised import linear
-from rig.design.sampled import sampled
+from rig.design.linearised import linear, sampled
 from rig.model.assembly import Assembly
 from rig.model.system import Patch
 from rig.stability.linearisation import Steady, sliding_key, steady

@@ -28,7 +28,7 @@ from rig.solve.contact_state import CHATTER, CHECK, DONE, JAM, LOOK, LOST, NEED,
 from rig.solve.frames import advance_frames
 from rig.solve.records import PROGRESS, MotionLog, MotionRecords, MotionState, empty_log
 from rig.solve.segment_output import empty_segments
-from rig.stability.step_limits import blame, fastest_eigenvalue
+from rig.stability.report import blame, fastest_eigenvalue
 
 Array = NDArray[np.float64]
 Why = tuple[type[NumericsError], str]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from rig.papers.entry import Comparison, Entry, Result, make, pick
-from rig.papers.gallery import keep, make_all, page
+from rig.papers.entry import Comparison, Entry, Result, gallery_page, keep, make, make_all, pick
 
-__all__ = ["Comparison", "Entry", "Result", "keep", "make", "make_all", "page", "pick"]
+__all__ = ["Comparison", "Entry", "Result", "gallery_page", "keep", "make", "make_all", "pick"]

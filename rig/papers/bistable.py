@@ -23,8 +23,8 @@ from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
 MM = 1e3
 WINDOW = 8e-3  # s of the moving RMS: two to three cycles of stick-slip
+# Constants fitted in the closed form: c = w N0 / k, the relief, and the damping; w alone has no influence.
 _CONSTANTS = {"w": 5000.0, "c": 10.0806, "relief": 5.303475, "zeta": 0.2}
-"""Constants fitted in the closed form: c = w N0 / k, the relief, and the damping; w alone has no influence."""
 
 
 class Row(NamedTuple):

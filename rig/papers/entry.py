@@ -1,6 +1,8 @@
 """One figure or table of a paper: its drawing, its scenes, and its comparison with published numbers.
 
-Common parts of the figures: colours, scenes with changes, runs without a protocol.
+Beside it what the figures share (scenes with changes, runs without a protocol, tables), and the gallery: several
+figures at once in worker processes, the file of their numbers, from which a figure that is made again leaves the others
+on the page, and the page itself in Markdown.
 """
 
 from __future__ import annotations
@@ -8,11 +10,12 @@ from __future__ import annotations
 import difflib
 import importlib
 import io
+import json
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass, fields, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,8 +29,10 @@ import rig
 from rig.analysis.axis import Axis
 from rig.analysis.map.dither import boundary
 from rig.analysis.map.job import Job, Settings
+from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
 from rig.analysis.stick_speeds import Stages, stages
 from rig.errors import UsageError
+from rig.machine.files import DATA, contents, write_file
 from rig.model.friction_law import Law
 from rig.record.run import Reals, Run
 from rig.scenes.scene import Scene
@@ -96,11 +101,7 @@ def dither_boundary(scene: Scene, rate: float, fast: float, shares: Reals) -> tu
     return leading / (fast * rate), averaged / (fast * rate), simulated / (fast * rate)
 
 
-ROOMS = (
-    "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_loops", "kroeger_shunt",
-    "liu_two_dof", "liu_disc", "liu_lever",
-    "detachment", "plate", "plate_runs", "bistable",
-)  # fmt: skip
+ROOMS = ("kroeger", "kroeger_brake", "kroeger_loops", "liu_dither", "liu_lever", "detachment", "bistable")
 PAPERS = {
     "kroeger": "Kroeger, Neubauer, Popp: Experimental investigation on the avoidance of self-excited vibrations. "
     "Phil. Trans. R. Soc. A 366 (2008) 785-810",
@@ -290,3 +291,103 @@ def _as_pixels(figure: Figure) -> None:
             many = sum(len(np.asarray(path.vertices)) for path in mesh.get_paths()) > _MOST_POINTS
             if many or mesh.get_array() is not None:  # the latter is a coloured map
                 mesh.set_rasterized(True)
+
+
+_FILE = "numbers.json"
+
+
+def keep(results: Iterable[Result], folder: Path) -> list[Result]:
+    """Write `results` into `folder`, replacing older ones of the same figures; return all, in the order of the
+    papers.
+    """
+    by_name = {result.entry.name: result for result in (*_kept(folder), *results)}
+    held = [by_name[name] for name in entries() if name in by_name]
+    text = json.dumps([stored(result) for result in held], indent=1, allow_nan=False)
+    write_file(folder / _FILE, f"{text}\n".encode())
+    return held
+
+
+def stored(result: Result) -> dict[str, Any]:
+    """Return a result as JSON values, its picture without the folder."""
+    return {**result.to_json(), "picture": result.picture.name}
+
+
+def restored(raw: dict[str, Any], folder: Path) -> Result:
+    """Return the result of `stored`, whose picture is in `folder`."""
+    compared = tuple(map(_compared, raw["comparisons"]))
+    return Result(entries()[raw["name"]], compared, folder / raw["picture"], raw["seconds"])
+
+
+def _kept(folder: Path) -> list[Result]:
+    """The results of earlier calls, for figures that still exist."""
+    try:
+        read = json.loads(contents(folder / _FILE, DATA))
+    except (OSError, ValueError):
+        return []
+    return [restored(saved, folder) for saved in read if saved["name"] in entries()]
+
+
+def _compared(raw: dict[str, Any]) -> Comparison:
+    values = {field.name: raw[field.name] for field in fields(Comparison) if field.name in raw}
+    return Comparison(**values | {name: math.nan for name in ("ours", "expected") if raw[name] is None})
+
+
+def make_all(
+    wanted: Sequence[Entry], folder: Path, progress: Progress | None = None, workers: int | None = None
+) -> list[Result]:
+    """Draw entries into `folder` (PNG, SVG) and compare numbers, in `workers` processes, by default one for each core.
+
+    Raises WorkerError if a figure cannot be made.
+    """
+    work = Work(partial(_figure, folder), [entry.name for entry in wanted])
+    with temporary(work) as store:
+        by_unit = carry_out(work, store, workers, progress)
+    return [restored(unpacked(by_unit[unit]), folder) for unit in sorted(by_unit)]
+
+
+def _figure(folder: Path, name: str) -> Arrays:
+    """Draw a figure and compare its numbers."""
+    return packed(stored(make(entries()[name], folder)))
+
+
+def gallery_page(results: Sequence[Result], machine: str) -> str:
+    """Return a page of pictures and tables, for the folder of the pictures."""
+    lines = [
+        "# Figures of the papers, reproduced",
+        "",
+        f"Made by `make docs` (`rig reproduce all`), the last of them on {machine}.",
+        "",
+        "A number agrees when it lies within the bound beside it. *Not reproduced*: it is known to lie outside.",
+        "Sources: *paper*, printed there; *reference*, an independent computation of the same equations with the same",
+        "parameters; *theory*, a closed form.",
+        "",
+        "| figure | what | scenes | numbers | agree |",
+        "|---|---|---|---|---|",
+    ]
+    for result in results:
+        scenes = ", ".join(f"`{scene}`" for scene in result.entry.scenes)
+        lines.append(
+            f"| [{result.entry.paper} {result.entry.number}](#{result.entry.name}) | {result.entry.title} | {scenes} "
+            f"| {len(result.comparisons)} | {result.counted} |"
+        )
+    for paper, title in PAPERS.items():
+        mine = [result for result in results if result.entry.paper == paper]
+        if not mine:
+            continue
+        lines += ["", f"## {title}"]
+        for result in mine:
+            lines += [
+                "",
+                f"### {result.entry.name}",
+                "",
+                f"{result.entry.number}: {result.entry.title}. {result.entry.note}".strip(),
+            ]
+            lines += ["", f"![{result.entry.title}]({result.picture.name})", ""]
+            lines += [f"The figure as [SVG]({result.picture.with_suffix('.svg').name}).", ""]
+            lines += ["| number | ours | expected | source | bound | |", "|---|---|---|---|---|---|"]
+            lines += [
+                f"| {c.what} | {c.ours:.7g} {c.unit} | {f'{c.expected:.7g} {c.unit}' if c.compared else ''} "
+                f"| {c.source} | {c.bound} | {c.result} |"
+                for c in result.comparisons
+            ]
+    return "\n".join(lines) + "\n"

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 import rig
 from rig.analysis.averaged import mean_friction
-from rig.papers.entry import (
+from rig.papers.entry import (  # fmt: skip
     Compared,
     Comparison,
     Entry,
@@ -25,12 +25,11 @@ from rig.papers.entry import (
     table,
     tops,
     value,
-)  # fmt: skip
+)
 from rig.record.run import Reals, Run
 from rig.view.palette import AMBER, BLUE, GREY, VERMILION
 
-_SHOWN = (2.5, 9.0)
-"""Seconds that the figures show: the limit cycle, and its decay after the loop is closed."""
+_SHOWN = (2.5, 9.0)  # seconds that the figures show: the limit cycle, and its decay after the loop is closed
 FORCE_GAINS = {0.0: None, 100.0: 0.064, 200.0: -1.88, 300.0: -4.68, 400.0: -7.49}
 """Gain [N s/m]: remaining amplitude [m/s], or decay if negative [1/s]."""
 BELT_GAINS = {0.0: None, 0.5: 0.137, 1.33: -1.32, 2.66: -7.57, 4.0: 0.0, 5.33: 0.0}

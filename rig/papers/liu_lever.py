@@ -22,10 +22,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import rig
-from rig.analysis.amplitude import index
 from rig.analysis.cycle_report import Cycle
 from rig.analysis.identify import identify
 from rig.analysis.map import Map
+from rig.analysis.recorded.amplitude import index
 from rig.analysis.stick_speeds import Stages
 from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, table, thresholds, value
 from rig.record.run import Run

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rig as lab
-from rig.analysis.amplitude import growth
 from rig.analysis.recorded import compare
+from rig.analysis.recorded.amplitude import growth
 from rig.errors import UsageError
 
 STICKS = {"friction.mu_static": "0.45"}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis import amplitude
 from rig.analysis.identify import identify, vibration
+from rig.analysis.recorded import amplitude
 from rig.analysis.stick_speeds import stages
 from rig.errors import UsageError
 from rig.record.run import Run, Samples

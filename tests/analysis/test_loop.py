@@ -16,10 +16,9 @@ import pytest
 import rig
 from rig import controllers
 from rig.analysis.axis import Axis
-from rig.analysis.control_loop import sweep_loop
-from rig.analysis.plant import plant
+from rig.analysis.control_loop import plant, sweep_loop
 from rig.design import numbers
-from rig.design.sampled import sampled
+from rig.design.linearised import sampled
 from rig.errors import SceneError
 
 ROOTS = json.loads((Path(__file__).parents[1] / "reference" / "loop_roots.json").read_text())

@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
-from rig.analysis import jump_loop, loop_report
+from rig.analysis import loop_report
 from rig.analysis.control_loop import loop
-from rig.analysis.jump_loop import ages, jump_growth, latencies, mean_age
-from rig.analysis.loop_report import report
+from rig.analysis.loop_report import ages, jump_growth, latencies, mean_age, report
 from rig.bus.impaired_link import HeardSensor
 from rig.cli.app import program
 from rig.errors import SceneError
@@ -81,9 +80,9 @@ def test_a_held_command_is_a_held_measurement_for_a_controller_without_memory(be
 
 def test_the_operator_has_the_eigenvalue_of_its_matrix(belt, monkeypatch):
     about = link(delay=3 * MS, jitter=2 * MS, loss=0.3), link(loss=0.2)
-    monkeypatch.setattr(jump_loop, "DENSE", 12)
+    monkeypatch.setattr(loop_report, "DENSE", 12)
     found = jump_growth(belt, "nf", *about).mean_square
-    monkeypatch.setattr(jump_loop, "DENSE", 0)
+    monkeypatch.setattr(loop_report, "DENSE", 0)
     assert jump_growth(belt, "nf", *about).mean_square == pytest.approx(found, rel=1e-7)
 
 

@@ -9,9 +9,8 @@ import pytest
 import rig
 from rig.analysis import map as maps
 from rig.analysis.axis import Axis
-from rig.analysis.map import figure
-from rig.analysis.map.chart import REGIONS
 from rig.analysis.map.job import RUNS, Settings
+from rig.analysis.map.result import REGIONS, RUN_STYLES
 from rig.analysis.map.row import Track
 from rig.analysis.map.steady_state import BLANK, NAMES, SLIDING, STICK_SLIP, STUCK, UNDECIDED, VIBRATION, Point
 from rig.errors import Singular, UsageError
@@ -61,11 +60,7 @@ def test_no_curve_of_a_bifurcation_diagram_joins_vibration_and_sliding(belt):
             [loss] = np.flatnonzero(np.diff(belt.moves[RUNS.index(run), 0]))
             before, after = belt.job.x.values[loss : loss + 2]
             for line in axes.lines:
-                if (
-                    line.get_color() != figure.RUN_STYLES[run][0]
-                    or line.get_linewidth() == 0.0
-                    or line.get_marker() == "."
-                ):
+                if line.get_color() != RUN_STYLES[run][0] or line.get_linewidth() == 0.0 or line.get_marker() == ".":
                     continue
                 x = line.get_xdata()
                 assert len(x) == len(belt.job.x.values) + 1, name

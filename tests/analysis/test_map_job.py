@@ -10,8 +10,8 @@ import pytest
 import rig
 from rig.analysis import map as maps
 from rig.analysis.axis import Axis
-from rig.analysis.map.chart import REGIONS
 from rig.analysis.map.job import RUNS, Job, Settings, Unit
+from rig.analysis.map.result import REGIONS
 from rig.analysis.map.row import Row, Track, units
 from rig.analysis.map.steady_state import NAMES, Judge, Window, extremes, sticking
 from rig.analysis.pool import Store

@@ -9,7 +9,7 @@ import pytest
 
 import rig
 from rig.analysis.axis import axes
-from rig.analysis.map import survey
+from rig.analysis.map import chart, regions_job
 from rig.analysis.regions import regions, wide_bands
 from rig.view.palette import put
 
@@ -80,17 +80,15 @@ def test_an_edge_next_to_a_point_without_sliding_is_found():
 
 
 def test_workers_find_the_same_and_a_folder_keeps_it(tmp_path):
-    scene = rig.load("belt_b")
-    given = axes(scene, {"--x": "load.force=1:5 N:5", "--y": "body.damping=1:3 N*s/m:6"})
-    alone, told = regions(scene, *given), []
+    job = regions_job(rig.load("belt_b"), "load.force=1:5 N:5", "body.damping=1:3 N*s/m:6")
+    alone, told = regions(job.scene, job.x, job.y), []
     for workers in (2, 1):
         told.clear()
-        found, folder = survey(scene, *given, root=tmp_path, workers=workers, progress=lambda *now: told.append(now))
+        found = chart(job, tmp_path, workers, progress=lambda *now: told.append(now))
         assert np.array_equal(found.growth, alone.growth)
         assert np.array_equal(found.frequency, alone.frequency)
         assert (found.edges, told[-1]) == (alone.edges, (6, 6))
     assert told == [(6, 6)]
-    assert [*tmp_path.iterdir()] == [folder]
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import rig as laboratory
-from rig.analysis import amplitude
+from rig.analysis.recorded.amplitude import measured
 from rig.analysis.report import COLUMNS, HEIGHT, page, sketch
 from rig.record import user_notes
 from rig.record.contents import digest
@@ -154,10 +154,10 @@ def test_the_page_has_the_numbers_of_the_run(golden):
     begin, end = float(stages[1][1]), float(stages[1][2])
     stuck = (np.abs(run.signals["slip_speed"]) < 1e-15)[(run.time >= begin) & (run.time <= end)]
     assert stages[1][3] == f"{stuck.mean():.1%}"
-    measured = found.tables["Sensors: mean, and half of peak to valley as mean over the cycles"][1:]
-    rows = list(amplitude.measured(run))
-    assert [(row[0], row[1]) for row in measured] == [(row.stage, row.sensor) for row in rows]
-    for shown, row in zip(measured, rows):
+    sensors = found.tables["Sensors: mean, and half of peak to valley as mean over the cycles"][1:]
+    rows = list(measured(run))
+    assert [(row[0], row[1]) for row in sensors] == [(row.stage, row.sensor) for row in rows]
+    for shown, row in zip(sensors, rows):
         assert float(shown[2]) == pytest.approx(row.mean, rel=1e-5)
         assert int(shown[5]) == row.found.cycles
         assert (shown[3] != "–") == (row.found.cycles > 0)

@@ -12,8 +12,7 @@ from scipy import stats
 import rig as lab
 from rig.analysis.pool import Store
 from rig.analysis.studies import prepared, study
-from rig.analysis.studies.factors import Distribution
-from rig.analysis.studies.file import read
+from rig.analysis.studies.factors import Distribution, read
 from rig.analysis.studies.result import check_path, gathered
 from rig.analysis.studies.runs import StudyRuns
 from rig.errors import SceneError, UsageError

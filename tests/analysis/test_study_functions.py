@@ -5,8 +5,8 @@ import pytest
 from full_disk import largest_file
 
 import rig as lab
-from rig.analysis.studies import functions, prepared, study
-from rig.analysis.studies.measures import evaluate
+from rig.analysis.studies import prepared, study
+from rig.analysis.studies.measures import evaluate, function_of
 from rig.errors import OutputError, SceneError, UsageError
 
 
@@ -87,9 +87,9 @@ def test_a_function_of_a_file_may_use_its_neighbours_which_are_part_of_it_and_it
         digests.add(work_of(belt, f"{mine}:times").work.digest)
     assert len(digests) == 2
     run = lab.simulate(belt, 0.5)
-    assert functions.function_of(f"{mine}:times").value(run)[1:] == ("s", "")
+    assert function_of(f"{mine}:times").value(run)[1:] == ("s", "")
     mine = file("import json\ndef parsed(run):\n    return json.loads('nothing')\n")
-    _, _, reason = functions.function_of(f"{mine}:parsed").value(run)
+    _, _, reason = function_of(f"{mine}:parsed").value(run)
     assert reason.startswith("parsed: JSONDecodeError: ")
     assert reason.endswith(" (line 3)")
 
@@ -103,7 +103,7 @@ def test_a_function_that_changes_arrays_in_place_changes_no_other_measure(belt, 
 
 
 def test_what_a_file_prints_is_no_part_of_a_report(file, capsys):
-    functions.function_of(f"{file('print(1)' + chr(10) + 'def value(run): ...')}:value")
+    function_of(f"{file('print(1)' + chr(10) + 'def value(run): ...')}:value")
     assert capsys.readouterr() == ("", "1\n")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.analysis.amplitude import index
+from rig.analysis.recorded.amplitude import index
 from rig.bench.live.outcome import Job, Outcome
 from rig.bench.live.plant_process import carry_out
 from rig.cli import options, printing

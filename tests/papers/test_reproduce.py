@@ -66,7 +66,7 @@ def test_a_number_that_is_known_to_differ_or_that_the_paper_does_not_state_is_no
     made = papers.make(shown, tmp_path)
     assert made.agrees
     papers.keep([made], tmp_path)
-    page = papers.page(papers.keep([], tmp_path), "this machine")
+    page = papers.gallery_page(papers.keep([], tmp_path), "this machine")
     assert "| 2 | 0 of 1 |" in page
     assert "| band | 30 ohm | 50 ohm | paper | 0.1 relative | not reproduced |" in page
     assert "| drop | 22 dB |  | paper |  | no number in the paper |" in page
@@ -78,7 +78,7 @@ def test_what_is_made_is_a_picture_and_a_page(tmp_path):
     assert made.picture.read_bytes().startswith(b"\x89PNG")
     assert b"<svg" in made.picture.with_suffix(".svg").read_bytes()
     assert not made.agrees
-    page = papers.page([made], "this machine")
+    page = papers.gallery_page([made], "this machine")
     assert "| one | 1.001 s | 1 s | paper | 0.002 relative | agrees |" in page
     assert "| two | 2 s | 1 s | theory | 0.5 s | DIFFERS |" in page
     assert json.loads(json.dumps(made.to_json()))["comparisons"][1]["agrees"] is False

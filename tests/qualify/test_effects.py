@@ -17,7 +17,7 @@ from rig.plants import PLANTS
 from rig.scenes import names
 from rig.scenes.shipped import card
 from rig.scenes.variants import absent, added, dropped, given, without
-from rig.stability.step_limits import mode_sets
+from rig.stability.report import mode_sets
 
 NONE = {
     "dither": {"amplitude": 0.0},

@@ -17,8 +17,7 @@ from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.quantities import at_least, at_most
 from rig.stability.linearisation import sliding_key, steady
-from rig.stability.report import stability_report
-from rig.stability.step_limits import RK4_LIMIT, blame, part
+from rig.stability.report import RK4_LIMIT, blame, part, stability_report
 
 STEP = 1e-3
 COULOMB = friction_law.coulomb(0.4, 0.25)

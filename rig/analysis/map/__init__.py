@@ -5,26 +5,26 @@ row            runs along a row, carried up and down, from near and far starts; 
                moved along the x axis and simulated until it settles; the units as a work (rig.analysis.pool)
 steady_state   decides what a motion has settled to
 dither         the boundary of dither over frequency and amplitude: averaged and simulated
-chart          the finished map                              figure    as a picture
+result         the finished map, and its picture
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from rig.analysis.axis import Axis, axes
-from rig.analysis.many_points import refuse
-from rig.analysis.map.chart import Map, gathered
+from rig.analysis.axis import axes
 from rig.analysis.map.dither import Boundary, put_together
 from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, checked
+from rig.analysis.map.result import Map, gathered
 from rig.analysis.map.row import units
-from rig.analysis.pool import Arrays, Progress, Store, carry_out
+from rig.analysis.orbit import refuse
+from rig.analysis.pool import Progress, Store, carry_out
 from rig.analysis.regions import Regions
 from rig.analysis.regions import put_together as put_rows_together
 from rig.errors import UsageError
 from rig.scenes.scene import Scene
 
-__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "chart", "job", "store_of", "survey", "surveyed"]
+__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "chart", "job", "regions_job", "store_of"]
 ROOT = Path("maps")
 _SECTION = 24  # local maxima kept of each point of a bifurcation diagram
 
@@ -53,39 +53,32 @@ def job(
     return checked(Job(scene, both[0], both[1] if y else None, settings))
 
 
-def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None) -> Map | Boundary:
-    """Compute the map of `job`; over frequency and amplitude of a dither, its boundary.
+def regions_job(scene: Scene, x: str, y: str | None) -> Job:
+    """Describe a map of the eigenvalues over two axes, without runs. Raises SceneError, UsageError."""
+    if y is None:
+        raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
+    over, up = axes(scene, {"--x": x, "--y": y})
+    return Job(scene, over, up, Settings("", eigenvalues=True))
+
+
+def chart(
+    job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None
+) -> Map | Boundary | Regions:
+    """Compute the map of `job`; over frequency and amplitude of a dither its boundary, of eigenvalues the regions.
 
     `workers` processes (one per core by default) compute what the job's folder under `root` does not contain yet.
     Raises UsageError if the folder cannot be used, WorkerError if a worker is lost. Finished results stay after an
     error or an interruption, and the same call continues from there.
     """
-    rows, folder = _carried_out(job, root, workers, progress)
-    return (put_together if job.dithered else gathered)(job, rows, folder)
+    work, store = units(job), store_of(job, root)
+    with store.open(work):
+        rows = carry_out(work, store, workers, progress)
+    if job.settings.eigenvalues:
+        assert job.y is not None
+        return put_rows_together(job.scene, job.x, job.y, rows)
+    return (put_together if job.dithered else gathered)(job, rows, store.folder)
 
 
 def store_of(job: Job, root: Path = ROOT) -> Store:
     """Return the store of a map under `root`."""
     return Store.of(units(job), root)
-
-
-def _carried_out(
-    job: Job, root: Path, workers: int | None, progress: Progress | None
-) -> tuple[dict[int, Arrays], Path]:
-    """The results of all units, and their folder."""
-    work, store = units(job), store_of(job, root)
-    with store.open(work):
-        return carry_out(work, store, workers, progress), store.folder
-
-
-def surveyed(scene: Scene, x: Axis, y: Axis) -> Job:
-    """Return the job of `survey`."""
-    return Job(scene, x, y, Settings("", eigenvalues=True))
-
-
-def survey(
-    scene: Scene, x: Axis, y: Axis, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None
-) -> tuple[Regions, Path]:
-    """Compute the eigenvalues of `scene` over two axes; return regions and folder. Workers and errors as in `chart`."""
-    rows, folder = _carried_out(surveyed(scene, x, y), root, workers, progress)
-    return put_rows_together(scene, x, y, rows), folder

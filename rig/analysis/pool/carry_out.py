@@ -17,8 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from rig.analysis.pool.store import Store
-from rig.analysis.pool.work import MOST_WORKERS, Arrays, Progress, Schedule, Work
+from rig.analysis.pool.work import MOST_WORKERS, Arrays, Progress, Schedule, Store, Work
 from rig.errors import WorkerError
 from rig.machine.process import Child, end
 from rig.machine.scheduling import cores

@@ -26,8 +26,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from typing import Any
 
-from rig.analysis.pool.store import Store, sources, this_processor
-from rig.analysis.pool.work import MOST_WORKERS, Arrays, Schedule, Work
+from rig.analysis.pool.work import MOST_WORKERS, Arrays, Schedule, Store, Work, sources, this_processor
 from rig.compiled import kernel
 from rig.errors import RigError, UsageError, WorkerError
 from rig.extras import needed
@@ -43,8 +42,7 @@ JOIN, _QUEUE = 60.0, 86400.0  # s within which a worker joins; one that waits in
 _LOOK = 0.2  # s between two reports of progress
 _AHEAD = 2  # batches on their way for each worker, so that none waits for the next
 _PREPARING = 300.0  # s for another process of the same machine to compile
-_TAKEN = threading.Lock()
-"""One batch at a time: a worker may have several threads."""
+_TAKEN = threading.Lock()  # one batch at a time: a worker may have several threads
 _LOCAL = {
     "distributed.scheduler.allowed-failures": 1,
     "distributed.worker.memory.terminate": False,
@@ -53,8 +51,8 @@ _LOCAL = {
     "distributed.admin.system-monitor.interval": "5s",
 }
 """Configuration of dask for a cluster that is started here."""
+# M_MMAP_THRESHOLD, M_TRIM_THRESHOLD of <malloc.h> [bytes]: the greatest values that glibc itself chooses.
 _KEPT = {-3: 32 << 20, -1: 64 << 20}
-"""M_MMAP_THRESHOLD, M_TRIM_THRESHOLD of <malloc.h> [bytes]: the greatest values that glibc itself chooses."""
 
 
 def unanswered(where: str, seconds: float) -> str:

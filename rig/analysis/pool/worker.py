@@ -19,8 +19,7 @@ import time
 from pathlib import Path
 from typing import IO
 
-from rig.analysis.pool.store import Store
-from rig.analysis.pool.work import Arrays, Work
+from rig.analysis.pool.work import Arrays, Store, Work
 from rig.errors import ExitCode, RigError
 from rig.machine.process import as_process, tell, with_parent
 

@@ -1,7 +1,7 @@
 """Analyses of recordings of any rig: sensors, plant outputs and commands, evenly sampled, with their gaps reported.
 
 series       one channel of a recording, on an even grid, missing samples as NaN; several channels on one grid
-amplitudes   amplitude and frequency of every sensor in each stage of a run
+amplitude    amplitude and frequency of every sensor in each stage of a run
 hysteresis   moving RMS of a vibration over the drive speed, up and down
 spectrum     power spectral density and spectrogram; the same over the angle of a disc or the travel of a belt
 pressure     maps of the pressure of a film at chosen instants
@@ -15,7 +15,7 @@ figures      pictures of these
 
 from __future__ import annotations
 
-from rig.analysis.recorded.amplitudes import Amplitudes, amplitudes
+from rig.analysis.recorded.amplitude import Amplitudes, amplitudes
 from rig.analysis.recorded.comparison import Compared, compare
 from rig.analysis.recorded.hysteresis import Hysteresis, hysteresis
 from rig.analysis.recorded.portrait import Portrait, Section, portrait

@@ -3,7 +3,7 @@
 Signals are compared by `rig.record.compare` at the instants that both recordings have. Measures are computed over the
 common time span. If one recording has all instants of the other, measures too are those of the common instants:
 
-mean, RMS (about the mean)        amplitude (half), period, growth rate: of the cycles (rig.analysis.amplitude)
+mean, RMS (about the mean)        amplitude (half), period, growth rate: of the cycles (rig.analysis.recorded)
 stick share: of the instants with a recorded contact state       contact events per second
 """
 
@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.amplitude import growth, index
+from rig.analysis.recorded.amplitude import growth, index
 from rig.analysis.stick_speeds import stuck
 from rig.errors import RigError, UsageError
 from rig.parts import is_binary

@@ -76,33 +76,21 @@ def hysteresis_figure(hysteresis: Hysteresis) -> Figure:
     return figure
 
 
-def spectrum_figure(spectrum: Spectrum) -> Figure:
-    """Draw density and spectrogram, and those over orders if there are any."""
-    both: list[Spectrum | Orders] = [spectrum, spectrum.orders] if spectrum.orders else [spectrum]
-    size = (15.0, 8.0) if spectrum.orders else (12.0, 7.6)
-    with page(*size, f"{spectrum.scene}: spectrum of {plain(spectrum.name)}", layout="constrained") as figure:
-        for axes, averaged in zip(figure.subplots(2, len(both), squeeze=False).T, both):
-            _averaged(axes[0], axes[1], averaged)
+def spectrum_figure(spectrum: Spectrum | Orders) -> Figure:
+    """Draw density and map of a spectrum, and of orders; a spectrum with orders shows both."""
+    orders = spectrum.orders if isinstance(spectrum, Spectrum) else None
+    both, size = ([spectrum, orders], (15.0, 8.0)) if orders else ([spectrum], (12.0, 7.6))
+    what = "spectrum" if isinstance(spectrum, Spectrum) else "orders"
+    with page(*size, f"{spectrum.scene}: {what} of {plain(spectrum.name)}", layout="constrained") as figure:
+        for (density, over_time), averaged in zip(figure.subplots(2, len(both), squeeze=False).T, both):
+            axis, per, unit = f"{averaged.AXIS} [{averaged.axis_unit}]", averaged.per, averaged.density_unit
+            over = f", over {plain(averaged.over)}" if isinstance(averaged, Orders) else ""
+            _density(density, averaged.density, averaged.lines, unit, averaged.axis_unit)
+            windows = counted(averaged.density.windows, "Hann window")
+            density.set(title=f"mean of {windows} of {averaged.window:.4g} {per}{over}", xlabel=axis)
+            _map(over_time, averaged.map, averaged.density, f"level [dB re 1 {unit}]")
+            over_time.set(title=f"windows of {averaged.map_window:.4g} {per}", xlabel="time [s]", ylabel=axis)
     return figure
-
-
-def orders_figure(orders: Orders) -> Figure:
-    """Draw density and map over orders."""
-    with page(12.0, 7.6, f"{orders.scene}: orders of {plain(orders.name)}", layout="constrained") as figure:
-        density, over_time = figure.subplots(2, 1)
-        _averaged(density, over_time, orders)
-    return figure
-
-
-def _averaged(density: Axes, over_time: Axes, averaged: Spectrum | Orders) -> None:
-    """Draw a density above its course over time."""
-    axis, per, unit = f"{averaged.AXIS} [{averaged.axis_unit}]", averaged.per, averaged.density_unit
-    over = f", over {plain(averaged.over)}" if isinstance(averaged, Orders) else ""
-    _density(density, averaged.density, averaged.lines, unit, averaged.axis_unit)
-    windows = counted(averaged.density.windows, "Hann window")
-    density.set(title=f"mean of {windows} of {averaged.window:.4g} {per}{over}", xlabel=axis)
-    _map(over_time, averaged.map, averaged.density, f"level [dB re 1 {unit}]")
-    over_time.set(title=f"windows of {averaged.map_window:.4g} {per}", xlabel="time [s]", ylabel=axis)
 
 
 def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, axis: str) -> None:

@@ -201,7 +201,11 @@ def resonances(f: Reals, h: Complex, coherence: Reals, error: Reals) -> tuple[Re
         return ()
     level = 20.0 * np.log10(np.maximum(size[lines], 1e-15 * size.max()))
     tops, _ = find_peaks(level, prominence=_STANDS_OUT)
-    sure = [int(top) for top in lines[tops] if not _random(error, int(top)) > _SURE]
+    sure = []
+    for top in lines[tops].tolist():
+        beside = error[max(top - _LINES_BESIDE, 0) : top + _LINES_BESIDE + 1]  # all nan with a single window
+        if not (np.isfinite(beside).any() and max(float(error[top]), float(np.nanmedian(beside))) > _SURE):
+            sure.append(top)
     made: list[Resonance] = []
     for top in sorted(sure, key=lambda top: -size[top])[:_TRIED]:
         low, high = _about(size, known, top)
@@ -213,12 +217,6 @@ def resonances(f: Reals, h: Complex, coherence: Reals, error: Reals) -> tuple[Re
             at_top = (float(v[top]) for v in (f, size, coherence, error))
             made.append(Resonance(hertz, -pole.real / abs(pole), bandwidth, *at_top))
     return tuple(sorted(made[:_MOST]))
-
-
-def _random(error: Reals, top: int) -> float:
-    """Random error at a peak and, in the median, at the lines about it; NaN with a single window."""
-    beside = error[max(top - _LINES_BESIDE, 0) : top + _LINES_BESIDE + 1]
-    return max(float(error[top]), float(np.nanmedian(beside))) if np.isfinite(beside).any() else math.nan
 
 
 def _about(size: Reals, known: NDArray[np.bool_], top: int) -> tuple[int, int]:

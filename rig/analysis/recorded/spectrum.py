@@ -172,7 +172,7 @@ class Orders(_Averaged):
     `map_window` [per]. The windows of `map` are placed at their times [s].
     """
 
-    FIGURE: ClassVar = "rig.analysis.recorded.figures:orders_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:spectrum_figure"
     AXIS: ClassVar = "order"
 
     over: str

@@ -1,10 +1,9 @@
 """Studies: a scene over parameters, with measures; grids, samples of distributions, repeated runs, and a search.
 
-factors    the varied parameters: values, or distributions in Python or as text; conditions on measures
+factors    the varied parameters: values, or distributions in Python or as text; conditions; a study as a TOML file
 runs       the points of a study, each computed for itself; recordings of chosen points
-measures   of cycle, motion and run; functions: own
+measures   of cycle, motion and run, and own functions
 result     values, units, reasons; as text, figure, CSV, xarray
-file       a study as a TOML file
 search     a global search
 """
 
@@ -17,10 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.pool import Progress, Store, carry_out
-from rig.analysis.pool.store import this_processor
+from rig.analysis.pool.work import this_processor
 from rig.analysis.studies.factors import condition
-from rig.analysis.studies.functions import check_not_loading
-from rig.analysis.studies.measures import Measure, measures
+from rig.analysis.studies.measures import Measure, check_not_loading, measures
 from rig.analysis.studies.result import COLUMNS, StudyResult, gathered
 from rig.analysis.studies.runs import Plan, StudyRuns, check_length, check_random, plan, random_parts
 from rig.analysis.studies.runs import keep as keep_recordings

@@ -9,26 +9,38 @@ run.NAME        rms, mean, lowest, highest, final, amplitude, frequency of an ou
 FILE.py:NAME    a function of the Run: returns a number, or a number and its unit
 
 An output or contact is added with a dot, cycle.amplitude.velocity; without one it is the first of the rig.
+
+Measures of one's own: Python functions of a Run, which worker processes run from the source text of their file.
 """
 
 from __future__ import annotations
 
+import ast
+import hashlib
+import inspect
 import math
+import secrets
+import sys
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.util import decode_source
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.amplitude import index
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.motion_measures import observe, of, problem
 from rig.analysis.pool import Arrays
-from rig.analysis.studies.functions import Function, function_of
+from rig.analysis.recorded.amplitude import index
 from rig.bench.run.simulate import simulate
-from rig.errors import NumericsError, RigError, SceneError
+from rig.errors import NumericsError, RigError, SceneError, UsageError
+from rig.machine.files import contents
 from rig.model.assembly import portrait
 from rig.quantities import run_length_ns
 from rig.record.run import Run
@@ -236,3 +248,164 @@ def _number(run: Run, measure: Measure) -> tuple[float, str]:
         return value, cycles.why if math.isnan(value) else ""
     here = v[np.isfinite(v)]
     return (float(_HOW[measure.kind](here)), "") if here.size else (math.nan, "no finite sample")
+
+
+_OWN: dict[str, Callable[[Run], Any]] = {}
+"""Functions of this process that no file holds, by a random text: what else they use (globals, closures) may differ
+although their code is the same, so that no other process finds results of theirs."""
+_LOADING: list[str] = []  # files that this process runs at the moment, because they define a measure
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function `name` of the file `file` with the source `text`; `beside`: hash of what it imports from its folder.
+
+    Without a file it exists in this process only, and `text` is a random one.
+    """
+
+    name: str
+    file: str = ""
+    text: str = ""
+    beside: str = ""
+
+    @property
+    def portable(self) -> bool:
+        """Whether other processes can run it."""
+        return bool(self.file)
+
+    def value(self, run: Run) -> tuple[float, str, str]:
+        """Return its value, the unit and, for a value that is missing, the reason."""
+        try:
+            returned = (self._loaded() if self.portable else _OWN[self.text])(run)
+        except UsageError as fault:
+            return math.nan, "", str(fault)
+        except (Exception, SystemExit) as fault:
+            why = " ".join(f"{type(fault).__name__}: {fault}".split())
+            return math.nan, "", f"{self.name}: {why}{self._line(fault)}"
+        value, unit = returned if isinstance(returned, tuple) and len(returned) == 2 else (returned, "")
+        number = None if isinstance(value, str) or not isinstance(unit, str) else _as_number(value)
+        if number is None:
+            return math.nan, "", f"{self.name} returned {_shown(returned)}: expected a number, or number and unit"
+        return (number, unit, "") if math.isfinite(number) else (math.nan, unit, f"{self.name} is {number}")
+
+    def _line(self, fault: BaseException) -> str:
+        """The last line of the function's own file that led to a fault."""
+        frames = traceback.extract_tb(fault.__traceback__)[1:]  # without the call above
+        own = [at for at in frames if at.filename == (self.file or frames[0].filename)]
+        return f" (line {own[-1].lineno})" if own else ""
+
+    def _loaded(self) -> Callable[[Run], Any]:
+        module = _module(self.file, self.text)
+        function: Callable[[Run], Any] | None = getattr(module, self.name, None)
+        if not callable(function):
+            raise UsageError(f"{self.file}: defines no function {self.name}")
+        return function
+
+
+def _as_number(value: Any) -> float | None:
+    """A value as a float; None for one that is no number."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+    except Exception:  # of a class of the user
+        return None
+
+
+def _shown(returned: Any) -> str:
+    try:
+        return shortened(" ".join(repr(returned).split()))
+    except Exception:  # of a class of the user
+        return f"a {type(returned).__name__}"
+
+
+def function_of(given: str | Callable[[Run], Any]) -> Function:
+    """Return a measure of a Python function, or of "FILE.py:NAME". Raises UsageError."""
+    if isinstance(given, str):
+        file, _, name = given.rpartition(":")
+        try:
+            function = Function(name, str(Path(file).resolve()), decode_source(contents(Path(file))))
+        except (OSError, SyntaxError, UnicodeDecodeError) as fault:
+            raise UsageError(f"{given}: {getattr(fault, 'strerror', None) or fault}") from None
+        function._loaded()  # noqa: SLF001 (its own kind)
+        return replace(function, beside=_beside(function.file, function.text))
+    name = getattr(given, "__name__", type(given).__name__)
+    try:
+        file = inspect.getsourcefile(given) or ""
+        text = decode_source(contents(Path(file)))
+        at_top = getattr(given, "__qualname__", "") == name  # a local function may also have a global name, in a loop
+        here = at_top and getattr(inspect.getmodule(given), name, None) is given
+    except (OSError, SyntaxError, TypeError, UnicodeDecodeError):
+        here = False
+    if here:
+        function = Function(name, str(Path(file).resolve()), text)
+        if hasattr(
+            _module(function.file, text), name
+        ):  # as worker processes load it: not under if __name__ == "__main__"
+            return replace(function, beside=_beside(file, text))
+    known = next((text for text, known_function in _OWN.items() if known_function is given), None) or secrets.token_hex(
+        8
+    )
+    _OWN[known] = given
+    return Function(name, text=known)
+
+
+def _beside(file: str, text: str) -> str:
+    """Hash of the modules that a file imports from its folder, and of those that these import; "" if there are none."""
+    folder, texts, todo = Path(file).resolve().parent, dict[str, str](), [text]
+    while todo:
+        for name in _imports(todo.pop()):
+            whole = folder.joinpath(*name.split("."))
+            for path in (whole.with_suffix(".py"), whole / "__init__.py"):
+                if str(path) not in texts and path.is_file():
+                    texts[str(path)] = path.read_bytes().decode(errors="replace")
+                    todo.append(texts[str(path)])
+    return hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest()[:12] if texts else ""
+
+
+def _imports(text: str) -> Iterator[str]:
+    """The names of all modules that a source text may import, but for those of this project."""
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):  # of a module that may never be imported
+        return
+    for node in ast.walk(tree):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+        if isinstance(node, ast.ImportFrom):
+            head = [node.module] if node.module else []
+            names = [*head, *(".".join([*head, name]) for name in names)]
+        yield from (name for name in names if name.partition(".")[0] != "rig" and "*" not in name)
+
+
+def check_not_loading() -> None:
+    """Raise UsageError if a file that defines a measure begins a study while it is loaded for that measure."""
+    if _LOADING:
+        raise UsageError(
+            f"{_LOADING[-1]} starts a study when it is loaded for its measure; "
+            'write the call under if __name__ == "__main__":'
+        )
+
+
+def _module(file: str, text: str) -> ModuleType:
+    """The module of a source text, run once in this process. Raises UsageError for one that fails."""
+    name = f"rig_measures_{hashlib.sha256(f'{file}{text}'.encode()).hexdigest()[:12]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    module = ModuleType(name)
+    module.__file__ = file
+    sys.modules[name] = module
+    folder = str(Path(file).parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
+    _LOADING.append(file)
+    try:
+        with redirect_stdout(sys.stderr):  # standard output may be a report in JSON
+            exec(compile(text, file, "exec"), module.__dict__)
+    except BaseException as fault:
+        del sys.modules[name]
+        if isinstance(fault, UsageError) or not isinstance(fault, Exception | SystemExit):
+            raise
+        raise UsageError(f"{file}: {type(fault).__name__}: {fault}") from None
+    finally:
+        _LOADING.pop()
+    return module

@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from rig.analysis.many_points import refuse
 from rig.analysis.motion_measures import (
     Problem,
     Seen,
@@ -19,11 +18,11 @@ from rig.analysis.motion_measures import (
     digest,
     eligible,
     errors,
-    fastest,
     ladder,
     observe,
     problem,
 )
+from rig.analysis.orbit import refuse
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
 from rig.errors import NumericsError, UsageError
 from rig.qualify.cost import timing
@@ -32,6 +31,7 @@ from rig.qualify.cost.table import WORST, Row, Table, orders, recommended
 from rig.qualify.cost.timing import UNKNOWN, Contender, Cost
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
+from rig.stability.report import fastest_eigenvalue
 
 FOLDER = Path("cost")
 _MACHINE = ("host", "processor", "cores", "python", "numba")
@@ -77,7 +77,7 @@ def cost(
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     able = eligible(asked.system)
-    rate = fastest(asked.system)
+    rate = fastest_eigenvalue(asked.system)
     methods = [method for method, why in able.items() if not why]
     settings = [setting for method in methods for setting in ladder(method, scene, rate)]
     total, timed_so_far = (1 + rounds) * len(settings) + 2, itertools.count(len(settings) + 2)

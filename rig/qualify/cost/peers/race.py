@@ -18,13 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.analysis.motion_measures import TIGHTEST, Setting, eligible, fastest, ladder
+from rig.analysis.motion_measures import TIGHTEST, Setting, eligible, ladder
 from rig.analysis.pool import Progress
 from rig.machine.files import csv_table, write_file
 from rig.qualify.cost.peers.oscillator import Oscillator
 from rig.qualify.cost.peers.solvers import PEERS, STEP_NS, Run, by_rig
 from rig.qualify.cost.report import sheet
 from rig.scenes.scene import Scene
+from rig.stability.report import fastest_eigenvalue
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, PURPLE, VERMILION, put
 
 ROUNDS = 5
@@ -51,7 +52,7 @@ def race(scene: Scene, rounds: int = ROUNDS, report: Progress | None = None) -> 
     best, other = (by_rig(scene, s, o.seconds)() for s in (first, Setting("rk4", step_ns=STEP_NS // 100)))
     runners: list[tuple[Entry, Run, Sequence[float]]] = []
     for method in (method for method, why in eligible(system).items() if not why):
-        for own in ladder(method, scene, fastest(system)):
+        for own in ladder(method, scene, fastest_eigenvalue(system)):
             entry = Entry(OURS, str(own), math.inf, math.nan)
             runners.append((entry, by_rig(scene, own, o.seconds), best if method == "rk4" else other))
     absent: list[Entry] = []

@@ -2,6 +2,8 @@
 
 I    sliding, no vibration found    II   sliding and vibration, depending on the initial state
 III  vibration only                 ?    undecided: a run that did not settle could change the region
+
+A map as a picture: regions over two axes; over one axis a bifurcation diagram.
 """
 
 from __future__ import annotations
@@ -10,17 +12,26 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.axis import heading
+from rig.analysis.map.dither import Boundary
 from rig.analysis.map.job import CARRIED, RUNS, Job
 from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STOPPED, STUCK, UNDECIDED, VIBRATION
 from rig.analysis.pool import Arrays
 from rig.machine.files import csv_table
 from rig.printable import columns, counted
 from rig.results import Result
+from rig.view.curves import apart, plain
+from rig.view.palette import AMBER, BARE, BLUE, GREEN, VERMILION, page
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 Array = NDArray[np.float64]
 UNKNOWN, ONE, TWO, THREE, REST = range(5)
@@ -52,7 +63,7 @@ class Map(Result):
     ends       [run-up and run-down, row, 2]: last value with vibration in the carried run, first without it
     """
 
-    FIGURE: ClassVar = "rig.analysis.map.figure:figure"
+    FIGURE: ClassVar = "rig.analysis.map.result:figure"
 
     job: Job
     unit: str
@@ -232,3 +243,123 @@ def gathered(job: Job, rows_of: dict[int, Arrays], folder: Path) -> Map:
     unit_of_output = job.scene.assemble().outputs[job.settings.output].unit
     state, why, lines = tables.pop("state"), tables.pop("why"), tuple(np.array(values) for values in onsets)
     return Map(job, unit_of_output, state, tables, why, growth, frequency, lines, ends, folder)
+
+
+COLOURS = ("#9d9d9d", "#d5e8dc", "#f6dfae", "#e7a79a", "#b9b9e0")  # of REGIONS
+RUN_STYLES = {"up": (BLUE, "^"), "down": (VERMILION, "v"), "near": (GREEN, "x"), "far": (AMBER, "+")}
+_LABELS = {"up": "run-up", "down": "run-down", "near": "near start", "far": "standing start"}
+
+
+def figure(result: Map | Boundary) -> Figure:
+    """Return the figure of what `rig.map` found."""
+    with page(9.6, 6.4, style=BARE, layout="constrained") as figure:
+        if isinstance(result, Boundary):
+            _dither(figure.add_subplot(), result)
+        elif result.job.y is None:
+            _bifurcation(figure, result)
+        else:
+            _regions(figure.add_subplot(), result)
+        heading(figure, result.job.scene, [axis for axis in (result.job.x, result.job.y) if axis is not None])
+    return figure
+
+
+def _regions(axes: Axes, result: Map) -> None:
+    from matplotlib.colors import ListedColormap
+
+    job = result.job
+    assert job.y is not None
+    x, y = job.x.shown_values, job.y.shown_values
+    mesh = axes.pcolormesh(x, y, result.regions, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=4.5, shading="nearest")
+    mesh.set_rasterized(True)
+    scale = job.x.scale
+    if any(map(len, result.onsets)):
+        rows = [values if len(values) else [np.nan] for values in result.onsets]  # no line leads over an empty row
+        onsets = np.array([(value / scale, y[row]) for row, values in enumerate(rows) for value in values])
+        _line(axes, onsets, "-", "black", "", "sliding loses stability (eigenvalue)")
+    for number, (run, label) in enumerate((("up", "run-up"), ("down", "run-down"))):
+        ends = result.ends[number].mean(axis=1) / scale
+        if not np.isnan(ends).all():
+            colour, marker = RUN_STYLES[run]
+            _line(axes, np.column_stack([ends, y]), "-", colour, marker, f"{label} loses vibration")
+    axes.set(xlabel=job.x.title, ylabel=job.y.title)
+    axes.margins(0.0)
+    _legend(axes, _there(result))
+
+
+def _line(axes: Axes, points: Any, style: str, colour: str, marker: str, label: str) -> None:
+    """Draw boundary points (nan: a row without one), joined from row to row where each of both has one."""
+    rows = points[~np.isnan(points[:, 0]), 1]
+    joined = len(np.unique(rows)) == len(rows)
+    few = marker if len(rows) <= 40 else ""
+    axes.plot(points[:, 0], points[:, 1], style if joined else ".", color=colour, marker=few, ms=4, label=label)
+
+
+def _there(result: Map) -> dict[int, str]:
+    return {r: f"{REGIONS[r]}  {MEANING[r]}" for r in (1, 2, 3, 4, 0) if (result.regions == r).any()}
+
+
+def _legend(axes: Axes, labels: dict[int, str], *others: Axes) -> None:
+    from matplotlib.patches import Patch
+
+    patches = [Patch(color=COLOURS[r], label=label) for r, label in labels.items()]
+    lines = [handle for panel in (*others, axes) for handle in panel.get_legend_handles_labels()[0]]
+    axes.legend(handles=[*patches, *lines], loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
+
+
+def _bifurcation(figure: Figure, result: Map) -> None:
+    x = result.job.x.shown_values
+    panels = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1.2, 1.0))
+    settings, unit = result.job.settings, result.unit
+    top, middle, bottom = panels
+    edges = np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]])
+    for axes in panels:
+        for i, region in enumerate(result.regions[0].tolist()):
+            axes.axvspan(edges[i], edges[i + 1], color=COLOURS[region], lw=0, zorder=0)
+        for onset in result.onsets[0]:
+            label = "sliding loses stability (eigenvalue)" if axes is bottom else None
+            axes.axvline(onset / result.job.x.scale, color="black", lw=1.0, ls="--", label=label)
+    for run in settings.runs:
+        number, (colour, marker) = RUNS.index(run), RUN_STYLES[run]
+        carried = run in ("up", "down")
+        style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 5.5 if carried else 3.5, "mfc": "none"}
+        style |= {"lw": 0.9 if carried else 0.0, "ls": "--" if run == "down" else "-"}
+        jumps = np.diff(result.moves[number, 0]) != 0
+        for name in ("low", "high"):
+            label = _LABELS[run] if name == "high" else None
+            top.plot(*apart(x, result.tables[name][number, 0], jumps), label=label, **style)
+        section = result.tables["section"][number, 0]
+        top.plot(np.repeat(x, section.shape[1]), section.ravel(), ".", color=colour, ms=1.5)
+        middle.plot(*apart(x, result.tables["rms"][number, 0], jumps), **style)
+        bottom.plot(*apart(x, result.tables["share"][number, 0], jumps), **style)
+    top.set_ylabel(f"{plain(settings.output)} [{unit}]\nextremes, local maxima")
+    middle.set_ylabel(f"rms about\nthe mean [{unit}]")
+    bottom.set_ylabel("share of\ntime stuck")
+    bottom.set_xlabel(result.job.x.title)
+    _legend(bottom, _there(result), top)
+    bottom.get_legend().set_bbox_to_anchor((0.0, -0.42))  # type: ignore[union-attr]
+    top.set_xlim(edges[0], edges[-1])
+    figure.align_ylabels(panels)
+
+
+def _dither(axes: Axes, result: Boundary) -> None:
+    x, y = result.job.x, result.job.y
+    assert y is not None
+    edge = np.clip(result.averaged / y.scale, y.shown_values[0], y.shown_values[-1])
+    axes.fill_between(x.shown_values, y.shown_values[0], edge, color=COLOURS[3], lw=0)
+    axes.fill_between(x.shown_values, edge, y.shown_values[-1], color=COLOURS[1], lw=0)
+    seen = np.isfinite(result.simulated).all(axis=1)
+    middle, half = result.simulated[seen].mean(axis=1), 0.5 * np.diff(result.simulated[seen], axis=1).ravel()
+    for theory, style, label in ((result.averaged, "k", "averaged"), (result.leading, "k:", "leading order")):
+        axes.plot(x.shown_values, np.where(np.isinf(theory), np.nan, theory) / y.scale, style, label=label)
+    axes.errorbar(
+        x.shown_values[seen],
+        middle / y.scale,
+        half / y.scale,
+        fmt="o",
+        ms=4,
+        color=RUN_STYLES["up"][0],
+        label="simulated",
+    )
+    axes.set(xlabel=x.title, ylabel=y.title)
+    axes.margins(0.0)
+    _legend(axes, {1: "dither keeps the rig sliding", 3: "sliding is lost"})
