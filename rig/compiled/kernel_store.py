@@ -126,7 +126,8 @@ LIMIT = 1 << 30
 INSTEAD = "RIG_KERNELS to another folder"
 _SUM = 4
 _SHOWN_S, _LINE_S = 0.5, 5.0  # s between two progress messages on a terminal, and elsewhere
-_USUAL = 65  # kernels of one kind of rig, counted
+_WORTH_S = 2.0  # s: shortest total that is noted for the next start
+_USUAL, _FEWEST = 55, 8  # kernels of one kind of rig, counted; those whose time is enough for an estimate
 _ASK_S = 0.02  # s between two checks whether another process has finished
 _log = logging.getLogger("rig")
 
@@ -350,7 +351,7 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
     """Tells the user that kernels are being compiled, and the progress, so that no start is silent."""
 
     def __init__(self, folder: Folder) -> None:
-        self._folder = folder
+        self._folder, self._notes = folder, folder.path / "seconds"
         self._depth, self._count, self._spent, self._begun, self._shown = 0, 0, 0.0, 0.0, 0.0
         self.other = ""
         """What is being compiled without being stored, in words; "" for kernels."""
@@ -362,24 +363,29 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
         if self.other:
             if self.other not in self._others:
                 self._others.add(self.other)
-                _say(f"compiling {self.other}, at every start: 1 to 3 s\n")
+                sys.stderr.write(f"compiling {self.other}, at every start: 1 to 3 s\n")
+                sys.stderr.flush()
             return
-        now = time.monotonic()
         if not self._depth:
-            self._begun = now
+            self._begun = time.monotonic()
         self._depth += 1
         if self._shown:
             return
-        self._shown = now
-        if sys.stderr.isatty():
-            atexit.register(self.told)
-        text = "compiling kernels, once for each kind of rig"
-        if not self._folder.keeps:
+        self._shown = time.monotonic()
+        atexit.register(self._done)
+        if self._folder.keeps:
+            last = ""
+            with suppress(OSError, ValueError):
+                seconds = float(files.own_bytes(self._notes, INSTEAD))
+                last = f"; the last time it took {seconds:.0f} s"
+            text = f"compiling kernels, once for each kind of rig{last}"
+        else:
             where = self._folder.root
             why = "cannot be written" if where == self._folder.path.parent else "is ignored"
             text = f"compiling kernels at every start, because {where} {why}; "
             text += "set RIG_KERNELS=/some/folder to store them elsewhere"
-        _say(f"{text}\n")
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
 
     def on_end(self, _: event.Event) -> None:
         """Called when a kernel has been compiled."""
@@ -387,24 +393,31 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
             return
         self._depth -= 1
         self._count += 1
-        now, terminal = time.monotonic(), sys.stderr.isatty()
+        now = time.monotonic()
         if not self._depth:
             self._spent += now - self._begun
+        terminal = sys.stderr.isatty()
         if now > self._shown + (_SHOWN_S if terminal else _LINE_S):
             self._shown = now
             whole = self._spent + (now - self._begun if self._depth else 0.0)
-            text = f"{self._count} compiled in {whole:.0f} s, usually about {_USUAL}"
-            _say(f"\r{text:<60} " if terminal else f"compiling kernels: {text}\n")
+            text = f"{self._count} compiled in {whole:.0f} s"
+            if _FEWEST <= self._count < _USUAL:  # at the speed of this machine so far
+                left = whole * (_USUAL / self._count - 1.0)
+                text = f"{self._count} of about {_USUAL} compiled in {whole:.0f} s, about {left:.0f} s left"
+            sys.stderr.write(f"\r{text:<60} " if terminal else f"compiling kernels: {text}\n")
+            sys.stderr.flush()
 
     def told(self) -> bool:
         """Say how long it took, if kernels have been compiled; return whether that is so."""
         if self._shown and not self._told:
             self._told = True
             text = f"{self._count} kernels compiled in {self._spent:.0f} s"
-            _say(f"\r{text:<60}\n" if sys.stderr.isatty() else f"{text}\n")
+            sys.stderr.write(f"\r{text:<60}\n" if sys.stderr.isatty() else f"{text}\n")
         return self._told
 
-
-def _say(text: str) -> None:
-    sys.stderr.write(text)
-    sys.stderr.flush()
+    def _done(self) -> None:
+        if sys.stderr.isatty():
+            self.told()
+        if self._spent >= _WORTH_S and not self._depth:  # otherwise it was interrupted
+            with suppress(OSError):
+                self._notes.write_text(f"{self._spent:.0f}")
