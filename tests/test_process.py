@@ -77,8 +77,8 @@ with stopping() as stop:
 
 @pytest.mark.parametrize(("number", "first", "heard"), [
     (signal.SIGTERM, "", True),
-    (signal.SIGHUP, "", True),
-    (signal.SIGHUP, "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n", False),  # nohup
+    (signal.SIGHUP, "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL)\n", True),  # also under nohup
+    (signal.SIGHUP, "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n", False),  # as nohup does
 ])  # fmt: skip
 def test_signals_to_stop_are_heard(number, first, heard):
     code = first + HEARS.format(wait=20.0 if heard else 1.0)
