@@ -143,13 +143,13 @@ def stick(
         "last": faults(lambda: seconds(end, "--to"), None) or float("inf"),
     }
     faults.raise_found()
-    found = stick_slip(run, velocity, friction, **made)
-    printing.result(found, as_json, figure=figure, csv=csv, law=law)
+    slips = stick_slip(run, velocity, friction, **made)
+    printing.result(slips, as_json, figure=figure, csv=csv, law=law)
     if csv is not None:
-        write_file(csv, found.csv().encode())
+        write_file(csv, slips.csv().encode())
     if law is not None:
-        write_file(law, found.law().encode())
-    draw(found, figure)
+        write_file(law, slips.law().encode())
+    draw(slips, figure)
 
 
 COMMANDS = {

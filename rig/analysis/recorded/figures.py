@@ -299,38 +299,38 @@ def sound_figure(sound: Sound) -> Figure:
     return figure
 
 
-def stick_slip_figure(found: StickSlip) -> Figure:
+def stick_slip_figure(contact: StickSlip) -> Figure:
     """Draw the slip speed with its slips, the times in stick and motion, and with a force, it and the friction."""
-    forces = bool(found.force_unit)
-    with page(14.0, 8.4 if forces else 4.6, f"{found.scene}: stick and slip", layout="constrained") as figure:
+    forces = bool(contact.force_unit)
+    with page(14.0, 8.4 if forces else 4.6, f"{contact.scene}: stick and slip", layout="constrained") as figure:
         axes = figure.subplots(1 + forces, 2, squeeze=False)
         speed, times = axes[0]
-        every = max(found.t.size // _DRAWN_SAMPLES, 1)
-        speed.plot(found.t[::every], found.speed[::every], color=BLUE, lw=0.7)
-        for slip in found.slips:
+        every = max(contact.t.size // _DRAWN_SAMPLES, 1)
+        speed.plot(contact.t[::every], contact.speed[::every], color=BLUE, lw=0.7)
+        for slip in contact.slips:
             speed.axvspan(slip.begin, slip.end, color=ALARM, alpha=0.12, lw=0.0)
-        speed.axhline(found.threshold, color=GREY, lw=0.9, ls="--")
-        speed.set(ylabel=f"slip speed [{found.speed_unit}]", xlabel="time [s]", title="slips are shaded")
-        longest = max((max(slip.motion, np.nan_to_num(slip.stick)) for slip in found.slips), default=1.0)
+        speed.axhline(contact.threshold, color=GREY, lw=0.9, ls="--")
+        speed.set(ylabel=f"slip speed [{contact.speed_unit}]", xlabel="time [s]", title="slips are shaded")
+        longest = max((max(slip.motion, np.nan_to_num(slip.stick)) for slip in contact.slips), default=1.0)
         for name, colour in (("stick", BLUE), ("motion", ALARM)):
-            values = [getattr(slip, name) for slip in found.slips if np.isfinite(getattr(slip, name))]
+            values = [getattr(slip, name) for slip in contact.slips if np.isfinite(getattr(slip, name))]
             times.hist(values, np.linspace(0.0, 1.05 * longest, 40), color=colour, alpha=0.6, label=f"{name} time")
         times.set(xlabel="time [s]", ylabel="number of slips [1]", title="how long")
         times.legend()
         if forces:
-            _forces(axes[1][0], axes[1][1], found, every)
+            _forces(axes[1][0], axes[1][1], contact, every)
     return figure
 
 
-def _forces(force: Axes, friction: Axes, found: StickSlip, every: int) -> None:
-    force.plot(found.t[::every], found.force[::every], color=BLUE, lw=0.7)
-    force.set(ylabel=f"force [{found.channel_unit}]", xlabel="time [s]")
-    for curve, colour, way in ((found.up, BLUE, "rising"), (found.down, ALARM, "falling")):
+def _forces(force: Axes, friction: Axes, contact: StickSlip, every: int) -> None:
+    force.plot(contact.t[::every], contact.force[::every], color=BLUE, lw=0.7)
+    force.set(ylabel=f"force [{contact.channel_unit}]", xlabel="time [s]")
+    for curve, colour, way in ((contact.up, BLUE, "rising"), (contact.down, ALARM, "falling")):
         if curve is not None and curve.speed.size:
             friction.errorbar(curve.speed, curve.friction, 2.0 * curve.error, color=colour, marker="o", ms=3.5, lw=1.0,
                               label=f"{way} speed")  # fmt: skip
-    what = "friction coefficient" if found.coefficient else "friction"
-    friction.set(xlabel=f"slip speed [{found.speed_unit}]", ylabel=f"{what} [{found.force_unit}]",
+    what = "friction coefficient" if contact.coefficient else "friction"
+    friction.set(xlabel=f"slip speed [{contact.speed_unit}]", ylabel=f"{what} [{contact.force_unit}]",
                  title="friction over slip speed, two standard errors")  # fmt: skip
     if friction.has_data():
         friction.legend()

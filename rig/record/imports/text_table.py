@@ -22,7 +22,7 @@ from rig.record.run_data import Reals
 
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _HEAD = 1 << 16
-"""Length of the part in which the form of the table is found [bytes]."""
+"""Length of the part in which the form of the table is looked for [bytes]."""
 BLOCK = 8 << 20
 """Length of the part of a file that is read at once [bytes]."""
 _MOST = 20
@@ -65,15 +65,15 @@ class TextTable:
         while lines and not lines[-1].strip():
             lines.pop()
         forms = [(separator, mark) for separator in _SEPARATORS for mark in ".," if separator != mark]
-        found = max((_Form.of(lines, *form) for form in forms), key=lambda form: form.merit)
-        if not found.rows:
+        form = max((_Form.of(lines, *form) for form in forms), key=lambda form: form.merit)
+        if not form.rows:
             raise UsageError(
                 f"{path}: there is no table of numbers in its first {len(lines)} lines; expected rows of numbers "
                 f"with one separator of {', '.join(map(repr, _SEPARATORS))}"
             )
-        stamps = [text for text in found.split(lines[found.skip]) if _TIME.fullmatch(text)]
+        stamps = [text for text in form.split(lines[form.skip]) if _TIME.fullmatch(text)]
         began = int(np.datetime64(stamps[0].rstrip("Z").replace(",", "."), "ns").astype(np.int64)) if stamps else None
-        return cls(path, encoding, found.separator, found.mark, found.skip, *found.described(lines), began)
+        return cls(path, encoding, form.separator, form.mark, form.skip, *form.described(lines), began)
 
     def blocks(self, names: Sequence[str], wanted: Collection[str]) -> Iterator[Mapping[str, Reals]]:
         """Yield the columns `wanted`, of those called `names`, block by block; a value that is not there is NaN.
