@@ -179,7 +179,7 @@ def test_a_truncated_file_is_refused(tmp_path, name):
 
 
 def test_missing_values_gaps_and_drift_are_told(tmp_path):
-    t = np.cumsum(np.full(3000, 1e-3) * np.where(np.arange(3000) < 1500, 1.0, 1.0))
+    t = np.cumsum(1e-3 * (1.0 + 1e-4 * np.arange(3000) / 3000.0))  # the period grows by 100 ppm
     t[2000:] += 0.5
     table = pd.DataFrame({"t [s]": t, "v [m/s]": np.sin(t)})
     table.loc[5, "v [m/s]"] = np.nan
@@ -188,6 +188,8 @@ def test_missing_values_gaps_and_drift_are_told(tmp_path):
         [tmp_path / "x.csv"], tmp_path / "x.mcap", ChannelMap.of_texts(["v = v"], "t"), skip_missing=True
     )
     assert "1 gap, the longest 0.501 s" in made.text()
+    assert made.bases[0].drift == pytest.approx(0.75e-4, rel=0.02)  # between the middles of the outer quarters
+    assert "the period drifts by" in made.text()
     assert "1 missing values were left out" in made.text()
     assert lab.open(tmp_path / "x.mcap").measurements["v"].v.size == 2999
 

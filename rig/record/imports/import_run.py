@@ -60,10 +60,12 @@ class TimeBase:
     uneven: float = 0.0
     """Largest deviation of a distance, of those that are no gap, from the period, in periods."""
     drift: float = 0.0
-    """Relative change of the mean period from the first block to the latest."""
+    """Relative change of the mean period from the first quarter of the first block to the last one of the latest."""
     shift: float = 0.0
     """Added to the times of the file to join it to the first one [s]."""
     _first: float = 0.0
+    _quarter: int = 1
+    """Number of distances in the last quarter of the latest block."""
 
     def add(self, t: Reals) -> None:
         """Take the next times [s], which increase."""
@@ -80,8 +82,9 @@ class TimeBase:
         near = steps[~far]
         if near.size:
             self.uneven = max(self.uneven, float(np.abs(near - self.period).max()) / self.period)
-            self._first = self._first or float(near.mean())
-            self.drift = float(near.mean()) / self._first - 1.0
+            self._quarter = max(near.size // 4, 1)
+            self._first = self._first or float(near[: self._quarter].mean())
+            self.drift = float(near[-self._quarter :].mean()) / self._first - 1.0
 
     def text(self) -> str:
         """The time base in words."""
@@ -92,7 +95,7 @@ class TimeBase:
             told += f"; {self.gaps} gap{'s' * (self.gaps > 1)}, the longest {self.longest:.6g} s"
         if self.uneven > _EVEN:
             told += f"; uneven: a distance differs from the period by {100.0 * self.uneven:.3g} %"
-        if abs(self.drift) > 1e-6:
+        if abs(self.drift) > max(1e-6, 2.0 * self.uneven / self._quarter):  # more than rounding of the times
             told += f"; the period drifts by {1e6 * self.drift:.3g} ppm"
         return told
 
