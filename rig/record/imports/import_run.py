@@ -57,6 +57,8 @@ class TimeBase:
     gaps: int = 0
     longest: float = 0.0
     """Longest gap [s]."""
+    lost: float = 0.0
+    """Duration of all gaps [s]."""
     uneven: float = 0.0
     """Largest deviation of a distance, of those that are no gap, from the period, in periods."""
     drift: float = 0.0
@@ -78,6 +80,7 @@ class TimeBase:
             return
         far = steps > _GAP * self.period
         self.gaps += int(far.sum())
+        self.lost += float(steps[far].sum())
         self.longest = max(self.longest, float(steps[far].max(initial=0.0)))
         near = steps[~far]
         if near.size:
@@ -88,7 +91,11 @@ class TimeBase:
 
     def text(self) -> str:
         """The time base in words."""
-        rate = f", {1.0 / self.period:.6g} Hz" if self.period else ""
+        whole, count = (
+            self.last - self.begin - self.lost,
+            self.samples - 1 - self.gaps,
+        )  # times may be rounded: the mean
+        rate = f", {count / whole:.6g} Hz" if count > 0 and whole > 0.0 else ""
         told = f"{self.file}: {self.samples} samples{rate}, t = {self.begin:g} to {self.last:g} s"
         told += f"; moved by {self.shift:.9g} s" if self.shift else ""
         if self.gaps:
