@@ -89,6 +89,10 @@ class TimeBase:
             self._first = self._first or float(near[: self._quarter].mean())
             self.drift = float(near[-self._quarter :].mean()) / self._first - 1.0
 
+    def to_json(self) -> dict[str, object]:
+        """The same as plain values."""
+        return {key: value for key, value in asdict(self).items() if key[0] != "_"}
+
     def text(self) -> str:
         """The time base in words."""
         whole, count = (
@@ -133,7 +137,7 @@ class Imported(Result):
 
     def to_json(self) -> dict[str, object]:
         """The same as plain values."""
-        bases = [{key: value for key, value in asdict(base).items() if key[0] != "_"} for base in self.bases]
+        bases = [base.to_json() for base in self.bases]
         return {"path": str(self.path), "channels": self.channels, "ranges": self.ranges, "time": bases,
                 "missing": self.missing}  # fmt: skip
 
@@ -514,7 +518,7 @@ def _written(
         if faults:
             raise UsageError("\n".join(faults))
         account = {"messages": writer.messages, "seconds": max(base.last + base.shift for base in bases) - begin}
-        told = [{**asdict(base)} for base in bases]
+        told = [base.to_json() for base in bases]
         writer.close(account, {"map": given.text(), "time": told})
     finally:
         writer.abandon()
