@@ -61,11 +61,10 @@ def points_of(scene: str) -> Points | None:
 
 def largest_load(scene: Scene) -> float:
     """Return the largest load that a scene or its protocol sets [N]."""
-    from rig.scenes.protocol import Load, Ramp, Set, flat
+    from rig.scenes.protocol import extremes, flat, targets
 
-    steps = list(flat(scene.protocol))
-    loads = [step.force for step in steps if isinstance(step, Load)]
-    loads += [step.to for step in steps if isinstance(step, Ramp | Set) and step.target == "load.force"]
+    steps = [step for step in flat(scene.protocol) if "load.force" in targets(step)]
+    loads = [extremes(step, "load.force")[1] for step in steps]
     largest: float = max([float(getattr(getattr(scene.parameters, "load", None), "force", 0.0)), *loads])
     return largest
 

@@ -21,7 +21,7 @@ from rig.parts import calling, file_of
 from rig.quantities import LONGEST
 from rig.scenes import sections, source
 from rig.scenes.faults import near, shown, unit_of
-from rig.scenes.protocol import Clock, Connect, Disconnect, Load, Ramp, Repeat, Set, flat
+from rig.scenes.protocol import Clock, Connect, Disconnect, Repeat, extremes, flat, moves, targets
 from rig.sensors.chain.front_end import FrontEnd
 from rig.units import brief, same_unit, unit_fault
 
@@ -271,30 +271,28 @@ def hands_off(protocol: Iterable[Any], controllers: Mapping[str, Any]) -> Iterat
                 connected.add(inner.controller)
             elif isinstance(inner, Disconnect):
                 connected.discard(inner.controller)
-            elif isinstance(inner, Load | Ramp | Set) and owners.get(inner.target) in connected:
-                key = f"protocol[{i}].{inner.step}"
-                yield key, f"{key}: {inner.target} is driven by controllers.{owners[inner.target]} at this point"
+            for target in targets(inner):
+                if owners.get(target) in connected:
+                    key = f"protocol[{i}].{inner.step}"
+                    yield key, f"{key}: {target} is driven by controllers.{owners[target]} at this point"
 
 
 def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[source.Fault]:
     """The protocol sets values within the range of the actuator, and ramps only actuators that can move linearly."""
     for i, step in enumerate(protocol, 1):
-        for inner in flat([step]):
-            if not isinstance(inner, Load | Ramp | Set) or inner.target not in inputs:
+        for inner, target in ((part, target) for part in flat([step]) for target in targets(part)):
+            if target not in inputs:
                 continue
-            actuator, key = inputs[inner.target], f"protocol[{i}].{inner.step}"
-            value = inner.force if isinstance(inner, Load) else inner.to
-            if not actuator.low <= value <= actuator.high:
-                unit = "" if actuator.unit == "1" else f" {actuator.unit}"
-                yield (
-                    key,
-                    f"{key}: {inner.target} takes {actuator.low:g} to {actuator.high:g}{unit}, not {value:g}{unit}",
-                )
-            if not isinstance(inner, Set) and inner.over and not actuator.slope and actuator.write is None:
+            actuator, key = inputs[target], f"protocol[{i}].{inner.step}"
+            for value in dict.fromkeys(extremes(inner, target)):
+                if not actuator.low <= value <= actuator.high:
+                    unit = "" if actuator.unit == "1" else f" {actuator.unit}"
+                    yield key, f"{key}: {target} takes {actuator.low:g} to {actuator.high:g}{unit}, not {value:g}{unit}"
+            if moves(inner) and not actuator.slope and actuator.write is None:
                 remedy = "set steps, one value after the other"
                 if actuator.ramped:
                     remedy += f", or {actuator.ramped}"
-                yield key, f"{key}: {inner.target} cannot run, every value of it makes new matrices; {remedy}"
+                yield key, f"{key}: {target} cannot run, every value of it makes new matrices; {remedy}"
 
 
 def _raw(raw: Mapping[str, Any], *path: str, default: Any) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -24,7 +25,20 @@ from rig.scenes.network import Network
 from rig.scenes.network import checks as network_checks
 from rig.scenes.part_faults import checks as part_faults_checks
 from rig.scenes.part_faults import faults_of
-from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Clock, Known, Load, Mark, Ramp, Step, flat, knock_durations
+from rig.scenes.protocol import (
+    STEP,
+    STEPS,
+    UNKNOWN,
+    Clock,
+    Follow,
+    Known,
+    Mark,
+    Step,
+    flat,
+    knock_durations,
+    moves,
+    targets,
+)
 from rig.scenes.scene import Scene
 from rig.sensors.chain.instants import common_step
 
@@ -85,12 +99,14 @@ class _Reading:
             assembly = read(partial(rooms.assembled, parameters, frame_ns), None)
         names = UNKNOWN
         if assembly is not None and parameters is not None and (sensors, controllers) == (all_sensors, all_controllers):
-            names = sections.known(assembly, parameters, sensors, controllers)
+            names = replace(sections.known(assembly, parameters, sensors, controllers), frame_ns=frame_ns)
         network = read(partial(self._section, Network, "network", raw.get("network", {})), Network())
         if names.whole:
             report(network_checks(raw.get("network"), sensors, controllers))
         self._tables.leave_out(names)
         protocol = self._protocol(names)
+        followed = [(i, step.file.about) for i, step in enumerate(flat(protocol), 1) if isinstance(step, Follow)]
+        self._tables.notes += [f"protocol, step {i}: {about['note']}" for i, about in followed if about.get("note")]
         if assembly is not None:
             knock.add(assembly, knock_durations(protocol))
         limits = sections.limits(self._tables, assembly)
@@ -108,7 +124,7 @@ class _Reading:
             report(checks.units(controllers, sensors, names.inputs))
             self._compiled(controllers, sensors, parameters, frame_ns)
             report(checks.hands_off(protocol, controllers))
-            ramped = {step.target: "ramped" for step in flat(protocol) if isinstance(step, Load | Ramp)}
+            ramped = {name: "ramped" for step in flat(protocol) if moves(step) for name in targets(step)}
             inputs = rooms.assembled(parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
             report(checks.commanded(protocol, inputs))
             held = {fault.part: "held" for fault in part_faults.values() if fault.part in assembly.inputs}

@@ -6,6 +6,7 @@
     wait         waits until a measurement is above or below a value, quiet or settled; at most `timeout`
     mark         writes a line into the recording
     knock        gives the body an impulse along the sliding direction at the contact; with `duration` by a half sine
+    follow       lets actuators follow channels of a recording, frame by frame, from `begin` to `end` of its time
     set          sets an actuator, a parameter of the rig or of a controller at once
     connect      connects a controller to its actuators
     disconnect   disconnects it; the actuators return to the latest values of the protocol
@@ -20,23 +21,29 @@ The section [clock] of a scene: frame, pace and integration.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
+    GetCoreSchemaHandler,
     PlainSerializer,
     TypeAdapter,
     ValidationInfo,
     field_validator,
     model_validator,
 )
+from pydantic_core import CoreSchema, core_schema
 
+from rig.parts import DataFile
 from rig.quantities import (
     LONGEST,
     Nanoseconds,
@@ -123,6 +130,7 @@ class Known:
     settable: Mapping[str, str] = field(default_factory=dict)
     sensors: Mapping[str, str] = field(default_factory=dict)
     controllers: frozenset[str] = frozenset()
+    frame_ns: int = 1_000_000
     whole: bool = True
     """False for a rig that could not be built: any name is taken then, and values are not read."""
 
@@ -263,6 +271,75 @@ class Knock(Section):
     duration: Nanoseconds | None = None
 
 
+class Track(DataFile):
+    """What actuators follow: their values at the frames of a step. Its text is the base name of the recording.
+
+    `content`: float64, little-endian, [actuators, frames + 1], in SI. `about`: the frame [ns], the time of the
+    recording at which the step begins [s], and `note`: what was bridged, in words.
+    """
+
+    READER = "rig.record.track:track"
+    """What reads it from a recording, in a room above this one."""
+
+    @property
+    def frame_ns(self) -> int:
+        """Distance of the values [ns]."""
+        return int(self.about["frame_ns"])
+
+    def values(self, actuators: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """The values [actuators, frames + 1]."""
+        return np.frombuffer(self.content, "<f8").reshape(actuators, -1)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        to_json = core_schema.plain_serializer_function_ser_schema(cls.to_json, when_used="json")
+        return core_schema.with_info_plain_validator_function(cls._followed, serialization=to_json)
+
+    @classmethod
+    def _followed(cls, value: Any, info: ValidationInfo) -> Track:
+        known, channels = info.context, info.data.get("channels")
+        if not isinstance(value, str) or isinstance(value, cls):
+            return cls._from(value)
+        if known is None:
+            raise ValueError("expected the values that a recording contains")
+        if not known.whole or channels is None or not {"begin", "end"} <= info.data.keys():
+            return cls.of("unread", b"")  # the fault is reported elsewhere
+        module, _, name = cls.READER.partition(":")
+        units = {actuator: known.inputs[actuator] for actuator in channels}
+        read = getattr(importlib.import_module(module), name)
+        content, about = read(value, channels, units, info.data["begin"], info.data["end"], known.frame_ns)
+        return cls.of(Path(value).name, content, about)
+
+
+def _followable(channels: dict[str, str], info: ValidationInfo) -> dict[str, str]:
+    if not channels:
+        raise ValueError('expected actuators with their channels, such as {"drive.speed" = "belt_speed"}')
+    for actuator in channels:
+        _named(actuator, f"actuator {actuator}", info, "inputs")
+    return channels
+
+
+class Follow(Section):
+    """Let actuators follow channels of a recording: a straight line from one frame to the next.
+
+    channels   actuator -> channel
+    begin, end   times of the recording [s]; by default the first and the last time that all channels have
+    file       the recording; its values at the frames are interpolated linearly between samples
+    """
+
+    step: Literal["follow"]
+    channels: Annotated[dict[str, str], AfterValidator(_followable)]
+    begin: Length | None = None
+    end: Length | None = None
+    file: Track
+
+    @property
+    def duration(self) -> int:
+        """Whole frames [ns]."""
+        frames = len(self.file.content) // (8 * len(self.channels)) - 1
+        return max(frames, 0) * self.file.frame_ns if self.file.content else 0
+
+
 _SWITCHED = BeforeValidator(lambda to: float(to) if isinstance(to, bool) else to)
 
 
@@ -312,14 +389,14 @@ class Repeat(Section):
 
 
 Step = Annotated[
-    Load | Ramp | Hold | Wait | Mark | Knock | Set | Connect | Disconnect | Repeat, Field(discriminator="step")
+    Load | Ramp | Hold | Wait | Mark | Knock | Follow | Set | Connect | Disconnect | Repeat, Field(discriminator="step")
 ]
 Repeat.model_rebuild()
 STEP: TypeAdapter[Step] = TypeAdapter(Step)
 STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...])
 
 
-def flat(steps: Iterable[Section]) -> Iterator[Section]:
+def flat(steps: Iterable[Any]) -> Iterator[Any]:
     """All steps; those inside a repeat once."""
     for step in steps:
         yield step
@@ -331,6 +408,27 @@ def duration_ns(step: Section, waits: bool = False) -> int:
     """Duration of a step [ns]; 0 for a repeat. `waits`: a wait counts with its timeout, else with 0."""
     names = ("over", "time", "duration", *(("timeout",) if waits else ()))
     return sum(getattr(step, name, None) or 0 for name in names)
+
+
+def targets(step: Any) -> tuple[str, ...]:
+    """The actuators and parameters that a step sets or moves."""
+    if isinstance(step, Follow):
+        return tuple(step.channels)
+    return (step.target,) if isinstance(step, Load | Ramp | Set) else ()
+
+
+def moves(step: Any) -> bool:
+    """Whether a step moves its actuators linearly."""
+    return isinstance(step, Follow) or (isinstance(step, Load | Ramp) and step.over > 0)
+
+
+def extremes(step: Any, target: str) -> tuple[float, float]:
+    """The smallest and the largest value that a step gives to one of its `targets`."""
+    if isinstance(step, Follow):
+        values = step.file.values(len(step.channels))[list(step.channels).index(target)]
+        return float(values.min()), float(values.max())
+    value = float(step.force if isinstance(step, Load) else step.to)
+    return value, value
 
 
 def knock_durations(steps: Iterable[Section]) -> tuple[int, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -57,7 +57,19 @@ def anchor(tables: dict[str, Any], folder: Path) -> None:
     for table, key in named:
         if isinstance(text := table.get(key), str) and (is_file(text) or key == FILE):
             table[key] = os.path.abspath(folder / text)
+    steps = tables.get("protocol")
+    for step in _tables(steps):
+        if step.get("step") == "follow" and isinstance(step.get(FILE), str):
+            step[FILE] = os.path.abspath(folder / step[FILE])
     tables |= {key: _anchored(table, folder) for key, table in tables.items() if isinstance(table, dict)}
+
+
+def _tables(steps: Any) -> Iterator[dict[str, Any]]:
+    """The tables of the steps of a protocol, of those inside of repetitions too."""
+    for step in steps if isinstance(steps, list) else ():
+        if isinstance(step, dict):
+            yield step
+            yield from _tables(step.get("steps"))
 
 
 def _anchored(value: Any, folder: Path) -> Any:

@@ -23,7 +23,7 @@ from rig.scenes import migration, part_faults, rooms, sections
 from rig.scenes.faults import shown
 from rig.scenes.network import Link, Network
 from rig.scenes.places import Origin, Place
-from rig.scenes.protocol import STEPS, Clock, Load, Ramp, Set, Step, flat, knock_durations
+from rig.scenes.protocol import STEPS, Clock, Step, flat, knock_durations, moves, targets
 from rig.sensors.chain.instants import common_step
 
 if TYPE_CHECKING:
@@ -85,8 +85,8 @@ class Scene(Result):
         held |= {actuator for section in self.controllers.values() for actuator in controller_drives(section)}
         held |= {fault.actuator for fault in self.faults.values() if isinstance(fault, part_faults.ActuatorFault)}
         steps = tuple(flat(self.protocol))
-        held |= {s.target for s in steps if isinstance(s, Load | Ramp | Set)}
-        ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}
+        held |= {name for step in steps for name in targets(step)}
+        ramped = {name for step in steps if moves(step) for name in targets(step)}
         with model_store.using(self.models):
             inputs = rooms.assembled(self.parameters, self.frame_ns).inputs
         return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}

@@ -6,9 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
+import rig
 from rig import scenes
+from rig.bench.again.branch import branch
+from rig.bench.again.verify import verify
 from rig.bench.run.protocol import Apply, Change, Finish, Move, Note, Protocol, Range, Release, Strike, Switch
 from rig.bench.run.runner import PlantRunner
+from rig.errors import SceneError
 from rig.model.assembly import Input
 from rig.scenes.protocol import Step
 
@@ -205,3 +209,71 @@ def test_a_rig_without_contacts_is_struck_in_its_first_coordinate():
     n = len(system.coordinates)
     momentum = system.mass @ (runner.motion.x - before)[n : 2 * n]
     assert momentum == pytest.approx(np.eye(n)[0] * 1e-3)
+
+
+T = np.delete(np.arange(0.0, 0.4, 4e-4), range(500, 510))  # 2.5 kHz, with a gap of 11 periods from 0.1996 s on
+SPEED, FORCE = 0.2 + 0.1 * np.sin(20.0 * T), np.where(T < 0.2, 20.0, 18.0)
+
+
+@pytest.fixture
+def following(tmp_path):
+    """A scene that follows the speed and the load of a measurement, made by the rest of the keys of its step."""
+    np.savetxt(tmp_path / "m.csv", np.column_stack([T, SPEED, FORCE]), delimiter=",", header="t,v,F", comments="")
+    channels = {"v": "belt, m/s", "F": "load, N"}
+    rig.import_(tmp_path / "m.csv", tmp_path / "m.mcap", channels, time="t, s")
+
+    def made(keys='channels = {"drive.speed" = "belt", "load.force" = "load"}', file="m.mcap", above=""):
+        path = tmp_path / "following.toml"
+        step = f'[[protocol]]\nstep = "follow"\nfile = "{file}"\n{keys}\n'
+        path.write_text(f'based_on = "belt"\n{above}\n{step}[[protocol]]\nstep = "hold"\ntime = "0.1 s"\n')
+        return rig.load(path)
+
+    return made
+
+
+def test_actuators_follow_a_measurement_and_the_recording_needs_only_itself(following, tmp_path):
+    scene = following()
+    assert "1 gap of belt bridged by a straight line, the longest takes 0.0044 s from 0.1996 s on" in scene.notes[0]
+    run = rig.simulate(scene)
+    frames = np.rint(run.time * 1e9).astype(int) % scene.frame_ns == 0
+    t = run.time[frames]
+    for name, measured in (("surface_speed", SPEED), ("normal_force", FORCE)):
+        expected = np.interp(np.minimum(t, 0.399), T, measured)  # whole frames, then the last value is held
+        assert run.signals[name][frames] == pytest.approx(expected, rel=1e-12)
+    assert t[-1] == pytest.approx(0.499)
+    log = tmp_path / "following.mcap"
+    run.save(log)
+    (tmp_path / "m.mcap").unlink()
+    assert verify(log).identical
+    again = branch(log, 0.2015)
+    assert all(np.array_equal(again.signals[name], run.signals[name]) for name in run.signals)
+
+
+def test_part_of_a_recording_is_followed_and_its_frames_are_those_of_the_scene(following):
+    keys = 'channels = {"drive.speed" = "belt"}\nbegin = "0.1001 s"\nend = "150 ms"'
+    scene = following(keys, above='[clock]\nframe = "2 ms"')
+    (speeds,) = scene.protocol[0].file.values(1)
+    assert speeds == pytest.approx(np.interp(0.1001 + 2e-3 * np.arange(25), T, SPEED), rel=1e-12)
+    assert scene.duration_ns == 48 * MS + 100 * MS
+
+
+@pytest.mark.parametrize(
+    ("keys", "more", "words"),
+    [
+        ("channels = {}", {}, "expected actuators with their channels"),
+        ('channels = {"drive.sped" = "belt"}', {}, "unknown actuator drive.sped; did you mean drive.speed"),
+        ('channels = {"drive.speed" = "bolt", "load.force" = "belt"}', {}, "no 'bolt'.*belt is in m/s, not in N"),
+        ('channels = {"drive.speed" = "belt"}\nend = "2 s"', {}, "belt has samples from 0 s to 0.3996 s"),
+        ('channels = {"drive.speed" = "belt"}\nbegin = "0.3993 s"', {}, "is less than a frame"),
+        ('channels = {"drive.speed" = "belt"}', {"file": "none.mcap"}, "there is no such file"),
+        ('channels = {"drive.speed" = "belt"}', {"file": "m.csv"}, "make one of a measurement: rig import m.csv"),
+        (
+            'channels = {"drive.speed" = "belt"}',
+            {"above": '[drive]\nspeed_max = "0.25 m/s"'},
+            "drive.speed takes .* to 0.25 m/s, not 0.299",
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_followed_is_named(following, keys, more, words):
+    with pytest.raises(SceneError, match=f"(?s){words}"):
+        following(keys, **more)

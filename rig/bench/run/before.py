@@ -18,7 +18,7 @@ from rig.bench.run.journal import Journal
 from rig.controllers import controller_drives
 from rig.model.method import chosen
 from rig.model.system import Finding, System
-from rig.scenes.protocol import Hold, Load, Ramp, Repeat, Set
+from rig.scenes.protocol import Follow, Hold, Load, Ramp, Repeat, Set
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report
 
@@ -76,6 +76,12 @@ def _pieces(steps: Iterable[Any]) -> Iterator[tuple[float, float | None]]:
         elif isinstance(step, Ramp | Load | Hold):
             lasts = 1e-9 * (step.time if isinstance(step, Hold) else step.over)
             yield lasts, step.to if isinstance(step, Ramp) and step.target == SPEED else None
+        elif isinstance(step, Follow):
+            values = step.file.values(len(step.channels))
+            speeds = values[list(step.channels).index(SPEED)].tolist() if SPEED in step.channels else []
+            frame = 1e-9 * step.file.frame_ns
+            yield from ((0.0 if i == 0 else frame, speed) for i, speed in enumerate(speeds))
+            yield 0.0 if speeds else 1e-9 * step.duration, None
         elif isinstance(step, Set) and step.target == SPEED:
             yield 0.0, float(step.to)
 

@@ -1,7 +1,7 @@
 """The protocol of an experiment, step by step: what is due depends only on the tick and on the measurements.
 
 `Protocol.due` is called once in every frame, after the measurements of that tick. Steps without a duration follow each
-other within one tick; a ramp, a hold or a wait delays the next steps.
+other within one tick; a ramp, a hold, a wait or a recording to follow delays the next steps.
 
 What a protocol asks of an experiment at a tick, one record for each kind of action.
 
@@ -15,10 +15,11 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from rig.model.assembly import Input
-from rig.scenes.protocol import Hold, Knock, Load, Mark, Ramp, Set, Wait, duration_ns
+from rig.scenes.protocol import Follow, Hold, Knock, Load, Mark, Ramp, Set, Wait, duration_ns
 from rig.scenes.sections import least_ns, number, unrolled
 
 
@@ -156,6 +157,43 @@ class Range:
         return self._low[0][1]
 
 
+class Following:
+    """The moves of a step `Follow` that begins at `tick`: one for each frame in which a value changes."""
+
+    def __init__(self, step: Follow, tick: int, frame_ns: int) -> None:
+        self._names, self._first = tuple(step.channels), tick
+        values = step.file.values(len(self._names))
+        if step.file.frame_ns != frame_ns:  # a recorded step that is continued with another frame
+            ticks = np.arange(step.duration // frame_ns + 1) * frame_ns
+            frames = np.arange(values.shape[1]) * step.file.frame_ns
+            values = np.array([np.interp(ticks, frames, row) for row in values])
+        same = (values[:, 1:] == values[:, :-1]).all(axis=0)
+        self._values = values
+        knots = np.flatnonzero(~(same[1:] & same[:-1])) + 1
+        self._knots: list[int] = [0, *knots.tolist(), values.shape[1] - 1]
+        """Frames at which a move begins; between two of them nothing changes, or one frame passes."""
+        self._at = 0
+
+    @property
+    def next(self) -> int:
+        """The tick of the next move."""
+        return self._first + self._knots[self._at]
+
+    def due(self) -> list[Action]:
+        """The moves from the next knot to the one after it."""
+        begin, end = self._knots[self._at : self._at + 2]
+        self._at += 1
+        columns = zip(self._names, self._values[:, begin], self._values[:, end])
+        moved = [(name, float(a), float(b)) for name, a, b in columns]
+        first = [Apply(name, a) for name, a, _ in moved] if not begin else []
+        later = (Move(name, b, end - begin) if a != b else Apply(name, a) for name, a, b in moved if a != b or begin)
+        return [*first, *later]
+
+    def end(self) -> list[Action]:
+        """The values at the end."""
+        return [Apply(name, float(value)) for name, value in zip(self._names, self._values[:, -1])]
+
+
 class Progress(NamedTuple):
     """Progress of an experiment.
 
@@ -197,6 +235,7 @@ class Protocol:
         self._until = 0
         self._current: Any = None
         self._condition: Condition | None = None
+        self._following: Following | None = None
         self.phase = ""
 
     def due(self, tick: int, latest: NDArray[Any]) -> Sequence[Action]:
@@ -206,13 +245,17 @@ class Protocol:
             met = condition.met(float(latest[condition.column]))
             if not met and tick < self._until:
                 return NOTHING
+        elif self._following is not None and tick < self._until:
+            return self._following.due() if tick >= self._following.next else NOTHING
         elif tick < self._until or self.done:
             return NOTHING
         return self._go_on(tick, latest)
 
     def until(self, tick: int) -> int | None:
         """The first tick after `tick` at which something may be due; None if the protocol is done."""
-        return tick + 1 if self._condition is not None else None if self.done else self._until
+        if self._condition is not None:
+            return tick + 1
+        return None if self.done else self._until if self._following is None else self._following.next
 
     def _go_on(self, tick: int, latest: NDArray[Any]) -> list[Action]:
         actions = self._finished()
@@ -231,7 +274,10 @@ class Protocol:
     def _finished(self) -> list[Action]:
         """The present step, which had a duration, is over: return its last actions."""
         step, condition = self._current, self._condition
+        following, self._following = self._following, None
         self._current = self._condition = None
+        if following is not None:
+            return following.end()
         if isinstance(step, Ramp | Load):
             return [Apply(step.target, _value(step))]
         if isinstance(step, Knock):
@@ -260,6 +306,9 @@ class Protocol:
             self._current = step
             self._condition = Condition(step, self._columns[step.sensor], self._frame_ns)
             self._until = tick + step.timeout // self._frame_ns
+        elif isinstance(step, Follow):
+            self._following = Following(step, tick, self._frame_ns)
+            return self._following.due()
         elif isinstance(step, Knock):
             self._current = step if step.duration else None
             return [Strike(step.impulse, step.duration or 0)]
@@ -280,11 +329,14 @@ class Protocol:
         return Progress(self.phase, self.begun, self._count, fraction, left)
 
     def described(self, step: Any) -> str:
-        """A step in words: a ramp, a hold, a wait, a knock, a change, a connection."""
+        """A step in words: a ramp, a hold, a wait, a knock, a recording to follow, a change, a connection."""
         if isinstance(step, Ramp | Load):
             unit = self._inputs.get(step.target, "")
             within = f" within {step.over / 1e9:g} s" if step.over else ""
             return f"{step.step} {step.target} to {_value(step):g} {unit}{within}"
+        if isinstance(step, Follow):
+            ways = ", ".join(f"{name} follows {channel}" for name, channel in step.channels.items())
+            return f"{ways} of {step.file} for {step.duration / 1e9:g} s"
         if isinstance(step, Hold):
             return f"hold for {step.time / 1e9:g} s"
         if isinstance(step, Wait):
