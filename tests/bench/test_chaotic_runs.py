@@ -69,16 +69,8 @@ def test_another_processor_is_compared_up_to_the_first_opening_and_then_by_stati
     assert found.opened == pytest.approx(first_opening(rounded))
     text = found.text()
     assert "statistics, recorded and here" in text
-    for name in ("rms slider_acceleration", "mean contact_fraction", "least contact_fraction",
-                 "range pressure_centre_x", "band meas/accelerometer"):  # fmt: skip
+    for name in ("rms slider_acceleration", "least contact_fraction", "band meas/accelerometer"):
         assert name in text
-
-
-def test_another_rig_of_another_processor_does_not_hold(run, tmp_path):
-    other = _elsewhere(_simulated(**{"friction.mu": "0.49"}), run)
-    save(other, tmp_path / "other.mcap")
-    found = verify(tmp_path / "other.mcap")
-    assert not found.passed
 
 
 def test_other_statistics_do_not_hold(rounded, tmp_path):

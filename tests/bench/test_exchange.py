@@ -55,12 +55,6 @@ def loop(runner):
     return Loop(runner)
 
 
-def test_the_later_of_two_commands_counts(loop):
-    loop.at(7, (5, 30.0), (6, 31.0))
-    assert loop.load == 31.0
-    assert loop.queue.counts.overtaken == 1
-
-
 def test_the_delay_of_a_loop_is_a_queue_and_a_late_command_waits_no_longer_than_it_must(runner):
     loop = Loop(runner, delay_ns=3 * MS)
     for tick in range(10):
@@ -118,14 +112,6 @@ def test_safe_values_that_need_another_rig_take_effect_when_it_is_built(runner):
     loop.at(9)
     assert runner.done == [(0, "load.force", 90.0), (9, "load.force", 20.0)]
     assert (loop.queue.wanted, loop.queue.status, loop.queue.counts.safe) == ((), SAFE, 1)
-
-
-def test_what_the_protocol_asked_for_comes_back_within_the_range_of_that_tick(loop):
-    loop.exchange.ask("load.force", 90.0)
-    loop.at(0, (0, 30.0))
-    loop.range(high=60.0)
-    loop.exchange.connect("nf", False)
-    assert loop.load == 60.0
 
 
 def test_what_is_not_finite_is_held_and_counted(loop):

@@ -30,7 +30,6 @@ SCENES = {
     "brake_shunt": (  # echoes
         {"sensors.microphone.kind": "microphone", "sensors.microphone.rate": 44.1e3}, 10 * GATHERED + 3
     ),
-    "four_dof": ({}, 10 * GATHERED + 3),
     "plate": ({}, 10 * GATHERED + 3),  # fixed steps, many states
     str(P1): ({"clock.events_per_frame": 4}, 4000),
 }  # fmt: skip
@@ -70,22 +69,6 @@ def test_a_piece_is_its_frames_one_by_one(name, monkeypatch):
         assert (other.bank.latest == single.bank.latest).all()
         assert (other.bank.fresh == single.bank.fresh).all() or other is whole
         assert np.array_equal(other.motion.x, single.motion.x)
-
-
-def test_a_call_that_is_interrupted_before_it_begins_repeats_no_event(monkeypatch):
-    runner, _ = carried(str(P1), 4000)
-    count = len(runner.truth.events())
-    assert count
-
-    class Interrupted:
-        @property
-        def handle(self):
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(runner.motion, "mode_sets", Interrupted())
-    with pytest.raises(KeyboardInterrupt):
-        runner.frames(10)
-    assert len(runner.truth.events()) == count
 
 
 class Listener:

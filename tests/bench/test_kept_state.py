@@ -9,7 +9,7 @@ from rig import scenes
 from rig.bench.run.runner import PlantRunner
 from rig.errors import UsageError
 
-SCENES = ("belt", "belt_dither", "pendulum", "lever", "brake_shunt")
+SCENES = ("belt", "pendulum", "brake_shunt")
 
 
 def scene(name, **changes):

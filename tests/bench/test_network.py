@@ -45,7 +45,7 @@ def test_links_without_faults_have_the_bits_of_no_links(links):
     assert not any(n for counts in run.summary["network"].values() for what, n in counts.items() if what != "sent")
 
 
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(st.integers(0, 30), st.integers(1, 4))
 def test_a_constant_delay_of_commands_is_the_delay_of_the_controller(delay, period):
     about = {"controllers.nf.period": f"{period} ms"}
@@ -83,14 +83,6 @@ def test_a_recorded_run_is_simulated_again_to_the_bit_and_its_commands_are_check
     answered[at] = number
     forged = dataclasses.replace(bad, commands={"nf": commands._replace(answered=answered)})
     assert "link loses the answer" in verify(recorded(tmp_path, forged, "forged.mcap")).text()
-
-
-def test_the_scene_of_a_recording_has_its_links():
-    scene = belt(BAD)
-    again = type(scene).from_json(scene.to_json())
-    assert again.network == scene.network
-    assert again.digest == scene.digest != belt().digest
-    assert "network" not in json.loads(belt().to_json())
 
 
 @pytest.mark.parametrize(("at", "steps"), [(0.6, 10**9), (0.55, 100)], ids=["", "from a checkpoint"])

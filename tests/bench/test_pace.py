@@ -79,16 +79,6 @@ def test_time_is_never_lost_unsaid(policy, spans):
     assert 0 <= late <= MS
 
 
-def test_catch_up_runs_the_missed_frames_at_once():
-    clock, pacer = paced()
-    pacer.wait()
-    clock.work(10 * MS)
-    begins = [pacer.wait()[0] for _ in range(12)]
-    assert np.ptp(begins[:10]) == 0
-    assert begins[-1] - begins[0] == 2 * MS
-    assert not pacer.given_up
-
-
 @pytest.mark.parametrize(
     ("policy", "given_up", "then", "stopped"),
     [("skip", 2, 4 * MS, False), ("slow", 2, int(4.4 * MS), False), ("stop", 0, int(3.4 * MS), True)],
@@ -113,15 +103,6 @@ def test_a_pause_is_given_up_in_one_piece(policy):
     assert pacer.given_up == [(1, 9999 * MS, 9999)]
 
 
-def test_a_pause_asked_for_is_no_overrun():
-    clock, pacer = paced()
-    pacer.wait()
-    clock.work(10_000 * MS)
-    pacer.anchor()
-    now, late = pacer.wait()
-    assert (late, now, pacer.given_up) == (0, clock.now(), [])
-
-
 @pytest.mark.parametrize(
     ("spun", "cores", "load", "method"),
     [
@@ -140,13 +121,6 @@ def test_the_load_is_that_of_now_not_of_the_minute_before(monkeypatch):
     monkeypatch.setattr(pace.os, "getloadavg", lambda: (7.0, 7.0, 7.0))  # we have just compiled
     assert pace.load(ProcessorTime(0, 900 * MS), ProcessorTime(100 * MS, 930 * MS)) == pytest.approx(0.3)
     assert pace.load(ProcessorTime(0, -1), ProcessorTime(100 * MS, -1)) == 7.0  # nobody tells: the mean is all there is
-
-
-def test_what_this_process_spends_is_not_spent_by_others(monkeypatch):
-    for user, own, others in ((100 * MS, 90 * MS, 60 * MS), (400 * MS, 390 * MS, 60 * MS)):
-        monkeypatch.setattr(pace, "processor_times", lambda user=user: [user, 0, 50 * MS, 10**9, 0, 0, 0, 0])
-        monkeypatch.setattr(pace.time, "process_time_ns", lambda own=own: own)
-        assert pace.spent().others == others
 
 
 @pytest.mark.parametrize("spin_ns", [0, 100_000])

@@ -111,11 +111,12 @@ def put(target, to):
     return {"step": "set", "target": target, "to": to}
 
 
-@pytest.mark.parametrize("limits", [{}, {"displacement": 0.05}], ids=["", "with a limit"])
-def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_then(monkeypatch, limits):
+def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_then(monkeypatch):
     """A coefficient has no command state: each value is another matrix, built apart and in force at one tick."""
     monkeypatch.setattr("rig.bench.run.builds.PAUSE_S", 0.05)
-    with Shunt(monkeypatch, hold(0.7), put("shunt.resistance", 40.0), hold(0.3), limits=limits) as bench:
+    with Shunt(
+        monkeypatch, hold(0.7), put("shunt.resistance", 40.0), hold(0.3), limits={"displacement": 0.05}
+    ) as bench:
         told = bench.begun(**{"load.force": 11.0})
         events = bench.ended()
     assert told["values"] == {"shunt.delta": -0.8, "load.force": 11.0}
@@ -199,7 +200,7 @@ def test_a_step_that_still_waits_when_the_run_ends_is_told(monkeypatch):
     assert [[e["tick"] for e in events.get(kind, ())] for kind in ("waits", "goes on", "never")] == [[500], [], [700]]
 
 
-@pytest.mark.parametrize("by", ["operator", "protocol", "a successor"])
+@pytest.mark.parametrize("by", ["protocol", "a successor"])
 def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_disconnected(monkeypatch, by):
     drives = ["shunt.resistance"] if by != "a successor" else ["shunt.resistance", "shunt.delta"]
     values = (50.0, -0.7)[: len(drives)]
@@ -221,9 +222,7 @@ def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_
 
         bench.thread(command)
         bench.reach(lambda: tuple(runner.values[name] for name in drives) == values)
-        if by == "operator":
-            bench.ask("cmd/plant", do="disconnect", controller="mine")
-        elif by == "a successor":  # which drives an actuator that has no command state yet, too
+        if by == "a successor":  # which drives an actuator that has no command state yet, too
             monkeypatch.setattr("rig.bench.live.hub.ANNOUNCED_S", 0.0)  # `mine` will not announce itself
             yours = bench.twin.open("controller", "yours")
             yours.ask("cmd/plant", wanted | {"controller": "yours", "drives": [*drives, "load.force"]}, 20.0)

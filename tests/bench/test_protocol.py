@@ -10,7 +10,7 @@ import rig
 from rig import scenes
 from rig.bench.again.branch import branch
 from rig.bench.again.verify import verify
-from rig.bench.run.protocol import Apply, Change, Finish, Move, Note, Protocol, Range, Release, Strike, Switch
+from rig.bench.run.protocol import Apply, Change, Finish, Move, Note, Protocol, Release, Strike, Switch
 from rig.bench.run.runner import PlantRunner
 from rig.errors import SceneError
 from rig.model.assembly import Input
@@ -146,25 +146,11 @@ def test_settled_compares_two_windows():
     assert found[0][0] == pytest.approx(expected, abs=30)
 
 
-def test_a_growing_cycle_is_not_settled():
-    made = protocol(wait(settled=0.01, window=0.05), mark())
-    assert not carried_out(made, 1000, lambda tick: 0.001 * tick * np.cos(2 * np.pi * tick / 25))
-
-
 def test_samples_that_are_no_numbers_say_nothing():
     made = protocol(wait(quiet=0.1, window=0.02), mark())
     assert carried_out(made, 300, lambda tick: float("nan") if tick < 100 else 0.0)[0][0] == 119
     made = protocol(wait(below=0.1), mark())
     assert carried_out(made, 300, lambda tick: float("nan") if tick < 100 else 0.0)[0][0] == 100
-
-
-@given(st.lists(st.integers(-5, 5), min_size=1, max_size=80), st.integers(1, 20))
-def test_range_is_that_of_the_last_samples(samples, frames):
-    found = Range(frames)
-    for i, sample in enumerate(samples, start=1):
-        assert found.add(sample) == (i >= frames)
-        last = samples[max(i - frames, 0) : i]
-        assert (found.highest, found.lowest) == (max(last), min(last))
 
 
 LEAF = st.one_of(

@@ -12,7 +12,7 @@ from rig.bench.live import housekeeping
 from rig.record import recorder as recorders
 from rig.record.writer import Writer
 
-SECONDS = 6.0
+SECONDS = 3.0
 
 
 @pytest.fixture(scope="module")
@@ -70,11 +70,11 @@ def test_a_recorder_that_hangs_is_not_waited_for_for_long(scene, monkeypatch):
     monkeypatch.setattr(housekeeping, "PATIENCE_S", 0.2)
     monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.2)
     lines = []
-    with Bench(scene, pace=None, duration=10.0, expect=(("recorder", "recorder"),)) as bench:
+    with Bench(scene, pace=None, duration=3.0, expect=(("recorder", "recorder"),)) as bench:
         bench.twin.open("recorder", "recorder").announce()
         bench.begin(lines.append)
         bench.finish()
-    assert bench.summary["seconds"] == 10.0
+    assert bench.summary["seconds"] == 3.0
     assert sum("has written nothing for" in line for line in lines) == 1
     assert bench.summary["unknown"] == ["recorder recorder"]
 

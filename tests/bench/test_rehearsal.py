@@ -68,11 +68,6 @@ def test_the_mode_sets_of_a_run_are_known_before_it(scene):
     assert set(np.unique(run.mode)) <= set(found)
 
 
-def test_a_rehearsal_ends_in_time(scene):
-    everything = visited(scene, job_of(scene))
-    assert set(visited(scene, job_of(scene), longest_s=0.0)) < set(everything)
-
-
 def test_a_paced_run_builds_no_mode_set_after_its_first_frame(scene):
     job = job_of(scene, duration=3.0, pace=30.0, wait=0.0)
 
@@ -171,17 +166,6 @@ def test_what_is_called_once_a_controller_has_joined_is_loaded_too(monkeypatch):
     assert shapes == {states, states + 1}
 
 
-def test_a_controller_from_a_file_that_answers_nonsense_in_the_rehearsal_does_not_end_it(tmp_path):
-    file = tmp_path / "nf.py"
-    file.write_text(
-        'class Controller:\n    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000\n'
-        "    def start(self): return 0\n"
-        "    def update(self, state, t_ns, values): return state, (20.0,) if t_ns < 10_000_000 else 20.0\n"
-    )
-    scene = scenes.load("belt", {"controllers.nf.kind": str(file)})
-    assert visited(scene, Job(scene.to_json(), run="r", duration=0.05))
-
-
 CRASHES = """
 import ctypes, os
 
@@ -205,18 +189,13 @@ def test_a_controller_that_crashes_in_the_rehearsal_is_named(runs, tmp_path):
         supervise.run(scene, duration=0.5, record=False, say=lambda _: None)
 
 
-@pytest.mark.parametrize(
-    ("command", "crash", "signal"),
-    [("simulate", "ctypes.string_at(8)", "SIGSEGV"), ("plant", "os.abort()", "SIGABRT")],
-)
-def test_a_controller_that_crashes_in_the_process_of_a_command_is_named(runs, tmp_path, command, crash, signal):
-    (tmp_path / "crashes.py").write_text(CRASHES.format(crash))
+def test_a_controller_that_crashes_in_the_process_of_a_command_is_named(runs, tmp_path):
+    (tmp_path / "crashes.py").write_text(CRASHES.format("os.abort()"))
     arguments = ["-p", f"controllers.mine.kind={tmp_path / 'crashes.py'}", "--duration", "0.5"]
-    done = subprocess.run([sys.executable, "-m", "rig", command, "belt", *arguments], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "rig", "simulate", "belt", *arguments], capture_output=True, text=True)
     assert done.returncode == 1
-    assert (
-        done.stderr.splitlines()[-1] == f"the code of controller mine has crashed, which ends this process ({signal})"
-    )
+    told = "the code of controller mine has crashed, which ends this process (SIGABRT)"
+    assert done.stderr.splitlines()[-1] == told
 
 
 def test_a_controller_that_does_not_return_in_the_rehearsal_is_named(runs, tmp_path, monkeypatch):

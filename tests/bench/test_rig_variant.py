@@ -17,7 +17,6 @@ from rig.bench.run.rig_variants import Wanted
 from rig.bench.run.runner import PlantRunner
 from rig.bench.run.simulate import Recorded, simulate
 from rig.errors import SceneError
-from rig.motion.motion import Motion
 from rig.record.run import Commands
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
@@ -51,11 +50,10 @@ def built_apart():
     [
         (shorn("belt"), "load.force"),
         (shorn("belt", MAGNET), "load.force"),
-        (shorn("belt_c"), "drive.speed"),
         (shorn("belt_shunt"), "shunt.connected"),
         (shorn("belt_shunt", {"shunt.connected": False, "shunt.delta": 0.0}), "shunt.connected"),
     ],
-    ids=["load", "magnet", "belt", "closed shunt", "open shunt"],
+    ids=["load", "magnet", "closed shunt", "open shunt"],
 )
 def test_a_command_state_does_not_disturb_the_motion(scene, actuator):
     driven, other = PlantRunner(scene), PlantRunner(scene)
@@ -69,20 +67,6 @@ def test_a_command_state_does_not_disturb_the_motion(scene, actuator):
         scale = np.abs(known[:, i]).max()
         assert np.abs(found[:, i] - known[:, i]).max() <= 1e-9 * scale, name
     assert abs(driven.motion.energy()["error"]) < 1e-9
-
-
-def test_a_driven_actuator_is_a_state_and_no_new_matrix(monkeypatch):
-    runner = PlantRunner(shorn("belt"))
-    exchange = Exchange(runner, MS, 50, Journal(MS, lambda: runner.tick))
-    runner.take(runner.variants.build(Wanted(driven=("load.force",))))
-    exchange.admit("mine", ["load.force"], MS)
-    monkeypatch.setattr(Motion, "replace", None)  # whoever builds the rig again fails
-    force = runner.outputs.index("normal_force")
-    for tick in range(50):
-        exchange.receive("mine", tick, (20.0 + tick % 3,))
-        exchange.take_over()
-        runner.frame()
-        assert runner.output_values()[force] == 20.0 + tick % 3
 
 
 def test_a_variant_that_was_built_apart_gives_the_bits_of_one_built_at_its_tick():

@@ -21,7 +21,6 @@ from going import Going
 
 import rig
 from rig import bus, scenes
-from rig.bench.again.replay import replay
 from rig.bench.again.verify import verify
 from rig.bench.live import supervise
 from rig.bench.live.outcome import Job
@@ -80,13 +79,8 @@ def same_bits(log, run, lost):
 
 @pytest.mark.parametrize(
     ("name", "changes", "duration"),
-    [
-        (SCENE, {"controllers.nf.enable_at": "0.2 s"}, 0.5),
-        ("brake_active", {"controllers.nb.where": "process"}, 0.06),
-        ("brake_shunt_listener", {}, 0.1),
-        ("plate", {"plate.damping_ratio": 0.0}, 0.1),
-    ],
-    ids=["", "20 kHz", "every sample", "a film that opens"],
+    [(SCENE, {"controllers.nf.enable_at": "0.2 s"}, 0.5), ("brake_shunt_listener", {}, 0.1)],
+    ids=["", "every sample"],
 )
 def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, name, changes, duration):
     scene = scenes.load(name, changes)
@@ -111,16 +105,6 @@ def test_a_loop_at_20_khz_runs_live_in_the_plants_process(folder):
     sent = Counter(record.topic for record in Scan(folder / "run.mcap"))
     assert sent["applied/nb"] <= 501
     assert sent["act/nb"] == 0
-
-
-def test_a_recording_of_one_in_the_plants_process_is_replayed_into_a_process(folder):
-    """It was asked in every frame, and only one step in ten went over the bus."""
-    fine = {"clock.frame": "0.1 ms", "controllers.nf.period": "0.1 ms", "controllers.nf.enable_at": "0.05 s"}
-    scene = scenes.load(SCENE, {**fine, "controllers.nf.where": "plant"})
-    assert Going(scene, pace=None, duration=0.1, out=folder / "run.mcap").wait(300.0).exit_code == 0
-    replayed = replay(folder / "run.mcap", ["nf"])
-    assert (replayed.divergence, replayed.unanswered, replayed.fault) == (None, 0, "")
-    assert replayed.compared == {"nf": 1000}
 
 
 @pytest.fixture

@@ -66,22 +66,10 @@ def test_a_later_window_is_proved_by_checksums_and_says_what_is_not(windows, rig
     assert np.nanmin(run.measurements["vibrometer"].v) < -0.05
 
 
-def test_a_damaged_window_is_not_verified(windows, rig, tmp_path):
-    data = bytearray(windows[1][1].read_bytes())
-    data[len(data) // 2] ^= 1
-    path = tmp_path / "damaged.mcap"
-    path.write_bytes(data)
-    code, out, _ = rig("verify", path)
-    assert code == 1
-    assert "not verified" in out
-    assert "a window of a run" in out
-
-
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
         (("record", "--before", "1"), "--before: needs --trigger"),
-        (("run", "belt", "--trigger", "x"), "expected NAME > VALUE"),
         (("run", "belt", "--trigger", "vibrometr > 0.1 m/s"), "did you mean vibrometer"),
         (("run", "belt", "--trigger", "velocity > 1 m/s", "--figure", "f.png"), "--figure: draws the recording of"),
         (("record", "--trigger", "x > 1 m", "--after", "-1"), "--after -1: must be 0 to"),

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.again.agreement import changed_place
 from rig.bench.again.verify import command_faults, verify
 from rig.record.provenance import blas, provenance
 from rig.record.save_run import save
@@ -44,9 +43,7 @@ def put(at, value):
     [
         ("status", put(100, 1), "it has other values than the controller sent for this step"),
         ("status", put(100, 2), "safe values answer no step"),
-        ("status", put(100, 7), "a status is 0"),
         ("answered", put(100, 10**9), "before it could arrive"),
-        ("answered", put(100, -1), "safe values answer no step"),
         ("answered", lambda column: column.__isub__(300), "the values that the controller sent for this step"),
         ("values", put(400, 19.0), "the values that the controller sent for this step"),
     ],
@@ -108,15 +105,6 @@ def test_with_another_linear_algebra_a_recording_holds_to_the_tolerance(tmp_path
     assert found.passed, found.text()
     assert found.elsewhere == ("blas",)
     assert found.events > 0
-
-
-def test_a_recording_that_does_not_state_its_linear_algebra_is_compared_to_the_bit(there):
-    provenance_before = {key: value for key, value in there.provenance.items() if key != "blas"}
-    assert changed_place(dataclasses.replace(there, provenance=provenance_before)) == ["processor"]
-    assert changed_place(dataclasses.replace(there, provenance={**provenance_before, "blas": ""})) == [
-        "processor",
-        "blas",
-    ]
 
 
 def test_mode_sets_are_compared_on_another_processor_but_for_a_few(there, tmp_path):

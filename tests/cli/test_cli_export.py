@@ -100,17 +100,12 @@ def test_what_exists_is_replaced_by_force_only(rig, log):
     [
         (("--to", "xls"), "--to xls: expected csv, hdf5, mat, netcdf, parquet or wav"),
         (("--to", "csv", "--only", "vibromter"), "did you mean vibrometer? known: vibrometer [m/s], strain_gauge [1]"),
-        (("--to", "wav", "--only", "nf"), "only outputs and sensors can be written"),
         (("--to", "csv", "--rate", "2 kHz"), "--rate 2000 Hz: the highest recorded rate is 1000 Hz"),
-        (("--to", "csv", "--rate", "0"), "--rate 0: must be 0.001 to 1e+09 Hz"),
         (("--to", "mat", "--out", "log.mcap", "--force"), "--out log.mcap: is also the input file"),
         (("--to", "csv", "--out", "log.mcap", "--force"), "--out log.mcap: is a file; expected a folder"),
-        (("--to", "csv", "--out", "log.mcap/a"), "--out log.mcap/a: log.mcap is a file; expected a folder"),
         (("--to", "csv", "--out", "x" * 300), "cannot be written: File name too long"),
-        (("--to", "mat", "--out", ".", "--force"), "--out: the name is empty, or it is this folder"),
         (("--to", "mat", "--out", "/dev/null", "--force"), "/dev/null cannot be written: it is not a regular file"),
         (("--to", "mat", "--out", "no/where/a.mat"), "there is no folder no/where"),
-        (("--to", "csv", "--out", "no/where/a", "--only", "x"), "no 'x' in this recording"),
     ],
 )
 def test_what_is_refused_leaves_nothing(rig, log, monkeypatch, options, said):

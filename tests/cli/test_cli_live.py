@@ -1,12 +1,9 @@
 """Commands that use a live run: tune, topic."""
 
 import json
-import re
-import signal
 import threading
 from contextlib import contextmanager
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,13 +12,9 @@ from plant_in_thread import Bench
 
 from rig import bus, scenes
 from rig import open as opened
-from rig.bench.again.verify import verify
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 from rig.errors import UsageError
-
-DOCS = Path(__file__).parents[2] / "docs"
-NAME = "example_controller"
 
 
 @pytest.fixture
@@ -183,38 +176,6 @@ def test_topics_of_a_live_run_are_heard(rig, plant):
     first, second = map(json.loads, out.splitlines())
     assert (code, first["v"], second["seq"]) == (0, [0.5], first["seq"] + 1), err
     assert "meas/laser" in rig("topic", "ls", "--for", "0.2")[1]
-
-
-def test_a_controller_that_has_left_is_disconnected(rig, runs, script, tmp_path):
-    """Its actuator stays reserved after it has left, and takes the value of `rig tune` once it is disconnected."""
-    command, log = "import sys; from rig.cli import app; app.run(sys.argv[1:])", tmp_path / "run.mcap"
-    live = script(command, "run", "belt", "--duration", "60", "--out", log)
-    for line in live.stderr:
-        if "begins with" in line:
-            break
-    mine = script(command, "control", DOCS / "example_controller.py")
-    for line in live.stderr:
-        if "example_controller is here" in line:
-            break
-    assert re.search(r"^example_controller is disconnected from t = \d+\.\d{3} s on", rig("disconnect", NAME)[1])
-    assert rig("tune", "load.force", "15")[1].startswith("load.force = 15  (run belt-")
-    assert re.search(r"^example_controller is connected from t = \d+\.\d{3} s on", rig("connect", NAME)[1])
-    assert "takes effect when example_controller is disconnected" in rig("tune", "load.force", "16")[1]
-    mine.send_signal(signal.SIGINT)
-    assert mine.wait(10.0) == 0
-    assert "takes effect when example_controller is disconnected" in rig("tune", "load.force", "17")[1]
-    assert rig("disconnect", NAME)[0] == 0
-    assert rig("tune", "load.force")[1].startswith("load.force = 17  (run belt-")
-    code, _, err = rig("disconnect", "mine")
-    assert code == 2
-    assert "no controller is called mine; there are: example_controller" in err
-    live.send_signal(signal.SIGINT)
-    live.communicate(timeout=20.0)
-    found = opened(log)
-    told = [event for event in found.events if event["kind"] in ("connected", "disconnected")]
-    assert [one["kind"] for one in told] == ["disconnected", "connected", "disconnected"]
-    assert all((one["data"]["by"], one["data"]["controller"]) == ("operator", NAME) for one in told)
-    assert verify(log).passed
 
 
 WATCHER = """

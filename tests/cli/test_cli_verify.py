@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig as lab
-from rig.cli import app, printing
+from rig.cli import app
 from rig.record.save_run import save
 
 SCENE = "belt_normal_force"
@@ -30,13 +30,6 @@ def test_a_recording_holds_to_the_bit(rig, log):
     assert told["seconds"] == 0.5
     assert told["compared"] == 501 * 10  # seven outputs, two sensors, the mode set
     assert told["elsewhere"] == []
-
-
-def test_progress_is_told_and_changes_no_bit(rig, log, monkeypatch):
-    monkeypatch.setattr(printing, "PROGRESS_S", 0.0)
-    code, _, err = rig("verify", log)
-    assert code == 0
-    assert err.splitlines()[-1] == "seconds simulated again: 0 of 1"
 
 
 def test_what_a_cut_took_of_a_signal_is_no_deviation(rig, tmp_path):
@@ -106,7 +99,6 @@ def test_a_changed_gain_differs_where_it_first_acts_and_the_timing_error_is_stat
     [
         (["-p", "drive.speed=1"], "-p drive.speed: the plant is recorded"),
         (["--into", "nf", "-p", "controllers.nf.gian=1"], "gian: no such parameter; near: gain"),
-        (["--into", "nf", "-p", "controllers.bv.gain=1"], "controllers of --into: controllers.nf.KEY"),
         (["--into", "nf", "--into", "nf"], "two controllers have the same name"),
         (["--into", "fn"], "nf"),
         (["--into", "{reads}"], "reads nothing_like_it; the recorded sensors are vibrometer, normal_force"),
@@ -199,10 +191,8 @@ def test_a_change_by_the_protocol_is_made_again_in_a_replay(rig, tmp_path):
 
 def test_a_wrong_byte_anywhere_is_found_by_verify_as_by_recover(rig, log, tmp_path):
     whole = log.read_bytes()
-    places = [whole.index(text) + 1 for text in (b"friction-rig", b'"belt"')]
-    places += [whole.rindex(text) + 1 for text in (b"sha256", b"summary")]
     first = whole.index(b"zstd") + 100  # the chunk of the first samples of an output
-    for place in [*places, first, len(whole) - 20]:
+    for place in (whole.index(b'"belt"') + 1, first, whole.rindex(b"summary") + 1):
         data = bytearray(whole)
         data[place] ^= 4
         path = tmp_path / f"{place}.mcap"

@@ -25,7 +25,6 @@ ROW = re.compile(r"\| `golden/(\w+)\.mcap` \| (.*) \| `(rig .*)` \|")
 MB = 1 << 20
 ROUNDED = {
     "belt": "body.mass",
-    "brake_shunt": "linings.stiffness",
     "plate_free": "plate.density",
     "tip_knock": "tip.mass",
 }

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.run.plant_truth import SPANS, Bands
+from rig.bench.run.plant_truth import Bands
 from rig.bench.run.runner import PlantRunner
 from rig.bus import encode, messages
 from rig.view import contact
@@ -98,16 +98,6 @@ def test_the_phase_portrait_is_one_stretch_of_all_steps(run):
         assert begin + count == FRAMES * runner.steps
         for name, place in zip(("x", "v"), runner.pair):
             assert found[name] == pytest.approx(values[place, begin + 1 :], rel=1e-6)
-
-
-def test_a_long_call_of_a_run_without_a_pace_has_longer_spans_and_not_more_messages():
-    runner, sent = PlantRunner(rig.load("belt"), piece=1000), []
-    runner.bands = Bands(len(runner.outputs), runner.step_ns, runner.pair, lambda *given: sent.append(given), 10**6)
-    runner.frames(1000)
-    ((_, make, *given),) = sent
-    band = messages.TYPES["Band"].FromString(make(*given))
-    assert (band.t0_ns, band.ends_ns[-1]) == (0, runner.t_ns)
-    assert runner.tick > SPANS >= len(band.ends_ns)
 
 
 @pytest.mark.parametrize("count", [20, 2250])

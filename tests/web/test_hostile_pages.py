@@ -23,18 +23,7 @@ ROUTES = {
     "/api/jobs/stop": {"number": 1},
     "/api/view": {"run": ""},
 }
-VALUES = (
-    None,
-    -1,
-    float("nan"),
-    10**400,
-    "../x",
-    "a\0b",
-    "\ud800",
-    [],
-    {"load.force": float("nan")},
-    {"load": {"x": 1}},
-)
+VALUES = (None, float("nan"), 10**400, "../x", "a\0b", "\ud800", [], {"load": {"x": 1}})
 PATHS = ("/page/../server.py", "/page/..%2fserver.py", "/page/%00", "/recordings/..%2f..%2fetc%2fpasswd", "/jobs/-1",
          "/recordings/" + "a" * 5000)  # fmt: skip
 
@@ -68,7 +57,7 @@ def test_a_path_does_not_leave_its_folder(client):
         assert answer.split()[1] in (b"404", b"422"), answer[:200]
 
 
-@pytest.mark.parametrize("message", ["[" * 3000, "x" * 10**6, b"\xff" * 100, '{"ack": 1e999}'])
+@pytest.mark.parametrize("message", ["[" * 3000, b"\xff" * 100, '{"ack": 1e999}'])
 def test_a_senseless_message_ends_at_most_its_own_connection(client, listen, message, capfd):
     page = listen()
     with contextlib.suppress(ConnectionClosed, TimeoutError), client.socket() as hostile:

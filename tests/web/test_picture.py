@@ -67,7 +67,7 @@ def test_every_contact_has_its_own_mode():
 
 @pytest.mark.parametrize(
     ("name", "told"),
-    [("belt", ["contact"]), ("tip", ["contact"]), ("plate", []), ("plate_cea", []), ("points", None)],
+    [("belt", ["contact"]), ("plate", []), ("points", None)],
 )
 def test_contacts_are_named(name, told):
     found = contact.Contacts(rig.load(name).assemble().system()).names

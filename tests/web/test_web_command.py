@@ -90,7 +90,6 @@ def test_a_server_that_is_killed_leaves_no_process_and_a_recording(serving):
     ("lacking", "extra", "command"),
     [
         ("uvicorn", "web", ("web", "--no-open")),
-        ("websockets", "web", ("bridge",)),
         ("rerun", "view", ("view", ROOT / "recordings" / "golden" / "belt.mcap")),
         ("rerun", "view", ("run", "belt", "--view", "--duration", "0.1")),
     ],
@@ -105,19 +104,17 @@ def test_without_its_packages_it_says_how_to_install_them(rig, monkeypatch, lack
     assert f"needs {lacking}, which is not installed; to install it: python -m pip install -e '.[{extra}]'" in err
 
 
-@pytest.mark.parametrize(("allowed", "told"), [(63, "rig web needs 64 open files"), (64, MORE_FILES)])
-def test_few_open_files_are_told_without_a_traceback(tmp_path, allowed, told):
-    """Below the limit it does not start; at the limit more connections than files are refused for a while."""
-    process = rig_web(tmp_path, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, allowed)))
+def test_few_open_files_are_told_without_a_traceback(tmp_path):
+    """More connections than files are refused for a while."""
+    process = rig_web(tmp_path, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64)))
     said = process.stdout.readline()
-    if address := re.search(r"http://127.0.0.1:(\d+)", said):
-        with ExitStack() as stack:
-            for _ in range(80):
-                stack.enter_context(socket.create_connection(("127.0.0.1", int(address[1]))))
-            while told not in said:
-                said += process.stdout.readline()
-        process.send_signal(signal.SIGINT)
+    port = int(re.search(r"http://127.0.0.1:(\d+)", said)[1])
+    with ExitStack() as stack:
+        for _ in range(80):
+            stack.enter_context(socket.create_connection(("127.0.0.1", port)))
+        while MORE_FILES not in said:
+            said += process.stdout.readline()
+    process.send_signal(signal.SIGINT)
     said += process.communicate(timeout=PATIENCE_S)[0]
-    assert told in said
     assert "Traceback" not in said
-    assert process.returncode == (0 if address else 2)
+    assert process.returncode == 0

@@ -1,6 +1,5 @@
 """Runs that are started, changed and ended from the page: plant, controller and recorder are processes."""
 
-import json
 import os
 import shlex
 import signal
@@ -102,28 +101,40 @@ def test_an_emergency_stop_sets_the_safe_values_and_ends_the_run(client, listen)
     page.until_events("emergency")
 
 
-def test_a_killed_plant_is_told_and_another_run_can_start(client):
-    client.post("/api/run", scene="belt")
+def hear(client, sensor, period):
+    """Who listens gets the samples in order; one that is busy loses the oldest that wait for it, and none twice."""
+    with client.socket(path=f"/sound/{sensor}") as socket, client.socket(path="/sound/nothing") as silent:
+        end = 0.0
+        for _ in range(10):
+            message = socket.recv(PATIENCE_S)
+            socket.send("")
+            (begin,), samples = np.frombuffer(message[:8], "<f8"), np.frombuffer(message[8:], "<f4")
+            assert begin / period == pytest.approx(round(begin / period), abs=1e-5)
+            assert begin > end - 0.5 * period
+            assert np.isfinite(samples).all()
+            assert samples.any()
+            end = begin + samples.size * period
+        with pytest.raises(TimeoutError):
+            silent.recv(0.1)
+
+
+def test_a_run_is_heard_and_its_killed_controller_and_plant_are_told_and_another_can_start(client, listen):
+    """A controller that is killed makes no frame late, and yet the run is not VALID."""
+    page = listen()
+    client.post("/api/run", scene=SCENE, changes={"sensors.vibrometer.rate": 10_000}, duration=600.0)
     client.until("running")
+    assert "vibrometer" in page.until("setup")["sound"]["sensors"]
+    assert page.until("status")["pace"] == 1.0
+    hear(client, "vibrometer", 1e-4)
+    os.kill(process_of("nf").pid, signal.SIGKILL)
+    status = page.until("status", lambda status: any("controller nf left at" in why for why in status["reasons"]))
+    assert status["verdict"] in ("DEGRADED", "INVALID")
     os.kill(process_of("rig.bench.live.plant_process").pid, signal.SIGKILL)
     ended = client.until("ended")
     assert "the plant was killed by SIGKILL" in ended["outcome"]["text"]
     assert ended["outcome"]["ended"] == "the plant died"
     assert client.post("/api/run", scene="belt").status_code == 200
     client.until("running")
-
-
-def test_the_verdict_so_far_counts_what_the_last_one_counts(client, listen):
-    """A controller that is killed makes no frame late, and yet the run is not VALID."""
-    page = listen()
-    client.post("/api/run", scene=SCENE)
-    client.until("running")
-    assert page.until("status")["pace"] == 1.0
-    os.kill(process_of("nf").pid, signal.SIGKILL)
-    status = page.until("status", lambda status: any("controller nf left at" in why for why in status["reasons"]))
-    assert status["verdict"] in ("DEGRADED", "INVALID")
-    client.command("stop")
-    assert any("controller nf left at" in why for why in client.until("ended")["outcome"]["reasons"])
 
 
 @pytest.fixture
@@ -185,38 +196,3 @@ def test_a_run_that_is_stopped_while_it_starts_leaves_nothing(client):
     client.command("stop")
     ended = client.until("ended")
     assert "before the first frame" in ended["fault"] or ended["outcome"]
-
-
-def test_a_suspended_page_costs_the_others_nothing_and_gets_what_is_newest(client, listen):
-    page, told = listen(), []
-    with client.socket() as suspended:  # it reads nothing
-        client.post("/api/run", scene="belt", duration=3.0)
-        assert client.until("ended")["outcome"]["ended"] != "stopped by an operator"
-        while not (told and told[-1]["kind"] == "state" and told[-1]["state"]["phase"] == "ended"):
-            told.append(json.loads(suspended.recv(PATIENCE_S)))
-            suspended.send(json.dumps({"ack": len(told)}))
-    assert len([message for message in told if message["kind"] == "frames"]) <= 3
-    page.until_time(2.9)
-
-
-def test_a_page_that_listens_gets_the_samples_of_the_sensor_in_order(client, listen):
-    """One that is busy loses the oldest of those that wait for it, and none twice."""
-    page, period = listen(), 1e-4
-    client.post("/api/run", scene=SCENE, changes={"sensors.vibrometer.rate": 10_000}, duration=600.0)
-    client.until("running")
-    assert "vibrometer" in page.until("setup")["sound"]["sensors"]
-    with client.socket(path="/sound/vibrometer") as socket, client.socket(path="/sound/nothing") as silent:
-        end = 0.0
-        for _ in range(10):
-            message = socket.recv(PATIENCE_S)
-            socket.send("")
-            (begin,), samples = np.frombuffer(message[:8], "<f8"), np.frombuffer(message[8:], "<f4")
-            assert begin / period == pytest.approx(round(begin / period), abs=1e-5)
-            assert begin > end - 0.5 * period
-            assert np.isfinite(samples).all()
-            assert samples.any()
-            end = begin + samples.size * period
-        with pytest.raises(TimeoutError):
-            silent.recv(0.1)
-    client.command("stop")
-    client.until("ended")
