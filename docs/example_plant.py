@@ -7,8 +7,8 @@ Try it:   rig explain docs/example_parts.toml
 
 from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
-from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.picture import OnBelt, Plot
 from rig.quantities import Kilogram, NewtonPerMetre, NewtonSecondPerMetre, Section

@@ -12,7 +12,7 @@ import pytest
 import rig
 from rig.analysis.cycle import limit_cycle
 from rig.controllers import KINDS as CONTROLLERS
-from rig.effects import friction
+from rig.laws import LAWS as FRICTION
 from rig.model.formulation import assemble
 from rig.plants import PLANTS
 from rig.sensors import KINDS as SENSORS
@@ -22,11 +22,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 THEORY = DOCS / "theory"
 EVERY_PAGE = sorted(page for page in DOCS.rglob("*.md") if "gallery" not in page.parts)
 PAGES = sorted(THEORY.glob("*.md"))
-LAWS = [
-    get_args(law.model_fields["law"].annotation)[0]
-    for law in vars(friction).values()
-    if getattr(law, "__module__", "") == friction.__name__ and "law" in getattr(law, "model_fields", ())
-]
+LAWS = FRICTION.shipped
 
 
 def growth(scene, changes):

@@ -12,15 +12,16 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from sphinx.application import Sphinx
 
-from rig import effects
+from rig import effects, laws
 from rig.about import About
 from rig.controllers import KINDS as CONTROLLERS
 from rig.effects.noise import Noise
+from rig.laws import LAWS, FrictionLaw
 from rig.plants import PLANTS
 from rig.quantities import Range, Unit
 from rig.scenes import protocol
 from rig.scenes.explain import ENTRY, TAG, descriptions
-from rig.scenes.sections import metadata
+from rig.scenes.faults import metadata
 from rig.sensors import KINDS as SENSORS
 
 HEADS = ("key", "unit", "range or choices", "default", "meaning")
@@ -42,7 +43,8 @@ def _inside(annotation: Any) -> Iterator[Any]:
 
 def sections_of(annotation: Any) -> list[type[BaseModel]]:
     """The sections that a table with this annotation can be."""
-    return [one for one in _inside(annotation) if isinstance(one, type) and issubclass(one, BaseModel)]
+    found = [one for one in _inside(annotation) if isinstance(one, type) and issubclass(one, BaseModel)]
+    return [LAWS[name] for name in LAWS.shipped] if FrictionLaw in found else found
 
 
 def _allowed(info: FieldInfo) -> tuple[str, str]:
@@ -159,8 +161,8 @@ def _choice(section: type[BaseModel]) -> tuple[str, tuple[str, ...]]:
 
 
 def _shared(section: type[BaseModel]) -> bool:
-    """Whether a section is one of an effect, which several plants use."""
-    return section.__module__.startswith(effects.__name__)
+    """Whether a section is one of an effect or a friction law, which several plants use."""
+    return section.__module__.startswith((effects.__name__, laws.__name__))
 
 
 def _label(section: type[BaseModel]) -> str:
@@ -169,6 +171,8 @@ def _label(section: type[BaseModel]) -> str:
 
 def _title(section: type[BaseModel]) -> str:
     effect = section.__module__.rpartition(".")[2].replace("_", " ")
+    if issubclass(section, FrictionLaw):
+        return f"friction: {effect}"
     choice = next(
         (get_args(section.model_fields[tag].annotation)[0] for tag in TAGS if tag in section.model_fields), ""
     )
@@ -222,8 +226,9 @@ def shared() -> Iterator[str]:
                     found.setdefault(one, set()).add(name)
     modules = sorted({one.__module__ for one in found})
     for module in modules:
-        head = module.rpartition(".")[2].replace("_", " ")
         tables = [one for one in found if one.__module__ == module]
+        law = issubclass(tables[0], FrictionLaw)
+        head = _title(tables[0]) if law else module.rpartition(".")[2].replace("_", " ")
         alone = [_title(one) for one in tables] == [head]
         yield from (f"({_label(tables[0])})=",) if alone else ()
         yield from (f"## {head}", "", *prose(import_module(module)))

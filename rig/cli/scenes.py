@@ -58,7 +58,7 @@ def _list_installed() -> None:
     """
     from importlib.metadata import entry_points
 
-    for what in ("plants", "effects", "sensors", "controllers"):
+    for what in ("plants", "effects", "laws", "sensors", "controllers"):
         if not entry_points(group=f"friction_rig.{what}"):
             continue
         from rig.parts import package_of

@@ -1,6 +1,5 @@
 """Physical effects, one per file. An effect that the scene does not name adds no state, no row and no branch.
 
-friction   the laws: Coulomb, constant, Stribeck, linear falling, exponential, tabulated, seal
 drive      speed of the belt or disc; its lag and its limits
 load       the normal force; lag and limits of the magnet that holds it
 sector     a part of the disc with its own friction law

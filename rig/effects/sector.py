@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 from annotated_types import Ge, Gt, Lt
 
 from rig.about import About
-from rig.effects.friction import Friction
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
 from rig.picture import Plot

@@ -34,6 +34,7 @@ MOVED = {
     "rig.solve.assembly": "rig.model.assembly",
     "rig.bench.runner": "rig.bench.run.runner",
     "rig.effects.amplifier": "rig.effects.piezo",
+    "rig.effects.friction": "rig.laws",
     "rig.effects.moving_contact": "rig.effects.disc_modes",
     "rig.effects.stack": "rig.effects.shunt",
     "rig.kernel": "rig.compiled.kernel",

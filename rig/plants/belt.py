@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from rig.effects import dither, drive, load, piezo, tuned_mass
 from rig.effects.dither import Dither
 from rig.effects.drive import BeltDrive
-from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.picture import OnBelt, Plot
 from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonSecondPerMetre, NonNegativeNewtonPerMetre, Section

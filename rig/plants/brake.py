@@ -28,9 +28,9 @@ from pydantic import model_validator
 from rig.effects import drive, inhomogeneity, piezo
 from rig.effects.disc_modes import Disc
 from rig.effects.drive import DiscDrive
-from rig.effects.friction import Friction
 from rig.effects.inhomogeneity import Inhomogeneity
 from rig.effects.piezo import Piezo, WithStack
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
 from rig.picture import Own, Plot

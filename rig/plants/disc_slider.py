@@ -25,10 +25,10 @@ from pydantic import model_validator
 from rig.effects import dither, drive, load
 from rig.effects.disc_modes import Disc, Geometry, Mode, Slope, free_modes
 from rig.effects.dither import MassDither
-from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Part
 from rig.picture import Own, Plot

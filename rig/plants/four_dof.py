@@ -25,10 +25,10 @@ from collections.abc import Mapping
 
 from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
-from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs

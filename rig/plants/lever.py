@@ -36,10 +36,10 @@ from pydantic import model_validator
 from rig.about import About
 from rig.effects import drive, load, sector
 from rig.effects.drive import DiscDrive
-from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.sector import Sector
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.picture import OnDisc, Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs

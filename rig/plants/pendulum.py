@@ -14,10 +14,10 @@ from collections.abc import Mapping
 from rig.effects import dither, drive, load, piezo, tuned_mass
 from rig.effects.dither import Dither
 from rig.effects.drive import DiscDrive
-from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.picture import OnDisc
 from rig.plants.belt import RAMPED, Start, contact_outputs

@@ -20,10 +20,10 @@ from pydantic import model_validator
 
 from rig.about import About
 from rig.effects.drive import BeltDrive
-from rig.effects.friction import Constant
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.errors import SceneError
+from rig.laws.constant import Constant
 from rig.model.assembly import Assembly
 from rig.model.named_rows import Row
 from rig.picture import Own

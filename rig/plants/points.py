@@ -24,9 +24,9 @@ from annotated_types import Ge, Le
 from pydantic import Field, model_validator
 
 from rig.effects import load
-from rig.effects.friction import Constant
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
+from rig.laws.constant import Constant
 from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED
 from rig.quantities import (

@@ -31,10 +31,10 @@ from pydantic import model_validator
 from rig.about import About
 from rig.effects import drive, load, waviness
 from rig.effects.drive import BeltDrive
-from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs

@@ -24,10 +24,10 @@ from pydantic import model_validator
 
 from rig.effects import drive, load, waviness
 from rig.effects.drive import BeltDrive
-from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
 from rig.picture import Own, Plot

@@ -18,10 +18,10 @@ from collections.abc import Mapping
 from rig.effects import dither, drive, load, piezo
 from rig.effects.dither import TangentialDither
 from rig.effects.drive import BeltDrive
-from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.separation import Separation
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.picture import OnBelt, Plot
 from rig.plants.belt import RAMPED, contact_outputs

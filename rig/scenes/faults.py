@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from rig.laws import LAW, LAWS, FrictionLaw, class_of, laws_of
 from rig.quantities import BOUNDS, Unit, in_words
 from rig.scenes import migration
 from rig.units import brief
@@ -31,7 +32,7 @@ def lines(error: ValidationError, model: Any, raw: Any, prefix: str = "") -> Ite
     """(dotted key, line) for every fault in `error`, found when `raw` was read as `model`."""
     for fault in error.errors(include_url=False, include_input=False):
         kind, context = fault["type"], fault.get("ctx", {})
-        path, owner, annotation, unit = _walk(model, fault["loc"])
+        path, owner, annotation, unit = _walk(model, fault["loc"], raw)
         key = dotted(path, prefix)
         given = _lookup(raw, path)
         if kind == "extra_forbidden":
@@ -191,8 +192,10 @@ def keys(model: Any) -> list[str]:
     return sorted({name for member in _models(model) for name in member.model_fields})
 
 
-def members(annotation: Any, tag: str) -> dict[str, type[BaseModel]]:
-    """Tag value -> section, for a discriminated union."""
+def members(annotation: Any, tag: str) -> Mapping[str, type[BaseModel]]:
+    """Tag value -> section, for a discriminated union, and for a friction law."""
+    if tag == LAW and FrictionLaw in _models(annotation):
+        return LAWS
     sections: dict[str, type[BaseModel]] = {}
     for model in _models(annotation):
         if tag in model.model_fields:
@@ -213,11 +216,13 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
             yield from _models(member)
 
 
-def _walk(model: Any, loc: Loc) -> tuple[Loc, Any, Any, str]:
+def _walk(model: Any, loc: Loc, raw: Any) -> tuple[Loc, Any, Any, str]:
     """Follow pydantic's location: path as the user wrote it, section that holds the key, its annotation and unit."""
     path: list[int | str] = []
     owner, annotation, unit = model, model, ""
     for part in loc:
+        if FrictionLaw in _models(annotation) and isinstance(table := _lookup(raw, tuple(path)), Mapping):
+            annotation = class_of(table, laws_of(model)) or annotation
         origin = get_origin(annotation)
         if origin in (tuple, list, Sequence) and isinstance(part, int):
             annotation, unit = get_args(annotation)[0], _unit(get_args(annotation)[0]) or unit

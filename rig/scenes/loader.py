@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from rig.controllers.blocks.compiled import CompiledSection
 from rig.effects import EFFECTS, knock
 from rig.errors import PartError, SceneError
+from rig.laws import LAWS, FrictionLaw, with_laws
 from rig.parts import Code, calling, code_of
 from rig.plants import PLANTS
 from rig.quantities import Section
@@ -191,6 +192,7 @@ class _Reading:
         model = rooms.with_effects(model, known)
         unknown = [key for key in tables if key not in model.model_fields]
         self._tables.report((key, _unknown(key, model)) for key in unknown if key not in effects)
+        model = with_laws(model, self._laws(tables))
         parameters = self._section(model, "", {key: tables[key] for key in tables if key not in unknown})
         if len(known) < len(effects):
             raise Wrong
@@ -239,6 +241,21 @@ class _Reading:
             raise Wrong((here, f"{here}: {error}")) from None
         self._alone(here, EFFECTS.what, rooms.name_of(name), section)
         return section
+
+    def _laws(self, tables: Mapping[str, Any]) -> dict[str, type[FrictionLaw]]:
+        """Name -> class of each friction law from elsewhere. Raises Wrong."""
+        laws, wrong = dict[str, type[FrictionLaw]](), []
+        for key, name in rooms.laws_in(tables):
+            short = rooms.name_of(name)
+            try:
+                laws[short] = LAWS[name]
+            except PartError as error:
+                wrong += [(key, f"{key}: {line}") for line in str(error).splitlines()]
+            else:
+                self._alone(key, LAWS.what, short, laws[short])
+        if wrong:
+            raise Wrong(*wrong)
+        return laws
 
     def _alone(self, key: str, room: str, name: str, model: type[Any]) -> None:
         """Report a second file of one name: a recording holds one source for each name."""

@@ -9,10 +9,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from pydantic import BaseModel
+
 from rig import controllers, sensors
 from rig.effects import EFFECTS, extended, on_any_plant
 from rig.effects.noise import Noise
 from rig.errors import PartError
+from rig.laws import LAW, LAWS, FrictionLaw, with_laws
 from rig.model import row_checks
 from rig.model.assembly import Assembly, Output
 from rig.parts import Parts, Room, calling, carried, code_of, file_of, is_file, require
@@ -20,7 +23,7 @@ from rig.plants import PLANTS
 from rig.quantities import Section
 
 CONTROLLERS, SENSORS = controllers.KINDS, sensors.KINDS
-ROOMS: dict[str, Room[Any]] = {room.what: room for room in (PLANTS, EFFECTS, SENSORS, CONTROLLERS)}
+ROOMS: dict[str, Room[Any]] = {room.what: room for room in (PLANTS, EFFECTS, LAWS, SENSORS, CONTROLLERS)}
 FILE = "file"
 """Key of a controller or sensor that names a file it is made of."""
 EFFECT = "effect"
@@ -74,6 +77,8 @@ def _tables(steps: Any) -> Iterator[dict[str, Any]]:
 
 def _anchored(value: Any, folder: Path) -> Any:
     if isinstance(value, dict):
+        if isinstance(law := value.get(LAW), str) and is_file(law):
+            value = value | {LAW: os.path.abspath(folder / law)}
         return {key: inner if key in ("kind", EFFECT) else _anchored(inner, folder) for key, inner in value.items()}
     if isinstance(value, list):
         return [_anchored(inner, folder) for inner in value]
@@ -81,11 +86,23 @@ def _anchored(value: Any, folder: Path) -> Any:
     return os.path.abspath(folder / value) if relative else value
 
 
+def laws_in(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """(dotted key, name) of each friction law from elsewhere that the tables of a scene name."""
+    for key, value in tables.items():
+        here = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from laws_in(value, f"{here}.")
+        elif prefix and key == LAW and isinstance(value, str) and value not in LAWS.shipped:
+            if value in LAWS:
+                yield here, value
+
+
 def parameters_of(plant: str, tables: Mapping[str, Any], parts: Parts) -> type[Section]:
-    """The model of a recorded scene's parameters: those of its plant, and its effects."""
+    """The model of a recorded scene's parameters: those of its plant, its effects and its friction laws."""
     model = PLANTS.get_from(plant, parts).Parameters
     effects = effects_in(tables, model).items()
-    return with_effects(model, {key: EFFECTS.get_from(name, parts) for key, name in effects})
+    model = with_effects(model, {key: EFFECTS.get_from(name, parts) for key, name in effects})
+    return with_laws(model, {name: LAWS.get_from(name, parts) for what, name in parts if what == LAWS.what})
 
 
 def plant_of(parameters: Section) -> ModuleType:
@@ -138,10 +155,23 @@ def foreign(
     """The foreign parts of a scene as JSON values: kind of part, name, file, hash, source."""
     rows = [(PLANTS.what, plant, parameters)]
     rows += [(EFFECTS.what, getattr(section, EFFECT, ""), section) for section, _ in on_any_plant(parameters)]
+    rows += [(LAWS.what, law.law, law) for law in _laws(parameters)]
     rows += [(SENSORS.what, section.kind, section) for section in sensors]
     rows += [(CONTROLLERS.what, section.kind, section) for section in controllers]
     codes = {(what, name): code for what, name, section in rows if (code := code_of(type(section))) is not None}
     return [{"part": what, "name": name, **code.to_json()} for (what, name), code in codes.items()]
+
+
+def _laws(value: Any) -> Iterator[Any]:
+    """The friction laws among the values of a section."""
+    if isinstance(value, FrictionLaw):
+        yield value
+    elif isinstance(value, BaseModel):
+        for name in type(value).model_fields:
+            yield from _laws(getattr(value, name))
+    elif isinstance(value, Mapping | tuple | list):
+        for inner in value.values() if isinstance(value, Mapping) else value:
+            yield from _laws(inner)
 
 
 def given(raw: Mapping[str, Any]) -> Parts:

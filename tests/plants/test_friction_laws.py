@@ -9,7 +9,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from rig.effects.friction import Constant, Coulomb, Exponential, Falling, Stribeck, Table
+from rig.laws.constant import Constant
+from rig.laws.coulomb import Coulomb
+from rig.laws.exponential import Exponential
+from rig.laws.falling import Falling
+from rig.laws.stribeck import Stribeck
+from rig.laws.table import Table
 
 STRIBECK = Stribeck(law="stribeck", mu_static=0.5, mu_dynamic=0.18, speed_scale=0.05).friction()
 FALLING = Falling(law="falling", mu_zero=0.4, slope=0.8, mu_floor=0.05).friction()

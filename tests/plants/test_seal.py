@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import rig
-from rig.effects.friction import Seal
+from rig.laws.seal import Seal
 
 MM = 1e-3  # m/s per mm/s
 CURVES = {"V1": (9.7, 0.7, 1.2), "V1c": (9.7, 0.62, 1.1)}

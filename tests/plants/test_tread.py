@@ -15,7 +15,7 @@ import pytest
 from reference import in_order, rates
 
 import rig
-from rig.effects.friction import Constant
+from rig.laws.constant import Constant
 
 SETS = {"tread": "TREAD1_edge_radius", "tread_rough": "TREAD2_rough"}
 FINE = "eps0.0002_h1e-07"

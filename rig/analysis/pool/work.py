@@ -155,7 +155,7 @@ class Schedule:
 
 
 _ROOT = Path(__file__).resolve().parents[2]
-_ROOMS = ("analysis", "bench", "controllers", "design", "effects", "model", "motion", "plants", "record",
+_ROOMS = ("analysis", "bench", "controllers", "design", "effects", "laws", "model", "motion", "plants", "record",
           "sensors", "solve", "stability")  # fmt: skip
 _JOB, _LOCK = "job.json", "lock"
 _UNITS, _PROCESSOR = "#units", "#processor"

@@ -23,8 +23,8 @@ from pydantic import model_validator
 from rig.about import About
 from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
-from rig.effects.friction import Constant
 from rig.effects.load import Load
+from rig.laws.constant import Constant
 from rig.model import film
 from rig.model.assembly import Assembly, Output
 from rig.model.film import over

@@ -2,8 +2,8 @@
 
 from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
-from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.quantities import Kilogram, NewtonPerMetre, NewtonSecondPerMetre, Section, quantity
 
