@@ -52,7 +52,7 @@ def test_a_walk_enters_the_named_functions_in_order(walk, tmp_path):
 
 
 def test_every_module_below_forty_lines_has_its_reason():
-    files = [path for path in (ROOT / "rig").rglob("*.py") if path.name != "__init__.py"]
+    files = [path for path in (ROOT / "rig").rglob("*.py") if path.name != "__init__.py" and path.parent.name != "laws"]
     short = {str(path.relative_to(ROOT)) for path in files if path.read_text().count("\n") < 40}
     assert set(re.findall(r"^\| `(rig/[\w/]+\.py)` \|", PAGE, re.MULTILINE)) == short
     assert len(short) <= 12
