@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rig.errors import SceneError
 from rig.model.film import Film, at, on, over
+from rig.model.friction_law import Law
 from rig.model.named_rows import Circuit, Part, Row, Rows, Variation
 from rig.model.system import (
     Bound,
@@ -230,6 +231,7 @@ def matrices(a: Rows) -> System:
                 row(f"surface speed of {name}", surface),
                 law,
                 None if travel is None else over_coordinates(travel),
+                tuple(index[f"{name}_{state.name}"] for state in law.states),
             )
             for name, t, surface, law, travel in a.patches
         ),
@@ -263,6 +265,13 @@ def matrices(a: Rows) -> System:
         start=np.array([a.start.get(name, 0.0) for name in by_name.names]),
         film=a.film,
     )
+    for sector in system.sectors:
+        own = system.patches[sector.patch].law.states
+        if any(law.states != own for law in sector.laws):
+            by_name.faults.append(
+                f"sectors of {system.patches[sector.patch].name}: their laws have other internal states than that of "
+                f"the contact ({', '.join(state.name for state in own) or 'none'}); give laws with the same states"
+            )
     if by_name.faults:
         raise SceneError(a.title or "assembly", by_name.faults)
     return system
@@ -342,6 +351,12 @@ class Assembly(Rows):
     free: dict[str, float] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=dict)
     bounds: Mapping[str, float] = field(default_factory=dict)
+
+    def patch(self, name: str, direction: Row, surface: Row, law: Law, travel: Row | None = None) -> None:
+        """As Rows.patch; internal states of the law become outputs."""
+        super().patch(name, direction, surface, law, travel)
+        for state in law.states:
+            self.outputs[f"{name}_{state.name}"] = Output({f"{name}_{state.name}": 1.0}, state.unit, Plot())
 
     def system(self) -> System:
         """The matrices. Raises SceneError if a row names an unknown state."""

@@ -42,9 +42,9 @@ _SINGULAR = 1e-12
 class ModeSet:
     """One mode set: x' = A x + b T, with every force and guard as a row over x and, if it depends on inputs, over T.
 
-    T: inputs [friction forces, products]. Rows `friction` + `friction_t` T give the friction force of every patch (in
-    stick, the reaction), `normal` + `normal_t` T the normal forces. `sigma` is +-1 in slip, otherwise 0. `nonlinear`:
-    the patch slips with a speed-dependent law. `jam` = det(Me)/det(M).
+    T: inputs [friction forces, products, rates of laws with memory]. Rows `friction` + `friction_t` T give the friction
+    force of every patch (in stick, the reaction), `normal` + `normal_t` T the normal forces. `sigma` is +-1 in slip,
+    otherwise 0. `nonlinear`: the patch slips with a speed-dependent law. `jam` = det(Me)/det(M).
     """
 
     key: int
@@ -130,12 +130,12 @@ def _applied(system: System, key: int, rows: Array, mu: Sequence[float]) -> Arra
     nq, P = len(system.coordinates), len(system.patches)
     change = system.change(system.modes(key)[3])
     R, R_t = system.force + system.coupling, np.zeros((nq, system.inputs))
-    R_t[:, P:] = system.force_t
+    R_t[:, P : system.rates_from] = system.force_t
     R[:, :nq] -= system.stiffness + change.stiffness
     R[:, nq : 2 * nq] -= system.damping + change.damping
     for k, d in pushes(system, key, mu).items():
         R += np.outer(d, rows[k])
-        R_t[:, P:] += np.outer(d, system.normals[k].row_t)
+        R_t[:, P : system.rates_from] += np.outer(d, system.normals[k].row_t)
     return np.hstack([R, R_t])
 
 
@@ -200,6 +200,8 @@ def assemble(system: System, key: int) -> ModeSet:
     A[:nq, v] = np.eye(nq)
     A[v], b[v] = a[:, :n], a[:, n:]
     A[2 * nq :] = rates
+    for p, patch in enumerate(system.patches):
+        b[list(patch.memory), list(system.rates(p))] = 1.0
     landing = np.eye(n)
     if stuck:
         landing[v] += MT @ (np.linalg.pinv(C @ MT, rcond=_SINGULAR) @ W if redundant else np.linalg.solve(C @ MT, W))
@@ -235,7 +237,7 @@ def _loads(system: System, rows: Array, a: NDArray[Any]) -> Array:
     for k, contact in enumerate(system.normals):
         loads[k, :n] = rows[k] + contact.inertia @ a[:, :n]
         loads[k, n:] = contact.inertia @ a[:, n:]
-        loads[k, n + P :] += contact.row_t
+        loads[k, n + P : n + system.rates_from] += contact.row_t
     return loads
 
 
@@ -256,6 +258,7 @@ def _in_order(system: System, friction_t: Array, loads_t: Array) -> None:
     """Raise ValueError if a product depends on inputs that are computed after it (see rig.solve.forces)."""
     P = len(system.patches)
     later = [True] * P + [product.level > 0 for product in system.products]
+    later += [False] * (system.inputs - len(later))
     for j, product in enumerate(system.products):
         for factor in product.factors:
             if factor.kind == NORMAL and np.any(loads_t[factor.index, later]):
@@ -291,12 +294,17 @@ def _guards(
         if p in contacts.stuck:
             limit = np.zeros(loads.shape[1])
             for k, contact in enumerate(system.normals):
-                if contact.patch == p and contacts.closed[k]:
+                if contact.patch == p and contacts.closed[k] and not law.states:
                     limit += law.static * loads[k]
+            if law.states:  # its input is the limit
+                limit[system.n + p] = 1.0
             guard(limit - friction[p], records.G_RELEASE_PLUS, p)
             guard(limit + friction[p], records.G_RELEASE_MINUS, p)
         elif contacts.sigma[p] != 0.0 and law.sticks:
             guard(contacts.sigma[p] * system.slip_rows[p], records.G_SLIP, p)
+        elif contacts.sigma[p] != 0.0 and law.presliding:  # presliding: slip turns back at once
+            kind = records.G_RELEASE_MINUS if contacts.sigma[p] > 0.0 else records.G_RELEASE_PLUS
+            guard(contacts.sigma[p] * system.slip_rows[p], kind, p)
     for k, contact in enumerate(system.normals):
         if contact.opens and not _never_changes(loads[k], system):
             guard(

@@ -2,21 +2,103 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import ctypes
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.forces import COULOMB, FALLING, SEAL, SMOOTH, STRIBECK, TABLE, coefficient, coefficients, slope
+from rig.solve.forces import (
+    COULOMB,
+    FALLING,
+    FORMULA,
+    MEMORY,
+    SEAL,
+    SMOOTH,
+    STRIBECK,
+    TABLE,
+    coefficient,
+    coefficients,
+    slope,
+)
+
+Array = NDArray[np.float64]
+_Function = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p, ctypes.c_double, ctypes.c_double] + [ctypes.c_void_p] * 2)
+_ROUNDS, _FIRST, _LONGER = 150, 1e-9, 3.0  # steps of the search for steady slip; the first [s]; factor of the next
+
+
+@dataclass(frozen=True)
+class InternalState:
+    """A state of a law with memory. `along`: it changes its sign with the direction of slip, as a deflection does."""
+
+    name: str
+    unit: str
+    start: float = 0.0
+    along: bool = False
+
+
+@dataclass(frozen=True)
+class Formula:
+    """The compiled functions of a law, which kernels call by their addresses.
+
+    Both are C functions void(double *p, double w, double N, double *z, double *out) of the numbers p, the slip speed
+    w >= 0 [m/s], the load N [N] and the m states z in the direction of slip.
+
+    values  out[0] = mu, out[1 + i] = rate of state i, out[1 + m] = energy stored in the contact [J]
+    slopes  out[m + 1, m + 2]: derivatives of mu and of the rates over w, N and each state
+
+    `sticks`: the contact sticks truly, up to mu at w = 0; otherwise it has presliding. `keeps`: what has to stay alive
+    while the functions are called.
+    """
+
+    values: int
+    slopes: int
+    states: tuple[InternalState, ...] = ()
+    sticks: bool = True
+    keeps: Any = field(default=None, compare=False, repr=False)
+
+    def evaluate(self, numbers: Sequence[float], w: float, N: float, z: Array) -> tuple[Array, Array]:
+        """`values` [m + 2] and `slopes` [m + 1, m + 2] at one point."""
+        m = len(self.states)
+        p, states = np.array(numbers, dtype=np.float64), np.ascontiguousarray(z, dtype=np.float64)
+        values, slopes = np.zeros(m + 2), np.zeros((m + 1, m + 2))
+        for address, out in ((self.values, values), (self.slopes, slopes)):
+            _Function(address)(p.ctypes.data, w, N, states.ctypes.data, out.ctypes.data)
+        return values, slopes
+
+    def steady(self, numbers: Sequence[float], w: float, N: float) -> Array:
+        """The states in steady slip at the speed w > 0 [state]: from their start, by implicit steps in time that grow.
+
+        Newton's method alone does not leave the elastic range, where the rate does not depend on the state.
+        """
+        z, step = np.array([state.start for state in self.states]), _FIRST
+        for _ in range(_ROUNDS):
+            values, slopes = self.evaluate(numbers, w, N, z)
+            z = z + np.linalg.solve(np.eye(len(z)) / step - slopes[1:, 2:], values[1:-1])
+            step *= _LONGER
+        return z
 
 
 @dataclass(frozen=True)
 class Law:
-    """A friction law: static coefficient, code of the law, and its numbers."""
+    """A friction law: static coefficient, code of the law, its numbers, and for FORMULA and MEMORY its functions."""
 
     static: float
     code: int
     numbers: tuple[float, ...]
+    formula: Formula | None = None
+
+    @property
+    def states(self) -> tuple[InternalState, ...]:
+        """The internal states of a law with memory."""
+        return self.formula.states if self.formula is not None else ()
+
+    @property
+    def presliding(self) -> bool:
+        """Whether a contact with this law deflects elastically instead of sticking."""
+        return self.formula is not None and not self.formula.sticks
 
     @property
     def constant(self) -> bool:
@@ -26,21 +108,39 @@ class Law:
     @property
     def sticks(self) -> bool:
         """Whether a contact with this law can stick."""
-        return self.code != SMOOTH
+        return self.code != SMOOTH and not self.presliding
 
     def mu(self, speed: float) -> float:
-        """The coefficient at slip speed `speed` >= 0 [m/s]."""
-        return float(coefficient(self.code, np.array(self.numbers), speed))
+        """The coefficient at slip speed `speed` >= 0 [m/s]; of a law with memory that of steady slip under 1 N."""
+        if self.formula is not None and self.states:
+            return float(self.formula.evaluate(self.numbers, speed, 1.0, self._steady(speed))[0][0])
+        return float(coefficient(self.code, self.row(), speed))
 
     def over(self, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The coefficients at many slip speeds >= 0 [m/s]."""
+        """The coefficients at many slip speeds >= 0 [m/s], as `mu`."""
+        if self.states:
+            return np.array([self.mu(speed) for speed in speeds.tolist()])
         values = np.zeros(len(speeds))
-        coefficients(self.code, np.array(self.numbers), speeds, values)
+        coefficients(self.code, self.row(), speeds, values)
         return values
 
     def slope(self, speed: float) -> float:
-        """The slope d mu / d speed [s/m] at `speed` > 0 [m/s]."""
-        return float(slope(self.code, np.array(self.numbers), speed))
+        """The slope d mu / d speed [s/m] at `speed` > 0 [m/s]; of a law with memory along steady slip under 1 N."""
+        if self.formula is not None and self.states:
+            d = self.formula.evaluate(self.numbers, speed, 1.0, self._steady(speed))[1]
+            return float(d[0, 0] - d[0, 2:] @ np.linalg.lstsq(d[1:, 2:], d[1:, 0], rcond=None)[0])
+        return float(slope(self.code, self.row(), speed))
+
+    def _steady(self, speed: float) -> Array:
+        assert self.formula is not None
+        return self.formula.steady(self.numbers, speed, 1.0)
+
+    def row(self, first: int = 0, rate: int = 0) -> Array:
+        """The numbers as kernels read them. `first`, `rate`: indices of the first internal state, and of its rate."""
+        if self.formula is None:
+            return np.array(self.numbers)
+        f, along = self.formula, [float(state.along) for state in self.states]
+        return np.array([f.values, f.slopes, len(along), first, rate, *along, *self.numbers], dtype=np.float64)
 
 
 def coulomb(static: float, kinetic: float) -> Law:
@@ -78,14 +178,22 @@ def table(speeds: NDArray[np.float64], values: NDArray[np.float64], static: floa
     return Law(static, TABLE, tuple(float(v) for v in numbers))
 
 
-def width(laws: tuple[Law, ...]) -> int:
+def from_formula(static: float, numbers: Sequence[float], formula: Formula) -> Law:
+    """A law from the compiled functions of a file."""
+    return Law(static, MEMORY if formula.states else FORMULA, tuple(numbers), formula)
+
+
+def width(laws: Iterable[Law]) -> int:
     """The largest count of numbers that one of these laws has."""
-    return max((len(law.numbers) for law in laws), default=1)
+    return max((len(law.row()) for law in laws), default=1)
 
 
-def pack(laws: tuple[Law, ...], width: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Codes [patch] and numbers [patch, width] for the kernels."""
+def pack(
+    laws: Sequence[Law], places: Sequence[tuple[int, int]], width: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Codes [patch] and numbers [patch, width] of the laws of the patches for the kernels; `places` as in Law.row."""
     numbers = np.zeros((len(laws), width))
-    for i, law in enumerate(laws):
-        numbers[i, : len(law.numbers)] = law.numbers
+    for p, law in enumerate(laws):
+        row = law.row(*places[p])
+        numbers[p, : len(row)] = row
     return np.array([law.code for law in laws], dtype=np.int64), numbers

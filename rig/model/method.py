@@ -78,6 +78,9 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
     if method == "kick" or (method in ("dopri5", "rk4") and crowded(system)):
         system = kick_tables.pressed(system)
     elif method == "smooth":
+        remembering = [patch.name for patch in system.patches if patch.memory]
+        if remembering:
+            raise ValueError(f"smooth: the law of {', '.join(remembering)} has memory and is smooth already: use auto")
         system = smoothed(system, smoothing)
     if system.keys > MANY:
         raise ValueError(f"the rig has {system.keys:.3g} mode sets, method {method} supports {MANY:.3g}: use kick")

@@ -85,7 +85,7 @@ class ModeSets:
         integrals = work(nodes, forms, self.step, E)
         patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
         met = tuple(system.law(p, sector_modes) for p in range(len(system.patches)))
-        code, numbers = friction_law.pack(met, t.numbers.shape[2])
+        code, numbers = friction_law.pack(met, [system.places(p) for p in range(len(met))], t.numbers.shape[2])
         closed = 1.0 - np.array(normal_modes, dtype=np.float64).reshape(-1, 1)
         load, load_t = np.zeros_like(modes.friction), np.zeros_like(modes.friction_t)
         for k, contact in enumerate(system.normals):
@@ -98,7 +98,7 @@ class ModeSets:
         if self._wide:
             field = np.hstack([modes.A, modes.b])
             broad = many_states_tables.tables(terms, E, modes.landing, guards, bounds, field, rows, self.read)
-        curved = bool(modes.nonlinear.any()) or bool(system.products)
+        curved = bool(modes.nonlinear.any()) or bool(system.products) or system.remembers
         fast = curved and not self._kicks and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
         levels = (expm.depth(modes.A, self.step) + 1) * fast
         response = reach(modes.A, modes.b, self.step, levels)

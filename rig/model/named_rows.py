@@ -130,6 +130,11 @@ class Rows:
 
         `travel`: row of the body's motion in the slip speed, if it differs from the direction of the force.
         """
+        for state in law.states:
+            self._new_state(f"{name}_{state.name}")
+            self.network[f"{name}_{state.name}"] = {}
+            self.start[f"{name}_{state.name}"] = state.start
+        self.own("friction", *(f"{name}_{state.name}" for state in law.states))
         self.patches.append((name, dict(direction), dict(surface), law, travel))
 
     def normal(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from rig.model.film import Film
 from rig.model.friction_law import Law
-from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, ProductTables
+from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, MemoryTables, ProductTables
 from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN
 
 Array = NDArray[np.float64]
@@ -103,6 +103,18 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
     )
 
 
+def scratch_for_memory(s: System) -> MemoryTables:
+    """Scratch for the laws with memory of a system."""
+    most = max((len(patch.memory) for patch in s.patches), default=0)
+    return MemoryTables(
+        inputs=np.array([s.rates_from]),
+        mu=np.zeros(len(s.patches) if most else 0),
+        states=np.zeros(most),
+        values=np.zeros(most + 2 if most else 0),
+        slopes=np.zeros((most + 1) * (most + 2) if most else 0),
+    )
+
+
 def tangent(
     products: tuple[Product, ...],
     level: int,
@@ -145,6 +157,7 @@ class Patch:
     """A friction patch: `direction` [coordinate] of the friction force, `surface` speed row [state], and its law.
 
     `travel` [coordinate]: row of the body's motion in the slip speed; the direction of the force by default.
+    `memory`: the indices in x of the internal states of its law.
     """
 
     name: str
@@ -152,6 +165,7 @@ class Patch:
     surface: Array
     law: Law
     travel: Array | None = None
+    memory: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -328,8 +342,27 @@ class System:
 
     @property
     def inputs(self) -> int:
-        """Number of inputs T: patches and products."""
+        """Number of inputs T: patches, products and rates of laws with memory."""
+        return self.rates_from + sum(len(patch.memory) for patch in self.patches)
+
+    @property
+    def rates_from(self) -> int:
+        """Number of the inputs before the rates of laws with memory."""
         return len(self.patches) + len(self.products)
+
+    def rates(self, p: int) -> range:
+        """The inputs that are the rates of the law of patch p."""
+        first = self.rates_from + sum(len(patch.memory) for patch in self.patches[:p])
+        return range(first, first + len(self.patches[p].memory))
+
+    def places(self, p: int) -> tuple[int, int]:
+        """The indices of the first internal state of patch p in x, and of its rate in T; 0 without memory."""
+        return min(self.patches[p].memory, default=0), min(self.rates(p), default=0)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether at least one law has memory."""
+        return any(patch.memory for patch in self.patches)
 
     @property
     def linear(self) -> bool:

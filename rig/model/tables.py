@@ -20,7 +20,7 @@ from rig.solve.dopri5 import PROBE
 from rig.solve.energy_balance import TERMS
 from rig.solve.exact import PLACES
 from rig.solve.film_steps import FilmTables
-from rig.solve.forces import ProductTables
+from rig.solve.forces import MemoryTables, ProductTables
 from rig.solve.kick import KickTables
 from rig.solve.many_states import ManyStatesTables
 from rig.solve.places import PART
@@ -144,6 +144,7 @@ class Tables(NamedTuple):
     code: NDArray[np.int64]  # [mode set, P]
     numbers: Array  # [mode set, P, widest]
     patch_of_normal: NDArray[np.int64]  # [K]
+    sticks: NDArray[np.int64]  # [P] 0: its law has presliding instead of stick
     opens: NDArray[np.int64]  # [K] 1: the contact opens at N = 0; 0: it transmits tension too
     limiters: NDArray[np.int64]  # [1] number of limiters
     sectors: NDArray[np.int64]  # [sector row] number of sectors
@@ -159,6 +160,7 @@ class Tables(NamedTuple):
     edges: Array  # [sector row, widest + 1] the last is the period
     change: Array  # [sector row, widest, nq, nq] stiffness that a sector adds; no rows if none does
     products: ProductTables
+    memory: MemoryTables
     many_states: ManyStatesTables  # of rigs with many states
     kick: KickTables  # of the method kick
     film: FilmTables  # of the method kick with a travelling film
@@ -232,8 +234,9 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         force_t=s.force_t.copy(),
         static=z((0, P)),
         code=z((0, P), dtype=np.int64),
-        numbers=z((0, P, friction_law.width(tuple(law for p in range(P) for law in s.laws(p))))),
+        numbers=z((0, P, friction_law.width(law for p in range(P) for law in s.laws(p)))),
         patch_of_normal=np.array([k.patch for k in s.normals], dtype=np.int64),
+        sticks=np.array([not patch.law.presliding for patch in s.patches], dtype=np.int64),
         opens=np.array([k.opens for k in s.normals], dtype=np.int64),
         limiters=np.array([len(s.limiters)]),
         sectors=np.array([len(sector.edges) for sector in s.sectors], dtype=np.int64),
@@ -249,6 +252,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         edges=edges,
         change=change,
         products=system.pack(s.products, n, P, K),
+        memory=system.scratch_for_memory(s),
         many_states=many_states_tables.empty(n, I, g, read, S)
         if n > UNROLLED
         else many_states_tables.empty(0, 0, 0, 0, 0),

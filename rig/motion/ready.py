@@ -75,7 +75,7 @@ def plan(
     if fixed_steps or nonlinear:
         code = {"kick": kick if system.film is None else film_steps, "rk4": rk4}.get(method, dopri5)
         if method != "kick":
-            shape = KernelShape(0 if many_states else system.n, bool(system.products), nonlinear)
+            shape = KernelShape(0 if many_states else system.n, bool(system.products) or system.remembers, nonlinear)
             wanted["take_steps"] = code.take_steps, shape
             if not fixed_steps:
                 wanted["whole_derivative"] = runge_kutta_stage.whole_derivative, shape

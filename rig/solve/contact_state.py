@@ -13,7 +13,7 @@ from __future__ import annotations
 from rig.compiled.kernel import inlined, inner
 from rig.solve.column_blocks import ROUND, copy, dot, rounding
 from rig.solve.energy_balance import SWITCH, network_energy
-from rig.solve.forces import SMOOTH, inputs
+from rig.solve.forces import MEMORY, SMOOTH, inputs
 from rig.solve.records import (
     G_CLOSE,
     G_LIMIT_BACK,
@@ -102,13 +102,15 @@ def has_closed_contact(patch_of, P, key, p):
 
 
 @inner
-def stick_or_slip(slip, key, p, x, size):
+def stick_or_slip(t, key, p, x, size):
     """The key with patch p in stick if its slip speed is zero to rounding, otherwise in slip.
 
     The sign of the slip speed gives the direction.
     """
-    w = dot(slip[p], x)
-    if abs(w) <= rounding(slip[p], size):
+    w = dot(t.slip[p], x)
+    if abs(w) <= rounding(t.slip[p], size):
+        if not t.sticks[p]:
+            return with_mode(key, patch_weight(p), 3, SLIP_PLUS)
         return with_mode(key, patch_weight(p), 3, STICK)
     return with_mode(key, patch_weight(p), 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
 
@@ -199,10 +201,13 @@ def disagreement(t, mode_set, key, begun, x, size, T, slack):
                 continue
             return with_mode(key, base, 3, SLIP_PLUS)
         if mode == STICK:
-            if abs(w) > noise:
+            if abs(w) > noise or not t.sticks[p]:
                 return with_mode(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
             need = dot(t.friction[mode_set, p], x) + dot(t.friction_t[mode_set, p], T)
-            limit = t.static[mode_set, p] * (dot(t.load[mode_set, p], x) + dot(t.load_t[mode_set, p], T))
+            if t.code[mode_set, p] == MEMORY:
+                limit = T[p]
+            else:
+                limit = t.static[mode_set, p] * (dot(t.load[mode_set, p], x) + dot(t.load_t[mode_set, p], T))
             if abs(need) > limit * (1.0 + slack):
                 return with_mode(key, base, 3, SLIP_PLUS if need > 0.0 else SLIP_MINUS)
         elif (w if mode == SLIP_PLUS else -w) < -noise:
@@ -222,7 +227,7 @@ def disagreement(t, mode_set, key, begun, x, size, T, slack):
         elif N > noise:
             was_loaded = has_closed_contact(t.patch_of_normal, P, key, p)
             new = with_mode(key, base, 2, 0)
-            return new if was_loaded else stick_or_slip(t.slip, new, p, x, size)
+            return new if was_loaded else stick_or_slip(t, new, p, x, size)
     for g in range(t.guards[mode_set]):
         if G_CLOSE < t.kind[mode_set, g] < G_NEXT and dot(t.G[mode_set, g], x) < -rounding(t.G[mode_set, g], x):
             return key_after_event(t.kind[mode_set, g], t.owner[mode_set, g], P, K, key)
@@ -245,7 +250,7 @@ def make_consistent(shape, t, w, state, log, seg, plan, ticks):
         size[i] = max(size[i], abs(x[i]))
     if pending == START:
         for p in range(t.slip.shape[0]):
-            key = stick_or_slip(t.slip, key, p, x, size)
+            key = stick_or_slip(t, key, p, x, size)
         key = with_switches_thrown(t, with_sectors_at(t, key, x), x)
         pending = PROJECT
     elif with_switches_thrown(t, key, x) != key:

@@ -14,6 +14,12 @@ costs about a nanosecond beside the exponential, and one compiled solver serves 
     TABLE        monotone cubic (PCHIP) through given points    constant beyond the last
     SEAL         mixed / (1 + decay v) + film sqrt(v + offset)  ibid., equation 3.1; continued linearly below v = 0
     SMOOTH       tanh(v / scale) times another law at |v|       for comparison only: passes through rest, never sticks
+    FORMULA      any formula over v, called by address          continued linearly below v = 0
+    MEMORY       a formula with internal states z               likewise
+
+A law with memory is evaluated in the direction of slip: w = sigma v is the slip speed, N the load, z its states, of
+which some, like a deflection, change their sign with the direction. Its rates z' are inputs like the friction forces.
+In stick, which not every such law has, T is the largest friction force, mu(0, N, z) N, instead of the actual one.
 
 Products are the nonlinear terms in the equations of a rig, e.g. x y, C (cos k phi - 1), N sin k phi. A product is an
 input of the equations, like a speed-dependent friction force: rows refer to it, and its value is computed from the
@@ -34,15 +40,22 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rig.compiled.kernel import inlined, inner, kernel
-from rig.solve.column_blocks import dot
+from rig.compiled.kernel import Emission, inlined, inner, kernel
+from rig.solve.column_blocks import dot, is_zero
 from rig.solve.expm import exponential_factors
 from rig.solve.specialised import has_products, state_count
 
 Array = NDArray[np.float64]
-COULOMB, STRIBECK, FALLING, TABLE, SEAL, SMOOTH = range(6)
+COULOMB, STRIBECK, FALLING, TABLE, SEAL, SMOOTH, FORMULA, MEMORY = range(8)
+VALUES, SLOPES, STATES, FIRST, RATE, HEADER = range(6)
+"""What precedes the numbers of FORMULA and MEMORY: the addresses of both functions, the number of states, the index of
+the first one in x and that of its rate in T; then, for each state, 1 if it changes its sign with the direction of slip.
+"""
 
 
 @inner
@@ -86,6 +99,57 @@ def stribeck(N, p, coarse, fine):
     return N * p[0] + ((N * p[1]) * coarse) * fine
 
 
+def _emit_formula(context: Any, builder: Any, address: Any, numbers: Any, w: Any, N: Any, z: Any, out: Any) -> None:
+    """Emit the call of a C function void(double *p, double w, double N, double *z, double *out)."""
+    real = ir.DoubleType()
+    kind = ir.FunctionType(ir.VoidType(), [real.as_pointer(), real, real, real.as_pointer(), real.as_pointer()])
+    builder.call(builder.inttoptr(address, kind.as_pointer()), [numbers, w, N, z, out])
+
+
+def _call_formula(typing: Any, address: Any, numbers: Any, first: Any, w: Any, N: Any, z: Any, out: Any) -> Emission:
+    """Call one of the functions of a law with the numbers from `first` on; it reads the states z and writes `out`."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
+        data = [
+            context.make_array(signature.args[i])(context, builder, arguments[i]).data for i in (1, 5, 6)
+        ]  # numbers, z, out
+        own = builder.gep(data[0], [arguments[2]])
+        _emit_formula(context, builder, arguments[0], own, arguments[3], arguments[4], data[1], data[2])
+        return context.get_dummy_value()
+
+    return types.none(types.int64, numbers, types.intp, types.float64, types.float64, z, out), codegen
+
+
+def _formula_value(typing: Any, address: Any, numbers: Any, first: Any, w: Any, N: Any) -> Emission:
+    """The first number that a function of a law without states writes."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
+        data = context.make_array(signature.args[1])(context, builder, arguments[1]).data
+        out = cgutils.alloca_once(builder, ir.DoubleType(), size=4)  # type: ignore[no-untyped-call]
+        own = builder.gep(data, [arguments[2]])
+        _emit_formula(context, builder, arguments[0], own, arguments[3], arguments[4], out, out)
+        return builder.load(out)
+
+    return types.float64(types.int64, numbers, types.intp, types.float64, types.float64), codegen
+
+
+call_formula: Any = intrinsic(_call_formula)
+formula_value: Any = intrinsic(_formula_value)
+
+
+@inner
+def _formula_slope(p, v):
+    return formula_value(np.int64(p[SLOPES]), p, HEADER, max(v, 0.0), 1.0)
+
+
+@inner
+def _formula(p, v):
+    m = formula_value(np.int64(p[VALUES]), p, HEADER, max(v, 0.0), 1.0)
+    if v < 0.0:
+        m += v * _formula_slope(p, 0.0)
+    return m
+
+
 @inlined
 def unsmoothed(code, p, v):
     """The coefficient of a law without smoothing."""
@@ -97,8 +161,12 @@ def unsmoothed(code, p, v):
         m = max(p[0] - p[1] * v, p[2])
     elif code == SEAL:
         m = _seal(p, v)
-    else:
+    elif code == TABLE:
         m = _from_table(p, v)
+    elif code == FORMULA:
+        m = _formula(p, v)
+    else:
+        m = 0.0  # MEMORY: `add_memory` computes its force
     return m
 
 
@@ -155,6 +223,8 @@ def _slope(code, p, v):
         return -p[1] if p[0] - p[1] * v > p[2] else 0.0
     if code == SEAL:
         return _seal_slope(p, max(v, 0.0))
+    if code == FORMULA:
+        return _formula_slope(p, v)
     count = int(p[0])
     if v >= p[count]:
         return 0.0
@@ -338,19 +408,76 @@ def inputs(t, mode_set, x, T, scratch):
     f = right_hand_side(t, mode_set, T, scratch)
     early_products(t, mode_set, x, T)
     patches = f.sigma.shape[0]
+    m = t.memory
+    for r in range(m.inputs[0], T.shape[0]):
+        T[r] = 0.0
     for p in range(patches):
         others = 0.0
         for q in range(patches, T.shape[0]):
             others += f.law_load_t[p, q] * T[q]
         T[p] = friction_force(f, p, x, others)
+        if f.code[p] == MEMORY:
+            T[p] = evaluate_memory(t, mode_set, p, x, T, False)
     if f.coupled:
-        solve_coupled_friction(f.sigma, f.code, f.numbers, f.law_speed, f.law_load_t, x, T, scratch)
+        solve_coupled_friction(f.sigma, f.code, f.numbers, f.law_speed, f.law_load_t, m.mu, x, T, scratch)
+        for p in range(m.mu.shape[0]):
+            if f.code[p] == MEMORY:
+                evaluate_memory(t, mode_set, p, x, T, True)
     late_products(t, mode_set, x, T)
 
 
+class MemoryTables(NamedTuple):
+    """Scratch for laws with memory; of length zero if there is none."""
+
+    inputs: NDArray[np.int64]  # [1] index of the first rate in T
+    mu: Array  # [patch] the coefficient; 0 in stick
+    states: Array  # [most states] in the direction of slip
+    values: Array  # [most states + 2] mu, rates, stored energy
+    slopes: Array  # [(most states + 1) (most states + 2)]
+
+
 @inner
-def solve_coupled_friction(sigma, code, numbers, law_speed, law_load_t, x, T, M):
+def direction_of_memory(t, mode_set, p, x):
+    """The direction of slip and the slip speed in it: of the mode, or, without load, of the motion; in stick 0."""
+    sigma = t.sigma[mode_set, p]
+    speed = dot(t.slip[p], x)
+    if sigma != 0.0:
+        return sigma, sigma * speed
+    if not (is_zero(t.load[mode_set, p]) and is_zero(t.load_t[mode_set, p])):
+        return 1.0, 0.0
+    return (-1.0 if speed < 0.0 else 1.0), abs(speed)
+
+
+@inner
+def evaluate_memory(t, mode_set, p, x, T, coupled):
+    """Write the rates of patch p, a law with memory, to T; the result is its friction force, in stick the limit.
+
+    `coupled`: the load is to include what depends on friction forces. Below w = 0 the formulas are continued linearly.
+    """
+    numbers, m, P = t.numbers[mode_set, p], t.memory, t.slip.shape[0]
+    count, first, rate = int(numbers[STATES]), int(numbers[FIRST]), int(numbers[RATE])
+    N = dot(t.load[mode_set, p], x)
+    for q in range(0 if coupled else P, m.inputs[0]):
+        N += t.load_t[mode_set, p, q] * T[q]
+    sign, w = direction_of_memory(t, mode_set, p, x)
+    for i in range(count):
+        m.states[i] = x[first + i] * (sign if numbers[HEADER + i] != 0.0 else 1.0)
+    call_formula(np.int64(numbers[VALUES]), numbers, HEADER + count, max(w, 0.0), N, m.states, m.values)
+    if w < 0.0:
+        call_formula(np.int64(numbers[SLOPES]), numbers, HEADER + count, 0.0, N, m.states, m.slopes)
+        for i in range(count + 1):
+            m.values[i] += w * m.slopes[i * (count + 2)]
+    for i in range(count):
+        T[rate + i] = m.values[1 + i] * (sign if numbers[HEADER + i] != 0.0 else 1.0)
+    m.mu[p] = m.values[0] if t.sigma[mode_set, p] != 0.0 else 0.0
+    return sign * m.values[0] * N
+
+
+@inner
+def solve_coupled_friction(sigma, code, numbers, law_speed, law_load_t, memory, x, T, M):
     """Solve T = T0 + diag(mu) bear_t T for the friction forces T; T holds T0 at first. M is scratch.
+
+    `memory` [patch]: the coefficients of laws with memory.
 
     Gaussian elimination without pivoting, because the matrix is the identity plus a small coupling.
     """
@@ -358,7 +485,10 @@ def solve_coupled_friction(sigma, code, numbers, law_speed, law_load_t, x, T, M)
     for p in range(P):
         m = 0.0
         if sigma[p] != 0.0 and code[p] != 0:
-            m = coefficient(code[p], numbers[p], dot(law_speed[p], x))
+            if code[p] == MEMORY:
+                m = memory[p]
+            else:
+                m = coefficient(code[p], numbers[p], dot(law_speed[p], x))
         for r in range(P):
             M[p, r] = -m * law_load_t[p, r]
         M[p, p] += 1.0

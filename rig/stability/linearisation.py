@@ -3,6 +3,8 @@
     0 = A x + b T(x),   dx' = (A + b dT/dx) dx
     T_p = sigma mu(sigma w_p) N_p,   dT_p = sigma mu dN_p + N_p mu' dw_p,   N = load x + load_t T
 
+Internal states of a law are states like others: their rates are inputs, and the friction force depends on them too.
+
 Driving states without an equilibrium of their own (commands, generators) are held at their values; lags take their
 steady values. The eigenvalues are those of the states that structure and network move. States that only drive them (the
 exosystem) have a spectrum of their own. Products are differentiated by the product rule (rig.solve.forces).
@@ -71,31 +73,62 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
         pressed = closed[:, 0] * (modes.normal @ x + modes.normal_t @ T), closed * (modes.normal + modes.normal_t @ dT)
         rubbed = modes.friction @ x + modes.friction_t @ T, modes.friction + modes.friction_t @ dT
         values, slopes = tangent(system.products, level, x, (pressed, rubbed))
-        T[P:] += values
-        dT[P:] += slopes
+        T[P : system.rates_from] += values
+        dT[P : system.rates_from] += slopes
 
     multiply(0)
     multiply(1)
     load, load_t = loads(system, modes)
-    slipping = np.flatnonzero(modes.nonlinear)
+    remembering = [p for p, patch in enumerate(system.patches) if patch.memory]
+    slipping = [p for p in np.flatnonzero(modes.nonlinear).tolist() if p not in remembering]
     w = system.slip_rows @ x
-    by_speed, by_load = np.zeros(P), np.zeros(P)
+    by_speed, by_load, by_state = np.zeros(P), np.zeros(P), np.zeros((P, n))
     for _ in range(
         _COUPLED_ROUNDS if np.any(load_t[:, :P]) else 1
     ):  # N depends on T if an absorber's inertia contributes to N
         N = load @ x + load_t @ T
         before = T.tolist()
         for p in slipping:
-            T[p], by_speed[p], by_load[p] = contact(int(p), float(w[p]), float(N[p]))
+            T[p], by_speed[p], by_load[p] = contact(p, float(w[p]), float(N[p]))
+        for p in remembering:
+            values, slopes = _remembered(system, modes, p, x, float(N[p]))
+            T[p], by_speed[p], by_load[p], by_state[p] = values[0], slopes[0][0], slopes[1][0], slopes[2][0]
         if all(abs(force - last) <= 1e-14 * abs(last) for force, last in zip(T.tolist(), before)):
             break
-    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * (load + load_t[:, P:] @ dT[P:])
+    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * (load + load_t[:, P:] @ dT[P:]) + by_state
     try:
         dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if P else change
     except np.linalg.LinAlgError:
         raise Singular(JAMS, system.describe(modes.key), jams=True) from None
+    for p in remembering:
+        values, (over_speed, over_load, over_states) = _remembered(
+            system, modes, p, x, float(load[p] @ x + load_t[p] @ T)
+        )
+        rates = system.rates(p)
+        T[rates] = values[1:]
+        dT[rates] = over_states[1:] + np.outer(over_speed[1:], system.slip_rows[p])
+        dT[rates] += np.outer(over_load[1:], load[p] + load_t[p] @ dT)
     multiply(2)
     return T, dT
+
+
+def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> tuple[Array, tuple[Array, Array, Array]]:
+    """Friction force and rates of patch p, a law with memory, [m + 1]; derivatives over w, N and x [m + 1, n].
+
+    As rig.solve.forces.evaluate_memory; for w of the other sign the value at rest.
+    """
+    patch, law, sigma = system.patches[p], system.law(p, system.modes(modes.key)[3]), float(modes.sigma[p])
+    assert law.formula is not None
+    w, loaded = float(system.slip_rows[p] @ x), bool(np.any(loads(system, modes)[0][p]) or N)
+    sign, moves = (sigma, 1.0) if sigma else (1.0, 0.0) if loaded else (-1.0 if w < 0.0 else 1.0, 1.0)
+    turned = np.array([sign if state.along else 1.0 for state in law.states])
+    values, slopes = law.formula.evaluate(law.numbers, max(sign * w, 0.0) * moves, N, turned * x[list(patch.memory)])
+    scale = np.array([sign * N, *turned])
+    over_x = np.zeros((len(scale), system.n))
+    over_x[:, list(patch.memory)] = scale[:, None] * slopes[:, 2:] * turned
+    over_load = scale * slopes[:, 1]
+    over_load[0] += sign * values[0]
+    return scale * values[:-1], (scale * slopes[:, 0] * sign * moves, over_load, over_x)
 
 
 def moving_states(system: System, A: Array) -> NDArray[np.int64]:
