@@ -51,8 +51,3 @@ def test_a_missed_limit_fails(groups, monkeypatch, capsys, measure, word):
     assert "1 MISSED" in told.partition("\n")[0]
     assert told.splitlines()[3].split()[0] == "MISSED"
     assert word in told
-
-
-def test_an_unknown_version_is_refused(capsys):
-    assert main(["--against", "no-such-commit"]) == 2
-    assert "--against: fatal" in capsys.readouterr().err

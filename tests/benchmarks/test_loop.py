@@ -1,5 +1,7 @@
 """`make bench`: what the loop over the bus costs beside a bare round trip."""
 
+import pytest
+
 from benchmarks.loop import beside_bare, over_bare
 
 
@@ -7,6 +9,7 @@ def test_each_run_is_compared_with_the_round_trips_before_and_after_it():
     assert over_bare([30.0, 40.0, 80.0], [10.0, 20.0, 60.0, 100.0]) == [2.0, 1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_a_round_is_a_run_of_each_kind_between_round_trips():
     measured = beside_bare(rounds=1, lockstep_s=0.2, paced_s=0.3, bare_s=0.1)
     rows, ratios = measured["rounds_us"], measured["over_bare"]

@@ -15,7 +15,7 @@ def test_the_works_are_studies(what):
 
 
 def test_a_point_costs_less_than_a_millisecond():
-    assert overhead_ms(5_000) < 1.0
+    assert overhead_ms(1_000) < 1.0
 
 
 def test_a_rate_counts_from_the_instant_at_which_all_workers_have_finished_a_unit(monkeypatch):

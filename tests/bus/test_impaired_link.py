@@ -78,9 +78,3 @@ def test_without_reordering_a_late_message_delays_those_behind_it():
     assert order[1] != sorted(order[1])
     assert set(order[0]) | set(order[1]) <= set(map(float, range(200)))
     assert overtaken.link.counts.reordered > 0
-
-
-def test_a_frame_without_samples_sends_nothing():
-    heard = HeardSensor(ImpairedLink("meas/v", 3, MS, MS))
-    assert [heard.tick(tick, [1.0, 2.0] if tick == 3 else []) for tick in range(6)] == [[], [], [], [], [1.0, 2.0], []]
-    assert (heard.latest, heard.link.counts.sent) == (2.0, 1)

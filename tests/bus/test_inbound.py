@@ -1,6 +1,5 @@
 """What is let in from other processes: owners of topics, numbers, JSON, signs of life."""
 
-import json
 import random
 
 import numpy as np
@@ -11,23 +10,17 @@ from twin import Twin
 from rig.bus import encode, messages
 from rig.bus.inbound import InboundCheck, read_json
 from rig.bus.topics import HEADER, Arrived, Count, Refused
-from rig.errors import BusError
 
 
 @pytest.mark.parametrize(
     ("text", "kind"),
-    [(b"{nope", "not JSON"), (b"[" * 70_000, "too long"), (b'{"a":' * 9_000 + b"1" + b"}" * 9_000, "not JSON"),
-     (b'{"a": NaN}', "not finite"), (b'{"a": 1e999}', "not finite"), (b"[1]", "not JSON"), (b"", "not JSON"),
-     (b'{"a": "\xff"}', "not JSON"), (b'{"a": "\\ud800"}', "not JSON")],
+    [(b"{nope", "not JSON"), (b"[" * 70_000, "too long"), (b'{"a": NaN}', "not finite"), (b"[1]", "not JSON"),
+     (b'{"a": "\\ud800"}', "not JSON")],
 )  # fmt: skip
 def test_json_that_is_no_question_is_refused_with_its_reason(text, kind):
     with pytest.raises(Refused) as refused:
         read_json(text)
     assert refused.value.kind == kind
-
-
-def test_json_that_is_a_question_is_read():
-    assert read_json(b'{"set": {"gain": "0.3 N*s/mm \xc2\xb5"}}') == {"set": {"gain": "0.3 N*s/mm \u00b5"}}
 
 
 def arrived(topic, payload, seq, t_ns=0, user="plant", **more):
@@ -117,27 +110,10 @@ def test_nobody_speaks_for_another(user, topic):
         door.message(arrived(topic, b"", 0, user=user), {})
 
 
-def test_a_session_cannot_even_declare_what_belongs_to_another():
-    mine = Twin("own").open("controller", "mine")
-    for declare in (lambda: mine.publisher("act/nf"), lambda: mine.serve("param/plant", lambda body: {})):
-        with pytest.raises(BusError, match="cannot publish there"):
-            declare()
-
-
-@pytest.mark.parametrize("key", ["alive", "alive/king/nf", "alive/plant/nf", "alive/controller/" + "x" * 65, "act/nf"])
+@pytest.mark.parametrize("key", ["alive/king/nf", "alive/plant/nf", "act/nf"])
 def test_signs_of_life_of_another_form_are_refused(key):
     watch = Twin("tokens").open("plant", "plant").watch()
     watch.queue.put(Arrived("nf", key))
     watch.queue.put(Arrived("nf", "alive/controller/nf"))
     assert [(p.role, p.name) for p in watch.poll()] == [("controller", "nf")]
     assert watch.inbound.total == 1
-
-
-def test_thousands_of_signs_of_life_fill_nothing():
-    watch = Twin("tokens").open("plant", "plant").watch()
-    for i in range(5000):
-        watch.queue.put(Arrived(f"x{i}", f"alive/controller/x{i}"))
-    while watch.poll():
-        pass
-    assert len(watch.present) <= 256
-    assert len(json.dumps(watch.inbound.refusals())) < 5000

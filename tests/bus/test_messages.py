@@ -4,7 +4,6 @@ from array import array
 
 import numpy as np
 import pytest
-from google.protobuf import descriptor_pb2
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,13 +25,6 @@ def test_block_has_these_bytes():
     )  # fmt: skip
     assert encode.block(7, 1_000_000, 100_000, np.array([1.0, -2.0])) == golden
     assert messages.TYPES["Block"](tick=7, t0_ns=1_000_000, dt_ns=100_000, v=[1.0, -2.0]).SerializeToString() == golden
-
-
-def test_step_has_these_bytes():
-    golden = bytes.fromhex("09" "0300000000000000" "11" "c0c62d0000000000" "1a" "08" "000000000000e03f" "22" "08"
-                           "0200000000000000")  # fmt: skip
-    assert encode.step(3, 3_000_000, np.array([0.5]), np.array([2])) == golden
-    assert messages.decode("step", golden).values[:] == [0.5]
 
 
 def equal(packed: bytes, kind: str, **fields) -> bool:
@@ -97,12 +89,7 @@ def test_any_commands_in_one_applied_come_back_bit_for_bit(rows):
     assert same(read.values, [one for *_, values in rows for one in values])
 
 
-def test_a_single_applied_is_read_as_one_row():
-    read = messages.commands(messages.decode("applied/x", encode.applied(7, 350, 6, 1, [1.0, 2.0])))
-    assert tuple(map(list, read)) == ([7], [6], [1], [1.0, 2.0])
-
-
-@pytest.mark.parametrize("field", ["ticks", "answers", "statuses", "values"])
+@pytest.mark.parametrize("field", ["answers", "values"])
 def test_an_applied_whose_columns_differ_in_length_is_refused(field):
     columns = [array("q", column) for column in ([1, 2], [0, 1], [0, 0])]
     said = messages.decode("applied/x", encode.commands(50, *columns, array("d", [1.0, 2.0])))
@@ -111,7 +98,7 @@ def test_an_applied_whose_columns_differ_in_length_is_refused(field):
         messages.commands(said)
 
 
-@pytest.mark.parametrize("count", [1, 8, 12, 13, 40])
+@pytest.mark.parametrize("count", [1, 13])
 def test_state_is_what_the_stock_library_writes(count):
     names = [f"output.{i}" for i in range(count)]
     kind, pack = messages.state_type(names), encode.StateEncoder(count)
@@ -119,10 +106,6 @@ def test_state_is_what_the_stock_library_writes(count):
         values = np.arange(count) + shift
         stock = kind(t_ns=5, tick=6, mode=-1, **{messages.field_name(n): v for n, v in zip(names, values)})
         assert pack(5, 6, -1, values) == stock.SerializeToString()
-
-
-def test_numbers_of_single_precision_are_widened_not_garbled():
-    assert messages.decode("act/x", encode.act(1, 1, np.array([0.5], dtype=np.float32))).values[:] == [0.5]
 
 
 def test_names_that_collide_in_a_message_are_refused():
@@ -138,17 +121,6 @@ def test_a_decoder_of_a_scene_knows_its_state():
     assert (state.mode, state.x, state.drive_speed) == (-1, 3.0, 4.0)
     event = decode("event/plant", messages.event(5, 6, "plant", "mark", "here", {"a": 1}))
     assert (event.t_ns, event.tick, event.source, event.data) == (5, 6, "plant", '{"a": 1}')
-
-
-def test_schema_of_a_type_names_its_fields():
-    found = descriptor_pb2.FileDescriptorSet.FromString(messages.file_descriptor_set(messages.TYPES["Block"]))
-    block = next(kind for kind in found.file[0].message_type if kind.name == "Block")
-    assert [field.name for field in block.field] == ["tick", "t0_ns", "dt_ns", "v", "t_ns"]
-
-
-def test_nonsense_is_not_a_message():
-    with pytest.raises(BusError, match="are not a Step"):
-        messages.decode("step", b"\xff\xff\xff")
 
 
 def test_every_recorded_topic_has_a_type():

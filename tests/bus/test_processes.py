@@ -11,7 +11,6 @@ import pytest
 
 from rig import bus
 from rig.bus import address, messages
-from rig.bus.link import open_leaf
 from rig.errors import BusError
 
 LISTENER = """
@@ -204,39 +203,3 @@ def test_a_killed_plant_is_noticed_and_leaves_nothing_that_hinders(runs, script)
     assert address.list_runs() == []
     with bus.host("killed"), bus.join("killed", role="viewer", name="v") as one:
         one.announce()
-
-
-def test_a_socket_without_a_plant_is_told_at_once(runs, script):
-    plant = script(PLANT)
-    assert plant.stdout.readline() == "up\n"
-    there = address.find("killed")
-    plant.kill()
-    plant.wait()
-    with pytest.raises(BusError, match="has ended unexpectedly"):
-        open_leaf(there, "viewer", "v")
-    address.list_runs()
-    with pytest.raises(BusError, match="has ended"):
-        open_leaf(there, "viewer", "v")
-
-
-def test_leaving_a_hung_plant_is_bounded(runs, script):
-    plant = script(PLANT)
-    assert plant.stdout.readline() == "up\n"
-    one = bus.join("killed", role="viewer", name="v")
-    one.announce()
-    plant.send_signal(signal.SIGSTOP)
-    for _ in range(200):
-        one.publisher("event/v").put(b"x" * 50_000, 0)
-    one.close()  # would wait for ever
-    assert plant.poll() is None
-
-
-def test_a_killed_follower_is_noticed(runs, script):
-    with bus.host("killed") as plant:
-        plant.announce()
-        watch = plant.watch("viewer/*")
-        follower = script(FOLLOWER)
-        assert follower.stdout.readline() == "here\n"
-        assert watch.wait_for("viewer", "v", 20.0)
-        follower.kill()
-        assert [(p.name, p.here) for p in watch.poll(20.0)] == [("v", False)]

@@ -49,14 +49,6 @@ def test_the_generated_code_has_exactly_the_messages_of_the_proto_file(proto_sou
         ]
 
 
-def test_a_line_that_the_reader_does_not_know_is_refused(proto_source):
-    text = SOURCE.read_text()
-    with pytest.raises(ValueError, match="cannot be read: map"):
-        proto_source.messages(text.replace("  sfixed64 tick = 1;", "  map<string, double> tick = 1;", 1))
-    with pytest.raises(ValueError, match="cannot be read: enum"):
-        proto_source.messages(text + "\nenum Kind { A = 0; }\n")
-
-
 @pytest.mark.skipif(PROTOC is None, reason="protoc is not installed (Debian: protobuf-compiler)")
 @pytest.mark.parametrize(("source", "committed"), [(SOURCE, rig_pb2), (VIEWING, viewing_pb2)])
 def test_protoc_makes_the_same_of_the_proto_file(tmp_path, source, committed):

@@ -9,7 +9,6 @@ from twin import Twin
 
 from rig.bus import encode, messages
 from rig.bus.messages import EVERY, LONGEST
-from rig.bus.run_setup import Setup, fetch
 from rig.bus.topics import Arrived, Count
 from rig.errors import BusError
 
@@ -38,16 +37,6 @@ def test_a_pattern_hears_each_topic_and_counts_it_apart_and_nobody_hears_himself
     assert heard.get(0.05) is None
     assert {topic: c.received for topic, c in heard.counts.items()} == {"meas/laser": 3, "meas/gauge": 5}
     assert own.get() is None
-
-
-def test_answers_travel_back_and_are_stamped(wire):
-    acts = wire.plant.subscribe("act/*", stamped=True)
-    one, before = wire.join(), time.monotonic_ns()
-    deadline = time.monotonic() + 20.0
-    while (said := acts.get(0.05)) is None and time.monotonic() < deadline:
-        one.publisher("act/one").put(encode.act(1, 2, [3.0]), 2)
-    assert said.topic == "act/one"
-    assert before < said.arrived_ns <= time.monotonic_ns()
 
 
 @pytest.mark.parametrize(("depth", "polled"), [(100, False), (64, True)])
@@ -136,21 +125,6 @@ def test_questions_are_answered_in_the_thread_that_polls(wire):
     thread.join()
 
 
-def test_a_question_that_nobody_has_read_is_refused_at_the_end(wire):
-    server = wire.plant.serve("param/plant", lambda body: {})
-
-    def end():
-        while not server.waiting():
-            time.sleep(0.01)
-        server.give_up("the run ended before it was done")
-
-    thread = threading.Thread(target=end, daemon=True)
-    thread.start()
-    with pytest.raises(BusError, match="the run ended before it was done"):
-        wire.join().ask("param/plant", {}, 20.0, patient=True)
-    thread.join()
-
-
 def test_nobody_answers_is_said(wire):
     one = wire.join()
     with pytest.raises(BusError, match="no process answered cmd/plant") as told:
@@ -159,13 +133,6 @@ def test_nobody_answers_is_said(wire):
     wire.plant.serve("cmd/plant", lambda body: {})  # is there, but does not poll
     with pytest.raises(BusError, match=r"no process answered cmd/plant .* within 0\.3 s"):
         one.ask("cmd/plant", {}, 0.3, patient=True)
-
-
-def test_a_latecomer_learns_the_setup(wire):
-    told = Setup("test", '{"plant": "belt"}', 1_000_000, 100_000, {"velocity": "m/s"}, {"laser": ("m/s", 100_000)})
-    thread = wire.serving("scene", lambda body: told.to_json())
-    assert fetch(wire.join()) == told
-    thread.join()
 
 
 def test_the_last_word_before_closing_arrives_and_closing_may_be_repeated(wire, gather):

@@ -11,8 +11,6 @@ import pytest
 from waiting_run import in_process, waiting_run
 
 import rig.bus
-from rig import bus
-from rig.bus.address import list_runs
 from rig.bus.topics import TABLE
 
 ROOT = Path(__file__).parents[2]
@@ -73,23 +71,6 @@ def test_a_second_program_of_the_same_name_is_refused_with_the_reason(example):
         assert "the name 'plain' is taken in this run" in refused.communicate()[0]
         assert refused.returncode == 1
         run.end()
-
-
-def test_the_example_ends_when_the_plant_is_killed(example, script, runs):
-    plant = script(
-        "import sys; sys.path.insert(0, sys.argv[1]); from waiting_run import waiting_run\n"
-        "with waiting_run('nobody') as run: run.thread.join(20.0)",
-        ROOT / "tests" / "support",
-    )
-    deadline = time.monotonic() + 20.0
-    while not list_runs() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    process = example("wire")
-    with bus.join("wire", role="operator", name="test", wait=5.0) as me:
-        assert me.watch("controller/*").wait_for("controller", "plain", 10.0)
-    plant.kill()
-    assert process.communicate(timeout=10.0)[0] == ""
-    assert process.returncode == 0
 
 
 def test_the_page_names_every_topic_that_a_program_meets():

@@ -7,7 +7,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
@@ -90,22 +90,13 @@ def test_all_files_and_python_control_give_the_same_controller(tmp_path):
         assert read == expected.model_copy(update={"file": f"k{suffix}"})
 
 
-def test_a_transfer_function_of_matlab_is_read(tmp_path):
-    savemat(tmp_path / "k.mat", {"num": [[0.0, 2.0]], "den": [[1.0, -0.5]], "Ts": 1e-3})
-    read = section(file=str(tmp_path / "k.mat"))
-    assert (read.A, read.B, read.C, read.D) == (((0.5,),), ((1.0,),), ((2.0,),), ((0.0,),))
-
-
 FAULTS = {
     "dt is missing": {"D": 1.0},
     "period: is 0.001 s, but the system is discrete with dt = 0.002 s": {"D": 1.0, "dt": 0.002},
     "improper: num has degree 2, den 1": {"num": [1, 2, 3], "den": [1, 1], "dt": 0.001},
-    "D contains a number that is not finite": {"D": math.nan, "dt": 0.001},
     r"A is 1 x 2, expected 1 x 1; B is 1 x 1, expected 1 x 2 \(D is 1 x 2\)": {
         "A": [[1, 2]], "B": [[1]], "C": [[1]], "D": [[0, 1]], "dt": 0.001,
     },
-    "'K' is unknown; known: A, B": {"D": 1.0, "K": 1.0, "dt": 0.001},
-    "inputs: 2 names; the system has 1": {"D": 1.0, "inputs": ["a", "b"], "dt": 0.001},
     "101 states": {"num": [1], "den": [1] * 102, "dt": 0.001},
     "has no effect on the outputs": {
         "A": [[1, 0], [0, 1]], "B": [[1], [0]], "C": [[1, 0]], "D": [[0]], "dt": 0.001,
@@ -122,16 +113,10 @@ def test_a_system_that_cannot_work_is_refused(tmp_path, told):
     assert "controllers.nf" in refused.value.faults[0]
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".mat"])
-def test_a_small_file_that_unpacks_to_a_large_one_is_refused(tmp_path, suffix):
-    matrices = {"A": np.zeros((1500, 1500)), "B": [[0.0]], "C": [[0.0]], "D": [[0.0]], "dt": 1e-3}
-    path = tmp_path / f"k{suffix}"
-    if suffix == ".npz":
-        np.savez_compressed(path, **matrices)
-    else:
-        cell = np.empty((1, 1), dtype=object)
-        cell[0, 0] = matrices["A"]
-        savemat(path, {**matrices, "A": cell}, do_compression=True)
+def test_a_small_file_that_unpacks_to_a_large_one_is_refused(tmp_path):
+    cell, path = np.empty((1, 1), dtype=object), tmp_path / "k.mat"
+    cell[0, 0] = np.zeros((1500, 1500))
+    savemat(path, {"A": cell, "B": [[0.0]], "C": [[0.0]], "D": [[0.0]], "dt": 1e-3}, do_compression=True)
     assert path.stat().st_size < 100_000
     with pytest.raises(ValueError, match=r"MiB unpacked"):
         system_file.read(path)
@@ -141,9 +126,7 @@ def test_a_small_file_that_unpacks_to_a_large_one_is_refused(tmp_path, suffix):
     ("keys", "told"),
     [
         ({"reads": "laser"}, r"controllers.nf.reads\[1\] = \"laser\": unknown sensor"),
-        ({"reads": "vibrometer, normal_force"}, "reads: names vibrometer, normal_force; expected 1 different"),
         ({"method": "zoh"}, "method: has no meaning, the system is discrete"),
-        ({"lowest": "[1.0, 2.0]"}, "lowest: has 2 values; expected one"),
         ({"file": "none.json"}, "there is no such file"),
     ],
 )
@@ -170,12 +153,6 @@ def test_limits_that_the_actuator_does_not_have_are_refused_before_the_run(tmp_p
         package.simulate(scene, 0.01)
 
 
-@pytest.mark.parametrize("dt", [None, True])
-def test_a_system_of_python_control_without_a_period_is_refused(dt):
-    with pytest.raises(ValueError, match="state the sample period"):
-        of_python_control(control.ss(1.0, 1.0, 1.0, 0.0, dt), reads="y", drives="u")
-
-
 def test_within_its_limits_it_is_the_linear_system():
     given = control.drss(3, 1, 1, strictly_proper=False, dt=1e-3)
     given.A = 0.9 * given.A / abs(np.linalg.eigvals(given.A)).max()
@@ -198,6 +175,7 @@ def test_the_gain_against_windup_of_a_pi_controller_is_that_of_hanus():
     assert integrator.L[0][0] == pytest.approx(1.0, rel=2e-4)  # the state follows the command in force
 
 
+@settings(max_examples=20)
 @given(st.floats(0.01, 10.0), st.floats(0.1, 100.0), st.integers(10, 3000))
 def test_a_pi_controller_leaves_its_limit_at_once(gain, rate, ticks):
     """However long it was at the limit. Without the correction it needs as long as it was wound up."""
@@ -248,6 +226,7 @@ def test_a_recording_needs_the_file_no_more(scenes, tmp_path):
     assert verify(tmp_path / "run.mcap").passed
 
 
+@pytest.mark.slow
 def test_a_file_that_the_command_names_works_as_a_process_in_lockstep_too(rig, runs, tmp_path, scenes):
     (tmp_path / "k.json").write_text('{"D": -200.0, "dt": 0.001, "inputs": ["vibrometer"], "outputs": ["load.force"]}')
     log, how = tmp_path / "live.mcap", ("--lockstep", "--pace", "max", "--duration", "0.3")
@@ -277,8 +256,6 @@ def test_the_json_of_the_page_closes_a_loop_as_the_page_says(rig, tmp_path, monk
     code, out, err = rig("loop", "belt_normal_force", "--controller", "nf.json", "--json")
     assert code == 0, err
     assert json.loads(out)["loop"]["gain_range"] == found["gain_range"]
-    for how in ("nf=nf.json", "nf.json", "nf"):
-        assert rig("simulate", "belt_normal_force", "--duration", "0.02", "--controller", how)[0] == 0
-    for command in ("simulate", "run", "modes", "loop"):
-        code, _, err = rig(command, "belt_normal_force", "--controller", "fn")
-        assert (code, "fn" in err, "nf" in err) == (2, True, True), (command, err)
+    assert rig("simulate", "belt_normal_force", "--duration", "0.02", "--controller", "nf.json")[0] == 0
+    code, _, err = rig("simulate", "belt_normal_force", "--controller", "fn")
+    assert (code, "fn" in err, "nf" in err) == (2, True, True), err

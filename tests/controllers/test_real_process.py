@@ -1,8 +1,6 @@
 """A controller as a real process, over a private unix socket."""
 
 import contextlib
-import os
-import signal
 import subprocess
 import sys
 import time
@@ -60,25 +58,6 @@ def test_a_real_process_answers_over_a_private_socket_and_ends_with_the_plant(pr
             assert (act.tick, list(act.values)) == (tick, [10.0])
         session.close()
         assert ended(child, 3.0) == 0
-
-
-def test_a_real_process_leaves_cleanly_when_asked_to(private):
-    with spawned("feedback") as (plant, child, _):
-        child.send_signal(signal.SIGINT)
-        assert ended(child, 3.0) == 0
-        assert plant.event().kind == "left"
-
-
-def test_a_killed_process_leaves_nothing_behind(private):
-    with spawned("feedback") as (plant, child, _):
-        before = sorted(os.listdir(private / "friction-rig"))
-        child.kill()
-        child.wait(3.0)
-        deadline = time.monotonic() + 4.0
-        while plant.watch.present and time.monotonic() < deadline:
-            plant.watch.poll(0.1)
-        assert not plant.watch.present
-        assert sorted(os.listdir(private / "friction-rig")) == before
 
 
 def test_a_fault_in_a_file_of_ones_own_is_told_with_its_trace(private, tmp_path):

@@ -19,9 +19,8 @@ from patience import PATIENCE_S, wait_for
 
 from rig import scenes
 from rig.cli.lesson import for_a_terminal
-from rig.errors import UsageError
 from rig.lessons import FOLDER, attempt, compare, lesson, lessons, renew, renewed
-from rig.lessons.page import Command, at, read
+from rig.lessons.page import Command, read
 
 ROOT = Path(__file__).parents[2]
 ALL = lessons()
@@ -92,7 +91,11 @@ def test_all_numbers_of_a_lesson_come_out_within_two_minutes(one, tmp_path):
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 
-@pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
+@pytest.mark.parametrize(
+    "file",
+    [NOTEBOOKS[0], *(pytest.param(one, marks=pytest.mark.slow) for one in NOTEBOOKS[1:])],
+    ids=lambda one: one.stem,
+)
 def test_the_code_of_a_notebook_runs_and_no_output_is_kept(file, tmp_path):
     cells = [cell for cell in json.loads(file.read_text())["cells"] if cell["cell_type"] == "code"]
     assert all(cell["outputs"] == [] for cell in cells)
@@ -215,8 +218,6 @@ def test_a_line_that_a_command_does_not_print_is_refused():
     [
         ("## Solutions", "## Answers", "expected Question, Experiment, Solutions"),
         ("| scene | `belt` |", "", "no row scene"),
-        ("| 0.01 |", "| 0.01 m |", "another unit"),
-        ("```\n\n|", "```\n\nSo:\n\n|", "must follow"),
         ("\nstable\n", "\n", "2 rows, but 1 places"),
     ],
 )
@@ -225,18 +226,6 @@ def test_a_page_without_its_parts_is_refused(old, new, why, tmp_path):
     file.write_text(PAGE.replace(old, new, 1))
     with pytest.raises(ValueError, match=why):
         read(file)
-
-
-def test_a_place_that_is_not_there_is_nothing():
-    report = {"a": [{"b": 1.0}], "c": None}
-    assert at(report, "a.0.b") == 1.0
-    assert at(report, "a.-1.b") == 1.0
-    assert [at(report, place) for place in ("a.1.b", "a.x", "d", "c.e", "a.0.b.c")] == [None] * 5
-
-
-def test_an_unknown_number_is_refused():
-    with pytest.raises(UsageError, match=r"99: no lesson has this number"):
-        lesson(99)
 
 
 def test_without_a_terminal_the_page_is_printed(tmp_path):

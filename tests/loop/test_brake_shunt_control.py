@@ -37,8 +37,8 @@ def test_noisy_sliding_connects_nothing():
             "sensors.vibrometer.dropout_rate": "50 1/s",
         },
     )
-    run = rig.simulate(scene, duration=4.0)
-    assert loudest(run, 3.0, 4.0) > 0.02  # the noise alone passes the threshold, sample by sample
+    run = rig.simulate(scene, duration=2.0)
+    assert loudest(run, 1.0, 2.0) > 0.02  # the noise alone passes the threshold, sample by sample
     assert run.commands["listener"].values.max() == 0.0
 
 

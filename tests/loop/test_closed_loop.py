@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 TABLES = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())["loop"]
-TITLED = {  # columns and rows of the published form of each table; the rest of the reference is for the slow suite
-    "normal_force_delay": (100.0, 150.0, 200.0, 300.0, 400.0),
-    "normal_force_sampling": (150.0, 200.0, 400.0),
-    "belt_delay": (0.5, 1.0, 1.33, 2.66, 4.0, 5.33),
+TITLED = {  # some columns and rows of the published form of each table; the rest of the reference is for the slow suite
+    "normal_force_delay": (100.0, 200.0, 400.0),
+    "normal_force_sampling": (150.0, 400.0),
+    "belt_delay": (0.5, 1.33, 2.66, 5.33),
 }
 SLOW_COLUMNS = {"normal_force_sampling": (500, 1000, 10000), "belt_delay": (0.07, 0.14)}
 
@@ -129,7 +129,7 @@ def test_small_gain_keeps_the_cycle(loop, gain):
     assert v.min() == pytest.approx(-0.1013 if gain == 0.0 else -0.0687, abs=5e-4)
 
 
-@pytest.mark.parametrize("gain", [200.0, 300.0, 400.0])
+@pytest.mark.parametrize("gain", [200.0, 400.0])
 def test_gain_of_a_fifth_newton_second_per_millimetre_breaks_the_cycle(loop, gain):
     run = loop.normal_force(gain)
     assert loop.amplitude(run, 2.0, 4.0) > 0.08
@@ -150,7 +150,7 @@ def test_observed_velocity_breaks_the_cycle_through_noise(scene, loop):
     """K = 0.2 N s/mm on an observer's velocity, instruments with their default flaws: at most 5 mm/s are left."""
     import rig
 
-    run = rig.simulate(rig.load(scene, {"controllers.nf.gain": "200 N*s/m"}), 20.0)
+    run = rig.simulate(rig.load(scene, {"controllers.nf.gain": "200 N*s/m"}), 10.0)
     v = abs(run.signals["velocity"])
     assert v[(run.time > 2.0) & (run.time < 4.0)].max() > 0.09
-    assert v[run.time > 16.0].max() <= 5e-3
+    assert v[run.time > 8.0].max() <= 5e-3

@@ -15,7 +15,6 @@ from rig import controllers
 from rig.bench.run import exchange, local_controllers, simulate
 from rig.bench.run.local_controllers import CompiledControllers
 from rig.design import numbers
-from rig.record.run import Commands
 from rig.scenes.scene import Scene
 from rig.solve import control_loop
 
@@ -53,7 +52,6 @@ def runs(name, changes, duration, wrap=lambda controller: controller):
 
 
 CASES = [
-    ("belt_normal_force", {"controllers.nf.enable_at": 0.2}, 0.5),
     ("belt_normal_force", {"controllers.nf.enable_at": 0.2, "controllers.nf.delay": 0.003}, 0.5),
     ("belt_normal_force", {"controllers.nf.period": 0.005, "controllers.nf.delay": 0.012}, 0.5),
     ("belt_velocity_feedback", {"controllers.belt.enable_at": 0.1}, 0.5),
@@ -65,7 +63,7 @@ CASES = [
     ),
     ("belt_dither_sampled", {}, 0.5),
     ("belt_dither_controlled", {}, 0.3),
-    ("brake_active", {"controllers.nb.enable_at": 0.01, "start.velocity": 0.01}, 0.03),
+    ("brake_active", {"controllers.nb.enable_at": 0.01, "start.velocity": 0.01}, 0.015),
     ("brake_shunt_listener", {}, 0.03),
 ]
 
@@ -77,7 +75,7 @@ def test_a_run_has_the_same_bits_in_every_way(name, changes, duration):
     assert compiled == outside
 
 
-@pytest.mark.parametrize(("name", "changes", "duration"), CASES[1:6:2], ids=range(3))
+@pytest.mark.parametrize(("name", "changes", "duration"), CASES[:5:2], ids=range(3))
 def test_a_recording_is_simulated_again_with_the_same_bits(name, changes, duration):
     found = []
     for kind in WAYS[:2]:
@@ -103,13 +101,6 @@ def test_more_commands_than_the_compiled_loop_has_room_for(monkeypatch):
         outside = rig.simulate(scene, 0.5)
     assert told(first) == told(outside)
     assert told(again)[0] == told(outside)[0]
-
-
-def test_recorded_commands_of_which_none_can_be_read_are_as_if_there_were_none():
-    scene, none = rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.0}), np.empty(0, np.int64)
-    lost = {"nf": Commands(none, none, none, np.empty((0, 0)))}
-    found = [simulate.simulate(scene, {}, 10**8, simulate.Recorded(commands)) for commands in (lost, {})]
-    assert told(found[0]) == told(found[1])
 
 
 def test_the_protocol_acts_between():
@@ -193,7 +184,7 @@ local_controllers.WORTH = 10**12  # controllers stay in Python
 signal.signal(signal.SIGPROF, strike)
 scene, struck, draw = rig.load("belt_normal_force"), 0, random.Random(1)
 rig.simulate(scene, 0.5)
-for _ in range(8):
+for _ in range(4):
     due.append(draw.uniform(0.02, 0.1))
     try:
         rig.simulate(scene, 1000.0)
@@ -207,5 +198,5 @@ def test_no_ctrl_c_is_lost_in_the_compiled_loop():
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=300.0, check=True
     )
-    assert done.stdout == "8\n"
+    assert done.stdout == "4\n"
     assert "ctypes callback" not in done.stderr

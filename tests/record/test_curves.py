@@ -80,12 +80,6 @@ def test_a_curve_has_the_extremes_of_each_window_at_their_own_times(run, message
     assert (values, values[-1]) == (sorted(values), 3.0)  # a slow output stays monotone
 
 
-def test_log_times_are_simulated_and_publish_times_those_of_a_run_in_real_time(messages):
-    for topic, found in messages.items():
-        assert all(m.publish_time == BEGAN + m.log_time for _, _, m in found), topic
-    assert max(found[-1][2].log_time for found in messages.values()) == 300_000_000
-
-
 def test_events_are_log_messages_that_foxglove_knows(run, tmp_path):
     save(run, tmp_path / "run.mcap")
     with (tmp_path / "run.mcap").open("rb") as file:

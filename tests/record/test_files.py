@@ -3,7 +3,6 @@
 import contextlib
 import copy
 import dataclasses
-import json
 import tracemalloc
 from array import array
 from pathlib import Path
@@ -18,13 +17,12 @@ from mcap_protobuf.decoder import DecoderFactory
 import rig
 from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
-from rig.errors import LogError, OutputError
+from rig.errors import LogError
 from rig.record import mcap_file, reader, writer
 from rig.record.compare import compare
 from rig.record.contents import contents
 from rig.record.mcap_file import FORMAT
 from rig.record.message_scan import Scan
-from rig.record.recorded_setup import head, setup_of
 from rig.record.recover import recover
 from rig.record.run import Commands, Run, Samples
 from rig.record.run_list import runs
@@ -93,13 +91,6 @@ def test_other_programs_can_read_and_decode_it(saved):
     assert blocks[0].v[0] == reader.open(saved).measurements["laser"].v[0]
 
 
-def test_scene_and_provenance_stand_before_the_first_message(saved):
-    found = head(saved)
-    assert json.loads(found.attachments["scene.json"].data) == {"plant": "belt"}
-    assert found.metadata["provenance"] == {"seed": "1", "commit": "none"}
-    assert setup_of(found).sensors["laser"] == ("m/s", 100_000)
-
-
 def holds_nothing_wrong(part, run):
     """Whether every number that was read is the one that was written for that instant."""
     for name, (t_ns, v) in part.measurements.items():
@@ -115,32 +106,20 @@ def holds_nothing_wrong(part, run):
 def test_a_file_cut_anywhere_reads_up_to_the_cut(run, saved, tmp_path):
     whole, path = saved.read_bytes(), tmp_path / "cut.mcap"
     front = whole.index(b"provenance") / len(whole) + 0.001
-    for share in np.linspace(front, 0.999, 25):
+    for share in np.linspace(front, 0.999, 12):
         path.write_bytes(whole[: int(share * len(whole))])
         part = reader.open(path)
         assert part.fault
         assert holds_nothing_wrong(part, run)
         latest = max((t_ns[-1] for t_ns, _ in part.measurements.values() if t_ns.size), default=0)
         assert latest >= (share - 0.1) * 0.7e9 - 250e6  # blocks of 0.25 s
-    for end in range(0, int(front * len(whole)), 297):  # so little is left that it may be no recording at all
+    for end in range(0, int(front * len(whole)), 997):  # so little is left that it may be no recording at all
         path.write_bytes(whole[:end])
         with contextlib.suppress(LogError):
             assert reader.open(path).fault
 
 
 SETUP = Setup("r", "{}", 1_000_000, 1_000_000, {"x": "m"}, {"s": ("m", 1_000_000)})
-
-
-def test_two_runs_do_not_write_one_file(tmp_path):
-    path = tmp_path / "run.mcap"
-    first = Writer(path, SETUP, "saved")
-    for taken, why in ((path, "another run is writing it; name another file"), (tmp_path, "Is a directory")):
-        with pytest.raises(OutputError, match=why):
-            Writer(taken, SETUP, "saved")
-    size = path.stat().st_size
-    first.close({}, {})
-    assert path.stat().st_size > size
-    Writer(path, SETUP, "saved").close({}, {})
 
 
 def test_log_times_are_simulated_times_in_order_whatever_order_messages_arrive_in(tmp_path, monkeypatch):
@@ -175,14 +154,6 @@ def test_log_times_are_simulated_times_in_order_whatever_order_messages_arrive_i
         assert len(set(names)) == len(names)
 
 
-def test_a_recording_just_begun_knows_its_scene(tmp_path):
-    log = Writer(tmp_path / "run.mcap", SETUP, "recorded")  # and nothing more, as after a kill
-    run = reader.open(tmp_path / "run.mcap")
-    log.abandon()
-    assert (run.scene, run.time.size) == ("{}", 0)
-    assert run.fault
-
-
 def test_the_first_difference_is_found_to_the_bit(run):
     run, other = copy.deepcopy(run), copy.deepcopy(run)
     run.signals["velocity"][2] = other.signals["velocity"][2] = np.nan  # equal
@@ -201,13 +172,12 @@ def test_the_first_difference_is_found_to_the_bit(run):
     assert "differs at sample 500, t = 0.05 s" in str(found.differences[1])
 
 
-@pytest.mark.parametrize("recovered", [False, True])
-def test_a_recording_cut_within_an_instant_agrees_with_the_whole_one_as_far_as_it_goes(saved, tmp_path, recovered):
+def test_a_recording_cut_within_an_instant_agrees_with_the_whole_one_as_far_as_it_goes(saved, tmp_path):
     whole, lengths = saved.read_bytes(), set()
     for end in range(len(whole) // 3, len(whole) * 2 // 3, len(whole) // 20):
         cut = tmp_path / "cut.mcap"
         cut.write_bytes(whole[:end])
-        run = reader.open(recover(cut, tmp_path / "out.mcap", replace=True).path if recovered else cut)
+        run = reader.open(recover(cut, tmp_path / "out.mcap", replace=True).path)
         lengths.add(len({run.recorded(name).v.size for name in run.signals}))
         assert not any(one.differing for one in compare(saved, run).differences)
     assert lengths == {1, 2}  # some cuts took more of one signal than of the other
@@ -241,21 +211,21 @@ def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypat
     monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
     log, payload, taken = Writer(tmp_path / "run.mcap", SETUP, "recorded"), encode.block(0, 0, 1, [0.0]), []
     tracemalloc.start()
-    for k in range(1500):
+    for k in range(700):
         for sensor in range(4):
             log.write(f"meas/s{sensor}", payload, k * 100_000_000, k, k)
         log.flush_if_due()  # a chunk each: as after a day
-        if k in (300, 1499):
+        if k in (200, 699):
             taken.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     log.close({}, {})
-    assert taken[1] - taken[0] < 64 << 10  # bytes; the library's writer keeps 1 kB for each chunk, 1.5 MB here
+    assert taken[1] - taken[0] < 64 << 10  # bytes; the library's writer keeps 1 kB for each chunk, 0.5 MB here
     with (tmp_path / "run.mcap").open("rb") as file:
         summary = make_reader(file).get_summary()
-    assert len(summary.chunk_indexes) >= 1500
-    assert summary.statistics.message_count == 6_000
+    assert len(summary.chunk_indexes) >= 700
+    assert summary.statistics.message_count == 2_800
     scan = Scan(tmp_path / "run.mcap")
-    assert sum(1 for _ in scan) == 6_000
+    assert sum(1 for _ in scan) == 2_800
     assert scan.sealed
 
 
@@ -306,13 +276,6 @@ def test_times_of_the_first_format_are_those_of_the_run(path, end, began, tmp_pa
             assert abs(contents(file).began_ns - run.began_ns) < 10**9
 
 
-def test_a_recording_states_its_format(run, tmp_path):
-    save(run, tmp_path / "run.mcap")
-    scan = Scan(tmp_path / "run.mcap")
-    list(scan)
-    assert scan.metadata["log"]["format"] == str(FORMAT)
-
-
 def test_a_recording_of_a_newer_format_is_refused(run, tmp_path, monkeypatch):
     monkeypatch.setattr("rig.record.writer.FORMAT", FORMAT + 1)
     save(run, tmp_path / "run.mcap")
@@ -341,13 +304,6 @@ def test_a_run_prints_as_one_screen(run):
     assert "events      mark 2" in lines
     assert lines[-1] == "damage      it breaks off"
     assert "array" not in text
-
-
-def test_an_unknown_channel_names_those_that_are_like_it(run):
-    name = next(iter(run.signals))
-    for channels, asked in ((run.signals, name[:-2]), (run.units, name[:-2])):
-        with pytest.raises(KeyError, match=f"is not in this run; did you mean {name}"):
-            channels[asked]
 
 
 def test_a_run_saved_from_python_has_its_provenance(tmp_path):

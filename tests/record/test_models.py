@@ -12,7 +12,6 @@ from rig.plants.structures import model_store, plate_model
 from rig.plants.structures.plate_surface import Surface
 from rig.record import reader, recorded_setup
 from rig.record.provenance import provenance
-from rig.record.recover import recover
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
@@ -113,10 +112,3 @@ def test_a_recording_that_lost_its_model_is_told_and_simulated_with_one_built_he
     found = verify(log)
     assert any("model" in told for told in found.notes), found
     assert found.identical  # this machine builds the same one
-
-
-def test_recovering_keeps_the_model(log, run, bare, tmp_path):
-    log.write_bytes(log.read_bytes()[:-4000])
-    recover(log, tmp_path / "whole.mcap")
-    bare()
-    assert rig.open(tmp_path / "whole.mcap").models == run.models

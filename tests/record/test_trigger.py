@@ -9,13 +9,12 @@ import pytest
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 from rig.errors import UsageError
-from rig.machine import files
 from rig.record import reader
 from rig.record import windows as triggers
 from rig.record.contents import contents
 from rig.record.message_scan import Scan
 from rig.record.run_list import runs
-from rig.record.windows import Trigger, Windows, path_of
+from rig.record.windows import Trigger, Windows
 
 SETUP = Setup(
     "r", '{"plant": "belt"}', 1_000_000, 1_000_000, {"velocity": "m/s", "x": "m"}, {"vibrometer": ("m/s", 1_000_000)}
@@ -112,14 +111,6 @@ def test_nothing_is_written_without_a_firing_and_the_closest_sample_is_told(tmp_
     assert windows.text() == "nothing recorded: vibrometer > 0.1 m/s never held; no sample of it arrived"
 
 
-def test_a_killed_recorder_leaves_a_window_that_can_be_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("rig.record.writer.FLUSH_NS", 0)
-    windows, _ = watched(tmp_path / "w.mcap", pulses(3900), close=False)
-    run = reader.open(windows.paths[0])
-    assert "it breaks off" in run.damage
-    assert "held at t = 3.900000 s" in run.window
-
-
 def test_memory_bounds_what_is_kept_before_and_the_recording_says_so(tmp_path):
     windows, said = watched(tmp_path / "w.mcap", pulses(3000), before=2.0, memory=100_000)
     t_ns = reader.open(windows.paths[0]).measurements["vibrometer"].t_ns
@@ -143,7 +134,6 @@ def test_lost_messages_are_counted_in_the_window_that_lacks_them(tmp_path):
         ("vibrometer < -0.1 m/s", 2000),
         ("|vibrometer| > 10 cm/s", 1000),
         ("velocity < -100 mm/s", 2000),
-        ("|vibrometer|>0.25 m/s", 2000),
     ],
 )
 def test_conditions_on_sensors_and_outputs_in_any_unit(tmp_path, condition, first):
@@ -158,7 +148,6 @@ def test_conditions_on_sensors_and_outputs_in_any_unit(tmp_path, condition, firs
     ("condition", "fault"),
     [
         ("vibrometer", "expected NAME > VALUE or NAME < VALUE with a unit"),
-        ("vibrometer > 0.1", "the level is '0.1' without a unit; expected m/s"),
         ("vibrometer > 0.1 kg", "the level is '0.1 kg'; expected a unit that converts to m/s"),
         ("vibrometr > 0.1 m/s", "no 'vibrometr' in this run: did you mean vibrometer?"),
         ("|vibrometer| < -1 m/s", "an absolute value is never below 0"),
@@ -169,15 +158,6 @@ def test_a_condition_that_does_not_fit_is_refused_in_words(tmp_path, condition, 
         watched(tmp_path / "w.mcap", pulses(), condition)
     assert fault in str(refused.value)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_recordings_of_an_earlier_watch_are_kept(tmp_path):
-    watched(tmp_path / "w.mcap", pulses(1000, 2500))
-    path_of(tmp_path / "w.mcap", 1).unlink()
-    before = path_of(tmp_path / "w.mcap", 2).read_bytes()
-    with pytest.raises(UsageError, match=r"w-002\.mcap exists; name another file, or add --force"):
-        watched(tmp_path / "w.mcap", pulses(1000))
-    assert path_of(tmp_path / "w.mcap", 2).read_bytes() == before
 
 
 def test_force_replaces_all_recordings_of_an_earlier_watch_and_nothing_else(tmp_path):
@@ -194,15 +174,6 @@ def test_force_replaces_all_recordings_of_an_earlier_watch_and_nothing_else(tmp_
     watched(base, pulses(1000), replace=True)
     assert {one.name for one in tmp_path.iterdir()} == {"w-001.mcap", *kept}
     assert "held at t = 1.000000 s" in reader.open(tmp_path / "w-001.mcap").window
-
-
-def test_recordings_that_another_watch_is_writing_are_not_replaced(tmp_path):
-    going, _ = watched(tmp_path / "w.mcap", pulses(500, 1500))
-    with going.paths[1].open("r+b") as file:
-        assert files.take(file)
-        with pytest.raises(UsageError, match=r"w-002\.mcap cannot be replaced: another run is writing it"):
-            watched(tmp_path / "w.mcap", pulses(500), replace=True)
-    assert all(path.exists() for path in going.paths)
 
 
 @pytest.mark.parametrize("many", [False, True])

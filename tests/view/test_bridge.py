@@ -2,14 +2,11 @@
 
 import os
 import re
-import signal
-import sys
 import threading
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import psutil
 import pytest
 from patience import PATIENCE_S, wait_for
 
@@ -198,22 +195,6 @@ def test_a_page_is_served_on_loopback_only_and_ends_with_its_viewer():
     assert not shown.alive
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process that its parent was killed")
-def test_a_server_ends_with_who_started_it_even_if_that_was_killed(script):
-    starter = script(
-        "import signal\nfrom rig.view import viewer\n"
-        "print(viewer.start(web=True).process.pid, flush=True)\nsignal.pause()"
-    )
-    server = psutil.Process(int(starter.stdout.readline()))
-    assert server.status() != psutil.STATUS_ZOMBIE
-    starter.kill()
-    starter.wait()
-    _, alive = psutil.wait_procs([server], PATIENCE_S)
-    for one in alive:
-        one.kill()
-    assert not alive
-
-
 def listeners(pid):
     """Addresses (hexadecimal) that a process listens on."""
     inodes = set()
@@ -280,11 +261,3 @@ def test_a_killed_plant_ends_the_bridge_with_a_whole_file(script, contents, tmp_
     assert (bridge.returncode, complaint) == (0, "")
     assert said.startswith("the plant left; ")
     assert len(contents(tmp_path / "run.rrd")[0]["/sensor/laser"]) > 100
-
-
-def test_a_bridge_that_is_told_to_stop_ends_and_the_plant_goes_on(script, tmp_path):
-    plant, bridge = script(HUB), script(BRIDGE, tmp_path / "run.rrd")
-    assert plant.stdout.readline() == "half a second\n"
-    bridge.send_signal(signal.SIGINT)
-    assert bridge.communicate(timeout=PATIENCE_S)[0].startswith("told to stop; ")
-    assert plant.poll() is None

@@ -1,7 +1,5 @@
 """Plots of outputs and sensors: as the parts declare them, else by their units; colours that all can tell apart."""
 
-import json
-
 import pytest
 
 import rig
@@ -18,17 +16,6 @@ GROUPS = {
         ("displacement [m]", "displacement"), ("acceleration [m/s^2]", "acceleration"),
         ("absorber displacement [m]", "absorber_displacement"), ("absorber velocity [m/s]", "absorber_velocity"),
         ("slip speed [m/s]", "slip_speed"),
-    ],
-    "plate": [
-        ("acceleration [m/s^2]", "plate_acceleration slider_acceleration"),
-        ("contact fraction [1]", "contact_fraction"),
-        ("pressure centre [m]", "pressure_centre_x pressure_centre_y"), ("forces [N]", "normal_force friction_force"),
-        ("displacement of slider and plate [m]", "plate_displacement slider_displacement"),
-        ("velocity of slider and plate [m/s]", "plate_velocity slider_velocity"),
-        ("pitch and roll [rad]", "pitch_displacement roll_displacement"),
-        ("pitch and roll velocity [rad/s]", "pitch_velocity roll_velocity"),
-        ("pitch and roll acceleration [rad/s^2]", "pitch_acceleration roll_acceleration"),
-        ("position [m]", "position"), ("surface speed [m/s]", "surface_speed"), ("openings [1]", "openings"),
     ],
 }  # fmt: skip
 
@@ -100,15 +87,6 @@ def test_the_portrait_is_the_declared_pair_or_the_first_output_with_its_rate():
     assert Channels(None, {"displacement": "m", "velocity": "m/s"}, {}).portrait is None
 
 
-def test_colours_do_not_depend_on_the_order_of_what_a_run_recorded():
-    scene = rig.load("lever")
-    units = {name: output.unit for name, output in scene.assemble().outputs.items()}
-    recorded, shuffled = (
-        Channels((scene, scene.assemble()), told, {}) for told in (units, dict(sorted(units.items())))
-    )
-    assert (recorded.colours, recorded.panels) == (shuffled.colours, shuffled.panels)
-
-
 def test_the_first_colours_can_be_told_from_a_white_and_from_a_dark_ground():
     """Contrast by WCAG 2.2: at least 3 for graphics."""
 
@@ -132,12 +110,3 @@ def test_a_measurement_is_in_the_plot_of_its_output_in_its_unit_and_a_sound_has_
     heard = channels(rig.load("brake"))
     assert "microphone" not in heard.measured
     assert heard.panels[-1][:3] == ("microphone [Pa]", (), ("microphone",))
-
-
-def test_without_a_scene_a_sensor_has_a_plot_of_its_own():
-    scene = json.loads(rig.load("belt").to_json()) | {"plant": "lost"}
-    assert contact.read(json.dumps(scene)) is None
-    found = Channels(None, {"velocity": "m/s"}, {"vibrometer": "m/s"})
-    assert [panel[:3] for panel in found.panels] == [
-        ("velocity [m/s]", ("velocity",), ()), ("vibrometer [m/s]", (), ("vibrometer",)),
-    ]  # fmt: skip
