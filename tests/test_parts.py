@@ -5,12 +5,11 @@ rig.controllers.blocks.design (controllers).
 """
 
 import ast
+import re
 from pathlib import Path
 
 from rig import controllers
 from rig.plants import PLANTS
-from rig.scenes import load
-from rig.scenes.shipped import names
 from rig.scenes.variants import optional
 
 ROOT = Path(__file__).parent.parent
@@ -36,14 +35,14 @@ APART = ("rig/plants/", "rig/effects/", "rig/papers/", "rig/qualify/torture/")
 """Parts themselves, and rooms that are about certain scenes."""
 
 
-def parts():
-    effects = {one.key for name in names() for one in optional(load(name).parameters) if "." not in one.key}
+def parts(shipped):
+    effects = {one.key for scene in shipped for one in optional(scene.parameters) if "." not in one.key}
     return {*PLANTS.shipped, *controllers.KINDS.shipped, *effects} - WORDS
 
 
-def texts(path):
+def texts(code):
     """Texts of a module that are no docstrings: the names in them, a key by its first word."""
-    tree = ast.parse(path.read_text())
+    tree = ast.parse(code)
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     docs = {
         id(n.body[0].value) for n in ast.walk(tree) if isinstance(n, documented) and isinstance(n.body[0], ast.Expr)
@@ -52,12 +51,14 @@ def texts(path):
     return {text.partition(".")[0] for text in found if isinstance(text, str) and " " not in text}
 
 
-def test_no_module_but_its_own_knows_a_part_by_name():
-    known, found = parts(), {}
+def test_no_module_but_its_own_knows_a_part_by_name(shipped):
+    known, found = parts(shipped), {}
+    quoted = re.compile(rf"[\"'](?:{'|'.join(known)})\b")  # which modules are looked at closely
     for path in (ROOT / "rig").rglob("*.py"):
-        where = path.relative_to(ROOT).as_posix()
-        named = texts(path) & known - KNOWN.get(where, set())
-        if named and not where.startswith(APART) and path.parent.name not in ("controllers", "sensors"):
+        where, code = path.relative_to(ROOT).as_posix(), path.read_text()
+        if where.startswith(APART) or path.parent.name in ("controllers", "sensors") or not quoted.search(code):
+            continue
+        if named := texts(code) & known - KNOWN.get(where, set()):
             found[where] = sorted(named)
     assert found == {}
 

@@ -63,9 +63,8 @@ def test_recordings_and_studies_work(bare, tmp_path):
         assert told in out
 
 
-@pytest.mark.parametrize("arguments", [("run", "belt", "--duration", 1), ("tune",), ("web", "--no-open")])
-def test_live_runs_are_refused_before_anything_starts(bare, arguments):
-    code, _, err = bare(*arguments)
+def test_live_runs_are_refused_before_anything_starts(bare):
+    code, _, err = bare("run", "belt", "--duration", 1)
     assert code == 2, err
     assert "live runs need file locks and unix sockets, which this system does not have" in err
     assert "Traceback" not in err

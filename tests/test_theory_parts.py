@@ -71,13 +71,6 @@ def test_the_mean_force_under_dither_is_the_integral_of_the_page(share):
     assert mean_friction(law, w, 1.0, complex(a))[0] == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(("w", "expected"), [(0.03, 2.0 / math.pi * math.asin(0.5)), (0.07, 1.0), (-0.03, -1.0 / 3.0)])
-def test_the_mean_of_coulomb_friction_under_dither(w, expected):
-    """eq-arcsine, for a = 0.06 m/s."""
-    law = rig.load("belt_c").assemble().system().patches[0].law
-    assert mean_friction(law, w, 20.0, complex(0.06))[0] == pytest.approx(20.0 * law.mu(0.1) * expected, rel=1e-9)
-
-
 def test_dither_below_the_belt_speed_raises_an_exponential_law_by_a_bessel_function():
     """The solution of the lesson on dither: the mean of exp(-w / c) is I0(a / c) exp(-w / c)."""
     p = rig.load("belt").parameters.friction
