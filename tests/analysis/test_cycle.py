@@ -1,7 +1,6 @@
-"""Limit cycles of set PEND against two independent integrators, and against the closed form of characteristic C.
+"""Limit cycles of set PEND against two independent integrators; the closed form of C is that of test_theory.
 
-Numbers: Kroeger, Neubauer, Popp (2008), section 2, with calibrated parameters; C without damping in closed form:
-a = (mu_s - mu_k) F0 / c, b = v0 / w: T = 2 a / v0 + (2 pi - 2 atan2(a, b)) / w.
+Numbers: Kroeger, Neubauer, Popp (2008), section 2, with calibrated parameters.
 """
 
 import cmath
@@ -11,7 +10,6 @@ import re
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import expm
@@ -23,7 +21,6 @@ from rig.analysis.orbit import Orbit, repeating
 from rig.errors import Chatter
 from rig.model.formulation import assemble
 from rig.motion.motion import SEGMENTS, Event
-from rig.view.palette import put
 
 ORACLE = {  # period, time in stick, lowest velocity, highest and lowest displacement, displacement where stick starts
     "belt": (0.32160366413722946, 0.10286728739274346, -0.10129890351933808, 0.006212858222975551,
@@ -49,16 +46,6 @@ def test_cycles_are_those_of_independent_integrators_and_their_energy_is_balance
     if name == "belt_c_damped":  # it lets go where the limit is reached
         assert found.stick_end["friction_force"] == pytest.approx(0.4 * 20.0, rel=1e-9)
         assert found.stick_end["displacement"] == pytest.approx((0.4 * 20.0 - 2.0 * 0.06) / 2500.0, rel=1e-9)
-
-
-def test_the_cycle_without_damping_is_the_closed_form():
-    a, b, w = 0.15 * 20.0 / 2500.0, 0.06 / math.sqrt(500.0), math.sqrt(500.0)
-    found = limit_cycle(rig.load("belt_c"))
-    assert found.method == "exact"
-    assert found.period == pytest.approx(2.0 * a / 0.06 + (2.0 * math.pi - 2.0 * math.atan2(a, b)) / w, rel=1e-12)
-    assert found.period == pytest.approx(0.28337885481892366, rel=1e-12)
-    assert found.extremes["velocity"][0] == pytest.approx(-w * math.hypot(a, b), rel=1e-9)
-    assert found.extremes["displacement"][1] == pytest.approx(0.25 * 20.0 / 2500.0 + math.hypot(a, b), rel=1e-9)
 
 
 def test_many_events_in_a_frame_are_not_too_many_for_a_block_of_frames(tmp_path):
@@ -136,11 +123,11 @@ def test_the_charge_of_an_open_stack_is_free():
 
 
 def test_a_disc_that_is_not_alike_all_round_has_no_cycle_and_says_so_at_once():
-    found = limit_cycle(rig.load("brake_shunt_sound"))
+    found = limit_cycle(rig.load("lever_sector", {"drive.speed": "3 rpm"}))
     assert not found.found
-    assert "the surface is uneven, and one turn of 2.609 s" in found.why
+    assert "the surface is uneven, and one turn of 20 s" in found.why
     assert "-p inhomogeneity=none" in found.why
-    assert found.after < 5.3
+    assert found.after < 40.1
 
 
 def test_a_cycle_that_a_standing_start_misses_is_not_denied():
@@ -181,13 +168,13 @@ def test_rigs_that_have_no_cycle_say_why(name, changes, why):
 
 
 def test_what_does_not_repeat_ends_after_so_many_mode_changes(monkeypatch):
-    monkeypatch.setattr("rig.analysis.cycle.CHANGES", 1000)
+    monkeypatch.setattr("rig.analysis.cycle.CHANGES", 200)
     found = limit_cycle(rig.load("brake"))
     assert not found.found
     assert not found.decided
-    assert found.why.startswith("undecided: the motion does not repeat within 0.19")
-    assert "s and 10" in found.why
-    assert "--longest 0.7" in found.why
+    assert found.why.startswith("undecided: the motion does not repeat within 0.1")
+    assert "s and 20" in found.why
+    assert "--longest 0.6" in found.why
 
 
 @pytest.mark.parametrize(("name", "speed"), [(n, v) for n in ("seal_p", "seal_l") for v in (9.5, 17.5, 40.0)])
@@ -340,13 +327,6 @@ def test_intervals_of_stick_add_up_and_the_contact_moves_with_its_surface_in_the
         assert cycle.outputs["velocity"][inside] == pytest.approx(cycle.outputs["surface_speed"][inside], abs=1e-9)
 
 
-def test_the_figure_is_drawn_and_tells_the_reason_where_nothing_slides(cycle, tmp_path):
-    put(cycle.plot(), tmp_path / "cycle.png")
-    assert imread(tmp_path / "cycle.png").std() > 0.02
-    put(rig.limit_cycle(rig.load("belt", {"drive.speed": 0.0})).plot(), tmp_path / "none.svg")
-    assert "no surface moves" in (tmp_path / "none.svg").read_text()
-
-
 M, C, LOAD = 5.0, 2500.0, 20.0
 COULOMB = {"friction.law": "coulomb", "friction.mu_static": 0.45, "friction.mu_kinetic": 0.25}
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
@@ -467,10 +447,3 @@ def stuck_again(stick, slip, static, held, free):
     whole = stick.landing @ expm(slip.A * free) @ expm(stick.A * held) - np.eye(n)
     values = np.linalg.svd(whole)[2][-1]
     return values / values[n - 1]
-
-
-def test_a_report_is_plain():
-    told = json.loads(json.dumps(limit_cycle(rig.load("belt_c_damped")).to_json()))
-    assert told["floquet"]["multipliers"][0] == pytest.approx([0.0, 0.0], abs=1e-6)
-    assert "Floquet multipliers: 0 (to" in limit_cycle(rig.load("belt_c_damped")).text()
-    assert told["amplitude"]["velocity"] == pytest.approx(0.5 * (0.06 + 0.063932973), rel=1e-6)

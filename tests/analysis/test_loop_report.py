@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import rig
 from rig.analysis import loop_report
 from rig.analysis.control_loop import loop
-from rig.analysis.loop_report import ages, jump_growth, latencies, mean_age, report
+from rig.analysis.loop_report import ages, jump_growth, mean_age, report
 from rig.bus.impaired_link import HeardSensor
 from rig.cli.app import program
 from rig.errors import SceneError
@@ -40,21 +40,10 @@ def belt():
     return rig.load("belt_normal_force")
 
 
-@settings(max_examples=30)
-@given(links)
-def test_probabilities_add_up(one):
-    least, most = one.ticks(MS)
-    assert sum(latencies(one, MS).values()) == pytest.approx(1.0)
-    assert min(latencies(one, MS)) == least
-    found = ages(one, MS)
-    assert sum(p for _, p in found) == pytest.approx(1.0)
-    assert all(age is None or least <= age <= most for age, _ in found)
-
-
 def test_ages_are_those_of_a_link():
     one = link(delay=4 * MS, jitter=3 * MS)
     heard, seen = HeardSensor(one.made("meas/v", 1, MS)), np.zeros(20)
-    for tick in range(30_000):
+    for tick in range(10_000):
         heard.tick(tick, [float(tick)])
         if tick > 20:
             seen[int(tick - heard.latest)] += 1

@@ -5,7 +5,6 @@ Numbers: set PEND of Kroeger, Neubauer, Popp (2008) (m = 5, c = 2500, d = 2, F0 
 """
 
 import math
-import re
 
 import numpy as np
 import pytest
@@ -15,14 +14,12 @@ import rig
 from rig.analysis import map as maps
 from rig.analysis.averaged import mean_friction
 from rig.analysis.axis import Axis, axes
-from rig.analysis.modes import modes, motion
+from rig.analysis.modes import modes
 from rig.analysis.orbit import Orbit
 from rig.analysis.regions import regions
 from rig.errors import SceneError, UsageError
 from rig.model import friction_law
 from rig.qualify.cost import cost
-from rig.qualify.effects_measured import signals
-from rig.scenes.explain import explain
 
 COULOMB = friction_law.coulomb(0.4, 0.25)
 STRIBECK = friction_law.stribeck(0.5, 0.18, 0.05)
@@ -72,16 +69,6 @@ def test_no_analysis_accepts_an_equilibrium_beyond_a_limit_of_the_scene(tmp_path
     found = rig.map(scene, "drive.speed=0.05:0.07:2", runs=("near",), folder=tmp_path, workers=1)
     assert np.isnan(found.growth).all()
     assert not rig.limit_cycle(scene).found
-
-
-def test_beside_a_critical_speed_a_disc_does_not_slide_beyond_its_limit():
-    given = {"drive.speed": "932.5 rad/s"}
-    found = modes(rig.load("disc_slider", given)).sliding
-    assert not found.exists
-    assert "beyond limits.height = 0.01 m" in found.why
-    free = modes(rig.load("disc_slider", given | {"limits.height": "none"})).sliding
-    assert free.exists
-    assert abs(free.equilibrium["height"]) > 0.01
 
 
 @pytest.mark.parametrize(
@@ -233,22 +220,13 @@ def test_a_dither_slower_than_many_oscillations_is_refused_at_once():
 
 def test_a_sweep_over_slow_dither_is_a_gap_with_the_reason():
     scene = rig.load("two_dof_dither", {"dither.enable": "true"})
-    found = rig.sweep(scene, "dither.frequency", [1.6, 30.0, 31.0])
+    found = rig.sweep(scene, "dither.frequency", [2.5, 30.0, 31.0])
     assert [bool(note) for note in found.notes] == [True, False, False]
     assert "not far above the natural frequencies" in found.text()
-    chart = regions(scene, *axes(scene, {"--x": "dither.frequency=1.6:31:2", "--y": "friction.mu=0.4:0.5:2"}))
+    chart = regions(scene, *axes(scene, {"--x": "dither.frequency=2.5:31:2", "--y": "friction.mu=0.4:0.5:2"}))
     assert np.isnan(chart.growth[:, 0]).all()
     assert np.isfinite(chart.growth[:, 1]).all()
     assert "not far above the natural frequencies" in chart.text()
-
-
-def test_long_shapes_are_told_by_their_large_amplitudes():
-    found = modes(rig.load("disc_slider"))
-    assert len(found.sliding.modes[0].shape) == 18
-    rows = [row[-1] for row in found.table()]
-    assert all(len(row) < 140 for row in rows)
-    assert re.match(r"s [\d.]+ % at 5 deg, u [\d.]+ % at 0 deg", rows[0])
-    assert "'" not in "".join(rows)  # a velocity is the amplitude times the eigenvalue
 
 
 def test_a_shape_is_told_by_energy_which_weighs_metres_and_radians_alike():
@@ -260,14 +238,6 @@ def test_a_shape_is_told_by_energy_which_weighs_metres_and_radians_alike():
     assert abs(first.shape["tilt"]) > 30.0  # rad/m: far larger as a number, a sixth of the energy
     assert sum(first.energy.values()) == pytest.approx(1.0)
     assert "x 83.4 % at 0 deg, tilt 16.6 % at 100 deg" in modes(rig.load("north")).text()
-
-
-def test_a_motion_that_stays_has_no_velocity_and_is_weighed_by_displacement():
-    """A free body beside a spring: rates 0 and +-i omega; the masses weigh what moves for nothing."""
-    form = np.diag([0.0, 0.0, 2.0, 3.0])
-    amplitudes, energy = motion(("x", "y", "x'", "y'"), np.array([1.0, 1e-17, 1e-30, 4e-17]), form, 0.0, 2)
-    assert energy == pytest.approx({"x": 1.0, "y": 0.0}, abs=1e-30)
-    assert amplitudes == {"x": 1.0, "y": 1e-17}
 
 
 def test_a_resonance_of_the_network_is_no_motion_of_the_structure():
@@ -305,10 +275,9 @@ def test_what_keeps_a_rig_from_sliding_is_told(name, changes, why, counts):
     assert ("growth 1/s" in found.text()) is counts
 
 
-@pytest.mark.parametrize("name", ["brake", "brake_shunt_sound", "belt_shunt"])
-def test_an_equilibrium_tells_no_rounding(name):
+def test_an_equilibrium_tells_no_rounding():
     """Preloads balance contact forces, and nothing flows: what is left there is not told as 1e-23 m."""
-    told = modes(rig.load(name)).sliding.equilibrium
+    told = modes(rig.load("brake_shunt")).sliding.equilibrium
     assert not [key for key, value in told.items() if value and abs(value) < 1e-9]
     assert told["slip_speed"] > 0.01
 
@@ -344,11 +313,9 @@ def test_a_slider_that_travels_back_is_one_that_travels_on_from_the_other_end() 
 
 def test_flutter_by_position() -> None:
     """Sliding is stable at the end and in the middle of the plate, and flutters between them; a run is not refused."""
-    swept = rig.sweep("plate", "slider.position", [0.0, 0.004, 0.02])
-    assert [growth > 0.0 for growth in swept.largest] == [False, True, False]
-    assert swept.exists.all()
-    there = rig.modes(rig.load("plate", {"slider.position": "4 mm"}))
-    assert {one.level for one in there.findings} <= {"info", "warning"}
+    there = [rig.modes(rig.load("plate", {"slider.position": place})) for place in ("0 mm", "4 mm", "20 mm")]
+    assert [found.sliding.growth > 0.0 for found in there] == [False, True, False]
+    assert {finding.level for finding in there[1].findings} <= {"info", "warning"}
 
 
 @pytest.mark.parametrize(
@@ -373,13 +340,6 @@ def test_points_that_would_have_to_pull_are_told() -> None:
 def test_a_map_of_a_rig_without_a_contact_that_slides_is_refused() -> None:
     with pytest.raises(UsageError, match=r"plate_free: the rig has no contact that can slide"):
         maps.job(rig.load("plate_free"), "plate.young=2e11:2.3e11:3")
-
-
-def test_what_the_plate_is_made_of_fits_on_a_page() -> None:
-    told = {effect.name: effect.states_text for effect in explain(rig.load("plate")).effects}
-    assert told["structure"] == "q1 .. q40, z, theta, psi, q1' .. q40', z', theta', psi'"
-    assert "P:1 .. P:40" in told["film"]
-    assert [one.name for one in signals(rig.load("plate"))][-1] == "pressure of 40 points"
 
 
 def test_a_free_plate_has_the_lines_of_the_paper() -> None:

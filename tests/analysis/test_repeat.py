@@ -65,8 +65,6 @@ def test_what_is_done_is_told_when_it_is_stopped(belt):
     assert 2 <= len(part.seen) < 1000
     assert f"{len(part.seen)} of 1000 runs (interrupted)" in part.text()
     assert part.spreads
-    part = repeat(belt, 2, duration=2.0, stop=lambda: "interrupted")
-    assert (part.seen, "0 of 2 runs (interrupted)" in part.text()) == ((), True)
 
 
 def test_a_film_of_points_tells_its_first_opening_and_statistics_from_there_on():
@@ -83,14 +81,12 @@ def test_a_film_of_points_tells_its_first_opening_and_statistics_from_there_on()
     assert "chaotic" in found.text()
 
 
-def test_the_command_tells_table_json_and_figure(rig, tmp_path):
+def test_the_command_tells_json_and_figure(rig, tmp_path):
     asked = ("simulate", "belt_c_damped", "-p", "noise.force=0.01", "--duration", "1", "--repeat", "2")
-    code, out, _ = rig(*asked, "--figure", tmp_path / "spread.png")
-    assert (code, "2 runs, seeds" in out) == (0, True)
-    assert (tmp_path / "spread.png").stat().st_size > 10_000
-    code, out, _ = rig(*asked, "--json")
+    code, out, _ = rig(*asked, "--figure", tmp_path / "spread.png", "--json")
     told = json.loads(out)
     assert code == 0
+    assert (tmp_path / "spread.png").stat().st_size > 10_000
     assert len(told["runs"]) == 2
     assert {"name", "unit", "runs", "median", "least", "greatest"} == told["spread"][0].keys()
     code, _, err = rig(*asked, "--out", tmp_path / "run.mcap")

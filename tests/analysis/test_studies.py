@@ -38,7 +38,7 @@ def belt():
 def grid(belt, tmp_path_factory):
     """Four points, in two processes."""
     folder = tmp_path_factory.mktemp("studies")
-    return lab.study(belt, OVER, [*WANTED, fastest], duration=1.0, folder=folder, workers=2)
+    return lab.study(belt, OVER, [*WANTED, fastest], duration=0.7, folder=folder, workers=2)
 
 
 def test_each_value_is_what_the_other_commands_find(belt, grid):
@@ -46,7 +46,7 @@ def test_each_value_is_what_the_other_commands_find(belt, grid):
         at = grid.work.plan.values(k)
         scene = lab.load("belt", at)
         cycle = lab.limit_cycle(scene)
-        run = lab.simulate(scene, 1.0)
+        run = lab.simulate(scene, 0.7)
         expected = [cycle.amplitude["displacement"], cycle.period, run.signals["velocity"].std(),
                     run.signals["velocity"].max()]  # fmt: skip
         assert grid.values[k, [0, 1, 3, 4]].tolist() == expected
@@ -62,10 +62,10 @@ def test_the_points_are_those_of_the_grid_each_with_a_seed(belt, grid):
 
 
 def test_one_process_finds_the_same_bits_and_a_finished_study_is_not_computed_again(belt, grid, tmp_path, monkeypatch):
-    alone = lab.study(belt, OVER, [*WANTED, fastest], duration=1.0, folder=tmp_path, workers=1)
+    alone = lab.study(belt, OVER, [*WANTED, fastest], duration=0.7, folder=tmp_path, workers=1)
     assert np.array_equal(alone.values, grid.values)
     monkeypatch.setattr(StudyRuns, "compute", None)
-    again = lab.study(belt, OVER, [*WANTED, fastest], duration=1.0, folder=tmp_path, workers=1)
+    again = lab.study(belt, OVER, [*WANTED, fastest], duration=0.7, folder=tmp_path, workers=1)
     assert np.array_equal(again.values, grid.values)
 
 
@@ -174,12 +174,6 @@ def test_sobol_indices_of_a_sum_are_its_shares_of_the_variance(belt, tmp_path):
     assert np.isnan(gathered(work, found, {}, tmp_path).indices.first).all()
 
 
-def test_one_parameter_causes_all_of_the_variance(belt, tmp_path):
-    work = prepared(belt, {"load.force": lab.uniform(10, 11)}, ["cycle.period"], samples=256, sampling="saltelli")
-    found = {k: {"values": v, "units": np.array(["s"]), "reason": np.array("")} for k, v in enumerate(work.plan.draws)}
-    assert gathered(work, found, {}, tmp_path).indices.whole == pytest.approx(np.ones((1, 1)), abs=0.02)
-
-
 DRAWN = {
     "normal(2, 0.5)": stats.norm(2.0, 0.5),
     "normal(2, 0.5, low=1, high=2.2)": stats.truncnorm(-2.0, 0.4, 2.0, 0.5),
@@ -197,34 +191,18 @@ def test_quantiles_are_those_of_scipy_and_rise(text, shares):
     assert (np.diff(found) >= 0.0).all()
 
 
-def test_a_distribution_is_read_from_its_text_with_units():
-    found = Distribution.parse("normal(2 kN, 100 N, low=1.5 kN)")
-    assert found.in_si("N") == {"mean": 2000.0, "deviation": 100.0, "low": 1500.0}
-    assert Distribution.parse(str(found)) == found
-
-
 WRONG = [
     ({"load.forse": [1.0]}, {}, r"load.forse: is not a numeric parameter of this scene; did you mean load.force or"),
     ({"load.force": ["10 kg"]}, {}, r"load.force: is '10 kg'"),
-    ({"load.force": [float("nan")]}, {}, "is not finite"),
     ({}, {}, "no parameter is varied"),
-    ({"load.force": "2 N:2 N:5"}, {}, "a value is given twice"),
     ({"load.force": "gauss(1, 2)"}, {}, "no distribution; known: normal"),
-    ({"load.force": "normal(1)"}, {}, "deviation missing"),
-    ({"load.force": "uniform(3 N, 2 N)"}, {}, "low must be less than high"),
     ({"body.mass": "normal(1 kg, 1 kg)"}, {}, r"normal\(1 kg, 1 kg\) leaves the range .*cut the distribution off"),
     ({"load.force": "uniform(1 N, 2 N)"}, {"samples": 10, "sampling": "sobol"}, "must be a power of 2"),
-    ({"load.force": [1.0]}, {"samples": 10}, "no parameter has one"),
     ({"load.force": [1.0]}, {"repeat": 2}, "all measures are those of the plant without noise"),
     ({"load.force": [1.0]}, {"measure": ["cycle.amplitud"]}, "cycle.amplitud: unknown; did you mean cycle.amplitude"),
-    ({"load.force": [1.0]}, {"measure": ["cycle.period", "cycle.period"]}, "cycle.period: is given twice"),
-    ({"load.force": [1.0]}, {"measure": ["nowhere.py:late"]}, "nowhere.py:late: No such file"),
-    ({"load.force": [1.0]}, {"keep": "cycle.period > 5 mm"}, "the level is '5 mm'"),
     ({"load.force": [1.0]}, {"keep": "cycle.amplitude > 5 mm"}, "cycle.amplitude is not a measure of this study"),
     ({"load.force": "1 N, 2 kN, 3"}, {}, "'3' has no unit, and the others have N and kN"),
     ({"load.force": "0,1:0,5:3"}, {}, "a number has a point"),
-    ({"load.force": "normal(1 N, 1 N, low=50 N)"}, {}, "no value of the distribution lies between low and high"),
-    ({"load.force": "uniform(1 N, 2 N)"}, {"seed": 2**64}, "seed = 18446744073709551616: must be a whole number"),
     ({"load.force": [1.0]}, {"duration": -1.0}, "the duration of -1.0 s must be"),
     (["load.force"], {}, r"over = \['load.force'\]: expected keys with values"),
 ]  # fmt: skip
@@ -242,14 +220,6 @@ def test_values_without_a_unit_take_that_of_the_others(belt):
         assert (axis.values, axis.shown) == ((10e3, 20e3), "kN"), text
     assert Distribution.parse("uniform(10, 20kN)").in_si("N") == {"low": 10e3, "high": 20e3}
     assert Distribution.parse("lognormal(10 kN, 0.2, high=20)").in_si("N")["high"] == 20e3
-
-
-def test_numbers_of_numpy_are_numbers_and_others_no_distribution(belt):
-    assert lab.normal(np.float32(20), np.array(2)) == lab.normal(20.0, 2.0)
-    work = prepared(belt, {"load.force": [np.int64(10), np.array(20)]}, ["cycle.period"])
-    assert work.plan.factors[0].axis.values == (10.0, 20.0)
-    with pytest.raises(UsageError, match=r"normal: mean is .*; expected a number or a text with a unit"):
-        lab.normal(True, 1.0)
 
 
 def test_every_fault_is_told_at_once():
@@ -301,19 +271,6 @@ def test_what_is_wrong_with_a_file_is_told(tmp_path):
     file.write_text('scene = "belt"\n[set]\n"load.force" = 5\n[over]\n"load.force" = [1]\nload = {force = [2]}\n')
     with pytest.raises(UsageError, match=r"load.force is given 2 times\n.*load.force: is set and varied"):
         read(file)
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        (("--over", "load.force", "--measure", "cycle.period"), "expected KEY=VALUES"),
-        (("--over", "load.force=1 N", "--over", "load.force=2 N"), "is given twice"),
-        (("--over", "load.force=1 N", "--measure", "cycle.period", "--to", "x.csv"), "ends in .nc"),
-    ],
-)
-def test_the_command_tells_what_is_wrong(rig, given, told):
-    code, _, err = rig("study", "belt", *given)
-    assert (code, told in err) == (2, True)
 
 
 def test_a_study_without_any_value_fails(rig, tmp_path):
