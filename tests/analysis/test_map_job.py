@@ -22,7 +22,7 @@ FEW = "drive.speed=0.05:0.45:3"
 @pytest.fixture(scope="module")
 def job():
     """Four rows of three points: seconds of work."""
-    return maps.job(rig.load("belt"), FEW, "load.force=15:30:4", runs=("up", "down"))
+    return maps.job(rig.load("belt"), FEW, "load.force=15:30:4", runs=("up", "down"), longest=3.0)
 
 
 @pytest.fixture(scope="module")
@@ -75,18 +75,6 @@ def test_a_map_with_one_axis_is_cut_into_parts_that_find_what_the_whole_row_find
     row = Row(Track(scene, axis, job.settings), Unit(0, 0, 30, ("near",))).run()
     assert np.array_equal(found.growth[0], row["growth"])
     assert np.array_equal(found.onsets[0], row["onset"])
-
-
-def test_another_scene_axis_or_setting_is_another_folder(job, tmp_path):
-    scene = rig.load("belt")
-    others = [
-        maps.job(rig.load("belt", {"body.damping": 2.5}), FEW, "load.force=15:30:4", runs=("up", "down")),
-        maps.job(scene, FEW, "load.force=15:31:4", runs=("up", "down")),
-        maps.job(scene, FEW, "load.force=15:30:4", runs=("up",)),
-    ]
-    folders = {maps.store_of(one, tmp_path).folder for one in (job, *others)}
-    assert len(folders) == 4
-    assert maps.store_of(maps.job(scene, FEW, "load.force=15:30:4", runs=("up", "down")), tmp_path).folder in folders
 
 
 def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_path):

@@ -59,21 +59,6 @@ def test_each_unit_is_computed_once_and_the_rest_after_an_interruption(tmp_path)
     assert set(counts(tmp_path).values()) == {1}
 
 
-def test_an_interruption_ends_the_workers(tmp_path):
-    work = trial(str(tmp_path), total=30, does={"1": "long"})
-    before, workers = set(psutil.Process().children()), []  # helpers of C libraries, which other tests have loaded
-
-    def interrupt(count, total):
-        workers[:] = set(psutil.Process().children()) - before
-        if count:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        done(work, tmp_path, 2, interrupt)
-    assert len(workers) == 2
-    assert not psutil.wait_procs(workers, 10.0)[1]
-
-
 def test_two_calls_for_one_work_keep_apart(tmp_path):
     work = trial(str(tmp_path))
     told = pytest.raises(UsageError, match="another process computes this at the moment")
@@ -83,14 +68,13 @@ def test_two_calls_for_one_work_keep_apart(tmp_path):
 
 def test_a_unit_that_ends_its_worker_is_tried_once_more_and_then_given_up(tmp_path):
     """Some die once or each time, one prints half a line, one reads: others are there, dead ones not stored."""
-    does = {"2": "once", "5": "kill", "6": "talk", "7": "read", "9": "leave"}
-    work = trial(str(tmp_path), total=12, does=does)
+    does = {"2": "once", "5": "kill", "6": "talk", "7": "read"}
+    work = trial(str(tmp_path), total=9, does=does)
     found = done(work, tmp_path)
-    expected = {unit: float(unit**2) for unit in range(12) if unit not in (5, 9)}
+    expected = {unit: float(unit**2) for unit in range(9) if unit != 5}
     assert {unit: v for unit, v in squares(found).items() if unit in expected} == expected
-    for unit, end in ((5, "was killed by SIGKILL"), (9, "ended with code 0")):
-        assert re.fullmatch(rf"ended its worker twice: worker \d+ {end}", str(found[unit]["name"]))
-        assert counts(tmp_path)[unit] == 2
+    assert re.fullmatch(r"ended its worker twice: worker \d+ was killed by SIGKILL", str(found[5]["name"]))
+    assert counts(tmp_path)[5] == 2
     assert squares(Store.of(work, tmp_path).load()) == expected
 
 
@@ -168,40 +152,12 @@ with store.open(work):
     assert counts(tmp_path) == {0: 1, 1: 1, 2: 2, 3: 2}
 
 
-def test_arrays_of_any_shape_come_back(tmp_path):
-    store = Store(tmp_path)
-    a = {"x": np.arange(3.0), "why": np.array("", dtype="<U8"), "edges": np.zeros((0, 2))}
-    b = {"x": np.arange(3.0) + 1.0, "why": np.array("jams", dtype="<U8"), "edges": np.ones((2, 2)), "more": np.ones(1)}
-    store.save({7: a, 3: b})
-    found = store.load()
-    for unit, given_ in ((7, a), (3, b)):
-        assert found[unit].keys() == given_.keys()
-        assert all(np.array_equal(found[unit][name], given_[name]) for name in given_)
-
-
-def test_a_store_that_cannot_be_written_is_named(tmp_path):
-    (tmp_path / "file").write_text("")
-    work = trial(str(tmp_path))
-    with pytest.raises(UsageError, match=r"trial-0: cannot be written: Not a directory"):
-        done(work, tmp_path / "file")
-
-
 def test_a_folder_without_results_is_taken_away_after_an_error(tmp_path):
     work = trial(str(tmp_path), total=3)
     for wrong in (0, 257):
         with pytest.raises(UsageError, match=r"workers = .*: must be a whole number from 1 to 256"):
             done(work, tmp_path / "new" / "studies", wrong)
         assert not (tmp_path / "new").exists()
-
-
-def test_results_are_saved_although_a_unit_changes_the_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    work = trial(str(tmp_path), total=2)
-    store = Store.of(work, Path("here"))
-    with store.open(work):
-        monkeypatch.chdir("/")
-        store.save({0: work.compute(0)})
-    assert [*(tmp_path / "here" / "trial-0").glob("*.npz")]
 
 
 @given(st.data())

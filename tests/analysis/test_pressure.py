@@ -91,8 +91,6 @@ def test_the_command(tmp_path, rig, run):
     assert [float(rows[0][name]) for name in rows[0]] == pytest.approx([0.1, -0.016125, -0.006325, 1e5])
     code, _, err = rig("pressure", log, "--at", "0.1,soon")
     assert (code, "--at" in err) == (2, True)
-    code, out, _ = rig("pressure", log)
-    assert (code, "first opening" in out) == (0, True)
 
 
 def test_a_spectrum_says_what_is_folded_down(run):
@@ -102,11 +100,3 @@ def test_a_spectrum_says_what_is_folded_down(run):
     assert "vibration above 100 Hz is aliased" in found.gaps
     other = replace(fast, scene=laboratory.load("belt").to_json())
     assert not spectrum(other, "slider_acceleration", window=0.2).gaps
-
-
-def test_a_recording_that_has_lost_an_output_still_has_its_maps(run):
-    left = replace(run, signals={name: v for name, v in run.signals.items() if name != "contact_fraction"})
-    whole, found = pressure(run, [0.1, 0.45]), pressure(left, [0.1, 0.45])
-    assert all(np.array_equal(one.pressures, other.pressures) for one, other in zip(whole.maps, found.maps))
-    assert "nan" in found.text()
-    assert "all in contact" not in pressure(left).text()

@@ -10,7 +10,7 @@ import pytest
 import rig
 from rig.analysis.axis import axes
 from rig.analysis.map import chart, regions_job
-from rig.analysis.regions import regions, wide_bands
+from rig.analysis.regions import regions
 from rig.view.palette import put
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())
@@ -112,18 +112,12 @@ def test_where_a_rig_jams_nothing_slides():
 
 def test_a_motion_that_rounding_lets_grow_is_no_band():
     """The charge of the open stack moves nothing, and nothing damps the two masses: their growth is none."""
-    (row,) = found("brake_shunt", "friction.mu=0:1.5:31", "drive.speed=1:3:2").edges[:1]
+    (row,) = found("brake_shunt", "friction.mu=0:1.5:7", "drive.speed=1:3:2").edges[:1]
     assert [unstable for _, unstable in row] == [True]
-    [critical] = rig.sweep("brake_shunt", "friction.mu", np.linspace(0.0, 1.5, 6)).critical
+    [critical] = rig.sweep("brake_shunt", "friction.mu", [0.3, 1.5]).critical
     assert row[0][0] == pytest.approx(critical.value, rel=1e-6)
     undamped = {"spring_1.damping": 0.0, "spring_2.damping": 0.0}
-    got = found("two_dof", "contact.stiffness=10:300:6", "friction.mu=0.1:0.6:6", undamped)
+    got = found("two_dof", "contact.stiffness=10:300:6", "friction.mu=0.1:0.6:2", undamped)
     assert not got.edges[0]
     assert got.growth[0].tolist() == [0.0] * 6
     assert "nowhere" in next(line for line in got.text().splitlines() if line.strip().startswith("0.1 "))
-
-
-def test_a_band_that_is_no_wider_than_an_edge_is_none():
-    assert list(wide_bands([(1.0, True), (1.0 + 1e-10, False), (2.0, True)], 1e-9)) == [(2.0, True)]
-    wide = [(0.5, False), (1.0, True), (1.1, False)]
-    assert list(wide_bands(wide, 1e-9)) == wide

