@@ -95,10 +95,11 @@ def _contacts(system: System, key: int) -> _Contacts:
     laws = [system.law(p, sector_modes) for p in range(len(system.patches))]
     closed = [mode == records.CLOSED for mode in normal_modes]
     loaded = {k.patch for k, holds in zip(system.normals, closed) if holds}
+    elastic = {p for p, law in enumerate(laws) if law.presliding}  # its stick is slip of speed zero
     signs = {records.STICK: 0.0, records.SLIP_PLUS: 1.0, records.SLIP_MINUS: -1.0}
-    sigma = np.array([signs[mode] if p in loaded else 0.0 for p, mode in enumerate(patch_modes)])
+    sigma = np.array([(signs[mode] or float(p in elastic)) * (p in loaded) for p, mode in enumerate(patch_modes)])
     over_speed = np.array([not law.constant for law in laws], dtype=bool)
-    stuck = [p for p, mode in enumerate(patch_modes) if mode == records.STICK and p in loaded]
+    stuck = [p for p, mode in enumerate(patch_modes) if mode == records.STICK and p in loaded - elastic]
     return _Contacts(laws, closed, sigma, over_speed & (sigma != 0.0), stuck)
 
 

@@ -23,7 +23,7 @@ from rig.model.system import System
 from rig.motion.balance import Balance, CurrentState
 from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, parts, prepared
 from rig.solve import energy_balance
-from rig.solve.advance import TALLIED, advance, evaluate_outputs
+from rig.solve.advance import TALLIED, advance, energy_in_contacts, evaluate_outputs
 from rig.solve.contact_state import CHATTER, CHECK, DONE, JAM, LOOK, LOST, NEED, OVERFULL, START
 from rig.solve.frames import advance_frames
 from rig.solve.records import PROGRESS, MotionLog, MotionRecords, MotionState, empty_log
@@ -517,9 +517,16 @@ class Motion:
         return self.balance.residual(self._current_state(), self.terms()) if self.balance.sprung else None
 
     def energy(self) -> dict[str, float]:
-        """The energy balance so far [J]; `error` is its residual relative to the largest term or store."""
+        """The energy balance so far [J]; `error` is its residual relative to the largest term or store.
+
+        With laws with memory what friction took is divided: `bristles` is stored in the contacts now, `heat` the rest.
+        """
         terms = self.terms()
-        return self.balance.report(self._current_state(), terms, float(self.state.edges[0]))
+        out = self.balance.report(self._current_state(), terms, float(self.state.edges[0]))
+        if self.system.remembers:
+            out["bristles"] = energy_in_contacts(self.mode_sets.handle, self.loan, self.mode_set)
+            out["heat"] = out["friction"] - out["bristles"]
+        return out
 
     def _current_state(self) -> CurrentState:
         return CurrentState(self.system, self.state.x, self.key, self.mode_sets.tables)

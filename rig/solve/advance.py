@@ -18,7 +18,7 @@ from rig.solve.contact_state import (
     sector_weight,
 )
 from rig.solve.exact import FULL
-from rig.solve.forces import inputs
+from rig.solve.forces import MEMORY, STATES, evaluate_memory, inputs
 from rig.solve.places import write_outputs
 from rig.solve.records import G_NEXT
 from rig.solve.segment_output import nearly_full
@@ -160,6 +160,18 @@ def evaluate_outputs(tables, loan, states, mode_sets, values, first):
         else:
             write_outputs_at_one(t, s, w, states[i], loan.plan.many_states, values, first + i)
             i += 1
+
+
+@kernel
+def energy_in_contacts(tables, loan, mode_set):
+    """The energy [J] that the laws with memory store at the present state, in mode set `mode_set`."""
+    t, w, x, energy = tables, loan.work, loan.state.x, 0.0
+    inputs(t, mode_set, x, w.T, w.scratch)
+    for p in range(t.slip.shape[0]):
+        if t.code[mode_set, p] == MEMORY:
+            evaluate_memory(t, mode_set, p, x, w.T, True)
+            energy += t.memory.values[int(t.numbers[mode_set, p, STATES]) + 1]
+    return energy
 
 
 @inner

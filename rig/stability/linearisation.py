@@ -115,14 +115,17 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
 def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> tuple[Array, tuple[Array, Array, Array]]:
     """Friction force and rates of patch p, a law with memory, [m + 1]; derivatives over w, N and x [m + 1, n].
 
-    As rig.solve.forces.evaluate_memory; for w of the other sign the value at rest.
+    As rig.solve.forces.evaluate_memory; for w of the other sign, and in stick, the value at rest.
     """
     patch, law, sigma = system.patches[p], system.law(p, system.modes(modes.key)[3]), float(modes.sigma[p])
     assert law.formula is not None
     w, loaded = float(system.slip_rows[p] @ x), bool(np.any(loads(system, modes)[0][p]) or N)
-    sign, moves = (sigma, 1.0) if sigma else (1.0, 0.0) if loaded else (-1.0 if w < 0.0 else 1.0, 1.0)
+    sign = sigma or (-1.0 if w < 0.0 and not loaded else 1.0)
+    if system.modes(modes.key)[0][p] == STICK and loaded:
+        w = 0.0
+    moves = float(sigma != 0.0 or not loaded)
     turned = np.array([sign if state.along else 1.0 for state in law.states])
-    values, slopes = law.formula.evaluate(law.numbers, max(sign * w, 0.0) * moves, N, turned * x[list(patch.memory)])
+    values, slopes = law.formula.evaluate(law.numbers, max(sign * w, 0.0), N, turned * x[list(patch.memory)])
     scale = np.array([sign * N, *turned])
     over_x = np.zeros((len(scale), system.n))
     over_x[:, list(patch.memory)] = scale[:, None] * slopes[:, 2:] * turned

@@ -56,6 +56,9 @@ def test_lugre_benchmark(method):
         motion.advance(1000)
     assert motion.x[0] == pytest.approx(1.90883919923, rel=1e-8)
     assert motion.x[2] == pytest.approx(-1.18167955e-5, rel=1e-8)
+    energy = motion.energy()
+    assert energy["bristles"] == pytest.approx(0.5 * 1e5 * motion.x[2] ** 2, rel=1e-12)
+    assert energy["error"] < 1e-9
 
 
 @pytest.mark.parametrize("mode", [SLIP_PLUS, SLIP_MINUS])
