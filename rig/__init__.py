@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from rig.analysis.cycle_report import Cycle
     from rig.analysis.map import Boundary, Map
     from rig.analysis.modes import Modes
+    from rig.analysis.recorded.against_scene import AgainstScene
     from rig.analysis.recorded.comparison import Compared
     from rig.analysis.repeat import Repeats
     from rig.analysis.studies import StudyResult
@@ -159,15 +160,34 @@ def branch(
     return go_on(Path(log), at, overrides, run_length_ns(duration), stop).checked()
 
 
-def diff(first: Run, second: Run, tolerance: float = 0.0, begin: float = 0.0, end: float = float("inf")) -> Compared:
-    """Compare two runs from `begin` to `end` [s]: scenes, channels, and measures such as period and amplitude.
+def diff(
+    first: Run,
+    second: Run | Scene | str | Path,
+    tolerance: float = 0.0,
+    begin: float = 0.0,
+    end: float = float("inf"),
+    *,
+    follow: Mapping[str, str] | None = None,
+    pair: Mapping[str, str] | None = None,
+    stick: Mapping[str, Any] | None = None,
+) -> Compared | AgainstScene:
+    """Compare two runs, or a measurement with its simulation by a scene, from `begin` to `end` [s].
 
-    `tolerance`: allowed deviation of a channel, as a share of its range. Raises rig.errors.UsageError for runs without
-    a common time.
+    Two runs: scenes, channels, and measures such as period and amplitude. `tolerance`: allowed deviation of a channel,
+    as a share of its range. A scene runs under the measured speed and load; then `follow` is actuator -> channel, by
+    default by their names; `pair`: channel -> "SIMULATED" or "SIMULATED, FACTOR" ("displacement, 168 N/m"), by default
+    equal names; `stick`: arguments of `rig.analysis.recorded.stick_slip`, for stick and motion times. Raises
+    rig.errors.UsageError for runs without a common time, and for channels that cannot be followed or compared.
     """
-    from rig.analysis.recorded.comparison import compare
+    from rig.record.run import Run
 
-    return compare(first, second, begin, end, tolerance)
+    if isinstance(second, Run):
+        from rig.analysis.recorded.comparison import compare
+
+        return compare(first, second, begin, end, tolerance)
+    from rig.analysis.recorded.against_scene import against_scene
+
+    return against_scene(first, _scene(second), begin, end, follow, pair, stick)
 
 
 def modes(scene: Scene | str | Path) -> Modes:

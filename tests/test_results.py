@@ -101,6 +101,12 @@ MADE = {
         "belt", {"load.force": (10, 30)}, "cycle.amplitude", evaluations=15, folder=folder, workers=1
     ),
     "Compared": compared,
+    "AgainstScene": lambda folder: rig.diff(
+        golden("belt"),
+        "belt",
+        pair={"vibrometer": "velocity", "friction_force": "friction_force"},
+        stick={"velocity": "vibrometer", "drive": 0.06, "friction": "friction_force"},
+    ),
     "Amplitudes": lambda folder: recorded.amplitudes(golden("tip_knock")),
     "Identified": identified,
     "Hysteresis": lambda folder: recorded.hysteresis(golden("lever")),

@@ -10,7 +10,19 @@ import typer
 from rig.cli import printing
 from rig.cli.options import Figure, Force, Json, Trust, seconds
 from rig.cli.printing import draw, new, new_recording, reads
-from rig.cli.recorded import First, Last, Table
+from rig.cli.recorded import (
+    Drive,
+    First,
+    Friction,
+    Last,
+    Load,
+    Smooth,
+    Stiffness,
+    Table,
+    Threshold,
+    Velocity,
+    stick_arguments,
+)
 from rig.cli.recordings import Log, opened
 from rig.errors import Faults, UsageError
 
@@ -76,34 +88,18 @@ def import_(
 
 def stick(
     log: Log,
-    velocity: Annotated[
-        str, typer.Option(metavar="NAME", help="Channel of the slip speed; with --drive, of the speed of the body.")
-    ] = "",
-    friction: Annotated[
-        str, typer.Option(metavar="NAME", help="Channel of the friction force, or of the force of the spring.")
-    ] = "",
-    drive: Annotated[
-        str, typer.Option(metavar="NAME|VALUE", help='Speed of the drive: a channel, or a value, "1.1 mm/s".')
-    ] = "",
-    stiffness: Annotated[
-        str, typer.Option(metavar="VALUE", help='Spring through which the drive pulls: "168 N/m". The slip speed then '
-                          "follows from the force.")
-    ] = "",
-    load: Annotated[
-        str, typer.Option(metavar="NAME|VALUE", help='Normal force, for a coefficient: a channel, or a value, "16 N".')
-    ] = "",
-    threshold: Annotated[
-        str, typer.Option(metavar="VALUE", help="Noise of the slip speed: a slip exceeds ten times as much. "
-                          "Default: 4 % of the drive.")
-    ] = "",
-    smooth: Annotated[
-        str, typer.Option(metavar="VALUE", help="Strength of the smoothing of the force, in its unit. Default: none.")
-    ] = "",
+    velocity: Velocity = "",
+    friction: Friction = "",
+    drive: Drive = "",
+    stiffness: Stiffness = "",
+    load: Load = "",
+    threshold: Threshold = "",
+    smooth: Smooth = "",
     begin: First = None,
     end: Last = None,
     law: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Write friction over rising speed as the "
-                                  "[friction] of a scene (TOML).")
+        Path | None, typer.Option(metavar="FILE", callback=new, help="Write friction over rising speed, of a spring "
+                                  "the mean of both ways, as the [friction] of a scene (TOML).")
     ] = None,
     figure: Figure = None,
     csv: Table = None,
@@ -118,32 +114,15 @@ def stick(
     """
     from rig.analysis.recorded import stick_slip
     from rig.machine.files import write_file
-    from rig.quantities import finite
-    from rig.record.run_data import signals
 
     run, faults = opened(log, trust), Faults()
-    known = signals(run)
-
-    def value(given: str, option: str, unit: str) -> float:
-        try:
-            return finite(given, unit) if given else 0.0
-        except ValueError as fault:
-            raise UsageError(f"{option} {given}: {fault}") from None
-
-    speed = known.get(velocity, "rad/s" if drive.endswith(("rpm", "rad/s")) else "m/s")
-    newton = known.get(friction, "N")
-    channels = {option: name in known for option, name in (("--drive", drive), ("--load", load))}
-    made: dict[str, Any] = {
-        "drive": drive if channels["--drive"] else faults(lambda: value(drive, "--drive", speed), 0.0),
-        "load": load if channels["--load"] else faults(lambda: value(load, "--load", newton), 0.0),
-        "stiffness": faults(lambda: value(stiffness, "--stiffness", "N/m" if newton == "N" else f"{newton}/m"), 0.0),
-        "threshold": faults(lambda: value(threshold, "--threshold", speed), 0.0),
-        "smooth": faults(lambda: value(smooth, "--smooth", newton), 0.0),
-        "first": faults(lambda: seconds(begin, "--from", 0.0), None) or 0.0,
-        "last": faults(lambda: seconds(end, "--to"), None) or float("inf"),
-    }
+    made = faults(
+        lambda: stick_arguments(run, velocity, friction, drive, stiffness, load, threshold, smooth), dict[str, Any]()
+    )
+    low = faults(lambda: seconds(begin, "--from", 0.0), None) or 0.0
+    high = faults(lambda: seconds(end, "--to"), None) or float("inf")
     faults.raise_found()
-    slips = stick_slip(run, velocity, friction, **made)
+    slips = stick_slip(run, **made, first=low, last=high)
     printing.result(slips, as_json, figure=figure, csv=csv, law=law)
     if csv is not None:
         write_file(csv, slips.csv().encode())

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Figure, Force, Json, Trust, seconds
+from rig.cli.options import Changes, Figure, Force, Json, Trust, changes, scene_file, seconds, the_scene
 from rig.cli.printing import draw, new
 from rig.cli.recordings import Log, opened, recording, without_outputs
 from rig.errors import Faults, LogError, UsageError
@@ -22,6 +22,65 @@ if TYPE_CHECKING:
 Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=new, help="Write all numbers as CSV.")]
 First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")]
 Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")]
+
+Velocity = Annotated[
+    str, typer.Option(metavar="NAME", help="Channel of the slip speed; with --drive, of the speed of the body.")
+]
+Friction = Annotated[
+    str, typer.Option(metavar="NAME", help="Channel of the friction force, or of the force of the spring.")
+]
+Drive = Annotated[
+    str, typer.Option(metavar="NAME|VALUE", help='Speed of the drive: a channel, or a value, "1.1 mm/s".')
+]
+Stiffness = Annotated[
+    str,
+    typer.Option(
+        metavar="VALUE",
+        help='Spring through which the drive pulls: "168 N/m". The slip speed then follows from the force.',
+    ),
+]
+Load = Annotated[
+    str, typer.Option(metavar="NAME|VALUE", help='Normal force, for a coefficient: a channel, or a value, "16 N".')
+]
+Threshold = Annotated[
+    str,
+    typer.Option(
+        metavar="VALUE", help="Noise of the slip speed: a slip exceeds ten times as much. Default: 4 % of the drive."
+    ),
+]
+Smooth = Annotated[
+    str, typer.Option(metavar="VALUE", help="Strength of the smoothing of the force, in its unit. Default: none.")
+]
+
+
+def stick_arguments(
+    run: Run, velocity: str, friction: str, drive: str, stiffness: str, load: str, threshold: str, smooth: str
+) -> dict[str, Any]:
+    """The arguments of `stick_slip` from the texts of the options above. Raises UsageError with all faults."""
+    from rig.quantities import finite
+    from rig.record.run_data import signals
+
+    known, faults = signals(run), Faults()
+
+    def value(given: str, option: str, unit: str) -> float:
+        try:
+            return finite(given, unit) if given else 0.0
+        except ValueError as fault:
+            raise UsageError(f"{option} {given}: {fault}") from None
+
+    speed = known.get(velocity, "rad/s" if drive.endswith(("rpm", "rad/s")) else "m/s")
+    newton = known.get(friction, "N")
+    arguments = {
+        "velocity": velocity,
+        "friction": friction,
+        "drive": drive if drive in known else faults(lambda: value(drive, "--drive", speed), 0.0),
+        "load": load if load in known else faults(lambda: value(load, "--load", newton), 0.0),
+        "stiffness": faults(lambda: value(stiffness, "--stiffness", "N/m" if newton == "N" else f"{newton}/m"), 0.0),
+        "threshold": faults(lambda: value(threshold, "--threshold", speed), 0.0),
+        "smooth": faults(lambda: value(smooth, "--smooth", newton), 0.0),
+    }
+    faults.raise_found()
+    return arguments
 
 
 def _text(given: str, flag: str, run: Run) -> str:
@@ -265,40 +324,107 @@ def sound(
     draw(heard, figure)
 
 
+def _recording_or_scene(context: typer.Context, given: str) -> str:
+    if _is_scene(given):
+        return scene_file(context, given) or ""
+    recording(context, Path(given))
+    return given
+
+
+def _is_scene(given: str) -> bool:
+    return given.endswith(".toml") or (not given.endswith(".mcap") and not Path(given).exists())
+
+
+def _assigned(given: list[str] | None, option: str, example: str) -> dict[str, str]:
+    """The texts "NAME = TEXT" of an option. Raises UsageError."""
+    made = dict[str, str]()
+    for text in given or ():
+        name, equals, rest = map(str.strip, text.partition("="))
+        if not equals or not name or not rest or name in made:
+            why = "is given twice" if name in made else f"expected {example}"
+            raise UsageError(f"{option} {text}: {why}")
+        made[name] = rest
+    return made
+
+
 def diff(
     first: Annotated[Path, typer.Argument(metavar="A", help="A recording.", callback=recording)],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.", callback=recording)],
+    second: Annotated[
+        str,
+        typer.Argument(metavar="B", help="Another one, or a scene that simulates it.", callback=_recording_or_scene),
+    ],
     tolerance: Annotated[
         float,
         typer.Option(
-            "--tolerance", metavar="REL", help="Allowed deviation, as a share of the range of each channel: 1e-6."
+            "--tolerance",
+            metavar="REL",
+            help="Allowed deviation: 1e-6 of the range of each channel, or, of a scene, 0.1 of each measure.",
         ),
     ] = 0.0,
     begin: First = None,
     end: Last = None,
+    p: Changes = None,
+    follow: Annotated[
+        list[str] | None,
+        typer.Option(metavar='"ACTUATOR = CHANNEL"', help="What an actuator of the scene follows. Repeatable. Default: "
+                     "speed and load, by their names."),
+    ] = None,
+    pair: Annotated[
+        list[str] | None,
+        typer.Option(metavar='"CHANNEL = SIMULATED, FACTOR"', help='What a measured channel is compared with: "force = '
+                     'displacement, 168 N/m". Repeatable. Default: equal names.'),
+    ] = None,
+    velocity: Velocity = "",
+    friction: Friction = "",
+    drive: Drive = "",
+    stiffness: Stiffness = "",
+    load: Load = "",
+    threshold: Threshold = "",
+    smooth: Smooth = "",
     figure: Figure = None,
     trust: Trust = False,
     force: Force = False,
     as_json: Json = False,
-) -> None:
-    """Compare two recordings: scenes, channels, and measures such as period, amplitude and growth rate.
+) -> None:  # fmt: skip
+    """Compare two recordings, or a measurement with its simulation by a scene.
 
-    Channels are compared at the instants that both recordings contain: equal bit
-    by bit, within the tolerance, or different from an instant on. Exit code 0:
-    equal or within the tolerance, 1: different. One recording may have
-    additional samples between those of the other.
+    Recordings are compared at the instants that both contain: equal bit by bit,
+    within the tolerance, or different from an instant on; and by measures such as
+    period and amplitude. One may have additional samples between those of the
+    other. A scene runs under the measured speed and load, and is compared by its
+    measures; --velocity to --smooth are those of rig stick. Exit code 0: equal or
+    within the tolerance, 1: different.
     """
-    from rig.analysis.recorded.comparison import compare
-
     faults = Faults()
     low = faults(lambda: seconds(begin, "--from", 0.0), None) or 0.0
     high = faults(lambda: seconds(end, "--to"), None) or float("inf")
     _empty(faults, low, high)
+    ways = faults(
+        lambda: _assigned(follow, "--follow", 'ACTUATOR = CHANNEL: "drive.speed = belt_speed"'), dict[str, str]()
+    )
+    pairs = faults(lambda: _assigned(pair, "--pair", 'CHANNEL = SIMULATED: "force = friction_force"'), dict[str, str]())
+    contact = (velocity, friction, drive, stiffness, load, threshold, smooth)
+    if not _is_scene(second) and (follow or pair or p or any(contact)):
+        faults.found.append(f"{second} is a recording: -p, --follow, --pair and --velocity to --smooth need a scene")
     faults.raise_found()
-    compared = compare(opened(first, trust), opened(second, trust), low, high, tolerance)
-    printing.result(compared, as_json, figure=figure)
-    draw(compared, figure)
-    printing.passed(compared.agree)
+    run = opened(first, trust)
+    if not _is_scene(second):
+        from rig.analysis.recorded.comparison import compare
+
+        compared = compare(run, opened(Path(second), trust), low, high, tolerance)
+        printing.result(compared, as_json, figure=figure)
+        draw(compared, figure)
+        printing.passed(compared.agree)
+        return
+    from rig.analysis.recorded.against_scene import against_scene
+
+    stick = stick_arguments(run, *contact) if any(contact) else None
+    scene = the_scene(second, changes(p))
+    with printing.status(f"simulating {scene.name}"):
+        beside = against_scene(run, scene, low, high, ways, pairs, stick)
+    printing.result(beside, as_json, figure=figure)
+    draw(beside, figure)
+    printing.passed(not tolerance or beside.within(tolerance))
 
 
 COMMANDS = {

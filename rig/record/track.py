@@ -32,11 +32,7 @@ def track(
     end_ns: int | None,
     frame_ns: int,
 ) -> tuple[bytes, dict[str, Any]]:
-    """Return `content` and `about` of a `rig.scenes.protocol.Track`: actuators follow `channels` (actuator -> channel).
-
-    `units` of the actuators; from `begin_ns` to `end_ns`, by default where all channels have samples. Raises ValueError
-    with all faults.
-    """
+    """Return `followed` of the recording in a file. Raises ValueError with all faults."""
     if not Path(path).exists():
         raise ValueError("there is no such file")
     try:
@@ -45,6 +41,22 @@ def track(
         if Path(path).suffix.lower() == ".mcap":
             raise ValueError(str(fault)) from None
         raise ValueError(f"is no recording; make one of a measurement: rig import {Path(path).name}") from None
+    return followed(run, channels, units, begin_ns, end_ns, frame_ns)
+
+
+def followed(
+    run: Run,
+    channels: Mapping[str, str],
+    units: Mapping[str, str],
+    begin_ns: int | None,
+    end_ns: int | None,
+    frame_ns: int,
+) -> tuple[bytes, dict[str, Any]]:
+    """Return `content` and `about` of a `rig.scenes.protocol.Track`: actuators follow `channels` (actuator -> channel).
+
+    `units` of the actuators; from `begin_ns` to `end_ns`, by default where all channels have samples. Raises ValueError
+    with all faults.
+    """
     rows, faults = dict[str, Samples](), list[str]()
     for actuator, name in channels.items():
         try:
@@ -73,7 +85,7 @@ def track(
     values = np.array([np.interp(t_ns - begin, row.t_ns - begin, row.v) for row in rows.values()])
     about: dict[str, Any] = {"frame_ns": frame_ns, "begin": begin * 1e-9}
     if note := "; ".join(filter(None, (_bridged(name, rows[a], begin, int(t_ns[-1])) for a, name in channels.items()))):
-        about["note"] = f"{Path(path).name}: {note}"
+        about["note"] = note
     return np.ascontiguousarray(values, "<f8").tobytes(), about
 
 

@@ -10,6 +10,7 @@ import pytest
 import rig as lab
 from rig.analysis.recorded import compare
 from rig.errors import UsageError
+from rig.record.run import Run, Samples
 
 STICKS = {"friction.mu_static": "0.45"}
 
@@ -121,3 +122,79 @@ def test_a_damaged_recording_is_compared_as_far_as_it_goes(rig, logs, tmp_path):
     assert (code, "B: " in out, "other length" in out) == (1, True, True)
     end = lab.open(cut).time[-1] - 0.5
     assert rig("diff", logs[0], cut, "--to", f"{end:g}")[0] == 0
+
+
+SWEEP = """
+based_on = "belt"
+[[protocol]]
+step = "ramp"
+target = "drive.speed"
+to = "0.1 m/s"
+over = "8 s"
+[[protocol]]
+step = "ramp"
+target = "load.force"
+to = "24 N"
+over = "4 s"
+"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A run of a rig as a measurement of other names, whose speed and load are known to the frame."""
+    path = tmp_path_factory.mktemp("bench") / "truth.toml"
+    path.write_text(SWEEP)
+    truth = lab.simulate(path)
+    t_ns = np.rint(truth.time * 1e9).astype(np.int64)
+    channels = {"tacho": ("surface_speed", "m/s"), "cell": ("normal_force", "N"), "x": ("displacement", "m")}
+    made = {name: Samples(t_ns, truth.signals[output]) for name, (output, _) in channels.items()}
+    made["vibrometer"] = truth.measurements["vibrometer"]
+    units = {f"meas/{name}": unit for name, (_, unit) in channels.items()} | {"meas/vibrometer": "m/s"}
+    return Run("", truth.step_ns, truth.frame_ns, np.empty(0), {}, units, made, measured=True, name="bench")
+
+
+WAYS = {"drive.speed": "tacho", "load.force": "cell"}
+
+
+def test_a_scene_under_the_measured_speed_and_load_shows_what_differs(bench):
+    stick = {"velocity": "vibrometer", "drive": "tacho", "threshold": 1e-4}
+    same = lab.diff(bench, "belt", begin=1.0, follow=WAYS, stick=stick)
+    assert [pair.channel for pair in same.pairs] == ["vibrometer"]
+    values = {measure.name: measure for measure in same.measures}
+    assert {"mean", "RMS", "period", "amplitude", "strongest frequency", "stick time", "stick share"} <= values.keys()
+    assert same.within(1e-6)
+    pairs = {"vibrometer": "vibrometer", "x": "laser", "cell": "normal_force"}
+    other = lab.diff(bench, lab.load("belt", {"body.stiffness": "2000 N/m"}), 0.0, 1.0, follow=WAYS, pair=pairs)
+    values = {(measure.channel, measure.name): measure for measure in other.measures}
+    assert 5.0 < values["x", "period"].percent < 15.0  # 1 / sqrt(0.8) while it slips
+    assert values["cell", "mean"].percent == pytest.approx(0.0, abs=1e-9)
+    assert not other.within(0.02)
+    assert len(other.plot().axes) == 6
+    fixed = lab.diff(bench, "belt", pair={"x": "displacement, 2 m/m"})
+    assert fixed.constant == {"drive.speed": (0.06, "m/s"), "load.force": (20.0, "N")}
+    assert not fixed.followed
+
+
+def test_speed_and_load_are_followed_by_their_names(bench):
+    names = {"tacho": "drive_speed", "cell": "normal_force"}
+    renamed = {names.get(name, name): samples for name, samples in bench.measurements.items()}
+    units = {f"meas/{name}": {"drive_speed": "m/s", "normal_force": "N", "x": "m"}.get(name, "m/s") for name in renamed}
+    run = Run("", bench.step_ns, bench.frame_ns, np.empty(0), {}, units, renamed, measured=True, name="bench")
+    assert lab.diff(run, "belt", end=2.0).followed == {"drive.speed": "drive_speed", "load.force": "normal_force"}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"follow": {"drive.sped": "tacho"}}, "no actuator is called drive.sped; there are drive.speed, load.force"),
+        ({"follow": {"drive.speed": "cell"}}, "cell is in N, not in m/s"),
+        ({"pair": {"x": "velocity"}}, r"add a factor in \(m\)/\(m/s\)"),
+        ({"pair": {"x": "velocity, 3 kg"}}, "--pair x = velocity, 3 kg"),
+        ({"pair": {"y": "velocity", "x": "speed"}}, "no 'y' in this recording(.|\n)*no 'speed' in this run"),
+        ({"stick": {"velocity": "x", "drive": 0.06}}, '--pair "x = SIMULATED"'),
+        ({"begin": 99.0}, "the time span is empty"),
+    ],
+)
+def test_what_a_scene_cannot_follow_or_pair_is_named(bench, options, words):
+    with pytest.raises(UsageError, match=words):
+        lab.diff(bench, "belt", **options)

@@ -99,16 +99,16 @@ class Index(NamedTuple):
 
 def index(t: Array, x: Array) -> Index:
     """Compute the amplitude index of channel x at times t [s] over its whole cycles. Leave out the transient first."""
-    rises = _rises(x)
-    if len(rises) < 2:
+    passages = rises(x)
+    if len(passages) < 2:
         size = 0.0 if np.ptp(x) == 0.0 else float("nan")
         return Index(size, size, 0, float("nan"))
-    begin, end = rises[:-1], rises[1:]  # a cycle ends on the sample on which the next one begins
+    begin, end = passages[:-1], passages[1:]  # a cycle ends on the sample on which the next one begins
     high = np.maximum(np.maximum.reduceat(x[: end[-1]], begin), x[end])
     low = np.minimum(np.minimum.reduceat(x[: end[-1]], begin), x[end])
     full = np.mean(high - low)
-    cycles = len(rises) - 1
-    return Index(float(0.5 * full), float(full), cycles, float(cycles / (t[rises[-1]] - t[rises[0]])))
+    cycles = len(passages) - 1
+    return Index(float(0.5 * full), float(full), cycles, float(cycles / (t[passages[-1]] - t[passages[0]])))
 
 
 def growth(t: Array, x: Array) -> float:
@@ -117,17 +117,17 @@ def growth(t: Array, x: Array) -> float:
     The slope is fitted to all cycles by least squares. Cycles smaller than a quarter of the largest are not seen. NaN
     with less than three cycles.
     """
-    rises = _rises(x)
-    if len(rises) < 4:
+    passages = rises(x)
+    if len(passages) < 4:
         return float("nan")
-    cycles = [(t[a : b + 1], x[a : b + 1]) for a, b in pairwise(rises)]
+    cycles = [(t[a : b + 1], x[a : b + 1]) for a, b in pairwise(passages)]
     sizes = np.array([np.ptp(v) for _, v in cycles])
     peaks = np.array([at[v.argmax()] for at, v in cycles])
     return float(np.polyfit(peaks - peaks.mean(), np.log(sizes), 1)[0])
 
 
-def _rises(x: Array) -> NDArray[np.int64]:
-    """Indices at which x has risen through its middle, beyond a hysteresis."""
+def rises(x: Array) -> NDArray[np.int64]:
+    """Return the indices at which x has risen through its middle, beyond a hysteresis."""
     middle, band = 0.5 * (x.max() + x.min()), _BAND * 0.5 * np.ptp(x)
     if band == 0.0:
         return np.empty(0, np.int64)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.recorded.against_scene import AgainstScene, Pair
 from rig.analysis.recorded.comparison import Compared
 from rig.analysis.recorded.hysteresis import Hysteresis
 from rig.analysis.recorded.portrait import Portrait, Section
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 _NAMED_PEAKS = 6  # resonances that a picture labels, the largest ones
 # Samples of a portrait, channels of a comparison (those that differ first), columns of a sound
 _DRAWN_SAMPLES, _DRAWN_CHANNELS, _COLUMNS = 40_000, 5, 2400
+_DRAWN_CYCLES = 12  # of a measurement beside its simulation
 Floats = NDArray[np.floating[Any]]
 _RANGE = 70.0  # range of a map [dB below its maximum]
 _NAMED, _APART = 3, 0.35  # number of lines that a picture labels, and their smallest distance [decades]
@@ -268,6 +270,61 @@ def comparison_figure(compared: Compared) -> Figure:
         figure.align_ylabels(rows[:, 0])
         figure.align_ylabels(rows[:, 1])
     return figure
+
+
+def against_scene_figure(found: AgainstScene) -> Figure:
+    """Draw every channel over time, aligned by the first event, and its cycles over their phase; friction if known."""
+    rows = len(found.pairs) + (found.stick is not None)
+    title = f"{found.recording} and its simulation, {found.scene}"
+    with page(14.0, 1.6 + 3.0 * rows, title, layout="constrained") as figure:
+        axes = figure.subplots(rows, 2, squeeze=False, width_ratios=(1.6, 1.0))
+        for (over, phase), pair in zip(axes, found.pairs):
+            _in_time(over, pair)
+            _in_phase(phase, pair)
+        axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        if found.stick is not None:
+            _slips(axes[-1, 0], axes[-1, 1], found.stick)
+        figure.align_ylabels(axes[:, 0])
+    return figure
+
+
+def _in_time(axes: Axes, pair: Pair) -> None:
+    """A few cycles of both, the first event at time 0; without cycles all of it, as it was."""
+    for i, (v, colour, dashes) in enumerate(((pair.measured, BLUE, "-"), (pair.simulated, AMBER, "--"))):
+        t, here = pair.t, np.ones(v.size, np.bool_)
+        if pair.cycles:
+            t = t - pair.cycles[i].begins[0]
+            span = _DRAWN_CYCLES * pair.cycles[0].period
+            here = (t >= -0.1 * span) & (t <= span)
+        axes.plot(*thinned(t[here], v[here]), lw=1.0, label=("measured", "simulated")[i], color=colour, ls=dashes)
+    axes.set_ylabel(f"{plain(pair.channel)}\n[{pair.unit}]")
+    axes.set_xlabel("time from the first event [s]" if pair.cycles else "time [s]")
+
+
+def _in_phase(axes: Axes, pair: Pair) -> None:
+    """The median of the cycles with the band of eight tenths of them."""
+    if pair.cycles is None:
+        axes.text(0.5, 0.5, "less than three cycles", ha="center", va="center", color=GREY, transform=axes.transAxes)
+        axes.set_axis_off()
+        return
+    for cycles, colour in zip(pair.cycles, (BLUE, AMBER)):
+        phase = np.linspace(0.0, 1.0, cycles.middle.size)
+        axes.plot(phase, cycles.middle, color=colour, lw=1.4)
+        axes.fill_between(phase, cycles.low, cycles.high, color=colour, alpha=0.18, lw=0.0)
+    axes.set(xlabel="phase of the cycle [1]", title="median and 10 to 90 % of the cycles")
+
+
+def _slips(times: Axes, friction: Axes, both: tuple[StickSlip, StickSlip]) -> None:
+    """How long both stick, and friction over rising slip speed."""
+    longest = max((np.nan_to_num(slip.stick) for contact in both for slip in contact.slips), default=1.0) or 1.0
+    for contact, colour, which in zip(both, (BLUE, AMBER), ("measured", "simulated")):
+        sticks = [slip.stick for slip in contact.slips if np.isfinite(slip.stick)]
+        times.hist(sticks, list(np.linspace(0.0, longest, 40)), color=colour, alpha=0.6, label=which)
+        if contact.up is not None and contact.up.speed.size:
+            up = contact.up
+            friction.errorbar(up.speed, up.friction, 2.0 * up.error, color=colour, marker="o", ms=3.5, lw=1.0)
+    times.set(xlabel="stick time [s]", ylabel="number of slips [1]")
+    friction.set(xlabel=f"rising slip speed [{both[0].speed_unit}]", ylabel=f"friction [{both[0].force_unit or 'N'}]")
 
 
 def sound_figure(sound: Sound) -> Figure:

@@ -92,6 +92,8 @@ class StickSlip(Result):
     force: Reals
     channel_unit: str
     """Unit of `force`."""
+    spring: bool = False
+    """Whether the slip speed follows from the force of a spring."""
 
     def median(self, name: str) -> tuple[float, float, float]:
         """Median and quartiles of a value of the slips; NaN without any."""
@@ -149,16 +151,24 @@ class StickSlip(Result):
         return csv_text(head, self.slips)
 
     def law(self, falling: bool = False) -> str:
-        """The friction as a table of a scene: `[friction]` with the law "table". Raises UsageError without a load."""
+        """The friction as a table of a scene: `[friction]` with the law "table". Raises UsageError without a load.
+
+        The force of a spring contains the inertia of the body, with opposite signs where its speed rises and falls: the
+        law is then the mean of both. Otherwise it is that over rising speed, or with `falling` over falling speed.
+        """
         curve = self.down if falling else self.up
-        if not self.coefficient or curve is None or curve.speed.size < 2:
+        v, mu = (curve.speed, curve.friction) if curve is not None else (np.empty(0), np.empty(0))
+        if self.spring and self.up is not None and self.down is not None and self.down.speed.size:
+            here = (v >= self.down.speed[0]) & (v <= self.down.speed[-1])
+            v, mu = v[here], 0.5 * (mu[here] + np.interp(v[here], self.down.speed, self.down.friction))
+        if not self.coefficient or v.size < 2:
             raise UsageError("a law needs a coefficient over at least two speeds: name the force and the load")
-        speeds = ["0.0", *(f"{v:.6g}" for v in curve.speed)]
-        values = [f"{curve.friction[0]:.6g}", *(f"{mu:.6g}" for mu in curve.friction)]
+        speeds = ["0.0", *(f"{speed:.6g}" for speed in v)]
+        values = [f"{mu[0]:.6g}", *(f"{value:.6g}" for value in mu)]
         static = self.median("breakaway")[0]
         lines = ["[friction]", 'law = "table"', f"speeds = [{', '.join(speeds)}]", f"values = [{', '.join(values)}]"]
         if math.isfinite(static) and self.slips:
-            lines.append(f"mu_static = {max(static, curve.friction[0]):.6g}")
+            lines.append(f"mu_static = {max(static, mu[0]):.6g}")
         return "\n".join([*lines, ""])
 
 
@@ -234,6 +244,7 @@ def stick_slip(
         slip,
         F,
         channels[friction].unit if friction else "",
+        not velocity,
     )
 
 
