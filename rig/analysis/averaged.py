@@ -113,6 +113,9 @@ def not_fast(system: System, sine: int, cosine: int) -> str:
     """
     omega, nq = float(system.signals[sine - system.one, cosine]), len(system.coordinates)
     most = 1.0 / (FAR**2 - 1.0)
+    if system.remembers:
+        names = ", ".join(patch.name for patch in system.patches if patch.memory)
+        return f"the friction law of {names} has memory, and its force is not averaged over the dither"
     for row, patch in zip(system.slip_rows[:, nq : 2 * nq], system.patches):
         inertial, actual = (
             complex(row @ np.linalg.solve(_dynamic_stiffness(system, omega, leading), patch.direction.astype(complex)))

@@ -26,7 +26,7 @@ from rig.solve.forces import (
 
 Array = NDArray[np.float64]
 _Function = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p, ctypes.c_double, ctypes.c_double] + [ctypes.c_void_p] * 2)
-_ROUNDS, _FIRST, _LONGER = 150, 1e-9, 3.0  # steps of the search for steady slip; the first [s]; factor of the next
+_ROUNDS, _FIRST, _LONGER = 80, 1e-9, 5.0  # steps of the search for steady slip; the first [s]; factor of the next
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,10 @@ class Formula:
         z, step = np.array([state.start for state in self.states]), _FIRST
         for _ in range(_ROUNDS):
             values, slopes = self.evaluate(numbers, w, N, z)
-            z = z + np.linalg.solve(np.eye(len(z)) / step - slopes[1:, 2:], values[1:-1])
-            step *= _LONGER
+            change = np.linalg.solve(np.eye(len(z)) / step - slopes[1:, 2:], values[1:-1])
+            z, step = z + change, step * _LONGER
+            if step > 1.0 and np.all(np.abs(change) <= 1e-15 * np.abs(z)):
+                break
         return z
 
 

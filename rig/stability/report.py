@@ -42,7 +42,7 @@ from rig.model.singular import assembled
 from rig.model.system import Finding, Level, Normal, Patch, Sector, System
 from rig.quantities import at_most
 from rig.solve.records import CLOSED, LINEAR, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
-from rig.stability.linearisation import Steady, moving_states, steady
+from rig.stability.linearisation import Steady, linearised, moving_states, own_law, steady
 
 
 def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
@@ -131,7 +131,7 @@ def _flat(at: Steady) -> Steady:
     for p, patch in enumerate(at.system.patches):
         law = at.system.law(p, sector_modes)
         mu = law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0))
-        flat.append(replace(patch, law=replace(friction_law.coulomb(mu, mu), static=law.static)))
+        flat.append(replace(patch, law=replace(friction_law.coulomb(mu, mu), static=law.static), memory=()))
     kept = tuple(sector for sector in at.system.sectors if sector.changes)
     where = [place for sector, place in zip(at.system.sectors, sector_modes) if sector.changes]
     system = replace(at.system, patches=tuple(flat), sectors=kept)
@@ -385,15 +385,18 @@ def fastest_eigenvalue(system: System) -> float:
 def steepest(system: System) -> float:
     """The fastest eigenvalue [1/s] where a speed-dependent law is steepest; 0 without such a law.
 
-    The load is that at the start.
+    The load is that at the start. With memory: about the start, including stick as a spring.
     """
     fastest = 0.0
     speeds = [0.0, *np.geomspace(1e-9, 1.0, _SPEEDS).tolist()]
     for key in mode_sets(system):
         modes, sectors = assembled(system, key), system.modes(key)[3]
+        if system.remembers:
+            A = linearised(system, modes, system.start, own_law(system, modes))[0]
+            fastest = max(fastest, float(np.abs(np.linalg.eigvals(A)).max()))
         for p in np.flatnonzero(modes.sigma).tolist():
             law = system.law(p, sectors)
-            if law.constant:
+            if law.constant or law.states:
                 continue
             slope = max((law.slope(speed) for speed in speeds), key=abs)
             load = sum(max(float(n.row @ system.start), 0.0) for n in system.normals if n.patch == p)
