@@ -98,8 +98,9 @@ def test_friction_over_speed_is_that_of_a_sweep(noise):
     mu = 0.3 + 0.2 * np.exp(-v / 0.03)
     load = 20.0 + np.sin(3.0 * t)
     force = mu * load * np.where(t < 10.0, 1.0, 0.95)
+    v = v + 0.05 * noise * rng.standard_normal(t.size)
     run = measured(speed=(v, "m/s"), gauge=(force + noise * 10.0 * rng.standard_normal(t.size), "N"), load=(load, "N"))
-    found = stick_slip(run, "speed", "gauge", load="load")
+    found = stick_slip(run, "speed", "gauge", load="load", threshold=1e-3)
     for curve, share in ((found.up, 1.0), (found.down, 0.95)):
         assert curve.speed.size >= 8
         wanted = share * (0.3 + 0.2 * np.exp(-curve.speed / 0.03))
@@ -123,6 +124,93 @@ def test_spikes_are_replaced_and_told():
     found = stick_slip(measured(gauge=(force, "N"), speed=(0.01 + 0.1 * t, "m/s")), "speed", "gauge")
     assert found.spikes == 2
     assert np.abs(found.force - 5.0).max() < 1.01
+
+
+@pytest.mark.parametrize("kind", ["nan", "held"])
+def test_drop_outs_of_a_laser_hide_slips_and_make_none(kind):
+    """Sticks of 0.1 s and slips of 0.1 s; short gaps are bridged, a long one in a slip or a stick leaves these out."""
+    rate, period = 2000.0, 400
+    t = np.arange(20 * period) / rate
+    phase = (np.arange(t.size) % period) / period
+    slip = np.where(phase > 0.5, 0.02 * np.sin(2.0 * np.pi * (phase - 0.5)), 0.0)
+    clean = stick_slip(measured(v=(0.05 - slip, "m/s")), "v", drive=0.05, threshold=1e-4)
+    assert len(clean.slips) == 19  # the last one is cut by the end
+    v = 0.05 - slip
+    short, in_slip = [(2, 250, 254), (5, 290, 293)], [(8, 240, 260), (12, 330, 350)]
+    in_stick = [(15, 60, 90)] if kind == "nan" else []
+    for row, a, b in (*short, *in_slip, *in_stick):
+        part = slice(row * period + a, row * period + b)
+        v[part] = math.nan if kind == "nan" else v[part.start - 1]
+    found = stick_slip(measured(v=(v, "m/s")), "v", drive=0.05, threshold=1e-4)
+    begins = [slip.begin for slip in clean.slips if round(slip.begin * rate) // period not in (8, 12)]
+    assert [slip.begin for slip in found.slips] == begins
+    assert found.median("motion")[0] == clean.median("motion")[0]
+    assert sum(math.isnan(slip.stick) for slip in found.slips) == 3 + len(in_stick)
+    assert found.share == pytest.approx(clean.share, abs=2e-3)
+    counts = (0, 7, 70, 5) if kind == "nan" else (44, 4, 40, 5)
+    assert (found.held, found.bridged, found.missing, found.cut) == counts
+    assert f"{found.missing} samples missing in longer gaps, 5 slips cut by an end or a gap" in found.text()
+
+
+def test_a_constant_speed_is_not_taken_for_a_held_one():
+    t = np.arange(8000) / 2000.0
+    v = np.interp(t, [1.0, 1.1, 2.0, 2.1], [0.01, 0.03, 0.03, 0.01])  # steady sliding at two speeds, without noise
+    assert stick_slip(measured(v=(v, "m/s")), "v", threshold=5e-4).held == 0
+
+
+SWEEP = """
+based_on = "belt"
+seed = {seed}
+[body]
+damping = "250 N*s/m"
+[drive]
+speed = "0.01 m/s"
+[start]
+displacement = "3.3 mm"
+velocity = "0 m/s"
+[sensors.vibrometer]
+noise = "1e-5 m/s/Hz^0.5"
+[sensors.tacho]
+kind = "laser_vibrometer"
+reads = "surface_speed"
+rate = "1 kHz"
+noise = "1e-5 m/s/Hz^0.5"
+[sensors.gauge]
+kind = "strain_gauge"
+rate = "1 kHz"
+noise = "2e-8 1/Hz^0.5"
+[sensors.load_cell]
+kind = "normal_force"
+rate = "1 kHz"
+[[protocol]]
+step = "ramp"
+target = "drive.speed"
+to = "0.3 m/s"
+over = "15 s"
+[[protocol]]
+step = "ramp"
+target = "drive.speed"
+to = "0.01 m/s"
+over = "15 s"
+"""
+NEWTON = 20e-6
+"""Strain of the gauge for a newton."""
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_friction_of_a_simulated_sweep_is_recovered_behind_its_sensors(seed, tmp_path):
+    """The belt runs up and down over a body that slides; velocity and force come from noisy instruments."""
+    path = tmp_path / "sweep.toml"
+    path.write_text(SWEEP.format(seed=seed))
+    scene = lab.load(path)
+    run = lab.simulate(scene)
+    found = stick_slip(run, "vibrometer", "gauge", drive="tacho", load="load_cell", first=1.0)
+    law = scene.parameters.friction.friction().mu
+    for curve in (found.up, found.down):
+        assert curve.speed.size >= 8
+        wanted = np.array([law(v) for v in curve.speed])
+        assert np.abs(curve.friction / NEWTON / wanted - 1.0).max() < 0.02
+        assert np.ptp(wanted) > 0.1  # the law falls over the sweep
 
 
 def test_what_is_missing_is_asked_for():

@@ -5,6 +5,10 @@ spring of stiffness k, V - F'/k with the measured force F. A slip counts where t
 threshold; it begins and ends where the speed passes the threshold itself. Slips that meet there are one (a double
 event). One that is cut by an end of the recording is left out.
 
+Missing samples of the slip speed (drop-outs of a laser) are bridged by a straight line up to four in a row. A sensor
+may also hold its last value: where the contact slips, a velocity that stays equal for five samples or more and then
+jumps by more than the threshold counts as missing. Slips that touch a longer gap are left out, and sticks across one.
+
 A force is smoothed first, because its derivative amplifies noise: by the piecewise linear curve y with the smallest
 sum (F - y)^2 / 2 + s sum |y''| (differences of samples), which keeps the sudden begins of slips. Isolated spikes are
 removed before by the median of five samples, where it differs by more than eight times the usual.
@@ -20,11 +24,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.analysis.recorded.series import Series, aligned, scene_name, series
 from rig.errors import UsageError
 from rig.printable import columns, counted
 from rig.record.run import Reals, Run
+from rig.record.run_data import BRIDGED, bridge, gaps
 from rig.results import Result, csv_text
 from rig.units import same_unit
 
@@ -33,6 +39,7 @@ _SHARE = 0.04  # threshold as a share of the mean speed of the drive, if none is
 _SPIKE = 8.0  # times the usual deviation from the median of five
 _GAP, _ROUNDS = 1e-9, 80
 _BINS, _FEWEST = 12, 20
+_TURN = 6.0  # times the noise: what a turn of the speed exceeds
 
 
 class Slip(NamedTuple):
@@ -81,7 +88,13 @@ class StickSlip(Result):
     joined: int
     """Slips that met another one and are one with it."""
     cut: int
-    """Slips that an end of the recording cuts."""
+    """Slips that an end of the recording or a gap cuts."""
+    held: int
+    """Samples of the velocity that the sensor held."""
+    bridged: int
+    """Missing samples of the slip speed that a line bridges."""
+    missing: int
+    """Missing samples in longer gaps."""
     up: Curve | None
     """Friction over rising slip speed, in `force_unit`; None without a force."""
     down: Curve | None
@@ -120,7 +133,14 @@ class StickSlip(Result):
             middle, low, high = self.median(name)
             rows.append((title, f"{middle:.5g}", f"{low:.5g} .. {high:.5g}", unit))
         lines += columns(rows, "<>><")
-        notes = {"samples replaced (spikes)": self.spikes, "slips cut by an end": self.cut, "slips joined": self.joined}
+        notes = {
+            "samples replaced (spikes)": self.spikes,
+            "samples held by the sensor": self.held,
+            f"missing samples bridged (gaps of up to {BRIDGED})": self.bridged,
+            "samples missing in longer gaps": self.missing,
+            "slips cut by an end or a gap": self.cut,
+            "slips joined": self.joined,
+        }
         told = [f"{count} {what}" for what, count in notes.items() if count]
         lines += [f"  {', '.join(told)}"] if told else []
         for curve, way in ((self.up, "rising"), (self.down, "falling")):
@@ -136,7 +156,9 @@ class StickSlip(Result):
         """The result as plain values for JSON."""
         curves = {way: curve._asdict() if curve else None for way, curve in (("up", self.up), ("down", self.down))}
         slips = [{**slip._asdict(), "motion": slip.motion} for slip in self.slips]
-        return {"scene": self.scene, "threshold": self.threshold, "share": self.share, "slips": slips, **curves}
+        counts = ("spikes", "held", "bridged", "missing", "cut", "joined")
+        made = {"scene": self.scene, "threshold": self.threshold, "share": self.share, "slips": slips, **curves}
+        return made | {name: getattr(self, name) for name in counts}
 
     def csv(self) -> str:
         """The slips as CSV."""
@@ -210,13 +232,16 @@ def stick_slip(
         slip = pulled[:-1] - np.diff(F) * channels[friction].rate / stiffness
         slip = np.append(slip, slip[-1])
     size = threshold or _SHARE * float(np.nanmean(np.abs(pulled))) or _SHARE * float(np.nanmean(np.abs(slip)))
-    slip = np.where(np.isfinite(slip), slip, 0.0)
     way = 1.0 if np.nanmean(slip) >= 0.0 else -1.0
+    held = _held(channels[velocity].v, way * slip, size) if velocity else np.zeros(t.size, np.bool_)
+    slip, bridged = bridge(np.where(held, math.nan, slip))
+    lost = ~np.isfinite(slip)
     spans, joined, cut = _spans(way * slip, size)
-    slips = [
-        Slip(t[a], t[b], t[a] - t[spans[i - 1][1]] if i else math.nan, F[a], F[b], float(np.max(way * slip[a : b + 1])))
-        for i, (a, b) in enumerate(spans)
-    ]
+    slips = []
+    for i, (a, b) in enumerate(spans):
+        before = spans[i - 1][1] if i else 0
+        stick = t[a] - t[before] if i and not lost[before:a].any() else math.nan
+        slips.append(Slip(t[a], t[b], stick, F[a], F[b], float(np.max(way * slip[a : b + 1]))))
     whole = [(s.motion, s.stick) for s in slips if math.isfinite(s.stick)]
     share = sum(s for _, s in whole) / total if (total := sum(m + s for m, s in whole)) else float(not spans)
     if not spans and float(np.mean(way * slip > size)) > 0.5:
@@ -237,6 +262,9 @@ def stick_slip(
         spikes,
         joined,
         cut,
+        int(held.sum()),
+        bridged,
+        int(lost.sum()),
         up,
         down,
         bool(load),
@@ -252,9 +280,10 @@ def _despiked(v: Reals) -> tuple[Reals, int]:
     """The samples, isolated spikes replaced by the median of five, and the number of these."""
     from scipy.ndimage import median_filter
 
-    middle = median_filter(v, 5, mode="nearest")
+    known = np.isfinite(v)
+    middle = median_filter(np.interp(np.arange(v.size), np.flatnonzero(known), v[known]), 5, mode="nearest")
     away = np.abs(v - middle)
-    usual = float(np.median(away[away > 0.0])) if (away > 0.0).any() else 0.0
+    usual = float(np.median(away[away > 0.0])) if (away > 0.0).any() else 0.0  # comparisons with NaN are false
     spiky = away > max(_SPIKE * usual, 0.05 * float(np.nanmax(v) - np.nanmin(v)))
     return np.where(spiky, middle, v), int(spiky.sum())
 
@@ -309,8 +338,19 @@ def trend(v: Reals, s: float) -> Reals:
     return np.asarray(v - transposed(z))
 
 
+def _held(v: Reals, slip: Reals, size: float) -> NDArray[np.bool_]:
+    """The samples of a velocity that repeat the one before them, where the contact slips and a jump follows."""
+    same = np.concatenate(([False], np.diff(v) == 0.0))
+    held = np.zeros(v.size, np.bool_)
+    for a, b in gaps(np.where(same, math.nan, 0.0)):
+        jumps = b < v.size and abs(v[b] - v[b - 1]) > size
+        if b - a >= BRIDGED and jumps and np.all(slip[a:b] > size):
+            held[a:b] = True
+    return held
+
+
 def _spans(slip: Reals, size: float) -> tuple[list[tuple[int, int]], int, int]:
-    """First and last sample of each whole slip, how many met another one, and how many an end cuts."""
+    """First and last sample of each whole slip, how many met another one, and how many an end or a gap cuts."""
     low, high = slip > size, slip >= _EVENT * size
     edges = np.flatnonzero(np.diff(np.concatenate(([False], low, [False])).astype(np.int8)))
     spans, joined, cut = list[tuple[int, int]](), 0, 0
@@ -318,7 +358,7 @@ def _spans(slip: Reals, size: float) -> tuple[list[tuple[int, int]], int, int]:
         events = np.flatnonzero(np.diff(np.concatenate(([False], high[begin:end])).astype(np.int8)) == 1)
         if not events.size:
             continue
-        if begin == 0 or end == slip.size:
+        if begin == 0 or end == slip.size or not np.isfinite(slip[[begin - 1, end]]).all():
             cut += 1
             continue
         joined += events.size - 1
@@ -326,9 +366,30 @@ def _spans(slip: Reals, size: float) -> tuple[list[tuple[int, int]], int, int]:
     return spans, joined, cut
 
 
+def _ways(v: Reals) -> NDArray[np.int8]:
+    """1 where v rises, -1 where it falls, from turning point to turning point; a turn is larger than the noise of v."""
+    known = np.flatnonzero(np.isfinite(v))
+    x = v[known]
+    noise = 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / math.sqrt(6.0) if x.size > 2 else 0.0
+    band, way, turn, extreme = _TURN * noise, 1, 0, 0
+    ways = np.ones(x.size, np.int8)
+    values = x.tolist()
+    for i, value in enumerate(values):
+        away = way * (value - values[extreme])
+        if away >= 0.0:
+            extreme = i
+        elif away < -band:
+            ways[turn : extreme + 1] = way
+            way, turn, extreme = -way, extreme + 1, i
+    ways[turn:] = way
+    made = np.zeros(v.size, np.int8)
+    made[known] = ways
+    return made
+
+
 def _over_speed(slip: Reals, friction: Reals, size: float) -> tuple[Curve, Curve]:
     """Friction over rising and over falling slip speed, in bins of equally many samples."""
-    ways = np.gradient(slip)
+    ways = _ways(slip)
     made = []
     for here in ((ways > 0.0), (ways < 0.0)):
         here = here & (slip > size) & np.isfinite(friction)
