@@ -281,6 +281,8 @@ class Folder:
         `beside_sources`: store it for the present state of its own source file only.
         """
         function = dispatcher.py_func
+        if function.__code__.co_filename.startswith("<"):  # of a part: stored as a whole (rig.compiled.c_functions)
+            return
         cache: Any = (_Kept if self.keeps else _Found)(function)  # type: ignore[no-untyped-call]
         dispatcher._cache = cache  # noqa: SLF001 (numba has no public way)
         if beside_sources:

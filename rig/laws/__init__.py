@@ -7,21 +7,25 @@ package has installed, or a file (`law = "./my_law.py"`). Its class is derived f
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Self
 
+import numpy as np
 from pydantic import GetCoreSchemaHandler, ModelWrapValidatorHandler, create_model, model_validator
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from rig.about import About
 from rig.errors import PartError
-from rig.model.friction_law import Law
-from rig.parts import Room, code_of, is_file, named, one_class
+from rig.model.friction_law import InternalState, Law, from_formula
+from rig.parts import Room, calling, code_of, file_of, is_file, named, one_class
 from rig.quantities import Section
+from rig.units import brief
 
+__all__ = ["LAWS", "Friction", "FrictionLaw", "InternalState"]
 LAW = "law"
 """Key of a table that names a friction law."""
 _CARRIED: ContextVar[Mapping[str, type[FrictionLaw]] | None] = ContextVar("carried", default=None)
@@ -29,15 +33,44 @@ _CARRIED: ContextVar[Mapping[str, type[FrictionLaw]] | None] = ContextVar("carri
 
 
 class FrictionLaw(Section):
-    """The table of a friction law. As the type of a field it stands for all of them: the key `law` says which."""
+    """The table of a friction law. As the type of a field it stands for all of them: the key `law` says which.
 
-    declares: ClassVar = About("a coefficient over the slip speed; stick and slip")
+    A law is a formula: static methods, plain functions that numba compiles. p: the numbers of the law; w: slip speed
+    [m/s], at least 0; N: load [N]; z: internal states in the direction of slip.
+
+        mu(p, w), slope(p, w)       coefficient, and its derivative with respect to w; with `states`:
+        mu(p, w, N, z)              coefficient
+        rates(p, w, N, z, dz)       writes the rate of each state
+        slopes(p, w, N, z, d)       writes derivatives, d[0] of mu and d[1 + i] of rate i, over w, N and each state
+        stored(p, N, z)             optional: energy in the contact [J]
+
+    states  internal states; none for a coefficient over the slip speed
+    sticks  whether the contact sticks truly; False: it deflects instead (presliding)
+    jumps   slip speeds at which mu jumps [m/s]
+    """
+
+    declares: ClassVar[About] = About("a coefficient over the slip speed; stick and slip")
+    states: ClassVar[tuple[InternalState, ...]] = ()
+    sticks: ClassVar[bool] = True
+    jumps: ClassVar[tuple[float, ...]] = ()
 
     law: str
 
+    def numbers(self) -> Any:
+        """The numbers p of the formulas: a tuple; by default a named tuple of the values that are numbers."""
+        from rig.laws.formulas.compiled import numbers_class
+
+        values = {key: getattr(self, key) for key in type(self).model_fields if key != LAW}
+        kept = {key: value for key, value in values.items() if isinstance(value, bool | int | float | tuple)}
+        return numbers_class(type(self), tuple(kept))(*kept.values())
+
+    def static(self) -> float | None:
+        """The coefficient of a contact that sticks; None: mu at w = 0."""
+        return None
+
     def friction(self) -> Law:
-        """The law for the solver."""
-        raise NotImplementedError
+        """The law for the solver. Raises PartError, with every fault, for a law from elsewhere that is wrong."""
+        return _from_formulas(self)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -116,11 +149,74 @@ def laws_of(model: type[Section]) -> Mapping[str, type[FrictionLaw]]:
     return model.laws if issubclass(model, _Carrying) else {}
 
 
+_KEPT = 1000
+_LAWS: dict[tuple[Any, ...], Law] = {}
+"""Laws from formulas that were made: class, numbers, static coefficient -> law; of the last ones."""
+
+
+def _from_formulas(section: FrictionLaw) -> Law:
+    """The law of a section with formulas, checked if its class is from elsewhere."""
+    from rig.laws.formulas import checks, compiled
+
+    kind, module = type(section), sys.modules[type(section).__module__]
+    with calling(module):
+        numbers, rest, states, jumps = section.numbers(), section.static(), tuple(section.states), section.jumps
+    try:
+        shape = compiled.shape_of(numbers)
+    except TypeError as error:
+        raise PartError(
+            f"{file_of(module)}: numbers() contains {error}; expected a tuple of numbers, also named or nested"
+        ) from None
+    row = tuple(compiled.flat(numbers))
+    which = kind, shape, row, rest, states, tuple(jumps)
+    if which in _LAWS:
+        return _LAWS[which]
+    foreign = code_of(module) is not None
+    if foreign:
+        compiled.try_in_python(kind, module, numbers, states)
+    formula = compiled.formula_of(kind, module, shape, states, section.sticks)
+    first = formula.evaluate(row, 0.0, 1.0, np.array([state.start for state in states]))[0]
+    at_rest = float(first[0]) if rest is None else float(rest)
+    if foreign and (lines := list(checks.faults(formula, row, at_rest, jumps))):
+        values = ", ".join(f"{key} = {brief(value)}" for key, value in section if key != LAW)
+        head = f"{file_of(module)}: friction law {section.law}" + (f" ({values})" if values else "")
+        raise PartError("\n".join(f"{head}: {line}" for line in lines))
+    if len(_LAWS) >= _KEPT:
+        _LAWS.clear()
+    _LAWS[which] = from_formula(at_rest, row, formula)
+    return _LAWS[which]
+
+
 def _law(module: ModuleType, name: str) -> type[FrictionLaw]:
-    """The class of a law, with the key `law`."""
+    """The class of a law, with the key `law`. Raises PartError, with every fault of one from elsewhere."""
     what = "class derived from rig.laws.FrictionLaw"
     own: type[FrictionLaw] = one_class(module, lambda kind: issubclass(kind, FrictionLaw), "Law", what)
-    return own if code_of(module) is None else named(module, (own,), LAW, name)
+    if code_of(module) is None:
+        return own
+    if lines := list(_misdeclared(own)):
+        raise PartError("\n".join(f"{file_of(module)}: {line}" for line in lines))
+    return named(module, (own,), LAW, name)  # type: ignore[no-any-return]
+
+
+def _misdeclared(own: type[FrictionLaw]) -> Iterator[str]:
+    """What is wrong with the class of a law, a line each."""
+    from rig.laws.formulas.compiled import lacking
+
+    states = own.states
+    if isinstance(states, tuple):
+        if strange := [state for state in states if not isinstance(state, InternalState)]:
+            yield f"{own.__name__}.states contains {brief(strange[0])}; expected rig.laws.InternalState(NAME, UNIT)"
+    elif not isinstance(states, property):
+        yield f"{own.__name__}.states is {brief(states)}; expected a tuple of rig.laws.InternalState"
+    if not isinstance(own.declares, About):
+        yield f"{own.__name__}.declares is {brief(own.declares)}; expected a rig.about.About"
+    for key, kind, text in (("sticks", bool, "True or False"), ("jumps", tuple, "a tuple of slip speeds in m/s")):
+        if not isinstance(getattr(own, key), kind | property):
+            yield f"{own.__name__}.{key} is {brief(getattr(own, key))}; expected {text}"
+    if not own.sticks and not states:
+        yield f"{own.__name__}.sticks is False without states; a contact that does not stick needs a deflection"
+    if own.friction is FrictionLaw.friction:
+        yield from (f"{line}" for line in lacking(own, bool(states)))
 
 
 LAWS: Room[type[FrictionLaw]] = Room("laws", __name__, __path__, _law)

@@ -1,4 +1,4 @@
-"""Parts: plants, effects, sensors and controllers, each one Python file that declares all that others need of it.
+"""Parts: plants, effects, friction laws, sensors and controllers, each one Python file that declares what others need.
 
     KINDS = Room("sensors", __name__, __path__, read)        in sensors/__init__.py
     KINDS["microphone"]                                      rig/sensors/microphone.py, imported now

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from rig.about import Bound
 from rig.model.assembly import add_film_states
-from rig.parts import Binary
+from rig.parts import Binary, code_of
 from rig.quantities import ORIGINS
 from rig.scenes import part_faults, places, sections
 from rig.scenes.scene import Scene
@@ -110,7 +110,10 @@ def _effects(scene: Scene) -> Iterator[Effect]:
     yield Effect("structure", True, tuple(owned.pop("structure", ())), "mass, damping, stiffness")
     for patch, *_ in assembly.patches:
         law = getattr(scene.parameters, "friction", None)
-        text = f"law {getattr(law, 'law', '')}; stick and slip"
+        code = code_of(type(law))
+        source = f" (SHA-256 {code.short}...)" if code is not None else ""
+        motion = "stick and slip" if getattr(law, "sticks", True) else "it deflects before it slips, without true stick"
+        text = f"law {getattr(law, 'law', '')}{source}; {motion}"
         name = f"friction at {patch}"
         yield Effect(name, True, (), text + assembly.about.get(name, ""))
     opening = [name for name, *_, opens in assembly.normals if opens]

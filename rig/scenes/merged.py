@@ -163,7 +163,7 @@ class Merged:
         except Wrong as fault:
             self.report(fault.args)
         except PartError as fault:
-            self.faults.append(str(fault))
+            self.faults += [line for line in str(fault).splitlines() if line not in self.faults]
         return otherwise
 
     def report(self, new_faults: Iterable[source.Fault], layer: inherit.Layer | None = None) -> None:

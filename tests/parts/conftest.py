@@ -28,8 +28,8 @@ def _strange(monkeypatch):
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with a plant, an effect, a sensor, a controller and `scene.toml`, which names them."""
-    for kind in ("plant", "effect", "sensor", "controller"):
+    """A folder with a plant, an effect, a law, a sensor, a controller and `scene.toml`, which names all but the law."""
+    for kind in ("plant", "effect", "law", "sensor", "controller"):
         shutil.copy(DOCS / f"example_{kind}.py", tmp_path)
     shutil.copy(DOCS / "example_parts.toml", tmp_path / "scene.toml")
     return tmp_path

@@ -7,13 +7,13 @@ import sys
 import pytest
 
 import rig as lab
-from rig import controllers, effects, plants, sensors
+from rig import controllers, effects, laws, plants, sensors
 from rig.errors import SceneError, Untrusted
 from rig.parts import trust_scene
 from rig.scenes.scene import Scene
 
-ROOMS = (plants.PLANTS, effects.EFFECTS, sensors.KINDS, controllers.KINDS)
-GROUPS = {"plant": "plants", "effect": "effects", "sensor": "sensors", "controller": "controllers"}
+ROOMS = (plants.PLANTS, effects.EFFECTS, laws.LAWS, sensors.KINDS, controllers.KINDS)
+GROUPS = {"plant": "plants", "effect": "effects", "law": "laws", "sensor": "sensors", "controller": "controllers"}
 
 
 def forget():
@@ -26,7 +26,7 @@ def forget():
 
 @pytest.fixture
 def installed(folder, tmp_path_factory, monkeypatch):
-    """A distribution `toys` with the four parts, on the path."""
+    """A distribution `toys` with five parts, on the path."""
     site = tmp_path_factory.mktemp("site")
     package, info = site / "toys", site / "toys-1.0.dist-info"
     package.mkdir()
@@ -41,6 +41,8 @@ def installed(folder, tmp_path_factory, monkeypatch):
     text = (folder / "scene.toml").read_text()
     for kind in GROUPS:
         text = text.replace(f"./example_{kind}.py", f"toy_{kind}")
+    law = 'law = "toy_law"\nmu_slow = 0.3\nrise = 0.2\npeak = "0.02 m/s"\n\n'
+    text = f"{text[: text.index('law = ')]}{law}{text[text.index('[buffer]') :]}"
     (folder / "scene.toml").write_text(text)
     monkeypatch.syspath_prepend(str(site))
     forget()
@@ -98,7 +100,7 @@ def test_two_packages_with_parts_of_one_name(rig, installed, tmp_path_factory, m
     assert code == 0
     assert "installed: toy_plant (plants) of toys 1.0\n" in out
     assert "installed: toy_plant (plants) of knockoff 2.0\n" in out
-    assert err.count("uninstall all but one") == 4
+    assert err.count("uninstall all but one") == 5
     assert "belt" not in err  # a shipped part comes first, whoever has that name too
     with pytest.raises(SceneError) as caught:
         lab.load(installed)
