@@ -18,7 +18,7 @@ from rig.analysis.averaged import mean_friction
 from rig.analysis.control_loop import loop
 from rig.controllers.blocks.resonator import Resonator
 from rig.model.mode_sets import ModeSets, guard_bounds
-from rig.papers.kroeger_brake import CAPACITANCE, COUPLING, PIEZO_STIFFNESS, SWING, shaken, stack, transfer
+from rig.papers.kroeger_brake import CAPACITANCE, stack, transfer
 from rig.qualify.cost.delay import IDEAL, with_delay
 from rig.sensors.chain import filters
 from rig.sensors.chain.front_end import FrontEnd, deviation
@@ -47,14 +47,6 @@ def test_a_shunt_in_tune_turns_the_force_by_a_right_angle_and_dissipates_what_th
     Z = R + s * coil + delta / (s * CAPACITANCE)
     assert pytest.approx(Z / (Z + 1.0 / (s * CAPACITANCE)), rel=1e-9) == G
     assert G.imag == pytest.approx(1.0 / rho, rel=1e-9)
-
-
-def test_the_heat_of_a_shunt_in_tune_in_time():
-    """pi x^2 kappa / rho per cycle, from a simulated vibration of 1 um."""
-    R, delta, hertz = 100.0, -0.5, 3400.0
-    rho = R * CAPACITANCE * 2.0 * math.pi * hertz
-    assert pytest.approx(COUPLING**2 / CAPACITANCE) == PIEZO_STIFFNESS
-    assert shaken(R, delta, hertz)[1] == pytest.approx(math.pi * SWING**2 * PIEZO_STIFFNESS / rho, rel=1e-6)
 
 
 @pytest.mark.parametrize("share", [0.2, 0.9, 1.1, 3.0])

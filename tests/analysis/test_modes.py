@@ -71,20 +71,6 @@ def test_no_analysis_accepts_an_equilibrium_beyond_a_limit_of_the_scene(tmp_path
     assert not rig.limit_cycle(scene).found
 
 
-@pytest.mark.parametrize(
-    ("speed", "amplitude", "growth"),
-    [(0.06, 0.03, 4.01), (0.06, 0.08, -7.07), (0.06, 0.10, -3.64), (0.215, 0.10, 0.196)],
-)
-def test_dither_damps_above_the_belt_speed_and_feeds_below(speed, amplitude, growth):
-    scene = rig.load("belt_dither", {"drive.speed": speed, "dither.amplitude": amplitude})
-    assert modes(scene).dithered.growth == pytest.approx(growth, rel=5e-3)
-
-
-@pytest.mark.parametrize(("amplitude", "mu"), [(0.08, 0.1123), (0.10, 0.0717), (0.3, 0.0215)])
-def test_dither_lowers_the_effective_friction(amplitude, mu):
-    assert mean_friction(STRIBECK, 0.06, 1.0, amplitude)[0] == pytest.approx(mu, abs=5e-5)
-
-
 @pytest.mark.parametrize("w", [-0.09, 0.0, 0.02, 0.0999])
 def test_averaged_coulomb_friction_is_an_arc_sine(w):
     T, slope, _ = mean_friction(COULOMB, w, 20.0, 0.1)

@@ -69,21 +69,6 @@ def normal_force(**given):
     return NormalForce(**{"kind": "normal_force", "sensor": "laser", "velocity": "observed", "gain": 200.0} | given)
 
 
-def test_a_controller_states_its_own_numbers_or_gets_none(monkeypatch):
-    class Asks:
-        @staticmethod
-        def design(rig, section):
-            load = rig.actuator("load.force")
-            return {"unit": load.unit, "load": load.value, "none": rig.actuator("drive.torque"), "m": rig.inertia}
-
-    class Section(SimpleNamespace):
-        model_fields, sensor = ("sensor",), None
-
-    monkeypatch.setattr(controllers, "controller_class", lambda section: section.made)
-    found = design.numbers(scene(a=Section(made=Asks), b=Section(made=object)), rig(RADIUS))
-    assert found == {"a": {"unit": "N", "load": 20.0, "none": None, "m": pytest.approx(5.0)}, "b": {}}
-
-
 def test_a_measured_velocity_needs_scales_and_no_observer():
     found = design.numbers(scene(a=normal_force(sensor="vibrometer", velocity="measured")), rig())["a"]
     assert found == {
@@ -206,14 +191,6 @@ def test_a_dither_of_the_load_has_no_search():
         design.numbers(scene(a=Dither(kind="dither", sensor="vibrometer")), dithered("load"))
     with pytest.raises(SceneError, match=r"controllers.a.kind: .* no \[dither\]"):
         design.numbers(scene(a=Dither(kind="dither", sensor="vibrometer")), rig())
-
-
-def test_a_rig_whose_sizes_no_number_holds_is_a_fault_of_the_controller():
-    from rig import scenes
-
-    given = scenes.load("belt_normal_force_acceleration", overrides={"load.force": "1e-200 N"})
-    with pytest.raises(SceneError, match="its numbers cannot be computed for this rig"):
-        design.numbers(given)
 
 
 def test_a_recorded_scene_without_the_sensors_of_its_controllers_is_told_with_all_faults():

@@ -81,11 +81,6 @@ def test_critical_friction_falls_with_the_pressure(bar):
     assert flutter.frequency == pytest.approx(hertz, abs=1e-3)
 
 
-def test_light_braking_never_squeals():
-    assert BRAKE["mu_crit_vs_p_bar"]["2"] is None
-    assert all(growth({"load.pressure": "2 bar", "friction.mu": mu}) < 0.0 for mu in np.linspace(0.1, 1.5, 8))
-
-
 def test_sliding_is_where_the_scene_says():
     found = rig.modes(rig.load("brake")).sliding.equilibrium
     assert [found[f"normal_force_{name}"] for name in ("inner_left", "inner_right")] == pytest.approx([1000.0, 1000.0])

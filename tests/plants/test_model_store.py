@@ -39,12 +39,6 @@ def model(built):
     return build
 
 
-def test_a_model_is_built_once(store, model, built):
-    assert model("a") == model("a") == b"m" * 10
-    assert built == ["a"]
-    assert [one.name for one in store.iterdir()] == ["a"]
-
-
 def test_what_was_not_used_for_longest_makes_room(store, model, built, monkeypatch):
     monkeypatch.setattr(model_store, "LIMIT", 30)
     for age, key in enumerate(("a", "b", "c")):

@@ -76,13 +76,6 @@ def test_effective_mass_damping_and_stiffness_vanish_at_the_limits(tilt, mu, rat
             assert (mu < found[name]) == (value > 0.0), name
 
 
-def test_more_damping_of_the_pin_raises_the_limit_and_more_of_the_disc_lowers_it():
-    base = limits(rig.load("pin").parameters)["damping"]
-    assert limits(rig.load("pin", {"pin.damping": 4.0}).parameters)["damping"] > base + 0.1
-    assert limits(rig.load("pin", {"disc.damping": 40.0}).parameters)["damping"] < base - 0.1
-    assert limits(rig.load("pin", {"disc.damping": 0.0}).parameters)["damping"] == math.inf
-
-
 def test_jamming_is_reported_before_the_run_while_the_contact_still_presses():
     """Just below the mass limit the rig may run; just above it is refused, and the normal force would be positive."""
     limit = limits(rig.load("pin").parameters)["mass"]

@@ -12,7 +12,7 @@ import pytest
 
 import rig
 from rig.analysis.stick_speeds import stages, upper_speed
-from rig.errors import SceneError, UsageError
+from rig.errors import SceneError
 from rig.plants.tip import Inclination
 
 TABLE_1 = [  # mu_s, mu_d, upper and lower critical speed [mm/s]
@@ -165,12 +165,6 @@ def test_upper_speed_of_an_oscillator_is_that_of_the_closed_form(zeta, ratio):
     assert upper_speed(scene.parameters) / step == pytest.approx(ratio, abs=5.1e-4 if ratio != 1.8833 else 5e-5)
     if zeta == 0.001:  # the formula for little damping
         assert upper_speed(scene.parameters) == pytest.approx(step / math.sqrt(math.expm1(4e-3 * math.pi)), rel=1e-4)
-
-
-def test_a_law_over_speed_has_no_closed_form_and_equal_coefficients_no_upper_speed():
-    with pytest.raises(UsageError, match=r"friction\.law = 'exponential'"):
-        upper_speed(rig.load("tip_epoxy").parameters)
-    assert upper_speed(rig.load("tip", {"friction.mu_static": 0.2}).parameters) == 0.0
 
 
 def ramped(zeta):

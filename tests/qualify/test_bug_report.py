@@ -74,14 +74,6 @@ def test_the_log_of_a_run_is_bounded(state):
     assert lines[-1].startswith(f"{2 * MOST_KEPT - 1} ")
 
 
-def test_a_state_folder_that_cannot_be_written_costs_only_the_log(state):
-    (state / "state").write_text("a file where a folder should be")
-    log = RunLog(lambda text: None, {})
-    log.say("something")
-    log.write()
-    assert (state / "state").read_text() == "a file where a folder should be"
-
-
 @pytest.mark.parametrize(
     ("text", "plain"),
     [

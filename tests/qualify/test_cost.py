@@ -1,10 +1,8 @@
 """What accuracy costs: measures against closed forms, references against each other, and the setting that is taken."""
 
 import math
-import os
 import pickle
 import shutil
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -12,14 +10,13 @@ import pytest
 
 import rig
 from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
-from rig.errors import Chatter, OutputError, UsageError
-from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended, reference
-from rig.qualify.cost.measuring import timed, trials
+from rig.errors import UsageError
+from rig.qualify.cost import Row, Table, cost, folder_of, recommended, reference
+from rig.qualify.cost.measuring import trials
 from rig.qualify.cost.reference import extrapolated
 from rig.qualify.cost.report import CostReport, notes
 from rig.qualify.cost.table import front
 from rig.qualify.cost.timing import QUIET, Cost, Spread, spread
-from rig.view.palette import put
 
 
 def row(error, p99, share=0.0, method="rk4", floor=0.0):
@@ -32,7 +29,7 @@ def belt(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cost")
     scene = rig.load("belt_c")
     told = []
-    return scene, folder, cost(scene, folder, lambda done, total: told.append((done, total)), rounds=5), told
+    return scene, folder, cost(scene, folder, lambda done, total: told.append((done, total)), rounds=1), told
 
 
 def test_errors_of_a_fixed_step_fall_with_its_fourth_power(belt):
@@ -67,7 +64,7 @@ def test_trials_in_worker_processes_measure_the_same_to_the_last_bit(belt):
 SETTINGS = (Setting("dopri5", 1e-3), Setting("dopri5", 1e-8), Setting("rk4", step_ns=100_000), Setting("exact"))
 
 
-@pytest.mark.parametrize("name", ["belt", "belt_c", "seal_p", "belt_b"])
+@pytest.mark.parametrize("name", ["belt", "belt_c", "seal_p"])
 def test_a_row_moves_as_a_run_with_its_setting_does(name):
     """Mode changes of the run, and its state at the end, are those that the row was judged by, bit by bit."""
     mass = 0.9 * rig.load(name).parameters.body.mass
@@ -122,15 +119,6 @@ def test_progress_is_told_to_the_end_and_the_table_comes_back_from_its_files(bel
     assert read.machine["numba"]
 
 
-def test_pipes_in_place_of_a_table_are_neither_read_nor_written(belt, tmp_path):
-    for name in ("cost.parquet", "machine.json"):
-        os.mkfifo(tmp_path / name)
-    with pytest.raises(UsageError, match="no readable cost table"):
-        Table.read(tmp_path)
-    with pytest.raises(OutputError, match="it is not a regular file"):
-        belt[2].write(tmp_path)
-
-
 def test_a_state_with_missed_events_is_no_small_error(belt):
     asked = problem(belt[0])
     seen = observe(asked, Setting("exact"))
@@ -139,10 +127,9 @@ def test_a_state_with_missed_events_is_no_small_error(belt):
     assert math.isinf(errors(asked, fewer, seen)["event times"])
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_simultaneous_events_have_no_order(belt, seed):
+def test_simultaneous_events_have_no_order(belt):
     """Two equal contacts change at once: a shift of all times is the error, whichever of the two is the first."""
-    asked, draw = problem(belt[0]), np.random.default_rng(seed)
+    asked, draw = problem(belt[0]), np.random.default_rng(0)
     at_once = len(asked.system.patches) + len(asked.system.normals)
     truth, late = [], []
     for i in range(20):
@@ -231,7 +218,7 @@ def test_where_the_references_cannot_tell_no_setting_is_blamed():
         recommended(rows, "period", 1e-3, None)
 
 
-@pytest.mark.parametrize("share", [QUIET, 0.5, 0.99])
+@pytest.mark.parametrize("share", [QUIET, 0.99])
 def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
     draw = np.random.default_rng(5)
     for count in (*range(1, 60), 1050):
@@ -239,20 +226,6 @@ def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
         assert found.low <= found.value <= found.high, count
     intervals = [spread(draw.random(1050), share) for _ in range(400)]
     assert 0.92 < np.mean([one.low <= share <= one.high for one in intervals]) < 0.99
-
-
-def test_a_setting_that_gets_through_but_not_in_one_piece_is_a_row_with_its_fault(belt, monkeypatch):
-    asked, made = problem(belt[0]), measuring.Contender
-
-    def contender(asked, setting, x):
-        if setting.method == "exact":
-            raise Chatter("too many events", 0.0, "free", {})
-        return made(asked, setting, x)
-
-    monkeypatch.setattr(measuring, "Contender", contender)
-    stops, *others = timed(asked, belt[2].rows[:2], rounds=1)
-    assert (stops.setting.method, stops.fault, stops.timed) == ("exact", "too many events", True)
-    assert [one.fault for one in others] == [""]
 
 
 def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypatch, tmp_path):
@@ -263,17 +236,6 @@ def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypat
     with pytest.raises(UsageError, match="nothing to draw"):
         CostReport(found).plot()
     assert "no reference" in CostReport(found)._repr_html_()
-
-
-def test_references_that_do_not_agree_are_drawn_and_told(belt, tmp_path):
-    found = belt[2]
-    rows = [replace(one, floors={"period": 1e-9, "event times": math.inf}) for one in found.rows]
-    machine = found.machine | {"processor": "Brand and Model of Many Words (architecture, instructions 0123abcd)"}
-    apart = replace(found, rows=rows, machine=machine)
-    assert notes(apart, "worst")[0].endswith("the references do not agree: event times")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        put(CostReport(apart, "worst", rows[0], 0.4).plot(), tmp_path / "apart.png")
 
 
 def test_delay_and_sampling_cost_what_the_first_order_says():

@@ -1,6 +1,5 @@
 """What an effect costs and changes: paired runs with and without it."""
 
-import json
 import math
 
 import numpy as np
@@ -11,15 +10,14 @@ from rig.analysis.motion_measures import problem
 from rig.analysis.orbit import all_round, turn_of
 from rig.errors import SceneError
 from rig.qualify.cost import effects as module
-from rig.qualify.cost.effects import Change, Paired, bare, changed, effects
-from rig.qualify.cost.timing import Spread
+from rig.qualify.cost.effects import Paired, bare, changed, effects
 from rig.scenes.variants import dropped, opened, without
 from rig.stability.linearisation import sliding_key, steady
 
 
 @pytest.fixture(scope="module")
 def shunted():
-    return {one.name: one for one in effects(rig.load("belt_shunt"), rounds=3)}
+    return {one.name: one for one in effects(rig.load("belt_shunt"), rounds=1)}
 
 
 def test_a_shunt_adds_two_states_and_its_absence_is_seen(shunted):
@@ -40,7 +38,7 @@ def test_what_the_plant_cannot_do_without_is_told_with_the_reason(shunted):
 def test_a_limit_that_is_not_met_changes_no_bit():
     scene = rig.load("pendulum")
     assert set(dropped(scene)) >= {"load lag", "load limits"}
-    [limits] = [one for one in effects(scene, rounds=3) if one.name == "load limits"]
+    [limits] = [one for one in effects(scene, rounds=1) if one.name == "load limits"]
     assert limits.states == 0
     assert set(limits.errors.values()) == {0.0}
 
@@ -73,9 +71,8 @@ def test_a_cost_is_told_above_the_noise_of_the_machine_and_bounded_below_it():
     assert abs(same.tick.value) <= same.noise < 5.0
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_busy_machine_yields_no_cost_that_is_not_there(seed):
-    draw = np.random.default_rng(seed)
+def test_a_busy_machine_yields_no_cost_that_is_not_there():
+    draw = np.random.default_rng(0)
 
     def busy():
         return float(draw.choice([0.0, 1500.0], p=[0.2, 0.8]) * draw.random())
@@ -139,23 +136,6 @@ def test_an_irregular_motion_differs_from_itself_and_that_much_is_no_change(monk
     assert max(c.size for c in found) > 0.0
     assert not any(c.significant for c in found)
     assert "irregular" in Paired("mass", changes=found).change()
-
-
-def test_json_has_no_number_that_is_none():
-    found = [Paired("a", fault="needs b"), Paired("c", changes=(Change("frequency", "Hz", None, 2.0, 1.0),))]
-    for one in found:
-        text = json.dumps(one.to_json(), allow_nan=False)
-        assert json.loads(text)["tick"] == {"value": None, "low": None, "high": None}
-    assert found[0].to_json().keys() == found[1].to_json().keys()
-    assert Paired("d", tick=Spread(1.0, 0.5, 1.5), noise=math.nan, whole=9.0).to_json()["noise"] is None
-
-
-def test_sensors_of_what_is_gone_are_gone():
-    scene = rig.load("brake_shunt_sound")
-    left = without(bare(scene), ["shunt"])
-    assert not left.protocol
-    assert set(left.sensors) <= set(scene.sensors)
-    assert all(section.reads in left.assemble().outputs for section in left.sensors.values())
 
 
 @pytest.mark.slow

@@ -20,17 +20,6 @@ def test_methods_say_why_they_do_not_serve():
     assert told["dopri5"] == told["rk4"] == "also suits the scene"
 
 
-def test_what_nobody_asks_for_is_not_computed():
-    scene = rig.load("brake_shunt")
-    told = {one.name: one for one in effects_measured.signals(scene)}
-    assert told["velocity"].rate == pytest.approx(1e9 / scene.step_ns)
-    assert "vibrometer" in told["velocity"].asked
-    assert told["friction_force"].rate == 0.0
-    less = rig.load("brake_shunt", {"sensors.vibrometer": "none", "sensors.microphone": "none"})
-    assert {one.name: one for one in effects_measured.signals(less)}["velocity"].rate == 0.0
-    assert "meas/vibrometer" not in {one.name for one in effects_measured.topics(less)}
-
-
 def test_a_controller_in_the_plants_process_sends_nothing_and_its_commands_are_told_in_pieces():
     here = {
         one.name: one.rate

@@ -12,7 +12,7 @@ from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.qualify import torture
 from rig.qualify.torture import trial
-from rig.qualify.torture.case import FOLDER, each, load, names, read, watched
+from rig.qualify.torture.case import each, load, names, read, watched
 from rig.qualify.torture.cells import cells
 from rig.qualify.torture.results import Found, judge
 from rig.qualify.torture.wrong_methods import WRONG
@@ -28,9 +28,9 @@ def some():
 
 
 def test_worker_processes_find_the_same_cells(some):
-    again = torture.matrix(SOME[1:], quick=True, workers=2)
+    again = torture.matrix(SOME[2:], quick=True, workers=2)
     assert [(one.case, one.method, one.step, one.result) for one in again] == [
-        (one.case, one.method, one.step, one.result) for one in some if one.case != SOME[0]
+        (one.case, one.method, one.step, one.result) for one in some if one.case in SOME[2:]
     ]
 
 
@@ -95,7 +95,7 @@ def test_the_rounding_of_a_contact_that_sticks_all_the_time_is_no_power_of_frict
 
 
 def test_processes_in_lockstep_have_the_bits_of_one_process(runs):
-    result = trial.processes(load("loop_as_processes"), 400_000_000)
+    result = trial.processes(load("loop_as_processes"), 100_000_000)
     assert result.colour == "green"
     assert result.detail == "2 sensors and 1 controller have the same bits as in one process"
 
@@ -234,17 +234,8 @@ def test_faults_of_a_case_are_told_together(tmp_path):
         read(path)
     assert 'duration = "3 m": expected a unit that converts to s' in told.value.faults
     assert any(fault.startswith("speed: unknown key; ") for fault in told.value.faults)
-    path.write_text('title = 3\nscene = "belt_c"\nduration = "1 s"\n[[act]]\ndo = "push"\n')
-    with pytest.raises(SceneError) as told:
-        read(path)
-    assert [fault.partition(";")[0] for fault in told.value.faults] == [
-        "title = 3: expected a text",
-        "about: is missing",
-        'act[1].do = "push": unknown',
-    ]
     path.write_text('title = "x"\nbased_on = "belt"\n')
     with pytest.raises(SceneError, match=r'is a scene; a case names one, scene = "bad.toml"'):
         read(path)
     with pytest.raises(UsageError, match="did you mean grazing"):
         load("grasing")
-    assert FOLDER.is_dir()
