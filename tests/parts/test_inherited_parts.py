@@ -91,7 +91,7 @@ def test_two_files_of_one_name_are_refused(lab_one, table, kind):
         lab.load(scene(lab_one, f'based_on = "lab one/scene.toml"\n{table}\n'))
 
 
-@pytest.mark.parametrize("name", ["a\\b.py", f"{'x' * 101}.py", ".py", "mein Gerät.py", f"{'x' * 100}.py", "a.b.py"])
+@pytest.mark.parametrize("name", ["a\\b.py", f"{'x' * 101}.py", ".py", "mein Gerät.py"])
 def test_a_name_comes_back_from_a_recording_or_is_refused_as_the_scene_is_read(lab_one, name):
     copied(lab_one, "coil.py", name)
     path = scene(lab_one, f"based_on = 'lab one/scene.toml'\n[sensors.coil]\nkind = './{name}'\n")

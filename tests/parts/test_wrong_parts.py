@@ -11,10 +11,8 @@ from pathlib import Path
 import pytest
 
 import rig as lab
-from rig import controllers, design
 from rig.bench.live.outcome import Job
 from rig.bench.live.rehearsal import visited
-from rig.controllers.blocks.base import retune, tunable
 from rig.controllers.runtime.file import load_file
 from rig.errors import PartError, SceneError, UsageError
 
@@ -56,43 +54,26 @@ BACK, CLASS = "    return a\n", "class Mass("
 
 
 @pytest.mark.parametrize(("file", "old", "new", "told"), [
-    ("twin.py", "(p, moved=None)", "(p, moved)", r"twin.py: TypeError: assemble\(\) missing 1 required"),
     ("twin.py", BACK, "    return None\n", r"  twin.py: assemble gives NoneType; expected a rig.model"),
     ("twin.py", CLASS, f"import sys\nsys.exit(3)\n{CLASS}", r"plant: .*SystemExit: 3 \(line \d+\)"),
     ("twin.py", COUPLING, f"{COUPLING}\n    clock: quantity('s') = 1.0", "Parameters declares clock, which every"),
     ("twin.py", X_LEFT, 'Output({"zz": 1.0}, "m")', "twin.py: output 'x_left' names 'zz', which does not exist"),
-    ("twin.py", X_LEFT, 'Output({"l": float("nan")}, "m")', "output 'x_left' contains nan; expected a finite"),
-    ("twin.py", X_LEFT, 'Output({"l": 1.0}, "m", role="nonsense")', "has the role 'nonsense'; known: displacement"),
-    ("twin.py", X_LEFT, 'Output({"l": 1.0}, "m", __import__("rig.picture").picture.Plot(3))', r"has the plot Plot\(ti"),
     ("twin.py", X_LEFT, 'Output({"l": 1.0}, "furlong")', "twin.py: unit of output 'x_left': 'furlong' is not SI"),
-    ("twin.py", BACK, LAMP.format("'degree', 0, 1, 0, 0"), "twin.py: unit of input 'lamp': 'degree' is not SI"),
-    ("coil.py", 'delivers: ClassVar[str] = "V"', 'delivers = "volty"', "coil.py: delivers = 'volty' is unknown"),
     ("twin.py", COUPLING, f"{COUPLING}\n    odd: object = object()", "odd: twin.py: Parameters.odd holds <object"),
     ("twin.py", "mass:", f"{ODD}mass:", r"left.odd: twin.py: Mass.odd .*no recording can"),
     ("lead.py", "gain:", "period: int = -5\n    gain:", "lead.period: lead.py declares -5; expected whole nano"),
-    ("twin.py", CLASS, f"PICTURES = ('belt',)\n\n\n{CLASS}", r"PICTURES is \('belt',\); expected a tuple"),
     ("twin.py", CLASS, f"from rig.picture import Own\n\nFIGURE = Own(':nope', ('v_left',))\n\n\n{CLASS}",
      "twin.py: names ':nope' as what draws it, and defines no nope"),
     ("twin.py", BACK, "    return Assembly(title='nothing')\n", "twin.py: the rig has no coordinate; expected one at"),
-    ("twin.py", BACK, f"    a.coordinates.append('q')\n{BACK}", "twin.py: coordinate 'q' has no mass"),
-    ("twin.py", BACK, f"    a.start['q'] = 1.0\n{BACK}", "twin.py: start of 'q', which does not exist; known: l, l'"),
     ("twin.py", BACK, LAMP.format("'N', 0, 3, 5, 0"), "twin.py: input 'lamp' begins with 5, outside its range 0 to 3"),
-    ("eddy.py", 'lag: quantity("s") = 0.01', 'lag: quantity("s") = "10 ms"', "eddy.lag: eddy.py: Eddy.lag has the "
-     "default '10 ms'; expected a number in s"),
     ("twin.py", "= -c", '= float("nan")', r"stiffness\['l', 'r'\] contains nan"),
     ("twin.py", 'a.coordinate("r"', 'a.coordinate("l"', r"the rig has a state 'l' already.* \(line \d+\)"),
-    ("twin.py", 'a.patch("right"', 'a.patch("left"', "two are called friction contact 'left'"),
     ("twin.py", 'a.normal("nr", "right"', 'a.normal("nr", "wrong"', "normal force 'nr' is of contact 'wrong'"),
-    ("twin.py", '{"r": 1.0}, belt, p.friction.friction()', '{"r": 1.0}, belt, None', "None as its friction law"),
     ("eddy.py", "section, frame, moved)", "section, frame)", r"eddy.py: TypeError: add\(\) takes 3 positional"),
     ("eddy.py", '"eddy_force"', '"v_left"', "eddy.py: the rig has an output 'v_left' already"),
     ("eddy.py", "    lag:", "    declares = 3\n    lag:", "eddy.effect: eddy.py: declares is 3; expected"),
-    ("eddy.py", "    lag:", '    declares = type(Effect.declares)("x", random=True)\n    lag:', "random = True in "
-     "declares; expected one of its values: constant, lag"),
     ("scene.toml", '"eddy.py"', '"drive"', "eddy.effect: drive does not act on any plant; plants that have this"),
-    ("coil.py", "def flawed", "def flowed", "coil.py: Coil defines no flawed"),
     ("coil.py", "return self.gain_at", 'return float("nan")', "sensors.coil.kind: gain is nan; expected a finite"),
-    ("coil.py", "noise=deviation(", "noise=-deviation(", "noise is -.*; expected at least 0"),
     ("coil.py", "return FrontEnd(", "return (", "sensors.coil.kind: .*coil.py"),
     ("lead.py", "def update", "def updat", "defines no class Controller; LeadController has no update"),
 ])  # fmt: skip
@@ -108,15 +89,10 @@ DESIGN = "        return rig.comm"
 
 @pytest.mark.parametrize(("old", "new", "told"), [
     (WIRED, f"{WIRED}; 1 / 0", r"lead.py: ZeroDivisionError: division by zero \(line \d+\)"),
-    (WIRED, WIRED.replace("(section.sensor,),", "[section.sensor],"), r"Controller.reads is \['v'\]; expected a tup"),
     (WIRED, WIRED.replace("section.sensor", "'nope'"), "Controller.reads has nope; the sensors are v, coil"),
-    (WIRED, WIRED.replace("section.drive", "'nope.force'"), "Controller.drives has nope.force; the table of the scene "
-     "names load.force"),
     (COMMAND, "return y, (f, f)", r"Controller.update commands .*expected a tuple with one number for each"),
     (COMMAND, "return f", r"Controller.update returns .*; expected \(state, commands\)"),
-    ("(self, state, t_ns, values)", "(self, state, values)", r"lead.py: TypeError: .*update\(\) takes 3"),
     (DESIGN, f"        raise KeyError('q')\n{DESIGN}", r"lead.py: KeyError: 'q' \(line"),
-    (DESIGN, f"        return None\n{DESIGN}", "design gives None; expected a dict"),
     ("        return rig.comm", "        return {'a': {1}} or rig.comm", "design gives values that are not plain JSON"),
     (DESIGN, f"        raise ValueError('sensor: deaf')\n{DESIGN}", r"lead\.sensor: deaf"),
 ])  # fmt: skip
@@ -136,7 +112,6 @@ def test_a_plant_that_takes_no_moved_actuators_is_told_where_some_move(toys):
 
 @pytest.mark.parametrize(("old", "new", "told"), [
     ("return Linear(1, step, ", "return (1, step, ", r"lead.py: linear gives \(1, <function .*; expected a rig.contr"),
-    ("return Linear(1, step, ", "return Linear(2, step, ", r"step of linear gives .*; expected \(2 states, command\)"),
     ('step, "gain")', 'step, "grain")', "lead.py: linear names the gain 'grain'; its parameters: .*gain, pole"),
     ("            return (y,),", "            1 / 0\n            return (y,),", "lead.py: ZeroDivisionError: .*line"),
     (WIRED, WIRED.replace("(section.sensor,)", '(section.sensor, "coil")'), "lead.reads: v, coil; a linear form needs"),
@@ -183,20 +158,6 @@ def test_of_two_files_with_one_text_the_one_that_the_scene_names_is_told(toys):
     for folder in (toys, toys / "second"):
         with pytest.raises(SceneError, match=rf"{folder}/eddy\.py: ZeroDivisionError"):
             lab.load(changed(folder, "scene.toml", "[eddy]", fails))
-
-
-def test_the_effect_twice_is_refused(toys):
-    """Its states have fixed names, so a rig has room for one."""
-    with pytest.raises(SceneError, match=r"eddy\.py: .*the rig has a state 'eddy' already"):
-        lab.load(changed(toys, "scene.toml", "[sensors.v]", '[eddy2]\neffect = "eddy.py"\n[sensors.v]'))
-
-
-def test_a_run_can_change_numbers_of_a_controller_but_not_what_it_reads_and_drives(toys):
-    scene = lab.load(toys / "scene.toml")
-    lead = controllers.build(scene.controllers["lead"], design.numbers(scene)["lead"])
-    assert tunable(lead) == {"gain": "N*s/m", "pole": "1"}
-    with pytest.raises(UsageError, match="sensor: is fixed while the rig runs"):
-        retune(lead, {"sensor": "coil"})
 
 
 def test_a_controller_on_its_own_is_checked_alike_and_needs_defaults(toys):
