@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from rig.errors import SceneError
 from rig.model.film import Film, at, on, over
-from rig.model.friction_law import Law
 from rig.model.named_rows import Circuit, Part, Row, Rows, Variation
 from rig.model.system import (
     Bound,
@@ -352,11 +351,11 @@ class Assembly(Rows):
     limits: dict[str, float] = field(default_factory=dict)
     bounds: Mapping[str, float] = field(default_factory=dict)
 
-    def patch(self, name: str, direction: Row, surface: Row, law: Law, travel: Row | None = None) -> None:
-        """As Rows.patch; internal states of the law become outputs."""
-        super().patch(name, direction, surface, law, travel)
-        for state in law.states:
-            self.outputs[f"{name}_{state.name}"] = Output({f"{name}_{state.name}": 1.0}, state.unit, Plot())
+    def add_memory(self) -> None:
+        """Add the internal states of the friction laws as outputs."""
+        for patch, _, _, law, _ in self.patches:
+            for state in law.states:
+                self.outputs[f"{patch}_{state.name}"] = Output({f"{patch}_{state.name}": 1.0}, state.unit, Plot())
 
     def system(self) -> System:
         """The matrices. Raises SceneError if a row names an unknown state."""

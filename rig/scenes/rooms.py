@@ -129,6 +129,7 @@ def assembled(
     if not isinstance(made, Assembly):
         fault = f"assemble gives {type(made).__name__}; expected a rig.model.assembly.Assembly"
         raise PartError(f"{file_of(plant)}: {fault}")
+    made.add_memory()
     _sound(plant, made, {})
     for section, add in on_any_plant(parameters):
         if random or not section.declares.random:
