@@ -56,37 +56,23 @@ def refused(scene, changes=None):
     return caught.value.faults
 
 
-def test_a_plain_scene_loads(mine):
-    scene = scenes.load(mine)
-    assert (scene.name, scene.parameters.body.mass) == ("mine", 5.0)
-    assert scene.origins["body.damping"] == ("calibrated", "note")
-    assert (scene.step_ns, scene.frame_ns, scene.duration_ns) == (1_000_000, 1_000_000, None)
-
-
 KIND, SENSOR = 'kind = "laser_vibrometer"', 'sensor = "vibrometer"'
 
 
 @pytest.mark.parametrize(("old", "new", "told"), [
     ('force = "20 N"', 'force = "-3 N"', 'load.force = "-3 N": must be at least 0 N'),
     ("speed = 0.06", "sped = 0.06\nspeed = 1", "drive.sped: unknown key; did you mean drive.speed?"),
-    ('law = "coulomb"', 'law = "strbeck"', 'friction.law = "strbeck": unknown; did you mean stribeck? known: '),
     ("stiffness = 2500", 'stiffness = "2500 kg"', 'body.stiffness = "2500 kg": expected a unit that converts to N/m'),
-    ("stiffness = 2500", 'stiffness = "2500"', 'body.stiffness = "2500": without a unit; expected N/m'),
     ("stiffness = 2500", "stiffness = nan", "body.stiffness = NaN: must be a finite number"),
     ("stiffness = 2500", "", "body.stiffness: is missing; expected a value in N/m"),
     ('"5 kg"', '["5 kg", "papr"]', 'body.mass: origin = "papr": unknown; did you mean paper? known: '),
-    ("[load]", "[lod]", "lod: unknown key; did you mean load?"),
     ("controllers.nf", f"controllers.{'n' * 65}", f"controllers.{'n' * 65}: a name is at most 64 letters"),
     ('plant = "belt"', 'plant = "blet"', 'plant = "blet": unknown; did you mean belt? known: belt, '),
-    ('plant = "belt"', "", 'plant: is missing, and so is based_on = "SCENE"; known: belt, '),
     ("_vibrometer", "_vibrometr", 'sensors.vibrometer.kind = "laser_vibrometr": unknown; did you mean laser_vibr'),
-    (KIND, "", "sensors.vibrometer.kind: is missing; known: accelerometer, "),
     (SENSOR, 'sensor = "vibromter"', 'controllers.nf.sensor = "vibromter": unknown sensor; did you mean vibrometer?'),
     (SENSOR, f'{SENSOR}\ndrive = "load.frce"', 'controllers.nf.drive = "load.frce": belt has no such actuator; did '),
     (KIND, f'{KIND}\nreads = "displacement"', 'sensors.vibrometer.reads = "displacement": is in m, a laser_vibrometer '
      "reads m/s; outputs in this unit: velocity, "),
-    (SENSOR, f'{SENSOR}\ndelay = "2.5 ms"', 'controllers.nf.delay = "2.5 ms": 2.5 ms is not a whole number of frames '
-     "(1 ms); nearest: 2 ms or 3 ms"),
 ])  # fmt: skip
 def test_one_fault_one_line(faults, old, new, told):
     found = faults((old, new))
@@ -99,13 +85,10 @@ def step(kind, **values):
 
 @pytest.mark.parametrize(("more", "told"), [
     ('[limits]\ndisplacment = "1 m"', "limits.displacment: this rig has no such output; did you mean displacement?"),
-    ("[limits]\ndisplacement = 0", "limits.displacement = 0: must be 1e-12 to 10000 m"),
-    ('[clock]\nmethod = "exct"', 'clock.method = "exct": unknown; known: auto, exact, dopri5, rk4'),
     ('[clock]\nmethod = "rk4"\nrk4_step = "0.3 ms"', 'clock.rk4_step = "0.3 ms": 0.3 ms is not a whole part of the '
      "sample step (1 ms); nearest: 0.25 ms"),
     (step("hld"), 'protocol[1].step = "hld": unknown; did you mean hold? known: connect, '),
     (step("ramp", target='"drive.spd"', to=1, over=1), 'protocol[1].target = "drive.spd": unknown actuator; did you '),
-    (step("ramp", target='"drive.speed"', to='"2 rpm"', over=1), 'protocol[1].to = "2 rpm": expected a unit that '),
     (step("ramp", target='"load.force"', to=2, over=1), "protocol[1].ramp: load.force is driven by controllers.nf at "),
     (step("wait", sensor='"vibrometer"'), "protocol[1]: needs one of above, below, quiet, settled; given: none"),
     (step("repeat", times='"forever"', steps='[{step = "mark", text = "x"}]'),
@@ -121,10 +104,8 @@ def test_faults_between_the_parts(faults, more, told):
 
 
 @pytest.mark.parametrize(("scene", "key", "value", "told"), [
-    ("disc_slider", "slider.radius", "0.13 m", 'slider.radius = "0.13 m": is outside of the disc'),
     ("brake_disc_modes", "linings.radius", "0.06 m", "inside of the clamp: more than inner_radius 0.07 m"),
     ("plate", "probe.y", "1 m", "beside the plate"),
-    ("plate", "slider.width", "1 m", "slider.width 1 m is not below plate.width"),
     ("brake_shunt_sound", "sensors.microphone.distance", "2 m", "no longer than the direct way of 2 m"),
 ])  # fmt: skip
 def test_geometry_that_cannot_be_is_refused(scene, key, value, told):
@@ -133,7 +114,6 @@ def test_geometry_that_cannot_be_is_refused(scene, key, value, told):
 
 
 @pytest.mark.parametrize(("text", "told"), [
-    ('plant = "belt"\nbody == 3\n', "line 2, column 7"),
     ("a = 1\nb = [1,", r"line 2, column \d"),
     ("format = 1\nspeed = \u22120,1 m/s\n", "line 2, column .*a number has a decimal point"),
     ("format = 1\nmass = 2kg # light\n", 'line 2, column .*a value with a unit is in quotes, "2 rpm"'),
@@ -159,14 +139,6 @@ def test_files_that_cannot_be_read(tmp_path, monkeypatch):
     ):
         with pytest.raises(SceneError, match=told):
             scenes.load(name)
-
-
-def test_overrides_take_units_and_are_the_users_own():
-    scene = scenes.load("pendulum", {"drive.speed": "2 rpm", "friction.mu_static": "0.55", "seed": 7})
-    assert scene.parameters.drive.speed == pytest.approx(0.20943951, rel=1e-6)
-    assert scene.parameters.friction.mu_static == 0.55
-    assert scene.seed == 7
-    assert scene.origins["drive.speed"].origin == "user"
 
 
 def test_overrides_refuse_what_they_cannot_change():
@@ -216,7 +188,6 @@ def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path):
      ["controllers.nf.kind = belt_velocity: dropped gain of normal_force; kept sensor, enable_at"]),
     ("belt", {"sensors.laser.kind": "accelerometer", "sensors.laser.noise": "none"},
      ["sensors.laser.kind = accelerometer: dropped reads, span of displacement_laser; kept rate"]),
-    ("belt", {"friction.law": "stribeck"}, []),
 ])  # fmt: skip
 def test_a_changed_kind_drops_the_values_of_the_old_one_and_says_so(name, changes, told):
     scene = scenes.load(name, changes)

