@@ -162,7 +162,7 @@ def test_the_table_of_friction_laws_is_that_of_the_program():
         values = {key: 0.9 / next(size) for key in fields if key not in optional}  # falls: static above kinetic
         made = declared[law](law=law, **values).friction()
         names = values | {key: float(text) for key, text in optional.items()}
-        names |= {"exp": math.exp, "sqrt": math.sqrt, "max": max}
+        names |= {"exp": math.exp, "log": math.log, "sqrt": math.sqrt, "max": max}
         assert made.static == pytest.approx(eval(at_rest.strip("`"), names), rel=1e-12), law
         for v in (0.0, 0.01, 0.3, 20.0):
             assert made.mu(v) == pytest.approx(eval(formula.strip("`"), names | {"v": v}), rel=1e-12), (law, v)

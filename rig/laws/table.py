@@ -27,6 +27,11 @@ class Table(FrictionLaw):
             raise ValueError(f"{len(self.speeds)} speeds and {len(self.values)} values; give one value for each speed")
         if self.speeds[0] != 0.0 or any(b <= a for a, b in zip(self.speeds, self.speeds[1:])):
             raise ValueError("speeds must rise from 0 m/s")
+        if self.mu_static is not None and self.mu_static < self.values[0]:
+            raise ValueError(
+                f"mu_static {self.mu_static:g} is below the first of the values, {self.values[0]:g}: a contact that "
+                "begins to slip would stick again immediately; give at least the same value"
+            )
         return self
 
     def friction(self) -> Law:

@@ -13,7 +13,9 @@ from rig.laws.constant import Constant
 from rig.laws.coulomb import Coulomb
 from rig.laws.exponential import Exponential
 from rig.laws.falling import Falling
+from rig.laws.strengthening import Strengthening
 from rig.laws.stribeck import Stribeck
+from rig.laws.stribeck_viscous import StribeckViscous
 from rig.laws.table import Table
 
 STRIBECK = Stribeck(law="stribeck", mu_static=0.5, mu_dynamic=0.18, speed_scale=0.05).friction()
@@ -21,7 +23,18 @@ FALLING = Falling(law="falling", mu_zero=0.4, slope=0.8, mu_floor=0.05).friction
 COULOMB = Coulomb(law="coulomb", mu_static=0.4, mu_kinetic=0.25).friction()
 EXPONENTIAL = Exponential(law="exponential", mu_static=0.6, mu_kinetic=0.2, decay=15.0).friction()
 TABLE = Table(law="table", speeds=(0.0, 0.05, 0.2, 0.6), values=(0.5, 0.3, 0.22, 0.2)).friction()
-LAWS = {"stribeck": STRIBECK, "falling": FALLING, "coulomb": COULOMB, "exponential": EXPONENTIAL, "table": TABLE}
+CURVE = {"law": "stribeck_viscous", "mu_static": 0.5, "mu_dynamic": 0.18, "speed_scale": 0.05}
+LUBRICATED = StribeckViscous(**CURVE, exponent=1.5, viscous=0.3).friction()
+RISING = Strengthening(law="strengthening", mu_static=0.3, rise=0.02, speed_scale=1e-3).friction()
+LAWS = {
+    "stribeck_viscous": LUBRICATED,
+    "strengthening": RISING,
+    "stribeck": STRIBECK,
+    "falling": FALLING,
+    "coulomb": COULOMB,
+    "exponential": EXPONENTIAL,
+    "table": TABLE,
+}
 
 
 def test_values_are_those_of_the_formulas():
@@ -31,10 +44,12 @@ def test_values_are_those_of_the_formulas():
         assert FALLING.mu(v) == pytest.approx(max(0.4 - 0.8 * v, 0.05), rel=1e-14)
         assert EXPONENTIAL.mu(v) == pytest.approx(0.2 + 0.4 * math.exp(-15.0 * v), rel=1e-14)
         assert COULOMB.mu(v) == 0.25
+        assert LUBRICATED.mu(v) == pytest.approx(0.18 + 0.32 * math.exp(-((v / 0.05) ** 1.5)) + 0.3 * v, rel=1e-14)
+        assert RISING.mu(v) == pytest.approx(0.3 + 0.02 * math.log1p(v / 1e-3), rel=1e-14)
 
 
 def test_static_coefficient_is_what_a_stuck_contact_holds():
-    assert [law.static for law in LAWS.values()] == [0.5, 0.4, 0.4, 0.6, 0.5]
+    assert [law.static for law in LAWS.values()] == [0.5, 0.3, 0.5, 0.4, 0.4, 0.6, 0.5]
     own = Table(law="table", speeds=(0.0, 0.1), values=(0.4, 0.2), mu_static=0.7).friction()
     assert own.static == 0.7
     assert own.mu(0.0) == 0.4
@@ -101,6 +116,8 @@ def points(speeds, values):
     (Falling, {"law": "falling", "mu_zero": 0.1, "slope": 0.8, "mu_floor": 0.2}, "mu_floor 0.2 is above mu_zero"),
     (Table, points((0.0, 0.1, 0.2), (0.4, 0.3)), "3 speeds and 2 values"),
     (Table, points((0.1, 0.2), (0.4, 0.3)), "must rise from 0"),
+    (Table, points((0.0, 0.2), (0.4, 0.3)) | {"mu_static": 0.3}, "mu_static 0.3 is below the first of the values, 0.4"),
+    (StribeckViscous, CURVE | {"mu_static": 0.1}, "mu_static 0.1 is below mu_dynamic 0.18"),
     (Stribeck, {"law": "stribeck", "mu_static": 0.5, "mu_dynamic": 0.18, "speed_scale": 0.0}, "speed_scale"),
 ])  # fmt: skip
 def test_what_is_no_law_is_refused(section, given, told):
@@ -114,6 +131,13 @@ def test_exponential_and_stribeck_are_one_law(move):
                    "friction.decay": 20.0}  # fmt: skip
     a, b = move("belt", exponential, duration=2.0), move("belt", duration=2.0)
     assert a["velocity"] == pytest.approx(b["velocity"], abs=1e-12)
+
+
+def test_the_law_of_tustin_without_a_viscous_part_is_the_stribeck_law(move):
+    """A formula that kernels call by its address moves the rig as the law that they contain."""
+    tustin = {f"friction.{key}": value for key, value in (CURVE | {"exponent": 1.0}).items()}
+    a, b = (move("belt", law, duration=2.0, tolerance=1e-11) for law in (tustin, {}))
+    assert a["velocity"] == pytest.approx(b["velocity"], abs=1e-10)
 
 
 def test_a_table_of_a_law_moves_like_the_law(move):
