@@ -12,11 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from rig.analysis.motion_measures import eligible, held
 from rig.analysis.pool import Progress
 from rig.bench.live.pace import length
 from rig.controllers import controller_reads
 from rig.errors import RigError, UsageError
+from rig.laws import LAWS
 from rig.model.method import chosen
 from rig.qualify.cost.effects import NO_CHANCE, ROUNDS, Paired, bare, compared, effects
 from rig.qualify.cost.report import sheet, tick_labels
@@ -26,6 +29,7 @@ from rig.scenes.variants import absent, added, declared
 from rig.view.palette import BLUE, put
 
 BLOCKS = 50.0  # sample blocks per second, from sensors faster than 1 kHz
+_SPEEDS = np.geomspace(1e-6, 10.0, 141).tolist()  # m/s, at which a law with memory is looked up in steady slip
 STATES = 200.0  # most state messages per second
 
 
@@ -34,6 +38,8 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Progress | None = None) ->
     lacking, about = absent(scene), declared(scene.parameters)
     all_parts = effects(scene, rounds)
     base, values = bare(scene), held(scene, scene.assemble())
+    if base.assemble().system().remembers:
+        all_parts += compared(base, {"memory of friction": _without_memory(base)}, values, rounds)
     for done, (name, keys) in enumerate(lacking.items(), 1):
         if report is not None:
             report(done, 1 + len(lacking))
@@ -56,6 +62,16 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Progress | None = None) ->
     if report is not None:
         report(1 + len(lacking), 1 + len(lacking))
     return all_parts
+
+
+def _without_memory(scene: Scene) -> Scene:
+    """The scene with the coefficient of steady slip in place of a law with memory."""
+    law = scene.parameters.friction.friction()  # type: ignore[attr-defined]
+    values = law.over(np.array(_SPEEDS))
+    static = law.static if law.sticks else values[0]
+    table = {"law": "table", "speeds": (0.0, *_SPEEDS), "values": (values[0], *values), "mu_static": static}
+    memoryless = LAWS["table"].model_validate(table)
+    return replace(scene, parameters=scene.parameters.model_copy(update={"friction": memoryless}))
 
 
 def methods(scene: Scene) -> dict[str, str]:
