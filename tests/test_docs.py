@@ -148,12 +148,16 @@ def test_the_table_of_friction_laws_is_that_of_the_program():
     size = iter(range(1, 100))
     for law, formula, at_rest, keys, defaults in laws():
         fields = {key: info for key, info in declared[law].model_fields.items() if key != "law"}
-        units = {key: next(str(one) for one in metadata(info.annotation, info.metadata) if isinstance(one, Unit))
+        units = {key: next((str(one) for one in metadata(info.annotation, info.metadata) if isinstance(one, Unit)), "1")
                  for key, info in fields.items()}  # fmt: skip
         told = dict(re.findall(r"`(\w+)`(?: \[([^,]*)\])?", keys))
         assert told == {key: unit.replace("1", "") if unit == "1" else unit for key, unit in units.items()}, law
         optional = dict(re.findall(r"`(\w+) = ([^`]*)`", defaults))
         assert optional.keys() == {key for key, info in fields.items() if not info.is_required()}, law
+        if declared[law].states:  # with memory
+            told = {key: float(text) if text[0].isdigit() else text for key, text in optional.items()}
+            assert told == {key: fields[key].default or ("none" if key == "load" else 0.0) for key in told}, law
+            continue
         if law == "table":
             points = {"speeds": (0.0, 0.1, 0.3), "values": (0.5, 0.3, 0.4)}
             made = declared[law](law=law, **points).friction()
