@@ -1,17 +1,11 @@
 """How a process ends: at once, with its code, and with all it had to say."""
 
-import gc
 import os
-import queue
 import signal
 import subprocess
 import sys
-import threading
 
 import pytest
-
-from rig.bus.session import patiently
-from rig.machine.process import no_garbage
 
 CODE = """
 import atexit, sys, threading, time
@@ -112,22 +106,6 @@ print("done")
     assert found.stdout == "done\n", found.stderr
 
 
-@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot wait there")
-def test_a_wait_leaves_the_signals_as_they_were():
-    waiting, held = queue.SimpleQueue(), signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
-    try:
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
-        with pytest.raises(queue.Empty):
-            patiently(waiting, 0.12)
-        waiting.put("first")
-        assert patiently(waiting, 0.12) == "first"
-        threading.Timer(0.05, waiting.put, ("late",)).start()
-        assert patiently(waiting, 5.0) == "late"
-        assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, held)
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_process_that_is_told_to_end_at_its_start_clears_away(tmp_path, number):
     code = """
@@ -150,28 +128,3 @@ as_process(main)
     assert process.wait(10.0) == 130
     process.stdout.close()
     assert not (tmp_path / "file").exists()
-
-
-def test_no_garbage_is_collected_during_a_run_and_what_is_frozen_stays_so():
-    found, threshold, frozen = [], gc.get_threshold(), gc.get_freeze_count()
-
-    def note(phase, _):
-        found.append(phase)
-
-    def discard():
-        for _ in range(1000):
-            one = []
-            one.append(one)
-
-    gc.set_threshold(100)
-    try:
-        with no_garbage():
-            gc.callbacks.append(note)
-            discard()
-            during = len(found)
-        discard()
-    finally:
-        gc.callbacks.remove(note)
-        gc.set_threshold(*threshold)
-    assert during == 0 < len(found)
-    assert gc.get_freeze_count() == frozen

@@ -140,49 +140,6 @@ def test_the_site_stands_alone(tmp_path):
     assert (out / "searchindex.js").read_text().startswith("Search.setIndex(")
 
 
-FORMULA = r"""# Formulas
-
-Inline $\mu_s = \tfrac{1}{2}$, and a block with a number, see {eq}`motion`:
-
-$$
-M \ddot{q} + D \dot{q} + K q = \sum_p t_p T_p
-$$ (motion)
-
-\begin{align} a &= \begin{cases} 1 & x < 0 \\ 2 & x \ge 0 \end{cases} \\ b &= \frac{c}{d} \end{align}
-"""
-
-
-@pytest.mark.slow
-def test_a_formula_becomes_mathml_and_a_wrong_one_is_an_error(tmp_path):
-    pytest.importorskip("sphinx", reason="Sphinx is not installed: make site installs it")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-
-    def build(text):
-        source = tmp_path / "pages"
-        source.mkdir(exist_ok=True)
-        (source / "index.md").write_text(text)
-        options = ["--quiet", "--fail-on-warning", "-c", str(SITE), str(source), str(tmp_path / "out")]
-        return subprocess.run(
-            [sys.executable, "-m", "sphinx", *options], capture_output=True, text=True, env=environment, timeout=120
-        )
-
-    found = build(FORMULA)
-    assert found.returncode == 0, found.stderr
-    page = (tmp_path / "out" / "index.html").read_text()
-    seen = Loaded()
-    seen.feed(page)
-    assert seen.formulas == 3
-    assert "<mfrac>" in page
-    assert '<span class="eqno">(1)' in page
-    assert "mathjax" not in page.lower()
-    wrong = build(FORMULA + "\n$\\nosuchcommand x$\n")
-    assert wrong.returncode != 0
-    assert "cannot be made MathML" in wrong.stderr
-    misread = build(FORMULA + "\n$\\frac12 k$\n")
-    assert misread.returncode != 0
-    assert "misreads" in misread.stderr
-
-
 @pytest.mark.usefixtures("site")
 def test_the_summary_of_the_gallery_counts_what_the_gallery_has():
     import gallery_summary

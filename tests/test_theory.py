@@ -44,16 +44,6 @@ def test_the_landing_projection_is_mass_weighted():
     assert not np.allclose(landing[nq + 1], np.eye(system.n)[nq + 1])  # the absorber takes part
 
 
-@pytest.mark.parametrize("speed", [0.06, 0.15, 0.3])
-def test_growth_of_the_mass_on_a_belt(speed):
-    """eq-belt-growth."""
-    scene = rig.load("belt", {"drive.speed": speed})
-    p = scene.parameters
-    slope = p.friction.friction().slope(speed)
-    expected = -(p.body.damping + p.load.force * slope) / (2.0 * p.body.mass)
-    assert growth("belt", {"drive.speed": speed}) == pytest.approx(expected, rel=1e-9)
-
-
 def test_cycle_of_the_mass_on_a_belt_with_coulomb_friction():
     """eq-belt-cycle."""
     scene = rig.load("belt_c")

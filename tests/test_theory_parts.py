@@ -1,5 +1,5 @@
-"""Closed forms of docs/theory for shunt, dither, instruments, controllers and the certificate of a quiet tick,
-evaluated against the program.
+"""Closed forms of docs/theory for shunt, dither, controllers and the certificate of a quiet tick, evaluated against the
+program. Those of filters, noise and echoes are in tests/solve/test_pole_response.py and tests/sensors.
 """
 
 import cmath
@@ -20,18 +20,9 @@ from rig.controllers.blocks.resonator import Resonator
 from rig.model.mode_sets import ModeSets, guard_bounds
 from rig.papers.kroeger_brake import CAPACITANCE, stack, transfer
 from rig.qualify.cost.delay import IDEAL, with_delay
-from rig.sensors.chain import filters
-from rig.sensors.chain.front_end import FrontEnd, deviation
-from rig.sensors.chain.instants import Instants
-from rig.sensors.microphone import Microphone
 from rig.solve.expm import balance
 from rig.solve.many_states import QUICK
 from rig.stability.linearisation import sliding_key, steady
-
-
-def response(modal, hertz):
-    """H(i omega) of a filter."""
-    return FrontEnd(Instants.of(1e6), 0, *modal).response(2j * math.pi * hertz)
 
 
 @pytest.mark.parametrize("delta", [0.0, -0.5, -0.9])
@@ -69,42 +60,6 @@ def test_dither_below_the_belt_speed_raises_an_exponential_law_by_a_bessel_funct
     law, w, a, c = p.friction(), 0.06, 0.03, p.speed_scale
     mean = p.mu_dynamic + (p.mu_static - p.mu_dynamic) * math.exp(-w / c) * i0(a / c)
     assert mean_friction(law, w, 1.0, complex(a))[0] == pytest.approx(mean, rel=1e-9)
-
-
-def test_corner_and_delay_of_the_bessel_filter():
-    """Table of filters: -3 dB at the corner, delay 0.279 / f_c, H = 15 / (p^3 + 6 p^2 + 15 p + 15)."""
-    corner = 1000.0
-    modal = filters.bessel(corner)
-    assert abs(response(modal, corner)) == pytest.approx(math.sqrt(0.5), rel=1e-9)
-    assert -cmath.phase(response(modal, 1.0)) / (2.0 * math.pi) == pytest.approx(0.279 / corner, rel=2e-3)
-    for hertz in (100.0, 700.0, 3000.0):
-        p = 1.7557j * hertz / corner
-        assert response(modal, hertz) == pytest.approx(15.0 / (p**3 + 6.0 * p**2 + 15.0 * p + 15.0), rel=1e-4)
-
-
-@pytest.mark.parametrize("hertz", [3.0, 200.0, 900.0, 5000.0])
-def test_the_other_filters_of_the_table(hertz):
-    w, corner, high, Q = 2.0 * math.pi * hertz, 2.0 * math.pi * 1000.0, 2.0 * math.pi * 2.0, 0.8
-    s = 1j * w
-    low = corner**2 / (s**2 + corner * s / Q + corner**2)
-    assert response(filters.first_order(1000.0), hertz) == pytest.approx(corner / (s + corner), rel=1e-9)
-    assert response(filters.second_order(1000.0, Q), hertz) == pytest.approx(low, rel=1e-9)
-    assert response(filters.resonance(1000.0, Q, 2.0), hertz) == pytest.approx(s / (s + high) * low, rel=1e-9)
-
-
-def test_noise_of_a_density_up_to_half_the_rate():
-    """eq-noise-density: the variance is the density squared times the band."""
-    density, rate = 3e-5, 10e3
-    assert deviation(density, rate) ** 2 == pytest.approx(density**2 * rate / 2.0, rel=1e-12)
-
-
-def test_echoes_of_the_microphone():
-    """eq-echoes: each path has the share rho d / l and comes (l - d) / c later."""
-    section = Microphone(kind="microphone", reads="velocity")
-    d, rho, c = section.distance, section.reflection, section.sound_speed
-    shares, later = zip(*section.flawed().echoes)
-    assert shares == pytest.approx([rho * d / path for path in section.paths], rel=1e-9)
-    assert later == pytest.approx([(path - d) / c for path in section.paths], abs=0.5 / section.rate)
 
 
 @pytest.mark.parametrize("gain", [50.0, 200.0])

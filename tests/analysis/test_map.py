@@ -8,12 +8,10 @@ import pytest
 
 import rig
 from rig.analysis import map as maps
-from rig.analysis.axis import Axis
-from rig.analysis.map.job import RUNS, Settings
+from rig.analysis.map.job import RUNS
 from rig.analysis.map.result import REGIONS
-from rig.analysis.map.row import Track
-from rig.analysis.map.steady_state import BLANK, NAMES, SLIDING, STICK_SLIP, STUCK, UNDECIDED, VIBRATION, Point
-from rig.errors import Singular, UsageError
+from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STUCK, VIBRATION
+from rig.errors import UsageError
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
 SPEEDS = "drive.speed=0.05:0.8:16"
@@ -91,29 +89,6 @@ def test_points_at_which_a_pin_jams_are_told_and_the_map_goes_on(tmp_path):
     assert "a run had to stop at 1 of 3 points; first at friction.mu = 1.1: " in found.text()
     [point] = [one for one in found.to_json()["points"] if one["up_state"] == "stopped"]
     assert "jam" in point["up_why"]
-
-
-def test_a_point_with_singular_equations_is_told_and_the_map_goes_on(tmp_path, monkeypatch):
-    own = Track.sliding
-
-    def sliding(track, value):
-        if value == 0.7:
-            raise Singular("jams: just here", "contact slip+", jams=True)
-        return own(track, value)
-
-    monkeypatch.setattr(Track, "sliding", sliding)
-    found = rig.map("pin", "friction.mu=0.6:0.8:3", runs=("up", "near"), folder=tmp_path, workers=1)
-    assert NAMES[found.state[RUNS.index("near"), 0, 0]] == "sliding"
-    assert NAMES[found.state[RUNS.index("near"), 0, 1]] == "stopped"
-    assert "first at friction.mu = 0.7: jams: just here" in found.text()
-
-
-def test_time_windows_do_not_grow_from_point_to_point_where_nothing_settles():
-    track = Track(rig.load("pin"), Axis.of("friction.mu", (0.7, 0.8), rig.load("pin")), Settings("displacement"))
-    track.judged = lambda *_: Point(UNDECIDED, BLANK, 0.0)
-    before = track.window_ticks
-    track.settle()
-    assert track.window_ticks == before
 
 
 def test_a_boundary_next_to_a_point_without_sliding_is_found(tmp_path):

@@ -82,14 +82,6 @@ def test_a_busy_machine_yields_no_cost_that_is_not_there():
     assert found.cost().startswith(("< ", "not measurable now"))
 
 
-def test_rounds_are_repeated_while_the_noise_is_coarse():
-    draw = np.random.default_rng(2)
-    turns = {"": Contender(100.0, lambda: 0.0), "less": Contender(90.0, lambda: 0.0)}
-    assert len(module.timed(turns, 3, lambda *_: None)["less"]) == 3
-    turns = {"": Contender(100.0, lambda: draw.exponential(200.0)), "less": Contender(90.0, lambda: 0.0)}
-    assert len(module.timed(turns, 3, lambda *_: None)["less"]) > 3
-
-
 def test_no_change_is_larger_than_the_whole(shunted):
     sizes = [one.size for paired in shunted.values() for one in paired.changes if one.measure != "growth rate"]
     assert sizes
