@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, TypeGuard
 
 from rig.errors import UsageError
 
@@ -39,11 +39,38 @@ SIZES: dict[str, tuple[float, float]] = {
 """Unit -> least and largest plausible size of a value: wider than any real rig, but narrow enough to find typos."""
 OTHERS = (1e-15, 1e12)
 """Least and largest size for all other units."""
+USUAL: dict[str, dict[str, float]] = {
+    "1": {"%": 0.01, "ppm": 1e-6},
+    "kg": {"mg": 1e-6, "g": 1e-3, "t": 1e3},
+    "kg*m^2": {"kg*cm^2": 1e-4},
+    "Pa": {"mbar": 100.0, "kPa": 1e3, "bar": 1e5, "MPa": 1e6, "GPa": 1e9},
+    "m": {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "cm": 0.01, "km": 1e3},
+    "m/s": {"nm/s": 1e-9, "um/s": 1e-6, "mm/s": 1e-3, "cm/s": 0.01, "km/h": 0.2777777777777778},
+    "m/s^2": {"mm/s^2": 1e-3},
+    "rad": {"mrad": 1e-3, "deg": 0.017453292519943295, "°": 0.017453292519943295},
+    "rad/s": {"mrad/s": 1e-3, "deg/s": 0.017453292519943295, "rpm": 0.10471975511965977, "1/s": 1.0, "Hz": 1.0},
+    "N": {"uN": 1e-6, "mN": 1e-3, "kN": 1e3, "MN": 1e6},
+    "N/m": {"mN/m": 1e-3, "N/cm": 100.0, "kN/m": 1e3, "N/mm": 1e3, "MN/m": 1e6, "N/um": 1e6, "kN/mm": 1e6},
+    "N*s/m": {"mN*s/m": 1e-3, "kg/s": 1.0, "N*s/mm": 1e3, "kN*s/m": 1e3},
+    "N*m/rad": {"mN*m/rad": 1e-3, "N*m": 1.0},
+    "N*s": {"mN*s": 1e-3},
+    "s": {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "Hz": {"mHz": 1e-3, "1/s": 1.0, "kHz": 1e3, "MHz": 1e6},
+    "F": {"pF": 1e-12, "nF": 1e-9, "uF": 1e-6, "mF": 1e-3},
+    "m/V": {"nm/V": 1e-9, "um/V": 1e-6, "mm/V": 1e-3},
+    "V": {"uV": 1e-6, "mV": 1e-3, "kV": 1e3},
+    "ohm": {"mohm": 1e-3, "kohm": 1e3, "Mohm": 1e6},
+    "H": {"uH": 1e-6, "mH": 1e-3},
+}
+"""SI unit -> other units that its values are usually given in -> size of these; a u is also written µ.
+
+pint knows these as well: to load it takes 0.3 s, which neither a start nor a running loop has.
+"""
 
 
 @cache
 def _registry() -> Any:
-    import pint  # takes 0.3 s, so only when a text has a unit
+    import pint  # takes 0.3 s, so only for a unit that is not a usual one
 
     return pint.UnitRegistry()
 
@@ -57,9 +84,15 @@ _GLUED = re.compile(r"^([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)(?![eE][-+
 _ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'
 
 
+def _usual(text: str, unit: str) -> float | None:
+    return USUAL.get(unit, {}).get(text.replace("µ", "u").replace("μ", "u"))
+
+
 @cache
 def _factor(text: str, unit: str) -> tuple[float, float]:
     """Scale and offset that convert values in the unit `text` to `unit`."""
+    if usual := _usual(text, unit):
+        return usual, 0.0
     if len(text) > _LONGEST_UNIT or not _UNIT.fullmatch(text):
         raise ValueError(text)
     registry = _registry()
@@ -125,9 +158,19 @@ def parted(text: str) -> tuple[str, str]:
     return number, unit.strip()
 
 
-def converts(value: Any, unit: str) -> bool:
-    """Whether `value` is a text in another unit than `unit`: to read it, `si` loads all units, which takes 0.3 s."""
+def converts(value: Any, unit: str) -> TypeGuard[str]:
+    """Whether `value` is a text in another unit than `unit`."""
     return isinstance(value, str) and parted(value)[1] not in ("", unit)
+
+
+def refuse_unusual(changes: Mapping[str, object], units: Mapping[str, str]) -> None:
+    """Raise UsageError for texts that `si` can convert to `units`, by key, only with pint: to load it stops a loop."""
+    if faults := [
+        f"{key}: is {brief(value)}; expected a number in {units[key]}, because a running loop converts usual units only"
+        for key, value in changes.items()
+        if units.get(key) and converts(value, units[key]) and _usual(parted(value)[1], units[key]) is None
+    ]:
+        raise UsageError("\n".join(faults))
 
 
 def with_units(values: Sequence[str]) -> list[str]:

@@ -9,8 +9,6 @@ import time
 import tomllib
 import zlib
 from concurrent.futures import ThreadPoolExecutor
-from functools import reduce
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
@@ -184,12 +182,7 @@ class Poison:
 
 
 @pytest.mark.parametrize(
-    ("what", "how", "suffix"),
-    [
-        ("the root", 0o777, "nbi"),
-        ("the folder", 0o775, "nbc"),
-        ("the file", "owner", "nbc"),
-    ],
+    ("what", "how", "suffix"), [("the root", 0o777, "nbi"), ("the folder", 0o775, "nbc"), ("the file", "owner", "nbc")]
 )
 def test_a_kernel_that_another_user_can_have_written_is_never_unpickled(compiled, tmp_path, what, how, suffix):
     if how != 0o777 and os.geteuid():
@@ -349,27 +342,6 @@ def test_what_one_process_compiles_no_other_does(tmp_path, monkeypatch):
     assert folder.noted("part")
     with folder.claimed("part") as again:
         assert again
-
-
-PRIVATE = """
-core.caching.CompileResultCacheImpl._locator_classes core.caching.FunctionCache._load_overload
-core.caching.IndexDataCacheFile._data_path core.caching.IndexDataCacheFile._open_for_write
-core.caching.UserProvidedCacheLocator.ensure_cache_path core.cgutils.create_struct_proxy
-core.codegen.JITCodeLibrary._finalize_final_module core.codegen.JITCodeLibrary._get_module_for_linking
-core.codegen.JITCodeLibrary._set_compiled_object core.codegen.JITCodeLibrary._unserialize
-core.codegen.JITCodeLibrary.enable_object_caching core.codegen.JITCodeLibrary.get_pointer_to_function
-core.compiler.CompileResult._reduce core.datamodel.models.StructModel core.event.Listener.on_start
-core.event.register core.imputils.lower_getattr_generic core.registry.cpu_target.target_context
-core.runtime._nrt_python.c_helpers core.typing.templates.AttributeTemplate core.typing.templates.ConcreteTemplate
-core.typing.templates.infer_global cpython.unsafe.tuple.tuple_setitem
-"""
-
-
-@pytest.mark.parametrize("name", PRIVATE.split())
-def test_numba_has_what_it_does_not_promise(name):
-    """Interfaces below the public ones that kernels need: a new version of numba is tried before it is allowed."""
-    room, module, *attributes = name.split(".")
-    reduce(getattr, attributes, import_module(f"numba.{room}.{module}"))
 
 
 def test_the_next_minor_version_of_numba_is_not_allowed():

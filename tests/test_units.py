@@ -1,12 +1,16 @@
 """Numbers with units as users write them."""
 
 import math
+import subprocess
+import sys
 
+import pint
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
+from rig import units
 from rig.errors import UsageError
 from rig.units import si, with_point
 
@@ -76,3 +80,29 @@ def test_a_comma_that_may_part_thousands_is_refused():
 def test_a_decimal_comma_in_a_file_is_named(value):
     with pytest.raises(ValueError, match="with a decimal point, not a comma"):
         si(value, "N")
+
+
+@pytest.mark.parametrize("unit", units.USUAL)
+def test_usual_units_have_exactly_the_sizes_of_pint(unit):
+    assert units.SIZES.keys() >= {unit}
+    everything = pint.UnitRegistry()
+    for name, size in units.USUAL[unit].items():
+        for text in {name, name.replace("u", "µ"), name.replace("u", "\u03bc")}:  # \u03bc: the Greek letter
+            zero, one = (
+                everything.Quantity(value, everything.parse_units(text)).to("" if unit == "1" else unit).magnitude
+                for value in (0.0, 1.0)
+            )
+            assert (size, 0.0) == (one, zero), text
+            assert si(f"3 {text}", unit) == 3.0 * one
+
+
+def test_usual_units_are_read_without_pint():
+    code = """
+import sys
+sys.modules["pint"] = None
+from rig.units import USUAL, si
+for unit, names in USUAL.items():
+    for name in names:
+        si("1 " + name, unit), si("1 " + name.replace("u", "\\N{MICRO SIGN}"), unit)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -37,7 +37,7 @@ PACES = (1e-3, 1e6)
 class _Flags:
     """Removes the type `<bool>` behind flags in the help, which would invite a value: `--view true`.
 
-    A text, and what is not given, is not converted: typer imports pydantic for that, which takes 70 ms.
+    Texts, and what is not given, are not converted: typer imports pydantic for that, which takes 70 ms.
     """
 
     def get_params(self, ctx: Any) -> list[Any]:
@@ -46,8 +46,7 @@ class _Flags:
         for parameter in parameters:
             if getattr(parameter, "is_flag", False):
                 parameter.metavar = ""
-            if not (parameter.required or parameter.multiple or parameter.nargs == -1):
-                parameter.process_value = partial(_converted, parameter)
+            parameter.process_value = partial(_converted, parameter)
         return parameters
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -75,7 +74,10 @@ class _Flags:
 
 
 def _converted(parameter: Any, ctx: Any, value: Any) -> Any:
-    if value is not None and not (isinstance(value, str) and parameter.type_descriptor.annotation is str):
+    kind, several = parameter.type_descriptor.annotation, parameter.multiple or parameter.nargs == -1
+    if several and kind == list[str] and (value or not parameter.required):
+        value = [*(value or ())]
+    elif several or not ((kind is str and isinstance(value, str)) or (value is None and not parameter.required)):
         return type(parameter).process_value(parameter, ctx, value)
     return parameter.callback(ctx, parameter, value) if parameter.callback else value
 

@@ -1,8 +1,4 @@
-"""Records lent to kernels, and memory that stays where it is while they use it.
-
-Locks the memory of a paced process, so that the system does not swap it out during a run.
-
-Records lent to kernels: a pointer to a named tuple of arrays and numbers, whose fields are read by name.
+"""Records lent to kernels: a pointer to a named tuple of arrays and numbers, whose fields are read by name.
 
 With fifty arrays as arguments of every kernel, compile time would go into the arguments, and a call from Python would
 take 6 us. A `Loan` lays out a record in memory as compiled code does, word by word, and passes its address. A field
@@ -11,12 +7,8 @@ that is itself a record is lent in the same way.
 
 from __future__ import annotations
 
-import ctypes
-import os
 import struct
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -30,37 +22,6 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import NativeValue, infer_getattr, intrinsic, register_model, unbox
 
 from rig.compiled.kernel import Emission
-
-_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_* of <asm-generic/mman.h>
-
-
-@contextmanager
-def locked() -> Iterator[str]:
-    """Lock all pages that this process uses, now and later; yields "" or the reason why it is not possible.
-
-    Unused pages are not loaded: most of them would be thread stacks and reserved address space. Locking needs root or a
-    limit `memlock` of "unlimited": with a finite one the system would refuse memory requested later.
-    """
-    why = _lock()
-    try:
-        yield why
-    finally:
-        if not why:
-            ctypes.CDLL(None).munlockall()
-
-
-def _lock() -> str:
-    if sys.platform != "linux":
-        return "memory is not locked: only supported on Linux"
-    import resource
-
-    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    if os.geteuid() != 0 and limit != resource.RLIM_INFINITY:
-        return f"memory is not locked: the limit memlock is {limit >> 10} kB; it must be unlimited"
-    library = ctypes.CDLL(None, use_errno=True)
-    if library.mlockall(_CURRENT | _FUTURE | _ON_FAULT) == 0:
-        return ""
-    return f"memory is not locked: {os.strerror(ctypes.get_errno())}"
 
 
 class Lent(types.Type):  # type: ignore[misc]

@@ -160,7 +160,8 @@ def _from_formulas(section: FrictionLaw) -> Law:
 
     kind, module = type(section), sys.modules[type(section).__module__]
     with calling(module):
-        numbers, rest, states, jumps = section.numbers(), section.static(), tuple(section.states), section.jumps
+        numbers, states, jumps = section.numbers(), tuple(section.states), tuple(map(float, section.jumps))
+        rest = None if (static := section.static()) is None else float(static)
     try:
         shape = compiled.shape_of(numbers)
     except TypeError as error:
@@ -168,7 +169,7 @@ def _from_formulas(section: FrictionLaw) -> Law:
             f"{file_of(module)}: numbers() contains {error}; expected a tuple of numbers, also named or nested"
         ) from None
     row = tuple(compiled.flat(numbers))
-    which = kind, shape, row, rest, states, tuple(jumps)
+    which = kind, shape, row, rest, states, jumps
     if which in _LAWS:
         return _LAWS[which]
     foreign = code_of(module) is not None
@@ -176,7 +177,7 @@ def _from_formulas(section: FrictionLaw) -> Law:
         compiled.try_in_python(kind, module, numbers, states)
     formula = compiled.formula_of(kind, module, shape, states, section.sticks)
     first = formula.evaluate(row, 0.0, 1.0, np.array([state.start for state in states]))[0]
-    at_rest = float(first[0]) if rest is None else float(rest)
+    at_rest = float(first[0]) if rest is None else rest
     if foreign and (lines := list(checks.faults(formula, row, at_rest, jumps))):
         values = ", ".join(f"{key} = {brief(value)}" for key, value in section if key != LAW)
         head = f"{file_of(module)}: friction law {section.law}" + (f" ({values})" if values else "")
@@ -195,7 +196,23 @@ def _law(module: ModuleType, name: str) -> type[FrictionLaw]:
         return own
     if lines := list(_misdeclared(own)):
         raise PartError("\n".join(f"{file_of(module)}: {line}" for line in lines))
-    return named(module, (own,), LAW, name)  # type: ignore[no-any-return]
+    law: type[FrictionLaw] = named(module, (own,), LAW, name)
+    if own.friction is not FrictionLaw.friction:
+        law.friction = _asked(own, module)  # type: ignore[method-assign]
+    return law
+
+
+def _asked(own: type[FrictionLaw], module: ModuleType) -> Callable[[FrictionLaw], Law]:
+    """The method `friction` of a class from elsewhere. It raises PartError for what is no law."""
+
+    def friction(section: FrictionLaw) -> Law:
+        with calling(module):
+            law = own.friction(section)
+        if not isinstance(law, Law):
+            raise PartError(f"{file_of(module)}: friction() gives {brief(law)}; expected a rig.model.friction_law.Law")
+        return law
+
+    return friction
 
 
 def _misdeclared(own: type[FrictionLaw]) -> Iterator[str]:

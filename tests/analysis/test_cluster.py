@@ -33,9 +33,8 @@ ROOT = Path(lab.__file__).parents[1]
 class Processes:
     """A scheduler and workers in processes of their own, on loopback."""
 
-    def __init__(self, folder, scheme="tcp"):
-        self.folder, self.scheme = folder, scheme
-        self.started = []
+    def __init__(self, folder):
+        self.folder, self.started = folder, []
         self.scheduler()
 
     def _start(self, module, *arguments, path=ROOT):
@@ -53,8 +52,7 @@ class Processes:
 
     def scheduler(self):
         file = self.folder / f"scheduler-{len(self.started)}.json"
-        more = ("--protocol", self.scheme) if self.scheme == "tls" else ()
-        process = self._start("dask_scheduler", "--port", 0, "--no-dashboard", "--scheduler-file", file, *more)
+        process = self._start("dask_scheduler", "--port", 0, "--no-dashboard", "--scheduler-file", file)
         until = time.monotonic() + 60.0
         while not file.exists() or not file.read_text().strip().endswith("}"):
             assert process.poll() is None, (self.folder / f"{len(self.started) - 1}.txt").read_text()
@@ -255,28 +253,3 @@ def test_a_cluster_without_workers_is_told_within_a_bound(processes, tmp_path, m
     monkeypatch.setattr(cluster, "JOIN", 2.0)
     with pytest.raises(WorkerError, match="no worker has joined"):
         done(trial(str(tmp_path)), tmp_path, processes.address)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl to make a certificate")
-def test_connections_use_the_certificates_of_the_configuration_of_dask(tmp_path, monkeypatch):
-    made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1"]
-    subprocess.run([*made, "-keyout", "key.pem", "-out", "cert.pem"], cwd=tmp_path, check=True, capture_output=True)
-    import dask
-
-    files = {what: str(tmp_path / f"{what}.pem") for what in ("key", "cert")}
-    tls = {f"distributed.comm.tls.{who}.{what}": file for who in ("scheduler", "worker", "client")
-           for what, file in files.items()}  # fmt: skip
-    tls["distributed.comm.tls.ca-file"] = files["cert"]
-    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CA_FILE", files["cert"])
-    for who in ("SCHEDULER", "WORKER", "CLIENT"):
-        for what in ("key", "cert"):
-            monkeypatch.setenv(f"DASK_DISTRIBUTED__COMM__TLS__{who}__{what.upper()}", str(tmp_path / f"{what}.pem"))
-    found = Processes(tmp_path, "tls")
-    try:
-        assert found.address.startswith("tls://")
-        found.worker()
-        with dask.config.set(tls):
-            assert len(done(trial(str(tmp_path), total=3), tmp_path, found.address)) == 3
-    finally:
-        found.end()

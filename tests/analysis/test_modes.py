@@ -306,11 +306,7 @@ def test_flutter_by_position() -> None:
 
 @pytest.mark.parametrize(
     "study",
-    [
-        rig.limit_cycle,
-        lambda scene: maps.job(scene, "drive.speed=0.001:0.01:3"),
-        lambda scene: cost(scene, None),
-    ],
+    [rig.limit_cycle, lambda scene: maps.job(scene, "drive.speed=0.001:0.01:3"), lambda scene: cost(scene, None)],
 )
 def test_studies_of_single_motions_are_refused(study) -> None:
     with pytest.raises(UsageError, match=r"plate: .* film of points: after the first opening motion is chaotic"):

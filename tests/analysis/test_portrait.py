@@ -127,9 +127,6 @@ def test_the_command(tmp_path, rig):
     with table.open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["velocity [m/s]"]) for row in rows] == pytest.approx(told["section"]["y"], rel=1e-8)
-    for given, said in (
-        ("displacement", "expected NAME = VALUE"),
-        ("displacement = 1 N", "--section displacement ="),
-    ):
+    for given, said in (("displacement", "expected NAME = VALUE"), ("displacement = 1 N", "--section displacement =")):
         code, out, err = rig("portrait", log, "--section", given)
         assert (code, out, said in err) == (2, "", True)

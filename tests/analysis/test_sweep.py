@@ -152,10 +152,7 @@ def test_two_critical_values_far_closer_than_the_grid_are_found(count, width):
 FORCE = 2.0 / (0.32 / 0.05 * math.exp(-1.2))  # slope(v0) F0 = d
 
 
-@pytest.mark.parametrize(
-    "values",
-    [np.linspace(0.0, 40.0, 9), np.linspace(40.0, 0.0, 9), np.geomspace(0.01, 40, 5)],
-)
+@pytest.mark.parametrize("values", [np.linspace(0.0, 40.0, 9), np.linspace(40.0, 0.0, 9), np.geomspace(0.01, 40, 5)])
 def test_a_critical_value_next_to_a_point_without_sliding_is_found(values):
     found = rig.sweep("belt", "load.force", values)
     [one] = found.critical

@@ -86,7 +86,10 @@ def test_what_cannot_be_tuned_is_refused_with_what_can(scene):
             with pytest.raises(UsageError, match=f"{key}: is fixed while the rig runs\n.*tuned: .*load.force") as told:
                 operator.parameters({"set": {key: value}})
             assert "start." not in str(told.value).partition("\n")[2]
+        with pytest.raises(UsageError, match="load.force: is '2 kp'; expected a number in N, because a running loop"):
+            operator.parameters({"set": {"load.force": "2 kp"}})
         assert not experiment.journal.events
+        assert operator.parameters({"set": {"load.force": "0.02 kN"}})["values"] == {"load.force": 20.0}
         with pytest.raises(UsageError, match="known: ") as told:
             operator.parameters({"set": {"zzz": 1.0}})
         assert str(told.value).count("drive.speed,") == str(told.value).count("load.force,") == 1

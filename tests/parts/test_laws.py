@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rig as lab
+from rig import laws
 from rig.errors import SceneError, Untrusted
 from rig.laws import LAWS, laws_of
 from rig.parts import trust_scene
@@ -108,6 +109,19 @@ def test_the_same_formula_from_a_file_gives_the_run_of_the_shipped_law(own):
     assert len(mine.events) == len(other.events)
 
 
+def test_a_shipped_law_copied_into_a_file_gives_the_same_bits(own):
+    shutil.copy(Path(laws.__path__[0]) / "stribeck_viscous.py", own / "mine.py")
+    values = {
+        "friction.mu_static": 0.5,
+        "friction.mu_dynamic": 0.2,
+        "friction.speed_scale": 0.02,
+        "friction.viscous": 0.1,
+    }
+    named = ("stribeck_viscous", str(own / "mine.py"))
+    shipped, mine = (lab.simulate(lab.load("belt", {"friction.law": law, **values}), 1.0) for law in named)
+    assert np.array_equal(shipped.signals["displacement"], mine.signals["displacement"])
+
+
 def test_a_law_with_memory_from_a_file(own):
     scene = lab.load(own / "bristles.toml")
     law = scene.parameters.friction.friction()
@@ -201,6 +215,18 @@ WRONG = [
     (MU, "(2.0 if w == 0.0 else 1.0) * p.mu_slow + p.rise", r"mu jumps at w = 0 m/s; return the static"),
     (FIRST, f"    def static(self):\n        return 0.1\n\n{FIRST}", r"static coefficient is 0\.1, below mu = 0\.2 in"),
     (FIRST, f"    def numbers(self):\n        return {{}}\n\n{FIRST}", r"numbers\(\) contains {}; expected a tuple"),
+    (FIRST, f"    def static(self):\n        return 'a'\n\n{FIRST}", r"example_law\.py: ValueError: could not convert"),
+    (
+        FIRST,
+        f"    def static(self):\n        return math.nan\n\n{FIRST}",
+        r"static coefficient is nan; it must be finite",
+    ),
+    (
+        FIRST,
+        f"    def friction(self):\n        return 3\n\n{FIRST}",
+        r"friction\(\) gives 3; expected a rig\.model\.fric",
+    ),
+    (FIRST, f"    jumps = 0.1,None\n\n{FIRST}", r"example_law\.py: TypeError"),
     (FIRST, f"    states = 3\n\n{FIRST}", r"Rubber\.states is 3; expected a tuple of rig\.laws\.InternalState"),
     ("(FrictionLaw)", "(object)", r"defines no class derived from rig\.laws\.FrictionLaw"),
 ]

@@ -118,11 +118,7 @@ def test_cycle_of_the_exact_geometry_is_that_of_scipy(expected):
     """What order 5 leaves out of the energy has four angles more than what a spring stores."""
     for order, key in ((2, "second_order"), (5, "exact_geometry")):
         found = rig.limit_cycle(scene(expected["N0"], expected["rpm"], expected["model"], **{"springs.order": order}))
-        measured = {
-            "period_s": found.period,
-            "A_phi": half(found, "angle"),
-            "A_theta": half(found, "lever_angle"),
-        }
+        measured = {"period_s": found.period, "A_phi": half(found, "angle"), "A_theta": half(found, "lever_angle")}
         left_out = 1e-5 * (found.extremes["angle"][1] / 0.03) ** 4 if order == 5 else 0.0
         for number, value in measured.items():
             assert value == pytest.approx(expected[key][number], rel=1e-6 + left_out), (key, number)

@@ -48,11 +48,7 @@ def independent(p, duration, h, every, written):
         along, across, up = at.transpose(2, 1, 0)
         o = np.zeros(len(X))
         return np.array(
-            [
-                np.vstack([up, o - 1.0, X, -Y]),
-                np.vstack([along, o, o + arm, o]),
-                np.vstack([across, o, o, o - arm]),
-            ]
+            [np.vstack([up, o - 1.0, X, -Y]), np.vstack([along, o, o + arm, o]), np.vstack([across, o, o, o - arm])]
         )
 
     q, pushed, v = np.zeros(len(mass)), load, np.array([written.get(name, 0.0) for name in velocities(len(omega))])

@@ -34,19 +34,6 @@ def test_what_breaks_is_shrunk_and_kept(tmp_path, monkeypatch):
     assert "found by random search" in kept.title
 
 
-@pytest.mark.parametrize("name", ["jump_in_stick", "many_points"])
-def test_what_is_kept_is_the_case_with_other_values(tmp_path, name):
-    """Its acts, times and bounds; a count of events is that of the first case."""
-    case = load(name)
-    values = {key: low for key, (low, _) in case.box.items()}
-    bad = room.Cell(name, "exact", 1e-3, True, CellResult("red", "energy", "too much"), 0.0, {})
-    kept = read(hunt.write(case, values, bad, tmp_path))
-    assert kept.set == case.set | values
-    for what in ("scene", "rig", "duration", "steps", "frame", "acts", "seconds"):
-        assert getattr(kept, what) == getattr(case, what), what
-    assert (kept.expect.ends, kept.expect.largest) == (case.expect.ends, case.expect.largest)
-
-
 def test_a_case_without_a_box_is_told():
     with pytest.raises(UsageError, match="has no box"):
         hunt.search(load("pause"))

@@ -23,15 +23,6 @@ def test_a_value_stands_with_its_unit_range_and_origin():
     assert "#   rig simulate mine.toml" in text
 
 
-def test_odd_names_do_not_break_it(tmp_path):
-    (tmp_path / 'a "b" ü\nc.toml').write_text(
-        'based_on = "belt"\ntitle = "x\\ny \\"z\\""\n[load]\nforce = ["30 N", "chosen", """one\n[body]\nmass = 3"""]'
-    )
-    base = scenes.load(tmp_path / 'a "b" ü\nc.toml')
-    (tmp_path / "mine.toml").write_text(draft(base, 'a "b" ü\nc.toml', "m\nine.toml"))
-    assert scenes.load(tmp_path / "mine.toml").digest == base.digest
-
-
 def test_values_without_an_origin_are_listed_too(tmp_path):
     (tmp_path / "base.toml").write_text('based_on = "belt"\n[load]\nforce = "30 N"\nlag = "2 ms"\n')
     text = draft(scenes.load(tmp_path / "base.toml"), "base.toml", "mine.toml")

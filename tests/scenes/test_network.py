@@ -66,10 +66,3 @@ def test_all_faults_of_all_lines_are_told_at_once_and_contradictions_too():
         "--net and -p: both give network.meas.a.loss; leave out one of them",
         f'expected e.g. --net "{EXAMPLE}"',
     ]
-
-
-def test_words_and_values_of_a_line_are_checked_as_those_of_a_file():
-    told = refused(keys(["meas/vibrometer: dely 2 ms, loss 3 kg, reorder 3, delay; seed x"]))
-    head = "network.meas.vibrometer."
-    expected = {'network.seed = "x"', f'{head}loss = "3 kg"', f"{head}reorder = 3", f'{head}delay = ""', f"{head}dely"}
-    assert {line.partition(": ")[0] for line in told} == expected

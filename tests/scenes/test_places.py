@@ -1,6 +1,6 @@
 """Lines of keys in TOML, in each way of writing them."""
 
-from rig.scenes.places import lines, parts
+from rig.scenes.places import lines
 
 TEXT = '''\
 title = "a # b = [c]" # not = a key
@@ -48,13 +48,3 @@ def test_each_key_is_found_on_its_line():
         "rows[2].deep[2].five": 32,
     }  # fmt: skip
     assert lines(TEXT) == lines(TEXT.replace("\n", "\r\n")) == expected
-
-
-def test_parts_are_the_letters_of_each_name():
-    assert [(part.key, TEXT[part.begin : part.end]) for part in parts(TEXT)][3:8] == [
-        ("quoted key", '"quoted key"'),
-        ("quoted key.second", "'second'"),
-        ("a", "a"),
-        ("a.b", "b"),
-        ("a.b.c", "c"),
-    ]

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 import rig
 from rig.bus import encode, messages
-from rig.motion import motion
 from rig.record.reader import open as read
 from rig.record.replay import RebuiltTraffic
 from rig.record.run_data import places
@@ -115,15 +114,6 @@ def test_times_of_a_recording_are_exact(tmp_path):
     told = [r for r in RebuiltTraffic(again, list(again.signals), frozenset()) if r.topic == "meas/vibrometer"]
     remade = [messages.times(messages.decode(r.topic, r.payload)) for r in told]
     np.testing.assert_array_equal(np.concatenate(remade), run.measurements["vibrometer"].t_ns)
-
-
-def test_a_frame_with_many_segments_gets_the_room_it_needs(monkeypatch):
-    plain = rig.simulate("belt", 1.0)
-    monkeypatch.setattr(motion, "SEGMENTS", 8)
-    tight = rig.simulate("belt", 1.0)
-    for name, (t_ns, v) in plain.measurements.items():
-        np.testing.assert_array_equal(tight.measurements[name].t_ns, t_ns)
-        np.testing.assert_array_equal(tight.measurements[name].v, v)
 
 
 def test_a_delay_as_long_as_the_run_is_told_where_its_length_is_unknown_at_its_end():

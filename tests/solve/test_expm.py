@@ -30,12 +30,7 @@ def relative(ours, reference, scale):
     )
 
 
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    n=st.integers(1, 8),
-    size=st.floats(-4.0, 3.0),
-    spread=st.floats(0.0, 3.0),
-)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 8), size=st.floats(-4.0, 3.0), spread=st.floats(0.0, 3.0))
 @settings(max_examples=60)
 def test_every_level_of_the_ladder_is_an_exponential(seed, n, size, spread):
     rng = np.random.default_rng(seed)

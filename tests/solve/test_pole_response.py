@@ -99,10 +99,7 @@ W = 2.0 * np.pi * 1000.0
         (filters.first_order(1000.0), W / (S + W)),
         (filters.second_order(1000.0, 0.7), W**2 / (S**2 + W / 0.7 * S + W**2)),
         (filters.second_order(1000.0, 30.0), W**2 / (S**2 + W / 30.0 * S + W**2)),
-        (
-            filters.resonance(1000.0, 30.0, 0.1),
-            S / (S + 0.2 * np.pi) * W**2 / (S**2 + W / 30.0 * S + W**2),
-        ),
+        (filters.resonance(1000.0, 30.0, 0.1), S / (S + 0.2 * np.pi) * W**2 / (S**2 + W / 30.0 * S + W**2)),
         (
             filters.bessel(1000.0),
             signal.freqs_zpk(*signal.bessel(3, W, analog=True, output="zpk", norm="mag"), S.imag)[1],

@@ -45,12 +45,3 @@ def test_a_run_in_pieces_is_the_run_in_one(rigs, method):
         assert pieces.x == pytest.approx(whole.x, abs=1e-7)
     else:
         assert np.array_equal(pieces.x, whole.x)
-
-
-def test_kept_states_are_those_of_one_call(rigs):
-    one, many = (Motion(rigs.p1(), 1_000_000, "exact", longest=60) for _ in range(2))
-    one.advance(60)
-    for _ in range(6):
-        many.advance(10, keep=True)
-    assert np.array_equal(many.log.out[: many.kept], one.states)
-    assert np.array_equal(many.log.modes[: many.kept], one.mode_sets_of_states)

@@ -219,8 +219,7 @@ def test_two_bodies_with_two_contacts_slide_apart():
 
 
 @pytest.mark.parametrize(
-    ("scale", "tolerance", "warned"),
-    [(1e-6, 1e-7, True), (1e-6, 1e-9, False), (0.05, 1e-7, False), (1e-4, 1e-2, True)],
+    ("scale", "tolerance", "warned"), [(1e-6, 1e-7, True), (1e-6, 1e-9, False), (0.05, 1e-7, False), (1e-4, 1e-2, True)]
 )
 def test_a_tolerance_too_coarse_for_the_friction_law_is_told(scale, tolerance, warned):
     system = belt(friction_law.stribeck(0.5, 0.18, scale)).system()

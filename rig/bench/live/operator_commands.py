@@ -31,7 +31,7 @@ from rig.bench.run.rig_variants import Wanted
 from rig.bus.port import Later, param_request
 from rig.errors import RigError, UsageError
 from rig.quantities import faults_of
-from rig.units import si
+from rig.units import converts, refuse_unusual, si
 
 # Commands that a run in its safe state refuses, as it refuses changes of actuators and parameters.
 MOVES = frozenset({"knock", "connect", "disconnect", "admit"})
@@ -152,6 +152,8 @@ class Operator:
         if not changes:  # an empty change is not an event
             return lambda: answer({})
         now()  # raises for an unknown key, before anything is changed
+        if any(converts(value, "") for value in changes.values()):
+            refuse_unusual(changes, tuning.tunable())
         return self._rebuilt(
             lambda: [wanted for wanted in [tuning.wanted(changes)] if wanted],
             lambda: answer(tuning.change(changes)),

@@ -53,7 +53,6 @@ from rig.bench.run.runner import PlantRunner
 from rig.bus import messages
 from rig.bus.port import Session
 from rig.bus.run_setup import Setup
-from rig.compiled import records
 from rig.errors import BusError, ExitCode, NumericsError, RigError
 from rig.machine import scheduling
 from rig.machine.process import no_garbage
@@ -373,7 +372,7 @@ class Plant:
             own, of_bus = self.cores
             stack.enter_context(scheduling.placed(of_bus if job.in_lockstep else own, of_bus))
             if job.pace is not None:
-                self.memory = stack.enter_context(records.locked())
+                self.memory = stack.enter_context(scheduling.locked())
                 self.ahead = stack.enter_context(scheduling.ahead(scheduling.PLANT, self._fell_back))
                 self.waiting = pace.choose(int(self.timing.wall_ns))
                 clock = pace.WallClock(self.waiting.spin_ns)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from rig.errors import Interrupted, RigError
 from rig.machine import scheduling
 from rig.machine.process import as_process, tell, told_to_stop
 from rig.scenes.scene import Scene
-from rig.units import si
 
 
 def carry_out(
@@ -44,10 +42,7 @@ def carry_out(
             session.announce()
             tell("run", session.run)
             say(f"run {session.run}")
-            units = threading.Thread(target=si, args=("1 ms", "s"), name="units", daemon=True)
-            units.start()  # loading units takes 0.3 s, which no frame has: an operator may send a value with a unit
             plant.gather(say)
-            units.join()
             if asked:
                 raise Interrupted(f"stopped by {asked[0]} before the first frame")
             return plant.run(show)

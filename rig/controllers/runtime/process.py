@@ -23,14 +23,13 @@ from typing import Any
 from rig import bus, controllers
 from rig.bus import encode, run_setup
 from rig.bus.port import Session
-from rig.compiled.records import locked
 from rig.controllers.blocks.base import Controller, Samples
 from rig.controllers.runtime.file import load_file
 from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.service import Service
 from rig.errors import BusError, RigError, UsageError
 from rig.machine.process import as_process, no_garbage, stopping, tell
-from rig.machine.scheduling import CONTROLLER, ahead, anywhere, come_first, placed
+from rig.machine.scheduling import CONTROLLER, ahead, anywhere, come_first, locked, placed
 from rig.parts import is_file, trust_scene
 
 LONG_NS, LONG_ANSWERS = 300_000, 20

@@ -12,7 +12,7 @@ from rig.bus.port import Session, param_request
 from rig.controllers.blocks.base import parameters, tunable
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerFailed, UsageError
-from rig.units import brief, converts
+from rig.units import refuse_unusual
 
 
 class Service:
@@ -35,7 +35,7 @@ class Service:
             raise UsageError(f"no parameter is called {', '.join(unknown):.80}; there are {', '.join(values)}")
         if changes:
             try:
-                self._check_units(changes)
+                refuse_unusual(changes, tunable(self.loop.controller))
                 self.loop.retune(changes)
             except UsageError as fault:
                 self.publish("refused", f"{self.session.name} keeps its parameters: {fault}", {})
@@ -43,16 +43,6 @@ class Service:
             self.changed(changes, self.tick)
             values = parameters(self.loop.controller)
         return {"values": {key: values[key] for key in keys or values}, "counters": self.loop.counters()}
-
-    def _check_units(self, changes: Mapping[str, object]) -> None:
-        """Raise UsageError for texts in another unit: loading the units would silence a loop for 0.3 s."""
-        units, why = tunable(self.loop.controller), "because a running controller converts no units"
-        if faults := [
-            f"{key}: is {brief(value)}; expected a number in {units[key]}, {why}"
-            for key, value in changes.items()
-            if units.get(key) and converts(value, units[key])
-        ]:
-            raise UsageError("\n".join(faults))
 
     def changed(self, changes: Mapping[str, object], after_tick: int) -> None:
         """Publish that parameters have changed after this tick."""

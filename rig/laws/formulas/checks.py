@@ -60,6 +60,8 @@ def _over_speed(formula: Formula, numbers: Sequence[float], rest: float, jumps: 
     if mu.min() < 0.0:
         i = int(np.argmin(mu))
         yield f"mu is {mu[i]:.4g} {_at(speeds[i])}: friction would drive the slip; it must be at least 0"
+    if not math.isfinite(rest):
+        yield f"the static coefficient is {rest:g}; it must be finite"
     slow = mu[1] if 0.0 in jumps else mu[0]
     if rest < slow - _JUMP * size:
         yield (f"the static coefficient is {rest:.4g}, below mu = {slow:.4g} in slow slip: a contact that begins "
