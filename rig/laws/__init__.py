@@ -198,7 +198,7 @@ def _law(module: ModuleType, name: str) -> type[FrictionLaw]:
         raise PartError("\n".join(f"{file_of(module)}: {line}" for line in lines))
     law: type[FrictionLaw] = named(module, (own,), LAW, name)
     if own.friction is not FrictionLaw.friction:
-        law.friction = _asked(own, module)  # type: ignore[method-assign]
+        law.friction = _asked(own, module)  # type: ignore[method-assign, assignment]
     return law
 
 

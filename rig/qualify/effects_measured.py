@@ -68,7 +68,7 @@ def _without_memory(scene: Scene) -> Scene:
     """The scene with the coefficient of steady slip in place of a law with memory."""
     law = scene.parameters.friction.friction()  # type: ignore[attr-defined]
     values = law.over(np.array(_SPEEDS))
-    static = law.static if law.sticks else values[0]
+    static = max(law.static, values[0]) if law.sticks else values[0]
     table = {"law": "table", "speeds": (0.0, *_SPEEDS), "values": (values[0], *values), "mu_static": static}
     memoryless = LAWS["table"].model_validate(table)
     return replace(scene, parameters=scene.parameters.model_copy(update={"friction": memoryless}))
