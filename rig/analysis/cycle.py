@@ -44,7 +44,7 @@ from rig.analysis.floquet import Return, floquet, middle, multipliers, returned
 from rig.analysis.orbit import MOST, REPEAT, Orbit, all_round, refuse, repeating, stick_times, time_of, turn_of
 from rig.errors import NumericsError
 from rig.model.assembly import Assembly
-from rig.model.method import chosen
+from rig.model.method import ADAPTIVE, chosen
 from rig.model.system import System
 from rig.motion.motion import Event
 from rig.scenes.scene import Scene
@@ -58,7 +58,7 @@ SETTLED = 32
 _MOST = 4  # most turning points in one cycle
 _ROUNDS = 3  # compared cycles: two could agree by chance
 CLOSE = 1e-10  # of the size of each state: a step of Newton's method that counts as zero
-_ROUGH = 1e-6  # the same if rounding, or the tolerance of dopri5, limits how close the return comes
+_ROUGH = 1e-6  # the same if rounding, or the tolerance of dopri5 or rosenbrock, limits how close the return comes
 _STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
 _STEPS = 12
 _HALVINGS = 6
@@ -295,10 +295,10 @@ def limit_cycle(
 ) -> Cycle:
     """Find the limit cycle of `scene` with every actuator held at its initial value, without controllers and sensors.
 
-    `tolerance`: of dopri5. `longest`: simulated time [s] within which the motion must settle. The default is `LONGEST`,
-    more for an uneven surface that turns slowly, less if `CHANGES` mode set changes happen before. `watch` gets the
-    simulated time [s] and the relative difference between the last rounds. Raises rig.errors.NumericsError where the
-    simulation has to stop, UsageError for a film of points.
+    `tolerance`: of dopri5 and rosenbrock. `longest`: simulated time [s] within which the motion must settle. The
+    default is `LONGEST`, more for an uneven surface that turns slowly, less if `CHANGES` mode set changes happen
+    before. `watch` gets the simulated time [s] and the relative difference between the last rounds. Raises
+    rig.errors.NumericsError where the simulation has to stop, UsageError for a film of points.
     """
     refuse(scene, "a limit cycle")
     assembly = scene.assemble()
@@ -329,7 +329,7 @@ class _Search:
         self.most = CHANGES if longest is None else math.inf
         system = sliding.system
         self.method = chosen(scene.clock.method, system)
-        rough = {"dopri5": max(REPEAT, 10.0 * tolerance), "rk4": 1e-7}
+        rough = dict.fromkeys(ADAPTIVE, max(REPEAT, 10.0 * tolerance)) | {"rk4": 1e-7}
         self.repeat = rough.get(self.method, REPEAT)
         start = stuck(system, sliding.x)
         self.rest = Rest(sliding, start)

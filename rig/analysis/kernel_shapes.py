@@ -25,7 +25,7 @@ from rig.compiled import kernel
 from rig.compiled.kernel_store import INSTEAD
 from rig.errors import NumericsError
 from rig.machine.files import own_bytes, own_file
-from rig.model.method import chosen, crowded
+from rig.model.method import ADAPTIVE, chosen, crowded
 from rig.model.system import System
 from rig.model.tables import UNROLLED
 from rig.printable import counted
@@ -43,13 +43,15 @@ class Shape(NamedTuple):
     fixed: bool
     products: bool
     kicks: bool = False
+    implicit: bool = False
 
 
 VARIANTS = tuple(
     Shape(*one)
-    for one in product(range(UNROLLED + 1), (False, True), (False, True), (False, True), (False, True))
+    for one in product(range(UNROLLED + 1), (False, True), (False, True), (False, True), (False, True), (False, True))
     if one[1] or not one[3]  # products of states are never linear
     if not one[4] or (one[1] and one[2] and one[3])  # kicks need products and fixed steps
+    if not one[5] or not one[2]  # implicit steps have any length
 )
 """Every possible shape: the number of compiled kernels does not grow with the number of effects."""
 
@@ -62,9 +64,10 @@ def shape(scene: Scene) -> Shape:
 def shape_of(system: System, method: str) -> Shape:
     """Return the kernel shape of a system and an integration method."""
     how, states = chosen(method, system), system.n if system.n <= UNROLLED else 0
-    pressed = how == "kick" or (how in ("dopri5", "rk4") and crowded(system))
+    pressed = how == "kick" or (how in (*ADAPTIVE, "rk4") and crowded(system))
     curved = not system.linear or pressed or how == "smooth"
-    return Shape(states, curved, how in ("rk4", "kick"), bool(system.products) or pressed, how == "kick")
+    products, implicit = bool(system.products) or pressed, how == "rosenbrock" and curved
+    return Shape(states, curved, how in ("rk4", "kick"), products, how == "kick", implicit)
 
 
 def prepare(

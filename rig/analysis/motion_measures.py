@@ -1,10 +1,10 @@
 """Measures of a plant's motion from its start with actuators held, and the differences between two runs in them.
 
-A setting is a method of integration with its step (rk4, kick) or its tolerance (dopri5); the step of exact is the
-sample step of the scene. A problem is a scene's plant with every actuator held, a start, and a duration. Actuators have
-the values that the protocol of the scene holds for the longest. If these differ from the initial values, the rig starts
-stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. A first run with the method of
-the scene decides the kind of motion and the duration:
+A setting is a method of integration with its step (rk4, kick) or its tolerance (dopri5, rosenbrock); the step of exact
+is the sample step of the scene. A problem is a scene's plant with every actuator held, a start, and a duration.
+Actuators have the values that the protocol of the scene holds for the longest. If these differ from the initial values,
+the rig starts stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. A first run with
+the method of the scene decides the kind of motion and the duration:
 
     cycle       mode set changes repeat: simulated until some rounds after they do; on an uneven surface they must
                 repeat over a whole turn of it
@@ -49,7 +49,7 @@ from rig.compiled import kernel
 from rig.errors import NumericsError
 from rig.model import kick_tables
 from rig.model.assembly import Assembly, portrait
-from rig.model.method import METHODS, as_integrated, chosen
+from rig.model.method import ADAPTIVE, METHODS, as_integrated, chosen
 from rig.model.system import System
 from rig.motion.motion import SEGMENTS, Event
 from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
@@ -58,7 +58,7 @@ from rig.stability.linearisation import sliding_key, steady
 from rig.stability.report import RK4_LIMIT
 
 TIGHTEST = 1e-12  # tolerance
-THEORY = {"dopri5": 5, "rk4": 4, "kick": 2}  # order of the error in the step
+THEORY = {"dopri5": 5, "rosenbrock": 5, "rk4": 4, "kick": 2}  # order of the error in the step
 _FINE = 2e-3  # |lambda| h of the finest rk4 step of a series
 _RUNG = 2.0  # smallest ratio of two steps of a series
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ SLOW = 1e-2  # of the angular frequency: smallest scale of an error of growth
 
 @dataclass(frozen=True, order=True)
 class Setting:
-    """A method with its setting: `tolerance` of dopri5, `step_ns` [ns] of rk4 and kick; 0 if the method has none."""
+    """A method with its setting: `tolerance` (dopri5, rosenbrock), `step_ns` [ns] (rk4, kick); 0 if it has none."""
 
     method: str
     tolerance: float = 0.0
@@ -94,7 +94,7 @@ class Setting:
     @property
     def adapts(self) -> bool:
         """Whether the error determines its steps, except for the last one of each frame, which is cut."""
-        return self.method == "dopri5"
+        return self.method in ADAPTIVE
 
     def __str__(self) -> str:
         if self.tolerance:
@@ -105,7 +105,7 @@ class Setting:
 def of(scene: Scene, system: System) -> Setting:
     """Return the setting of a scene."""
     method = chosen(scene.clock.method, system)
-    if method == "dopri5":
+    if method in ADAPTIVE:
         return Setting(method, scene.clock.tolerance)
     return Setting(method, step_ns=int(scene.clock.rk4_step) if method in ("rk4", "kick") else 0)
 
@@ -113,7 +113,7 @@ def of(scene: Scene, system: System) -> Setting:
 def eligible(system: System) -> dict[str, str]:
     """Return for every method of the rig why it cannot be used for this system, "" if it can."""
     reasons = dict.fromkeys(METHODS, "")
-    for method in ("exact", "dopri5", "rk4"):
+    for method in ("exact", *ADAPTIVE, "rk4"):
         try:
             as_integrated(system, method, 0.0)
         except ValueError as error:
@@ -121,13 +121,14 @@ def eligible(system: System) -> dict[str, str]:
     reasons["smooth"] = "never sticks: for comparison only, rig torture shows its errors"
     reasons["kick"] = kick_tables.refusal(system)
     if system.linear and not reasons["exact"]:
-        reasons["dopri5"] = "every mode set is linear: dopri5 would use the exact propagator"
+        for method in ADAPTIVE:
+            reasons[method] = f"every mode set is linear: {method} would use the exact propagator"
     return reasons
 
 
 def ladder(method: str, scene: Scene, rate: float) -> list[Setting]:
     """Return the settings of a method to be measured, coarse to fine. `rate` [1/s]: of the fastest mode."""
-    if method == "dopri5":
+    if method in ADAPTIVE:
         return [Setting(method, 10.0**-p) for p in range(2, 12)]
     if method in ("rk4", "kick"):
         shortest = scene.frame_ns / (SEGMENTS // 2)  # finer ones would exceed the room of a frame

@@ -32,7 +32,9 @@ def _smooth(law: Law, scale: float) -> Law:
     return friction_law.smoothed(law, scale)
 
 
-METHODS = ("exact", "dopri5", "rk4", "kick", "smooth")
+METHODS = ("exact", "dopri5", "rosenbrock", "rk4", "kick", "smooth")
+ADAPTIVE = ("dopri5", "rosenbrock")
+"""Methods whose steps a tolerance determines."""
 MANY = 1 << 22
 """Largest number of mode sets that a system may have."""
 CROWD = 1 << 14
@@ -75,7 +77,7 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
         why = kick_tables.refusal(system)
         if why:
             raise ValueError(f"kick: {why}")
-    if method == "kick" or (method in ("dopri5", "rk4") and crowded(system)):
+    if method == "kick" or (method in (*ADAPTIVE, "rk4") and crowded(system)):
         system = kick_tables.pressed(system)
     elif method == "smooth":
         remembering = [patch.name for patch in system.patches if patch.memory]

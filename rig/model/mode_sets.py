@@ -37,14 +37,21 @@ class ModeSets:
     """The mode sets of one run. `tables`: for the kernels; `add(key)`: builds a mode set at its first visit."""
 
     def __init__(
-        self, system: System, step: float, signals: list[dict[str, float]], read: int = 0, kicks: int = 0
+        self,
+        system: System,
+        step: float,
+        signals: list[dict[str, float]],
+        read: int = 0,
+        kicks: int = 0,
+        implicit: bool = False,
     ) -> None:
         """Start without mode sets.
 
         `step` in s; `signals`: extended rows (rig.model.assembly) of the rig's outputs, of which sensors read the first
-        `read`; `kicks`: steps of the method kick in a `step`, 0 for other methods.
+        `read`; `kicks`: steps of the method kick in a `step`, 0 for other methods. `implicit`: the
+        method is rosenbrock, whose steps no eigenvalue limits.
         """
-        self.read, self._kicks, self._wide = read, kicks, system.n > UNROLLED
+        self.read, self._kicks, self._implicit, self._wide = read, kicks, implicit, system.n > UNROLLED
         self.system = system
         self.step = step
         self.rows = signals
@@ -99,7 +106,8 @@ class ModeSets:
             field = np.hstack([modes.A, modes.b])
             broad = many_states_tables.tables(terms, E, modes.landing, guards, bounds, field, rows, self.read)
         curved = bool(modes.nonlinear.any()) or bool(system.products) or system.remembers
-        fast = curved and not self._kicks and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
+        cells = curved and not self._kicks and not self._implicit
+        fast = cells and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
         levels = (expm.depth(modes.A, self.step) + 1) * fast
         response = reach(modes.A, modes.b, self.step, levels)
         constant = response[..., system.n :: segment_output.DEGREE + 1]

@@ -77,6 +77,11 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         cell_size=np.zeros(n),
         node_inputs=np.zeros(system.inputs * (segment_output.DEGREE + 1)),
         input_powers=np.zeros((segment_output.DEGREE + 1, system.inputs)),
+        stages=np.zeros((8, n)),
+        matrix=np.zeros((n, n)),
+        row_order=np.zeros(n, dtype=np.int64),
+        right=np.zeros(n),
+        slopes=np.zeros((system.inputs, n)),
         nodes3=np.pad(0.5 * (nodes + 1.0), (PART, 0)),
         weights3=np.pad(0.5 * weights, (PART, 0)),
     )

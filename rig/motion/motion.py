@@ -17,6 +17,7 @@ from rig.compiled.kernel import entry
 from rig.compiled.records import Loan
 from rig.errors import Chatter, Diverged, Jammed, NumericsError
 from rig.model.film import on
+from rig.model.method import ADAPTIVE
 from rig.model.mode_sets import FAST, ModeSets
 from rig.model.singular import singular
 from rig.model.system import System
@@ -49,10 +50,11 @@ def why(status: int, system: System, integration: Integration, state: MotionStat
         what = f"more than {len(log.event)} events in one block; the last: {system.event_text(kind, owner)}"
         return Chatter, f"{what}. Raise clock.events_per_frame if this is meant"
     if status == OVERFULL:
-        finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(integration.method)
+        by_method = dict.fromkeys(("rk4", "kick"), "clock.rk4_step") | dict.fromkeys(ADAPTIVE, "clock.tolerance")
+        finer = by_method.get(integration.method)
         what = f"more than {room} smooth segments in one frame, for the sensors to read"
         size = fastest_eigenvalue(system) * integration.step_ns * 1e-9
-        if integration.method in ("exact", "dopri5") and size > FAST:
+        if integration.method in ("exact", *ADAPTIVE) and size > FAST:
             what += f"; |lambda| step = {size:.3g}. Leave out the fast lag or the fast element of the network"
             return NumericsError, f"{what}, or shorten clock.frame"
         return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"
@@ -122,12 +124,12 @@ class Motion:
 
     `step_ns`: sample step, the only step of the method exact. `outputs`: extended rows (rig.model.assembly) of the
     outputs that `outputs_at` evaluates; the first `read` of them go to `segments`, for the sensors. `tolerance`: of
-    dopri5, for event times and for local errors relative to the largest value of each state. `substeps`: steps of rk4
-    or kick in a sample step. `smoothing`: of the method smooth [m/s]. `cap`: events allowed in one frame (in ten ticks
-    of a longer one). `frame`: ticks of a frame; by default a call is one. `limit`: largest |state| allowed.
-    `with_energy`: keep the energy balance. `longest`: ticks of the longest call. `bounds`: largest absolute value of
-    outputs, by index; `beyond` then gives the first output that exceeds its bound at the end of a call. `frames`: how
-    the motion is advanced together with instruments and controllers, if at all.
+    dopri5 and rosenbrock, for event times and for local errors relative to the largest value of each state. `substeps`:
+    steps of rk4 or kick in a sample step. `smoothing`: of the method smooth [m/s]. `cap`: events allowed in one frame
+    (in ten ticks of a longer one). `frame`: ticks of a frame; by default a call is one. `limit`: largest |state|
+    allowed. `with_energy`: keep the energy balance. `longest`: ticks of the longest call. `bounds`: largest absolute
+    value of outputs, by index; `beyond` then gives the first output that exceeds its bound at the end of a call.
+    `frames`: how the motion is advanced together with instruments and controllers, if at all.
 
     Raises ValueError for a method that does not support the system; while running Diverged, Jammed, Chatter
     (rig.errors) with time, mode and state. The state is kept then.
@@ -246,7 +248,7 @@ class Motion:
         return int(self.mode_sets.tables.mode_set_of[self.key])
 
     def counts(self) -> dict[str, int]:
-        """Ticks, events, subdivided ticks, trial steps of dopri5, mode sets visited."""
+        """Ticks, events, subdivided ticks, trial steps of dopri5 and rosenbrock, mode sets visited."""
         now = self.state.progress[0]
         return {
             "ticks": self.tick,
@@ -424,7 +426,8 @@ class Motion:
                 raise ValueError(f"{name} has the shape {saved[name].shape}, not {array.shape}")
         integration, keys = self.integration, tuple(saved["keys"].tolist())
         if self.mode_sets.keys[: len(keys)] != keys:  # else this motion has built them in this order itself
-            self.mode_sets = ModeSets(self.system, integration.step_ns * 1e-9, self._outputs, integration.read)
+            implicit, step = integration.method == "rosenbrock", integration.step_ns * 1e-9
+            self.mode_sets = ModeSets(self.system, step, self._outputs, integration.read, implicit=implicit)
             for key in keys:
                 add(self.mode_sets, key)
         self.mode_sets.put_sums(saved)

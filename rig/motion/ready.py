@@ -19,7 +19,7 @@ from rig.model.mode_sets import ModeSets
 from rig.model.system import System
 from rig.model.tables import UNROLLED, empty, workspace
 from rig.motion.compiled_parts import addresses
-from rig.solve import dopri5, exact, expm, film_steps, kick, rk4, runge_kutta_stage
+from rig.solve import dopri5, exact, expm, film_steps, kick, rk4, rosenbrock, runge_kutta_stage
 from rig.solve.advance import advance, advance_block, evaluate_outputs
 from rig.solve.contact_state import make_consistent
 from rig.solve.frames import advance_frames
@@ -76,7 +76,8 @@ def plan(
         code = {"kick": kick if system.film is None else film_steps, "rk4": rk4}.get(method, dopri5)
         if method != "kick":
             shape = KernelShape(0 if many_states else system.n, bool(system.products) or system.remembers, nonlinear)
-            wanted["take_steps"] = code.take_steps, shape
+            implicit = method == "rosenbrock"
+            wanted["take_steps"] = rosenbrock.take_implicit_steps if implicit else code.take_steps, shape
             if not fixed_steps:
                 wanted["whole_derivative"] = runge_kutta_stage.whole_derivative, shape
         wanted["stretch"] = code.stretch, ANY
@@ -142,6 +143,7 @@ def prepared(system: System, outputs: list[dict[str, float]], integration: Integ
         outputs,
         integration.read,
         integration.substeps if integration.method == "kick" else 0,
+        integration.method == "rosenbrock",
     )
     return Ready(
         system,

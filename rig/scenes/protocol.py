@@ -73,7 +73,7 @@ class Clock(Section):
 
     frame     loop period: commands in, measurements out [chosen]
     method    of integration [chosen]; auto is exact where the friction law allows, else dopri5
-    tolerance   of dopri5, relative [chosen]
+    tolerance   of dopri5 and rosenbrock, relative [chosen]
     rk4_step  of rk4 and kick [chosen]
     smoothing   slip speed over which smooth lets friction rise [chosen]
     overrun   policy of a paced run that is late [chosen]
@@ -85,7 +85,7 @@ class Clock(Section):
     """
 
     frame: Frame = 1_000_000
-    method: Literal["auto", "exact", "dopri5", "rk4", "kick", "smooth"] = "auto"
+    method: Literal["auto", "exact", "dopri5", "rosenbrock", "rk4", "kick", "smooth"] = "auto"
     tolerance: Small = 1e-7
     rk4_step: FixedStep = 100_000
     smoothing: PositiveMetrePerSecond = 1e-3

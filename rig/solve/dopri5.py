@@ -183,12 +183,25 @@ def first_event_of_fit(t, mode_set, w, g, noise):
 
 
 @inner
-def first_event(t, mode_set, w):
-    """The first event of any guard along the dense output in w.derivatives.
+def may_rise(t, mode_set, g, w, h, noise):
+    """Whether guard g, zero at the begin of a step h, may rise there, by the derivative w.k[0] and its rounding."""
+    rise, error = 0.0, 0.0
+    for i in range(w.y.shape[0]):
+        entry = t.G[mode_set, g, i]
+        if entry != 0.0:
+            rise += entry * w.k[0, i]
+            error += abs(entry) * (rounding(t.A[mode_set, i], w.derivatives[0]) + rounding(t.b[mode_set, i], w.T))
+    return h * (rise + error) >= -noise
+
+
+@inner
+def first_event(t, mode_set, w, h):
+    """The first event of any guard along the dense output in w.derivatives of a step h.
 
     Returns theta (or NONE), the guard, and whether the step is too long to be sure. The flag is also set if a guard
     begins at zero, as after a contact was released, and has its event early in the step without falling at the begin.
-    The guard is small there, but the error of the step is not, so the event may be nothing but this error.
+    The guard is small there, but the error of the step is not, so the event may be nothing but this error. Whether it
+    falls at the begin, the derivative w.k[0] decides too: the dense output of rosenbrock begins with its own error.
     """
     first, guard, doubtful = NONE, -1, False
     sample_guards(t, mode_set, w)
@@ -205,7 +218,8 @@ def first_event(t, mode_set, w):
             theta = first_crossing(poly, 4, noise, w.roots)
         if theta < first:
             first, guard = theta, g
-            unseen = unseen or (abs(poly[0]) <= noise and poly[1] >= -noise and theta < _EARLY)
+            if abs(poly[0]) <= noise and theta < _EARLY:
+                unseen = unseen or poly[1] >= -noise or may_rise(t, mode_set, g, w, h, noise)
         doubtful = doubtful or unseen
     return first, guard, doubtful
 
@@ -233,11 +247,11 @@ def free_of_events(shape, f, d, size):
     return True
 
 
-_SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
+SAFETY, SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # share of the largest coordinate or speed
 _MOST = 200_000  # trial steps for one tick
 ENDED, UNDECIDED, EVENT_FREE, FAILED = range(4)  # results of `take_steps`
-_SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
+SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
 
 
 @inlined
@@ -280,7 +294,7 @@ def local_error(shape, k, y, size, h, tolerance):
             return np.inf
         largest = max(size[i], abs(y[i]))
         if largest > 0.0:
-            worst = max(worst, abs(e) * (1.0 / (_SHARE * tolerance * largest)))
+            worst = max(worst, abs(e) * (1.0 / (SHARE * tolerance * largest)))
     return worst
 
 
@@ -294,7 +308,7 @@ def step_factor(e):
     if e < 1e-4:
         return _GROW
     if e < 0.1:
-        return min(_GROW, _SAFETY * e ** (-0.2))
+        return min(_GROW, SAFETY * e ** (-0.2))
     return (1.6 - 2.3 * e) + (e * e) * (2.9 - 1.3 * e)
 
 
@@ -399,10 +413,9 @@ def set_generators(shape, t, w, time, x):
 
 
 @inlined
-def accept_step(shape, t, mode_set, w, k, y, x, here):
+def accept_step(shape, t, mode_set, w, y, x, here):
     """Accept the end y of a step as the new state `here`; x is passed to functions that are not inlined."""
     copy(state_count(shape), y, here)
-    copy(state_count(shape), k[6], k[0])
     for i in range(state_count(shape)):
         w.size[i] = max(w.size[i], abs(here[i]))
     if t.stuck[mode_set]:
@@ -421,6 +434,23 @@ def end_of_tick(tick, place, done, share, ticks, last):
     if last and tick == ticks - 1:
         to = 1.0
     return to
+
+
+@inlined
+def log_ticks(shape, log, d, mode_set, tick, place, ticks, share, last):
+    """Log the states at the ticks that end in a step with the dense output d; tick and place at the end of the step.
+
+    `share`: the length of a tick as a share of the step.
+    """
+    done = 0.0
+    while tick < ticks:
+        to = end_of_tick(tick, place, done, share, ticks, last)
+        if to > 1.0:
+            break
+        evaluate_quartic(shape, d, to, log.out[tick])
+        log.modes[tick] = mode_set
+        tick, place, done = tick + 1, 0.0, to
+    return tick, place, done
 
 
 @inner
@@ -455,7 +485,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
         e = local_error(shape, k, y, size, h, plan.tolerance)
         now.trials += 1
         if not (e <= 1.0):
-            next_h = h * max(_SHRINK, _SAFETY * e ** (-0.2))
+            next_h = h * max(SHRINK, SAFETY * e ** (-0.2))
             if next_h < 1e-14 * tick_length or now.trials > most:
                 ends = FAILED
                 break
@@ -464,7 +494,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
             continue
         grow = step_factor(e)
         if h >= next_h or grow < 1.0:  # the error is likely to go on growing
-            next_h = h * max(_SHRINK, min(grow, (grow * grow) * (h / hoped)))
+            next_h = h * max(SHRINK, min(grow, (grow * grow) * (h / hoped)))
         hoped = h * grow
         quartic_of_step(shape, k, here, y, h, d)
         plain = free_of_events(shape, f, d, size)
@@ -476,18 +506,12 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
                 copy(n, d[c], w.derivatives[c])
             ends = EVENT_FREE if plain else UNDECIDED
             break
-        done, share = 0.0, tick_length / h
-        while tick < ticks:
-            to = end_of_tick(tick, place, done, share, ticks, h == left)
-            if to > 1.0:
-                break
-            evaluate_quartic(shape, d, to, log.out[tick])
-            log.modes[tick] = mode_set
-            tick, place, done = tick + 1, 0.0, to
+        tick, place, done = log_ticks(shape, log, d, mode_set, tick, place, ticks, tick_length / h, h == left)
         if done < 1.0:
             place += (1.0 - done) * h / tick_length
         set_generators(shape, t, w, ((tick - now.reached) + place) * tick_length, y)
-        accept_step(shape, t, mode_set, w, k, y, x, here)
+        accept_step(shape, t, mode_set, w, y, x, here)
+        copy(n, k[6], k[0])
     now.tick, now.place, now.next_length, now.suggested_length = tick, place, next_h, hoped
     copy(n, here, x)
     copy(n, k[0], w.k[0])
@@ -526,9 +550,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
         if ends == UNDECIDED:
-            theta, crossed, doubtful = first_event(t, mode_set, w)
+            theta, crossed, doubtful = first_event(t, mode_set, w, h)
             if doubtful and h > 1e-12 * tick_length:
-                now.next_length, crossed = _SHRINK * h, -1
+                now.next_length, crossed = SHRINK * h, -1
                 continue
             end = theta if crossed >= 0 else 1.0
         done, share, spent = 0.0, tick_length / h, end if plan.with_energy else 0.0
@@ -555,7 +579,8 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             evaluate_quartic(shape, path, end, x)
         else:
             set_generators(shape, t, w, ((tick - origin) + place) * tick_length, w.y)
-            accept_step(shape, t, mode_set, w, w.k, w.y, x, x)
+            accept_step(shape, t, mode_set, w, w.y, x, x)
+            copy(n, w.k[6], w.k[0])
         now.tick, now.place = tick, place
     if crossed >= 0:
         apply_event(t, mode_set, crossed, now, x)

@@ -98,6 +98,11 @@ class Workspace(NamedTuple):
     cell_size: Array  # [n] scales of the states for the errors of the cell
     node_inputs: Array  # [inputs x (DEGREE + 1)] of each input its value at the begin, and its changes to the nodes
     input_powers: Array  # [DEGREE + 1, inputs] coefficients of the inputs as polynomials of the place in the cell
+    stages: Array  # [8, n] solutions of the stages of a step of rosenbrock, and their
+    matrix: Array  # [n, n] matrix and
+    row_order: NDArray[np.int64]  # [n] the order of its rows,
+    right: Array  # [n] right-hand side, and
+    slopes: Array  # [inputs, n] derivatives of the inputs over the state
     nodes3: Array  # [LANE] five times 0, then three Gauss-Legendre nodes in [0, 1] of the energy terms of dopri5
     weights3: Array  # [LANE] weights of `nodes3`
 
@@ -148,7 +153,7 @@ class MotionPlan(NamedTuple):
     nonlinear: int  # at least one mode set is not linear
     fixed_steps: int  # fixed steps: rk4 or kick
     substeps: int  # number of fixed steps in a tick
-    tolerance: float  # relative tolerance of dopri5
+    tolerance: float  # relative tolerance of dopri5 and rosenbrock
     with_energy: int  # keep the energy balance
     emitting: int  # write segments for the sensors
     limit: float  # largest allowed absolute value of a state

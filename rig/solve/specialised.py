@@ -21,7 +21,7 @@ from numba.extending import intrinsic, register_model
 
 from rig.compiled.kernel import Emission
 
-ROWS = 7
+ROWS = 8
 
 
 class KernelShape(types.Type):  # type: ignore[misc]
@@ -96,12 +96,21 @@ def _local(typing: Any, shape: Any, like: Any) -> Emission:
     The compiler keeps it in registers, like a local array in C. If the number of states is unknown at compile time,
     `like` itself is returned.
     """
+    return _on_stack(shape, like, ROWS)
+
+
+def _local_square(typing: Any, shape: Any, like: Any) -> Emission:
+    """As `local`, for a matrix over the states."""
+    return _on_stack(shape, like, shape.states)
+
+
+def _on_stack(shape: Any, like: Any, rows: int) -> Emission:
     kind = types.Array(like.dtype, like.ndim, "C")
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         if not shape.states:
             return arguments[1]
-        lengths = [ROWS] * (like.ndim - 1) + [shape.states]
+        lengths = [rows] * (like.ndim - 1) + [shape.states]
         count = functools.reduce(operator.mul, lengths)
         double = context.get_data_type(like.dtype)
         data = cgutils.alloca_once(builder, double, size=count)  # type: ignore[no-untyped-call]
@@ -122,6 +131,7 @@ def _local(typing: Any, shape: Any, like: Any) -> Emission:
 
 
 local: Any = intrinsic(_local)
+local_square: Any = intrinsic(_local_square)
 
 
 def _call(

@@ -37,6 +37,7 @@ from rig.errors import Singular
 from rig.model import assembly, friction_law
 from rig.model.formulation import bearing_mass
 from rig.model.friction_law import Law
+from rig.model.method import ADAPTIVE
 from rig.model.mode_sets import FAST
 from rig.model.singular import assembled
 from rig.model.system import Finding, Level, Normal, Patch, Sector, System
@@ -153,7 +154,7 @@ def stability_report(
 ) -> list[Finding]:
     """The findings about `system` before a run by `method` in sample steps of `step` [s], errors first.
 
-    `substeps`: steps of rk4 or kick in a sample step. `tolerance`: of dopri5.
+    `substeps`: steps of rk4 or kick in a sample step. `tolerance`: of dopri5 and rosenbrock.
     """
     broken = list(_matrices(system))
     if broken:
@@ -345,7 +346,7 @@ def step_findings(
         yield from _eigenvalues(*fastest, method, step, substeps)
     if method == "rk4":
         yield from _steep_law(system, step, substeps)
-    if method == "dopri5":
+    if method in ADAPTIVE:
         yield from _narrow_law(system, tolerance)
 
 
@@ -406,7 +407,7 @@ def steepest(system: System) -> float:
 
 
 def _narrow_law(system: System, tolerance: float) -> Iterator[Finding]:
-    """Whether the tolerance of dopri5 resolves the slip speeds over which friction laws change.
+    """Whether the tolerance of dopri5 or rosenbrock resolves the slip speeds over which friction laws change.
 
     A released contact starts to slip along the steep part of its law. If the error is not far below the width of that
     part, the contact turns back, sticks and slips again, although the exact motion continues.
@@ -495,7 +496,7 @@ def _eigenvalues(fastest: float, name: str, method: str, step: float, substeps: 
             size,
             f"rk4_step of {part(step, 0.9 * KICK_LIMIT / fastest)} or less",
         )
-    elif method in ("exact", "dopri5") and size > EXACT_LIMIT:
+    elif method in ("exact", *ADAPTIVE) and size > EXACT_LIMIT:
         yield Finding(
             "error",
             f"too fast for the step in {name}: a state decays within {1.0 / fastest:.3g} s; a step of {step:g} s "

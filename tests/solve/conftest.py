@@ -8,9 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rig.compiled.kernel import kernel
 from rig.model import friction_law
 from rig.model.assembly import Assembly
+from rig.model.mode_sets import ModeSets
 from rig.motion.motion import Motion
+from rig.solve import rosenbrock
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 
@@ -90,6 +93,25 @@ def run(system, step_ms, duration, method="exact", outputs=None, **how):
         outputs=motion.outputs_at(motion.states, motion.mode_sets_of_states) if outputs else None,
         energy=motion.energy(),
     )
+
+
+@kernel
+def _write_slopes(tables, loan, mode_set, x, slopes, scratch):
+    rosenbrock.input_slopes(tables, mode_set, x, loan.work.T, slopes, scratch)
+
+
+@pytest.fixture(scope="session")
+def input_slopes():
+    """The slopes of the inputs over the state [inputs, n] in mode set `key` at x, as kernels evaluate them."""
+
+    def slopes_of(system, key, x):
+        mode_sets = ModeSets(system, 1e-3, [])
+        mode_sets.add(key)
+        slopes, scratch = np.full((system.inputs, system.n), np.nan), np.zeros((len(system.patches),) * 2)
+        _write_slopes(mode_sets.handle, Motion(system, 1_000_000, "dopri5").loan, np.int32(0), x, slopes, scratch)
+        return slopes
+
+    return slopes_of
 
 
 @pytest.fixture(scope="session")

@@ -51,6 +51,7 @@ def advance(system, method, ticks, rows, **settings):
 
 @pytest.mark.parametrize(("method", "settings", "bound"), [
     ("dopri5", {"tolerance": 1e-10}, 1e-8),
+    ("rosenbrock", {"tolerance": 1e-10}, 1e-8),
     ("rk4", {"substeps": 4}, 1e-9),
 ])  # fmt: skip
 def test_a_cubic_spring_moves_as_an_independent_integrator_says(method, settings, bound):

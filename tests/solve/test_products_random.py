@@ -132,7 +132,7 @@ def test_kernels_evaluate_what_the_equations_say(seed):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_slopes_are_those_of_the_equations(seed):
+def test_slopes_are_those_of_the_equations(seed, input_slopes):
     A, parts = random_rig(seed)
     system = A.system()
     rng = np.random.default_rng(seed)
@@ -150,6 +150,7 @@ def test_slopes_are_those_of_the_equations(seed):
     for j in range(len(x) - 1):
         h = 1e-5 * np.eye(7)[j]
         assert slopes[:, j] == pytest.approx((rate(x + h) - rate(x - h)) / 2e-5, rel=1e-7, abs=1e-6)
+    assert input_slopes(system, key, x) == pytest.approx(inputs(system, modes, x, law)[1], rel=1e-11, abs=1e-12)
 
 
 @pytest.mark.parametrize(("product", "inertia", "told"), [

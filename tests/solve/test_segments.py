@@ -31,14 +31,19 @@ def frames(system, method, step_ns, steps, count, **how):
         )
 
 
-CASES = [("p1", "exact", {}), ("p2", "dopri5", {"tolerance": 1e-9}), ("p2", "rk4", {"substeps": 4})]
+CASES = [
+    ("p1", "exact", {}),
+    ("p2", "dopri5", {"tolerance": 1e-9}),
+    ("p2", "rosenbrock", {"tolerance": 1e-9}),
+    ("p2", "rk4", {"substeps": 4}),
+]
 
 
 @pytest.mark.parametrize(("name", "method", "how"), CASES, ids=[c[1] for c in CASES])
 def test_segments_tile_the_frame_and_carry_the_signals(rigs, name, method, how):
     step_ns, steps = 250_000, 4
     h, seen = step_ns * 1e-9, 0
-    accuracy = {"exact": 1e-9, "dopri5": 1e-6, "rk4": 1e-6}[method]
+    accuracy = {"exact": 1e-9, "dopri5": 1e-6, "rosenbrock": 1e-6, "rk4": 1e-6}[method]
     scale = np.array([0.1, 4.0, 4.0, 0.1])
     for start, length, coef, outputs, events, origin in frames(
         getattr(rigs, name)(), method, step_ns, steps, 600, **how
@@ -189,8 +194,11 @@ def by_radau(system, modes, x, time):
     return solve_ivp(rate, (0.0, time), x, "Radau", rtol=1e-9, atol=absolute, jac=slopes).y[:, -1]
 
 
-@pytest.mark.parametrize(("name", "changes", "tolerance"), DRIVEN)
-def test_fast_states_follow_jumps_of_commands_as_by_an_implicit_method(name, changes, tolerance, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "changes", "tolerance", "method"),
+    [(*case, method) for case in DRIVEN for method in (("dopri5", "rosenbrock") if case[2] else ("exact",))],
+)
+def test_fast_states_follow_jumps_of_commands_as_by_an_implicit_method(name, changes, tolerance, method, monkeypatch):
     """Six ticks of slip, with jumps of the command that lags."""
     moved = next((key[:-4] for key in changes if key.endswith(".lag")), None)
     actuator = {"load": {"load.force": "held"}, "drive": {"drive.speed": "held"}}.get(moved, {})
@@ -198,7 +206,6 @@ def test_fast_states_follow_jumps_of_commands_as_by_an_implicit_method(name, cha
     monkeypatch.setattr(type(scene), "moved", property(lambda _: actuator))
     assembly = scene.assemble()
     rows, system = [output.row for output in assembly.outputs.values()], assembly.system()
-    method = "dopri5" if tolerance else "exact"
     motion = Motion(system, scene.step_ns, method, rows, read=len(rows), tolerance=tolerance or 1e-7)
     motion.advance(1)
     for tick in range(6):

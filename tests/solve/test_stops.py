@@ -33,7 +33,7 @@ def test_growth_stops_at_the_limit_of_the_state():
     assert np.all(np.isfinite(motion.x))
 
 
-@pytest.mark.parametrize("method", ["exact", "dopri5", "rk4"])
+@pytest.mark.parametrize("method", ["exact", "dopri5", "rosenbrock", "rk4"])
 def test_what_is_not_a_number_stops_the_run(rigs, method):
     system = rigs.p1() if method == "exact" else rigs.p2()
     motion = Motion(system, 1_000_000, method)

@@ -63,7 +63,9 @@ Array = NDArray[np.float64]
 WINDOW_PERIODS = 8.0  # periods of the slowest vibration mode about sliding
 RAMP = 16.0  # of these from one point to the next
 TOLERANCE = 1e-9
-"""Largest tolerance of dopri5: at release the slip speed leaves zero slowly, and an error would make it stick again."""
+"""Largest tolerance of dopri5 and rosenbrock: at release the slip speed leaves zero slowly, and an error would make it
+stick again.
+"""
 _PARTS = 4  # steps from one point to the next of a parameter that cannot be ramped
 _SAMPLES = 24  # in a period of the fastest vibration mode
 _FEW, _MANY = 3, 30  # sticks in a window: with fewer it becomes longer, with more it is shorter for the next point

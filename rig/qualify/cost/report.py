@@ -17,7 +17,7 @@ from rig.qualify.cost.table import WORST, Row, Table, front
 from rig.qualify.cost.timing import Spread
 from rig.results import Result
 from rig.view import palette
-from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, VERMILION, page, printed
+from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, SKY, VERMILION, page, printed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,8 +87,8 @@ def notes(table: Table, metric: str) -> list[str]:
     return out + [f"{method} left out: {why}" for method, why in table.left_out.items()]
 
 
-COLOURS = {"exact": BLUE, "dopri5": VERMILION, "rk4": GREEN, "kick": AMBER, "smooth": PURPLE}
-MARKS = {"exact": "D", "dopri5": "o", "rk4": "s", "kick": "^", "smooth": "v"}
+COLOURS = {"exact": BLUE, "dopri5": VERMILION, "rosenbrock": SKY, "rk4": GREEN, "kick": AMBER, "smooth": PURPLE}
+MARKS = {"exact": "D", "dopri5": "o", "rosenbrock": "P", "rk4": "s", "kick": "^", "smooth": "v"}
 STYLE = palette.STYLE | {"axes.titlesize": "large", "lines.linewidth": 1.5}
 LEAST = 1e-16  # errors of zero are drawn at this value
 

@@ -20,7 +20,7 @@ from rig.qualify.torture.wrong_methods import PATIENCE, WRONG
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report
 
-METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", *WRONG)
+METHODS = ("exact", "dopri5", "rosenbrock", "rk4", "kick", "smooth", *WRONG)
 """Methods of the solver, and those for comparison, which no scene can select."""
 FINER = 4  # refinement of the step of the reference
 TIGHT = 1e-10  # tolerance of the reference
@@ -28,6 +28,7 @@ COUNTED = ("ticks", "opened", "trials", "energy", "stuck", "measurements")
 NEAR = 0.01  # relative tolerance of a growth rate: the precision of the sources
 QUICK = {
     "rk4": (Shape(3, False, True, False), Shape(3, True, True, False), Shape(5, False, True, False)),
+    "rosenbrock": (Shape(3, True, False, False, implicit=True), Shape(5, True, False, False, implicit=True)),
     "smooth": (Shape(3, True, False, False), Shape(5, True, False, False)),
     "kick": (Shape(0, True, True, True, True),),
 }
@@ -97,6 +98,8 @@ def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Itera
                 continue
             if method in ("exact", "dopri5") and method != default and (system.linear or not quick):
                 continue  # dopri5 leaves what is linear to exact; exact refuses the rest
+            if method == "rosenbrock" and system.linear:
+                continue
             if method == "sign" and step != case.steps[0]:
                 continue
             if method in WRONG and method not in (*case.wrong, "sign"):
