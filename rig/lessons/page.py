@@ -8,6 +8,8 @@ it states what its report (`--json`) must contain:
     |---|---|---|---|
     | growth rate | `modes.0.growth` | 3.655 1/s | 0.1 % |
 
+A fence of TOML that begins with a comment with the name of a file (`# mine.toml`) is that file, for the next command.
+
 A place is a path of keys and indices. A tolerance is a number in the unit of the expected value, a share of it in %, or
 `exact`. The place `exit code` is that of the command; without such a row it must be 0.
 
@@ -46,6 +48,9 @@ COMMAND = re.compile(
 """A command of a page, the lines that it prints, the rows of its table, and the places of their numbers."""
 
 
+_FILE = re.compile(r"(?<=^```toml\n)# (\w+\.toml)\n(?:(?!```).*\n)+", re.MULTILINE)
+
+
 @dataclass(frozen=True)
 class Expected:
     """One expected number of a report. `tolerance` is in the unit of `value`; 0 means equal."""
@@ -72,6 +77,8 @@ class Command:
     words: tuple[str, ...]
     expected: tuple[Expected, ...]
     printed: tuple[str, ...] = ()
+    files: tuple[tuple[str, str], ...] = ()
+    """Name and text of the files that the page asks for before the command."""
 
     @property
     def text(self) -> str:
@@ -158,7 +165,8 @@ def _parts(text: str, file: Path) -> tuple[str | Command, ...]:
                 f"{file}: {match[1]}: {len(rows)} rows, but {len(places)} places in the comment behind them"
             )
         expected = tuple(_expected(row, place, file) for row, place in zip(rows, places))
-        parts.append(Command(words, expected, printed))
+        written = tuple((made[1], made[0]) for made in _FILE.finditer(text[end : match.start()]))
+        parts.append(Command(words, expected, printed, written))
         end = match.end()
     parts.append(text[end:].strip())
     left = "\n".join(part for part in parts if isinstance(part, str))
@@ -194,7 +202,7 @@ def _expected(row: str, place: str, file: Path) -> Expected:
 LONGEST_S = 600.0
 """Longest time that a command may take [s]."""
 _DIGITS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
-_WRITES = ("--out", "--figure", "--csv")
+_WRITES = ("--out", "--figure", "--csv", "--law")
 
 
 @dataclass(frozen=True)
@@ -233,6 +241,8 @@ def attempt(command: Command, folder: Path, as_json: bool = True) -> Outcome:
     The command is a process in a session of its own: on Ctrl-C it is asked to stop and has time to complete what it
     writes. Raises WorkerError after `LONGEST_S`.
     """
+    for name, text in command.files:
+        (folder / name).write_text(text, encoding="utf-8")
     words = [*command.words, "--json"] if as_json else [*command.words]
     if any(word in _WRITES for word in words) and "--force" not in words:
         words.append("--force")

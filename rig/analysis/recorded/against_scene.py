@@ -46,6 +46,7 @@ _PHASES, _FEWEST = 100, 3
 _LOAD = "normal_force"
 _LOBE = 2  # lines of a Hann window beside its middle
 _OCTAVE = math.sqrt(2.0)
+_STILL = 0.01  # times the RMS: a mean below it is zero
 
 
 class Cycles(NamedTuple):
@@ -129,7 +130,7 @@ class AgainstScene(Result):
         lines += [f"  {note}" for note in self.notes]
         rows = [("channel", "measure", "measured", "simulated", "unit", "deviation")]
         for m in self.measures:
-            percent = "" if math.isnan(m.percent) else f"{m.percent:+.3g} %"
+            percent = "" if math.isnan(m.percent) else f"{round(m.percent, 6) + 0.0:+.3g} %"
             measured, simulated = ("" if math.isnan(value) else f"{value:.5g}" for value in (m.first, m.second))
             rows.append((m.channel, m.name, measured, simulated, m.unit, percent))
         return "\n".join([*lines, *columns(rows, "<<>><>")])
@@ -323,8 +324,11 @@ def _measures(run: Run, mirrored: Run, pair: Pair, begin: float, end: float) -> 
         return Measure(pair.channel, name, unit, *values)
 
     both = pair.measured, pair.simulated
-    yield measure("mean", pair.unit, tuple(float(np.nanmean(v)) for v in both))  # type: ignore[arg-type]
-    yield measure("RMS", pair.unit, tuple(float(np.nanstd(v)) for v in both))  # type: ignore[arg-type]
+    means, sizes = [float(np.nanmean(v)) for v in both], [float(np.nanstd(v)) for v in both]
+    yield Measure(pair.channel, "mean", pair.unit, means[0], means[1], _STILL * sizes[0])
+    yield Measure(pair.channel, "RMS", pair.unit, sizes[0], sizes[1])
+    if not all(sizes):
+        return
     if pair.cycles:
         yield measure("period", "s", tuple(c.period for c in pair.cycles))  # type: ignore[arg-type]
         yield measure("amplitude", pair.unit, tuple(c.amplitude for c in pair.cycles))  # type: ignore[arg-type]

@@ -324,7 +324,8 @@ def _slips(times: Axes, friction: Axes, both: tuple[StickSlip, StickSlip]) -> No
             up = contact.up
             friction.errorbar(up.speed, up.friction, 2.0 * up.error, color=colour, marker="o", ms=3.5, lw=1.0)
     times.set(xlabel="stick time [s]", ylabel="number of slips [1]")
-    friction.set(xlabel=f"rising slip speed [{both[0].speed_unit}]", ylabel=f"friction [{both[0].force_unit or 'N'}]")
+    friction.set_visible(bool(both[0].force_unit))
+    friction.set(xlabel=f"rising slip speed [{both[0].speed_unit}]", ylabel=f"friction [{both[0].force_unit}]")
 
 
 def sound_figure(sound: Sound) -> Figure:
