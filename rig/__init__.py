@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from rig.analysis.modes import Modes
     from rig.analysis.recorded.against_scene import AgainstScene
     from rig.analysis.recorded.comparison import Compared
+    from rig.analysis.recorded.events import Events
     from rig.analysis.repeat import Repeats
     from rig.analysis.studies import StudyResult
     from rig.analysis.studies.factors import Distribution
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 __all__ = [
     "branch",
     "diff",
+    "events",
     "import_",
     "limit_cycle",
     "load",
@@ -188,6 +190,28 @@ def diff(
     from rig.analysis.recorded.against_scene import against_scene
 
     return against_scene(first, _scene(second), begin, end, follow, pair, stick)
+
+
+def events(
+    run: Run,
+    name: str = "",
+    at: Iterable[str] | None = None,
+    window: float = 0.0,
+    first: float = 0.0,
+    last: float = float("inf"),
+    over: Scene | str | Path | None = None,
+    key: str = "drive.speed",
+) -> Events:
+    """Find the vibration events of a channel `name` from `first` to `last` [s], measured or simulated.
+
+    Each has begin, end, frequency, level, growth rate with an interval of 90 %, and means of the channels `at` during
+    the growth (default: speed of the drive, load, temperature). `window` [s]: default 40 ms, or eight periods. `over`:
+    a scene whose eigenvalues over `key` are compared with them. Raises rig.errors.UsageError and SceneError.
+    """
+    from rig.analysis.recorded.events import events as find
+
+    scene = None if over is None else _scene(over)
+    return find(run, name, None if at is None else list(at), window, first, last, scene, key)
 
 
 def modes(scene: Scene | str | Path) -> Modes:

@@ -116,6 +116,7 @@ MADE = {
     "Response": lambda folder: recorded.response(golden("belt"), "friction_force", "velocity"),
     "Portrait": lambda folder: recorded.portrait(golden("belt")),
     "Sound": sound,
+    "Events": lambda folder: rig.events(rig.simulate("two_dof"), over="two_dof"),
     "StickSlip": lambda folder: recorded.stick_slip(golden("belt"), "velocity", drive="surface_speed"),
     "Imported": imported,
     "CostReport": cost_report,

@@ -66,7 +66,7 @@ PANELS = {
     "Choose method and step": "cost",
     "Test the methods": "torture",
     "Recordings": "import runs note report replay verify recover diff export",
-    "Analyse a recording": "amplitude sound stick spectrum pressure hysteresis response portrait",
+    "Analyse a recording": "amplitude sound events stick spectrum pressure hysteresis response portrait",
     "Use a live run": "tune disconnect connect knock pause step resume stop",
     "Start processes one by one": "plant control record view",
     "Check this machine": "doctor warmup clean",

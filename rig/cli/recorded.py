@@ -18,6 +18,7 @@ from rig.errors import Faults, LogError, UsageError
 
 if TYPE_CHECKING:
     from rig.record.run import Run
+    from rig.scenes.scene import Scene
 
 Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=new, help="Write all numbers as CSV.")]
 First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")]
@@ -105,6 +106,16 @@ def _section(given: str, flag: str, run: Run) -> tuple[str, float]:
 
     cut = Condition.read(given, flag, "=", 'NAME = VALUE, such as "velocity = 10 mm/s"')
     return cut.name, cut.level_in(series(run, cut.name).unit)
+
+
+def _names(given: str, flag: str, run: Run) -> list[str]:
+    return [name.strip() for name in given.split(",") if name.strip()]
+
+
+def _scene(given: str, flag: str, run: Run) -> Scene:
+    from rig.scenes import load
+
+    return load(given)
 
 
 class Option(NamedTuple):
@@ -214,6 +225,26 @@ ANALYSES = {
             **_SPAN,
         },
         "rig spectrum recordings/golden/pendulum.mcap --orders drive --figure spectrum.png",
+    ),
+    "events": Analysis(
+        "events",
+        "List the vibration events of a channel: begin, end, frequency, level, growth rate, speed and load.",
+        {
+            "name": _SIGNAL,
+            "at": _option(
+                "--at",
+                "NAMES",
+                "Channels whose means during the growth are listed. Default: speed of the drive, load, temperature.",
+                _names,
+            ),
+            "window": _window("Length of the windows. Default: 40 ms, or eight periods of the strongest tone."),
+            "over": _option(
+                "--over", "SCENE", "Scene whose eigenvalues over --key are compared with the events.", _scene
+            ),
+            "key": _option("--key", "KEY", "Key of that scene: drive.speed (default), load.force."),
+            **_SPAN,
+        },
+        "rig events bench.mcap --signal vibrometer --at belt_speed,load --over two_dof --figure events.png",
     ),
     "pressure": Analysis(
         "pressure",

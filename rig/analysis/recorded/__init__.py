@@ -2,6 +2,8 @@
 
 series       one channel of a recording, on an even grid, missing samples as NaN; several channels on one grid
 amplitude    amplitude and frequency of every sensor in each stage of a run
+events       vibration events: begin, end, frequency, level, growth rate, conditions; beside eigenvalues of a scene
+growth       growth rate of a tone that rises out of noise, with its interval
 hysteresis   moving RMS of a vibration over the drive speed, up and down
 spectrum     power spectral density and spectrogram; the same over the angle of a disc or the travel of a belt
 pressure     maps of the pressure of a film at chosen instants
@@ -17,6 +19,7 @@ from __future__ import annotations
 
 from rig.analysis.recorded.amplitude import Amplitudes, amplitudes
 from rig.analysis.recorded.comparison import Compared, compare
+from rig.analysis.recorded.events import Event, Events, events
 from rig.analysis.recorded.hysteresis import Hysteresis, hysteresis
 from rig.analysis.recorded.portrait import Portrait, Section, portrait
 from rig.analysis.recorded.pressure import Pressure, pressure
@@ -28,6 +31,8 @@ from rig.analysis.recorded.stick_slip import StickSlip, stick_slip
 __all__ = [
     "Amplitudes",
     "Compared",
+    "Event",
+    "Events",
     "Hysteresis",
     "Orders",
     "Portrait",
@@ -40,6 +45,7 @@ __all__ = [
     "StickSlip",
     "amplitudes",
     "compare",
+    "events",
     "hysteresis",
     "orders",
     "portrait",

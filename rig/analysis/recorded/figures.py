@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.recorded.against_scene import AgainstScene, Pair
 from rig.analysis.recorded.comparison import Compared
+from rig.analysis.recorded.events import Events
 from rig.analysis.recorded.hysteresis import Hysteresis
 from rig.analysis.recorded.portrait import Portrait, Section
 from rig.analysis.recorded.pressure import Pressure
@@ -31,7 +32,7 @@ from rig.record.run import Reals
 from rig.record.statistics import whole_signals
 from rig.view import curves
 from rig.view.curves import plain, thinned
-from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, VERMILION, page
+from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, SKY, VERMILION, page
 from rig.view.pressure import draw_map, draw_scale
 
 if TYPE_CHECKING:
@@ -354,6 +355,61 @@ def sound_figure(sound: Sound) -> Figure:
         level.set(ylabel=f"level [{sound.reference}]", xlabel="time [s]", xlim=(sound.times[0], sound.times[-1]))
         level.set_ylim(max(float(np.percentile(sound.tone, 1.0)) - 5.0, float(sound.level.max()) - 120.0), None)
         level.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
+    return figure
+
+
+def events_figure(events: Events) -> Figure:
+    """Draw the events in the spectrogram, frequency and growth over a condition or time, and beside eigenvalues."""
+    sweep = events.sweep
+    with page(14.0, 9.0, f"{events.scene}: events of {plain(events.name)}", layout="constrained") as figure:
+        grid = figure.add_gridspec(2, 3 if sweep else 2)
+        heard = figure.add_subplot(grid[0, :])
+        t, f, levels = events.times, events.frequencies, events.spectrum
+        top = max((1.5 * event.frequency for event in events.events), default=float(f[-1]))
+        shown = f <= max(top, f[min(40, f.size - 1)])
+        rows, every = (max(-(-size // most), 1) for size, most in ((t.size, _COLUMNS // 2), (int(shown.sum()), 500)))
+        best = max(float(np.nanmax(levels, initial=0.0)), 30.0)
+        _levels(heard, t[::rows], f[shown][::every], levels[::rows, shown][:, ::every].T, best, "level over noise [dB]")
+        for event in events.events:
+            heard.plot([event.begin, event.end], [event.frequency] * 2, color=SKY, lw=1.0, marker="|", ms=9)
+        heard.set(xlabel="time [s]", ylabel="frequency [Hz]", title=f"windows of {1e3 * events.window:.4g} ms")
+        beside = events.beside or next(iter(events.others), "")
+        x = np.array([event.at[beside] if beside else event.begin for event in events.events])
+        f_events = np.array([event.linear for event in events.events])
+        rise = np.array([[event.growth, event.low, event.high] for event in events.events]).reshape(-1, 3)
+        wide = np.abs(rise[:, 1:].T - rise[:, 0])
+        label = f"{plain(beside)} [{events.others[beside]}]" if beside else "time [s]"
+        frequency, growth = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])
+        mark: dict[str, Any] = {"color": ALARM, "fmt": "o", "ms": 4.5, "lw": 1.0, "capsize": 2.5, "label": "event"}
+        panels = [(frequency, x, f_events, None, None), (growth, x, rise[:, 0], wide, None)]
+        if sweep:
+            locus = figure.add_subplot(grid[1, 2])
+            panels.append((locus, rise[:, 0], f_events, None, wide))
+            values = np.array(sweep.axis.values)
+            for number, (g, h) in enumerate(zip(sweep.growth.T, sweep.frequency.T)):
+                name = f"eigenvalue of {sweep.scene}" if not number else None
+                for axes, across, up in ((frequency, values, h), (growth, values, g), (locus, g, h)):
+                    axes.plot(across, up, color=BLUE, lw=1.2, marker=".", ms=3, label=name, zorder=1)
+            locus.axvline(0.0, color=GREY, lw=0.8, ls=":")
+            locus.set(xlabel="growth [1/s]", ylabel="frequency [Hz]", title="root locus")
+        for axes, across, up, up_error, across_error in panels:
+            axes.errorbar(across, up, up_error, across_error, **mark)
+        if sweep:  # modes far from the events would hide them
+            high = rise[:, 1:][np.isfinite(rise[:, 1:])]
+            low = min(0.0, *(events.eigenvalue(event)[1] for event in events.events))
+            span = (
+                low - 0.3 * abs(low),
+                1.3 * max(float(high.max(initial=0.0)), np.nanmax(sweep.largest, initial=0.0)),
+            )
+            ends = (0.5 * float(f_events.min()), 1.5 * float(f_events.max()))
+            growth.set_ylim(*span)
+            locus.set(xlim=span, ylim=ends)
+            frequency.set_ylim(*ends)
+        growth.axhline(0.0, color=GREY, lw=0.8, ls=":")
+        frequency.set(xlabel=label, ylabel="frequency [Hz]")
+        growth.set(xlabel=label, ylabel="growth [1/s]", title="growth with its interval of 90 %")
+        if events.events:
+            frequency.legend(loc="best")
     return figure
 
 

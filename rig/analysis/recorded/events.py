@@ -1,0 +1,444 @@
+"""Vibration events of a channel: when a tone rises out of the noise, how fast it grows, at which speed and load.
+
+A window moves over the channel. The noise of a line of its spectrum is that of the quietest fifth of the windows, in
+the middle of the lines around it. A line with a noise of its own, such as a resonance, keeps that. An event begins with
+a power that noise reaches once in a hundred recordings, and lasts while the tone stands 5 dB out of the noise. What a
+tone spreads over other lines, and tones at multiples of its frequency, belong to it.
+
+The growth rate, and the rate of the decay, are those of rig.analysis.recorded.growth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.recorded.growth import grown, mixed
+from rig.analysis.recorded.series import Series, drive, known, scene_name, series, vibration
+from rig.errors import SceneError, Untrusted, UsageError
+from rig.printable import columns, counted
+from rig.record.run import Reals, Run
+from rig.results import Result, csv_text
+from rig.units import same_unit
+
+if TYPE_CHECKING:
+    from rig.analysis.sweep import Sweep
+    from rig.scenes.scene import Scene
+
+Floats = NDArray[np.float32]
+_QUIET, _LINES = 0.2, 25  # share of the windows that count as quiet; lines around one whose middle is its noise
+_ONCE, _LOW = 0.01, 10.0**0.5  # times that noise begins an event in a recording; ratio below which one ends
+_DEPTH = 1e-7  # of the largest power: less is not examined
+_WINDOW, _PERIODS, _STEPS = 0.040, 8.0, 4  # s; periods of the tone in a window; steps in its length
+_LOWEST = 3  # line of the lowest tone
+_REACH, _BRIDGE = 2, 3  # lines by which a tone may move in a step; steps without it that do not end an event
+_CHUNK = 1 << 22  # samples transformed at once
+_POINTS = 41  # of the eigenvalues over speed or load
+_HARMONICS, _HIDDEN = 8, 1e-4  # highest order of a harmonic; power beside a stronger tone, less is hidden
+_THIRD = 2.0 ** (1.0 / 6.0) - 2.0 ** (-1.0 / 6.0)  # of the frequency: width of a third of an octave
+
+
+_THROUGHOUT = "a tone without quiet time before and after it is compared with the lines beside it"
+
+
+class Event(NamedTuple):
+    """From `begin` to `end` [s]: frequency [Hz], RMS in the unit of the channel, level over the noise [dB].
+
+    The level compares with the noise in a third of an octave. `growth` [1/s] with its interval of 90 %, `low` to
+    `high`, the frequency during the growth `growing` [Hz], and `decay` [1/s] at the end; NaN where the recording does
+    not contain them. `cut`: "begin", "end" or "both" if the event goes on there beyond the recording or into a gap.
+    `harmonics`: number of tones at multiples of the frequency. `at`: means of other channels from the begin to the end
+    of the growth, by name.
+    """
+
+    begin: float
+    end: float
+    frequency: float
+    rms: float
+    level: float
+    growth: float
+    low: float
+    high: float
+    growing: float
+    decay: float
+    cut: str
+    harmonics: int
+    at: dict[str, float]
+
+    @property
+    def linear(self) -> float:
+        """The frequency to compare with that of an eigenvalue [Hz]: that during the growth, if it is known."""
+        return self.growing if math.isfinite(self.growing) else self.frequency
+
+
+class _Track(NamedTuple):
+    """A tone in the windows `first` to `last`, strongest in `line`; `path`: window and line of each step."""
+
+    first: int
+    last: int
+    line: int
+    path: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Events(Result):
+    """The result of `events`. `window` [s]; `lowest`: lowest frequency of a tone [Hz]; `others`: name -> unit of the
+    channels of `Event.at`. `times` [window], `frequencies` [line], `spectrum` [window, line]: dB over the noise.
+    """
+
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:events_figure"
+
+    scene: str
+    name: str
+    unit: str
+    events: tuple[Event, ...]
+    window: float
+    lowest: float
+    others: dict[str, str]
+    times: Reals
+    frequencies: Reals
+    spectrum: Floats
+    notes: str = ""
+    sweep: Sweep | None = None
+    """Eigenvalues of a scene over a key whose values are the channel `beside`."""
+    beside: str = ""
+
+    def text(self) -> str:
+        """Return the report as text."""
+        head = f"{self.scene}: {counted(len(self.events), 'event')} of {self.name} [{self.unit}]"
+        lines = [f"{head}; tones above {self.lowest:.4g} Hz, windows of {1e3 * self.window:.4g} ms"]
+        lines += [f"  {self.notes}"] if self.notes else []
+        if not self.events:
+            return "\n".join([*lines, "  no tone rises out of the noise"])
+        rows = [("begin s", "end s", "frequency Hz", f"RMS {self.unit}", "over noise dB", "growth 1/s", "90 %",
+                 "growing Hz", "decay 1/s", *(f"{name} {unit}" for name, unit in self.others.items()),
+                 *(("scene Hz", "scene 1/s") if self.sweep else ()), "")]  # fmt: skip
+        for e in self.events:
+            interval = f"{e.low:.4g} .. {e.high:.4g}" if math.isfinite(e.low) else ""
+            notes = [f"cut at {'begin and end' if e.cut == 'both' else f'the {e.cut}'}"] if e.cut else []
+            notes += [counted(e.harmonics, "harmonic")] if e.harmonics else []
+            rows.append((f"{e.begin:.4f}", f"{e.end:.4f}", f"{e.frequency:.2f}", f"{e.rms:.4g}", f"{e.level:.1f}",
+                         _number(e.growth), interval, _number(e.growing, 6), _number(e.decay),
+                         *map(_number, e.at.values()), *(map(_number, self.eigenvalue(e)) if self.sweep else ()),
+                         ", ".join(notes)))  # fmt: skip
+        return "\n".join([*lines, *columns(rows, ">" * (len(rows[0]) - 1) + "<")])
+
+    def over(self, scene: Scene, key: str = "drive.speed") -> Events:
+        """Return the events with the eigenvalues of a scene over `key`, whose values are a channel of `Event.at`.
+
+        Raises UsageError without a channel in the unit of the key, SceneError for a key that the scene does not have.
+        """
+        from rig.analysis.axis import Axis, numbers, unknown
+        from rig.analysis.sweep import sweep
+
+        keys = numbers(scene, ())
+        if key not in keys:
+            raise SceneError(scene.name, [unknown(key, keys, scene)])
+        beside = next((name for name, unit in self.others.items() if same_unit(unit, keys[key])), None)
+        if beside is None:
+            told = ", ".join(f"{name} [{unit}]" for name, unit in self.others.items()) or "none"
+            raise UsageError(
+                f"{key} [{keys[key]}]: no channel beside the events has this unit ({told}); name it (--at)"
+            )
+        values = [value for e in self.events if math.isfinite(value := e.at[beside])]
+        if not values:
+            raise UsageError(f"{self.name}: no event, so that there is nothing to compare with {scene.name}")
+        low, high = min(values), max(values)
+        margin = max(0.25 * (high - low), 0.2 * max(abs(low), abs(high)))
+        low = max(low - margin, 0.1 * low) if low > 0.0 else low - margin
+        axis = Axis.of(key, np.linspace(low, high + margin, _POINTS), scene)
+        return replace(self, sweep=sweep(scene, axis), beside=beside)
+
+    def eigenvalue(self, event: Event) -> tuple[float, float]:
+        """Frequency [Hz] and growth [1/s] of the scene at an event, of the mode next in frequency; NaN without."""
+        if self.sweep is None or not math.isfinite(x := event.at[self.beside]):
+            return math.nan, math.nan
+        values = np.array(self.sweep.axis.values)
+        modes = [
+            (float(np.interp(x, values, f)), float(np.interp(x, values, growth)))
+            for f, growth in zip(self.sweep.frequency.T, self.sweep.growth.T)
+        ]
+        known = [mode for mode in modes if math.isfinite(mode[0] + mode[1])]
+        return min(known, key=lambda mode: abs(mode[0] - event.linear), default=(math.nan, math.nan))
+
+    def to_json(self) -> dict[str, Any]:
+        """The events as plain values for JSON."""
+        return {"scene": self.scene, "channel": self.name, "unit": self.unit, "window": self.window,
+                "lowest": self.lowest, "notes": self.notes, "events": [event._asdict() for event in self.events],
+                "over": self.sweep and self.sweep.to_json()}  # fmt: skip
+
+    def csv(self) -> str:
+        """The events as CSV."""
+        units = ("s", "s", "Hz", self.unit, "dB", "1/s", "1/s", "1/s", "Hz", "1/s", "", "")
+        head = [f"{name} {unit}".strip() for name, unit in zip(Event._fields, units)]
+        head += [f"{name} {unit}" for name, unit in self.others.items()]
+        return csv_text(head, ([*event[:-1], *event.at.values()] for event in self.events))
+
+
+def _number(value: float, digits: int = 4) -> str:
+    return f"{value:.{digits}g}" if math.isfinite(value) else "-"
+
+
+def events(
+    run: Run,
+    name: str = "",
+    at: Sequence[str] | None = None,
+    window: float = 0.0,
+    first: float = 0.0,
+    last: float = math.inf,
+    over: Scene | None = None,
+    key: str = "drive.speed",
+) -> Events:
+    """Find the vibration events of a channel from `first` to `last` [s].
+
+    `name`: the channel; default: a sensor that measures vibration. `at`: channels whose means during the growth are
+    told; default: speed of the drive, load and temperature, as far as the recording has them. `window`: length of the
+    windows [s]; default: 40 ms, or eight periods of the strongest tone. `over`: a scene whose
+    eigenvalues over `key` are compared with the events (`Events.over`). Raises UsageError, and SceneError for the key.
+    """
+    channel = series(run, name or vibration(run), first, last)
+    named = conditions(run, channel.name) if at is None else at
+    others = {other.name: other for other in (series(run, beside, first, last) for beside in named)}
+    v = channel.v - np.nanmean(channel.v)
+    length = round((window or _window_of(v, channel.rate)) * channel.rate)
+    if length < 16 or v.size < 8 * length:
+        raise UsageError(
+            f"{channel.name}: {v.size} samples at {channel.rate:g} Hz are too few for windows of "
+            f"{length / channel.rate:.3g} s, of which eight are needed with 16 samples each; give another --window, a "
+            "longer time span, or a channel with a higher rate"
+        )
+    hop = max(length // _STEPS, 1)
+    power = _spectra(v, channel.rate, length, hop)
+    heard = np.isfinite(power[:, 0])
+    if heard.sum() < 8:
+        raise UsageError(
+            f"{channel.name}: {channel.notes()}; fewer than eight windows of {length / channel.rate:.3g} s are "
+            "complete; give a shorter --window"
+        )
+    times = np.asarray(channel.start + (0.5 * length + hop * np.arange(len(power))) / channel.rate, np.float64)
+    frequencies = np.arange(power.shape[1], dtype=np.float64) * (channel.rate / length)
+    floor = _floor(power[heard])
+    shown = 10.0 * np.log10(np.maximum(power / floor, 1e-3)).astype(np.float32)
+    sought = _Search(channel, v, times, frequencies, floor, length / channel.rate)
+    tones = [tone for track in _tracks(power, floor) if (tone := sought.tone(track)) is not None]
+    made = sorted(
+        (sought.event(tone, count, tones, others) for tone, count in _families(tones, channel.rate)),
+        key=lambda event: event.begin,
+    )
+    units = {key: other.unit for key, other in others.items()}
+    notes = [channel.notes(), _THROUGHOUT * any(event.cut == "both" for event in made)]
+    result = Events(scene_name(run), channel.name, channel.unit, tuple(made), sought.window,
+                    float(frequencies[_LOWEST]), units, times, frequencies, shown, "; ".join(filter(None, notes))
+    )  # fmt: skip
+    return result if over is None else result.over(over, key)
+
+
+def conditions(run: Run, name: str = "") -> list[str]:
+    """Return the channels of speed of the drive, load and temperature of a recording, as far as it has them."""
+    chosen, units = list[str](), known(run)
+    try:
+        chosen.append(drive(run))
+    except (UsageError, Untrusted):
+        pass
+    for kinds, words in (
+        (("m/s", "rad/s", "Hz"), ("speed", "rpm", "belt", "disc", "drive")),
+        (("N", "Pa"), ("load", "normal", "preload", "pressure")),
+        (("K", "degC"), ("",)),
+    ):
+        fitting = [
+            other for other, unit in units.items()
+            if unit in kinds and other != name and any(word in other.lower() for word in words)
+        ]  # fmt: skip
+        if fitting and not (chosen and kinds[0] == "m/s"):
+            chosen.append(fitting[0])
+    return chosen
+
+
+def _window_of(v: Reals, rate: float) -> float:
+    """The length of the windows: 40 ms, or so many periods of the strongest tone."""
+    from scipy.signal import welch
+
+    f, density = welch(np.nan_to_num(v), rate, nperseg=min(v.size // 2, 1 << 14))
+    strongest = _LOWEST + int(np.argmax((f * density)[_LOWEST:]))
+    return max(_WINDOW, min(_PERIODS / float(f[strongest]), v.size / rate / 12.0))
+
+
+def _spectra(v: Reals, rate: float, length: int, hop: int) -> Floats:
+    """Power density [window, line] of windows of that length; NaN where samples are missing."""
+    frames = np.lib.stride_tricks.sliding_window_view(v, length)[::hop]
+    weights = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    power = np.empty((len(frames), length // 2 + 1), np.float32)
+    for a in range(0, len(frames), rows := max(_CHUNK // length, 1)):
+        spectra = np.abs(np.fft.rfft(frames[a : a + rows] * weights)) ** 2
+        power[a : a + rows] = spectra * (2.0 / (rate * float(weights @ weights)))
+    return power
+
+
+def _floor(power: Floats) -> Reals:
+    """Density of the noise in each line."""
+    from scipy.ndimage import median_filter
+
+    low = np.quantile(power, _QUIET, axis=0) / -math.log(1.0 - _QUIET)  # of an exponential distribution
+    low = np.maximum(low, _DEPTH * float(power.max()))
+    floor = np.asarray(median_filter(low, min(_LINES, low.size), mode="nearest"), np.float64)
+    if len(power) >= 5 * _STEPS:  # the line's own noise: it jumps from window to window, a tone does not
+        quiet = np.log(np.maximum(power, np.finfo(np.float32).tiny))
+        bends = np.abs(quiet[: -2 * _STEPS] - 2.0 * quiet[_STEPS:-_STEPS] + quiet[2 * _STEPS :])
+        calm = power[_STEPS:-_STEPS] <= np.median(power, axis=0)
+        noisy = np.nanmedian(np.where(calm, bends, np.nan), axis=0) > 1.0
+        own = np.quantile(power, 0.05, axis=0) / -math.log(0.95)
+        floor = np.where(noisy, np.maximum(floor, own), floor)
+    return floor
+
+
+def _tracks(power: Floats, floor: Reals) -> Iterator[_Track]:
+    """The tones that stand out, the strongest first."""
+    over = np.nan_to_num(power / floor)
+    over[:, :_LOWEST] = 0.0
+    over[:, 1 - _STEPS :] = 0.0
+    limit = math.log(max(over.size, 2) / _ONCE)
+    rows, lines = np.nonzero(over > limit)
+    order = np.argsort(-power[rows, lines], kind="stable")
+    free = np.ones(over.shape, bool)
+    missing = ~np.isfinite(power[:, 0])
+    every = np.arange(over.shape[1])
+    for k, line in zip(rows[order], lines[order]):
+        if not free[k, line]:
+            continue
+        path, ends = [(int(k), int(line))], []
+        for way in (-1, 1):
+            where, place, missed, last = int(k), int(line), 0, int(k)
+            while 0 <= where + way < len(over) and missed <= _BRIDGE:
+                where += way
+                if missing[where]:
+                    continue
+                near = slice(max(place - _REACH, 0), place + _REACH + 1)
+                best = near.start + int(np.argmax(np.where(free[where, near], over[where, near], 0.0)))
+                if free[where, best] and over[where, best] > _LOW:
+                    place, missed, last = best, 0, where
+                    path.append((where, best))
+                else:
+                    missed += 1
+            ends.append(last)
+        path.sort()
+        for where, place in path:  # what the tone spreads over the lines where it begins or ends within a window
+            near = slice(max(where - _STEPS, 0), where + _STEPS + 1)
+            away = np.abs(every - place)
+            spread = 4.0 * float(power[where, place]) / np.maximum(math.pi * away, 1.0) ** 2
+            free[near] &= ~((away <= 2 * _REACH + 1) | (power[near] < spread))
+        yield _Track(ends[0], ends[1], int(line), tuple(path))
+
+
+class _Tone(NamedTuple):
+    """A track with `begin` and `end` [s], mean frequency [Hz], mean square, and density of the noise beside it."""
+
+    track: _Track
+    begin: float
+    end: float
+    frequency: float
+    square: float
+    density: float
+    cut: str
+
+
+class _Search(NamedTuple):
+    """What tones are measured in: the channel, its samples without their mean, windows, lines and their noise."""
+
+    channel: Series
+    v: Reals
+    times: Reals
+    frequencies: Reals
+    floor: Reals
+    window: float
+
+    def part(self, a: float, b: float) -> tuple[Reals, float]:
+        """The samples from `a` to `b` [s], and the time of the first one."""
+        rate, start = self.channel.rate, self.channel.start
+        i, j = (min(max(round((t - start) * rate), 0), self.v.size) for t in (a, b))
+        return self.v[i:j], start + i / rate
+
+    def tone(self, track: _Track) -> _Tone | None:
+        """The tone of a track; None if it is hardly longer than a sample of its amplitude."""
+        f, spacing = float(self.frequencies[track.line]), float(self.frequencies[1])
+        near = slice(max(track.line - _LINES // 2, 1), track.line + _LINES // 2 + 1)
+        density = float(np.median(self.floor[near]))
+        a, b = self.times[track.first] - 0.5 * self.window, self.times[track.last] + 0.5 * self.window
+        part, begin = self.part(a - 2.0 * self.window, b + 2.0 * self.window)
+        reach = 2 + max(abs(line - track.line) for _, line in track.path)
+        half = max(min(reach * spacing, 0.6 * f, 0.5 * self.channel.rate - f), spacing)
+        z, step, power = mixed(part, self.channel.rate, f, half)
+        t, size, noise = begin + step * np.arange(z.size), np.abs(z) ** 2, density * power
+        on = np.flatnonzero((size > 4.0 * noise) & (t > a) & (t < b))
+        if on.size < 2:
+            return None
+        inside = slice(on[0], on[-1] + 1)
+        turns = np.nansum(z[inside][1:] * z[inside][:-1].conj())
+        square = max(0.5 * (float(np.nanmean(size[inside])) - noise), np.finfo(float).tiny)
+        f += float(np.angle(turns)) / (2.0 * math.pi * step)
+        cut = self.cut(track)  # there the amplitude is not known to the end
+        begin = max(a, self.channel.start) if cut in ("begin", "both") else float(t[on[0]])
+        end = min(b, float(self.channel.t[-1])) if cut in ("end", "both") else float(t[on[-1]])
+        return _Tone(track, begin, end, f, square, density, cut)
+
+    def event(self, tone: _Tone, harmonics: int, tones: list[_Tone], others: dict[str, Series]) -> Event:
+        """The event of a tone."""
+        f, begin, end, rate = tone.frequency, tone.begin, tone.end, self.channel.rate
+        aside = min((abs(other.frequency - f) for other in tones
+                     if other is not tone and other.begin <= end and other.end >= begin), default=math.inf)  # fmt: skip
+        half = max(min(0.6 * f, 0.5 * rate - f, 0.6 * aside), float(self.frequencies[1]))
+        lead = 0.5 * (end - begin) + 4.0 * self.window
+        part, start = self.part(begin - lead, end + lead)
+        seconds = part.size / rate
+        growth = grown(part, rate, f, tone.density, begin - start, end - start, half)
+        decay = grown(part[::-1], rate, f, tone.density, seconds - (end - start), seconds - (begin - start), half)
+        until = max(start + growth.knee if growth else end, begin + 2.0 * self.window)
+        means = {}
+        for key, other in others.items():
+            here = other.v[(other.t >= begin) & (other.t <= until)]
+            means[key] = float(np.nanmean(here)) if np.isfinite(here).any() else math.nan
+        band = tone.density * min(_THIRD * f, 0.5 * rate)
+        rise = (*growth[:3], f + growth.offset) if growth else (math.nan,) * 4
+        level = 10.0 * math.log10(tone.square / band)
+        return Event(begin, end, f, math.sqrt(tone.square), level, *rise, -decay.rate if decay else math.nan, tone.cut,
+                     harmonics, means)  # fmt: skip
+
+    def cut(self, track: _Track) -> str:
+        """Which ends of a tone lie at an end of the recording or at a gap: "", "begin", "end", "both"."""
+        ends, rate = list[bool](), self.channel.rate
+        for at, way in ((track.first, -1), (track.last, 1)):
+            centre = (self.times[at] - self.channel.start) * rate
+            beyond = round(centre + way * (0.5 + 1.0 / _STEPS) * self.window * rate) + way
+            near = self.v[max(min(round(centre), beyond), 0) : max(round(centre), beyond)]
+            ends.append(not 0 <= beyond <= self.v.size or not np.isfinite(near).all())
+        return "both" if all(ends) else "begin" if ends[0] else "end" if ends[1] else ""
+
+
+def _families(tones: list[_Tone], rate: float) -> Iterator[tuple[_Tone, int]]:
+    """The tones without the harmonics of others, also those above half of the rate, and how many each has.
+
+    Also left out are those beside a far stronger tone, which a rig that is not linear spreads over the spectrum.
+    """
+    tones = sorted(tones, key=lambda tone: tone.frequency)
+    orders = np.arange(2, _HARMONICS + 1)
+    bases = dict[int, tuple[int, int]]()
+    for i, tone in enumerate(tones):
+        for k, base in enumerate(tones):
+            shared = min(tone.end, base.end) - max(tone.begin, base.begin)
+            if k == i or k in bases or shared < 0.5 * (tone.end - tone.begin):
+                continue
+            folded = np.abs((orders * base.frequency + 0.5 * rate) % rate - 0.5 * rate)
+            near = np.abs(folded - tone.frequency) * min(tone.end - tone.begin, base.end - base.begin) < 2.0 * orders
+            if near.any() and (tone.frequency > base.frequency or tone.square < 0.1 * base.square):
+                bases[i] = k, int(orders[np.argmax(near)])
+                break
+            if tone.square < _HIDDEN * base.square:
+                bases[i] = k, 1
+                break
+    for i, tone in enumerate(tones):
+        if i not in bases:
+            yield tone, len({order for k, order in bases.values() if k == i and order > 1})
