@@ -137,10 +137,10 @@ def test_a_live_recording_is_continued(name, tmp_path):
 
 
 def test_the_protocol_goes_on_and_without_steps_a_duration_is_needed(tmp_path):
-    scene = rig.load("lever_three_stage")
+    scene = rig.load("belt")
     log = recorded(tmp_path, rig.simulate(scene, 1.0))
     assert branch(log, 0.5).time[-1] == pytest.approx(scene.duration_ns * 1e-9)
-    log = recorded(tmp_path, rig.simulate(dataclasses.replace(rig.load("belt"), protocol=()), 0.2))
+    log = recorded(tmp_path, rig.simulate(dataclasses.replace(scene, protocol=()), 0.2))
     with pytest.raises(UsageError, match="state a duration"):
         branch(log)
 

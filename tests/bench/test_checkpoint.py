@@ -125,20 +125,6 @@ def test_without_a_checkpoint_that_can_be_used_it_is_simulated_from_the_begin_on
     assert compare(tuned, found).identical
 
 
-def test_a_film_keeps_no_checkpoint(monkeypatch):
-    scene = rig.load("plate_96")
-    kept(monkeypatch, scene, 0.002, 2)
-    assert not rig.simulate(scene, 0.002).checkpoints
-
-
-def test_after_a_limit_no_checkpoint_is_kept(monkeypatch):
-    scene = rig.load("belt", {"friction.mu_static": "0.45", "limits.displacement": "1 mm"})
-    kept(monkeypatch, scene, 0.2)
-    run = rig.simulate(scene, 5.0)
-    at = next(event["tick"] for event in run.events if event["kind"] == "limit")
-    assert max(run.checkpoints, default=0) <= at
-
-
 def test_a_checkpoint_holds_numbers_only():
     arrays = {"x": np.array([1.0, -0.0, np.nan]), "key": np.array([[3, 4]]), "pole": np.array([1j])}
     found = unpacked(packed(arrays))

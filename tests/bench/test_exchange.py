@@ -76,14 +76,6 @@ def test_a_missing_command_is_held_then_replaced_by_the_safe_value(loop):
     assert loop.kinds() == ["safe", "back"]
 
 
-def test_a_slow_controller_is_not_silent_between_its_commands(loop):
-    loop.exchange.admit("slow", ["drive.speed"], 100 * MS)
-    for tick in range(1000):
-        loop.at(tick, *([(tick, 0.001 * tick)] if tick % 100 == 0 else []), name="slow")
-    counts = loop.exchange.queues["slow"].counts
-    assert (counts.held, counts.safe) == (0, 0)
-
-
 @pytest.mark.parametrize(("given", "applied"), [(1e9, 100.0), (-5.0, 0.0), (100.0, 100.0)])
 def test_out_of_range_is_clamped_and_counted(loop, given, applied):
     loop.at(0, (0, given))

@@ -55,13 +55,6 @@ def test_a_parameter_set_at_tick_0_is_in_the_first_sample():
     assert np.allclose(run.signals["acceleration"], known.signals["acceleration"], rtol=1e-12, atol=0.0)
 
 
-def test_values_set_as_they_are_change_nothing():
-    plain = simulate(with_protocol("belt"), {})
-    again = simulate(with_protocol("belt", put("friction.mu_static", 0.5)), {})
-    for name, known in plain.signals.items():
-        assert again.signals[name].tobytes() == known.tobytes()
-
-
 def test_a_wait_that_comes_first_is_judged_by_the_first_sample():
     wait = {"step": "wait", "sensor": "vibrometer", "above": 0.05, "timeout": 1.0}
     run = simulate(with_protocol("belt", wait, put("drive.speed", 0.1)), {})

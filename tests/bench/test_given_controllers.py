@@ -74,19 +74,6 @@ def test_the_delay_of_a_replaced_controller_stays(tmp_path):
     assert verify(tmp_path / "run.mcap").passed
 
 
-def test_the_protocol_connects_a_guest_that_replaces_a_controller(tmp_path):
-    scene = rig.load("pendulum")
-    (name,) = scene.controllers
-    guest = Feedback(0.0)
-    guest.reads = (next(iter(scene.sensors)),)
-    run = rig.simulate(scene, 9.0, controllers={name: guest})
-    connected = next(event["t_ns"] for event in run.plant_events if event["kind"] == "connected")
-    assert connected > 0
-    assert run.commands[name].tick[0] * run.frame_ns >= connected
-    save(run, tmp_path / "run.mcap")
-    assert verify(tmp_path / "run.mcap").passed
-
-
 def test_a_system_of_python_control_becomes_a_table_of_the_scene(own, tmp_path):
     gain = control.ss([], [], [], [[-200.0]], 1e-3, inputs="vibrometer", outputs="load_force")
     scene = rig.load("belt_normal_force", {"controllers.nf.delay": "0 s"})
@@ -147,6 +134,8 @@ def system(step, **names):
      ({"x": Pressing()}, UsageError, "load.force: is driven by nf already"),
      ({"nf": "./nf.json"}, UsageError, "nf: ./nf.json is a file, and the scene is loaded already"),
      ({"nf": control.tf([1.0], [1.0, 1.0], **NAMED)}, UsageError, r"nf: is continuous; control.c2d\(system, period"),
+     ({"nf": control.frd([1.0, 2.0], [1.0, 2.0])}, UsageError, "nf: a FrequencyResponseData .* is not a linear"),
+     ({"x": lambda t: t}, UsageError, "x: Controller has no reads"),
      ({"nf": control.ss(0.5, 1.0, 1.0, 0.0, 1e-3)}, UsageError, "does not name its 1 inputs; drives: is missing"),
      ({"nf": system(1e-3, inputs="laser")}, SceneError, 'reads.1. = "laser": unknown sensor'),
      ({"b": system(1e-3)}, SceneError, "controllers.nf and controllers.b: both drive load.force")],

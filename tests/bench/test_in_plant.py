@@ -96,24 +96,17 @@ def test_operators_tune_it_ask_it_and_are_refused_as_by_any_controller():
     assert dict(zip(total.sent_topic, total.sent))["event/nf"] == len(said)
 
 
-@pytest.mark.parametrize(("pace", "how"), [(None, "raises"), (2.0, "answers nonsense")])
-def test_one_that_fails_leaves_and_safe_values_step_in(monkeypatch, pace, how):
+def test_one_that_fails_leaves_and_safe_values_step_in(monkeypatch):
     sound = feedback.on_measured
 
     def update(constants, state, t_ns, values):
         if t_ns < 300_000_000:
             return sound(constants, state, t_ns, values)
-        if how == "raises":
-            raise ZeroDivisionError("there is no such force")
         return state, (1.0, 2.0)
 
     monkeypatch.setattr(feedback, "on_measured", update)
-    bench, heard = ran(scenes.load("belt_normal_force", IN_PLANT), pace=pace, duration=0.6)
-    why = (
-        "controller nf failed at t = 0.3 s: ZeroDivisionError: there is no such force"
-        if how == "raises"
-        else "NormalForceFeedback.update commands (1.0, 2.0); expected a tuple with one number for each of load.force"
-    )
+    bench, heard = ran(scenes.load("belt_normal_force", IN_PLANT), pace=2.0, duration=0.6)
+    why = "NormalForceFeedback.update commands (1.0, 2.0); expected a tuple with one number for each of load.force"
     said = events(heard, "nf")
     assert [kind for kind, *_ in said] == ["fault", "left"]
     assert why in said[0][1]
@@ -196,10 +189,3 @@ def test_a_guest_that_wants_every_frame_makes_pieces_of_one(monkeypatch):
     assert {*range(admitted // 30 * 30 + 30, 5001, 3)} <= {*ticks}
     assert [tick % 10 for tick in ticks if tick < admitted] == [0] * sum(tick < admitted for tick in ticks)
     assert bench.summary["ticks"] == 5000
-
-
-def test_a_scene_that_does_not_say_where_is_read_as_before():
-    raw = json.loads(scenes.load("belt_normal_force").to_json())
-    assert raw["controllers"]["nf"].pop("where") == "process"
-    assert Scene.from_json(json.dumps(raw)).in_plant == frozenset()
-    assert scenes.load("belt_normal_force", IN_PLANT).in_plant == {"nf"}

@@ -68,18 +68,6 @@ def test_the_states_of_all_ticks_are_those_of_a_run_in_one_process(scene):
     assert 0.0 < bench.summary["round_trip"]["p50"] <= bench.summary["round_trip"]["max"]
 
 
-def test_every_message_has_the_time_of_its_tick(scene, monkeypatch):
-    monkeypatch.setattr("rig.bus.messages.WAITS_NS", 0)  # batches are sent while the compiled loop asks
-    with Bench(scene, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
-        told = {name: bench.me.subscribe(name) for name in ("applied/nf", "state", "step")}
-        bench.controller()
-        bench.begin()
-        bench.finish()
-        times = {name: [message.t_ns // scene.frame_ns for message in heard.drain()] for name, heard in told.items()}
-    times["step"] = once(times["step"])
-    assert times == {"applied/nf": [*range(1, 301)], "state": [*range(0, 301, 5)], "step": [*range(300)]}
-
-
 def test_unusual_answers_are_handled_at_their_ticks(scene):
     odd = {100: (math.nan,), 150: (), 160: (1.0, 2.0), 170: (1e9,), 171: (-math.inf,)}
     bench, heard = played(scene, lambda tick: odd.get(tick, (20.0 + tick % 5,)))

@@ -16,7 +16,6 @@ from rig.bench.run import checkpoint
 from rig.bench.run.simulate import Recorded, simulate
 from rig.bus import messages
 from rig.bus.impaired_link import HeardSensor
-from rig.gym.episode import Episode
 from rig.record.compare import compare
 from rig.record.replay import RebuiltTraffic
 from rig.scenes.scene import Scene
@@ -152,21 +151,3 @@ def test_in_lockstep_and_in_the_plant_it_has_the_same_bits_and_the_steps_hold_wh
         assert np.array(one.values).tobytes() == np.array(other.values).tobytes()
     inside = rig.simulate(belt(BAD | {"controllers.nf.where": "plant"}), 1.0)
     assert bits(inside) == bits(bad)
-
-
-def test_an_agent_hears_over_the_links_and_a_reset_connects_them_anew():
-    def heard(episode, seed):
-        first = episode.reset(seed)
-        return [first, *(episode.step([20.0]).observation for _ in range(150))]
-
-    links = {key: value for key, value in BAD.items() if "meas" in key}
-    poor, whole = (
-        Episode(belt(about), {"vibrometer": (-1.0, 1.0)}, {"load.force": (0.0, 100.0)}, lambda now: 0.0, duration=0.2)
-        for about in (links, {})
-    )
-    one = heard(poor, 5)
-    assert heard(poor, 5) == one
-    measured = [value for (value,) in heard(whole, 5)]
-    over = HeardSensor(poor.scene.links("meas", 5)["vibrometer"])
-    expected = [(over.tick(tick, [value]), over.latest)[1] for tick, value in enumerate(measured)]
-    assert [value for (value,) in one] == [0.0 if np.isnan(value) else value for value in expected]

@@ -10,7 +10,7 @@ from rig import scenes
 from rig.bench.live import status
 from rig.bench.live.supervise import EventLines
 from rig.bus import encode, messages
-from rig.bus.topics import HEADER, Arrived, Count
+from rig.bus.topics import HEADER, Arrived
 from rig.errors import UsageError
 
 
@@ -74,25 +74,6 @@ def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, m
         assert kinds[-3:] == ["admitted", "dismissed", "admitted"]
 
 
-def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene):
-    """A recording has one number of commands for each name; who has not commanded yet may come again with more."""
-    with Bench(scene, pace=None) as bench:
-        experiment, both = bench.plant.experiment, ["drive.speed", "load.force"]
-        experiment.dismiss("nf")  # its load is free
-        for drives in (both, ["drive.speed"]):
-            experiment.admit("mine", drives, scene.frame_ns)
-            experiment.dismiss("mine")
-        experiment.admit("mine", ["drive.speed"], scene.frame_ns)
-        experiment.exchange.receive("mine", 0, (0.1,))
-        experiment.exchange.take_over()
-        experiment.dismiss("mine")
-        events = len(experiment.journal.events)
-        with pytest.raises(UsageError, match=r"commanded 1 actuators before .* would now command 2; .* another name"):
-            experiment.admit("mine", both, scene.frame_ns)
-        assert len(experiment.journal.events) == events
-        experiment.admit("mine", ["load.force"], scene.frame_ns)
-
-
 def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
     with Bench(scene, duration=60.0) as bench:
         bench.begin()
@@ -149,29 +130,6 @@ def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(
         assert refused["guest-2 on act/mine: another one commands there"] == 2
 
 
-def test_a_guest_under_a_made_up_role_is_not_missed(scene):
-    with Bench(scene, pace=None, expect=(("recorder", "r"),)) as bench:
-        plant, housekeeper, open_ = bench.plant, bench.plant.housekeeper, bench.twin.open
-        first = [open_("recorder", "r"), open_("controller", "early")]
-        for session in first:
-            session.announce()
-        housekeeper.notice()
-        housekeeper.begin(0, None)
-        plant.experiment.admit("mine", ["drive.speed"], scene.frame_ns)
-        plant.session.inbound.reserved = frozenset({"recorder"})
-        late = [("controller", "t0"), ("recorder", "rr"), ("controller", "mine"), ("recorder", "recorder")]
-        for session in (others := [open_(*who) for who in late]):
-            session.announce()
-        housekeeper.notice()
-        for session in (*first, *others):
-            session.close()
-        housekeeper.notice()
-        told = [fault.partition(" left at")[0] for fault in housekeeper.faults]
-        assert told == ["recorder r", "controller early", "controller mine", "recorder"]
-        noted = [event.text for event in plant.experiment.journal.events if event.kind == "left"]
-        assert any("controller t0 left" in text for text in noted)
-
-
 def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, monkeypatch):
     monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 100.0)
     with Bench(scene, pace=None, duration=0.1) as bench:
@@ -222,26 +180,6 @@ def test_a_recorder_that_is_behind_is_waited_for_while_it_catches_up_but_not_for
     assert bench.summary["unknown"] == unknown
     assert bench.summary["lost"] == {}
     assert (bench.summary["faults"] == []) == (not unknown)
-
-
-def test_a_backlog_is_no_flood(scene):
-    """A controller that was held up answers every step that waited for it, once."""
-    with Bench(scene, pace=None) as bench:
-        hub = bench.plant.hub
-        count = hub.commands.acts.counts["act/nf"] = Count()
-
-        def told(steps, commands):
-            hub.commands.steps.sent += steps
-            hub.commands.last_step += steps
-            count.received += commands
-            return hub.commands.floods()
-
-        assert told(200, 200) == []
-        assert [told(200, 0) for _ in range(15)] == [[]] * 15
-        assert told(211, 1869) == []
-        assert told(200, 1542) == []
-        assert told(200, 1800) == []
-        assert told(200, 2000) == ["controller nf sent 2000 commands for 200 steps"]
 
 
 def test_only_the_plant_tells_that_the_run_is_over():

@@ -14,7 +14,7 @@ import rig
 from rig import scenes
 from rig.bench.again.verify import verify
 from rig.bench.live import supervise
-from rig.bench.live.outcome import Job, Outcome
+from rig.bench.live.outcome import Outcome
 from rig.bench.live.plant_process import warm
 from rig.bench.live.timing import Timing
 from rig.bus.run_setup import Setup
@@ -100,36 +100,6 @@ def test_file_and_account_of_the_recorder_are_compared_with_the_run(runs, good, 
     assert again.summary["verdict"] == again.to_json()["verdict"] == ("DEGRADED" if told else "VALID")
     assert ("nothing lost" in again.summary["reasons"]) == (not told)
     assert ("rig recover" in again.text()) == (not isinstance(lies, dict))
-
-
-class Slow:
-    """A recorder that takes its time, and then ends."""
-
-    name, code = "recorder", None
-
-    def __init__(self, seconds):
-        self.until, self.got = time.monotonic() + seconds, []
-
-    def wait(self, seconds):
-        time.sleep(min(seconds, 0.02))
-        return time.monotonic() > self.until
-
-    def send(self, number):
-        self.got.append(number)
-        self.until = 0.0
-
-
-def test_a_recorder_that_finishes_its_file_slowly_is_told_and_can_be_interrupted(tmp_path, scene, monkeypatch):
-    monkeypatch.setattr(supervise, "TELL_S", 0.1)
-    monkeypatch.setattr(supervise, "Child", lambda *_: Slow(0.0))
-    lines = []
-    team = supervise.RunProcesses(tmp_path, Job(scene.to_json()), None, False, False, lines.append)
-    team.name = "a run"
-    team.wait_for_file(Slow(0.3), [])
-    assert lines == ["waiting for the recorder, which finishes its file"]
-    recorder = team.others["recorder", "recorder"] = Slow(30.0)
-    team.wait_for_file(recorder, ["SIGINT", "SIGINT"])
-    assert recorder.got == [signal.SIGTERM]
 
 
 @pytest.fixture

@@ -219,3 +219,14 @@ def test_a_folder_that_may_not_be_written_is_told_before_the_run(runs, tmp_path,
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write everywhere
     with pytest.raises(UsageError, match=r"recordings/runs cannot be written: .*; name a file with --out"):
         supervise.run(scenes.load("belt"), duration=0.1, say=lambda _: None)
+
+
+def test_a_controller_from_a_file_that_answers_nonsense_in_the_rehearsal_does_not_end_it(tmp_path):
+    file = tmp_path / "nf.py"
+    file.write_text(
+        'class Controller:\n    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000\n'
+        "    def start(self): return 0\n"
+        "    def update(self, state, t_ns, values): return state, (20.0,) if t_ns < 10_000_000 else 20.0\n"
+    )
+    scene = scenes.load("belt", {"controllers.nf.kind": str(file)})
+    assert visited(scene, Job(scene.to_json(), run="r", duration=0.05))

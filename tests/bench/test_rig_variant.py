@@ -212,29 +212,6 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     assert again.output_values().tobytes() == runner.output_values().tobytes()
 
 
-def test_a_value_without_a_rig_is_told_and_not_taken(monkeypatch):
-    runner = PlantRunner(shorn("belt_shunt"))
-    journal = Journal(MS, lambda: runner.tick)
-    exchange = Exchange(runner, MS, 50, journal)
-    line = exchange.admit("mine", ["shunt.resistance"], MS)
-    builds = Builds(runner)
-    exchange.rebuild, before = CommandedRigs(runner, journal, builds), runner.values["shunt.resistance"]
-
-    def refused(wanted, after=None):
-        raise SceneError("shunt.resistance", ["cannot be had"])
-
-    monkeypatch.setattr(runner.variants, "build", refused)
-    for tick in range(3):
-        exchange.receive("mine", tick, (before + 1.0,))
-        exchange.take_over()
-        built_apart()
-        runner.frame()
-        assert line.values == (before,)
-    [told] = [event.text for event in journal.events if event.kind == "refused"]
-    assert "shunt.resistance" in told
-    assert "cannot be had" in told
-
-
 def test_commands_of_a_controller_whose_admission_was_not_recorded_end_in_words(tmp_path):
     scene = shorn("belt")
     ticks = np.arange(50, 90, dtype=np.int64)

@@ -41,12 +41,6 @@ def test_a_slider_that_runs_backwards_ends_at_the_rear_edge():
     assert said.count(" = ") < 20
 
 
-def test_a_run_that_outlasts_its_protocol_travels_on():
-    scene = load("plate", SMALL)
-    assert meets_edge(scene, 4.5) == ""
-    assert "by 4.7 s" in meets_edge(scene, 4.7)
-
-
 def test_a_command_says_so_before_it_runs(rig):
     changes = [f"-p{key}={value}" for key, value in SMALL.items()]
     code, _, said = rig("simulate", "plate", *changes, "-p", "slider.position=43.5 mm", "--duration", "0.2")

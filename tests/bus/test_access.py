@@ -126,16 +126,6 @@ def test_a_second_recorder_gets_a_name_of_its_own(plant):
             assert watch.wait_for("recorder", "recorder-1", 20.0)
 
 
-def test_when_all_seats_are_taken_it_says_so(plant):
-    seats = [address.take_user("guarded", "viewer", f"v{i}") for i in range(address.GUESTS)]
-    assert {seat.user for seat in seats} == {f"guest-{i + 1}" for i in range(address.GUESTS)}
-    with pytest.raises(BusError, match="accepts no further viewer v"):
-        bus.join("guarded", role="viewer", name="v")
-    seats[3].release()
-    with bus.join("guarded", role="viewer", name="v") as one:
-        assert one.user == seats[3].user
-
-
 def test_what_is_too_long_does_not_arrive_and_what_is_long_does(plant):
     events = plant.subscribe("event/*")
     with bus.join("guarded", role="controller", name="nf") as nf:

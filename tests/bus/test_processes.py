@@ -144,12 +144,6 @@ def test_a_name_that_cannot_be_a_key_or_a_socket_is_refused(runs, name, told):
         address.reserve(name)
 
 
-def test_a_directory_of_someone_else_is_refused(runs):
-    (runs / "friction-rig").symlink_to("/tmp")
-    with pytest.raises(BusError, match="does not belong to you"):
-        address.list_runs()
-
-
 def test_messages_of_another_version_are_refused(runs, monkeypatch):
     with bus.host("old") as plant, bus.join("old", role="controller", name="c") as one:
         watch, heard = plant.watch(), one.subscribe("step")

@@ -4,7 +4,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -59,18 +58,6 @@ def test_the_example_has_the_bits_of_a_run_in_one_process(example):
     assert run.summary["loop"]["plain"]["taken"] == 300
     assert run.summary["energy"] == here.energy
     assert run.summary["refused"] == {}
-
-
-def test_a_second_program_of_the_same_name_is_refused_with_the_reason(example):
-    with waiting_run("nobody") as run:
-        both = [example("wire"), example("wire")]
-        deadline = time.monotonic() + 20.0
-        while all(process.poll() is None for process in both) and time.monotonic() < deadline:
-            time.sleep(0.02)
-        (refused,) = [process for process in both if process.poll() is not None]
-        assert "the name 'plain' is taken in this run" in refused.communicate()[0]
-        assert refused.returncode == 1
-        run.end()
 
 
 def test_the_page_names_every_topic_that_a_program_meets():

@@ -18,7 +18,7 @@ from rig.bench.live.outcome import Job, Outcome
 from rig.bench.live.plant_process import carry_out
 from rig.cli import printing
 from rig.cli.app import program
-from rig.errors import Diverged, ExitCode
+from rig.errors import ExitCode
 from rig.record.reader import open as open_recording
 from rig.record.run import Run
 
@@ -160,16 +160,6 @@ def test_what_cannot_be_drawn_is_refused_before_the_run(rig, command):
         assert (code, said in err) == (2, True)
 
 
-def test_a_run_that_diverges_ends_with_code_4(rig, monkeypatch):
-    def diverge(*_):
-        raise Diverged("the state left its limit", 1.5, "slip+", {"x": 1e9})
-
-    monkeypatch.setattr(scenes, "load", diverge)
-    code, _, err = rig("explain", "belt")
-    assert code == 4
-    assert "at t = 1.5 s, in mode set slip+" in err
-
-
 def test_a_scene_that_is_too_slow_for_the_clock_is_refused_with_what_works(rig):
     code, _, err = rig("run", "brake_disc_modes")
     assert code == 2
@@ -298,13 +288,6 @@ def test_without_a_terminal_progress_is_a_line_now_and_then_with_rate_and_remain
             show(done, 40)
     told = ["rows: 21 of 40, 2/s, about 10 s left", "rows: 32 of 40, 2/s, about 4 s left", "rows: 40 of 40"]
     assert capsys.readouterr() == ("", "".join(f"{line}\n" for line in told))
-
-
-def test_a_slow_work_is_told_in_parts_per_minute_and_without_a_rate_nothing_is_estimated(capsys, clock):
-    with printing.bar("rows") as show:
-        for clock.now, done in ((0.0, 0), (6.0, 0), (120.0, 2)):
-            show(done, 400)
-    assert capsys.readouterr().err == "rows: 0 of 400\nrows: 2 of 400, 1/min, about 7 h left\n"
 
 
 ROOT = Path(__file__).parents[2]

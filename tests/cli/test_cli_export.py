@@ -11,7 +11,6 @@ from scipy.io import loadmat
 import rig as laboratory
 from rig.cli.recordings import NAMES
 from rig.record.export import FORMATS
-from rig.record.run import Run, Samples
 
 GOLDEN = "recordings/golden/pendulum.mcap"
 
@@ -118,17 +117,3 @@ def test_what_is_refused_leaves_nothing(rig, log, monkeypatch, options, said):
     assert said in err
     assert [one.name for one in log.parent.iterdir()] == ["log.mcap"]
     assert log.read_bytes() == before
-
-
-def test_gaps_of_sensors_are_reported_when_they_are_bridged(rig, tmp_path):
-    v = np.sin(np.arange(2000) * 0.01)
-    v[[100, 101, 500]] = np.nan
-    t_ns = np.arange(2000, dtype=np.int64) * 1_000_000
-    run = Run(scene='{"plant": "belt"}', step_ns=1_000_000, frame_ns=1_000_000, time=np.empty(0), signals={},
-              units={"meas/s": "m"}, measurements={"s": Samples(t_ns, v)})  # fmt: skip
-    run.save(tmp_path / "log.mcap")
-    code, _, err = rig("export", tmp_path / "log.mcap", "--to", "csv", "--rate", "100")
-    assert code == 0
-    assert "3 missing samples in gaps of up to 4 were bridged by straight lines" in err
-    read = pd.read_csv(tmp_path / "log-csv" / "sensors_100_Hz.csv")
-    assert read["s [m]"].to_numpy()[40:-40] == pytest.approx(np.sin(np.arange(200) * 0.1)[40:-40], abs=2e-4)

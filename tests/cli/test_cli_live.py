@@ -148,18 +148,6 @@ def test_tune_lists_what_can_be_tuned(rig, mine):
     assert (code, "unknown key" in err, "lists what can be tuned" in err) == (2, True, True)
 
 
-def test_a_negative_value_is_tuned_as_it_stands(rig, mine):
-    for said in (["mine.swing", "-0.8"], ["--run", "tried", "mine.swing", "-.8"], ["mine.swing", "--", "-0.8"]):
-        mine.clear()
-        code, out, err = rig("tune", *said)
-        assert (code, out) == (0, "mine.swing = -0.8  (run tried)\n"), err
-        assert mine == {"swing": -0.8}
-    code, out, err = rig("tune", "mine.swing", "-5 mN", "--run", "tried", "--json")
-    assert (code, mine) == (0, {"swing": -0.005}), err
-    assert "Show or change a value" in rig("tune", "-h")[1]
-    assert rig("tune", "mine.swing", "-x")[0] == 2
-
-
 def test_a_value_that_is_not_in_force_is_told_to_wait(rig, plant):
     told = "nf drives drive.speed; the value 0.06 takes effect when nf is disconnected  (run tried)\n"
     assert rig("tune", "drive.speed", "0.06")[1] == told

@@ -3,8 +3,6 @@
 import json
 from pathlib import Path
 
-import pytest
-
 from rig import scenes
 from rig.scenes import migration
 from rig.scenes.migration import Rename
@@ -78,34 +76,14 @@ def test_an_older_file_is_rewritten(rig, tmp_path, monkeypatch):
     assert rig("explain", str(path))[2] == ""
 
 
-def test_what_is_no_scene_is_not_rewritten(rig, tmp_path, monkeypatch):
-    monkeypatch.setattr(migration, "STEPS", ((Rename("load.weight", "force"),),))
-    path, text = tmp_path / "study.toml", 'scene = "belt"\n[set]\n"load.weight" = "30 N"\n'
-    path.write_text(text)
-    code, _, err = rig("migrate", path)
-    assert (code, path.read_text()) == (2, text)
-    assert "is no scene: it has neither plant nor based_on" in err
-
-
-@pytest.mark.parametrize("command", ["migrate", "simulate", "modes"])
-def test_a_recording_in_place_of_a_scene_is_told(rig, tmp_path, monkeypatch, command):
+def test_a_recording_in_place_of_a_scene_is_told(rig, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "log.mcap").write_bytes((GOLDEN / "belt.mcap").read_bytes())
-    code, _, err = rig(command, "log.mcap")
+    code, _, err = rig("simulate", "log.mcap")
     assert (code, err.splitlines()) == (
         2,
         ["log.mcap:", "  is a recording (MCAP) and no scene; rig simulate --from LOG continues it"],
     )
-
-
-def test_a_new_scene_has_a_name_that_the_commands_find(rig, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    code, _, err = rig("new", ".toml", "--based-on", "belt")
-    assert (code, err) == (2, ".toml: names no file; expected NAME or NAME.toml\n")
-    code, out, _ = rig("new", "mein rig", "--based-on", "belt")
-    assert code == 0
-    assert "rig explain 'mein rig.toml' | rig simulate 'mein rig.toml'\n" in out
-    assert "rig explain 'mein rig.toml' --all" in rig("explain", "mein rig.toml")[1]
 
 
 def test_a_link_is_migrated_where_it_leads_and_a_folder_keeps_nothing_else(rig, tmp_path, monkeypatch):

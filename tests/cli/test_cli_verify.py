@@ -32,18 +32,6 @@ def test_a_recording_holds_to_the_bit(rig, log):
     assert told["elsewhere"] == []
 
 
-def test_what_a_cut_took_of_a_signal_is_no_deviation(rig, tmp_path):
-    whole, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
-    assert rig("simulate", "belt", "--duration", "0.5", "--out", whole)[0] == 0
-    data = whole.read_bytes()
-    for end in range(len(data) // 2, len(data) * 3 // 4, len(data) // 12):
-        cut.write_bytes(data[:end])
-        code, out, _ = rig("verify", cut)
-        assert code == 1
-        assert "breaks off after" in out
-        assert "differs at" not in out
-
-
 def flipped(run):
     run.signals["velocity"][300] = np.nextafter(run.signals["velocity"][300], 1.0)
 
@@ -143,17 +131,6 @@ def test_a_controller_that_dies_in_a_replay_is_named_with_its_end(rig, log, tmp_
     assert code == 2
     assert "nf left at tick 300, t = 0.3 s, without an answer to its step" in err
     assert f"nf ended with code 1: controller nf failed at t = 0.3 s: {file}: ZeroDivisionError" in err
-
-
-@pytest.mark.usefixtures("runs")
-def test_a_file_takes_the_place_of_the_controller_of_its_name_or_of_none(rig, log, tmp_path):
-    for name, compared in (("nf", 500), ("other", 0)):
-        file = tmp_path / f"{name}.py"
-        file.write_text(MINE.replace("LAST", "pass"))
-        code, out, err = rig("replay", log, "--into", file, "--pace", "max")
-        assert code == 0, out + err
-        assert f"{name}: {compared} commands compared" in out or "so nothing was compared" in out
-        assert ("no command differs" in out) is bool(compared)
 
 
 CHANGED_BY_THE_PROTOCOL = """

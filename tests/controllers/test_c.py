@@ -13,10 +13,9 @@ from compile_c import compiled, controller
 from rig import controllers, design, scenes
 from rig.bench.run.simulate import Recorded, simulate
 from rig.controllers import c
-from rig.controllers.blocks.base import parameters, retune, tunable
 from rig.controllers.runtime import c_process, process
 from rig.controllers.runtime.loop import Loop
-from rig.errors import ControllerLost, PartError, SceneError, Untrusted, UsageError
+from rig.errors import ControllerLost, PartError, SceneError, Untrusted
 from rig.parts import trust_scene
 from rig.record.reader import open as opened
 from rig.record.save_run import save
@@ -97,17 +96,6 @@ def test_the_process_of_a_controller_calls_the_library_itself_with_the_same_numb
     assert set(c_process.HELPERS.values()) == before
 
 
-def test_its_parameters_are_keys_of_the_scene_and_can_be_tuned(sound):
-    one = made(sound)
-    assert parameters(one) | {"gain": 300.0, "nominal": 20.0} == parameters(one)
-    assert tunable(one) == {"gain": "N*s/m", "nominal": "N"}
-    assert retune(one, {"gain": "250 N*s/m"}).section.gain == 250.0
-    with pytest.raises(UsageError, match="gain: must be at most 1000"):
-        retune(one, {"gain": 2000.0})
-    with pytest.raises(UsageError, match="file: is fixed while the rig runs"):
-        retune(one, {"file": "other.so"})
-
-
 def test_a_recording_contains_the_library_but_no_path_and_is_verified_without_it(tmp_path, sound, monkeypatch):
     run, log = simulate(sound, duration_ns=100_000_000), tmp_path / "log.mcap"
     run.provenance = {}
@@ -139,6 +127,7 @@ def test_a_library_whose_content_was_changed_is_refused(sound):
     [
         (LATE + "*(volatile int *)0 = 1;", "was ended by signal 11 (SIGSEGV) in step"),
         (LATE + "for (;;) ;", "no answer within 0.3 s in step"),
+        (LATE + "return 3;", "rig_controller_step returned 3"),
     ],
 )
 def test_a_crash_is_only_the_controllers(libraries, more, told, monkeypatch):
@@ -191,6 +180,10 @@ def test_a_symbol_that_is_missing_is_named(libraries, tmp_path):
     ("more", "told"),
     [
         ({"reads": ["laser"]}, 'controllers.nf.reads = "laser": the sensor is in m, '),
+        (
+            {"reads": ["vibrometer", "laser"]},
+            "controllers.nf.reads: names 2, but nf0.so has 1 inputs: vibrometer [m/s]",
+        ),
         ({"gian": 3.0}, "controllers.nf.gian: unknown key; did you mean controllers.nf.gain?"),
         ({"file": __file__}, "test_c.py: cannot be loaded: invalid ELF header"),
     ],

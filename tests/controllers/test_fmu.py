@@ -229,3 +229,14 @@ def test_without_fmpy_the_line_that_installs_it_is_named(units, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "fmpy", None)
     with pytest.raises(UsageError, match=r"fmpy cannot be loaded .*pip install .*\[fmi\]"):
         fmi.described(file)
+
+
+def test_what_is_no_fmu_is_named(tmp_path):
+    file = tmp_path / "some.fmu"
+    file.write_bytes(b"no zip")
+    with pytest.raises(SceneError, match=r"controllers\.nf\.file: some\.fmu: is not an FMU: it is not a zip file"):
+        scene(file)
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("modelDescription.xml", "")
+    with pytest.raises(SceneError, match=r"some\.fmu: is not a usable FMU"):
+        scene(file)

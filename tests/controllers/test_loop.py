@@ -56,32 +56,6 @@ def test_an_answer_that_is_no_number_is_not_sent_and_the_state_starts_afresh():
     assert loop.counters() == {"updates": 4, "held": 0, "refused": 1}
 
 
-class Wild(Faulty):
-    """Says what is far beyond every range, and is finite."""
-
-    reads, drives = ("v", "w"), ("load.force", "drive.speed")
-    said = ((1e308, 1e308), (1e308, -1e308), (-1e308, -1e308), (1e300, 1e308))
-
-    def update(self, state, t_ns, values):
-        return state + 1, self.said[state % len(self.said)]
-
-
-def test_finite_values_whose_sum_overflows_are_finite():
-    loop = Loop(Wild())
-    assert [loop.answer(k, (1e308, 1e308)) for k in range(4)] == list(Wild.said)
-    assert (loop.state, loop.counters()) == (4, {"updates": 4, "held": 0, "refused": 0})
-    assert loop.answer(4, (NAN, 1e308)) == Wild.said[-1]
-    assert loop.counters()["held"] == 1
-
-    class Hears(Wild):
-        every_sample = True
-
-    loop = Loop(Hears())
-    assert loop.answer(0, ((1e308, 1e308), (1e308,))) == Wild.said[0]
-    assert loop.answer(1, ((1e308, math.inf), (1e308,))) == Wild.said[0]
-    assert loop.counters() == {"updates": 1, "held": 1, "refused": 0}
-
-
 class Touchy:
     """Takes any parameters it is given; what it makes of some is a fault."""
 

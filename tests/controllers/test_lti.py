@@ -93,6 +93,8 @@ def test_all_files_and_python_control_give_the_same_controller(tmp_path):
 FAULTS = {
     "dt is missing": {"D": 1.0},
     "period: is 0.001 s, but the system is discrete with dt = 0.002 s": {"D": 1.0, "dt": 0.002},
+    "D contains a number that is not finite": {"D": math.nan, "dt": 0.001},
+    "inputs: 2 names; the system has 1": {"D": 1.0, "inputs": ["a", "b"], "dt": 0.001},
     "improper: num has degree 2, den 1": {"num": [1, 2, 3], "den": [1, 1], "dt": 0.001},
     r"A is 1 x 2, expected 1 x 1; B is 1 x 1, expected 1 x 2 \(D is 1 x 2\)": {
         "A": [[1, 2]], "B": [[1]], "C": [[1]], "D": [[0, 1]], "dt": 0.001,
@@ -126,7 +128,9 @@ def test_a_small_file_that_unpacks_to_a_large_one_is_refused(tmp_path):
     ("keys", "told"),
     [
         ({"reads": "laser"}, r"controllers.nf.reads\[1\] = \"laser\": unknown sensor"),
+        ({"reads": "vibrometer, normal_force"}, "reads: names vibrometer, normal_force; expected 1 different"),
         ({"method": "zoh"}, "method: has no meaning, the system is discrete"),
+        ({"lowest": "[1.0, 2.0]"}, "lowest: has 2 values; expected one"),
         ({"file": "none.json"}, "there is no such file"),
     ],
 )
@@ -259,3 +263,9 @@ def test_the_json_of_the_page_closes_a_loop_as_the_page_says(rig, tmp_path, monk
     assert rig("simulate", "belt_normal_force", "--duration", "0.02", "--controller", "nf.json")[0] == 0
     code, _, err = rig("simulate", "belt_normal_force", "--controller", "fn")
     assert (code, "fn" in err, "nf" in err) == (2, True, True), err
+
+
+def test_a_transfer_function_of_matlab_is_read(tmp_path):
+    savemat(tmp_path / "k.mat", {"num": [[0.0, 2.0]], "den": [[1.0, -0.5]], "Ts": 1e-3})
+    read = section(file=str(tmp_path / "k.mat"))
+    assert (read.A, read.B, read.C, read.D) == (((0.5,),), ((1.0,),), ((2.0,),), ((0.0,),))

@@ -166,13 +166,5 @@ def test_a_file_asks_the_plant_to_be_let_in():
     controller = process.made(described(), "example_controller", ROOT / "docs" / "example_controller.py")
     process.Worker(hub.open("controller", "example_controller"), described(), controller)
     answering.join(5.0)
-    assert asked == [
-        {
-            "do": "admit",
-            "controller": "example_controller",
-            "reads": ["vibrometer"],
-            "drives": ["load.force"],
-            "period_ns": FRAME,
-            "hears": False,
-        }
-    ]
+    wanted = {"reads": ["vibrometer"], "drives": ["load.force"], "period_ns": FRAME, "hears": False}
+    assert asked == [{"do": "admit", "controller": "example_controller", **wanted}]

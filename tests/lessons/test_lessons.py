@@ -20,7 +20,7 @@ from patience import PATIENCE_S, wait_for
 from rig import scenes
 from rig.cli.lesson import for_a_terminal
 from rig.lessons import FOLDER, attempt, compare, lesson, lessons, renew, renewed
-from rig.lessons.page import Command, read
+from rig.lessons.page import Command, at, read
 
 ROOT = Path(__file__).parents[2]
 ALL = lessons()
@@ -218,6 +218,8 @@ def test_a_line_that_a_command_does_not_print_is_refused():
     [
         ("## Solutions", "## Answers", "expected Question, Experiment, Solutions"),
         ("| scene | `belt` |", "", "no row scene"),
+        ("| 0.01 |", "| 0.01 m |", "another unit"),
+        ("```\n\n|", "```\n\nSo:\n\n|", "must follow"),
         ("\nstable\n", "\n", "2 rows, but 1 places"),
     ],
 )
@@ -287,3 +289,10 @@ def test_in_a_terminal_commands_are_run_and_compared(tmp_path):
     assert str(FOLDER / "falling_friction.png") in "".join(seen.split())
     assert seen.index("Solutions") > seen.index("3.65529 1/s")
     assert "What to try next" in seen
+
+
+def test_a_place_that_is_not_there_is_nothing():
+    report = {"a": [{"b": 1.0}], "c": None}
+    assert at(report, "a.0.b") == 1.0
+    assert at(report, "a.-1.b") == 1.0
+    assert [at(report, place) for place in ("a.1.b", "a.x", "d", "c.e", "a.0.b.c")] == [None] * 5

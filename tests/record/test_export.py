@@ -20,11 +20,9 @@ from scipy.io import loadmat
 
 import rig
 from rig.errors import OutputError, UsageError
-from rig.record import reader
 from rig.record.export import FORMATS, export, tables
 from rig.record.export.files import LONGEST, description, files, valid
 from rig.record.run import Commands, Run, Samples
-from rig.record.save_run import save
 
 TABLES = {
     "outputs": (7001, ["displacement", "velocity", "mode"]),
@@ -245,24 +243,6 @@ def test_sensors_of_one_rate_share_a_table_where_they_share_their_instants():
     assert np.flatnonzero(np.isnan(lossy.values)).tolist() == [3, 50]
     assert np.array_equal(np.delete(lossy.values, [3, 50]), np.delete(v, [3, 50]))
     assert [one.name for one in found["sensors_1000_Hz_2"].columns] == ["beside"]
-
-
-def test_damage_is_written_into_the_file(run, tmp_path):
-    save(run, tmp_path / "run.mcap")
-    data = (tmp_path / "run.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
-    part = reader.open(tmp_path / "cut.mcap")
-    (tmp_path / "export").mkdir()
-    assert part.damage
-    path = written(part, "netcdf", tmp_path / "export")
-    with xr.open_datatree(path, engine="h5netcdf") as tree:
-        assert tree["damage"].item() == part.damage
-        velocity = tree["outputs/velocity"]
-        rows = np.rint(velocity.time.values * 1e4).astype(int)
-        assert 0 < rows.size < 7001
-        lost = np.isnan(velocity.values)
-        assert np.array_equal(velocity.values[~lost], run.signals["velocity"][rows][~lost])
-        assert np.array_equal(lost, np.isnan(part.signals["velocity"]))
 
 
 def test_odd_names_make_valid_files(tmp_path):

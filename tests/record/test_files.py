@@ -4,7 +4,6 @@ import contextlib
 import copy
 import dataclasses
 import tracemalloc
-from array import array
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 import rig
 from rig.bus import encode, messages
@@ -79,16 +77,6 @@ def test_any_times_and_values_survive(tmp_path, times, ticks, values):
     save(given, path)
     found = compare(given, path)
     assert found.identical
-
-
-def test_other_programs_can_read_and_decode_it(saved):
-    with saved.open("rb") as file:
-        log = make_reader(file, decoder_factories=[DecoderFactory()])
-        summary = log.get_summary()
-        units = {channel.topic: channel.metadata for channel in summary.channels.values()}
-        blocks = [found for *_, found in log.iter_decoded_messages(topics=["meas/laser"])]
-    assert units["meas/laser"] == {"v": "m/s"}
-    assert blocks[0].v[0] == reader.open(saved).measurements["laser"].v[0]
 
 
 def holds_nothing_wrong(part, run):
@@ -229,23 +217,6 @@ def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypat
     assert scan.sealed
 
 
-def test_commands_read_the_same_from_one_message_each_and_from_one_for_several(tmp_path):
-    rows = [(tick, tick - 1, tick % 3, (0.5 * tick, -tick)) for tick in range(1, 41)]
-    for name in ("each", "several"):
-        log = Writer(
-            tmp_path / f"{name}.mcap", Setup("run", "", 1_000_000, 1_000_000, {"x": "m"}, {}, {"nf": {}}), "recorded"
-        )
-        groups = [[row] for row in rows] if name == "each" else [rows[:1], rows[1:21], rows[21:]]
-        for number, group in enumerate(groups):
-            columns = [array("q", column) for column in list(zip(*group))[:3]]
-            packed = encode.commands(1_000_000, *columns, array("d", [one for row in group for one in row[3]]))
-            log.write("applied/nf", packed, group[-1][0] * 1_000_000, number, 0)
-        log.close({}, {})
-    each, several = (reader.open(tmp_path / f"{name}.mcap").commands["nf"] for name in ("each", "several"))
-    assert [column.tolist() for column in several] == [column.tolist() for column in each]
-    assert each.values.shape == (40, 2)
-
-
 OLD = Path(__file__).parent / "format_1.mcap"
 """rig simulate belt_normal_force --duration 0.3, by the version before recordings stated their format."""
 BUS = Path(__file__).parent / "format_1_bus.mcap"
@@ -315,3 +286,10 @@ def test_a_run_saved_from_python_has_its_provenance(tmp_path):
     assert read["numpy"] == np.__version__
     assert read["kernel"]
     assert read["date"]
+
+
+def test_an_unknown_channel_names_those_that_are_like_it(run):
+    name = next(iter(run.signals))
+    for channels, asked in ((run.signals, name[:-2]), (run.units, name[:-2])):
+        with pytest.raises(KeyError, match=f"is not in this run; did you mean {name}"):
+            channels[asked]

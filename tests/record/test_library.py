@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-import random
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -62,7 +61,7 @@ def test_the_contents_are_what_was_recorded(log):
     assert (live.scene, live.seconds, live.timing) == ("pendulum", 9.0, "VALID")
 
 
-@pytest.mark.parametrize("keep", [4, -40])
+@pytest.mark.parametrize("keep", [0, 4, 200, -40])
 def test_a_file_that_was_cut_off_or_is_another_is_refused_with_the_reason(log, keep):
     log.write_bytes(log.read_bytes()[:keep])
     with pytest.raises(LogError, match=r"run\.mcap (is not an MCAP file|is cut off|was cut off)"):
@@ -100,22 +99,6 @@ def test_a_damaged_index_is_made_again(tmp_path, log, text):
     index = (tmp_path / INDEX).read_text()
     (tmp_path / INDEX).write_text(text or index.replace(f'"began_ns":{BEGAN}', '"began_ns":"x"'))
     assert runs(tmp_path) == first
-
-
-def test_bytes_changed_anywhere_give_contents_or_the_reason(log):
-    whole, chance = log.read_bytes(), random.Random(1)
-    said = []
-    for _ in range(100):
-        damaged = bytearray(whole)
-        for _ in range(chance.choice((1, 8))):
-            damaged[-1 - chance.randrange(chance.choice((60, 3000, len(whole))))] = chance.randrange(256)
-        log.write_bytes(damaged)
-        try:
-            contents(log)
-        except LogError as fault:
-            said.append(str(fault))
-    assert len(said) > 10
-    assert all(text.startswith(f"{log} ") for text in said)
 
 
 def test_a_recording_that_is_being_written_is_listed_as_such(tmp_path, log):
@@ -204,7 +187,7 @@ def test_lines_that_are_no_notes_are_counted_and_a_cut_line_is_not_continued(log
 
 @pytest.mark.parametrize(
     ("text", "tags", "says"),
-    [("x" * 10_001, [], "10001 characters"), ("x", ["two words"], "one word"), ("red \x1b[31m", [], "control")],
+    [("", [], "empty"), ("x" * 10_001, [], "10001"), ("x", ["two words"], "one word"), ("\x1b[31m", [], "control")],
 )  # fmt: skip
 def test_what_is_no_note_is_refused(log, text, tags, says):
     with pytest.raises(UsageError, match=says):

@@ -184,17 +184,6 @@ def again(loops, path, begin_ns=0, before=(), **changes):
     return path
 
 
-def test_events_of_a_controller_that_say_too_little_are_passed_over(loops, tmp_path):
-    event, odd = messages.TYPES["Event"], []
-    for number, data in enumerate(
-        ('{"set": {"gain": 9.0}}', '{"after_tick": 3}', '{"after_tick": "x", "set": 5}', "[]")
-    ):
-        said = event(source="feedback", kind="parameter", text="?", data=data).SerializeToString()
-        odd.append(("event/feedback", said, 0, number, 0))
-    found, _ = replayed(again(loops, tmp_path / "odd.mcap", before=odd))
-    assert (found.divergence, found.compared, found.fault) == (None, {"feedback": FRAMES}, "")
-
-
 def test_a_late_joiner_joins_late_again(loops, tmp_path):
     found, threads = replayed(lives(tmp_path / "late.mcap", loops, 150, FRAMES, FRAMES))
     assert (found.divergence, found.unanswered, found.silent) == (None, 0, {"feedback": 0})

@@ -118,16 +118,6 @@ def test_memory_bounds_what_is_kept_before_and_the_recording_says_so(tmp_path):
     assert "before it are kept, 2 s do not fit into 0 MiB of memory" in said[0]
 
 
-def test_lost_messages_are_counted_in_the_window_that_lacks_them(tmp_path):
-    windows, _ = watched(tmp_path / "w.mcap", pulses(1234, 3000), lost=(2999 - 3 * 20, 119))
-    gaps = []
-    for path in windows.paths:
-        scan = Scan(path)
-        assert list(scan)
-        gaps.append(json.loads(scan.metadata["recording"]["gaps"]))
-    assert gaps == [{}, {"meas/vibrometer": 1}]
-
-
 @pytest.mark.parametrize(
     ("condition", "first"),
     [

@@ -13,7 +13,7 @@ from rig.errors import UsageError
 from rig.record.run import Commands, Run, Samples
 from rig.scenes import shipped
 from rig.view import contact, curves
-from rig.view.curves import Known, Sheet, channels_of, known, thinned
+from rig.view.curves import Known, known, thinned
 from rig.view.palette import put
 
 
@@ -41,17 +41,8 @@ def made_up(seconds, step_ns, **told):
         (1, "connected", "c is connected"),
         (2, "disconnected", "c is disconnected"),
     ]
-    events = [
-        {
-            "t_ns": t * 10**9,
-            "tick": t * 1000,
-            "source": "plant",
-            "kind": kind,
-            "text": text,
-            "data": {"controller": "c"},
-        }
-        for t, kind, text in told_at
-    ]
+    who = {"source": "plant", "data": {"controller": "c"}}
+    events = [{"t_ns": t * 10**9, "tick": t * 1000, "kind": kind, "text": text} | who for t, kind, text in told_at]
     at = np.arange(10, dtype=np.int64)
     return Run(
         scene='{"plant": "other"}',
@@ -111,23 +102,6 @@ def test_a_circuit_is_closed_from_switch_to_switch(tmp_path):
     assert curves.circuits(run, None) == []
     put(run.plot(), tmp_path / "run.png")
     assert ink(tmp_path / "run.png")[2] > 0.03
-
-
-def test_a_surface_far_faster_than_the_body_does_not_flatten_its_curve(run):
-    from matplotlib.figure import Figure
-
-    from rig.view import run_figure
-
-    slow = replace(run, signals={**run.signals, "surface_speed": np.full(run.time.size, 20.0)})
-    for one, below in ((run, True), (slow, False)):
-        axes = Figure().subplots()
-        channels = channels_of(one)
-        panel = channels.panel_of("velocity")
-        run_figure.draw_panel(axes, Sheet.of(one, channels, panel.outputs), panel)
-        drawn = {line.get_label(): line.get_color() for line in axes.get_lines()}
-        assert ("surface speed" in drawn) is below
-        assert drawn["velocity"] == channels.colours["velocity"]
-        assert axes.get_ylim()[1] < 1.0
 
 
 def live(seconds=2.0, rate=10_000.0, motion=lambda t: np.sin(20 * t), noise=0.0):

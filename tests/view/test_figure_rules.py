@@ -75,12 +75,6 @@ def test_each_rule_finds_its_fault(spoil, fault):
     assert any(fault in one for one in faults(figure))
 
 
-def test_a_figure_that_fits_no_page_is_found():
-    figure, axes = drawn((10.0, 40.0))
-    axes.text(0.5, 2.0, "creep", fontsize=7.0)
-    assert any("on a page its letters are" in one for one in faults(figure))
-
-
 @pytest.mark.parametrize(
     ("colours", "least"),
     [

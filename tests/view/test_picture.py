@@ -199,8 +199,7 @@ def test_modes_have_names_for_each_state_of_the_contact():
     assert [contact.NAMES[i] for i in modes.indices(np.tile(keys, 3))] == [*names] * 3
 
 
-@pytest.mark.parametrize("until", [None, 20.0])
-@pytest.mark.parametrize("name", ["pendulum", "tread_rough", "brake_shunt_sound", None])
+@pytest.mark.parametrize(("name", "until"), [("pendulum", None), ("brake_shunt_sound", 20.0), (None, 20.0)])
 def test_every_rig_has_a_window(name, until):
     scene = rig.load(name).to_json() if name else "{}"
     told = outputs(rig.load(name)) if name else {"velocity": "m/s"}

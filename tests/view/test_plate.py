@@ -86,13 +86,6 @@ def test_scenes_without_points_have_none():
     assert [Points.of(rig.load("belt")), Points.of(bonded), points_of("{}"), points_of("no")] == [None] * 4
 
 
-def test_open_is_white_and_a_light_touch_is_dark():
-    shades = pressure.colours(np.array([0.0, 1.0, 5e5, 9e5, np.nan]), 5e5).astype(int).sum(axis=1)
-    assert shades[0] == shades[4] > 700
-    assert shades[1] < 200
-    assert shades[2] == shades[3]
-
-
 def test_instants_that_tell_most_are_found_after_the_load_is_on(run):
     found = {instant.why: run.time[instant.sample] for instant in statistics.characteristic(run)}
     opening = run.time[statistics.first_open(run)]

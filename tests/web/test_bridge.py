@@ -4,10 +4,9 @@ import json
 import shutil
 import socket
 import subprocess
-import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,6 @@ from waiting_run import RUN, in_process, waiting_run
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from rig.errors import UsageError
 from rig.web import bridge, bridge_client
 from rig.web.bridge import Bridge
 
@@ -218,32 +216,6 @@ def test_a_client_that_does_not_read_is_disconnected_and_delays_nobody(runs, mon
                 return len(made.clients) == 1
 
             wait_for(alone)
-
-
-def test_too_many_clients_and_a_used_port_are_refused(runs):
-    with bridged() as (_, made), ExitStack() as stack:
-        together = threading.Barrier(14)
-
-        def come(_):
-            together.wait(PATIENCE_S)
-            try:
-                return stack.enter_context(connect(made.address, open_timeout=PATIENCE_S))
-            except InvalidStatus as refused:
-                return refused.response.status_code
-
-        with ThreadPoolExecutor(14) as pool:
-            came = list(pool.map(come, range(14)))
-        assert came.count(503) == 14 - bridge.CLIENTS
-        next(client for client in came if client != 503).close()
-        wait_for(lambda: come_again(made))
-        with pytest.raises(UsageError, match=f"--port {made.port}: cannot be used"):
-            Bridge(RUN, made.port)
-
-
-def come_again(made):
-    """Whether a seat is free."""
-    with suppress(InvalidStatus), connect(made.address, open_timeout=PATIENCE_S):
-        return True
 
 
 def test_the_command_prints_the_address_and_ends_with_the_run(rig, runs, monkeypatch):

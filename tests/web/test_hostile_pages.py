@@ -90,14 +90,3 @@ def test_state_and_emergency_stop_wait_for_no_other_request(client, another, mon
         released.set()
         for other in others:
             other.join()
-
-
-def test_many_connections_leave_the_server_at_work(client, listen):
-    page = listen()
-    with contextlib.ExitStack() as stack:
-        for number in range(400):
-            other = stack.enter_context(socket.create_connection(("127.0.0.1", client.server.port)))
-            if number % 2:
-                other.sendall(b"GET /live HTTP/1.1\r\nHost: ")  # never ended
-        assert client.state()["phase"] == "idle"
-    page.until("state")

@@ -51,12 +51,6 @@ def test_a_followed_run_that_is_left_has_no_fault(control):
         control.leave({})
 
 
-def test_a_run_that_is_ending_needs_no_stop(control):
-    Follower.last.news("phase", "ending")  # of its plant, which does not answer any more
-    assert control.state["phase"] == "ending"
-    assert control.command({"do": "stop"}) == {}
-
-
 def test_news_of_a_run_before_the_present_one_count_for_nothing(control):
     before = Follower.last
     control.leave({})

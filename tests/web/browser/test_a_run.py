@@ -1,11 +1,8 @@
 """A whole run by the page alone: the values, the sliders, the recording; other pages beside it; what goes wrong."""
 
-import os
 import re
-import signal
 import time
 
-import psutil
 import pytest
 
 from rig import scenes
@@ -101,23 +98,6 @@ def test_a_second_tab_shows_the_same_and_a_page_that_closes_changes_nothing(page
     assert "emergency stop" in page.text("outcome")
 
 
-def test_a_change_is_not_replaced_by_values_that_were_read_before_it(page, server):
-    start(page)
-    page.run("""
-        const send = window.fetch, late = () => new Promise((done) => { setTimeout(done, 1000); });
-        window.fetch = async (...one) => { if (one[0].endsWith("/set")) await late(); return send(...one); };
-    """)
-    page.show("slider-drive.speed").send_keys(Keys.END)
-    field = page.one("live-load.force")
-    server.bench.control.set({"key": "load.force", "value": "21 N"})
-    page.until(lambda: float(field.get_attribute("value")) == 21.0)  # all values have come, the speed as it was
-    assert float(page.value("live-drive.speed")) == 0.12
-    page.until(lambda: any("drive.speed" in event["text"] for event in server.bench.control.events))
-    shown = page.time
-    page.until(lambda: page.time > shown + 2.5)
-    assert float(page.value("live-drive.speed")) == 0.12
-
-
 def test_the_first_start_says_that_it_compiles_and_how_far_it_is(page, tmp_path, monkeypatch):
     monkeypatch.setenv("RIG_KERNELS", str(tmp_path / "none"))
     monkeypatch.setenv("RIG_OWN_PROCESS", "1")  # as the command line sets it
@@ -175,36 +155,6 @@ def test_a_reload_keeps_the_scene_and_the_curves(page):
     page.until(lambda: page.time >= shown and page.run(columns) > 0.9 * before)
 
 
-def test_a_killed_plant_is_said_on_the_page_and_another_run_can_start(page):
-    start(page)
-    plant = next(
-        one
-        for one in psutil.Process().children(recursive=True)
-        if "rig.bench.live.plant_process" in " ".join(one.cmdline())
-    )
-    os.kill(plant.pid, signal.SIGKILL)
-    page.until_phase("ended")
-    assert "the plant was killed by SIGKILL" in page.text("outcome")
-    page.press("start")
-    page.until_phase("running")
-
-
-def test_a_laptop_that_was_closed_shows_the_present_again(page, server):
-    start(page)
-    asleep = psutil.Process(page.driver.service.process.pid).children(recursive=True)
-    page.until(lambda: page.time > 0.0)
-    shown = page.time
-    for one in asleep:
-        one.suspend()
-    time.sleep(4.0)
-    slept = server.bench.control.state
-    for one in reversed(asleep):
-        one.resume()
-    assert slept["phase"] == "running"
-    page.until(lambda: page.time > shown + 4.0, 10.0)  # the present, not what was missed
-    assert page.text("phase") == "running"
-
-
 def test_a_server_that_ended_is_said_and_a_new_one_refuses_the_old_page(page, server, folder):
     from rig.web.server import Server
 
@@ -219,23 +169,6 @@ def test_a_server_that_ended_is_said_and_a_new_one_refuses_the_old_page(page, se
         page.until_phase("no run yet")
     page.until(lambda: "rig web has ended" in page.text("phase"))
     page.complaints()  # of the connection that was refused
-
-
-def test_a_scene_that_fails_its_checks_is_said_and_nothing_of_another_is_shown(page, folder):
-    (folder / "typo.toml").write_text('based_on = "belt"\ntitle = "Typo"\n[drive]\nsped = 3\n')
-    page.driver.refresh()
-    page.until(lambda: page.text("title"))
-    page.run(
-        "const list = document.getElementById('scene'); list.value = arguments[0];"
-        "list.dispatchEvent(new Event('change'))",
-        str(folder / "typo.toml"),
-    )
-    page.until(lambda: "did you mean drive.speed" in page.text("form-fault"))
-    assert (page.text("title"), page.text("about"), page.text("values")) == ("", "", "")
-    assert not page.one("start").is_enabled()
-    page.choose("belt")
-    page.until(lambda: page.text("form-fault") == "" and page.one("start").is_enabled())
-    page.complaints()  # of the request that was refused
 
 
 def test_faults_are_said_beside_the_form_and_are_gone_when_mended(page):

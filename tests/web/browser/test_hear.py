@@ -13,14 +13,6 @@ def _compiled():
     warm(scenes.load("belt"))
 
 
-def test_eigenvalues_are_computed_of_the_chosen_scene(page):
-    page.choose("belt")
-    page.unfold()
-    page.press("modes")
-    page.until(lambda: "eigenvalues of belt: done" in page.text("studies-jobs"), 60.0)
-    page.picture("eigenvalues")
-
-
 def test_a_fast_sensor_is_heard(page, server):
     scene = server.bench.catalogue.scene("belt", {"sensors.vibrometer.rate": 10_000})
     server.bench.control.start(scene, "belt", {"sensors.vibrometer.rate": "10000"}, duration=60.0)
@@ -30,8 +22,3 @@ def test_a_fast_sensor_is_heard(page, server):
     page.picture("sound")
     page.press("hear")
     assert (page.text("hear"), page.text("hear-fault")) == ("Listen", "")
-
-
-def test_a_scene_without_a_fast_sensor_says_so(page, server):
-    server.bench.control.start(server.bench.catalogue.scene("belt"), "belt", {}, duration=60.0)
-    page.until(lambda: "No sensor of this scene can be heard" in page.text("hear-why"), 60.0)

@@ -8,12 +8,10 @@ from pathlib import Path
 
 import pytest
 
-import rig
 from rig import scenes
 from rig.bench.live.plant_process import warm
 from rig.lessons import lessons
 from rig.plants import PLANTS
-from rig.scenes.sections import unrolled
 
 pytestmark = pytest.mark.browser
 ROOT = Path(__file__).parents[3]
@@ -79,22 +77,10 @@ def test_the_step_of_the_protocol_is_found_in_repeats(page):
     assert [(lines[one["line"]], [r["round"] for r in one["rounds"]]) for one in found] == wanted
 
 
-def test_the_present_step_is_marked(page):
-    page.choose("belt_normal_force")
-    page.write("pace", "max")
-    page.write("duration", "3")
-    page.press("start")
-    page.until_phase("ended")
-    count = len([*unrolled(rig.load("belt_normal_force").protocol)])
-    assert count > 0
-    page.until(lambda: page.run("return document.querySelectorAll('#steps .current').length") == 1)
-
-
 @pytest.mark.parametrize(
     "slider",
     [
         {"low": 0.0, "high": 1e9, "least": 1e-6},
-        {"low": -1e4, "high": 1e4, "least": 1e-6},
         {"low": -5.0, "high": 0.0, "least": 1e-3},
         {"low": 0.1, "high": 0.4, "least": 0.0},
     ],

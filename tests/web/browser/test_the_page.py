@@ -69,7 +69,7 @@ def test_the_page_of_another_server_can_neither_start_a_run_nor_read(page, tab, 
     other.complaints()  # of the frame, the request and the socket that were refused
 
 
-@pytest.mark.parametrize("language", ["de-DE", "fr-FR", "en-GB"])
+@pytest.mark.parametrize("language", ["de-DE", "en-GB"])
 def test_numbers_are_the_same_in_browsers_of_every_language(in_language, language):
     page = in_language(language)
     assert page.run("return navigator.language") == language
@@ -85,7 +85,7 @@ def test_numbers_are_the_same_in_browsers_of_every_language(in_language, languag
     assert page.value("live-drive.speed") == "0.07"
 
 
-@pytest.mark.parametrize(("width", "height"), [(360, 740), (412, 915), (800, 1100), (1400, 900), (2200, 1200)])
+@pytest.mark.parametrize(("width", "height"), [(360, 740), (800, 1100), (2200, 1200)])
 def test_nothing_is_wider_than_the_screen(shape, width, height):
     page = shape(width, height, mobile=width < 500)
     page.choose("pendulum")
