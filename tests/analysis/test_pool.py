@@ -18,7 +18,6 @@ from pool_works import counts, trial
 
 from rig.analysis.pool import Store, carry_out
 from rig.analysis.pool.carry_out import WorkerProcesses
-from rig.analysis.pool.work import Schedule
 from rig.errors import ExitCode, UsageError, WorkerError
 
 SUPPORT = Path(__file__).parents[1] / "support"
@@ -81,14 +80,14 @@ def test_a_unit_that_ends_its_worker_is_tried_once_more_and_then_given_up(tmp_pa
 def test_a_work_without_a_row_for_it_ends_with_the_last_words_of_the_worker(tmp_path):
     work = trial(str(tmp_path), total=3, does={"1": "exit"})
     with pytest.raises(WorkerError, match=r"ended its worker twice: worker \d ended with code 3: the last words"):
-        done(work, tmp_path)
+        done(work, tmp_path, 1, apart=True)
     assert squares(Store.of(work, tmp_path).load()) == {0: 0.0, 2: 4.0}
 
 
 def test_a_fault_ends_the_work_and_what_is_finished_stays(tmp_path):
     work = trial(str(tmp_path), total=6, does={"4": "fault"})
     with pytest.raises(WorkerError, match=r"worker \d: nothing is as it should be. Finished results are kept in"):
-        done(work, tmp_path)
+        done(work, tmp_path, 1, apart=True)
     kept = squares(Store.of(work, tmp_path).load())
     with pytest.raises(UsageError):
         done(work, tmp_path, 1)
@@ -112,7 +111,7 @@ def test_results_that_do_not_fit_on_the_disk_end_the_work_with_a_sentence(tmp_pa
     work = trial(str(tmp_path), total=4, size=10_000)
     told = r"\.npz cannot be written: File too large\. Finished results are kept"
     with largest_file(20_000), pytest.raises(WorkerError, match=told):
-        done(work, tmp_path)
+        done(work, tmp_path, 1, apart=True)
     assert not [*tmp_path.rglob(".draft*")]
 
 
@@ -169,28 +168,3 @@ def test_a_damaged_file_is_skipped(tmp_path_factory, data):
     at = data.draw(st.integers(0, len(good) - 1))
     path.write_bytes(good[:at] + data.draw(st.binary(max_size=3)) + good[at + data.draw(st.integers(0, 9)) :])
     assert {unit: float(one["value"]) for unit, one in store.load().items()} in ({}, {0: 0.0, 1: 1.0, 2: 2.0})
-
-
-@given(
-    total=st.integers(1, 200),
-    workers=st.integers(1, 5),
-    each=st.floats(1e-4, 10.0),
-    deadly=st.sets(st.integers(0, 199), max_size=5),
-    unlucky=st.sets(st.integers(0, 20), max_size=4),
-)
-def test_whatever_is_lost_each_unit_is_done_once_or_given_up(total, workers, each, deadly, unlucky):
-    """Units in `deadly` end their worker; some batches are lost for no reason of their own."""
-    schedule = Schedule(range(total), workers, 2.0)
-    finished, given_up, turn = [], [], 0
-    while schedule.left:
-        out = [batch for _ in range(workers) if (batch := schedule.batch())]
-        for batch in out:
-            if deadly & {*batch} or turn in unlucky:
-                given_up += schedule.lost(batch)
-            else:
-                finished += batch
-                schedule.done(batch, each * len(batch))
-            turn += 1
-    assert sorted(finished + given_up) == list(range(total))
-    assert set(given_up) >= {unit for unit in deadly if unit < total}
-    assert len(given_up) <= len(deadly) + len(unlucky)
