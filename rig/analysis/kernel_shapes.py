@@ -66,7 +66,7 @@ def shape_of(system: System, method: str) -> Shape:
     how, states = chosen(method, system), system.n if system.n <= UNROLLED else 0
     pressed = how == "kick" or (how in (*ADAPTIVE, "rk4") and crowded(system))
     curved = not system.linear or pressed or how == "smooth"
-    products, implicit = bool(system.products) or pressed, how == "rosenbrock" and curved
+    products, implicit = bool(system.products) or system.remembers or pressed, how == "rosenbrock" and curved
     return Shape(states, curved, how in ("rk4", "kick"), products, how == "kick", implicit)
 
 

@@ -50,13 +50,15 @@ def chosen(method: str, system: System) -> str:
     """The method that "auto" selects.
 
     kick if very many contacts open and close or a film travels; otherwise exact if every mode set is linear; otherwise
-    dopri5.
+    rosenbrock if a law has memory, because its bristles are stiff; otherwise dopri5.
     """
     if method != "auto":
         return method
     if system.film is not None or crowded(system):
         return "kick"
-    return "exact" if system.linear else "dopri5"
+    if system.linear:
+        return "exact"
+    return "rosenbrock" if system.remembers else "dopri5"
 
 
 def as_integrated(system: System, method: str, smoothing: float) -> System:

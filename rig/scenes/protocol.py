@@ -72,7 +72,7 @@ class Clock(Section):
     """Frame, pace and integration of a scene.
 
     frame     loop period: commands in, measurements out [chosen]
-    method    of integration [chosen]; auto is exact where the friction law allows, else dopri5
+    method    of integration [chosen]; auto: exact if laws are constant, rosenbrock if one has memory, else dopri5
     tolerance   of dopri5 and rosenbrock, relative [chosen]
     rk4_step  of rk4 and kick [chosen]
     smoothing   slip speed over which smooth lets friction rise [chosen]

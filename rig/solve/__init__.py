@@ -5,6 +5,7 @@ advance                the loop that advances a state through ticks with the cho
 frames                 plant, instruments (sampling) and controllers (control_loop) in one loop
 exact, many_states     exact propagation: quiet ticks, ticks that are subdivided, cells of stiff mode sets
 dopri5, rk4            Runge-Kutta methods; runge_kutta_stage is their common stage
+rosenbrock             implicit steps in place of those of dopri5, with the exact Jacobian
 collocation            steps of dopri5 in stiff mode sets, with exact propagators
 kick, film_steps       symplectic steps for contacts that open and close all the time, and for a film of points
 contact_state          the contact state that agrees with the equations at an instant

@@ -449,19 +449,30 @@ def direction_of_memory(t, mode_set, p, x):
 
 
 @inner
+def arguments_of_memory(t, mode_set, p, x, T, coupled):
+    """The direction of slip, the slip speed in it and the load of patch p, a law with memory; its states as arguments.
+
+    `coupled`: the load is to include what depends on friction forces.
+    """
+    numbers, m = t.numbers[mode_set, p], t.memory
+    N = dot(t.load[mode_set, p], x)
+    for q in range(0 if coupled else t.slip.shape[0], m.inputs[0]):
+        N += t.load_t[mode_set, p, q] * T[q]
+    sign, w = direction_of_memory(t, mode_set, p, x)
+    for i in range(int(numbers[STATES])):
+        m.states[i] = x[int(numbers[FIRST]) + i] * (sign if numbers[HEADER + i] != 0.0 else 1.0)
+    return sign, w, N
+
+
+@inner
 def evaluate_memory(t, mode_set, p, x, T, coupled):
     """Write the rates of patch p, a law with memory, to T; the result is its friction force, in stick the limit.
 
-    `coupled`: the load is to include what depends on friction forces. Below w = 0 the formulas are continued linearly.
+    `coupled`: as in `arguments_of_memory`. Below w = 0 the formulas are continued linearly.
     """
-    numbers, m, P = t.numbers[mode_set, p], t.memory, t.slip.shape[0]
-    count, first, rate = int(numbers[STATES]), int(numbers[FIRST]), int(numbers[RATE])
-    N = dot(t.load[mode_set, p], x)
-    for q in range(0 if coupled else P, m.inputs[0]):
-        N += t.load_t[mode_set, p, q] * T[q]
-    sign, w = direction_of_memory(t, mode_set, p, x)
-    for i in range(count):
-        m.states[i] = x[first + i] * (sign if numbers[HEADER + i] != 0.0 else 1.0)
+    numbers, m = t.numbers[mode_set, p], t.memory
+    count, rate = int(numbers[STATES]), int(numbers[RATE])
+    sign, w, N = arguments_of_memory(t, mode_set, p, x, T, coupled)
     call_formula(np.int64(numbers[VALUES]), numbers, HEADER + count, max(w, 0.0), N, m.states, m.values)
     if w < 0.0:
         call_formula(np.int64(numbers[SLOPES]), numbers, HEADER + count, 0.0, N, m.states, m.slopes)

@@ -19,7 +19,7 @@ import numpy as np
 
 from rig.compiled.kernel import inlined, inner
 from rig.compiled.records import lent
-from rig.solve.column_blocks import copy, dot
+from rig.solve.column_blocks import copy, dot, is_zero
 from rig.solve.dopri5 import (
     ENDED,
     EVENT_FREE,
@@ -36,7 +36,22 @@ from rig.solve.dopri5 import (
     set_generators,
     step_factor,
 )
-from rig.solve.forces import coefficient, derivative, inputs, right_hand_side, slope
+from rig.solve.forces import (
+    FIRST,
+    HEADER,
+    MEMORY,
+    RATE,
+    SLOPES,
+    STATES,
+    VALUES,
+    arguments_of_memory,
+    call_formula,
+    coefficient,
+    derivative,
+    inputs,
+    right_hand_side,
+    slope,
+)
 from rig.solve.specialised import call, has_products, local, local_square, state_count
 
 STAGES = 8
@@ -195,6 +210,43 @@ def friction_slopes(f, p, x, others):
 
 
 @inner
+def memory_slopes(t, mode_set, p, x, T, S, coupled):
+    """Write the derivatives of patch p, a law with memory, to S; rig.solve.forces.evaluate_memory for the arguments.
+
+    Those of its rates if `coupled`; otherwise those of its friction force, without what friction forces add to its
+    load, and the result is its coefficient.
+    """
+    numbers, m, patches = t.numbers[mode_set, p], t.memory, t.slip.shape[0]
+    count, first, rate = int(numbers[STATES]), int(numbers[FIRST]), int(numbers[RATE])
+    sign, w, N = arguments_of_memory(t, mode_set, p, x, T, coupled)
+    free = t.sigma[mode_set, p] != 0.0 or (is_zero(t.load[mode_set, p]) and is_zero(t.load_t[mode_set, p]))
+    w = max(w, 0.0)
+    call_formula(np.int64(numbers[VALUES]), numbers, HEADER + count, w, N, m.states, m.values)
+    call_formula(np.int64(numbers[SLOPES]), numbers, HEADER + count, w, N, m.states, m.slopes)
+    mu = m.values[0]
+    whole = N
+    if not coupled:
+        for q in range(patches):
+            whole += t.load_t[mode_set, p, q] * T[q]
+    begin, end = (1, count + 1) if coupled else (0, 1)
+    for row in range(begin, end):
+        d, to = m.slopes[row * (count + 2) :], S[rate + row - 1 if coupled else p]
+        along = sign if not coupled or numbers[HEADER + row - 1] != 0.0 else 1.0
+        for j in range(x.shape[0]):
+            load = t.load[mode_set, p, j]
+            for q in range(0 if coupled else patches, m.inputs[0]):
+                load += t.load_t[mode_set, p, q] * S[q, j]
+            change = d[1] * load
+            if free:
+                change += d[0] * (sign * t.slip[p, j])
+            to[j] = along * (change if coupled else whole * change + mu * load)
+        for i in range(count):
+            inward = sign if numbers[HEADER + i] != 0.0 else 1.0
+            to[first + i] += along * (1.0 if coupled else whole) * d[2 + i] * inward
+    return mu if t.sigma[mode_set, p] != 0.0 else 0.0
+
+
+@inner
 def input_slopes(t, mode_set, x, T, S, M):
     """S [inputs, n] = dT/dx at x, and T = the inputs there. M [patch, patch] is scratch."""
     f, patches, n = right_hand_side(t, mode_set, T, M), t.sigma.shape[1], x.shape[0]
@@ -207,13 +259,16 @@ def input_slopes(t, mode_set, x, T, S, M):
         fill_slopes(t, mode_set, 0, p.upto[0], S)
         fill_slopes(t, mode_set, p.upto[0], p.upto[1], S)
     for a in range(patches):
-        by_speed, by_load = friction_slopes(f, a, x, dot(f.law_load_t[a], T))
-        for i in range(n):
-            S[a, i] = by_speed * f.law_speed[a, i] + by_load * f.law_load[a, i]
-        for k in range(patches, S.shape[0]):
-            if f.law_load_t[a, k] != 0.0:
-                for i in range(n):
-                    S[a, i] += by_load * f.law_load_t[a, k] * S[k, i]
+        if f.code[a] == MEMORY:
+            by_load = memory_slopes(t, mode_set, a, x, T, S, False)
+        else:
+            by_speed, by_load = friction_slopes(f, a, x, dot(f.law_load_t[a], T))
+            for i in range(n):
+                S[a, i] = by_speed * f.law_speed[a, i] + by_load * f.law_load[a, i]
+            for k in range(patches, S.shape[0]):
+                if f.law_load_t[a, k] != 0.0:
+                    for i in range(n):
+                        S[a, i] += by_load * f.law_load_t[a, k] * S[k, i]
         for k in range(patches):
             M[a, k] = (1.0 if k == a else 0.0) - by_load * f.law_load_t[a, k]
     if f.coupled:  # as rig.solve.forces.solve_coupled_friction
@@ -229,6 +284,9 @@ def input_slopes(t, mode_set, x, T, S, M):
                 for k in range(a + 1, patches):
                     S[a, i] -= M[a, k] * S[k, i]
                 S[a, i] /= M[a, a]
+    for a in range(patches):
+        if f.code[a] == MEMORY:
+            memory_slopes(t, mode_set, a, x, T, S, True)
     if p.upto[2] > p.upto[1]:
         fill_slopes(t, mode_set, p.upto[1], p.upto[2], S)
 

@@ -48,7 +48,7 @@ def pulled():
     return a.system()
 
 
-@pytest.mark.parametrize("method", ["dopri5"])
+@pytest.mark.parametrize("method", ["dopri5", "rosenbrock"])
 def test_lugre_benchmark(method):
     """x and z at 25 s."""
     motion = Motion(pulled(), 1_000_000, method, tolerance=1e-11)
@@ -62,12 +62,13 @@ def test_lugre_benchmark(method):
 
 
 @pytest.mark.parametrize("mode", [SLIP_PLUS, SLIP_MINUS])
-def test_slopes_of_inputs_are_differences_of_inputs(mode):
+def test_slopes_of_inputs_are_differences_of_inputs(mode, input_slopes):
     system = pulled()
     modes = assemble(system, system.key([mode], [0], []))
     sign = 1.0 if mode == SLIP_PLUS else -1.0
     x = np.array([0.1, -sign * 2e-3, sign * 7e-6, 1.0, 0.3])
     _, slopes = inputs(system, modes, x, own_law(system, modes))
+    assert input_slopes(system, modes.key, x) == pytest.approx(slopes, rel=1e-12, abs=1e-12)
     for i, step in enumerate(1e-6 * np.array([0.1, 1e-3, 1e-5, 1.0, 1.0])):
         ahead, behind = (inputs(system, modes, x + s * step * np.eye(5)[i], own_law(system, modes))[0] for s in (1, -1))
         assert (ahead - behind) / (2.0 * step) == pytest.approx(slopes[:, i], rel=1e-7, abs=1e-9)
