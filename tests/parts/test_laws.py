@@ -4,6 +4,7 @@ import json
 import math
 import re
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import rig as lab
 from rig import laws
 from rig.errors import SceneError, Untrusted
 from rig.laws import LAWS, laws_of
+from rig.motion.motion import Motion
 from rig.parts import trust_scene
 from rig.scenes.scene import Scene
 
@@ -109,17 +111,37 @@ def test_the_same_formula_from_a_file_gives_the_run_of_the_shipped_law(own):
     assert len(mine.events) == len(other.events)
 
 
-def test_a_shipped_law_copied_into_a_file_gives_the_same_bits(own):
-    shutil.copy(Path(laws.__path__[0]) / "stribeck_viscous.py", own / "mine.py")
-    values = {
-        "friction.mu_static": 0.5,
-        "friction.mu_dynamic": 0.2,
-        "friction.speed_scale": 0.02,
-        "friction.viscous": 0.1,
-    }
-    named = ("stribeck_viscous", str(own / "mine.py"))
-    shipped, mine = (lab.simulate(lab.load("belt", {"friction.law": law, **values}), 1.0) for law in named)
+COPIED = {
+    "stribeck_viscous": {"mu_static": 0.5, "mu_dynamic": 0.2, "speed_scale": 0.02, "viscous": 0.1},
+    "lugre": {"mu_static": 0.5, "mu_kinetic": 0.3, "speed_scale": 0.02, "sigma0": 1e4, "sigma1": 3.0},
+}
+
+
+def twice(name, own):
+    """Belts with a shipped law and with a copy of its file."""
+    shutil.copy(Path(laws.__path__[0]) / f"{name}.py", own / "mine.py")
+    values = {f"friction.{key}": value for key, value in COPIED[name].items()}
+    return [lab.load("belt", {"friction.law": law, **values}) for law in (name, str(own / "mine.py"))]
+
+
+@pytest.mark.parametrize("name", COPIED)
+def test_a_shipped_law_copied_into_a_file_gives_the_same_bits(own, name):
+    shipped, mine = (lab.simulate(scene, 1.0) for scene in twice(name, own))
     assert np.array_equal(shipped.signals["displacement"], mine.signals["displacement"])
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("name", COPIED)
+def test_a_law_from_a_file_is_as_fast_as_a_shipped_one(own, name):
+    method = {"stribeck_viscous": "dopri5", "lugre": "rosenbrock"}[name]
+    motions = [Motion(scene.assemble().system(), scene.step_ns, method, longest=2000) for scene in twice(name, own)]
+    best = [math.inf, math.inf]
+    for _ in range(8):
+        for i, motion in enumerate(motions):
+            begin = time.process_time()
+            motion.advance(2000)
+            best[i] = min(best[i], time.process_time() - begin)
+    assert best[1] < 1.05 * best[0]
 
 
 def test_a_law_with_memory_from_a_file(own):
