@@ -30,6 +30,7 @@ from rig.solve.roots import WORK_COLUMNS, WORK_ROWS
 from rig.solve.segment_output import DEGREE
 
 Array = NDArray[np.float64]
+_SLOW, _SHARE = 1e-3, 1e-3  # m/s: least speed of steady slip, and share of its states, for scales of errors
 UNROLLED = 8
 """Up to this number of states, compiled code has it as a constant; above, the same code serves all rigs."""
 
@@ -45,7 +46,7 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         y2=np.zeros(n),
         x0=np.zeros(n),
         copy=np.zeros(n),
-        size=np.zeros(n),
+        size=scales_of_memory(system),
         x_at_end=np.zeros(n),
         law_argument=np.zeros(n),
         law_argument_x=np.zeros(n),
@@ -85,6 +86,21 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         nodes3=np.pad(0.5 * (nodes + 1.0), (PART, 0)),
         weights3=np.pad(0.5 * weights, (PART, 0)),
     )
+
+
+def scales_of_memory(s: System) -> Array:
+    """The least scale of the error of each state: a share of steady slip for internal states of laws, else 0.
+
+    Steps are then not limited by a deflection that begins at zero.
+    """
+    size = np.zeros(s.n)
+    for p, patch in enumerate(s.patches):
+        speed = max(abs(float(s.slip_rows[p] @ s.start)), _SLOW)
+        load = sum(abs(float(normal.row @ s.start)) for normal in s.normals if normal.patch == p)
+        for law in s.laws(p):
+            if law.formula is not None and patch.memory:
+                size[list(patch.memory)] = _SHARE * np.abs(law.formula.steady(law.numbers, speed, load))
+    return size
 
 
 class Tables(NamedTuple):

@@ -21,6 +21,7 @@ from rig.model.method import ADAPTIVE
 from rig.model.mode_sets import FAST, ModeSets
 from rig.model.singular import singular
 from rig.model.system import System
+from rig.model.tables import scales_of_memory
 from rig.motion.balance import Balance, CurrentState
 from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, parts, prepared
 from rig.solve import energy_balance
@@ -304,8 +305,9 @@ class Motion:
     def restart(self, x: Array) -> None:
         """Start again at tick 0 from state `x` [n], as a new motion. Mode sets already built are kept."""
         state, system = self.state, self.system
-        for part in (state.progress, state.energy, state.edges, state.tally, self.work.size):
+        for part in (state.progress, state.energy, state.edges, state.tally):
             part[:] = 0
+        self.work.size[:] = scales_of_memory(system)
         self._search_contacts()
         state.progress["next_length"] = self.integration.step_ns * 1e-9
         state.x[:] = x
@@ -388,7 +390,7 @@ class Motion:
         x, key, system = self.state.x, self.key, ready.system
         sizes = dict(zip(old.names, self.work.size.tolist()))
         self._take(ready)
-        self.work.size[:] = [sizes.get(name, 0.0) for name in system.names]
+        self.work.size[:] = [sizes.get(name, 0.0) or least for name, least in zip(system.names, self.work.size)]
         kept = carried_state(system, old, x)
         self.state = self.state._replace(x=kept, tally=np.zeros_like(self.state.tally))
         for visited, ticks in spent.items():
