@@ -85,17 +85,6 @@ def test_flutter_takes_opposite_signs_of_both_couplings(angle, speed, flutters):
     assert found == pytest.approx(1.0, abs=1e-9)
 
 
-def test_a_contact_spring_that_does_not_press_back_would_flutter_at_half_of_it():
-    """What docs/four_dof.md says of the matrix: kc in row v2 holds the coalescence at 1, without it it is at 0.5."""
-
-    def growth(mu):
-        K = printed(mu)
-        K[3, 3] -= 100.0
-        return np.linalg.eigvals(np.block([[np.zeros((4, 4)), np.eye(4)], [-K, np.zeros((4, 4))]])).real.max()
-
-    assert brentq(lambda mu: growth(mu) - 1e-6, 0.4, 0.6, xtol=1e-13) == pytest.approx(0.5, abs=1e-9)
-
-
 def test_equilibrium_is_that_of_the_printed_equation():
     x = np.linalg.solve(printed(1.1), [0.0, 0.0, 0.0, -2.0])
     found = sliding(friction__mu=1.1).equilibrium

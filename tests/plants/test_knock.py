@@ -10,7 +10,6 @@ from scipy.linalg import expm
 
 import rig as laboratory
 from rig.analysis.recorded import response
-from rig.bench.run.runner import PlantRunner
 from rig.effects import knock
 from rig.errors import SceneError
 
@@ -105,22 +104,6 @@ def test_a_short_knock_is_one_at_once(scene):
     run = laboratory.simulate(scene(changes, text), 0.10002)
     assert run.signals["velocity"][-1] == pytest.approx(IMPULSE / MASS, rel=1e-5)
     assert run.signals["displacement"][-1] == pytest.approx(IMPULSE * 20e-6 / (2.0 * MASS), rel=1e-5)
-
-
-def test_frame_by_frame_or_many_at_once_are_the_same_bits(scene):
-    one, many = (PlantRunner(scene(), truthful=truthful) for truthful in (False, True))
-    for runner, frames in ((one, [1] * 30), (many, [5, 10, 15])):
-        for count in frames:
-            if runner.tick == 5:
-                runner.knock(IMPULSE, 10_000_000)
-            if runner.tick == 15:
-                runner.release()
-            until = runner.tick + count
-            while runner.tick < until:
-                runner.frames(until - runner.tick)
-    assert np.array_equal(one.motion.x, many.motion.x)
-    assert one.output("displacement") != 0.0
-    assert one.output("knock_force") == 0.0
 
 
 def test_two_durations_and_a_sensor(scene):

@@ -67,13 +67,3 @@ def test_what_another_user_can_have_written_is_ignored_with_a_warning(store, mod
     assert model("a") == b"m" * 10
     assert built == ["a", "a"]
     assert caplog.text.count(f"{at} can be written by other users (mode 777): it is ignored") == 1
-
-
-def test_no_draft_is_left_by_a_full_disk(store, model, caplog, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("pathlib.Path.replace", full)
-    assert model("a") == b"m" * 10
-    assert "No space left on device" in caplog.text
-    assert list(store.iterdir()) == []

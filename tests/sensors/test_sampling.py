@@ -85,18 +85,6 @@ def test_noise_of_an_instrument_is_its_own_whatever_its_neighbours(play):
     assert abs(np.corrcoef(run.y["left"], run.y["right"])[0, 1]) < 0.08
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
-def test_ideal_is_the_value_at_the_sample_instant_or_its_delay_earlier(play, kind):
-    sensors = {"now": KINDS[kind](ideal=True), "late": KINDS[kind](ideal=True, delay="17 ms")}
-    sensor = sensors["now"]
-    run = play(sensors, SIGNALS, 0.2, parts=2)
-    for name, late in (("now", 0.0), ("late", 0.017)):
-        taken = np.maximum(run.t[name] - late, 0.0)
-        expected = sensor.sensitivity * SIGNALS[sensor.reads](taken)
-        np.testing.assert_allclose(run.y[name], expected, rtol=1e-12, atol=1e-15)
-        np.testing.assert_array_equal(run.t[name], 1e-9 * np.arange(0, 201 * 1_000_000, 1_000_000))
-
-
 def test_at_a_jump_the_value_before_it_is_read():
     sensors = {"a": KINDS["accelerometer"](ideal=True), "fast": KINDS["accelerometer"](ideal=True, rate=2000.0)}
     bank = Bank(sensors, ["acceleration"], 1_000_000, 1)
