@@ -46,7 +46,8 @@ def serving(runs, tmp_path):
         address = re.search(r"http://\S+", process.stdout.readline())[0]
         with httpx.Client(base_url=address.partition("/?")[0], follow_redirects=True, timeout=PATIENCE_S) as http:
             http.get(address)
-            assert http.post("/api/run", json={"scene": "belt", "changes": {"load.force": 21}}).status_code == 200
+            body = {"scene": "belt", "changes": {"load.force": 21}, "duration": 600.0}
+            assert http.post("/api/run", json=body).status_code == 200
             wait_for(lambda: http.get("/api/run").json()["phase"] == "running")
             started = psutil.Process(process.pid).children(recursive=True)
             assert len(started) == 2  # plant and recorder
@@ -70,7 +71,7 @@ def test_ctrl_c_ends_the_run_closes_the_recording_and_prints_the_summary(serving
     run = package.open(log)
     assert run.time.size
     assert not run.damage
-    assert run.provenance["command"] == "rig run belt -p load.force=21"
+    assert run.provenance["command"] == "rig run belt -p load.force=21 --duration 600.0"
 
 
 def test_a_server_that_is_killed_leaves_no_process_and_a_recording(serving):
