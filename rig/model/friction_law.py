@@ -167,7 +167,7 @@ def seal(mixed: float, decay: float, film: float, offset: float) -> Law:
 
 def smoothed(law: Law, scale: float) -> Law:
     """`law` as an odd and smooth function of the slip speed, which rises over `scale` [m/s]."""
-    return Law(law.static, SMOOTH, (scale, float(law.code), *law.numbers))
+    return Law(law.static, SMOOTH, (scale, float(law.code), *law.row().tolist()))
 
 
 def table(speeds: NDArray[np.float64], values: NDArray[np.float64], static: float) -> Law:

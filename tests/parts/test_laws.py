@@ -14,6 +14,7 @@ import rig as lab
 from rig import laws
 from rig.errors import SceneError, Untrusted
 from rig.laws import LAWS, laws_of
+from rig.model.friction_law import smoothed
 from rig.motion.motion import Motion
 from rig.parts import trust_scene
 from rig.scenes.scene import Scene
@@ -92,6 +93,7 @@ def test_a_law_from_a_file_is_its_formula(own):
         u = v / 0.02
         assert law.mu(v) == pytest.approx(0.2 + 0.3 * u * math.exp(1.0 - u), rel=1e-14)
         assert law.slope(v) == pytest.approx(15.0 * (1.0 - u) * math.exp(1.0 - u), rel=1e-14)
+        assert smoothed(law, 1e-3).mu(v) == pytest.approx(math.tanh(v / 1e-3) * law.mu(v), rel=1e-14)
     assert scene.assemble().patches[0][3] is law  # the same values are compiled and checked once
 
 
