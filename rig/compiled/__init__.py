@@ -9,8 +9,12 @@ records       records lent to kernels
 import os
 import sys
 
-if os.environ.get("RIG_OWN_PROCESS") and "yaml" not in sys.modules and not os.path.exists(".numba_config.yaml"):
-    sys.modules["yaml"] = None  # type: ignore[assignment]  # numba imports it to read this file (20 ms)
+if os.environ.get("RIG_OWN_PROCESS"):
+    # numba imports yaml to read a file (20 ms), and scipy to ask for its version (20 ms)
+    _left_out = {"scipy"} if os.path.exists(".numba_config.yaml") else {"scipy", "yaml"}
+    _left_out -= sys.modules.keys()
+    sys.modules |= dict.fromkeys(_left_out)  # type: ignore[arg-type]
     import numba  # noqa: F401
 
-    del sys.modules["yaml"]
+    for _name in _left_out:
+        del sys.modules[_name]

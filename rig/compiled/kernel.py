@@ -14,6 +14,7 @@ import platform
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -33,6 +34,7 @@ ROOMS = ("rig.compiled.kernel", *(room.replace("/", ".") for room in kernel_stor
 """Modules whose kernels are stored by the hash of all sources; those of others are stored by their own source file."""
 
 
+@cache
 def source_key() -> str:
     """Hash (16 hex digits) of numba's version and of everything that compiled code depends on
     (rig.compiled.kernel_store).
@@ -128,12 +130,20 @@ _njit: Any = numba.njit  # noqa: TID251
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
+def _no_extensions() -> None:
+    """Called before a kernel is compiled: no kernel needs the extensions of numba that other packages may have.
+
+    To look for them takes 15 ms. numba still does so before it compiles the code of a user.
+    """
+
+
 def _compiled(function: F, **options: Any) -> F:
     dispatcher = _njit(**_OPTIONS, **options)(function)
     templates = dispatcher.get_call_template
     # A literal in the source of a caller would be a type of its own, and numba would compile a kernel for it.
     plain: Any = types.unliteral
     dispatcher.get_call_template = lambda kinds, named: templates([plain(kind) for kind in kinds], named)
+    dispatcher._compilation_chain_init_hook = _no_extensions  # noqa: SLF001
     FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(ROOMS))
     return dispatcher  # type: ignore[no-any-return]
 

@@ -88,9 +88,15 @@ def stopping() -> Iterator[threading.Event]:
 
 @contextmanager
 def no_garbage() -> Iterator[None]:
-    """Collect garbage once, then not until the end of the block: a collection during a run costs milliseconds."""
+    """Collect garbage once, then not until the end of the block: a collection during a run costs milliseconds.
+
+    In a process of ours that has only started so far nothing is collected, which takes 70 ms: its objects stay alive.
+    """
     enabled = gc.isenabled()
-    gc.collect()
+    if gc.get_threshold()[0] == _GARBAGE and not gc.get_freeze_count():
+        gc.freeze()
+    else:
+        gc.collect()
     gc.disable()
     try:
         yield

@@ -24,8 +24,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import scipy
-from threadpoolctl import threadpool_info
 
 from rig.plants.structures import model_store, plate_elements
 from rig.plants.structures.plate_elements import Foam, Plate
@@ -145,6 +143,9 @@ def _key(given: dict[str, Any]) -> str:
 
     OpenBLAS chooses its code for the processor that it finds. A cache that two machines share has a file for each.
     """
+    import scipy  # both only for a plate
+    from threadpoolctl import threadpool_info
+
     built = {
         "sources": [sha256((_HERE / name).read_bytes()).hexdigest() for name in _SOURCES],
         "libraries": [np.__version__, scipy.__version__],
