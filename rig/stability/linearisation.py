@@ -365,6 +365,8 @@ def _newton(
     x = system.start.copy()
     x[: system.one] = 0.0
     A, T, load = linearised(system, modes, x, law)
+    if _remember(system, modes, x, load):
+        A, T, load = linearised(system, modes, x, law)
     residual, scale = _rest(system, modes, free, x, T)
     for _ in range(rounds):
         if residual <= _TOLERANCE * scale:
@@ -385,6 +387,22 @@ def _newton(
         x, (A, T, load) = y, linearisation
     x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # below the resolution of lstsq
     return _Found(x, A, T, load, residual <= _REST * scale)
+
+
+def _remember(system: System, modes: ModeSet, x: Array, load: Array) -> bool:
+    """Write the internal states of slipping patches in steady slip at x under `load` [patch]; whether there are any.
+
+    From their start Newton's method may not reach them: an age changes over decades.
+    """
+    sectors, remembers = system.modes(modes.key)[3], False
+    for p, patch in enumerate(system.patches):
+        law, sigma = system.law(p, sectors), float(modes.sigma[p])
+        if law.formula is not None and patch.memory and sigma != 0.0:
+            speed = max(sigma * float(system.slip_rows[p] @ x), 0.0)
+            states = law.formula.steady(law.numbers, speed, float(load[p]))
+            x[list(patch.memory)] = [sigma * z if state.along else z for state, z in zip(law.states, states)]
+            remembers = True
+    return remembers
 
 
 def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact: Contact) -> float:

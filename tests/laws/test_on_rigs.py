@@ -1,0 +1,157 @@
+"""Laws with memory on a rig, against closed solutions and independent integrations."""
+
+import math
+from itertools import pairwise
+
+import friction_oracles as oracles
+import numpy as np
+import pytest
+
+import rig
+
+RATE = {"mu_reference": 0.6, "speed": 1e-6, "a": 0.01, "b": 0.015, "distance": 1e-5}
+HELD = """
+format = 1
+plant = "belt"
+[body] # so heavy, for its load, that it does not move: the belt prescribes the slip
+mass = 1e6
+stiffness = 0
+[load]
+force = 1e-11
+[drive]
+speed = 0
+[clock]
+tolerance = 1e-12
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A scene from TOML `text`, with a friction law and protocol steps as dictionaries."""
+
+    def make(text, friction, steps=(), **changes):
+        tables = "\n".join(f"{key} = {_toml(value)}" for key, value in friction.items())
+        protocol = "".join(
+            "\n[[protocol]]\n" + "\n".join(f"{key} = {_toml(value)}" for key, value in step.items()) for step in steps
+        )
+        file = tmp_path / "scene.toml"
+        file.write_text(f"{text}\n[friction]\n{tables}\n{protocol}\n")
+        return rig.load(str(file), changes)
+
+    return make
+
+
+def _toml(value):
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def test_a_pulled_mass_with_lugre_friction(scene):
+    """The frame of the spring's end: the ground moves at -0.1 m/s; here mirrored."""
+    text = """
+format = 1
+plant = "belt"
+[body]
+mass = 1
+stiffness = 2
+[drive]
+speed = 0.1
+[load]
+force = 1
+[start]
+velocity = 0.1
+[clock]
+tolerance = 1e-11
+"""
+    law = {"law": "lugre", "load": "1 N", "mu_static": "1.5 N", "mu_kinetic": "1 N", "speed_scale": 1e-3,
+           "sigma0": "1e5 N/m", "sigma1": math.sqrt(1e5), "sigma2": 0.4}  # fmt: skip
+    signals = rig.simulate(scene(text, law), 25.0).signals
+    assert 2.5 - signals["displacement"][-1] == pytest.approx(oracles.LUGRE_PULLED["x"], rel=1e-8)
+    assert 0.1 - signals["velocity"][-1] == pytest.approx(oracles.LUGRE_PULLED["v"], rel=1e-7)
+    assert signals["contact_deflection"][-1] == pytest.approx(oracles.LUGRE_PULLED["z"], rel=1e-8)
+
+
+TURNS = [0.0, 2e-5, -1e-5, 4e-6, 1e-6, 3e-5, -3e-5]
+"""Points between which the belt moves, each in 0.2 s [m]."""
+
+
+def ramps(turns):
+    """Protocol steps: the speed rises and falls linearly on the way to each point."""
+    for begin, end in pairwise(turns):
+        for to in ((end - begin) / 0.1, 0.0):
+            yield {"step": "ramp", "target": "drive.speed", "to": to, "over": 0.1}
+
+
+def shares(steps):
+    """Shares of the way after each of `steps` equal times of such a motion."""
+    t = np.linspace(0.0, 1.0, steps + 1)
+    return np.where(t <= 0.5, 2.0 * t**2, 1.0 - 2.0 * (1.0 - t) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("law", "loop"),
+    [
+        ({"law": "dahl", "mu_kinetic": 0.4, "sigma0": 1e5}, lambda at: oracles.dahl(TURNS, at, 1e5, 0.4, 1.0)),
+        (
+            {"law": "dahl", "mu_kinetic": 0.4, "sigma0": 1e5, "exponent": 2.5},
+            lambda at: oracles.dahl(TURNS, at, 1e5, 0.4, 2.5),
+        ),
+        (
+            {"law": "maxwell_slip", "mu_static": 0.3, "mu_kinetic": 0.3, "speed_scale": 1.0, "transition": 0.01,
+             "stiffness": [1e5, 4e4, 1e4], "shares": [0.5, 0.3, 0.2]},
+            lambda at: (0.0, sum(oracles.elements(TURNS, at, k, 0.3 * a, 0.01)[1]
+                                 for k, a in ((1e5, 0.5), (4e4, 0.3), (1e4, 0.2)))),
+        ),
+    ],
+    ids=["dahl", "dahl of exponent 2.5", "maxwell"],
+)  # fmt: skip
+def test_loops_are_the_closed_solution(scene, law, loop):
+    run = rig.simulate(scene(HELD, law, ramps(TURNS)), 0.2 * (len(TURNS) - 1))
+    _, force = loop(shares(200))
+    once = np.delete(force, np.arange(201, len(force), 201))  # a turn ends one leg and begins the next
+    mu = run.signals["friction_force"] / 1e-11
+    np.testing.assert_allclose(mu, once, atol=1e-9, rtol=0.0)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-8, 1e-5, 1e-3])
+def test_steps_of_the_speed_follow_the_closed_solution_of_the_ageing_law(scene, speed):
+    before = 2e-6
+    steps = [{"step": "hold", "time": 10.0}, {"step": "set", "target": "drive.speed", "to": speed},
+             {"step": "hold", "time": 10.0}]  # fmt: skip
+    run = rig.simulate(scene(HELD, {"law": "rate_state", **RATE}, steps, **{"drive.speed": before}), 20.0)
+    first = np.searchsorted(run.time, 10.0)
+    start = oracles.aged(0.0, before, np.array([10.0]), RATE["speed"], RATE["distance"])[0]
+    psi = oracles.aged(start, speed, run.time[first:] - 10.0, RATE["speed"], RATE["distance"])
+    np.testing.assert_allclose(run.signals["contact_state"][first:], psi, atol=1e-9, rtol=0.0)
+
+
+SPRING = """
+format = 1
+plant = "belt"
+[body]
+mass = 2
+stiffness = 1
+[load]
+force = 30
+[drive]
+speed = 1e-3
+[clock]
+unstable = "run"
+"""
+
+
+@pytest.mark.parametrize("evolution", ["ageing", "slip"])
+@pytest.mark.parametrize("speed", [1e-6, 1e-3, 0.1])
+def test_steady_slip_loses_stability_at_the_critical_stiffness(scene, evolution, speed):
+    stiffness, frequency = oracles.critical_stiffness(2.0, 30.0, RATE["a"], RATE["b"], RATE["distance"], speed)
+    law = {"law": "rate_state", **RATE, "evolution": evolution}
+    growths = []
+    for factor in (1.0, 1.01, 0.99):
+        changes = {"drive.speed": speed, "body.stiffness": factor * stiffness}
+        modes = rig.modes(scene(SPRING, law, **changes)).sliding.modes
+        mode = max(modes, key=lambda mode: mode.frequency)
+        growths.append(mode.growth)
+        if factor == 1.0:
+            assert 2.0 * math.pi * mode.frequency == pytest.approx(frequency, rel=1e-9)
+    fastest = RATE["a"] * 30.0 / 2.0 / speed + speed / RATE["distance"]
+    assert abs(growths[0]) < 1e-10 * max(fastest, frequency)
+    assert growths[1] < 0.0 < growths[2]
