@@ -434,7 +434,7 @@ def _width(law: Law) -> float:
     speeds = np.array([0.0, *np.geomspace(1e-9, 1.0, 10 * _SPEEDS).tolist()])
     change = float(np.ptp(law.over(speeds)))
     slope = max(abs(law.slope(speed)) for speed in speeds.tolist())
-    return change / slope if change > 0.0 else math.inf
+    return change / slope if change > 0.0 and slope > 0.0 else math.inf
 
 
 def _steep_law(system: System, step: float, substeps: int) -> Iterator[Finding]:
