@@ -22,7 +22,7 @@ from rig.record.provenance import provenance
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print, and return 1 if a limit was missed."""
     given = _parser().parse_args(arguments)
-    asked = Asked(given.quick, given.loop or (10.0 if given.quick else 60.0))
+    asked = Asked(given.quick, given.loop or (10.0 if given.quick else 60.0), given.megabytes)
     wanted = {name: group for name, group in GROUPS.items() if getattr(given, name)} or GROUPS
     try:
         groups = {"against": versions(given.against)} if given.against else wanted
@@ -54,6 +54,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="fewer rounds and shorter runs")
     parser.add_argument("--against", metavar="COMMIT", help="compare the speed with that of another version, no more")
     parser.add_argument("--loop", metavar="SECONDS", type=float, help="the loop over the bus, a paced run this long")
+    parser.add_argument(
+        "--megabytes", metavar="MB", type=int, default=250, help="the CSV to import; 2000 for the limit"
+    )
     for name, group in GROUPS.items():
         if name != "loop":
             parser.add_argument(f"--{name}", action="store_true", help=group.title)

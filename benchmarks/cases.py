@@ -16,10 +16,11 @@ _VERDICTS = {"VALID": 0.0, "DEGRADED": 1.0, "INVALID": 2.0}
 
 
 class Asked(NamedTuple):
-    """How long measurements take: `quick`, and the length [s] of the paced run of the loop."""
+    """How long measurements take: `quick`, the length [s] of the paced run of the loop, the CSV to import [MB]."""
 
     quick: bool
     seconds: float
+    megabytes: int = 250
 
 
 class Case(NamedTuple):
@@ -127,9 +128,17 @@ GROUPS = {
         lambda asked: recording.recording(3.0 if asked.quick else 20.0),
         (_most("cores", "recorder", 1.0, "cores"), _most("lost", "recorder, messages lost", 0.0, "messages")),
     ),
+    "imports": Group(
+        "rig import of a CSV; its size is that of --megabytes",
+        lambda asked: recording.imported(asked.megabytes),
+        (
+            Case("MB_per_core_s", "import of a CSV", 50.0, "MB per second of a core"),
+            _most("above_MB", "import of a CSV, memory above that of a small one", 300.0, "MB"),
+        ),
+    ),
     "loop": Group(
         "loop over the bus: controller, recorder, paced also viewer bridge; short runs beside bare round trips",
-        lambda asked: loop.measured(*asked),
+        lambda asked: loop.measured(asked.quick, asked.seconds),
         (
             _most("short.over_bare.lockstep", "a tick in lockstep", 1.3, "of a bare round trip"),
             _most("short.over_bare.paced", "paced, put to command", 1.0, "of a bare round trip"),

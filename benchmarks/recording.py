@@ -137,3 +137,40 @@ def _publish(session: Any, seconds: float) -> Any:
                 session.flush()
             spent[frame] = 1e-9 * (time.perf_counter_ns() - begin)
     return spent
+
+
+_ROWS = 10_000
+_IMPORT = """
+import resource, sys, time
+from pathlib import Path
+import psutil
+import rig
+small, large, out = map(Path, sys.argv[1:])
+channels = {"v": "vibrometer, 125 mm/s/V", "F": "load, 100 N/V, offset -2.5 N", "a": "accelerometer, m/s^2"}
+rig.import_(small, out, channels, rate="50 kHz", replace=True)
+before, begin, clock = psutil.Process().memory_info().rss, time.process_time(), time.perf_counter()
+rig.import_(large, out, channels, rate="50 kHz", replace=True)
+most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+print(time.process_time() - begin, time.perf_counter() - clock, most - before)
+"""
+
+
+def imported(megabytes: int) -> dict[str, Any]:
+    """Import a CSV of this size: MB per second of processor time and of the clock, memory above that after a small one.
+
+    The files are in a folder of their own, which is deleted.
+    """
+    rows = np.random.default_rng(0).standard_normal((_ROWS, 3))
+    block = "".join(f"{v:.9f},{F:.9f},{a:.9f}\n" for v, F, a in rows).encode()
+    with tempfile.TemporaryDirectory(prefix="friction-rig-bench-") as folder:
+        small, large, out = (Path(folder) / name for name in ("small.csv", "large.csv", "run.mcap"))
+        for path, count in ((small, 1), (large, max(megabytes * 10**6 // len(block), 1))):
+            with path.open("wb") as file:
+                file.write(b"v,F,a\n")
+                for _ in range(count):
+                    file.write(block)
+        size = large.stat().st_size / 1e6
+        words = [sys.executable, "-c", _IMPORT, str(small), str(large), str(out)]
+        done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=1800)
+    processor, clock, memory = map(float, done.stdout.split())
+    return {"MB": size, "MB_per_core_s": size / processor, "MB_per_s": size / clock, "above_MB": memory / 1e6}

@@ -144,6 +144,7 @@ FAULTS = [
     (GOOD + "0,1,1\n1,1,1\n", {"time": "w"}, ["column w states no unit"]),
     (GOOD + "0,1,1\n1,1,1\n", {"texts": ["v = a, mm/s"]}, ["the file says that v is in m/s"]),
     ("only words\nhere\n", {}, ["there is no table of numbers"]),
+    (GOOD + "0,1,1\n1;2;2\n2,3,3\n3,4,4\n4,5,5\n", {}, ["row 3: 1 values, the other rows have 3; with ';' in place"]),
 ]  # fmt: skip
 
 

@@ -167,17 +167,32 @@ class _Form:
     def of(cls, lines: Sequence[str], separator: str, mark: str) -> _Form:
         """Find the rows: the longest block of lines with one number of columns, all of which are values."""
         form, begin, width = cls(separator, mark), 0, -1
-        for i, line in enumerate([*lines, "?"]):
-            cells = form.split(line)
-            valued = any(map(form._is_value, cells)) and all(
-                cell in _NO_VALUE or form._is_value(cell) for cell in cells
-            )
-            if not valued or len(cells) != width:
+        widths = [form._width_of(line) for line in lines]
+        for i, here in enumerate([*widths, -1]):
+            if here < 0 or here != width:
                 if width >= 0 and i - begin > form.rows:
                     form.rows, form.skip, form.width = i - begin, begin, width
-                begin, width = i, len(cells) if valued else -1
+                begin, width = i, here
+        form._skip_to_header(lines, widths)
         form.headed = form.rows > 0 and form.skip > 0 and len(form.split(lines[form.skip - 1])) == form.width
         return form
+
+    def _width_of(self, line: str) -> int:
+        """The number of values of a row; -1 for a line that is none."""
+        cells = self.split(line)
+        known = [self._is_value(cell) for cell in cells]
+        return (
+            len(cells) if any(known) and all(map(lambda cell, value: value or cell in _NO_VALUE, cells, known)) else -1
+        )
+
+    def _skip_to_header(self, lines: Sequence[str], widths: Sequence[int]) -> None:
+        """Begin below an earlier header, if most lines from there on are rows: the other ones are faults."""
+        for i in range(1, self.skip):
+            rows = widths[i : self.skip]
+            headed = widths[i - 1] < 0 and len(self.split(lines[i - 1])) == self.width
+            if headed and rows[0] == self.width and 2 * rows.count(self.width) >= len(rows):
+                self.skip, self.rows = i, self.rows + rows.count(self.width)
+                return
 
     @property
     def merit(self) -> tuple[int, bool, int]:
