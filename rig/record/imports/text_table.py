@@ -23,7 +23,7 @@ from rig.record.run_data import Reals
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _HEAD = 1 << 16
 """Length of the part in which the form of the table is looked for [bytes]."""
-BLOCK = 8 << 20
+BLOCK = 2 << 20
 """Length of the part of a file that is read at once [bytes]."""
 _MOST = 20
 """Number of faults that are told; further ones are counted."""
