@@ -109,6 +109,7 @@ def start(rounds: int = 5) -> dict[str, Any]:
     """
     warmup(names=["belt"])
     own = os.environ | {"RIG_OWN_PROCESS": "1"}  # as the command sets it for its processes
+    own.pop("PYTHONDONTWRITEBYTECODE", None)  # or each start would compile edited sources of rig anew
     times: dict[str, list[float]] = {name: [] for name in STARTS}
     for _ in range(rounds + 1):  # the first ones read the files
         for name, words in STARTS.items():

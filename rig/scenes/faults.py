@@ -17,7 +17,6 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from rig.laws import LAW, LAWS, FrictionLaw, class_of, laws_of
 from rig.quantities import BOUNDS, Unit, in_words
 from rig.scenes import migration
 from rig.units import brief
@@ -194,6 +193,8 @@ def keys(model: Any) -> list[str]:
 
 def members(annotation: Any, tag: str) -> Mapping[str, type[BaseModel]]:
     """Tag value -> section, for a discriminated union, and for a friction law."""
+    from rig.laws import LAW, LAWS, FrictionLaw  # loads numba, which a recorder does not need
+
     if tag == LAW and FrictionLaw in _models(annotation):
         return LAWS
     sections: dict[str, type[BaseModel]] = {}
@@ -218,6 +219,8 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
 
 def _walk(model: Any, loc: Loc, raw: Any) -> tuple[Loc, Any, Any, str]:
     """Follow pydantic's location: path as the user wrote it, section that holds the key, its annotation and unit."""
+    from rig.laws import FrictionLaw, class_of, laws_of
+
     path: list[int | str] = []
     owner, annotation, unit = model, model, ""
     for part in loc:

@@ -53,6 +53,7 @@ def test_help_shows_an_example(rig, name):
         ("simulate pendulum --duration 0.1", "google.protobuf zenoh pint numba.np.arraymath typer._adapters"),
         ("simulate pendulum --duration 100ms -p drive.speed=2rpm -p load.force=0.02kN", "pint typer._adapters"),
         ("control nf --run nobody --wait 0", "numba scipy pint typer._adapters"),
+        ("record --run nobody --wait 0", "numba scipy pint typer._adapters"),
     ],
 )
 def test_a_command_imports_what_it_needs(command, heavy):
