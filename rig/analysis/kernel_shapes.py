@@ -51,7 +51,7 @@ VARIANTS = tuple(
     for one in product(range(UNROLLED + 1), (False, True), (False, True), (False, True), (False, True), (False, True))
     if one[1] or not one[3]  # products of states are never linear
     if not one[4] or (one[1] and one[2] and one[3])  # kicks need products and fixed steps
-    if not one[5] or not one[2]  # implicit steps have any length
+    if not one[5] or (one[1] and not one[2])  # implicit steps are for what is not linear, and of any length
 )
 """Every possible shape: the number of compiled kernels does not grow with the number of effects."""
 

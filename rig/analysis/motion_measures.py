@@ -59,6 +59,8 @@ from rig.stability.report import RK4_LIMIT
 
 TIGHTEST = 1e-12  # tolerance
 THEORY = {"dopri5": 5, "rosenbrock": 5, "rk4": 4, "kick": 2}  # order of the error in the step
+_MANY_TO_SOLVE = 64
+"""Number of states beyond which rosenbrock is not measured: the time of a step grows as its third power."""
 _FINE = 2e-3  # |lambda| h of the finest rk4 step of a series
 _RUNG = 2.0  # smallest ratio of two steps of a series
 Array = NDArray[np.float64]
@@ -120,6 +122,8 @@ def eligible(system: System) -> dict[str, str]:
             reasons[method] = str(error)
     reasons["smooth"] = "never sticks: for comparison only, rig torture shows its errors"
     reasons["kick"] = kick_tables.refusal(system)
+    if system.n > _MANY_TO_SOLVE:
+        reasons["rosenbrock"] = f"each of its steps solves equations for {system.n} states"
     if system.linear and not reasons["exact"]:
         for method in ADAPTIVE:
             reasons[method] = f"every mode set is linear: {method} would use the exact propagator"
