@@ -198,3 +198,16 @@ def test_speed_and_load_are_followed_by_their_names(bench):
 def test_what_a_scene_cannot_follow_or_pair_is_named(bench, options, words):
     with pytest.raises(UsageError, match=words):
         lab.diff(bench, "belt", **options)
+
+
+def test_the_command_compares_with_a_scene_and_judges_by_the_tolerance(rig, logs):
+    options = ["--pair", "vibrometer = velocity", "--velocity", "vibrometer", "--drive", "0.06 m/s", "--to", "3"]
+    reports = []
+    for tolerance, code in (("10", 0), ("0.001", 1)):
+        left, out, _ = rig("diff", logs[0], "belt", *options, "--tolerance", tolerance, "--json")
+        assert left == code
+        reports.append(json.loads(out))
+    assert {row["channel"] for row in reports[0]["measures"]} == {"vibrometer", "contact"}
+    assert reports[0]["follows"] == {"drive.speed": "surface_speed", "load.force": "normal_force"}
+    left, _, told = rig("diff", *logs, "--follow", "drive.speed = surface_speed")
+    assert (left, "need a scene" in told) == (2, True)

@@ -170,12 +170,21 @@ def test_a_complex_data_set_is_no_measurement_over_time(tmp_path):
 
 
 @UNCLOSED
-@pytest.mark.parametrize("name", ["x.parquet", "x.mat", "x.h5", "x.nc", "x.wav", "binary.uff", "x.tdms"])
+@pytest.mark.parametrize("name", ["x.parquet", "x.mat", "x.h5", "x.nc", "x.wav", "ascii.uff", "binary.uff", "x.tdms"])
 def test_a_truncated_file_is_refused(tmp_path, name):
     path = tmp_path / name
     WRITERS[name](path)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(UsageError, match=name):
+    with pytest.raises(UsageError, match=rf"{name}: .*cut off"):
+        opened(path)
+
+
+def test_a_cut_data_set_is_not_left_out_silently(tmp_path):
+    path = tmp_path / "x.uff"
+    uff(path, 0)
+    uff(path, 0)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(UsageError, match="its last data set has no end"):
         opened(path)
 
 

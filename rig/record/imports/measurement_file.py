@@ -258,6 +258,8 @@ def _wav(path: Path) -> MeasurementFile:
 
 def _uff(path: Path) -> MeasurementFile:
     pyuff, arrays = needed("pyuff", "measurements"), _Arrays(path)
+    if not path.read_bytes().rstrip().endswith(b"    -1"):  # the end of a data set
+        raise UsageError(f"{path}: is cut off: its last data set has no end")
     file = pyuff.UFF(str(path))
     for number, kind in enumerate(file.get_set_types()):
         if kind not in (58, 55):
