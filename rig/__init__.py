@@ -200,13 +200,13 @@ def events(
     first: float = 0.0,
     last: float = float("inf"),
     over: Scene | str | Path | None = None,
-    key: str = "drive.speed",
+    key: str = "",
 ) -> Events:
     """Find the vibration events of a channel `name` from `first` to `last` [s], measured or simulated.
 
     Each has begin, end, frequency, level, growth rate with an interval of 90 %, and means of the channels `at` during
     the growth (default: speed of the drive, load, temperature). `window` [s]: default 40 ms, or eight periods. `over`:
-    a scene whose eigenvalues over `key` are compared with them. Raises rig.errors.UsageError and SceneError.
+    a scene whose eigenvalues over `key` (drive.speed) are compared with them. Raises UsageError and SceneError.
     """
     from rig.analysis.recorded.events import events as find
 

@@ -112,6 +112,12 @@ def test_squeals_of_many_recordings_are_found():
     assert score(range(1, 17)) >= 0.98
 
 
+def test_a_tone_that_is_too_slow_for_the_recording_is_named():
+    t = np.arange(2000) / 1000.0
+    result = events(measured(1000.0, laser=(np.cos(2.0 * np.pi * 3.0 * t), "m")))
+    assert "3 Hz is stronger, but needs windows of 2.67 s" in result.text()
+
+
 def test_noise_contains_no_event():
     v = noise(np.random.default_rng(3), int(20 * RATE), 1.0)
     result = events(measured(accelerometer=(v, "m/s^2")))
@@ -157,6 +163,7 @@ def test_the_growth_of_a_simulated_rig_is_that_of_its_eigenvalue(scene, seconds,
     (event,) = lab.events(run, over=scene).events
     assert event.growth == pytest.approx(truth, rel=within)
     assert event.low <= truth <= event.high
+    assert event.decay != event.decay  # the run ends before
 
 
 def test_events_lie_over_the_eigenvalues_of_a_scene():
@@ -188,6 +195,7 @@ def test_speed_load_and_temperature_are_chosen_by_unit_and_name():
         ({"window": 0.5}, "too few.*--window"),
         ({"window": 1e-4}, "too few.*higher rate"),
         ({"at": ["speed"]}, "speed"),
+        ({"key": "load.force"}, "--over SCENE"),
     ],
 )
 def test_what_cannot_be_evaluated_is_named(given, message):

@@ -39,7 +39,8 @@ _LOWEST = 3  # line of the lowest tone
 _REACH, _BRIDGE = 2, 3  # lines by which a tone may move in a step; steps without it that do not end an event
 _CHUNK = 1 << 22  # samples transformed at once
 _POINTS = 41  # of the eigenvalues over speed or load
-_HARMONICS, _HIDDEN = 8, 1e-4  # highest order of a harmonic; power beside a stronger tone, less is hidden
+_HARMONICS, _HIDDEN = 6, 1e-4  # highest order of a stronger harmonic; power beside a stronger tone, less is hidden
+_JITTER = 2e-3  # of the frequency: how exactly those of harmonics are known; five times as much for weak ones
 _THIRD = 2.0 ** (1.0 / 6.0) - 2.0 ** (-1.0 / 6.0)  # of the frequency: width of a third of an octave
 
 
@@ -192,20 +193,23 @@ def events(
     first: float = 0.0,
     last: float = math.inf,
     over: Scene | None = None,
-    key: str = "drive.speed",
+    key: str = "",
 ) -> Events:
     """Find the vibration events of a channel from `first` to `last` [s].
 
     `name`: the channel; default: a sensor that measures vibration. `at`: channels whose means during the growth are
     told; default: speed of the drive, load and temperature, as far as the recording has them. `window`: length of the
-    windows [s]; default: 40 ms, or eight periods of the strongest tone. `over`: a scene whose
-    eigenvalues over `key` are compared with the events (`Events.over`). Raises UsageError, and SceneError for the key.
+    windows [s]; default: 40 ms, or eight periods of the strongest tone. `over`: a scene whose eigenvalues over `key`
+    (drive.speed) are compared with the events (`Events.over`). Raises UsageError, and SceneError for the key.
     """
+    if key and over is None:
+        raise UsageError(f"key {key}: name the scene whose eigenvalues are compared with the events (--over SCENE)")
     channel = series(run, name or vibration(run), first, last)
     named = conditions(run, channel.name) if at is None else at
     others = {other.name: other for other in (series(run, beside, first, last) for beside in named)}
     v = channel.v - np.nanmean(channel.v)
-    length = round((window or _window_of(v, channel.rate)) * channel.rate)
+    strongest = _strongest(v, channel.rate)
+    length = round((window or max(_WINDOW, min(_PERIODS / strongest, v.size / channel.rate / 12.0))) * channel.rate)
     if length < 16 or v.size < 8 * length:
         raise UsageError(
             f"{channel.name}: {v.size} samples at {channel.rate:g} Hz are too few for windows of "
@@ -231,11 +235,15 @@ def events(
         key=lambda event: event.begin,
     )
     units = {key: other.unit for key, other in others.items()}
-    notes = [channel.notes(), _THROUGHOUT * any(event.cut == "both" for event in made)]
+    lowest = float(frequencies[_LOWEST])
+    slow = (
+        f"{strongest:.3g} Hz is stronger, but needs windows of {_PERIODS / strongest:.3g} s, and ten times this in all"
+    )
+    notes = [channel.notes(), slow * (strongest < lowest), _THROUGHOUT * any(event.cut == "both" for event in made)]
     result = Events(scene_name(run), channel.name, channel.unit, tuple(made), sought.window,
-                    float(frequencies[_LOWEST]), units, times, frequencies, shown, "; ".join(filter(None, notes))
+                    lowest, units, times, frequencies, shown, "; ".join(filter(None, notes))
     )  # fmt: skip
-    return result if over is None else result.over(over, key)
+    return result if over is None else result.over(over, key or "drive.speed")
 
 
 def conditions(run: Run, name: str = "") -> list[str]:
@@ -259,13 +267,12 @@ def conditions(run: Run, name: str = "") -> list[str]:
     return chosen
 
 
-def _window_of(v: Reals, rate: float) -> float:
-    """The length of the windows: 40 ms, or so many periods of the strongest tone."""
+def _strongest(v: Reals, rate: float) -> float:
+    """The frequency of the strongest tone [Hz]."""
     from scipy.signal import welch
 
     f, density = welch(np.nan_to_num(v), rate, nperseg=min(v.size // 2, 1 << 14))
-    strongest = _LOWEST + int(np.argmax((f * density)[_LOWEST:]))
-    return max(_WINDOW, min(_PERIODS / float(f[strongest]), v.size / rate / 12.0))
+    return float(f[_LOWEST + int(np.argmax((f * density)[_LOWEST:]))])
 
 
 def _spectra(v: Reals, rate: float, length: int, hop: int) -> Floats:
@@ -335,7 +342,10 @@ def _tracks(power: Floats, floor: Reals) -> Iterator[_Track]:
 
 
 class _Tone(NamedTuple):
-    """A track with `begin` and `end` [s], mean frequency [Hz], mean square, and density of the noise beside it."""
+    """A track with `begin` and `end` [s], frequency [Hz], mean square, and density of the noise beside it.
+
+    `course` [2, n]: times and the frequency then.
+    """
 
     track: _Track
     begin: float
@@ -344,6 +354,13 @@ class _Tone(NamedTuple):
     square: float
     density: float
     cut: str
+    course: Reals
+
+    def between(self, begin: float, end: float) -> float:
+        """The median frequency from `begin` to `end` [s]."""
+        t, f = self.course
+        here = f[(t >= begin) & (t <= end)]
+        return float(np.nanmedian(here)) if np.isfinite(here).any() else self.frequency
 
 
 class _Search(NamedTuple):
@@ -377,13 +394,14 @@ class _Search(NamedTuple):
         if on.size < 2:
             return None
         inside = slice(on[0], on[-1] + 1)
-        turns = np.nansum(z[inside][1:] * z[inside][:-1].conj())
+        course = f + np.angle(z[inside][1:] * z[inside][:-1].conj()) / (2.0 * math.pi * step)
         square = max(0.5 * (float(np.nanmean(size[inside])) - noise), np.finfo(float).tiny)
-        f += float(np.angle(turns)) / (2.0 * math.pi * step)
         cut = self.cut(track)  # there the amplitude is not known to the end
         begin = max(a, self.channel.start) if cut in ("begin", "both") else float(t[on[0]])
         end = min(b, float(self.channel.t[-1])) if cut in ("end", "both") else float(t[on[-1]])
-        return _Tone(track, begin, end, f, square, density, cut)
+        return _Tone(
+            track, begin, end, float(np.nanmedian(course)), square, density, cut, np.array([t[inside][1:], course])
+        )
 
     def event(self, tone: _Tone, harmonics: int, tones: list[_Tone], others: dict[str, Series]) -> Event:
         """The event of a tone."""
@@ -424,15 +442,18 @@ def _families(tones: list[_Tone], rate: float) -> Iterator[tuple[_Tone, int]]:
     Also left out are those beside a far stronger tone, which a rig that is not linear spreads over the spectrum.
     """
     tones = sorted(tones, key=lambda tone: tone.frequency)
-    orders = np.arange(2, _HARMONICS + 1)
+    orders = np.arange(2, 4 * _HARMONICS)
     bases = dict[int, tuple[int, int]]()
     for i, tone in enumerate(tones):
         for k, base in enumerate(tones):
-            shared = min(tone.end, base.end) - max(tone.begin, base.begin)
-            if k == i or k in bases or shared < 0.5 * (tone.end - tone.begin):
+            begin, end = max(tone.begin, base.begin), min(tone.end, base.end)
+            if k == i or k in bases or end - begin < 0.5 * (tone.end - tone.begin):
                 continue
-            folded = np.abs((orders * base.frequency + 0.5 * rate) % rate - 0.5 * rate)
-            near = np.abs(folded - tone.frequency) * min(tone.end - tone.begin, base.end - base.begin) < 2.0 * orders
+            f = base.between(begin, end)
+            jitter = _JITTER * (5.0 if tone.square < 0.01 * base.square else 1.0)
+            folded = np.abs((orders * f + 0.5 * rate) % rate - 0.5 * rate)
+            near = np.abs(folded - tone.between(begin, end)) < orders * max(2.0 / (end - begin), jitter * f)
+            near &= (orders <= _HARMONICS) | (tone.square < base.square)
             if near.any() and (tone.frequency > base.frequency or tone.square < 0.1 * base.square):
                 bases[i] = k, int(orders[np.argmax(near)])
                 break

@@ -8,7 +8,7 @@ from the noise before the growth to the time after it, is a corner:
 a [1/s] is the growth, d [1/s] the slope that follows, w and w - k [rad/s] the frequencies of both, p the sharpness of
 the corner: 2 is that of a Hopf bifurcation (Landau), a large one that of a sudden limit. The end of the growth is part
 of the fit, and so is its uncertainty. The growth is the median of its posterior distribution, drawn by importance
-sampling; its interval holds 90 % of it. Beforehand, sudden corners count twice as likely as smooth ones.
+sampling; its interval holds 90 % of it. Beforehand, sudden corners count as four times as likely as smooth ones.
 
 If the corner does not describe the samples to the noise, an exponential is fitted before it. Of many spans the one with
 the smallest deviation is taken, in which the difference to the next shorter spans counts.
@@ -41,7 +41,7 @@ _STARTS, _ENDS = (
 _LOW, _HIGH = (-2.5, -6.0, -60.0, -5.0, -60.0, 0.02), (2.5, 6.0, 60.0, 0.9, 60.0, 0.6)  # bounds of the values
 _SCALE = (0.1, 0.2, 0.2, 0.1, 0.2, 0.2)
 # What is known beforehand: corners are sudden or smooth (share, 1/p, width) or something between; growth a before 1/a
-_CORNERS, _OTHER, _SHORT = ((2.0, 0.02, 0.03), (1.0, 0.5, 0.06)), 0.05, 0.8
+_CORNERS, _OTHER, _SHORT = ((4.0, 0.02, 0.03), (1.0, 0.5, 0.06)), 0.02, 0.8
 
 
 class Growth(NamedTuple):
@@ -90,7 +90,9 @@ def grown(v: Reals, rate: float, f: float, density: float, begin: float, end: fl
     if rough is None:
         return None
     z, step, power = mixed(v, rate, f, min(_BAND * rough[0], half))
-    return _fitted(z, step, density * power, *rough)
+    growth = _fitted(z, step, density * power, *rough)
+    sudden = growth is None or growth.rate * step > 1.0 or abs(growth.offset) > 0.5 / step
+    return None if sudden else growth  # within a sample of z nothing is known of it
 
 
 def _rough(size: Reals, step: float, noise: float, begin: float, end: float) -> tuple[float, float, float] | None:
