@@ -180,6 +180,18 @@ def test_events_lie_over_the_eigenvalues_of_a_scene():
         lab.events(run, over="two_dof", key="load.forc")
 
 
+def test_squeals_that_begin_with_a_jump_have_the_growth_of_their_eigenvalues():
+    """Three runs behind each other, between them noise; each begins with a disturbance and grows from there."""
+    rng, parts, truth = np.random.default_rng(1), [], []
+    for mu in (0.42, 0.46, 0.5):
+        scene = lab.load("two_dof", {"friction.mu": mu})
+        truth.append(lab.modes(scene).sliding.growth)
+        parts += [np.zeros(12_000), lab.simulate(scene, 30.0).measurements["vibrometer"].v[:30_000]]
+    v = np.concatenate(parts)
+    listed = lab.events(measured(1000.0, vibrometer=(v + 1e-3 * rng.normal(size=v.size), "m/s")), window=4.0).events
+    assert [event.growth for event in listed] == pytest.approx(truth, rel=0.03)
+
+
 def test_speed_load_and_temperature_are_chosen_by_unit_and_name():
     v = np.zeros(100)
     run = measured(

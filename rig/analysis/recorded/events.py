@@ -410,7 +410,10 @@ class _Search(NamedTuple):
                      if other is not tone and other.begin <= end and other.end >= begin), default=math.inf)  # fmt: skip
         half = max(min(0.6 * f, 0.5 * rate - f, 0.6 * aside), float(self.frequencies[1]))
         lead = 0.5 * (end - begin) + 4.0 * self.window
-        part, start = self.part(begin - lead, end + lead)
+        near = [other for other in tones if abs(other.frequency - f) < 1.6 * half]
+        before = max((other.end for other in near if other.end < begin), default=-math.inf)
+        after = min((other.begin for other in near if other.begin > end), default=math.inf)
+        part, start = self.part(max(begin - lead, 0.5 * (before + begin)), min(end + lead, 0.5 * (end + after)))
         seconds = part.size / rate
         growth = grown(part, rate, f, tone.density, begin - start, end - start, half)
         decay = grown(part[::-1], rate, f, tone.density, seconds - (end - start), seconds - (begin - start), half)

@@ -38,7 +38,7 @@ _STARTS, _ENDS = (
     (99.0, 4.0, 2.5, 1.7),
     (-0.2, -0.5, -1.0, -1.5, -2.2, -3.0),
 )  # of an exponential before the corner [1/a]
-_LOW, _HIGH = (-2.5, -6.0, -60.0, -5.0, -60.0, 0.02), (2.5, 6.0, 60.0, 0.9, 60.0, 0.6)  # bounds of the values
+_LOW, _HIGH = (-2.5, -6.0, -60.0, -5.0, -60.0, 0.02), (2.5, 6.0, 60.0, 0.15, 60.0, 0.6)  # bounds of the values
 _SCALE = (0.1, 0.2, 0.2, 0.1, 0.2, 0.2)
 # What is known beforehand: corners are sudden or smooth (share, 1/p, width) or something between; growth a before 1/a
 _CORNERS, _OTHER, _SHORT = ((4.0, 0.02, 0.03), (1.0, 0.5, 0.06)), 0.02, 0.8
@@ -79,6 +79,25 @@ def grown(v: Reals, rate: float, f: float, density: float, begin: float, end: fl
 
     `density`: of the noise beside the tone [1/Hz]; `half`: distance [Hz] of the next tone.
     """
+    best = _grown(v, rate, f, density, begin, end, half)
+    if best is None or best.excess > 0.0:  # it may begin with a knock, and grow then
+        first = max(round(begin * rate), 0)
+        later = _grown(v[first:], rate, f, density, 0.0, end - begin, half)
+        if later is not None and (best is None or (later.excess > 0.0, later.deviation) < (True, best.deviation)):
+            return later.growth._replace(knee=later.growth.knee + first / rate)
+    return best.growth if best else None
+
+
+class _Grown(NamedTuple):
+    """A growth, the residuals beyond what noise explains, and the deviation of ln a."""
+
+    growth: Growth
+    excess: float
+    deviation: float
+
+
+def _grown(v: Reals, rate: float, f: float, density: float, begin: float, end: float, half: float) -> _Grown | None:
+    """The growth from the begin of `v` on."""
     width = min(half, max(_FIRST / max(end - begin, 1e-9), 0.01 * f))
     rough = None
     for _ in range(12):  # the band follows the growth
@@ -90,9 +109,9 @@ def grown(v: Reals, rate: float, f: float, density: float, begin: float, end: fl
     if rough is None:
         return None
     z, step, power = mixed(v, rate, f, min(_BAND * rough[0], half))
-    growth = _fitted(z, step, density * power, *rough)
-    sudden = growth is None or growth.rate * step > 1.0 or abs(growth.offset) > 0.5 / step
-    return None if sudden else growth  # within a sample of z nothing is known of it
+    made = _fitted(z, step, density * power, *rough)
+    sudden = made is None or made.growth.rate * step > 1.0 or abs(made.growth.offset) > 0.5 / step
+    return None if sudden else made  # within a sample of z nothing is known of it
 
 
 def _rough(size: Reals, step: float, noise: float, begin: float, end: float) -> tuple[float, float, float] | None:
@@ -240,7 +259,7 @@ class _Corner:
         return drawn, weight
 
 
-def _fitted(z: Complex, step: float, noise: float, a: float, knee: float, level: float) -> Growth | None:
+def _fitted(z: Complex, step: float, noise: float, a: float, knee: float, level: float) -> _Grown | None:
     """The fit of the corner to the amplitude z, or of an exponential before it."""
     lead = 0.5 * math.log(max(level / noise, 1.0)) + 3.0
     fits = list[_Fit]()
@@ -265,7 +284,8 @@ def _fitted(z: Complex, step: float, noise: float, a: float, knee: float, level:
     values, weights = best.corner.drawn(best.p, best.covariance, best.scale)
     order = np.argsort(values[:, 0])
     low, rate, high = np.exp(np.interp((0.05, 0.5, 0.95), np.cumsum(weights[order]), values[order, 0])) * a
-    return Growth(float(rate), float(low), float(high), best.knee, float(weights @ values[:, 2]) * a / (2.0 * math.pi))
+    turn = float(weights @ values[:, 2]) * a / (2.0 * math.pi)
+    return _Grown(Growth(float(rate), float(low), float(high), best.knee, turn), best.excess, best.deviation)
 
 
 def _steadier(fits: list[list[_Fit | None]]) -> Iterator[_Fit]:
