@@ -116,6 +116,8 @@ def not_fast(system: System, sine: int, cosine: int) -> str:
     if system.remembers:
         names = ", ".join(patch.name for patch in system.patches if patch.memory)
         return f"the friction law of {names} has memory, and its force is not averaged over the dither"
+    if both := [patch.name for i, patch in enumerate(system.patches) if any(law.backward for law in system.laws(i))]:
+        return f"the friction law of {', '.join(both)} depends on the direction, and its mean is not computed"
     for row, patch in zip(system.slip_rows[:, nq : 2 * nq], system.patches):
         inertial, actual = (
             complex(row @ np.linalg.solve(_dynamic_stiffness(system, omega, leading), patch.direction.astype(complex)))

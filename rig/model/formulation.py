@@ -91,8 +91,8 @@ class _Contacts:
 
 
 def _contacts(system: System, key: int) -> _Contacts:
-    patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
-    laws = [system.law(p, sector_modes) for p in range(len(system.patches))]
+    patch_modes, normal_modes, *_ = system.modes(key)
+    laws = [system.law(p, key) for p in range(len(system.patches))]
     closed = [mode == records.CLOSED for mode in normal_modes]
     loaded = {k.patch for k, holds in zip(system.normals, closed) if holds}
     elastic = {p for p, law in enumerate(laws) if law.presliding}  # its stick is slip of speed zero
@@ -293,14 +293,14 @@ def _guards(
 
     for p, law in enumerate(contacts.laws):
         if p in contacts.stuck:
-            limit = np.zeros(loads.shape[1])
-            for k, contact in enumerate(system.normals):
-                if contact.patch == p and contacts.closed[k] and not law.states:
-                    limit += law.static * loads[k]
-            if law.states:  # its input is the limit
-                limit[system.n + p] = 1.0
-            guard(limit - friction[p], records.G_RELEASE_PLUS, p)
-            guard(limit + friction[p], records.G_RELEASE_MINUS, p)
+            for sign, kind in ((1.0, records.G_RELEASE_PLUS), (-1.0, records.G_RELEASE_MINUS)):
+                limit = np.zeros(loads.shape[1])
+                for k, contact in enumerate(system.normals):
+                    if contact.patch == p and contacts.closed[k] and not law.states:
+                        limit += law.towards(sign).static * loads[k]
+                if law.states:  # its input is the limit
+                    limit[system.n + p] = 1.0
+                guard(limit - sign * friction[p], kind, p)
         elif contacts.sigma[p] != 0.0 and law.sticks:
             guard(contacts.sigma[p] * system.slip_rows[p], records.G_SLIP, p)
         elif contacts.sigma[p] != 0.0 and law.presliding:  # presliding: slip turns back at once

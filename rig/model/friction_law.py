@@ -85,12 +85,25 @@ class Formula:
 
 @dataclass(frozen=True)
 class Law:
-    """A friction law: static coefficient, code of the law, its numbers, and for FORMULA and MEMORY its functions."""
+    """A friction law: static coefficient, code of the law, its numbers, and for FORMULA and MEMORY its functions.
+
+    `backward`: the law of slip in negative direction, if it is another one.
+    """
 
     static: float
     code: int
     numbers: tuple[float, ...]
     formula: Formula | None = None
+    backward: Law | None = None
+
+    def towards(self, direction: float) -> Law:
+        """The law of slip in this direction, and of friction forces of this sign in stick."""
+        return self.backward if direction < 0.0 and self.backward is not None else self
+
+    @property
+    def directions(self) -> tuple[Law, ...]:
+        """The laws of both directions; one if they are the same."""
+        return (self,) if self.backward is None else (self, self.backward)
 
     @property
     def states(self) -> tuple[InternalState, ...]:

@@ -82,6 +82,9 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
     if method == "kick" or (method in (*ADAPTIVE, "rk4") and crowded(system)):
         system = kick_tables.pressed(system)
     elif method == "smooth":
+        both = [patch.name for i, patch in enumerate(system.patches) if any(law.backward for law in system.laws(i))]
+        if both:
+            raise ValueError(f"smooth: the law of {', '.join(both)} depends on the direction of slip: use auto")
         remembering = [patch.name for patch in system.patches if patch.memory]
         if remembering:
             raise ValueError(f"smooth: the law of {', '.join(remembering)} has memory and is smooth already: use auto")

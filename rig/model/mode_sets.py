@@ -90,8 +90,8 @@ class ModeSets:
             bounds, slopes = guard_bounds(modes.A, guards, self.step)
         forms = powers(system, modes)
         integrals = work(nodes, forms, self.step, E)
-        patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
-        met = tuple(system.law(p, sector_modes) for p in range(len(system.patches)))
+        patch_modes, normal_modes, *_ = system.modes(key)
+        met = tuple(system.law(p, key) for p in range(len(system.patches)))
         code, numbers = friction_law.pack(met, [system.places(p) for p in range(len(met))], t.numbers.shape[2])
         closed = 1.0 - np.array(normal_modes, dtype=np.float64).reshape(-1, 1)
         load, load_t = np.zeros_like(modes.friction), np.zeros_like(modes.friction_t)
@@ -125,6 +125,7 @@ class ModeSets:
             "stuck": int(STICK in patch_modes),
             "lands": int(not np.array_equal(modes.landing, np.eye(system.n))),
             "static": np.array([law.static for law in met]),
+            "static_back": np.array([law.towards(-1.0).static for law in met]),
             "code": code,
             "numbers": numbers,
             "E": E,

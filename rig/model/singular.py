@@ -28,10 +28,10 @@ def assembled(system: System, key: int) -> ModeSet:
 def singular(system: System, key: int) -> Singular:
     """The error with the reason why `assemble` cannot solve mode set `key`."""
     nq, mode = len(system.coordinates), system.describe(key)
-    patch_modes, normal_modes, _, sectors, _ = system.modes(key)
+    patch_modes, normal_modes, *_ = system.modes(key)
     if not _regular(system.mass):
         return Singular("the mass matrix is singular: some motion has no inertia", mode)
-    laws = [system.law(p, sectors) for p in range(len(system.patches))]
+    laws = [system.law(p, key) for p in range(len(system.patches))]
     mass = bearing_mass(system, key, [law.numbers[0] if law.constant else 0.0 for law in laws])
     if not _regular(np.linalg.solve(system.mass, mass)):
         return Singular(JAMS, mode, jams=True)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rig.model.film import Film
 from rig.model.friction_law import Law
 from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, MemoryTables, ProductTables
-from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN
+from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN, SLIP_MINUS
 
 Array = NDArray[np.float64]
 Level = Literal["info", "warning", "error"]
@@ -376,8 +376,9 @@ class System:
         return any(sector.changes for sector in self.sectors)
 
     def laws(self, p: int) -> tuple[Law, ...]:
-        """The laws that patch p may have: its own, or those of its sectors."""
-        return next((s.laws for s in self.sectors if s.patch == p), (self.patches[p].law,))
+        """The laws that patch p may have: its own, or those of its sectors, for both directions of slip."""
+        own = next((s.laws for s in self.sectors if s.patch == p), (self.patches[p].law,))
+        return tuple(law for of_place in own for law in of_place.directions)
 
     @property
     def generators(self) -> list[tuple[int, int, float]]:
@@ -446,12 +447,11 @@ class System:
         positions = [min(thrown.get(s.name, s.at(self.start)), len(s.positions) - 1) for s in self.switches]
         return self.key(patches, normals, [limited.get(part.name, 0) for part in self.limiters], where, positions)
 
-    def law(self, p: int, sectors: Sequence[int]) -> Law:
-        """The law of patch p in these sectors."""
-        for sector, where in zip(self.sectors, sectors):
-            if sector.patch == p:
-                return sector.laws[where]
-        return self.patches[p].law
+    def law(self, p: int, key: int) -> Law:
+        """The law of patch p in mode set `key`: that of its sector and of the direction of slip; in stick forward."""
+        patches, _, _, sectors, _ = self.modes(key)
+        here = (sector.laws[where] for sector, where in zip(self.sectors, sectors) if sector.patch == p)
+        return next(here, self.patches[p].law).towards(-1.0 if patches[p] == SLIP_MINUS else 1.0)
 
     def change(self, sectors: Sequence[int]) -> Change:
         """The sum of what these sectors add."""

@@ -162,6 +162,7 @@ class Tables(NamedTuple):
     force: Array  # [nq, n]
     force_t: Array  # [nq, products]
     static: Array  # [mode set, P]
+    static_back: Array  # [mode set, P] against a friction force in negative direction
     code: NDArray[np.int64]  # [mode set, P]
     numbers: Array  # [mode set, P, widest]
     patch_of_normal: NDArray[np.int64]  # [K]
@@ -254,6 +255,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         force=s.force.copy(),
         force_t=s.force_t.copy(),
         static=z((0, P)),
+        static_back=z((0, P)),
         code=z((0, P), dtype=np.int64),
         numbers=z((0, P, friction_law.width(law for p in range(P) for law in s.laws(p)))),
         patch_of_normal=np.array([k.patch for k in s.normals], dtype=np.int64),

@@ -207,7 +207,8 @@ def disagreement(t, mode_set, key, begun, x, size, T, slack):
             if t.code[mode_set, p] == MEMORY:
                 limit = T[p]
             else:
-                limit = t.static[mode_set, p] * (dot(t.load[mode_set, p], x) + dot(t.load_t[mode_set, p], T))
+                most = t.static[mode_set, p] if need > 0.0 else t.static_back[mode_set, p]
+                limit = most * (dot(t.load[mode_set, p], x) + dot(t.load_t[mode_set, p], T))
             if abs(need) > limit * (1.0 + slack):
                 return with_mode(key, base, 3, SLIP_PLUS if need > 0.0 else SLIP_MINUS)
         elif (w if mode == SLIP_PLUS else -w) < -noise:

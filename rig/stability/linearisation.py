@@ -33,8 +33,7 @@ _COUPLED_ROUNDS = 60  # iterations of friction and normal force that depend on e
 
 def own_law(system: System, modes: ModeSet) -> Contact:
     """The friction of slipping patches by their own law; for w of the other sign the value at rest."""
-    sectors = system.modes(modes.key)[3]
-    laws = [system.law(p, sectors) for p in range(len(system.patches))]
+    laws = [system.law(p, modes.key) for p in range(len(system.patches))]
 
     def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
         sigma, law = float(modes.sigma[p]), laws[p]
@@ -117,7 +116,7 @@ def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> t
 
     As rig.solve.forces.evaluate_memory; for w of the other sign, and in stick, the value at rest.
     """
-    patch, law, sigma = system.patches[p], system.law(p, system.modes(modes.key)[3]), float(modes.sigma[p])
+    patch, law, sigma = system.patches[p], system.law(p, modes.key), float(modes.sigma[p])
     assert law.formula is not None
     w, loaded = float(system.slip_rows[p] @ x), bool(np.any(loads(system, modes)[0][p]) or N)
     sign = sigma or (-1.0 if w < 0.0 and not loaded else 1.0)
@@ -394,9 +393,9 @@ def _remember(system: System, modes: ModeSet, x: Array, load: Array) -> bool:
 
     From their start Newton's method may not reach them: an age changes over decades.
     """
-    sectors, remembers = system.modes(modes.key)[3], False
+    remembers = False
     for p, patch in enumerate(system.patches):
-        law, sigma = system.law(p, sectors), float(modes.sigma[p])
+        law, sigma = system.law(p, modes.key), float(modes.sigma[p])
         if law.formula is not None and patch.memory and sigma != 0.0:
             speed = max(sigma * float(system.slip_rows[p] @ x), 0.0)
             states = law.formula.steady(law.numbers, speed, float(load[p]))

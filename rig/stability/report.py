@@ -130,7 +130,7 @@ def _flat(at: Steady) -> Steady:
     patch_modes, normal_modes, limiter_modes, sector_modes, thrown = at.system.modes(at.modes.key)
     flat = []
     for p, patch in enumerate(at.system.patches):
-        law = at.system.law(p, sector_modes)
+        law = at.system.law(p, at.modes.key)
         mu = law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0))
         flat.append(replace(patch, law=replace(friction_law.coulomb(mu, mu), static=law.static), memory=()))
     kept = tuple(sector for sector in at.system.sectors if sector.changes)
@@ -229,12 +229,12 @@ def _drivers(system: System) -> Iterator[Finding]:
 
 def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
     """Jamming: the smallest det(Me)/det(M) for the friction coefficients from rest to fast sliding."""
-    sectors, M, worst = system.modes(key)[3], system.mass, 1.0
+    M, worst = system.mass, 1.0
     if not len(M) or not any(np.any(k.inertia) for k in system.normals):
         return
     speeds = [abs(float(patch.surface @ system.start)) for patch in system.patches]
     for share in np.linspace(0.0, _FAST, _SPEEDS).tolist():
-        mu = [float(system.law(p, sectors).mu(share * speed)) for p, speed in enumerate(speeds)]
+        mu = [float(system.law(p, key).mu(share * speed)) for p, speed in enumerate(speeds)]
         Me = bearing_mass(system, key, mu)
         worst = min(worst, float(np.linalg.det(Me) / np.linalg.det(M)))
     if worst <= 0.0:
@@ -391,12 +391,12 @@ def steepest(system: System) -> float:
     fastest = 0.0
     speeds = [0.0, *np.geomspace(1e-9, 1.0, _SPEEDS).tolist()]
     for key in mode_sets(system):
-        modes, sectors = assembled(system, key), system.modes(key)[3]
+        modes = assembled(system, key)
         if system.remembers:
             A = linearised(system, modes, system.start, own_law(system, modes))[0]
             fastest = max(fastest, float(np.abs(np.linalg.eigvals(A)).max()))
         for p in np.flatnonzero(modes.sigma).tolist():
-            law = system.law(p, sectors)
+            law = system.law(p, key)
             if law.constant or law.states:
                 continue
             slope = max((law.slope(speed) for speed in speeds), key=abs)

@@ -403,8 +403,9 @@ def scene_figure(figure: Figure, scene: Scene) -> None:
     axes = figure.add_subplot()
     for i, (patch, surface) in enumerate(zip(system.patches, surfaces)):
         colour = LINES[i % len(LINES)]
-        axes.plot(speeds, patch.law.over(speeds), color=colour, label=plain(patch.name))
-        axes.plot(0.0, patch.law.static, "o", color=colour)
+        for law, dashes, way in zip(patch.law.directions, ("-", "--"), ("", " backward")):
+            axes.plot(speeds, law.over(speeds), color=colour, ls=dashes, label=plain(patch.name) + way)
+            axes.plot(0.0, law.static, "o", color=colour)
         if surface:
             axes.axvline(surface, color=colour, lw=0.9, ls=":")
     moving = "; dotted: speed of the surface" if surfaces.any() else ""

@@ -1,12 +1,14 @@
 """Laws with memory in the kernels: the LuGre benchmark, and the Jacobian about a state against differences."""
 
 import math
+from dataclasses import replace
 
 import numba
 import numpy as np
 import pytest
 from numba import types
 
+from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.model.formulation import assemble
 from rig.model.friction_law import Formula, InternalState, from_formula
@@ -72,3 +74,25 @@ def test_slopes_of_inputs_are_differences_of_inputs(mode, input_slopes):
     for i, step in enumerate(1e-6 * np.array([0.1, 1e-3, 1e-5, 1.0, 1.0])):
         ahead, behind = (inputs(system, modes, x + s * step * np.eye(5)[i], own_law(system, modes))[0] for s in (1, -1))
         assert (ahead - behind) / (2.0 * step) == pytest.approx(slopes[:, i], rel=1e-7, abs=1e-9)
+
+
+def test_each_direction_of_slip_has_its_own_coefficient():
+    """A body on a spring: each half cycle loses 2 mu N / k of its amplitude, with the mu of its direction.
+
+    Moving back it slips forward (0.2), moving on backward (0.4). At -0.07 m the spring pulls 7 N: it sticks, since
+    backward 8 N are needed, forward 2 N.
+    """
+    a = Assembly()
+    a.coordinate("x", 1.0, 0.0, 100.0)
+    a.start["x"] = 0.23
+    law = replace(friction_law.coulomb(0.2, 0.2), backward=friction_law.coulomb(0.8, 0.4))
+    a.patch("contact", {"x": 1.0}, {}, law)
+    a.normal("load", "contact", {"one": 10.0})
+    motion = Motion(a.system(), 1_000_000, "exact")
+    turns = []
+    for _ in range(2000):
+        motion.advance(1)
+        turns += [motion.x[0]] if motion.event_count else []
+    assert turns[:2] == pytest.approx([-0.23 + 0.04, 0.19 - 0.08], abs=1e-4)  # at the end of the tick
+    assert motion.x[0] == pytest.approx(-0.11 + 0.04, abs=1e-12)
+    assert motion.system.describe(motion.key) == "contact stick"

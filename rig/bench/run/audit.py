@@ -658,12 +658,12 @@ def _forces(system: System, modes: ModeSet, x: Array) -> _Forces:
 
 def _departures(system: System, modes: ModeSet, x: Array) -> dict[tuple[int, str], int]:
     """Parts that cannot be in their mode at x -> the mode they take. A part: 0 and a patch, 1 and a normal force."""
-    patches, normals, _, sectors, _ = system.modes(modes.key)
+    patches, normals, *_ = system.modes(modes.key)
     _, friction, normal, load = _forces(system, modes, x)
     speed, scale = system.slip_rows @ x, np.abs(system.slip_rows) @ np.abs(x)
     departures = {}
     for p, (patch, mode) in enumerate(zip(system.patches, patches)):
-        most = system.law(p, sectors).static * load[p]
+        most = system.law(p, modes.key).towards(friction[p]).static * load[p]
         if mode == STICK and load[p] > 0.0 and abs(friction[p]) > (1.0 + _MARGIN) * most:
             departures[0, patch.name] = SLIP_PLUS if friction[p] > 0.0 else SLIP_MINUS
         elif modes.sigma[p] * speed[p] < -_MARGIN * scale[p]:
@@ -688,9 +688,9 @@ def _compared_values(system: System, modes: ModeSet, x: Array) -> Compared:
     for patch, force, normal in zip(system.patches, friction.tolist(), load.tolist()):
         compared[f"T {patch.name}"] = (force, force, 1.0)
         compared[f"N {patch.name}"] = (normal, normal, 1.0)
-    patches, _, _, sectors, _ = system.modes(modes.key)
+    patches = system.modes(modes.key)[0]
     for p, (patch, mode) in enumerate(zip(system.patches, patches)):
         if mode == STICK:
-            most = system.law(p, sectors).static * float(load[p])
+            most = system.law(p, modes.key).towards(friction[p]).static * float(load[p])
             compared[f"S {patch.name}"] = (most, most, 1.0)
     return compared

@@ -278,12 +278,11 @@ class Trial:
                 outcome.pulling = max(outcome.pulling, pull)
         if motion.integration.method == "smooth":
             outcome.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
-        modes = [motion.system.modes(key) for key in keys]
         largest = float(np.abs(states).max())
         for p in range(len(self._patches)):
-            self._look_at_patch(p, values, mode_sets, modes, largest)
+            self._look_at_patch(p, values, mode_sets, keys, largest)
 
-    def _look_at_patch(self, p: int, values: Array, mode_sets: NDArray[Any], modes: list[Any], largest: float) -> None:
+    def _look_at_patch(self, p: int, values: Array, mode_sets: NDArray[Any], keys: list[int], largest: float) -> None:
         """Check power, cone and creep of a patch; `largest`: of all states."""
         outcome, normals = self.found, [(column, opens) for column, of, opens in self._normals if of == p]
         T, w = (values[:, column] for column in self._patches[p])
@@ -292,11 +291,11 @@ class Trial:
             outcome.held = max(outcome.held, -float(load.min()))  # it can pull, and no law says what friction is then
             T, load = np.where(load < 0.0, 0.0, T), np.maximum(load, 0.0)
         friction, speed = float(np.abs(T).max()), float(np.abs(w).max())
-        stuck = np.array([set_modes[0][p] == STICK for set_modes in modes])[mode_sets]
+        stuck = np.array([self.motion.system.modes(key)[0][p] == STICK for key in keys])[mode_sets]
         power = np.where(stuck, 0.0, T * w)  # in stick w is rounding, which creep is compared with
         outcome.negative_power = max(outcome.negative_power, -float(power.min()) / max(friction * speed, 1e-30))
-        laws = [self.motion.system.law(p, set_modes[3]) for set_modes in modes]
-        most = np.array([law.static for law in laws])[mode_sets]
+        laws = [self.motion.system.law(p, key) for key in keys]
+        most = np.array([max(way.static for way in law.directions) for law in laws])[mode_sets]
         for mode_set, law in enumerate(laws):
             if not law.constant:  # a film bears more the faster it slides
                 here = np.flatnonzero(~stuck & (mode_sets == mode_set))
