@@ -105,7 +105,7 @@ def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Itera
             if method in WRONG and method not in (*case.wrong, "sign"):
                 continue
             scene = watched(case, "auto" if method in (*WRONG, default) else method, step)
-            if not quick or method not in QUICK or shape(scene) in QUICK[method]:
+            if not quick or method == default or method not in QUICK or shape(scene) in QUICK[method]:
                 yield method, scene
 
 

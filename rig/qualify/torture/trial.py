@@ -32,7 +32,7 @@ from rig.record import reader
 from rig.record.compare import compare
 from rig.record.run import Run
 from rig.scenes.scene import Scene
-from rig.solve.records import OPEN, STICK
+from rig.solve.records import OPEN, SLIP_MINUS, STICK
 
 Array = NDArray[np.float64]
 
@@ -280,9 +280,11 @@ class Trial:
             outcome.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
         largest = float(np.abs(states).max())
         for p in range(len(self._patches)):
-            self._look_at_patch(p, values, mode_sets, keys, largest)
+            self._look_at_patch(p, states, values, mode_sets, keys, largest)
 
-    def _look_at_patch(self, p: int, values: Array, mode_sets: NDArray[Any], keys: list[int], largest: float) -> None:
+    def _look_at_patch(
+        self, p: int, states: Array, values: Array, mode_sets: NDArray[Any], keys: list[int], largest: float
+    ) -> None:
         """Check power, cone and creep of a patch; `largest`: of all states."""
         outcome, normals = self.found, [(column, opens) for column, of, opens in self._normals if of == p]
         T, w = (values[:, column] for column in self._patches[p])
@@ -293,11 +295,20 @@ class Trial:
         friction, speed = float(np.abs(T).max()), float(np.abs(w).max())
         stuck = np.array([self.motion.system.modes(key)[0][p] == STICK for key in keys])[mode_sets]
         power = np.where(stuck, 0.0, T * w)  # in stick w is rounding, which creep is compared with
-        outcome.negative_power = max(outcome.negative_power, -float(power.min()) / max(friction * speed, 1e-30))
+        if not self.motion.system.patches[p].law.presliding:  # bristles give back what they stored
+            outcome.negative_power = max(outcome.negative_power, -float(power.min()) / max(friction * speed, 1e-30))
         laws = [self.motion.system.law(p, key) for key in keys]
         most = np.array([max(way.static for way in law.directions) for law in laws])[mode_sets]
         for mode_set, law in enumerate(laws):
-            if not law.constant:  # a film bears more the faster it slides
+            if law.formula is not None and law.states:
+                sign = -1.0 if self.motion.system.modes(keys[mode_set])[0][p] == SLIP_MINUS else 1.0
+                memory = list(self.motion.system.patches[p].memory)
+                turned = np.array([sign if state.along else 1.0 for state in law.states])
+                for i in np.flatnonzero(mode_sets == mode_set).tolist():
+                    at = 0.0 if stuck[i] else max(sign * float(w[i]), 0.0)
+                    z = turned * states[i, memory]
+                    most[i] = abs(law.formula.evaluate(law.numbers, at, float(load[i]), z)[0][0])
+            elif not law.constant:  # a film bears more the faster it slides
                 here = np.flatnonzero(~stuck & (mode_sets == mode_set))
                 most[here] = np.maximum(law.static, law.over(np.abs(w[here])))
         outside = float((np.abs(T) - most * np.maximum(load, 0.0)).max())
