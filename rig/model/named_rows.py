@@ -134,7 +134,9 @@ class Rows:
             self._new_state(f"{name}_{state.name}")
             self.network[f"{name}_{state.name}"] = {}
             self.start[f"{name}_{state.name}"] = state.start
-        self.own("friction", *(f"{name}_{state.name}" for state in law.states))
+        if law.states:
+            states = [f"{name}_{state.name}" for state in law.states]
+            self.own("friction", *states, about="internal states of the friction law")
         self.patches.append((name, dict(direction), dict(surface), law, travel))
 
     def normal(

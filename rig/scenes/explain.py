@@ -154,7 +154,10 @@ def _values(scene: Scene) -> Iterator[Value]:
     for prefix, section in scene.sections():
         for key, (value, unit) in sections.values_of(section, prefix):
             name = key.rpartition(".")[2]
-            if name not in ("law", "kind", "effect", "on", "ideal", "enable"):
+            entries = {f"{key}[{i}]": entry for i, entry in enumerate(value if isinstance(value, list) else (), 1)}
+            if entries.keys() & scene.origins.keys():
+                yield from (Value(of, entry, unit, scene.origins.get(of, UNSTATED)) for of, entry in entries.items())
+            elif name not in ("law", "kind", "effect", "on", "ideal", "enable"):
                 origin = scene.origins.get(key) or (_documented(type(section), name) if prefix else None)
                 if origin is not None or isinstance(value, Binary) or not isinstance(value, str):
                     yield Value(key, value, unit or rates.get(key, heights.get(key, "")), origin or DEFAULT)

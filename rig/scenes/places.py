@@ -132,7 +132,7 @@ class _Text:
             else:
                 entry += 1
                 inside = f"{key}[{entry}]"
-                if self._text[at] == "{":
+                if self._text[at] in "{[":
                     self._note(inside, at)
                 at = self._value(at, inside)
             at = self._blank(at)

@@ -19,7 +19,8 @@ SPEED = '  drive.speed = "3 kg": expected a unit that converts to m/s ({})'
         (("--net", "meas/vibro: delay 2 ms"), "did you mean vibrometer? (given with --net)"),
         (
             ("--method", "exct"),
-            'clock.method = "exct": unknown; known: auto, exact, dopri5, rosenbrock, rk4, kick, smooth (given with --method)',
+            'clock.method = "exct": unknown; known: auto, exact, dopri5, rosenbrock, rk4, kick, smooth '
+            "(given with --method)",
         ),
         (("--controller", "own.py"), "own.py: defines no class Controller (given with --controller)"),
         (("--method", "exact", "-p", "clock.method=dopri5"), "--method and -p: both give clock.method; leave out one"),

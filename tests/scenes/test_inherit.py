@@ -166,5 +166,5 @@ def test_every_value_of_a_shipped_scene_has_a_place_in_a_file(shipped):
     for scene in shipped:
         for key in scene.origins:
             place = scene.place(key)
-            field = key.partition("[")[0] if key.endswith("]") else key.rpartition(".")[2]
+            field = (key.partition("[")[0] if key.endswith("]") else key).rpartition(".")[2]
             assert field in texts[place.file][place.line - 1], (key, place)
