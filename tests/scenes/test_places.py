@@ -41,7 +41,8 @@ five = 5
 def test_each_key_is_found_on_its_line():
     expected = {
         "title": 1, "about": 2, "raw": 6, "quoted key.second": 9, "a.b": 10, "a.b.c": 10, "a.b.c[2]": 10,
-        "a.b.c[3]": 10, "a.b.c[3].d": 10, "a.b.e.f": 10, "empty": 11, "list": 12, "list[1]": 13, "list[1].x": 13, "list[2]": 14,
+        "a.b.c[3]": 10, "a.b.c[3].d": 10, "a.b.e.f": 10, "empty": 11,
+        "list": 12, "list[1]": 13, "list[1].x": 13, "list[2]": 14,
         "list[2].y": 14, "list[2].y[1]": 15, "list[2].y[1].z": 15, "table.sub": 19, "table.sub.key": 20, "table": 21,
         "table.other": 22, "rows[1]": 23, "rows[1].one": 24, "rows[2]": 25, "rows[2].two": 26, "rows[2].inner": 27,
         "rows[2].inner.three": 28, "rows[2].deep[1]": 29, "rows[2].deep[1].four": 30, "rows[2].deep[2]": 31,
