@@ -13,6 +13,7 @@ from rig.bench.live import pace
 from rig.printable import counted
 
 LABEL = 10
+UNCLOSED = 1e-2  # share of the largest term: a film in contact leaves up to this
 REFUSED = 5
 """Number of kinds of refused messages that the summary lists."""
 
@@ -189,6 +190,8 @@ def plant(values: Mapping[str, Any], energy_error: float) -> str:
     if "stick_share" in values:  # a rig with a friction patch
         text += f", stick {values['stick_share']:.0%}"
     text += f", energy residual {energy_error:.0e}"
+    if not abs(energy_error) <= UNCLOSED:
+        text += ": the energy balance does not close, so the motion is not resolved; use a smaller clock.tolerance"
     if "kick_residual" in values:
         text += f", residual of kick {values['kick_residual']['share']:.0e}"
     return text
