@@ -163,6 +163,11 @@ def test_the_table_of_friction_laws_is_that_of_the_program():
             made = declared[law](law=law, **points).friction()
             assert (made.static, made.mu(0.1), made.mu(9.0)) == pytest.approx((0.5, 0.3, 0.4))
             continue
+        if law == "directional":
+            ways = {key: {"law": "constant", "mu": mu} for key, mu in (("forward", 0.3), ("backward", 0.4))}
+            made = declared[law](law=law, **ways).friction()
+            assert (made.mu(0.1), made.towards(-1.0).mu(0.1), made.towards(-1.0).static) == (0.3, 0.4, 0.4)
+            continue
         values = {key: 0.9 / next(size) for key in fields if key not in optional}  # falls: static above kinetic
         made = declared[law](law=law, **values).friction()
         names = values | {key: float(text) for key, text in optional.items()}

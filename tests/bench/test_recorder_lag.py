@@ -12,7 +12,7 @@ from rig.bench.live import housekeeping
 from rig.record import recorder as recorders
 from rig.record.writer import Writer
 
-SECONDS = 3.0
+SECONDS = 6.0
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
     "reproduce doctor diff sound amplitude recover cost torture new migrate spectrum pressure hysteresis export "
     "portrait response runs note connect disconnect report web bridge pause resume step stop knock lesson study fmu "
-    "optimise loop clean import stick"
+    "optimise loop clean import stick events"
 )
 
 

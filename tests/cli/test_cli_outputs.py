@@ -57,6 +57,7 @@ FILES = [
     ("sound", "log.mcap", "--signal", "s", "--out"),
     ("sound", "log.mcap", "--signal", "s", "--figure"),
     ("stick", "log.mcap", "--figure"),
+    ("events", "log.mcap", "--figure"),
     ("amplitude", "log.mcap", "--figure"),
     ("cycle", "belt", "--figure"),
     ("loop", "belt_normal_force", "--figure"),

@@ -181,7 +181,7 @@ DRIVEN = [
 
 def by_radau(system, modes, x, time):
     """x after `time` s in one mode set, by scipy's implicit method."""
-    law, slip, load = system.law(0, ()), modes.sigma[0] * system.slip_rows[0], modes.sigma[0] * modes.normal[0]
+    law, slip, load = system.law(0, modes.key), modes.sigma[0] * system.slip_rows[0], modes.sigma[0] * modes.normal[0]
 
     def rate(_, x):
         return modes.A @ x + modes.b[:, 0] * (float(law.over(np.array([slip @ x]))[0]) * (load @ x))

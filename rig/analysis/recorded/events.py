@@ -254,7 +254,7 @@ def conditions(run: Run, name: str = "") -> list[str]:
     except (UsageError, Untrusted):
         pass
     for kinds, words in (
-        (("m/s", "rad/s", "Hz"), ("speed", "rpm", "belt", "disc", "drive")),
+        (("m/s", "rad/s", "Hz"), ("speed", "rpm", "drive")),
         (("N", "Pa"), ("load", "normal", "preload", "pressure")),
         (("K", "degC"), ("",)),
     ):
