@@ -95,7 +95,7 @@ def modes(scene: Scene) -> Modes:
     system = at.system
     result = Modes(
         scene=scene.name,
-        mode=system.describe(at.modes.key),
+        mode=system.describe(at.modes.key) + ("" if at.speed.any() or not at.exists else ", at rest on its bristles"),
         sliding=_sliding(assembly, at),
         units={name: output.unit for name, output in assembly.outputs.items()},
         findings=tuple(findings(scene, system if assembly.film is None else None)),

@@ -201,8 +201,8 @@ class Steady:
 
     @property
     def slides(self) -> bool:
-        """Whether every contact slips in the direction of its mode."""
-        return bool(np.all(self.modes.sigma * self.speed > 0.0))
+        """Whether every contact slips in the direction of its mode, or rests on its bristles."""
+        return _slips(self.system, self.modes, self.speed)
 
     @property
     def counts(self) -> bool:
@@ -346,8 +346,13 @@ class _Found(NamedTuple):
 
 def _agrees(system: System, modes: ModeSet, at: _Found) -> bool:
     """Whether every contact slips in the direction of its mode and is pressed."""
-    slips = np.all(modes.sigma * (system.slip_rows @ at.x) > 0.0)
-    return bool(slips) and bool(np.all(at.load[modes.sigma != 0.0] > 0.0))
+    return _slips(system, modes, system.slip_rows @ at.x) and bool(np.all(at.load[modes.sigma != 0.0] > 0.0))
+
+
+def _slips(system: System, modes: ModeSet, speed: Array) -> bool:
+    """Whether every contact slips in the direction of its mode; one with presliding may rest."""
+    rests = np.array([patch.law.presliding for patch in system.patches], dtype=bool) & (speed == 0.0)
+    return bool(np.all((modes.sigma * speed > 0.0) | rests))
 
 
 def _newton(

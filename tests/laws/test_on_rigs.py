@@ -155,3 +155,11 @@ def test_steady_slip_loses_stability_at_the_critical_stiffness(scene, evolution,
     fastest = RATE["a"] * 30.0 / 2.0 / speed + speed / RATE["distance"]
     assert abs(growths[0]) < 1e-10 * max(fastest, frequency)
     assert growths[1] < 0.0 < growths[2]
+
+
+def test_at_rest_bristles_are_springs():
+    """Under a belt that does not move: omega^2 = (k + N sum of stiffness) / m, and nothing holds the deflections."""
+    at_rest = rig.modes(rig.load("belt_maxwell_slip", {"drive.speed": 0.0}))
+    hertz = [mode.frequency for mode in at_rest.sliding.modes if mode.frequency > 0.0]
+    assert hertz == pytest.approx([math.sqrt((2500.0 + 20.0 * 1e5) / 5.0) / (2.0 * math.pi)], rel=1e-6)
+    assert "at rest on its bristles" in at_rest.text()
