@@ -4,7 +4,6 @@ import json
 import math
 import re
 import shutil
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from rig import laws
 from rig.errors import SceneError, Untrusted
 from rig.laws import LAWS, laws_of
 from rig.model.friction_law import smoothed
-from rig.motion.motion import Motion
 from rig.parts import trust_scene
 from rig.scenes.scene import Scene
 
@@ -130,20 +128,6 @@ def twice(name, own):
 def test_a_shipped_law_copied_into_a_file_gives_the_same_bits(own, name):
     shipped, mine = (lab.simulate(scene, 1.0) for scene in twice(name, own))
     assert np.array_equal(shipped.signals["displacement"], mine.signals["displacement"])
-
-
-@pytest.mark.alone
-@pytest.mark.parametrize("name", COPIED)
-def test_a_law_from_a_file_is_as_fast_as_a_shipped_one(own, name):
-    method = {"stribeck_viscous": "dopri5", "lugre": "rosenbrock"}[name]
-    motions = [Motion(scene.assemble().system(), scene.step_ns, method, longest=2000) for scene in twice(name, own)]
-    best = [math.inf, math.inf]
-    for _ in range(8):
-        for i, motion in enumerate(motions):
-            begin = time.process_time()
-            motion.advance(2000)
-            best[i] = min(best[i], time.process_time() - begin)
-    assert best[1] < 1.05 * best[0]
 
 
 def test_a_law_with_memory_from_a_file(own):
