@@ -96,6 +96,11 @@ def test_files_of_other_programs_are_read_to_the_last_bit(tmp_path, name):
         ("# t\tv\n# s\tm/s\n0\t1\n1\t2\n", {"t": "s", "v": "m/s"}, [1.0, 2.0]),
         ("  0.0   1e-3\n  0.5   2\n", {"column 1": "", "column 2": ""}, [1e-3, 2.0]),
         ("v,v\n1,2\n3,4\n", {"v": "", "v (2)": ""}, [2.0, 4.0]),
+        ('"t; left [s]";"v [N]";\n0;1,5;\n1; nan;\n', {"t; left": "s", "v": "N"}, [1.5, np.nan]),
+        ('"t [s]","v [N]",""\n"0,0","1,5"\n"0,1","2,5"\n', {"t": "s", "v": "N"}, [1.5, 2.5]),
+        ("t;v\ns;N m\nch0;ch1\n\n0;1;\n1;2;\n", {"t": "s", "v": "N m"}, [1.0, 2.0]),
+        ("".join(f"line {i}: {'x' * 90}\n" for i in range(1000)) + "t,v\n0,1\n1,2\n", {"t": "", "v": ""}, [1.0, 2.0]),
+        ("t [s],state,v [N]\n0,on,1\n1,off,2\n", {"t": "s", "v": "N"}, [1.0, 2.0]),
         ("when,v\n2024-01-01 10:00:00.000,1\n2024-01-01 10:00:00.001,2\n", {"when": "s", "v": ""}, [1.0, 2.0]),
     ],
 )
@@ -106,7 +111,78 @@ def test_the_form_of_a_text_is_found(tmp_path, text, columns, values, encoding):
     file = opened(path)
     assert {c.name.replace("ä", "v"): c.unit for c in file.columns} == columns
     name = file.columns[-1].name
-    assert np.concatenate([block[name] for block in file.blocks([name])]).tolist() == values
+    assert np.array_equal(np.concatenate([block[name] for block in file.blocks([name])]), values, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("form", "began"),
+    [
+        ("10:00:00.{}", None),
+        ("2024-03-01 10:00:00,{}", 1709287200),
+        ("2024-03-01T10:00:00.{}Z", 1709287200),
+        ("2024-03-01 10:00:00.{}+01:00", 1709283600),
+        ("01.03.2024 10:00:00.{}", 1709287200),
+    ],
+)
+def test_times_of_day_become_seconds(tmp_path, form, began):
+    path = tmp_path / "x.csv"
+    path.write_text("time;v\n" + "".join(f"{form.format(ms)};1\n" for ms in ("000", "0015", "004000001")))
+    file = opened(path)
+    (block,) = file.blocks(["time"])
+    assert block["time"].tolist() == [0.0, 0.0015, 0.004000001]
+    assert file.began_ns == (began and began * 1_000_000_000)
+
+
+def test_a_table_of_thousands_of_columns(tmp_path):
+    path, values = tmp_path / "x.csv", np.random.default_rng(1).standard_normal((20, 4000))
+    pd.DataFrame(values, columns=[f"gauge number {i} [N]" for i in range(4000)]).to_csv(path, sep=";", decimal=",")
+    file = opened(path)
+    assert (len(file.columns), file.columns[-1][:2]) == (4001, ("gauge number 3999", "N"))
+    (block,) = file.blocks([column.name for column in file.columns])
+    assert np.array_equal(np.transpose([*block.values()][1:]), values)
+
+
+def matlab_73(path, **values):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in values.items():
+            file[f"run/{name}"] = value
+        file["run/name"] = np.array([[97], [98]], np.uint16)
+        file["run/name"].attrs["MATLAB_class"] = np.bytes_("char")
+        file["run/none"] = np.zeros(2, np.uint64)
+        file["run/none"].attrs["MATLAB_empty"] = np.uint8(1)
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + path.read_bytes()[512:])
+
+
+def packed(path):
+    with h5py.File(path, "w") as file:
+        file["v"] = np.array([1, -9, 3], np.int16)
+        file["v"].attrs.update({"units": np.array(["N"], object), "scale_factor": 0.5, "add_offset": 1.0})
+        file["v"].attrs["_FillValue"] = np.int16(-9)
+
+
+def cells(path):
+    about = np.empty(2, object)
+    about[:] = [{"v": V, "unit": "N"}, {"v": T}]
+    scipy_io.savemat(path, {"ch": about})
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "columns"),
+    [
+        ("x.mat", lambda path: matlab_73(path, v=V[None, :]), {"run.v": ("", V)}),
+        ("x.mat", cells, {"ch.1.v": ("", V), "ch.2.v": ("", T)}),
+        ("x.nc", packed, {"v": ("N", [1.5, np.nan, 2.5])}),
+        ("x.parquet", lambda path: pd.DataFrame({"d": pd.to_timedelta(T, unit="s")}).to_parquet(path),
+         {"d": ("s", np.rint(T * 1e9) * 1e-9)}),
+    ],
+)  # fmt: skip
+def test_what_formats_keep_beside_plain_vectors(tmp_path, name, write, columns):
+    write(tmp_path / name)
+    file = opened(tmp_path / name)
+    (block,) = file.blocks([column.name for column in file.columns])
+    assert {c.name: c.unit for c in file.columns} == {name: unit for name, (unit, _) in columns.items()}
+    for name, (_, values) in columns.items():
+        assert np.array_equal(block[name], values, equal_nan=True)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ import re
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from itertools import compress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,9 +54,13 @@ class MeasurementFile:
     first_row: int = 1
     """Number of the row with the first values, as a user counts it."""
 
+    @cached_property
+    def _by_name(self) -> dict[str, Column]:
+        return {column.name: column for column in self.columns}
+
     def column(self, name: str) -> Column:
         """The column `name`. Raises KeyError."""
-        return next(column for column in self.columns if column.name == name)
+        return self._by_name[name]
 
 
 def opened(path: Path) -> MeasurementFile:
@@ -92,11 +97,11 @@ def name_and_unit(label: str) -> tuple[str, str]:
 def _text(path: Path) -> MeasurementFile:
     table = TextTable.read(path)
     named = [name_and_unit(label) for label in table.labels]
-    columns = tuple(
-        Column(name, unit or stated) for (name, unit), stated in zip(_distinct(named), table.units, strict=True)
-    )
+    columns = [Column(name, unit or stated) for (name, unit), stated in zip(_distinct(named), table.units, strict=True)]
     names = [column.name for column in columns]
-    return MeasurementFile(path, columns, partial(table.blocks, names), table.began_ns, table.skip + 1)
+    return MeasurementFile(
+        path, tuple(compress(columns, table.used)), partial(table.blocks, names), table.began_ns, table.skip + 1
+    )
 
 
 def _distinct(named: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
@@ -126,6 +131,9 @@ class _Arrays:
                 f"{label} is complex: it is a spectrum or a transfer function, no measurement over time"
             )
             return
+        if array.dtype.kind == "M":
+            ns = array.astype("datetime64[ns]").astype(np.int64)
+            array, unit = (ns - ns.flat[0]) * 1e-9 if ns.size else array, "s"
         if array.dtype.kind not in "fiub" or array.size < 2 or np.squeeze(array).ndim > 2:
             return
         array = np.squeeze(array)
@@ -161,11 +169,11 @@ def _parquet(path: Path) -> MeasurementFile:
         length = file.metadata.num_rows
     columns, labels = [], {}
     for field in fields:
-        if not (types.is_floating(field.type) or types.is_integer(field.type) or types.is_timestamp(field.type)):
+        if not (types.is_floating(field.type) or types.is_integer(field.type) or types.is_temporal(field.type)):
             continue
         stated = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
         name, unit = name_and_unit(field.name)
-        unit = unit or stated.get("unit", stated.get("units", "")) or ("s" if types.is_timestamp(field.type) else "")
+        unit = unit or stated.get("unit", stated.get("units", "")) or ("s" if types.is_temporal(field.type) else "")
         columns.append(Column(name, unit, length=length))
         labels[name] = field.name
 
@@ -180,11 +188,12 @@ def _parquet(path: Path) -> MeasurementFile:
 
 def _seconds(column: Any, begins: dict[str, int], name: str) -> Reals:
     """Numbers; times of day as seconds since the first one."""
-    from pyarrow import int64, timestamp, types
+    from pyarrow import duration, int64, timestamp, types
 
-    if not types.is_timestamp(column.type):
+    if not types.is_temporal(column.type):
         return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
-    ns = column.cast(timestamp("ns")).cast(int64()).to_numpy(zero_copy_only=False)
+    kind = duration("ns") if types.is_duration(column.type) else timestamp("ns")
+    ns = column.cast(kind).cast(int64()).to_numpy(zero_copy_only=False)
     begin = begins.setdefault(name, int(ns[0]))
     return np.asarray((ns - begin) * 1e-9, np.float64)
 
@@ -206,6 +215,9 @@ def _of_struct(arrays: _Arrays, name: str, value: Any) -> None:
     if isinstance(value, dict):
         for key, inner in value.items():
             _of_struct(arrays, f"{name}.{key}", inner)
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):  # cells, several structs
+        for number, inner in enumerate(np.asarray(value, object).flat, 1):
+            _of_struct(arrays, f"{name}.{number}", inner)
     else:
         arrays.add(name, value)
 
@@ -215,16 +227,43 @@ def _hdf5(path: Path) -> MeasurementFile:
     arrays = _Arrays(path)
 
     def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and not name.startswith("#") and item.dtype.kind in "fiubc":
-            given = (item.attrs.get(key, "") for key in ("units", "unit"))
+        if not isinstance(item, h5py.Dataset) or name.startswith("#") or "MATLAB_empty" in item.attrs:
+            return
+        label = name.replace("/", ".")
+        if item.dtype.names == ("real", "imag"):  # of MATLAB
+            arrays.add(label, np.empty(1, complex))
+        elif item.dtype.kind in "fiubc" and _word(item.attrs.get("MATLAB_class", "")) != "char":
             unit = next(
-                (u.decode() if isinstance(u, bytes) else str(u) for u in given if isinstance(u, str | bytes)), ""
+                (word for key in ("units", "unit", "Units", "Unit") if (word := _word(item.attrs.get(key)))), ""
             )
-            arrays.add(name.replace("/", "."), item[()], unit)
+            arrays.add(label, _unpacked(item[()], item.attrs), unit)
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
     return arrays.file()
+
+
+def _word(given: Any) -> str:
+    """A text attribute, which some programs store as an array of one text."""
+    values = np.asarray("" if given is None else given).ravel()
+    value = values[0] if values.size == 1 else ""
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value) if isinstance(value, str) else ""
+
+
+_PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset")
+
+
+def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
+    """Values that are packed as the conventions of netCDF say: fill value, scale factor and offset."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        return values
+    fills = [np.ravel(about[key])[0] for key in _PACKED[:2] if key in about]
+    factor, offset = (float(np.ravel(about.get(key, d))[0]) for key, d in zip(_PACKED[2:], (1.0, 0.0)))
+    missing = np.isin(array, fills)
+    if (factor, offset) != (1.0, 0.0) or missing.any():
+        array = np.where(missing, np.nan, array * factor + offset)
+    return array
 
 
 def _netcdf(path: Path) -> MeasurementFile:
@@ -236,8 +275,8 @@ def _netcdf(path: Path) -> MeasurementFile:
     arrays = _Arrays(path)
     with netcdf_file(path, "r", mmap=False) as file:
         for name, variable in file.variables.items():
-            unit = getattr(variable, "units", b"")
-            arrays.add(name, variable[:], unit.decode() if isinstance(unit, bytes) else str(unit))
+            about = {key: getattr(variable, key) for key in ("units", *_PACKED) if hasattr(variable, key)}
+            arrays.add(name, _unpacked(variable[:].copy(), about), _word(about.get("units")))
     return arrays.file()
 
 

@@ -7,10 +7,12 @@ cannot be read, the file is read again line by line, and all faults are told wit
 
 from __future__ import annotations
 
+import csv as cells_of
 import io
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,21 +21,30 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.record.run_data import Reals
+from rig.units import si_unit
 
 _SEPARATORS = (";", "\t", ",", "|", " ")
-_HEAD = 1 << 16
-"""Length of the part in which the form of the table is looked for [bytes]."""
+_HEADS = (1 << 16, 1 << 20, 1 << 23)
+"""Lengths of the part in which the form of the table is looked for, until it has `_ROWS` rows [bytes]."""
+_ROWS = 10
 BLOCK = 2 << 20
 """Length of the part of a file that is read at once [bytes]."""
 _MOST = 20
 """Number of faults that are told; further ones are counted."""
 _NO_VALUE = ("", "nan", "NaN", "NAN", "NA", "n/a", "N/A", "null", "-")
+_BLANK_VALUES = [blanks * " " + text + end for text in _NO_VALUE for blanks in range(32) for end in ("", " ")]
 _NUMBER = {
     mark: re.compile(rf"[-+]?(?:\d+(?:{re.escape(mark)}\d*)?|{re.escape(mark)}\d+)(?:[eE][-+]?\d+)?|[-+]?[iI]nf")
     for mark in ".,"
 }
-_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?Z?")
-_UNIT_LINE = re.compile(r"[\[(].*[\])]|[-%°µμ\w^/*·]{1,12}|")
+_ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?")
+_TIME = re.compile(
+    r"(?:(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4}))[T ]\s*)?"
+    r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,](?P<part>\d{1,9}))?)?\s?(?P<zone>Z|[-+]\d\d:?\d\d)?"
+)
+_UNIT_LINE = re.compile(r"[\[(].*[\])]|[-%°µμΩ\w^/*·. ]{1,12}|")
+_1970 = date(1970, 1, 1).toordinal()
+_DAY_NS = 86_400_000_000_000
 
 
 @dataclass(frozen=True)
@@ -50,30 +61,42 @@ class TextTable:
     units: tuple[str, ...]
     stamped: tuple[bool, ...]
     """Columns of times of day."""
-    began_ns: int | None
-    """The first time of day, in ns since 1970."""
+    used: tuple[bool, ...]
+    """Columns that may have values: neither words nor what follows a separator at the end of the rows."""
+    first_ns: int
+    """The first time of day, in ns since 1970, or since midnight without a date."""
+    iso: bool
+    """Times of day have the form 2024-01-31 10:00:00.001."""
+
+    @property
+    def began_ns(self) -> int | None:
+        """The wall clock at the first row, in ns since 1970, if the table has dates."""
+        return self.first_ns if self.first_ns >= _DAY_NS else None
 
     @classmethod
     def read(cls, path: Path) -> TextTable:
         """Find the form of the table in a file. Raises UsageError if it contains none, OSError if it is unreadable."""
-        with path.open("rb") as file:
-            head = file.read(_HEAD)
-        encoding = _encoding(head)
-        lines = head.decode(encoding, errors="replace").splitlines()
-        if len(head) == _HEAD:
-            lines.pop()  # may be cut
-        while lines and not lines[-1].strip():
-            lines.pop()
-        forms = [(separator, mark) for separator in _SEPARATORS for mark in ".," if separator != mark]
-        form = max((_Form.of(lines, *form) for form in forms), key=lambda form: form.merit)
+        for size in _HEADS:
+            with path.open("rb") as file:
+                head = file.read(size)
+            encoding = _encoding(head)
+            lines = head.decode(encoding, errors="replace").splitlines()
+            if len(head) == size:
+                lines.pop()  # may be cut
+            while lines and not lines[-1].strip():
+                lines.pop()
+            form = _Form.best(lines)
+            if len(head) < size or form.rows >= _ROWS:
+                break
         if not form.rows:
             raise UsageError(
                 f"{path}: there is no table of numbers in its first {len(lines)} lines; expected rows of numbers "
                 f"with one separator of {', '.join(map(repr, _SEPARATORS))}"
             )
         stamps = [text for text in form.split(lines[form.skip]) if _TIME.fullmatch(text)]
-        began = int(np.datetime64(stamps[0].rstrip("Z").replace(",", "."), "ns").astype(np.int64)) if stamps else None
-        return cls(path, encoding, form.separator, form.mark, form.skip, *form.described(lines), began)
+        iso = all(map(_ISO.fullmatch, stamps))
+        first = _nanoseconds(stamps[0]) if stamps else 0
+        return cls(path, encoding, form.separator, form.mark, form.skip, *form.described(lines), first, iso)
 
     def blocks(self, names: Sequence[str], wanted: Collection[str]) -> Iterator[Mapping[str, Reals]]:
         """Yield the columns `wanted`, of those called `names`, block by block; a value that is not there is NaN.
@@ -84,7 +107,7 @@ class TextTable:
         from pyarrow import csv
 
         kinds = {
-            name: pa.timestamp("ns") if stamped else pa.float64()
+            name: (pa.timestamp("ns") if self.iso else pa.string()) if stamped else pa.float64()
             for name, stamped in zip(names, self.stamped, strict=True)
         }
         ragged = list[Any]()
@@ -107,7 +130,7 @@ class TextTable:
                         column_types={name: kinds[name] for name in wanted},
                         include_columns=list(wanted),
                         decimal_point=self.decimal,
-                        null_values=list(_NO_VALUE),
+                        null_values=_BLANK_VALUES,
                         check_utf8=False,
                     ),
                 ) as reader:  # fmt: skip
@@ -118,14 +141,18 @@ class TextTable:
             except pa.ArrowInvalid as fault:
                 raise UsageError(self._faults(names, wanted) or f"{self.path}: {fault}") from None
         if ragged:
-            raise UsageError(self._faults(names, wanted))
+            raise UsageError(
+                self._faults(names, wanted) or f"{self.path}: row {ragged[0].number}: {ragged[0].text!r:.60}"
+            )
 
     def _values(self, column: Any) -> Reals:
         from pyarrow import int64, types
 
+        if types.is_string(column.type):
+            return np.array([(_nanoseconds(text) - self.first_ns) * 1e-9 for text in column.to_pylist()])
         if types.is_timestamp(column.type):
             ns = column.cast(int64()).to_numpy(zero_copy_only=False)
-            return np.asarray((ns - self.began_ns) * 1e-9, np.float64)
+            return np.asarray((ns - self.first_ns) * 1e-9, np.float64)
         return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
 
     def _faults(self, names: Sequence[str], wanted: Collection[str]) -> str:
@@ -145,7 +172,14 @@ class TextTable:
             return
         if len(cells) != len(names):
             ended = " (the file ends in the middle of it)" if not line.endswith(("\n", "\r")) else ""
-            others = [s for s in _SEPARATORS if s != self.separator and len(_split(line, s)) == len(names)]
+            number = _NUMBER[self.decimal]
+            others = [
+                s
+                for s in _SEPARATORS
+                if s != self.separator
+                and len(other := _split(line, s)) == len(names)
+                and all(map(number.fullmatch, other))
+            ]
             hint = f"; with {others[0]!r} in place of {self.separator!r} it would be right" if others else ""
             yield f"{len(cells)} values, the other rows have {len(names)}{ended}{hint}"
             return
@@ -158,15 +192,29 @@ class TextTable:
 class _Form:
     """How a text would be read with a separator and a decimal mark."""
 
-    def __init__(self, separator: str, mark: str) -> None:
-        self.separator, self.mark = separator, mark
+    def __init__(self, separator: str, mark: str, words: bool) -> None:
+        self.separator, self.mark, self.words = separator, mark, words
         self.rows = self.skip = self.width = 0
-        self.headed = False
+        self.headed = self.ended = False
 
     @classmethod
-    def of(cls, lines: Sequence[str], separator: str, mark: str) -> _Form:
-        """Find the rows: the longest block of lines with one number of columns, all of which are values."""
-        form, begin, width = cls(separator, mark), 0, -1
+    def best(cls, lines: Sequence[str]) -> _Form:
+        """The form with most rows; a table in which each row has a word, such as a state, only if there is no other."""
+        forms = [(separator, mark) for separator in _SEPARATORS for mark in ".,"]
+        form = max((cls.of(lines, *form, words=False) for form in forms), key=lambda form: form.merit)
+        if not form.rows:
+            form = max((cls.of(lines, *form, words=True) for form in forms[:-2]), key=lambda form: form.merit)
+            if form.rows < 2 or not any(form.described(lines)[-1]):
+                form.rows = 0
+        return form
+
+    @classmethod
+    def of(cls, lines: Sequence[str], separator: str, mark: str, words: bool) -> _Form:
+        """Find the rows: the longest block of lines with one number of columns, all of which are values.
+
+        With `words`, columns of words are allowed beside a column of values.
+        """
+        form, begin, width = cls(separator, mark, words), 0, -1
         widths = [form._width_of(line) for line in lines]
         for i, here in enumerate([*widths, -1]):
             if here < 0 or here != width:
@@ -174,16 +222,28 @@ class _Form:
                     form.rows, form.skip, form.width = i - begin, begin, width
                 begin, width = i, here
         form._skip_to_header(lines, widths)
-        form.headed = form.rows > 0 and form.skip > 0 and len(form.split(lines[form.skip - 1])) == form.width
+        form.ended = form.rows > 0 and form.split(lines[form.skip])[-1] == ""
+        form.headed = form.rows > 0 and form.skip > 0 and form.heading(lines[form.skip - 1]) is not None
         return form
 
     def _width_of(self, line: str) -> int:
         """The number of values of a row; -1 for a line that is none."""
         cells = self.split(line)
         known = [self._is_value(cell) for cell in cells]
+        if self.words:
+            return len(cells) if any(known) and len(cells) > 1 else -1
         return (
             len(cells) if any(known) and all(map(lambda cell, value: value or cell in _NO_VALUE, cells, known)) else -1
         )
+
+    def heading(self, line: str) -> list[str] | None:
+        """The cells of a line above the rows, of which only one may end with a separator; None: it is no heading."""
+        cells = self.split(line.lstrip("#%! "))
+        if len(cells) == self.width + 1 and not cells[-1]:
+            cells.pop()
+        if len(cells) == self.width - 1 and self.ended:
+            cells.append("")
+        return cells if len(cells) == self.width and not all(map(self._is_value, cells)) else None
 
     def _skip_to_header(self, lines: Sequence[str], widths: Sequence[int]) -> None:
         """Begin below an earlier header, if most lines from there on are rows: the other ones are faults."""
@@ -206,22 +266,70 @@ class _Form:
     def _is_value(self, cell: str) -> bool:
         return bool(_NUMBER[self.mark].fullmatch(cell) or _TIME.fullmatch(cell))
 
-    def described(self, lines: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...], tuple[bool, ...]]:
-        """Labels, units and which columns are times of day."""
-        above = [self.split(line.lstrip("#%! ")) for line in lines[max(self.skip - 2, 0) : self.skip]]
-        above = [cells for cells in above if len(cells) == self.width and not all(map(self._is_value, cells))]
-        units = [""] * self.width
-        if len(above) == 2 and all(map(_UNIT_LINE.fullmatch, above[1])) and all(above[0]):
-            units = [cell.strip("[]() ") for cell in above.pop()]
-        labels = above[-1] if above else [""] * self.width
+    def described(
+        self, lines: Sequence[str]
+    ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[bool, ...], tuple[bool, ...]]:
+        """Labels, units, which columns are times of day, and which may have values."""
+        above = [self.heading(line) for line in lines[max(self.skip - 5, 0) : self.skip] if line.strip()]
+        headings = list[list[str]]()  # from the rows upwards
+        while above and (cells := above.pop()) is not None:
+            headings.append(cells)
+        units, labels = [""] * self.width, headings[0] if headings else [""] * self.width
+        for named, stated in zip(headings[1:], headings, strict=False):
+            if _are_units(stated) and sum(map(bool, named)) >= max(sum(map(bool, stated)), self.width - self.ended):
+                units, labels = [cell.strip("[]() ") for cell in stated], named
+                break
+        rows = [self.split(line) for line in lines[self.skip : self.skip + 100]]
+        columns = list(zip(*(cells for cells in rows if len(cells) == self.width), strict=True))
         stamped = tuple(bool(_TIME.fullmatch(cell)) for cell in self.split(lines[self.skip]))
+        used = tuple(
+            2 * sum(map(self._is_value, column)) > len(column) * self.words
+            or (bool(label) and all(cell in _NO_VALUE for cell in column))
+            for label, column in zip(labels, columns, strict=True)
+        )
         units = ["s" if stamp else unit for unit, stamp in zip(units, stamped, strict=True)]
-        return tuple(label or f"column {i}" for i, label in enumerate(labels, 1)), tuple(units), stamped
+        return tuple(label or f"column {i}" for i, label in enumerate(labels, 1)), tuple(units), stamped, used
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Whether a line below the names has their units: short, and at least half of them are known."""
+    stated = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
+    return bool(stated) and all(map(_UNIT_LINE.fullmatch, cells)) and 2 * sum(map(_is_unit, stated)) >= len(stated)
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        return bool(si_unit(text))
+    except ValueError:
+        return False
+
+
+def _nanoseconds(text: str | None) -> int:
+    """A time of day in ns since 1970, or since midnight without a date. Raises UsageError."""
+    match = _TIME.fullmatch((text or "").strip())
+    try:
+        if match is None:
+            raise ValueError
+        day = 0
+        if year := match["year"] or match["y"]:
+            day = (
+                date(int(year), int(match["month"] or match["m"]), int(match["day"] or match["d"])).toordinal() - _1970
+            )
+    except ValueError:
+        raise UsageError(f"{text!r:.40} is not a time of day") from None
+    seconds = 3600 * int(match["hour"]) + 60 * int(match["minute"]) + int(match["second"] or 0)
+    if (zone := match["zone"] or "Z") != "Z":
+        seconds -= int(f"{zone[0]}1") * (3600 * int(zone[1:3]) + 60 * int(zone[-2:]))
+    return day * _DAY_NS + seconds * 1_000_000_000 + int((match["part"] or "").ljust(9, "0"))
 
 
 def _split(line: str, separator: str) -> list[str]:
-    cells = line.split() if separator == " " else line.rstrip("\r\n").split(separator)
-    return [cell.strip().strip('"') for cell in cells]
+    line = line.rstrip("\r\n")
+    if '"' in line:
+        line = " ".join(line.split()) if separator == " " else line
+        return [cell.strip() for cell in next(cells_of.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    cells = line.split() if separator == " " else line.split(separator)
+    return [cell.strip() for cell in cells]
 
 
 def _encoding(head: bytes) -> str:
