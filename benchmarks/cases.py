@@ -86,6 +86,11 @@ GROUPS = {
         lambda asked: absent.cost(),
         (_most("ratio", "what an absent effect costs", 1.03, "of the time without it"),),
     ),
+    "memory": Group(
+        "a friction law with memory from a file beside the same law shipped, processor time",
+        lambda asked: kernels.memory(5 if asked.quick else 12),
+        (_most("ratio", "LuGre's law from a file", 1.05, "of the shipped law"),),
+    ),
     "scipy": Group(
         "exact beside scipy's solve_ivp (DOP853, rtol 1e-9, events)",
         lambda asked: kernels.scipy_ratio(),

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
+import shutil
+import tempfile
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.motion_measures import Setting
+from rig.laws.lugre import LuGre
 from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.motion.motion import Motion
@@ -127,4 +132,26 @@ def scipy_ratio() -> dict[str, Any]:
         "ratio": best["scipy"] / best["exact"],
         "events": len(times["exact"]),
         "scipy_event_error": event_error(times["scipy"], times["exact"]),
+    }
+
+
+BRISTLES = {"mu_static": 0.5, "mu_kinetic": 0.3, "speed_scale": 0.02, "sigma0": 1e4, "sigma1": 3.0}
+
+
+def memory(rounds: int = 12) -> dict[str, float]:
+    """Return microseconds of a tick of the belt under LuGre's law, shipped and as a file outside of the program, in
+    processor time, the two alternating, and their ratio.
+    """
+    values = {f"friction.{key}": value for key, value in BRISTLES.items()} | {"friction.mu_dynamic": None}
+    ticks, calls = 2000, {}
+    with tempfile.TemporaryDirectory() as folder:
+        file = shutil.copy(inspect.getfile(LuGre), Path(folder) / "own.py")
+        for name, law in {"shipped": "lugre", "file": str(file)}.items():
+            scene = loader.load("belt", {"friction.law": law, **values})
+            motion = Motion(scene.assemble().system(), scene.step_ns, "rosenbrock", longest=ticks)
+            motion.advance(ticks)
+            calls[name] = partial(motion.advance, ticks)
+        best = interleaved(calls, rounds, time.process_time)
+    return {f"{name}_us": seconds / ticks * 1e6 for name, seconds in best.items()} | {
+        "ratio": best["file"] / best["shipped"]
     }

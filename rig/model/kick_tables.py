@@ -175,16 +175,16 @@ def refusal(system: System) -> str:
     """The reason why the method kick does not support this system; "" if it does."""
     positions = slice(len(system.coordinates))
     if not any(k.opens and np.any(k.row[positions]) for k in system.normals):
-        return "no contact of this rig opens: use exact or dopri5"
+        return "no contact of this rig opens: use auto"
     over_speed = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
     if over_speed:
-        return f"the friction of {', '.join(over_speed)} depends on speed: use dopri5"
+        return f"the friction of {', '.join(over_speed)} depends on speed: use auto"
     if system.products or system.limiters or system.sectors or system.switches:
-        return "supports neither products, limiters, sectors nor switches: use exact or dopri5"
+        return "supports neither products, limiters, sectors nor switches: use auto"
     velocities = slice(len(system.coordinates), system.one)
     for k in system.normals:
         if np.any(k.inertia) or np.any(k.row[velocities]):
-            return f"the normal force {k.name} depends on more than positions: use exact or dopri5"
+            return f"the normal force {k.name} depends on more than positions: use auto"
     return ""
 
 

@@ -95,6 +95,6 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
         bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
         bent += [product.name for product in system.products]
         raise ValueError(
-            f"method exact requires linear equations in every mode set; not linear: {', '.join(bent)}; use dopri5"
+            f"method exact requires linear equations in every mode set; not linear: {', '.join(bent)}; use auto"
         )
     return system

@@ -278,7 +278,7 @@ def test_a_disc_that_runs_up_moves_as_in_scipy():
 def test_without_geometry_and_with_constant_friction_exact_serves():
     p = parameters("a", 100.0, 1000.0, geometry=None)
     same_end(motion(p, 0.03, method="exact", start=FAR), field(p), 0.03)
-    with pytest.raises(ValueError, match="use dopri5"):
+    with pytest.raises(ValueError, match="use auto"):
         motion(parameters("a", 100.0, 1000.0), 0.05, method="exact")
 
 

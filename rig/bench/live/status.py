@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, TextIO
 
 from rig.bench.live import pace
+from rig.model.method import ADAPTIVE
 from rig.printable import counted
 
 LABEL = 10
@@ -191,7 +192,8 @@ def plant(values: Mapping[str, Any], energy_error: float) -> str:
         text += f", stick {values['stick_share']:.0%}"
     text += f", energy residual {energy_error:.0e}"
     if not abs(energy_error) <= UNCLOSED:
-        text += ": the energy balance does not close, so the motion is not resolved; use a smaller clock.tolerance"
+        finer = "clock.tolerance" if values["method"] in ADAPTIVE else "clock.rk4_step"
+        text += f": the energy balance does not close, so the motion is not resolved; use a smaller {finer}"
     if "kick_residual" in values:
         text += f", residual of kick {values['kick_residual']['share']:.0e}"
     return text
