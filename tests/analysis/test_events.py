@@ -118,6 +118,16 @@ def test_a_tone_that_is_too_slow_for_the_recording_is_named():
     assert "3 Hz is stronger, but needs windows of 2.67 s" in result.text()
 
 
+def test_a_constant_channel_contains_no_event():
+    assert not events(measured(v=(np.full(40_000, 3.0), "m/s")), "v").events
+
+
+@pytest.mark.parametrize("size", [2, 3, 100])
+def test_a_few_samples_are_refused(size):
+    with pytest.raises(UsageError, match=f"{size} samples .*too few"):
+        events(measured(v=(np.arange(float(size)), "m/s")), "v")
+
+
 def test_noise_contains_no_event():
     v = noise(np.random.default_rng(3), int(20 * RATE), 1.0)
     result = events(measured(accelerometer=(v, "m/s^2")))

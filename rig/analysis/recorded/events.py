@@ -207,6 +207,11 @@ def events(
     channel = series(run, name or vibration(run), first, last)
     named = conditions(run, channel.name) if at is None else at
     others = {other.name: other for other in (series(run, beside, first, last) for beside in named)}
+    if channel.v.size < 8 * 16:
+        raise UsageError(
+            f"{channel.name}: {channel.v.size} samples at {channel.rate:g} Hz are too few for eight windows of 16 "
+            "samples each; give a longer time span, or a channel with a higher rate"
+        )
     v = channel.v - np.nanmean(channel.v)
     strongest = _strongest(v, channel.rate)
     length = round((window or max(_WINDOW, min(_PERIODS / strongest, v.size / channel.rate / 12.0))) * channel.rate)
@@ -226,7 +231,7 @@ def events(
         )
     times = np.asarray(channel.start + (0.5 * length + hop * np.arange(len(power))) / channel.rate, np.float64)
     frequencies = np.arange(power.shape[1], dtype=np.float64) * (channel.rate / length)
-    floor = _floor(power[heard])
+    floor = np.maximum(_floor(power[heard]), np.finfo(np.float32).tiny)  # 0 of a constant channel
     shown = 10.0 * np.log10(np.maximum(power / floor, 1e-3)).astype(np.float32)
     sought = _Search(channel, v, times, frequencies, floor, length / channel.rate)
     tones = [tone for track in _tracks(power, floor) if (tone := sought.tone(track)) is not None]

@@ -281,7 +281,7 @@ class _Part:
 
     def begin(self) -> float:
         """Time of the first sample, with the shift [s]; notes the periods."""
-        first = {c: t for c, (t, _) in next(self.timed([c.column for c in self.channels])).items() if t.size}
+        first = {c: t for c, (t, _) in next(self._timed_or_refused()).items() if t.size}
         self.periods = {c: round(float(np.median(np.diff(t))) * 1e9) if t.size > 1 else 0 for c, t in first.items()}
         return min(float(t[0]) for t in first.values()) + self.shift
 
@@ -289,7 +289,7 @@ class _Part:
         """Channel -> times [s] and values in SI, block by block. Raises UsageError with all faults of the file."""
         base.shift, row, faults = self.shift, self.file.first_row, _Faults(self.file.path)
         last = dict[str, float]()
-        for block in self.timed([channel.column for channel in self.channels]):
+        for block in self._timed_or_refused():
             size = max(t.size for t, _ in block.values())
             if not self.expected:
                 stated = self.file.columns[0].length is not None
@@ -313,7 +313,32 @@ class _Part:
             row += size
             if not faults.count:
                 yield done
+        (self._faults_of_rows() if faults.count and self.file.rows else faults).raised()
         faults.raised()
+
+    def _timed_or_refused(self) -> Iterator[dict[str, tuple[Reals, Reals]]]:
+        """`timed` for all channels. Raises UsageError with the faults of rows, and those of the values beside them."""
+        columns = [channel.column for channel in self.channels]
+        try:
+            yield from self.timed(columns)
+        except UsageError as fault:
+            try:
+                self._faults_of_rows().raised()
+            except UsageError as more:
+                raise UsageError(f"{fault}\n{more}") from None
+            raise
+
+    def _faults_of_rows(self) -> _Faults:
+        """The faults of times and values in a text, with the numbers of its lines, which may be blank between rows."""
+        columns, faults, last = [channel.column for channel in self.channels], _Faults(self.file.path), -np.inf
+        for row, values in self.file.rows([self.time, *columns]) if self.file.rows else ():
+            if self.time in values:
+                t = np.array([values[self.time] * self.scale])
+                faults.times(t, last, row, self.time)
+                last = float(t[0])
+            for column in () if self.skip_missing else columns:
+                faults.missing(np.isnan([values.get(column, 0.0)]), row, column)
+        return faults
 
     def timed(self, names: Sequence[str]) -> Iterator[dict[str, tuple[Reals, Reals]]]:
         """Column -> times [s] and values, block by block."""

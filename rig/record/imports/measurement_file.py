@@ -53,6 +53,8 @@ class MeasurementFile:
     began_ns: int | None = None
     first_row: int = 1
     """Number of the row with the first values, as a user counts it."""
+    rows: Callable[[Collection[str]], Iterator[tuple[int, dict[str, float]]]] | None = None
+    """Row by row what can be read of a text whose `blocks` raise."""
 
     @cached_property
     def _by_name(self) -> dict[str, Column]:
@@ -100,7 +102,12 @@ def _text(path: Path) -> MeasurementFile:
     columns = [Column(name, unit or stated) for (name, unit), stated in zip(_distinct(named), table.units, strict=True)]
     names = [column.name for column in columns]
     return MeasurementFile(
-        path, tuple(compress(columns, table.used)), partial(table.blocks, names), table.began_ns, table.skip + 1
+        path,
+        tuple(compress(columns, table.used)),
+        partial(table.blocks, names),
+        table.began_ns,
+        table.skip + 1,
+        partial(table.rows, names),
     )
 
 

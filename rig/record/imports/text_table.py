@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv as cells_of
 import io
+import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -165,6 +166,23 @@ class TextTable:
                     if count <= _MOST:
                         told.append(f"{self.path}: row {number}: {fault}")
         return "\n".join([*told, f"... and {count - _MOST} more"] if count > _MOST else told)
+
+    def rows(self, names: Sequence[str], wanted: Collection[str]) -> Iterator[tuple[int, dict[str, float]]]:
+        """Yield number and values of each row, line by line, without what cannot be read; NaN: there is no value."""
+        with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
+            for number, line in enumerate(islice(file, self.skip, None), self.skip + 1):
+                cells, values = _split(line, self.separator), dict[str, float]()
+                for name, cell, stamped in zip(names, cells, self.stamped) if len(cells) == len(names) else ():
+                    if name not in wanted:
+                        continue
+                    if cell in _NO_VALUE:
+                        values[name] = math.nan
+                    elif stamped and _TIME.fullmatch(cell):
+                        values[name] = (_nanoseconds(cell) - self.first_ns) * 1e-9
+                    elif not stamped and _NUMBER[self.decimal].fullmatch(cell):
+                        values[name] = float(cell.replace(self.decimal, "."))
+                if values:
+                    yield number, values
 
     def _of_row(self, line: str, names: Sequence[str], wanted: Collection[str]) -> Iterator[str]:
         cells, text = _split(line, self.separator), line.strip()
