@@ -346,8 +346,8 @@ def sensors(run: Run, scene: Scene | None, marks: list[float]) -> Html:
 _TERMS = {
     "drive": "supplied by the drive",
     "friction": "dissipated at the contacts",
-    "bristles": "of this stored in the contacts",
-    "heat": "of this turned into heat",
+    "bristles": "of friction: stored in the contacts",
+    "heat": "of friction: turned into heat",
     "damper": "dissipated in the dampers",
     "forces": "supplied by external forces",
     "normal": "supplied through normal forces",
