@@ -370,3 +370,17 @@ def test_the_shipped_measurements_are_proposed_as_their_map_has_them(path):
     proposal = listed([path]).proposal
     assert proposal.channels.keys() == mapped.channels.keys()
     assert proposal.time.replace("?", "s") == mapped.time
+
+
+def test_channels_of_a_tdms_that_start_one_after_the_other(tmp_path):
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(tmp_path / "x.tdms") as writer:
+        for i, name in enumerate("ab"):
+            about = {
+                "wf_increment": 1e-3,
+                "unit_string": "N",
+                "wf_start_time": np.datetime64(1709287200000 + 250 * i, "ms"),
+            }
+            writer.write_segment([nptdms.ChannelObject("g", name, V, properties=about)])
+    assert [column.start for column in opened(tmp_path / "x.tdms").columns] == [0.0, 0.25]
+    assert "400 values at 1000 Hz" in listed([tmp_path / "x.tdms"]).text()

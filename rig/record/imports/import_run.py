@@ -146,8 +146,8 @@ class Imported(Result):
 class Listed:
     """The columns of measurement files, and a map that is proposed for them."""
 
-    rows: list[tuple[str, str, str, float, float, int]]
-    """File, column, unit, lowest and highest value, number of values."""
+    rows: list[tuple[str, str, str, float, float, int, float]]
+    """File, column, unit, lowest and highest value, number of values, samples per second (0: not stated) [Hz]."""
     bases: list[TimeBase]
     proposal: ChannelMap
 
@@ -156,7 +156,8 @@ class Listed:
         width = max(len(row[1]) for row in self.rows)
         lines = [
             f"{file}: {name:<{width}}  {low:.6g} .. {high:.6g} {unit or '(no unit stated)'}, {count} values"
-            for file, name, unit, low, high, count in self.rows
+            + f" at {rate:.6g} Hz" * (rate > 0.0)
+            for file, name, unit, low, high, count, rate in self.rows
         ]
         lines += [base.text() for base in self.bases]
         ask = "; replace each ? by the unit" if "?" in self.proposal.text() else ""
@@ -194,7 +195,7 @@ def listed(paths: Sequence[Path]) -> Listed:
                 else:
                     rising.discard(name)
         rows += [
-            (file.path.name, c.name, c.unit, float(low[c.name]), float(high[c.name]), count[c.name])
+            (file.path.name, c.name, c.unit, float(low[c.name]), float(high[c.name]), count[c.name], c.rate)
             for c in file.columns
         ]
         proposal = proposed(file, [name for name in names if name in rising and times[name].samples > 1])

@@ -339,9 +339,11 @@ def _tdms(path: Path) -> MeasurementFile:
                 about = channel.properties
                 step, start = float(about.get("wf_increment", 0.0)), float(about.get("wf_start_offset", 0.0))
                 unit = str(about.get("unit_string", about.get("NI_UnitDescription", "")))
+                if step and (stamp := about.get("wf_start_time")) is not None:
+                    stamp_ns = int(np.datetime64(stamp, "ns").astype(np.int64))
+                    began = stamp_ns if began is None else began
+                    start += (stamp_ns - began) * 1e-9  # channels may start one after the other
                 arrays.add(f"{group.name}.{channel.name}", channel[:], unit, 1.0 / step if step else 0.0, start)
-                if began is None and (stamp := about.get("wf_start_time")) is not None:
-                    began = int(np.datetime64(stamp, "ns").astype(np.int64))
     return arrays.file(began)
 
 
