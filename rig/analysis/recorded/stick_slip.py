@@ -131,8 +131,9 @@ class StickSlip(Result):
         kinds += [(title, name, self.force_unit) for title, name in forces if self.force_unit]
         for title, name, unit in kinds:
             middle, low, high = self.median(name)
-            rows.append((title, f"{middle:.5g}", f"{low:.5g} .. {high:.5g}", unit))
-        lines += columns(rows, "<>><")
+            if math.isfinite(middle):
+                rows.append((title, f"{middle:.5g}", f"{low:.5g} .. {high:.5g}", unit))
+        lines += columns(rows, "<>><") if len(rows) > 1 else []
         notes = {
             "samples replaced (spikes)": self.spikes,
             "samples held by the sensor": self.held,
