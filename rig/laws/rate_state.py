@@ -16,7 +16,8 @@ not. The slip law's logarithm is that of (w^2 + (1e-6 speed)^2)^0.5, so that it 
 
 No true stick: a contact under load creeps, and slower than any measurement. An explicit method is limited to steps of
 3 distance / w, and on a mass m to 3 m w / (a N): tiny at the slow speeds at which such a contact spends its life. An
-implicit method with step control has neither limit. Over decades of speed the motion is stiff; use `rosenbrock`.
+implicit method with step control has neither limit. Over decades of speed the motion is stiff; use `rosenbrock`. Creep
+below 1e-16 of the speeds of the two sides is lost in their rounding: the run stops and says so.
 
 Source: Dieterich, J. Geophys. Res. 84 (1979) 2161; Ruina, J. Geophys. Res. 88 (1983) 10359; asinh: Rice, Ben-Zion,
 Proc. Natl. Acad. Sci. 93 (1996) 3811; critical stiffness with mass: Rice, Ruina, J. Appl. Mech. 50 (1983) 343.

@@ -26,7 +26,7 @@ from rig.motion.balance import Balance, CurrentState
 from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, parts, prepared
 from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, energy_in_contacts, evaluate_outputs
-from rig.solve.contact_state import CHATTER, CHECK, DONE, JAM, LOOK, LOST, NEED, OVERFULL, START
+from rig.solve.contact_state import CHATTER, CHECK, DONE, JAM, LOOK, LOST, NEED, OVERFULL, START, UNRESOLVED
 from rig.solve.frames import advance_frames
 from rig.solve.records import PROGRESS, MotionLog, MotionRecords, MotionState, empty_log
 from rig.solve.segment_output import empty_segments
@@ -59,6 +59,10 @@ def why(status: int, system: System, integration: Integration, state: MotionStat
             what += f"; |lambda| step = {size:.3g}. Leave out the fast lag or the fast element of the network"
             return NumericsError, f"{what}, or shorten clock.frame"
         return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"
+    if status == UNRESOLVED:
+        what = "a contact creeps so slowly that its slip speed is lost in the rounding of the speeds of its two sides"
+        what += ", and with it the friction force. Start nearer to steady slip, or use a law that sticks"
+        return NumericsError, f"{what} or whose friction is less steep at small speeds (rate_state: a larger a)"
     assert status == LOST
     film = system.film
     if film is not None and not 0.0 <= (place := float(state.x[system.names.index(film.travel)])) <= film.longest:

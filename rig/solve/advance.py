@@ -14,6 +14,7 @@ from rig.solve.contact_state import (
     LOST,
     OVERFULL,
     READY,
+    UNRESOLVED,
     mode_in_key,
     sector_weight,
 )
@@ -83,6 +84,8 @@ def advance_block(shape, t, w, state, log, seg, plan, ticks):
             now.place = min(now.place, 1.0 - 1.2e-16)
             if guard == -2:
                 return LOST
+            if guard == -4:
+                return UNRESOLVED
         else:
             guard = call(plan.linear_stretch, shape, t, w, state, log, seg, plan, ticks)
         state.tally[min(mode_set, TALLIED - 1)] += now.tick - first

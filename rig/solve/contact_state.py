@@ -28,7 +28,7 @@ from rig.solve.records import (
 )
 
 # Status of a kernel. NEED: needs a mode set; OVERFULL: needs more room for segments; LOOK: done, perhaps early.
-DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)
+DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK, UNRESOLVED = range(8)
 READY, CHECK, PROJECT, START, THROWN = range(5)  # PROGRESS.pending: the work that precedes advancing the state
 
 _SLACK = 1e-9  # relative increase of the friction limit for a contact that slips and sticks at one instant

@@ -250,7 +250,7 @@ def free_of_events(shape, f, d, size):
 SAFETY, SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # share of the largest coordinate or speed
 _MOST = 200_000  # trial steps for one tick
-ENDED, UNDECIDED, EVENT_FREE, FAILED = range(4)  # results of `take_steps`
+ENDED, UNDECIDED, EVENT_FREE, FAILED, ROUNDED = range(5)  # results of `take_steps`
 SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
 
 
@@ -522,7 +522,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
 def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Advance the state within one mode set to an event or to the end of the ticks; a part (rig.solve.specialised).
 
-    Returns the guard, -1 at the end of the ticks, -2 if no step is short enough.
+    Returns the guard, -1 at the end of the ticks, -2 if no step is short enough, -4 if rounding hides a slip speed.
     """
     now, x = state.progress[0], state.x
     mode_set = t.mode_set_of[now.key]
@@ -542,8 +542,8 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 continue
             crossed, now.suggested_length = -1, 0.0
         ends = call(plan.take_steps, shape, t, w, state, log, seg, plan, ticks)
-        if ends == FAILED:
-            return -2
+        if ends >= FAILED:
+            return -2 if ends == FAILED else -4
         if ends == ENDED:
             break
         h, tick, place = now.step_length, now.tick, now.place

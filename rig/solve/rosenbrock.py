@@ -24,6 +24,7 @@ from rig.solve.dopri5 import (
     ENDED,
     EVENT_FREE,
     FAILED,
+    ROUNDED,
     SAFETY,
     SHARE,
     SHRINK,
@@ -55,6 +56,9 @@ from rig.solve.forces import (
 from rig.solve.specialised import call, has_products, local, local_square, state_count
 
 STAGES = 8
+_ROUNDING = 2.0**-53
+_SHARE_LOST = 1e-2  # of the friction force
+_SMALL = 1e-6  # coefficient of friction
 GAMMA = 0.21193756319429014
 _A6 = (-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946)
 A = np.array(
@@ -359,6 +363,27 @@ def solve(shape, M, order, right, u):
             u[i] -= M[k, i] * u[k]
 
 
+@inner
+def slip_is_rounded(t, mode_set, x, T):
+    """Whether the slip speed of a law with memory at x is so small a difference that rounding changes its friction."""
+    m = t.memory
+    for p in range(t.slip.shape[0]):
+        if t.code[mode_set, p] == MEMORY and t.sigma[mode_set, p] != 0.0:
+            speeds = 0.0
+            for j in range(x.shape[0]):
+                speeds += abs(t.slip[p, j] * x[j])
+            if abs(dot(t.slip[p], x)) < speeds * (_ROUNDING / _SMALL):
+                _, w, N = arguments_of_memory(t, mode_set, p, x, T, False)
+                numbers, w = t.numbers[mode_set, p], max(w, 0.0)
+                size = HEADER + int(numbers[STATES])
+                call_formula(np.int64(numbers[VALUES]), numbers, size, w, N, m.states, m.values)
+                call_formula(np.int64(numbers[SLOPES]), numbers, size, w, N, m.states, m.slopes)
+                change = abs(m.slopes[0]) * (speeds * _ROUNDING)
+                if change > max(_SHARE_LOST * abs(m.values[0]), _SMALL):
+                    return True
+    return False
+
+
 @inlined
 def local_error(shape, e, y, size, tolerance):
     """The largest local error e of the step; as rig.solve.dopri5.local_error."""
@@ -398,7 +423,7 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
     now, x, size = state.progress[0], state.x, w.size
     looked = plan.with_energy or plan.emitting
     f = lent(right_hand_side(t, mode_set, w.T, w.scratch))
-    plain = not (has_products(shape) or f.coupled)
+    plain, remembers = not (has_products(shape) or f.coupled), t.memory.values.shape[0] > 0
     inside = plain and not plan.many_states
     u, M, order = local(shape, w.stages), local_square(shape, w.matrix), local(shape, w.row_order)
     y, rates, right, d = local(shape, w.y), local(shape, w.y2), local(shape, w.right), local(shape, w.derivatives)
@@ -449,6 +474,14 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
         if h >= next_h or grow < 1.0:  # the error is likely to go on growing
             next_h = h * max(SHRINK, min(grow, (grow * grow) * (h / hoped)))
         hoped = h * grow
+        if (  # not the instant of a reversal
+            remembers
+            and h > 1e-2 * tick_length
+            and slip_is_rounded(t, mode_set, y, w.T)
+            and slip_is_rounded(t, mode_set, here, w.T)
+        ):
+            ends = ROUNDED
+            break
         quartic_of_step(shape, u, here, y, d)
         plain_path = free_of_events(shape, f, d, size)
         if looked or not plain_path:

@@ -163,3 +163,15 @@ def test_at_rest_bristles_are_springs():
     hertz = [mode.frequency for mode in at_rest.sliding.modes if mode.frequency > 0.0]
     assert hertz == pytest.approx([math.sqrt((2500.0 + 20.0 * 1e5) / 5.0) / (2.0 * math.pi)], rel=1e-6)
     assert "at rest on its bristles" in at_rest.text()
+
+
+@pytest.mark.parametrize(("a", "stops"), [(0.01, True), (0.013, True), (0.015, False)])
+def test_a_slip_speed_below_rounding_ends_the_run(a, stops):
+    """From rest friction is far below its steady value, and creep at exp(-mu_reference / a) of the belt speed."""
+    run = rig.simulate(rig.load("belt_rate_state", {"friction.a": a, "start.displacement": 0.0}), 4.0)
+    if stops:
+        assert "lost in the rounding" in str(run.fault)
+    else:
+        assert not run.fault
+        assert run.time[-1] == pytest.approx(4.0)
+    assert abs(run.energy["error"]) < 1e-3
