@@ -175,3 +175,19 @@ def test_a_slip_speed_below_rounding_ends_the_run(a, stops):
         assert not run.fault
         assert run.time[-1] == pytest.approx(4.0)
     assert abs(run.energy["error"]) < 1e-3
+
+
+def test_a_spring_softer_than_critical_ends_in_a_cycle_that_the_tolerance_does_not_change():
+    coarse, fine = (rig.limit_cycle(rig.load("belt_rate_state", {"clock.tolerance": t})) for t in (1e-7, 1e-9))
+    assert coarse.period == pytest.approx(fine.period, rel=1e-6)
+    assert np.ptp(coarse.outputs["displacement"]) == pytest.approx(np.ptp(fine.outputs["displacement"]), rel=1e-5)
+    assert rig.modes(rig.load("belt_rate_state")).sliding.modes[0].growth > 0.0
+
+
+def test_behind_a_spring_stiffer_than_critical_a_small_motion_decays_as_its_eigenvalue_says():
+    scene = rig.load("belt_rate_state", {"body.stiffness": 8000.0, "start.displacement": 1.001e-3})
+    mode = rig.modes(scene).sliding.modes[0]
+    run = rig.simulate(scene, 4.0)
+    ten, speed = round(10.0 / mode.frequency / 1e-3), np.abs(run.signals["velocity"])
+    first, later = (speed[at : at + ten // 10].max() for at in (500, 500 + ten))
+    assert math.log(later / first) / (ten * 1e-3) == pytest.approx(mode.growth, rel=0.02)
