@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rig
+from rig.motion.motion import Motion
 
 RATE = {"mu_reference": 0.6, "speed": 1e-6, "a": 0.01, "b": 0.015, "distance": 1e-5}
 HELD = """
@@ -191,3 +192,20 @@ def test_behind_a_spring_stiffer_than_critical_a_small_motion_decays_as_its_eige
     ten, speed = round(10.0 / mode.frequency / 1e-3), np.abs(run.signals["velocity"])
     first, later = (speed[at : at + ten // 10].max() for at in (500, 500 + ten))
     assert math.log(later / first) / (ten * 1e-3) == pytest.approx(mode.growth, rel=0.02)
+
+
+@pytest.mark.parametrize("cycles", [10**4, pytest.param(10**6, marks=pytest.mark.slow)])
+def test_below_its_elastic_limit_a_contact_does_not_drift_in_many_cycles(cycles):
+    """Bristles without a damper at 100 Hz: displacement and deflection keep their sum, so that nothing has slipped."""
+    at_rest = {"drive.speed": 0.0, "start.velocity": 0.0, "start.displacement": 4e-4}
+    free = {"friction.sigma1": 0.0, "body.damping": 0.0}
+    scene = rig.load("belt_elasto_plastic", at_rest | free)
+    motion = Motion(scene.assemble().system(), scene.step_ns, "rosenbrock", tolerance=1e-9)
+    begun, turns = motion.x[0] + motion.x[2], 0
+    for _ in range(cycles // 100):
+        motion.advance(1000)
+        turns += motion.event_count
+    assert motion.system.names[2] == "contact_deflection"
+    assert motion.x[0] + motion.x[2] == pytest.approx(begun, abs=1e-15 * math.sqrt(cycles) + 1e-14)
+    assert turns == pytest.approx(2 * cycles, rel=0.01)
+    assert motion.energy()["error"] == pytest.approx(0.0, abs=1e-3)
