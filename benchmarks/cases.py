@@ -78,7 +78,7 @@ GROUPS = {
             _most("rk4.ratio", "rk4", 1.15, TWIN),
             _most("exact.ratio", "exact, stiff shunt (3400 Hz at 1 ms)", 1.5, TWIN),
             _most("film.ratio", "film of 40 points", 1.8, TWIN),
-            _most("run.ratio", "a whole run in open loop", 2.2, TWIN),
+            _most("run.ratio", "a whole run in open loop", 2.0, TWIN),
         ),
     ),
     "absent": Group(
