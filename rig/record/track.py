@@ -102,12 +102,12 @@ def samples(run: Run, name: str, unit: str) -> Samples:
     plain = name.removeprefix(TRUE).removeprefix(MEASURED)
     whole = run.measurements[plain] if plain == name and name in run.measurements else run.recorded(plain)
     there = np.isfinite(whole.v)
-    found = Samples(whole.t_ns[there], whole.v[there])
-    if found.t_ns.size < 2:
-        raise UsageError(f"{name} has {counted(found.t_ns.size, 'sample')}")
-    if not increasing(found.t_ns):
+    present = Samples(whole.t_ns[there], whole.v[there])
+    if present.t_ns.size < 2:
+        raise UsageError(f"{name} has {counted(present.t_ns.size, 'sample')}")
+    if not increasing(present.t_ns):
         raise UsageError(f"{name}: its times do not increase")
-    return found
+    return present
 
 
 def _bridged(name: str, row: Samples, begin: int, end: int) -> str:

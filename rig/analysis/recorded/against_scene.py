@@ -174,17 +174,17 @@ def against_scene(
             f'{", ".join(lost)}: the simulation has no such channel; pair it: --pair "{lost[0]} = SIMULATED"'
         )
     mirrored = _mirrored(run, made, pairs, ways, start)
-    found: tuple[StickSlip, StickSlip] | None = None
+    slips: tuple[StickSlip, StickSlip] | None = None
     if stick:
         first, second = (stick_slip(of, **stick, first=begin, last=end) for of in (run, mirrored))
-        found = first, second
+        slips = first, second
         spiky = [
             f"{count} samples of the {which} force are replaced (spikes)"
             for which, count in (("measured", first.spikes), ("simulated", second.spikes))
             if count
         ]
         notes += spiky
-    evaluated = [_evaluated(run, mirrored, name, told, begin, end, found) for name, (told, _, _) in pairs.items()]
+    evaluated = [_evaluated(run, mirrored, name, told, begin, end, slips) for name, (told, _, _) in pairs.items()]
     constant = {name: (i.value, i.unit) for name, i in scene.assemble().inputs.items() if name not in ways}
     if own:
         constant = {}
@@ -196,9 +196,9 @@ def against_scene(
         end,
         ways,
         constant,
-        (*measures, *(_stick_measures(*found) if found else ())),
+        (*measures, *(_stick_measures(*slips) if slips else ())),
         tuple(evaluated),
-        found,
+        slips,
         tuple(filter(None, notes)),
         made,
     )
@@ -295,8 +295,8 @@ def _evaluated(
 ) -> Pair:
     """Both channels with their cycles."""
     both = [series(of, name, begin, end) for of in (run, mirrored)]
-    count = min(one.v.size for one in both)
-    t, (first, second) = both[0].t[:count], (one.v[:count] for one in both)
+    count = min(channel.v.size for channel in both)
+    t, (first, second) = both[0].t[:count], (channel.v[:count] for channel in both)
     made = []
     for i, v in enumerate((first, second)):
         known = np.isfinite(v)

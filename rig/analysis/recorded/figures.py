@@ -273,18 +273,18 @@ def comparison_figure(compared: Compared) -> Figure:
     return figure
 
 
-def against_scene_figure(found: AgainstScene) -> Figure:
+def against_scene_figure(comparison: AgainstScene) -> Figure:
     """Draw every channel over time, aligned by the first event, and its cycles over their phase; friction if known."""
-    rows = len(found.pairs) + (found.stick is not None)
-    title = f"{found.recording} and its simulation, {found.scene}"
+    rows = len(comparison.pairs) + (comparison.stick is not None)
+    title = f"{comparison.recording} and its simulation, {comparison.scene}"
     with page(14.0, 1.6 + 3.0 * rows, title, layout="constrained") as figure:
         axes = figure.subplots(rows, 2, squeeze=False, width_ratios=(1.6, 1.0))
-        for (over, phase), pair in zip(axes, found.pairs):
+        for (over, phase), pair in zip(axes, comparison.pairs):
             _in_time(over, pair)
             _in_phase(phase, pair)
         axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-        if found.stick is not None:
-            _slips(axes[-1, 0], axes[-1, 1], found.stick)
+        if comparison.stick is not None:
+            _slips(axes[-1, 0], axes[-1, 1], comparison.stick)
         figure.align_ylabels(axes[:, 0])
     return figure
 

@@ -67,14 +67,14 @@ def _over_speed(formula: Formula, numbers: Sequence[float], rest: float, jumps: 
     if rest < slow - _JUMP * size:
         yield (f"the static coefficient is {rest:.4g}, below mu = {slow:.4g} in slow slip: a contact that begins "
                "to slip would stick again immediately; give at least the same value")  # fmt: skip
-    found = [w for w in _jumps(both, speeds, mu, slope, size) if not any(_close(w, jump) for jump in jumps)]
-    for w in found:
+    undeclared = [w for w in _jumps(both, speeds, mu, slope, size) if not any(_close(w, jump) for jump in jumps)]
+    for w in undeclared:
         what = ("return the static coefficient from static(self), and let mu begin with its value in slow slip"
                 if w == 0.0 else "make it continuous, or declare it: jumps = (SPEED, ...)")  # fmt: skip
         yield f"mu jumps {_at(w)}; {what}"
     worst, told = 1.0, ""
     for w in SPEEDS.tolist()[20:]:
-        if not any(_close(w, jump, 0.1) for jump in (*jumps, *found)):
+        if not any(_close(w, jump, 0.1) for jump in (*jumps, *undeclared)):
             excess, differences = _excess(lambda v: both(v)[0], w, both(w)[1], _STEP * w, size)
             if excess > worst:
                 worst, told = (
