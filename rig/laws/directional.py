@@ -1,10 +1,8 @@
 """One law for each direction of slip, as of a surface with a grain, a fabric or a worn track.
 
 Slip is forward where the surface moves faster along the contact's direction than the body. A contact that sticks is
-released forward at the static coefficient of `forward`, backward at that of `backward`. Each direction dissipates, so
-the whole does.
-
-Source: friction of a surface with a grain in both directions is measured separately; each half is a law of its own.
+released forward at the static coefficient of `forward`, backward at that of `backward`. Both laws dissipate energy, so
+their combination does too. It has no formula of its own: the sources are those of the two laws.
 """
 
 from __future__ import annotations
