@@ -28,11 +28,12 @@ from rig.model.assembly import Assembly
 from rig.model.named_rows import Row
 from rig.picture import Own
 from rig.plants.belt import RAMPED
-from rig.plants.structures import film_slider, model_store, plate_model
+from rig.plants.structures import film_slider, plate_model
 from rig.plants.structures.film_slider import Film, Slider, SliderTables
 from rig.plants.structures.plate_elements import Foam, Plate
 from rig.plants.structures.plate_model import Grid, Reduced
 from rig.quantities import Metre, NonNegativeMetre, Section
+from rig.structure import model_store
 
 PICTURES = (Own("rig.view.plate:Plate", ("position", "normal_force", "surface_speed")),)
 FIGURE = Own("rig.view.pressure:compose", ("plate_acceleration",))

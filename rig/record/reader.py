@@ -15,9 +15,9 @@ from google.protobuf.message import DecodeError
 
 from rig.bus import messages, run_setup
 from rig.errors import BusError
-from rig.plants.structures import model_store
 from rig.record import curves, recorded_setup, run
 from rig.record.message_scan import Scan
+from rig.structure import model_store
 
 _KEPT = ("truth/", "meas/", "applied/", "event/", "state", "checkpoint")
 """Topics that a Run contains."""

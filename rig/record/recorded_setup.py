@@ -15,8 +15,8 @@ from mcap.records import Attachment
 
 from rig.bus.run_setup import Setup
 from rig.errors import LogError
-from rig.plants.structures import model_store
 from rig.record.message_scan import Scan
+from rig.structure import model_store
 
 MEDIA_TYPE = "application/zstd"
 _FOLDER = "model/"

@@ -16,7 +16,6 @@ from rig.controllers import controller_drives
 from rig.effects import knock
 from rig.errors import SceneError
 from rig.parts import Parts, trust_scene
-from rig.plants.structures import model_store
 from rig.quantities import Section, faults_of
 from rig.results import Result
 from rig.scenes import migration, part_faults, rooms, sections
@@ -25,6 +24,7 @@ from rig.scenes.network import Link, Network
 from rig.scenes.places import Origin, Place
 from rig.scenes.protocol import STEPS, Clock, Step, flat, knock_durations, moves, targets
 from rig.sensors.chain.instants import common_step
+from rig.structure import model_store
 
 if TYPE_CHECKING:
     from rig.bus.impaired_link import ImpairedLink

@@ -38,7 +38,7 @@ from rig.errors import BusError
 from rig.machine.process import stopping
 from rig.machine.scheduling import stand_back
 from rig.parts import trust_scene
-from rig.plants.structures import model_store
+from rig.structure import model_store
 from rig.view import viewer
 from rig.view.base import Columns
 from rig.view.drawing import HEALTH, Drawing, send

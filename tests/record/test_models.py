@@ -8,12 +8,13 @@ import pytest
 import rig
 from rig.bench.again.verify import verify
 from rig.plants import plate
-from rig.plants.structures import model_store, plate_model
+from rig.plants.structures import plate_model
 from rig.plants.structures.plate_surface import Surface
 from rig.record import reader, recorded_setup
 from rig.record.provenance import provenance
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
+from rig.structure import model_store
 
 SECONDS = 0.01
 

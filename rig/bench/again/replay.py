@@ -13,11 +13,11 @@ from rig.controllers.blocks.base import Controller, retune
 from rig.controllers.runtime.file import load_file
 from rig.errors import BusError, LogError, UsageError
 from rig.machine.process import Child, end
-from rig.plants.structures import model_store
 from rig.record import replay as recorded
 from rig.record.recorded_setup import head, setup_of
 from rig.record.replay import Replayed
 from rig.scenes.scene import Scene
+from rig.structure import model_store
 
 JOIN_S = 30.0
 LEAVE_S = 3.0

@@ -57,11 +57,11 @@ from rig.errors import BusError, ExitCode, NumericsError, RigError
 from rig.machine import scheduling
 from rig.machine.process import no_garbage
 from rig.parts import foreign_fault
-from rig.plants.structures import model_store
 from rig.printable import counted
 from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
+from rig.structure import model_store
 
 # Longest wait for the totals of the other processes, and for a sign that a recorder still catches up [s].
 ANSWERS_S = 5.0

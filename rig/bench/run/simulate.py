@@ -24,10 +24,10 @@ from rig.controllers import controller_drives, restored
 from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerFailed, NumericsError, UsageError
-from rig.plants.structures import model_store
 from rig.record.run import Commands, Run
 from rig.scenes.protocol import Connect, Disconnect, Repeat
 from rig.scenes.scene import Scene
+from rig.structure import model_store
 
 Tell = Callable[[int, int], object]
 """Gets the simulated seconds so far and of the whole run."""

@@ -1,4 +1,4 @@
-"""Structures that plants use: beams, rigid bodies, plates of finite elements, and the store of reduced models.
+"""Structures that plants use: beams, rigid bodies, plates of finite elements.
 
 bending         modes of a clamped beam
 series          power series of two small angles
@@ -6,6 +6,5 @@ multibody       bodies on springs: rigid ones, and the bending disc of the brake
 hexahedra       finite elements of solids
 plate_elements  plate and foam of finite elements
 plate_model     the plate, reduced to its modes; plate_surface: shapes of the plate at its top face
-model_store     reduced models, stored on disk and in recordings
 film_slider     a rigid slider on a film over a plate, and the points of this film
 """

@@ -25,9 +25,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from rig.plants.structures import model_store, plate_elements
+from rig.plants.structures import plate_elements
 from rig.plants.structures.plate_elements import Foam, Plate
 from rig.plants.structures.plate_surface import Array, Surface
+from rig.structure import model_store
 
 __all__ = ["Foam", "Grid", "Plate", "Reduced", "Surface", "build"]
 

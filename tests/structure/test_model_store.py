@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from rig.plants.structures import model_store
-from rig.plants.structures.model_store import stored_or_built
+from rig.structure import model_store
+from rig.structure.model_store import stored_or_built
 
 
 @pytest.fixture

@@ -1,0 +1,9 @@
+"""A user's own structure: matrices of a finite element program, contacts between its nodes, and their reduction.
+
+    M x'' + D x' + K x = sum_c (n_c N_c + t_c T_c) + loads          n_c, t_c: rows of the contact points (Points)
+
+Full matrices are sums of parts that a scene scales (Full); a reduced model is what a rig is made of.
+
+full         parts, rows of contacts and nodes
+model_store  reduced models, stored on disk and in recordings
+"""
