@@ -58,8 +58,9 @@ def _list_installed() -> None:
     """
     from importlib.metadata import entry_points
 
+    installed = entry_points()
     for what in ("plants", "effects", "laws", "sensors", "controllers"):
-        if not entry_points(group=f"friction_rig.{what}"):
+        if not installed.select(group=f"friction_rig.{what}"):
             continue
         from rig.parts import package_of
         from rig.scenes.rooms import ROOMS  # slow to import: only where something is installed

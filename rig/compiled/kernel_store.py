@@ -207,21 +207,39 @@ class _Places(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class _Kept(FunctionCache):  # type: ignore[misc]
-    """The kernels of a folder; stored ones are loaded without importing numba's compiler (0.2 s)."""
+    """The stored kernels of a function; they are loaded without importing numba's compiler (0.2 s).
+
+    Nothing is read before the first of them is needed: most functions are only parts of other kernels.
+    """
 
     _impl_class = _Places
 
+    def __init__(self, function: Any, folder: Folder, beside_sources: bool) -> None:
+        self._function, self._folder, self._beside_sources = function, folder, beside_sources
+        self._name, self._impl = repr(function), None
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The stored kernel for these types; None if there is none."""
+        if self._impl is None:
+            self._open()
         _link_runtime()
         return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
-
-class _Found(_Kept):
-    """The kernels of a folder that cannot be written."""
+    def _open(self) -> None:
+        function, folder = self._function, self._folder
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        if self._beside_sources:
+            self._cache_file.__class__ = CheckedFile
+            return
+        base = f"{function.__qualname__}.py{sys.version_info[0]}{sys.version_info[1]}"
+        self._cache_path = str(folder.path / function.__module__)
+        self._impl.locator.ensure_cache_path = folder.prune  # called before something is kept
+        self._cache_file = CheckedFile(self._cache_path, base, "")  # type: ignore[no-untyped-call]
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Do nothing: the folder cannot be written."""
+        """Store a compiled kernel, unless the folder cannot be written."""
+        if self._folder.keeps:
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
 
 @cache
@@ -240,10 +258,10 @@ def _alone(folder: Path) -> Iterator[None]:
         yield
 
 
-def _whole(path: str) -> bytes:
+def _whole(path: str) -> memoryview:
     """The content of a file without its checksum. Raises OSError if the file is unreadable or damaged."""
     stored = files.own_bytes(Path(path), INSTEAD)
-    content = stored[_SUM:]
+    content = memoryview(stored)[_SUM:]
     if len(stored) <= _SUM or zlib.crc32(content).to_bytes(_SUM) != stored[:_SUM]:
         raise OSError(f"{path} is damaged")
     return content
@@ -283,15 +301,7 @@ class Folder:
         function = dispatcher.py_func
         if function.__code__.co_filename.startswith("<"):  # of a part: stored as a whole (rig.compiled.c_functions)
             return
-        cache: Any = (_Kept if self.keeps else _Found)(function)  # type: ignore[no-untyped-call]
-        dispatcher._cache = cache  # noqa: SLF001 (numba has no public way)
-        if beside_sources:
-            cache._cache_file.__class__ = CheckedFile  # noqa: SLF001
-            return
-        base = f"{function.__qualname__}.py{sys.version_info[0]}{sys.version_info[1]}"
-        cache._cache_path = str(self.path / function.__module__)  # noqa: SLF001
-        cache._impl.locator.ensure_cache_path = self.prune  # noqa: SLF001 (called before something is kept)
-        cache._cache_file = CheckedFile(cache._cache_path, base, "")  # type: ignore[no-untyped-call]  # noqa: SLF001
+        dispatcher._cache = _Kept(function, self, beside_sources)  # noqa: SLF001 (numba has no public way)
 
     @contextmanager
     def claimed(self, part: str, longest: float = 0.0) -> Iterator[bool]:

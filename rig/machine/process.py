@@ -28,7 +28,7 @@ from rig.errors import ExitCode
 
 PARENT = "RIG_PARENT"  # environment variable with the number of the pipe to the process that started this one
 _parent: list[IO[str]] = []
-_GARBAGE = 100_000  # new objects
+_GARBAGE = 250_000  # new objects
 _COPY = b"os.fork() has made a copy of this process, which was ended; use subprocess, or end the copy with os._exit()\n"
 NO_FILES = (errno.EMFILE, errno.ENFILE)
 MORE_FILES = (

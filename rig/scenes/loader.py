@@ -312,6 +312,8 @@ class _Reading:
         if not isinstance(raw, list):
             self._tables.report([("protocol", "protocol: expected steps, each a table [[protocol]]")])
             return ()
+        if not raw:
+            return ()
         try:
             return STEPS.validate_python(raw, context=names)
         except ValidationError as error:

@@ -26,7 +26,7 @@ from itertools import combinations
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
-from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from rig.quantities import Nanoseconds, Section, quantity
 from rig.scenes import merged, protocol, source
@@ -107,7 +107,7 @@ class Authority(_OfActuator):
 SensorFault = Failure | Drift | Spike
 ActuatorFault = Jam | Authority
 PartFault = Annotated[SensorFault | ActuatorFault, Field(discriminator="kind")]
-PART_FAULTS: TypeAdapter[dict[str, PartFault]] = TypeAdapter(dict[str, PartFault])
+PART_FAULTS: TypeAdapter[dict[str, PartFault]] = TypeAdapter(dict[str, PartFault], config=ConfigDict(defer_build=True))
 
 
 def faults_of(tables: merged.Merged, names: protocol.Known) -> dict[str, PartFault]:

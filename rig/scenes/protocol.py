@@ -33,6 +33,7 @@ from annotated_types import Ge, Gt, Le
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    ConfigDict,
     Field,
     GetCoreSchemaHandler,
     PlainSerializer,
@@ -391,9 +392,9 @@ class Repeat(Section):
 Step = Annotated[
     Load | Ramp | Hold | Wait | Mark | Knock | Follow | Set | Connect | Disconnect | Repeat, Field(discriminator="step")
 ]
-Repeat.model_rebuild()
-STEP: TypeAdapter[Step] = TypeAdapter(Step)
-STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...])
+_LATER = ConfigDict(defer_build=True)
+STEP: TypeAdapter[Step] = TypeAdapter(Step, config=_LATER)
+STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...], config=_LATER)
 
 
 def flat(steps: Iterable[Any]) -> Iterator[Any]:
