@@ -5,5 +5,8 @@
 Full matrices are sums of parts that a scene scales (Full); a reduced model is what a rig is made of.
 
 full         parts, rows of contacts and nodes
+mesh         nodes, node sets and outer faces
+read         files of matrices, checked, in SI units
+contacts     the points of contacts between node sets
 model_store  reduced models, stored on disk and in recordings
 """

@@ -1,0 +1,349 @@
+"""Contacts between the faces of two node sets, as rows over the degrees of freedom.
+
+Each slave node meets the point of a master face that lies on its normal. The motion of this point is interpolated from
+the nodes of the face, linearly over triangles of the face: a rigid motion of the whole structure opens no gap. A node
+has the share of the geometric area of the slave faces around it. Points are weighted means over the nodes of a cell.
+
+The master is the body that the drive moves: `along` is the motion of the slave relative to it, along its sliding.
+The gap grows along the normal, which points from the master into the slave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from rig.errors import SceneError
+from rig.structure.full import Array, Full, Points
+from rig.structure.mesh import Mesh, Numbers, Selection
+
+OPENED = 0.01
+"""Largest offset of the two sides of a gap row over the extent of its nodes. A tilt opens it by offset times angle."""
+_FACING = 0.5  # least cosine between the normal and a face that takes part
+_EVEN = 1e-9  # of a cell: a node on the boundary of two belongs to the lower one, whatever the rounding
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What a scene says of a contact.
+
+    `normal`: a direction, or "face": that of the faces at each node. Its sense is found from the elements. `sliding`:
+    the direction in which the master moves along a straight line. `axis` through `centre` [m]: it turns about this line
+    instead. `points`: cells across and along the sliding (with an axis: along the radius and around); None: every node
+    is a point. `search` [m]: largest gap, and largest distance beyond the edge of the master.
+    """
+
+    name: str
+    slave: Selection
+    master: Selection
+    normal: tuple[float, float, float] | Literal["face"]
+    sliding: tuple[float, float, float] | None = None
+    axis: tuple[float, float, float] | None = None
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    points: tuple[int, int] | None = None
+    search: float = 1e-3
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """Triangles of faces: `corners` [triangle, 3, 3] m; `nodes` [triangle, 8] places in the mesh.
+
+    `weights` [triangle, 3, 8]: the motion of each corner from those of the nodes; `shares` [triangle, 8]: of the area.
+    `outward` [triangle, 3]: normals of the length of the area; their sense is known if `closed`.
+    """
+
+    corners: Array
+    nodes: Numbers
+    weights: Array
+    shares: Array
+    outward: Array
+    closed: bool
+
+
+def contact_points(contact: Contact, full: Full, mesh: Mesh) -> Points:
+    """The points of a contact. Raises SceneError with every fault."""
+    faults: list[str] = []
+    sides: dict[str, Numbers] = {}
+    for side, selection in (("slave", contact.slave), ("master", contact.master)):
+        try:
+            sides[side] = mesh.at(selection.of(mesh))
+        except SceneError as error:
+            faults += [f"{side}: {fault}" for fault in error.faults]
+    given = [("normal", contact.normal), ("sliding", contact.sliding), ("axis", contact.axis)]
+    for name, vector in given:
+        if vector is not None and not isinstance(vector, str) and not np.linalg.norm(vector) > 0.0:
+            faults.append(f"{name}: is zero; expected a direction")
+    if (contact.sliding is None) == (contact.axis is None):
+        faults.append("sliding: expected a direction or an axis, one of them")
+    if contact.points is not None and min(contact.points) < 1:
+        faults.append(f"points: is {list(contact.points)}; expected two numbers of at least 1")
+    if len(sides) == 2 and len(both := np.intersect1d(sides["slave"], sides["master"])):
+        what = f"{len(both)} nodes are slave and master, the first is {mesh.ids[both[0]]}"
+        faults.append(f"{what}; the two sides need nodes of their own")
+    if not faults:
+        try:
+            return _points(contact, full, mesh, sides["slave"], sides["master"])
+        except SceneError as error:
+            faults += error.faults
+    raise SceneError(f"contacts.{contact.name}", faults)
+
+
+def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Numbers) -> Points:
+    toward = None if isinstance(contact.normal, str) else _unit(np.array(contact.normal))
+    own = _surface(mesh, slave, toward, "slave")
+    other = _surface(mesh, master, toward, "master")
+    area, facing = np.zeros(len(mesh.ids)), np.zeros((len(mesh.ids), 3))
+    sizes = np.linalg.norm(own.outward, axis=1)
+    np.add.at(area, own.nodes, own.shares * sizes[:, None])
+    np.add.at(facing, own.nodes, own.shares[:, :, None] * -own.outward[:, None, :])
+    at = np.flatnonzero(area)
+    if toward is not None:
+        if own.closed and facing.sum(axis=0) @ toward < 0.0:
+            toward = -toward
+        normal = np.tile(toward, (len(at), 1))
+    else:
+        normal = _unit(facing[at])
+    met, weights, gap, miss = _met(mesh.xyz[at], normal, other, contact.search, len(mesh.ids))
+    if not met.any():
+        closest = int(np.argmin(np.hypot(gap, miss)))
+        if not np.isfinite(gap[closest]):
+            what = "no master face lies on the normal of a slave node"
+        else:
+            what = f"the closest pair, at node {mesh.ids[at[closest]]}, has a gap of {gap[closest]:.3g} m"
+            what += f" and lies {miss[closest]:.3g} m beyond the master" * bool(miss[closest])
+        raise SceneError("", [f"no pair lies within search = {contact.search:g} m: {what}; check sets and normal"])
+    at, normal, weights = at[met], normal[met], weights[met]
+    place, area = mesh.xyz[at], area[at]
+    if contact.axis is not None:
+        axis = _unit(np.array(contact.axis))
+        arms = np.cross(axis, place - np.array(contact.centre))
+        radius = np.linalg.norm(arms, axis=1)
+        if (on := np.flatnonzero(radius < 1e-9 * np.ptp(mesh.xyz, axis=0).max())).size:
+            raise SceneError("", [f"node {mesh.ids[at[on[0]]]} lies on the axis, where nothing slides; leave it out"])
+        sliding = arms / radius[:, None]
+    else:
+        sliding, radius = np.tile(_unit(np.array(contact.sliding)), (len(at), 1)), np.ones(len(at))
+    sliding = sliding - (sliding * normal).sum(axis=1)[:, None] * normal
+    if (flat := np.flatnonzero(np.linalg.norm(sliding, axis=1) < _FACING)).size:
+        what = f"the sliding at node {mesh.ids[at[flat[0]]]} points along the normal"
+        raise SceneError("", [f"{what}; a contact slides along its surface"])
+    sliding = _unit(sliding)
+    pairs = sp.csr_array((np.ones(len(at)), (range(len(at)), at)), shape=(len(at), len(mesh.ids))) - weights
+    cell = np.arange(len(at)) if contact.points is None else _cells(contact, place, sliding, normal)
+    cells, number = np.unique(cell, return_inverse=True)
+    mean = sp.csr_array((area, (number, range(len(at)))), shape=(len(cells), len(at)))
+    whole = mean.sum(axis=1)
+    mean = sp.csr_array(sp.diags_array(1.0 / whole) @ mean)
+    return Points(
+        name=contact.name,
+        normal=sp.csr_array(mean @ _rows(full, mesh, pairs, normal)),
+        along=sp.csr_array(mean @ _rows(full, mesh, pairs, sliding)),
+        area=whole,
+        radius=mean @ radius,
+        position=mean @ place,
+        sliding=_unit(mean @ sliding),
+    )
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)  # type: ignore[no-any-return]
+
+
+def _rows(full: Full, mesh: Mesh, pairs: sp.csr_array, directions: Array) -> sp.csr_array:
+    """The rows [pair, row] of the relative displacements `pairs` [pair, node] along `directions` [pair, 3].
+
+    A node without a row is held: it does not move.
+    """
+    free = np.flatnonzero((full.direction >= 0) & (full.direction < 3))
+    at = mesh.at(full.node[free])
+    total = sp.csr_array((len(directions), full.rows))
+    for k in range(3):
+        rows = free[full.direction[free] == k]
+        nodes = at[full.direction[free] == k]
+        place = sp.csr_array((np.ones(len(rows)), (nodes, rows)), shape=(len(mesh.ids), full.rows))
+        total = total + sp.diags_array(directions[:, k]) @ (pairs @ place)
+    total.eliminate_zeros()
+    return sp.csr_array(total)
+
+
+# Faces
+
+
+def _pattern(count: int) -> tuple[list[tuple[int, int, int]], Array, Array]:
+    """Triangles of a face with so many nodes, the motion of their corners [corner, node] and the share of its area.
+
+    A face with four corners has a corner in its middle, so that no diagonal is preferred.
+    """
+    if count in (3, 6):
+        triangles = [(0, 1, 2)] if count == 3 else [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)]
+        return triangles, np.eye(count), np.eye(count)
+    ring = list(range(4)) if count == 4 else [0, 4, 1, 5, 2, 6, 3, 7]
+    middle = np.full(4, 0.25) if count == 4 else np.repeat([-0.25, 0.5], 4)
+    triangles = [(a, b, count) for a, b in zip(ring, (*ring[1:], ring[0]))]
+    return triangles, np.vstack([np.eye(count), middle]), np.vstack([np.eye(count), np.full(count, 1.0 / count)])
+
+
+def _surface(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Surface:
+    """The triangles of the faces between these nodes that face along `toward`, or against it."""
+    if not len(mesh.faces):
+        return _flat(mesh, nodes, toward, side)
+    own = np.isin(mesh.faces, nodes) | (mesh.faces < 0)
+    chosen = np.flatnonzero(own.all(axis=1))
+    counts = (mesh.faces[chosen] >= 0).sum(axis=1)
+    parts = []
+    for count in np.unique(counts).tolist():
+        triangles, motion, share = _pattern(count)
+        faces = chosen[counts == count]
+        members = mesh.faces[faces][:, :count]
+        corners = np.einsum("cn,fnk->fck", motion, mesh.xyz[members])
+        for triangle in triangles:
+            spread = np.zeros((len(faces), 3, 8))
+            spread[:, :, :count] = motion[list(triangle)]
+            shares = np.zeros((len(faces), 8))
+            shares[:, :count] = share[list(triangle)].mean(axis=0)
+            parts.append((corners[:, triangle], mesh.faces[faces], spread, shares, mesh.within[faces]))
+    if parts:
+        places, members, spread, shares, within = [np.concatenate(arrays) for arrays in zip(*parts)]
+        outward = 0.5 * np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+        away = ((places.mean(axis=1) - within) * outward).sum(axis=1)
+        outward = np.where(away < 0.0, -1.0, 1.0)[:, None] * outward
+        sizes = np.linalg.norm(outward, axis=1)
+        kept = sizes > 0.0
+        if toward is not None:
+            kept &= abs(outward @ toward) >= _FACING * sizes
+        if kept.any():
+            closed = bool(np.isfinite(within[kept]).all())
+            return _Surface(places[kept], members[kept], spread[kept], shares[kept], outward[kept], closed)
+    what = f"{side}: none of the outer faces has all its nodes among the {len(nodes)} chosen ones"
+    raise SceneError("", [f"{what}{' and faces along the normal' if parts else ''}; choose all nodes of faces"])
+
+
+def _flat(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Surface:
+    """Triangles between nodes without elements, in the plane across `toward`."""
+    if toward is None:
+        raise SceneError("", [f'{side}: normal = "face" needs the elements of the mesh; give a direction'])
+    first = np.linalg.svd(toward[None, :])[2][1:]
+    try:
+        triangles = Delaunay(mesh.xyz[nodes] @ first.T).simplices
+    except (QhullError, ValueError):
+        raise SceneError("", [f"{side}: its {len(nodes)} nodes span no surface across the normal"]) from None
+    members = np.full((len(triangles), 8), -1, dtype=np.int64)
+    members[:, :3] = nodes[triangles]
+    places = mesh.xyz[members[:, :3]]
+    outward = 0.5 * np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    outward = -np.abs(outward @ toward)[:, None] * toward
+    spread, shares = np.zeros((len(triangles), 3, 8)), np.zeros((len(triangles), 8))
+    spread[:, :, :3], shares[:, :3] = np.eye(3), 1.0 / 3.0
+    return _Surface(places, members, spread, shares, outward, False)
+
+
+def _met(
+    places: Array, normal: Array, other: _Surface, search: float, nodes: int
+) -> tuple[NDArray[np.bool_], sp.csr_array, Array, Array]:
+    """For each place whether it meets a face within `search`, the weights [place, node] there, gap and miss [m].
+
+    The miss is the distance beyond the edge of the face; the motion is extrapolated there.
+    """
+    a, b, c = other.corners.transpose(1, 0, 2)
+    middle = other.corners.mean(axis=1)
+    reach = float(np.linalg.norm(other.corners - middle[:, None], axis=2).max()) + 2.0 * search
+    lists = cKDTree(middle).query_ball_point(places, reach)
+    near = [np.array(found, dtype=np.int64) for found in lists]
+    far = cKDTree(middle).query(places)[1]  # for a message, where nothing is near
+    near = [found if len(found) else far[[k]] for k, found in enumerate(near)]
+    slave = np.repeat(np.arange(len(places)), [len(found) for found in near])
+    face = np.concatenate(near)
+    # place = a + u (b - a) + v (c - a) + gap * normal
+    system = np.stack([(b - a)[face], (c - a)[face], normal[slave]], axis=2)
+    volume = np.linalg.det(system)
+    size = np.linalg.norm(other.outward, axis=1)[face]
+    faced = abs(volume) > 2.0 * 0.1 * size
+    slave, face, system = slave[faced], face[faced], system[faced]
+    u, v, gap = np.linalg.solve(system, (places[slave] - a[face])[:, :, None])[:, :, 0].T
+    inner = np.stack([1.0 - u - v, u, v], axis=1)
+    sides = np.linalg.norm(np.stack([(c - b)[face], (c - a)[face], (b - a)[face]]), axis=2).T
+    heights = 2.0 * size[faced][:, None] / sides
+    miss = np.maximum(0.0, -(inner * heights).min(axis=1))
+    miss = np.where(miss < 1e-9 * heights.max(axis=1), 0.0, miss)
+    order = np.lexsort((face, np.round(np.hypot(gap, miss) / max(search, 1e-12), 9), slave))
+    first = order[np.r_[True, np.diff(slave[order]) > 0]] if len(order) else order
+    gaps, misses = np.full(len(places), np.inf), np.zeros(len(places))
+    gaps[slave[first]], misses[slave[first]] = abs(gap[first]), miss[first]
+    met = (gaps <= search) & (misses <= search)
+    kept = first[met[slave[first]]]
+    weights = np.einsum("pc,pcn->pn", inner[kept], other.weights[face[kept]])
+    members = np.maximum(other.nodes[face[kept]], 0)
+    rows = np.repeat(slave[kept], weights.shape[1])
+    matrix = sp.csr_array((weights.ravel(), (rows, members.ravel())), shape=(len(places), nodes))
+    return met, matrix, gaps, misses
+
+
+def _cells(contact: Contact, place: Array, sliding: Array, normal: Array) -> Numbers:
+    """The cell of each node: across the sliding (or along the radius) times along it (or around)."""
+    assert contact.points is not None
+    if contact.axis is not None:
+        axis = _unit(np.array(contact.axis))
+        arms = place - np.array(contact.centre)
+        across = np.linalg.norm(np.cross(axis, arms), axis=1)
+        first = arms[0] - (arms[0] @ axis) * axis
+        angle = np.arctan2(np.cross(axis, first) @ arms.T, first @ arms.T)
+        ordered = np.sort(angle)
+        holes = np.diff(ordered, append=ordered[0] + 2.0 * np.pi)
+        along = (angle - ordered[(int(np.argmax(holes)) + 1) % len(holes)] + 1e-9) % (2.0 * np.pi)
+    else:
+        along = place @ sliding[0]
+        across = place @ np.cross(normal[0], sliding[0])
+    number = np.zeros(len(place), dtype=np.int64)
+    for values, count in zip((across, along), contact.points):
+        low, high = values.min(), values.max()
+        share = (values - low) / (high - low) if high > low else np.zeros(len(values))
+        number = number * count + np.clip(np.floor(share * count - _EVEN), 0, count - 1).astype(np.int64)
+    return number
+
+
+# Rows
+
+
+def rigid_motions(full: Full) -> Array:
+    """The six rigid motions [row, 6]: displacements along x, y, z, and turns about them [m per rad]."""
+    motions = np.zeros((full.rows, 6))
+    known = np.flatnonzero((full.direction >= 0) & np.isin(full.node, full.ids))
+    place = np.zeros((full.rows, 3))
+    if len(known):
+        place[known] = full.xyz[np.searchsorted(full.ids, full.node[known])]
+    for row in known.tolist():
+        k = int(full.direction[row])
+        if k < 3:
+            motions[row, k] = 1.0
+            motions[row, 3 + (k + 1) % 3] = place[row, (k + 2) % 3]
+            motions[row, 3 + (k + 2) % 3] = -place[row, (k + 1) % 3]
+        else:
+            motions[row, k] = 1.0
+    return motions
+
+
+def node_vector(full: Full, nodes: Sequence[int], direction: Sequence[float]) -> Array:
+    """The mean displacement [row] of nodes along a direction; times their number, a force of one newton at each.
+
+    Raises SceneError for nodes that have no row.
+    """
+    along = _unit(np.array(direction, dtype=float))
+    vector = np.zeros(full.rows)
+    chosen = np.isin(full.node, nodes) & (full.direction >= 0) & (full.direction < 3)
+    vector[chosen] = along[full.direction[chosen]] / len(nodes)
+    free = np.unique(full.node[chosen & (along[np.clip(full.direction, 0, 2)] != 0.0)])
+    if len(held := np.setdiff1d(nodes, free)):
+        more = f" and {len(held) - 1} others" if len(held) > 1 else ""
+        raise SceneError("", [f"node {held[0]}{more} is held or has no row along {list(map(float, direction))}"])
+    return vector
+
+
+def opened(points: Points, full: Full) -> Array:
+    """By how much rigid motions of one metre or one radian open the gap of each point [point, 6]."""
+    return np.asarray(points.normal @ rigid_motions(full))

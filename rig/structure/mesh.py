@@ -1,0 +1,301 @@
+"""The nodes, node sets and outer faces of a mesh, from an input file of CalculiX or Abaqus, or from a CSV file.
+
+    *NODE   *NSET (with GENERATE, with ELSET)   *ELEMENT   *ELSET   *INCLUDE
+
+A CSV file has the columns node, x, y, z. Other keywords are skipped. The outer faces are those that belong to one
+element only. Shell elements are faces themselves.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import SceneError
+from rig.machine import files
+from rig.structure.full import Array
+from rig.units import brief
+
+Numbers = NDArray[np.int64]
+
+LIMIT = 512 << 20
+"""Largest file [bytes]."""
+SHOWN = 5
+"""Faults of one kind in one file that are listed."""
+_DEPTH = 8  # of files that include each other
+_EDGES = {  # midside node -> the ends of its edge, of elements with midside nodes; from zero
+    10: {(0, 1): 4, (1, 2): 5, (0, 2): 6, (0, 3): 7, (1, 3): 8, (2, 3): 9},
+    15: {(0, 1): 6, (1, 2): 7, (0, 2): 8, (3, 4): 9, (4, 5): 10, (3, 5): 11, (0, 3): 12, (1, 4): 13, (2, 5): 14},
+    20: {(0, 1): 8, (1, 2): 9, (2, 3): 10, (0, 3): 11, (4, 5): 12, (5, 6): 13, (6, 7): 14, (4, 7): 15}
+    | {(k, k + 4): 16 + k for k in range(4)},
+}
+_BRICK = ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0))
+_TETRAHEDRON = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))
+_WEDGE = ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0))
+_CORNERS = {4: _TETRAHEDRON, 6: _WEDGE, 8: _BRICK, 10: _TETRAHEDRON, 15: _WEDGE, 20: _BRICK}
+_SOLID = re.compile(r"C3D(4|6|8|10|15|20)(?!\d)")
+_SHELL = re.compile(r"(?:S|STRI|M3D|SFM3D)(3|4|6|8)(?!\d)")
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Nodes `ids` [node], ascending, at `xyz` [node, 3] m; `sets`: name in capitals -> node numbers.
+
+    `faces` [face, 8]: places in `ids`, corners first, then midside nodes; -1 beyond the last. `within` [face, 3]: the
+    middle of the element, which is not a number for shells.
+    """
+
+    ids: Numbers
+    xyz: Array
+    sets: Mapping[str, Numbers] = field(default_factory=dict)
+    faces: Numbers = field(default_factory=lambda: np.zeros((0, 8), dtype=np.int64))
+    within: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def at(self, nodes: Numbers) -> Numbers:
+        """The places in `ids` of node numbers that the mesh has."""
+        return np.searchsorted(self.ids, nodes).astype(np.int64)
+
+    def unknown(self, nodes: Numbers) -> Numbers:
+        """Those of these node numbers that the mesh does not have."""
+        return nodes[~np.isin(nodes, self.ids)]
+
+
+NOTHING = Mesh(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+
+
+def readable(path: Path) -> None:
+    """Raise SceneError for a file that is missing, no regular file, or too large."""
+    try:
+        size = files.regular(path)
+    except OSError as error:
+        raise SceneError("", [f"{path.name}: cannot be read: {error.strerror} ({path})"]) from None
+    if size > LIMIT:
+        raise SceneError("", [f"{path.name}: has {size / (1 << 20):.0f} MB; at most {LIMIT >> 20} MB are read"])
+
+
+def lines_of(path: Path) -> Iterator[str]:
+    """The lines of a text file. Raises SceneError as `readable` does."""
+    readable(path)
+    with path.open(encoding="utf-8", errors="replace") as file:
+        yield from file
+
+
+def few(faults: list[str], what: str) -> list[str]:
+    """The first faults of a file, and how many more there are."""
+    more = len(faults) - SHOWN
+    return [*faults[:SHOWN], *([f"{what}: {more} more faults of this kind"] if more > 0 else [])]
+
+
+def read_mesh(path: Path, length: float) -> Mesh:
+    """The mesh of a file whose coordinates are in `length` m. Raises SceneError with every fault."""
+    deck = _Deck()
+    if path.suffix.lower() == ".csv":
+        deck.read_csv(path)
+    else:
+        deck.read(path, 0)
+    if not deck.nodes and not deck.faults:
+        deck.faults.append(f"{path.name}: has no nodes (*NODE)")
+    ids = np.array(sorted(deck.nodes), dtype=np.int64)
+    sets: dict[str, Numbers] = {}
+    for name, members in deck.sets.items():
+        sets[name] = np.unique(np.array(sorted(members), dtype=np.int64))
+        if missing := sorted(members - deck.nodes.keys()):
+            deck.faults.append(f"{path.name}: set {name} contains node {missing[0]}, which is not in the mesh")
+    for number, (_, nodes) in deck.elements.items():
+        if missing := sorted(set(nodes) - deck.nodes.keys()):
+            deck.faults.append(f"{path.name}: element {number} has node {missing[0]}, which is not in the mesh")
+    if deck.faults:
+        raise SceneError("", few(deck.faults, path.name))
+    xyz = np.array([deck.nodes[number] for number in ids.tolist()]) * length
+    return Mesh(ids, xyz, sets, *_faces(deck.elements, ids, xyz))
+
+
+class _Deck:
+    """What the lines of an input file define; `elements`: number -> whether it is a shell, and its nodes."""
+
+    def __init__(self) -> None:
+        self.nodes: dict[int, tuple[float, float, float]] = {}
+        self.sets: dict[str, set[int]] = {}
+        self.groups: dict[str, set[int]] = {}  # elements
+        self.elements: dict[int, tuple[bool, tuple[int, ...]]] = {}
+        self.faults: list[str] = []
+
+    def read_csv(self, path: Path) -> None:
+        for number, line in enumerate(lines_of(path), 1):
+            words = re.split(r"[,;]\s*", line.strip())
+            if any(words) and not (number == 1 and words[0].strip('"').lower() == "node"):
+                self._kept(path, number, line, lambda words=words: self._node(words, 4))
+
+    def read(self, path: Path, depth: int) -> None:
+        keyword, options, pending, continued = "", dict[str, str](), list[str](), ""
+        for number, raw in enumerate(lines_of(path), 1):
+            line = raw.strip()
+            if not line or line.startswith("**"):
+                continue
+            if line.startswith("*") or continued:
+                line = continued + line
+                if line.endswith(","):  # the keyword goes on in the next line
+                    continued = line
+                    continue
+                continued, pending = "", []
+                keyword, options = _keyword(line)
+                self._kept(path, number, line, lambda k=keyword, o=options: self._opened(path, depth, k, o))
+                continue
+            words = [word.strip() for word in line.rstrip(",").split(",")]
+            if keyword == "NODE":
+                self._kept(path, number, line, lambda w=words, o=options: self._node(w, 1, o.get("NSET", "")))
+            elif keyword in ("NSET", "ELSET"):
+                self._kept(path, number, line, lambda w=words, k=keyword, o=options: self._set(k, w, o))
+            elif keyword == "ELEMENT" and (kind := _kind(options.get("TYPE", ""))):
+                pending += words
+                if len(pending) > kind[1]:
+                    self._kept(path, number, line, lambda w=pending, o=options, k=kind: self._element(w, k, o))
+                    pending = []
+
+    def _kept(self, path: Path, number: int, line: str, action: object) -> None:
+        """Do `action`; a fault names the line."""
+        try:
+            action()  # type: ignore[operator]
+        except SceneError as error:
+            self.faults.extend(error.faults)
+        except (ValueError, IndexError, OverflowError) as error:
+            why = f": {error}" if type(error) is _Wrong else ""
+            self.faults.append(f"{path.name}, line {number}: {brief(line.strip())} cannot be read{why}")
+
+    def _opened(self, path: Path, depth: int, keyword: str, options: Mapping[str, str]) -> None:
+        if keyword == "INCLUDE":
+            if depth == _DEPTH:
+                raise _Wrong("files include each other")
+            self.read(path.parent / options["INPUT"] if "INPUT" in options else Path(), depth + 1)
+        elif keyword in ("PART", "INSTANCE", "SYSTEM", "TRANSFORM"):
+            raise _Wrong(
+                f"*{keyword} changes numbers, places or directions of nodes; write a flat input file without it"
+            )
+        elif keyword == "NSET" and "ELSET" in options:
+            for number in self.groups.get(options["ELSET"].upper(), ()):
+                self.sets.setdefault(options["NSET"].upper(), set()).update(self.elements[number][1])
+
+    def _node(self, words: list[str], least: int, name: str = "") -> None:
+        if not least <= len(words) <= 4 and least > 1:
+            raise _Wrong("expected node, x, y, z")
+        number = int(words[0])
+        x, y, z = [float(word or 0.0) for word in (*words[1:4], "", "", "")[:3]]
+        if not np.isfinite((x, y, z)).all():
+            raise _Wrong("a coordinate is not finite")
+        if number in self.nodes and self.nodes[number] != (x, y, z):
+            raise _Wrong(f"node {number} has another place before")
+        self.nodes[number] = (x, y, z)
+        if name:
+            self.sets.setdefault(name.upper(), set()).add(number)
+
+    def _set(self, keyword: str, words: list[str], options: Mapping[str, str]) -> None:
+        known = self.sets if keyword == "NSET" else self.groups
+        members = known.setdefault(options[keyword].upper(), set()) if keyword in options else set[int]()
+        if "GENERATE" in options:
+            first, last, step = [int(word) for word in (*words, "1")[:3]]
+            if not (step > 0 and 0 <= last - first <= 100_000_000):
+                raise _Wrong("expected first, last, step")
+            members.update(range(first, last + 1, step))
+            return
+        for word in filter(None, words):
+            if word.lstrip("-").isdigit():
+                members.add(int(word))
+            elif word.upper() in known:
+                members.update(known[word.upper()])
+            else:
+                raise _Wrong(f"set {word} is not defined before")
+
+    def _element(self, words: list[str], kind: tuple[bool, int], options: Mapping[str, str]) -> None:
+        number, *nodes = [int(word) for word in words]
+        if len(nodes) != kind[1]:
+            raise _Wrong(f"expected {kind[1]} nodes")
+        self.elements[number] = (kind[0], tuple(nodes))
+        if "ELSET" in options:
+            self.groups.setdefault(options["ELSET"].upper(), set()).add(number)
+
+
+class _Wrong(ValueError):
+    """What is wrong with a line, in words."""
+
+
+def _keyword(line: str) -> tuple[str, dict[str, str]]:
+    """The keyword of a line in capitals, and its options."""
+    head, *rest = [part.strip() for part in line[1:].split(",")]
+    pairs = [part.partition("=") for part in rest if part]
+    return re.sub(r"\s+", " ", head.upper()), {
+        name.strip().upper(): value.strip().strip('"') for name, _, value in pairs
+    }
+
+
+def _kind(element: str) -> tuple[bool, int] | None:
+    """Whether an element type is a shell, and its number of nodes; None for one without faces."""
+    for pattern, shell in ((_SOLID, False), (_SHELL, True)):
+        if match := pattern.match(element.upper()):
+            return shell, int(match[1])
+    return None
+
+
+def _faces(elements: Mapping[int, tuple[bool, tuple[int, ...]]], ids: Numbers, xyz: Array) -> tuple[Numbers, Array]:
+    """The outer faces and the middles of their elements, as in `Mesh`."""
+    seen: dict[tuple[int, ...], tuple[tuple[int, ...], int]] = {}
+    shared: set[tuple[int, ...]] = set()
+    for number, (shell, nodes) in elements.items():
+        edges = _EDGES.get(len(nodes), {})
+        for corners in (tuple(range(len(nodes))),) if shell else _CORNERS[len(nodes)]:
+            ends = zip(corners, (*corners[1:], corners[0])) if edges and not shell else ()
+            middles = [edges[min(i, j), max(i, j)] for i, j in ends]
+            face = tuple(nodes[k] for k in (*corners, *middles))
+            key = tuple(sorted(face))
+            if key in seen and not shell:
+                shared.add(key)
+            seen[key] = (face, 0 if shell else number)
+    outer = [face for key, face in seen.items() if key not in shared]
+    faces = np.full((len(outer), 8), -1, dtype=np.int64)
+    within = np.full((len(outer), 3), np.nan)
+    for row, (face, number) in enumerate(outer):
+        faces[row, : len(face)] = np.searchsorted(ids, face)
+        if number:
+            within[row] = xyz[np.searchsorted(ids, elements[number][1])].mean(axis=0)
+    return faces, within
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Nodes by the name of a `set`, by their numbers, or in a `box`: two opposite corners [m]."""
+
+    set: str = ""
+    nodes: tuple[int, ...] = ()
+    box: tuple[float, float, float, float, float, float] | None = None
+
+    def of(self, mesh: Mesh) -> Numbers:
+        """The numbers of the nodes, ascending. Raises SceneError for none, or for nodes that the mesh does not have."""
+        if self.set:
+            if self.set.upper() not in mesh.sets:
+                near = get_close_matches(self.set.upper(), mesh.sets, 3) or sorted(mesh.sets)[:8]
+                names = ", ".join(near) or "none"
+                raise SceneError("", [f"the mesh has no node set {brief(self.set)}; it has: {names}"])
+            return mesh.sets[self.set.upper()]
+        if self.box is None:
+            nodes = np.unique(np.array(self.nodes, dtype=np.int64))
+            if len(missing := mesh.unknown(nodes)):
+                raise SceneError(
+                    "", [f"the mesh has no node {missing[0]}" + f" and {len(missing) - 1} others" * (len(missing) > 1)]
+                )
+            if not len(nodes):
+                raise SceneError("", ["no nodes are given; name a set, nodes, or a box"])
+            return nodes
+        ends = np.sort(np.reshape(self.box, (2, 3)), axis=0)
+        slack = 1e-9 * np.ptp(mesh.xyz, axis=0).max() if len(mesh.xyz) else 0.0
+        inside = ((mesh.xyz >= ends[0] - slack) & (mesh.xyz <= ends[1] + slack)).all(axis=1)
+        if not inside.any():
+            size = ", ".join(
+                f"{low:.4g} to {high:.4g} m" for low, high in zip(mesh.xyz.min(axis=0), mesh.xyz.max(axis=0))
+            )
+            raise SceneError("", [f"no node lies in the box; the mesh extends over {size}"])
+        return mesh.ids[inside]  # type: ignore[no-any-return]

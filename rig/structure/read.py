@@ -1,0 +1,496 @@
+"""Files of finite element programs, or typed numbers, to the parts of a structure in SI units.
+
+CalculiX        job.sti, job.mas (one triangle each), job.dof (node.direction of each row)
+MATLAB v5, NPZ, Matrix Market, and Abaqus with FORMAT=COORDINATE       matrices; a CSV file names node and direction
+                of each row
+Abaqus .mtx     with FORMAT=MATRIX INPUT: node, direction, node, direction, value; held rows (1e36) are left out
+
+`structure` reports all faults at once, each with its file and row. Numbers of rows count from one.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import scipy.io
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import ArpackError, eigsh
+
+from rig.errors import SceneError
+from rig.machine import files
+from rig.structure.full import Array, Full, Of, Part
+from rig.structure.mesh import LIMIT, NOTHING, SHOWN, Mesh, few, lines_of, read_mesh, readable
+from rig.units import brief
+
+Stored = Literal["full", "lower", "upper"]
+UNITS = {"m-kg-s": 1.0, "mm-t-s": 1e-3}
+"""System of units of the matrices -> its unit of length [m]; force in N in both."""
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+"""Names of the directions 0 to 5 of a row."""
+LEAST_MASS, MOST_MASS = 1e-6, 1e6  # kg
+SYMMETRIC = 1e-9
+"""Largest difference of mirrored entries of a symmetric matrix, over its largest entry."""
+_HELD = 1e35  # Abaqus writes 1e36 on the diagonal of a held row
+_STEPS = 60  # of the search for a motion of negative mass
+_INDEFINITE = -1e-8  # a mass below this, over that of its rows, is not due to rounding
+_ROUNDING = 1e-12
+ELSEWHERE = """\
+Write the matrices as Matrix Market (.mtx) or MATLAB v5 (.mat) and a CSV file with node and direction of each row:
+    Abaqus    *MATRIX GENERATE, STIFFNESS, MASS and *MATRIX OUTPUT, STIFFNESS, MASS, FORMAT=MATRIX INPUT; no CSV needed
+    Ansys     APDL Math: *SMAT,K,D,IMPORT,FULL,job.full,STIFF and *EXPORT,K,MMF,K.mtx; the same with MASS
+    Nastran   PARAM,EXTOUT,DMIGPCH or OUTPUT4 of KAA and MAA; Python: pyyeti.nastran.op4.read, scipy.io.mmwrite
+    COMSOL    LiveLink: A = mphmatrix(model, 'sol1', 'out', {'Kc', 'Ec'}), then save -v7"""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where one part comes from: a `file` with its `variable` ("": the only one), or typed `values` [row, row].
+
+    `stored`: the triangle that the matrix contains, if it is symmetric and not complete. `key`, `power`, `factor`: see
+    `Part`.
+    """
+
+    name: str
+    of: Of
+    file: Path | None = None
+    values: Sequence[Sequence[float]] | None = None
+    variable: str = ""
+    stored: Stored = "full"
+    key: str = ""
+    power: int = 1
+    factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Matrix:
+    """A matrix as read; `labels` [row, 2]: node and direction (from one) of each row, empty if the file has none."""
+
+    values: sp.csr_array
+    labels: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    held: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+
+
+def structure(
+    sources: Sequence[Source],
+    units: str,
+    *,
+    job: Path | None = None,
+    nodes: Path | None = None,
+    rows: Path | None = None,
+    where: str = "structure",
+) -> tuple[Full, Mesh]:
+    """The matrices in SI units and the mesh.
+
+    `job`: CalculiX matrices, without suffix, beside the `sources`. `nodes`: an .inp file, or a CSV file: node, x, y,
+    z. `rows`: the CSV file with node and direction of each row. Raises SceneError with every fault.
+    """
+    faults: list[str] = []
+
+    def tried(read: Callable[[], Any], otherwise: Any) -> Any:
+        try:
+            return read()
+        except SceneError as error:
+            faults.extend(error.faults)
+            return otherwise
+
+    if units not in UNITS:
+        faults.append(f'units is {brief(units)}; expected "m-kg-s" or "mm-t-s", the units of the matrices')
+    length = UNITS.get(units, 1.0)
+    mesh = tried(lambda: read_mesh(nodes, length), NOTHING) if nodes else NOTHING
+    if job is not None:
+        sources = [
+            Source("stiffness", "stiffness", job.with_name(job.name + ".sti"), stored="upper"),
+            Source("mass", "mass", job.with_name(job.name + ".mas"), stored="upper"),
+            *sources,
+        ]
+    dofs = tried(lambda: _dofs(job.with_name(job.name + ".dof")), None) if job is not None else None
+    read: list[tuple[Source, _Matrix]] = []
+    for number, source in enumerate(sources):
+        if (matrix := tried(lambda: _part(source, dofs if number < 2 else None), None)) is not None:  # noqa: B023
+            read.append((source, matrix))
+    table = tried(lambda: _rows(rows), None) if rows else None
+    if faults:
+        raise SceneError(where, faults)
+    read, labels = _one_order(read, table, faults)
+    inner = labels[:, 0] <= 0
+    if len(mesh.ids):
+        inner |= ~np.isin(labels[:, 0], mesh.ids)
+    direction = np.where(inner, -1, labels[:, 1] - 1)
+    if len(mesh.ids) and len(labels) and inner.all():
+        faults.append(f"{nodes and nodes.name}: none of its nodes has a row in the matrices; take the mesh they are of")
+    if not faults:
+        faults += _flawed(read, np.where(inner, -1, labels[:, 0]), direction, length)
+    if faults:
+        raise SceneError(where, faults)
+    turning = direction >= 3
+    parts = tuple(
+        Part(source.name, source.of, _si(matrix.values, turning, length), source.key, source.power, source.factor)
+        for source, matrix in read
+    )
+    return Full(parts, node=labels[:, 0], direction=direction, ids=mesh.ids, xyz=mesh.xyz), mesh
+
+
+def _si(matrix: sp.csr_array, turning: NDArray[np.bool_], length: float) -> sp.csr_array:
+    """A matrix in N, m, rad from one in N, `length` m, rad. `turning` [row]: the row is an angle."""
+    if length == 1.0:
+        return matrix
+    entries = matrix.tocoo()
+    power = turning[entries.coords[0]].astype(int) + turning[entries.coords[1]] - 1
+    scale = np.array([1.0 / length, 1.0, length])[power + 1]
+    return sp.csr_array((entries.data * scale, entries.coords), shape=matrix.shape)
+
+
+# Reading
+
+
+def _part(source: Source, dofs: NDArray[np.int64] | None) -> _Matrix:
+    """The matrix of a source, complete; `dofs`: labels of the rows of a CalculiX matrix."""
+    if source.file is None:
+        values = np.array(source.values if source.values is not None else (), dtype=float)
+        read = _Matrix(sp.csr_array(np.atleast_2d(values)))
+    elif dofs is not None:
+        read = _Matrix(_triplets(source.file, _table(source.file, 3), len(dofs)), dofs)
+    else:
+        read = _file(source.file, source.variable)
+    _finite(read, source)
+    rows, columns = read.values.shape
+    if rows != columns or not rows:
+        raise SceneError("", [f"{_named(source)}: has {rows} rows and {columns} columns; expected a square matrix"])
+    if source.stored == "full":
+        return read
+    low, high = sp.tril(read.values, -1), sp.triu(read.values, 1)
+    other = (low if source.stored == "upper" else high).tocoo()
+    if entries := np.flatnonzero(other.data).tolist():
+        row, column = (int(other.coords[k][entries[0]]) for k in (0, 1))
+        what = f"stored is {source.stored!r}, but row {row + 1} has an entry in column {column + 1}"
+        raise SceneError("", [f'{_named(source)}: {what}; write stored = "full"'])
+    half = high if source.stored == "upper" else low
+    return _Matrix(sp.csr_array(read.values + half.T), read.labels, read.held)
+
+
+def _named(source: Source) -> str:
+    return f"{source.file.name} ({source.name})" if source.file else source.name
+
+
+def _finite(matrix: _Matrix, source: Source) -> None:
+    """Raise SceneError for entries that are not finite."""
+    entries = matrix.values.tocoo()
+    bad = np.flatnonzero(~np.isfinite(entries.data))
+    if len(bad):
+        places = [f"row {entries.coords[0][k] + 1}, column {entries.coords[1][k] + 1}" for k in bad[:SHOWN]]
+        raise SceneError("", [f"{_named(source)}: has {len(bad)} entries that are not finite: {'; '.join(places)}"])
+
+
+def _file(path: Path, variable: str) -> _Matrix:
+    """A matrix from a file of any format that is known by its suffix or its first line."""
+    readers: Mapping[str, Callable[[], _Matrix]] = {
+        ".mat": lambda: _Matrix(_chosen(path, variable, _matlab(path))),
+        ".npz": lambda: _Matrix(_chosen(path, variable, _npz(path))),
+        ".mtx": lambda: (
+            _market(path) if next(lines_of(path), "").lower().startswith("%%matrixmarket") else _abaqus(path)
+        ),
+    }
+    if path.suffix.lower() not in readers:
+        raise SceneError("", [f"{path.name}: is of an unknown format; known are .mat, .npz and .mtx. {ELSEWHERE}"])
+    readable(path)
+    try:
+        return readers[path.suffix.lower()]()
+    except NotImplementedError:
+        fault = "is a MATLAB v7.3 file; write it with save -v7"
+    except SceneError:
+        raise
+    except Exception as error:  # libraries raise all kinds for damaged files
+        fault = f"cannot be read, is damaged or truncated ({brief(' '.join(str(error).split()))})"
+    raise SceneError("", [f"{path.name}: {fault}"])
+
+
+def _matlab(path: Path) -> dict[str, Any]:
+    return {name: value for name, value in scipy.io.loadmat(path).items() if not name.startswith("__")}
+
+
+def _npz(path: Path) -> dict[str, Any]:
+    """The arrays of a file of numpy.savez, or the one matrix of scipy.sparse.save_npz."""
+    with zipfile.ZipFile(path) as archive:
+        files.unpacked(archive, LIMIT)
+    with np.load(path, allow_pickle=False) as arrays:
+        if {"format", "data", "shape"} <= set(arrays.files):
+            return {path.stem: sp.load_npz(path)}
+        return {name: arrays[name] for name in arrays.files}
+
+
+def _chosen(path: Path, variable: str, arrays: Mapping[str, Any]) -> sp.csr_array:
+    """The matrix of a file with several arrays."""
+    square = {name: value for name, value in arrays.items() if getattr(value, "ndim", 0) == 2}
+    if variable not in square and (variable or len(square) != 1):
+        names = ", ".join(square) or "none"
+        what = f"has no matrix {variable!r}" if variable else "has several matrices" if square else "has no matrix"
+        raise SceneError("", [f"{path.name}: {what}; it has: {names}. Choose one with name = ..."])
+    return _real(path, square[variable or next(iter(square))])
+
+
+def _real(path: Path, matrix: Any) -> sp.csr_array:
+    if matrix.dtype.kind not in "fiub":
+        advice = "write the real and the imaginary part as two parts" if matrix.dtype.kind == "c" else "write numbers"
+        raise SceneError("", [f"{path.name}: has entries of type {matrix.dtype}; {advice}"])
+    return sp.csr_array(matrix, dtype=np.float64)
+
+
+def _market(path: Path) -> _Matrix:
+    return _Matrix(_real(path, scipy.io.mmread(path)))
+
+
+def _abaqus(path: Path) -> _Matrix:
+    """Lines "row, column, value", or "node, direction, node, direction, value" with one triangle or both."""
+    first = next((line for line in lines_of(path) if line.strip() and not line.startswith("**")), "")
+    columns = len(first.replace(",", " ").split())
+    if columns not in (3, 5):
+        raise SceneError(
+            "", [f"{path.name}: is no matrix of Abaqus or Matrix Market: {brief(first.strip())}. {ELSEWHERE}"]
+        )
+    table = _table(path, columns)
+    if columns == 3:
+        if len(held := np.flatnonzero(table[:, 2] >= _HELD)):
+            raise SceneError("", [f"{path.name}: row {table[held[0], 0]:g} is held (1e36); use FORMAT=MATRIX INPUT"])
+        return _Matrix(_triplets(path, table, int(table[:, :2].max())))
+    ends = np.concatenate([table[:, :2], table[:, 2:4]]).astype(np.int64)
+    labels, number = np.unique(ends, axis=0, return_inverse=True)
+    matrix = sp.csr_array((table[:, 4], tuple(number.reshape(2, -1))), shape=(len(labels), len(labels)))
+    low, high = sp.tril(matrix, -1), sp.triu(matrix, 1)
+    if not (low.nnz and high.nnz):
+        matrix = sp.csr_array(matrix + low.T + high.T)
+    held = matrix.diagonal() >= _HELD
+    return _Matrix(sp.csr_array(matrix[~held][:, ~held]), labels[~held], labels[held])
+
+
+def _triplets(path: Path, table: Array, rows: int) -> sp.csr_array:
+    """A matrix from row, column (from one), value. Every row has an entry on the diagonal, or the file is truncated."""
+    at = table[:, :2]
+    bad = np.flatnonzero((at != np.floor(at)).any(axis=1) | (at < 1).any(axis=1) | (at > rows).any(axis=1))
+    if len(bad):
+        line = table[bad[0]]
+        what = f"entry {bad[0] + 1} has row {line[0]:g} and column {line[1]:g}; expected 1 to {rows}"
+        raise SceneError("", [f"{path.name}: {what}"])
+    i, j = at.astype(np.int64).T - 1
+    if (missing := rows - len(np.unique(np.concatenate([i, j])))) > 0:
+        last = int(max(i.max(), j.max())) + 1
+        what = f"{missing} of {rows} rows have no entry, the last with one is {last}"
+        raise SceneError("", [f"{path.name}: {what}; the file is truncated, or belongs to another .dof file"])
+    return sp.csr_array((table[:, 2], (i, j)), shape=(rows, rows))
+
+
+def _table(path: Path, columns: int) -> Array:
+    """The numbers [line, column] of a text file, separated by blanks or commas; ** and % start a comment."""
+    skipped, comma = 0, None
+    for line in lines_of(path):
+        if line.strip() and not line.startswith(("**", "%")):
+            comma = "," if "," in line else None
+            break
+        skipped += 1
+    else:
+        raise SceneError("", [f"{path.name}: is empty"])
+    try:
+        table = np.loadtxt(path, delimiter=comma, skiprows=skipped, ndmin=2, comments=None)
+        if table.shape[1] == columns:
+            return table
+    except ValueError:
+        pass
+    faults = []
+    for number, line in enumerate(lines_of(path), 1):
+        words = line.replace(",", " ").split()
+        try:
+            good = not words or number <= skipped or len([float(word) for word in words]) == columns
+        except ValueError:
+            good = False
+        if not good:
+            faults.append(f"{path.name}, line {number}: is {brief(line.strip())}; expected {columns} numbers")
+    raise SceneError("", few(faults, path.name) or [f"{path.name}: cannot be read as numbers, {columns} in a line"])
+
+
+def _dofs(path: Path) -> NDArray[np.int64]:
+    """Node and direction of each row of CalculiX matrices."""
+    labels, faults = [], []
+    for number, line in enumerate(lines_of(path), 1):
+        if match := re.fullmatch(r"\s*(\d+)\.([1-6])\s*", line):
+            labels.append((int(match[1]), int(match[2])))
+        elif line.strip():
+            faults.append(
+                f"{path.name}, line {number}: is {brief(line.strip())}; expected NODE.DIRECTION, such as 12.3"
+            )
+    if faults or not labels:
+        raise SceneError("", few(faults, path.name) or [f"{path.name}: is empty"])
+    return np.array(labels, dtype=np.int64)
+
+
+def _rows(path: Path) -> NDArray[np.int64]:
+    """Node and direction (from one) of each row from a CSV file; node 0 for a row without a node.
+
+    Columns "node, direction", or "row, node, direction" in any order of rows. A first line without numbers is a
+    header.
+    """
+    labels: dict[int, tuple[int, int]] = {}
+    faults, seen = [], dict[tuple[int, int], int]()
+    for number, line in enumerate(lines_of(path), 1):
+        words = [word.strip().strip('"').lower() for word in re.split("[,;]", line.strip())]
+        if not any(words) or (number == 1 and words[-2:] == ["node", "direction"]):
+            continue
+        try:
+            row = int(words[0]) if len(words) == 3 else len(labels) + 1
+            node, direction = int(words[-2] or 0), _direction(words[-1]) if int(words[-2] or 0) > 0 else 0
+            if len(words) not in (2, 3):
+                raise ValueError
+        except (ValueError, IndexError):
+            faults.append(
+                f"{path.name}, line {number}: is {brief(line.strip())}; expected NODE, DIRECTION such as 12, z"
+            )
+            continue
+        label = (max(node, 0), direction)
+        if row in labels:
+            faults.append(f"{path.name}, line {number}: row {row} is given twice")
+        elif node > 0 and label in seen:
+            what = f"node {node} has its direction {DIRECTIONS[direction - 1]} in line {seen[label]} too"
+            faults.append(f"{path.name}, line {number}: {what}")
+        labels[row], seen[label] = label, number
+    if not faults and sorted(labels) != list(range(1, len(labels) + 1)):
+        faults.append(f"{path.name}: its rows are not 1 to {len(labels)}")
+    if faults or not labels:
+        raise SceneError("", few(faults, path.name) or [f"{path.name}: is empty"])
+    return np.array([labels[row] for row in sorted(labels)], dtype=np.int64)
+
+
+def _direction(text: str) -> int:
+    """The direction, from one, of "x", "rx" or "1" to "6". Raises ValueError."""
+    number = DIRECTIONS.index(text) + 1 if text in DIRECTIONS else int(text)
+    if not 1 <= number <= 6:
+        raise ValueError(text)
+    return number
+
+
+# Rows and checks
+
+
+def _one_order(
+    read: Sequence[tuple[Source, _Matrix]], table: NDArray[np.int64] | None, faults: list[str]
+) -> tuple[list[tuple[Source, _Matrix]], NDArray[np.int64]]:
+    """The matrices over one list of rows, and node and direction (from one) of each, 0 where they are not known."""
+    labelled = [matrix.labels for _, matrix in read if len(matrix.labels)]
+    if not labelled:
+        count = read[0][1].values.shape[0] if read else 0
+        if table is None:
+            table = np.zeros((count, 2), dtype=np.int64)
+        elif len(table) != count:
+            faults.append(f"the file of rows has {len(table)} rows, but {_named(read[0][0])} has {count}")
+        labels = table
+    elif all(np.array_equal(labelled[0], other) for other in labelled):
+        labels = labelled[0]
+    else:
+        labels = np.unique(np.concatenate(labelled), axis=0)
+    held = np.concatenate([np.zeros((0, 2), dtype=np.int64), *(matrix.held for _, matrix in read)])
+    if len(held):
+        labels = labels[~_among(labels, held)]
+    ordered = []
+    for source, matrix in read:
+        if len(matrix.labels) and not np.array_equal(matrix.labels, labels):
+            number = {label: row for row, label in enumerate(map(tuple, labels.tolist()))}
+            to = np.array([number.get(label, -1) for label in map(tuple, matrix.labels.tolist())], dtype=np.int64)
+            known = np.flatnonzero(to >= 0)
+            place = sp.csr_array((np.ones(len(known)), (to[known], known)), shape=(len(labels), len(to)))
+            matrix = _Matrix(sp.csr_array(place @ matrix.values @ place.T), labels)
+        elif matrix.values.shape[0] != len(labels):
+            first = _named(read[0][0])
+            faults.append(f"{_named(source)}: has {matrix.values.shape[0]} rows, but {first} has {len(labels)}")
+        ordered.append((source, matrix))
+    return ordered, labels
+
+
+def _among(labels: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each pair of node and direction is one of `chosen`."""
+    return np.isin(labels @ [8, 1], chosen @ [8, 1])
+
+
+def _flawed(
+    read: Sequence[tuple[Source, _Matrix]], node: NDArray[np.int64], direction: NDArray[np.int64], length: float
+) -> list[str]:
+    """What is wrong with the matrices, in the units of the files."""
+    faults = []
+
+    def row(number: int) -> str:
+        known = f" (node {node[number]}, direction {DIRECTIONS[direction[number]]})" if direction[number] >= 0 else ""
+        return f"row {number + 1}{known}"
+
+    for of in ("mass", "stiffness"):
+        if not any(source.of == of for source, _ in read):
+            faults.append(f"no part is of {of!r}; a structure needs mass and stiffness")
+    for source, matrix in read:
+        if source.key or source.of == "damping":
+            continue
+        values = matrix.values
+        low, high = sp.tril(values, -1).count_nonzero(), sp.triu(values, 1).count_nonzero()
+        unequal = abs(values - values.T).tocoo()
+        largest = abs(values).max()
+        if bool(low) != bool(high):
+            stored = "upper" if high else "lower"
+            what = f'has entries in its {stored} triangle only; write stored = "{stored}" if this is half of a'
+            faults.append(f"{_named(source)}: {what} symmetric matrix")
+        elif unequal.nnz and unequal.data.max() > SYMMETRIC * largest:
+            worst = int(np.argmax(unequal.data))
+            i, j = sorted((int(unequal.coords[0][worst]), int(unequal.coords[1][worst])))
+            faults.append(
+                f"{_named(source)}: is not symmetric: {row(i)} and {row(j)} differ by "
+                f"{unequal.data[worst]:.3g}, which is {unequal.data[worst] / largest:.1e} of the largest entry. Move what "
+                "friction adds to a part of its "
+                'own with times = "factors.NAME", and gyroscopic terms to a part of "damping"'
+            )
+    constant = [source.factor * matrix.values for source, matrix in read if source.of == "mass" and not source.key]
+    return faults if faults or not constant else _mass_flaws(sum(constant[1:], constant[0]), row, direction, length)
+
+
+def _mass_flaws(
+    mass: sp.csr_array, row: Callable[[int], str], direction: NDArray[np.int64], length: float
+) -> list[str]:
+    """Why a mass matrix is not positive, or not plausible."""
+    diagonal = mass.diagonal()
+    empty = np.flatnonzero(diagonal <= 0.0)
+    if len(empty):
+        faults = [f"mass: {row(int(k))} has the mass {diagonal[k]:g}; it must be positive" for k in empty[:SHOWN]]
+        if len(empty) > SHOWN:
+            faults.append(f"mass: {len(empty) - SHOWN} more rows without mass; give them mass, or condense them")
+        return faults
+    scale = sp.diags_array(diagonal**-0.5)
+    scaled = (scale @ mass @ scale).tocsr()
+    pairs = sp.triu(scaled, 1).tocoo()
+    if pairs.nnz and abs(pairs.data).max() > 1.0 - _INDEFINITE:
+        worst = int(np.argmax(abs(pairs.data)))
+        i, j = (int(pairs.coords[k][worst]) for k in (0, 1))
+        return [f"mass: is not positive: the entry of {row(i)} and {row(j)} is larger than their own masses"]
+    if (least := _least(scaled)) < _INDEFINITE:
+        return [f"mass: is not positive: a motion has {least:.2g} of the mass of its rows; check the element masses"]
+    along = next((k for k in range(3) if (direction == k).any()), None)
+    if along is None:
+        total, what = float(diagonal.sum()), "the sum of its diagonal"
+    else:
+        moved = (direction == along).astype(float)
+        total, what = float(moved @ (mass @ moved)), f"the total mass along {DIRECTIONS[along]}"
+    total /= length
+    if not LEAST_MASS <= total <= MOST_MASS:
+        expected = f"expected {LEAST_MASS:g} to {MOST_MASS:g} kg"
+        return [f"mass: {what} is {total:.4g} kg; {expected}. Is structure.units that of the matrices?"]
+    return []
+
+
+def _least(matrix: sp.csr_array) -> float:
+    """An upper bound of the smallest eigenvalue of a symmetric matrix; close to it after a few Lanczos steps."""
+    size = matrix.shape[0]
+    if size <= _STEPS:
+        return float(np.linalg.eigvalsh(matrix.toarray())[0])
+    start = np.random.default_rng(1).standard_normal(size)
+    try:
+        return float(eigsh(matrix, k=1, which="SA", v0=start, ncv=_STEPS, maxiter=3, tol=1e-3)[0][0])
+    except ArpackError:  # not converged: the smallest eigenvalue has no gap, as those of a positive matrix
+        return 0.0
