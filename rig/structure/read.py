@@ -443,8 +443,8 @@ def _flawed(
             i, j = sorted((int(unequal.coords[0][worst]), int(unequal.coords[1][worst])))
             faults.append(
                 f"{_named(source)}: is not symmetric: {row(i)} and {row(j)} differ by "
-                f"{unequal.data[worst]:.3g}, which is {unequal.data[worst] / largest:.1e} of the largest entry. Move what "
-                "friction adds to a part of its "
+                f"{unequal.data[worst]:.3g}, which is {unequal.data[worst] / largest:.1e} of the largest entry. Move "
+                "what friction adds to a part of its "
                 'own with times = "factors.NAME", and gyroscopic terms to a part of "damping"'
             )
     constant = [source.factor * matrix.values for source, matrix in read if source.of == "mass" and not source.key]

@@ -1,5 +1,6 @@
 """Matrices of every format are the same matrices; faults name file and row, all at once."""
 
+import brake_fe
 import numpy as np
 import pytest
 import scipy.io
@@ -85,3 +86,23 @@ def test_every_format_gives_the_same_bits(tmp_path, how):
     assert np.array_equal(full.matrix("stiffness", {}).toarray(), K)
     assert np.array_equal(full.matrix("mass", {}).toarray(), M)
     assert list(zip(full.node.tolist(), (full.direction + 1).tolist())) == ROWS
+
+
+def test_the_brake_of_the_literature():
+    brake = brake_fe.brake()
+    assert brake.rows == 4669
+    assert brake.keys == (brake_fe.SPEED, brake_fe.FRICTION)
+    assert [part.matrix.count_nonzero() for part in brake.parts] == [
+        93207,
+        5682,
+        5682,
+        66642,
+        23884,
+        280845,
+        21645,
+        280871,
+    ]
+    one = {brake_fe.SPEED: 1.0, brake_fe.FRICTION: 1.0}
+    skew = brake.parts[3].matrix
+    assert abs(skew + skew.T).max() == 0.0
+    assert abs(brake.matrix("mass", one)).max() == 1e3 * 3.065634441901765e-05  # t to kg
