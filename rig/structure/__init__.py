@@ -8,5 +8,8 @@ full         parts, rows of contacts and nodes
 mesh         nodes, node sets and outer faces
 read         files of matrices, checked, in SI units
 contacts     the points of contacts between node sets
+eigenvalues  modes and complex eigenvalues, complete within a range
+basis        modes and attachment vectors; the reduced model of a scene, from the store or built
+reduced      the reduced model
 model_store  reduced models, stored on disk and in recordings
 """

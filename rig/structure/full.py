@@ -11,14 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Matrix = Any
+"""A sparse array of a full structure, a dense one of a reduced structure."""
 Of = Literal["mass", "damping", "stiffness"]
+FRICTION = "friction.mu"
+"""The number of the scene that is the coefficient of friction of all points."""
+SYMMETRIC = 1e-9
+"""Largest difference between a matrix and its transpose, over its largest entry, that counts as rounding [chosen]."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +36,7 @@ class Part:
 
     name: str
     of: Of
-    matrix: sp.csr_array
+    matrix: Matrix
     key: str = ""
     power: int = 1
     factor: float = 1.0
@@ -39,6 +45,11 @@ class Part:
         """The number that multiplies the matrix, for these `values` by key."""
         return self.factor * (values[self.key] ** self.power if self.key else 1.0)
 
+    @property
+    def symmetric(self) -> bool:
+        """Whether the matrix equals its transpose."""
+        return bool(abs(self.matrix - self.matrix.T).max() <= SYMMETRIC * abs(self.matrix).max())
+
 
 @dataclass(frozen=True)
 class Points:
@@ -46,16 +57,33 @@ class Points:
 
     A gap that closes is negative: N_c = -k_c normal_c x with k_c = stiffness per area times `area` [m^2]. The slip
     speed is `radius` times the speed of the drive minus along_c x'; `radius` is 1 for sliding along a line. `position`
-    [point, 3] and `sliding` [point, 3], a unit vector, are for pictures.
+    [point, 3] and `sliding` [point, 3], a unit vector, are for pictures. `flexibility` [point] in m/N is in series with
+    the spring of each point: what a basis leaves out.
     """
 
     name: str
-    normal: sp.csr_array
-    along: sp.csr_array
+    normal: Matrix
+    along: Matrix
     area: Array
     radius: Array
     position: Array
     sliding: Array
+    flexibility: Array | float = 0.0
+
+    @property
+    def stiffness_key(self) -> str:
+        """The number of the scene that is the normal stiffness per area [N/m^3]."""
+        return f"contacts.{self.name}.stiffness"
+
+    def springs(self, values: Mapping[str, float]) -> Array:
+        """The normal stiffness of each point [N/m] for these `values` by key."""
+        stiffness = values[self.stiffness_key] * self.area
+        return np.asarray(stiffness / (1.0 + stiffness * self.flexibility))
+
+    def stiffness(self, values: Mapping[str, float]) -> Matrix:
+        """sum_c k_c (n_c n_c^T + mu t_c n_c^T): what closed points that slide add to the stiffness."""
+        rows = self.normal + values.get(FRICTION, 0.0) * self.along
+        return rows.T @ (sp.diags_array(self.springs(values)) @ self.normal)
 
 
 @dataclass(frozen=True)
@@ -63,7 +91,8 @@ class Full:
     """A structure: its parts, the node and direction of each row, its contacts, and other rows by name.
 
     `node`, `direction` [row]; `ids` [node number], `xyz` [node, 3] in m. `vectors` [row]: directions of loads, sensors
-    and actuators by name: the force of one newton, or the row of a displacement.
+    and actuators by name: the force of one newton, or the row of a displacement. `finer`: the same contacts with more
+    points, for a check of their number.
     """
 
     parts: tuple[Part, ...]
@@ -73,6 +102,7 @@ class Full:
     xyz: Array = field(default_factory=lambda: np.zeros((0, 3)))
     contacts: tuple[Points, ...] = ()
     vectors: Mapping[str, Array] = field(default_factory=dict)
+    finer: tuple[Points, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -84,10 +114,18 @@ class Full:
         """The numbers of the scene that multiply parts, in order of appearance."""
         return tuple(dict.fromkeys(part.key for part in self.parts if part.key))
 
-    def matrix(self, of: Of, values: Mapping[str, float]) -> sp.csr_array:
-        """The sum of the parts of one kind for these `values` by key."""
-        total = sp.csr_array((self.rows, self.rows))
+    def matrix(self, of: Of, values: Mapping[str, float]) -> Matrix:
+        """The sum of the parts of one kind for these `values` by key, without the springs of contacts."""
+        shape = (self.rows, self.rows)
+        total: Matrix = sp.csr_array(shape) if sp.issparse(self.parts[0].matrix) else np.zeros(shape)
         for part in self.parts:
             if part.of == of:
                 total = total + part.times(values) * part.matrix
         return total
+
+    def pencil(self, values: Mapping[str, float]) -> tuple[Matrix, Matrix, Matrix]:
+        """M, D and K of small motions about steady sliding with all points closed, for these `values` by key."""
+        stiffness = self.matrix("stiffness", values)
+        for points in self.contacts:
+            stiffness = stiffness + points.stiffness(values)
+        return self.matrix("mass", values), self.matrix("damping", values), stiffness

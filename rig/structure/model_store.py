@@ -14,7 +14,7 @@ import logging
 import os
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -117,6 +117,23 @@ def stored_or_built(
                 fault.strerror,
             )
     return _take(of, content, made)
+
+
+def built_by(folder: Path, sources: Sequence[str]) -> dict[str, Any]:
+    """What a model depends on beside its data: these source files, and the libraries that may round otherwise.
+
+    OpenBLAS chooses its code for the processor that it finds. A cache that two machines share has a file for each.
+    """
+    import numpy as np  # all three only for a plant with a reduced model
+    import scipy
+    from threadpoolctl import threadpool_info
+
+    blas = [library.get("architecture") for library in threadpool_info() if library["user_api"] == "blas"]
+    return {
+        "sources": [hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in sources],
+        "libraries": [np.__version__, scipy.__version__],
+        "processor": blas[:1],  # numpy's
+    }
 
 
 def cached(build: Callable[P, T]) -> Callable[P, T]:

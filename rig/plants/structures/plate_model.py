@@ -140,21 +140,8 @@ def _given(plate: Plate, foam: Foam | None, grid: Grid) -> dict[str, Any]:
 
 
 def _key(given: dict[str, Any]) -> str:
-    """Hash of all that the surface depends on: numbers, sources, and the libraries that may round otherwise.
-
-    OpenBLAS chooses its code for the processor that it finds. A cache that two machines share has a file for each.
-    """
-    import scipy  # both only for a plate
-    from threadpoolctl import threadpool_info
-
-    built = {
-        "sources": [sha256((_HERE / name).read_bytes()).hexdigest() for name in _SOURCES],
-        "libraries": [np.__version__, scipy.__version__],
-        "processor": [library.get("architecture") for library in threadpool_info() if library["user_api"] == "blas"][
-            :1
-        ],  # numpy's
-    }
-    return _hash(given | built)
+    """Hash of all that the surface depends on."""
+    return _hash(given | model_store.built_by(_HERE, _SOURCES))
 
 
 def _hash(values: dict[str, Any]) -> str:

@@ -1,0 +1,210 @@
+"""A reduced structure: full matrices projected on a basis, x = V q, with all that a rig and its reports need of it.
+
+    V^T M V q'' + V^T D V q' + V^T K V q = V^T loads           V real, of mass one; the same V on both sides (Galerkin)
+
+The parts stay apart, so that numbers of the scene that multiply them can change without another basis. It is stored as
+bytes (`to_bytes`) on disk and in recordings: a recording needs no files of the user.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.structure import eigenvalues
+from rig.structure.eigenvalues import Complex
+from rig.structure.full import Array, Full, Part, Points
+
+Kind = Literal["modes", "snapshots", "none"]
+_FORMAT = 1
+_DROPPED = 1e-10  # of the squared length that a vector adds to a basis: less is rounding
+_POINTS = ("normal", "along", "area", "radius", "position", "sliding", "flexibility")
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A reduced structure.
+
+    `model`: parts [coordinate, coordinate], contact rows [point, coordinate] and vectors [coordinate] are dense arrays
+    in it; its `node`, `direction`, `ids` and `xyz` are those of the full structure. `basis` [row, coordinate] in single
+    precision gives shapes on the nodes, x = basis q. `up_to` [rad/s]: highest frequency that the basis is made for, 0
+    for all. `trained`: the range of each number of the scene that the basis is made for, empty for kinds that hold for
+    every number; `points`: where snapshots were taken. `rigid`: the number of modes at frequency zero.
+    """
+
+    kind: Kind
+    model: Full
+    basis: NDArray[np.float32]
+    up_to: float = 0.0
+    trained: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    points: tuple[Mapping[str, float], ...] = ()
+    rigid: int = 0
+
+    @property
+    def coordinates(self) -> int:
+        """The number of coordinates q."""
+        return self.model.rows
+
+    def eigenvalues(
+        self, values: Mapping[str, float], damping: Array | None = None, left: bool = False
+    ) -> tuple[Complex, Complex, Complex]:
+        """All eigenvalues [2 n] in rad/s, right and (if wanted) left vectors [n, 2 n], for these `values` by key.
+
+        `damping` [n, n] is added: modal damping.
+        """
+        mass, own, stiffness = self.pencil(values)
+        return eigenvalues.dense(mass, own if damping is None else own + damping, stiffness, left)
+
+    def pencil(self, values: Mapping[str, float]) -> tuple[Array, Array, Array]:
+        """Dense M, D and K with the springs of all points, for these `values` by key."""
+        return self.model.pencil(values)  # type: ignore[return-value]
+
+    def outside(self, values: Mapping[str, float]) -> list[str]:
+        """For each number that lies outside of the trained range: a sentence about it."""
+        return [
+            f"{key} = {values[key]:g} lies outside of the range that the basis was trained for, {low:g} to {high:g}"
+            for key, (low, high) in self.trained.items()
+            if not low * (1 - 1e-9) - 1e-12 * abs(high) <= values[key] <= high * (1 + 1e-9)
+        ]
+
+    def to_bytes(self) -> bytes:
+        """The model as bytes of an NPZ file; equal models give equal bytes."""
+        arrays: dict[str, Any] = {"basis": self.basis}
+        arrays |= {name: getattr(self.model, name) for name in ("node", "direction", "ids", "xyz")}
+        arrays |= {f"part{i}": part.matrix for i, part in enumerate(self.model.parts)}
+        arrays |= {f"vector{i}": vector for i, vector in enumerate(self.model.vectors.values())}
+        for title, contacts in (("contact", self.model.contacts), ("finer", self.model.finer)):
+            arrays |= {f"{title}{i}.{name}": getattr(c, name) for i, c in enumerate(contacts) for name in _POINTS}
+        head = {
+            "format": _FORMAT,
+            "kind": self.kind,
+            "up_to": self.up_to,
+            "rigid": self.rigid,
+            "trained": self.trained,
+            "points": self.points,
+            "parts": [[part.name, part.of, part.key, part.power, part.factor] for part in self.model.parts],
+            "vectors": list(self.model.vectors),
+            "contact": [points.name for points in self.model.contacts],
+            "finer": [points.name for points in self.model.finer],
+        }
+        file = io.BytesIO()
+        np.savez(file, head=np.frombuffer(json.dumps(head).encode(), dtype=np.uint8), **arrays)
+        return file.getvalue()
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> Self:
+        """Read what `to_bytes` wrote. Raises ValueError for other content."""
+        try:
+            with np.load(io.BytesIO(content), allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+            head = json.loads(arrays["head"].tobytes())
+            if head["format"] != _FORMAT:
+                raise ValueError
+            parts = tuple(
+                Part(name, of, arrays[f"part{i}"], key, power, factor)
+                for i, (name, of, key, power, factor) in enumerate(head["parts"])
+            )
+            contacts, finer = (
+                tuple(
+                    Points(name, *(arrays[f"{title}{i}.{member}"] for member in _POINTS))
+                    for i, name in enumerate(head[title])
+                )
+                for title in ("contact", "finer")
+            )
+            vectors = {name: arrays[f"vector{i}"] for i, name in enumerate(head["vectors"])}
+            node, direction, ids, xyz = (arrays[name] for name in ("node", "direction", "ids", "xyz"))
+            model = Full(parts, node, direction, ids, xyz, contacts, vectors, finer)
+            trained = {key: (float(low), float(high)) for key, (low, high) in head["trained"].items()}
+            reduced = cls(
+                head["kind"], model, arrays["basis"], head["up_to"], trained, tuple(head["points"]), head["rigid"]
+            )
+            if any(part.matrix.shape != (reduced.basis.shape[1],) * 2 for part in parts) or not parts:
+                raise ValueError
+        except (KeyError, TypeError, ValueError, AttributeError, OSError, EOFError, zipfile.BadZipFile):
+            raise ValueError("is not a reduced structure of this version") from None
+        return reduced
+
+
+def orthonormal(vectors: Array, mass: Any, modes: int = 0) -> Array:
+    """A basis [row, coordinate] of mass one of the columns; the first `modes` of them stay as they are.
+
+    The other columns lose their part in the modes before they are scaled, twice. Otherwise a soft support drowns the
+    flexibility near a contact, and no number of modes brings it back. What is linearly dependent is left out.
+    """
+    kept, added = vectors[:, :modes], vectors[:, modes:]
+    if modes:
+        kept = _independent(kept, mass)
+    for _ in range(2):
+        added = added - kept @ (kept.T @ (mass @ added))
+        length = np.sqrt(np.einsum("ij,ij->j", added, mass @ added))
+        added = added[:, length > 0] / length[length > 0]
+    if not added.shape[1]:
+        return kept
+    added = _independent(added, mass)
+    added = _independent(added - kept @ (kept.T @ (mass @ added)), mass)
+    return np.hstack([kept, added])
+
+
+def _independent(vectors: Array, mass: Any) -> Array:
+    """Combinations of the columns of mass one, without the directions that are rounding."""
+    size, directions = np.linalg.eigh(vectors.T @ (mass @ vectors))
+    kept = size > _DROPPED * size[-1]
+    return np.asarray(vectors @ (directions[:, kept] / np.sqrt(size[kept])))
+
+
+def projected(full: Full, basis: Array, stiffness: Any, **described: Any) -> Reduced:
+    """The full structure on the basis, of mass one, in coordinates in which the symmetric `stiffness` is diagonal.
+
+    `described`: the other members of `Reduced`.
+    """
+    small = basis.T @ (stiffness @ basis)
+    _, turn = np.linalg.eigh(0.5 * (small + small.T))
+    basis = eigenvalues.signed(basis @ turn)
+    return Reduced(model=_on(full, basis), basis=basis.astype(np.float32), **described)
+
+
+def as_they_are(full: Full) -> Reduced:
+    """The full structure as dense matrices, without a basis: kind "none"."""
+    return Reduced("none", _on(full, np.eye(full.rows)), np.eye(full.rows, dtype=np.float32))
+
+
+def _on(full: Full, basis: Array) -> Full:
+    """All of a full structure in the coordinates of the basis."""
+    masses = sum(part.of == "mass" for part in full.parts)
+    parts = []
+    for part in full.parts:
+        matrix = basis.T @ (part.matrix @ basis)
+        if part.symmetric:
+            matrix = 0.5 * (matrix + matrix.T)
+        parts.append(replace(part, matrix=matrix))
+    if masses == 1:
+        parts = [_unit(part) if part.of == "mass" else part for part in parts]
+    vectors = {name: vector @ basis for name, vector in full.vectors.items()}
+    contacts, finer = _rows(full.contacts, basis), _rows(full.finer, basis)
+    return replace(full, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer)
+
+
+def _unit(part: Part) -> Part:
+    """A mass part that is the identity but for rounding: the identity."""
+    one = np.eye(part.matrix.shape[0]) / part.factor if not part.key else part.matrix
+    return replace(part, matrix=one if abs(one - part.matrix).max() < 1e-9 / part.factor else part.matrix)
+
+
+def _rows(contacts: Sequence[Points], basis: Array) -> tuple[Points, ...]:
+    """The rows of contacts in the coordinates of the basis."""
+    return tuple(
+        replace(
+            points,
+            normal=points.normal @ basis,
+            along=points.along @ basis,
+            flexibility=np.broadcast_to(np.asarray(points.flexibility, dtype=float), points.area.shape).copy(),
+        )
+        for points in contacts
+    )

@@ -1,0 +1,149 @@
+"""Reduced structures against their full matrices."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from rig.errors import UsageError
+from rig.structure import eigenvalues
+from rig.structure.basis import Reduction, build, power_of_ten, stored
+from rig.structure.full import FRICTION, Full, Part, Points
+from rig.structure.reduced import Reduced
+
+STIFFNESS, AREA = 1e8, 1e-4
+
+
+def structure(sides: int = 6, held: bool = True) -> Full:
+    """A lattice of masses on springs that is held at one end, with four contact points between it and a small block.
+
+    Its section is square: bending modes come in pairs. `held`: whether the block is guided by springs.
+    """
+    length, small = 12, 3
+
+    def chain(number: int, end: float) -> sp.csr_array:
+        line = sp.diags_array([-np.ones(number - 1), np.full(number, 2.0), -np.ones(number - 1)], offsets=[-1, 0, 1])
+        free = line.tolil()
+        free[number - 1, number - 1] = 1.0
+        free[0, 0] = 1.0 + end
+        return sp.csr_array(free)
+
+    def lattice(along: int, end: float, guide: float) -> sp.csr_array:
+        one, cross = sp.eye_array(along), sp.eye_array(sides)
+        total = sp.kron(sp.kron(chain(along, end), cross), cross)
+        total = total + sp.kron(sp.kron(one, chain(sides, 0.0)), cross)
+        total = total + sp.kron(sp.kron(one, cross), chain(sides, 0.0)) + guide * sp.eye_array(along * sides**2)
+        coupled = np.array([[1.0, 0.1, 0.1], [0.1, 0.6, 0.1], [0.1, 0.1, 0.6]])
+        return sp.csr_array(sp.kron(total, 1e6 * coupled))
+
+    stiffness = sp.block_diag([lattice(length, 1.0, 0.0), lattice(small, 0.0, 1e-3 if held else 0.0)], format="csr")
+    rows = stiffness.shape[0]
+    disc = 3 * length * sides**2
+    normal, along = np.zeros((4, rows)), np.zeros((4, rows))
+    for point in range(4):
+        below = 3 * ((4 + 2 * (point // 2)) * sides**2 + (point % 2) * (sides - 1) * sides + sides - 1)
+        above = disc + 3 * ((2 * (point // 2)) * sides**2 + (point % 2) * (sides - 1) * sides)
+        normal[point, [above + 2, below + 2]] = 1.0, -1.0
+        along[point, [above, below]] = 1.0, -1.0
+    contact = Points(
+        "pad",
+        sp.csr_array(normal),
+        sp.csr_array(along),
+        np.full(4, AREA),
+        np.ones(4),
+        np.zeros((4, 3)),
+        np.eye(4)[:, :3],
+    )
+    load = np.zeros(rows)
+    load[-1] = -1.0
+    parts = (
+        Part("M", "mass", sp.csr_array(sp.eye_array(rows) * 1e-3)),
+        Part("D", "damping", stiffness, factor=2e-7),
+        Part("K", "stiffness", stiffness),
+    )
+    number = np.arange(rows)
+    return Full(parts, number // 3, number % 3, contacts=(contact,), vectors={"load": load})
+
+
+def values(mu: float = 0.0, stiffness: float = STIFFNESS * 1e4) -> dict[str, float]:
+    """The numbers of the scene."""
+    return {FRICTION: mu, "contacts.pad.stiffness": stiffness}
+
+
+def compared(reduced: Reduced, full: Full, given: dict[str, float], up_to: float) -> tuple[float, int]:
+    """The largest relative error of an eigenvalue up to `up_to` [rad/s], and how many the full matrices do not have."""
+    exact = eigenvalues.complex_eigenvalues(*full.pencil(given), up_to).values
+    near = reduced.eigenvalues(given)[0]
+    errors = [np.min(np.abs(near - value)) / abs(value) for value in exact]
+    inside = (near.imag > 1.0) & (near.imag < up_to * (1 - 1e-6)) & (abs(near.real) < 0.49 * near.imag)
+    return max(errors), int(np.sum(inside)) - int(np.sum(exact.imag < up_to * (1 - 1e-6)))
+
+
+@pytest.mark.parametrize("stiffness", [1e11, 1e12, 1e13])
+def test_closed_modes_and_attachments_give_the_eigenvalues_of_the_full_matrices_at_any_stiffness(stiffness):
+    full = structure()
+    reduced = build(full, Reduction(modes=60, at=values()))
+    error, more = compared(reduced, full, values(0.5, stiffness), 8000.0)
+    assert error < 1e-6
+    assert more == 0
+
+
+def test_modes_without_the_flexibility_near_the_contacts_do_not_converge_and_springs_in_series_repair_it():
+    full = structure()
+    exact = eigenvalues.complex_eigenvalues(*full.pencil(values()), 8000.0).values
+    errors = {}
+    for residual in ("none", "spring", "attachment"):
+        reduced = build(full, Reduction(modes=60, contact="open", residual=residual, at=values()))
+        near = reduced.eigenvalues(values())[0]
+        errors[residual] = max(np.min(np.abs(near - value)) / abs(value) for value in exact)
+    assert errors["none"] > 10 * errors["spring"] > 100 * errors["attachment"]
+
+
+def test_a_pair_of_equal_modes_is_not_cut():
+    full = structure()
+    mass, stiffness = full.matrix("mass", {}), full.matrix("stiffness", {})
+    exact = np.linalg.eigvalsh(stiffness.toarray() / 1e-3)
+    for count in range(1, 25):
+        square = eigenvalues.modes(stiffness, mass, count).square
+        assert count <= square.size < count + 5
+        assert np.allclose(square, exact[: square.size], rtol=1e-9)
+        assert exact[square.size] > (1 + eigenvalues.GAP) * square[-1]
+
+
+def test_a_block_that_only_the_contact_holds_is_refused_where_it_stays_loose():
+    loose = structure(held=False)
+    with pytest.raises(UsageError, match="leaves 2 rigid modes that no contact and no support holds"):
+        build(loose, Reduction(modes=20, at=values()))
+
+
+def test_a_reduced_structure_is_the_same_after_it_was_stored(tmp_path, monkeypatch):
+    monkeypatch.setenv("RIG_MODELS", str(tmp_path))
+    calls = []
+
+    def full() -> Full:
+        calls.append(1)
+        return replace(structure(4), finer=structure(4).contacts)
+
+    first = stored("key", full, Reduction(modes=10, at=values()), "structure")
+    again = stored("key", full, Reduction(modes=10, at=values(stiffness=1.4e12)), "structure")
+    assert len(calls) == 1
+    assert first.to_bytes() == again.to_bytes()
+    stored("key", full, Reduction(modes=10, at=values(stiffness=5e12)), "structure")
+    assert len(calls) == 2
+    with pytest.raises(ValueError, match="is not a reduced structure of this version"):
+        Reduced.from_bytes(first.to_bytes()[:-2000])
+
+
+def test_matrices_of_few_rows_stay_as_they_are():
+    full = structure(2)
+    reduced = build(full, Reduction("none"))
+    exact = eigenvalues.dense(*(matrix.toarray() for matrix in full.pencil(values(0.3))))[0]
+    assert np.allclose(np.sort_complex(reduced.eigenvalues(values(0.3))[0]), np.sort_complex(exact))
+    with pytest.raises(UsageError, match="have 1620 rows; at most 300"):
+        build(structure(), Reduction("none"))
+
+
+@pytest.mark.parametrize(("value", "power"), [(0.0, 0.0), (3.0, 1.0), (4.0, 10.0), (-2e11, -1e11), (1e-3, 1e-3)])
+def test_a_basis_is_made_for_the_power_of_ten_next_to_a_number(value, power):
+    assert power_of_ten(value) == pytest.approx(power)
