@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -21,10 +22,12 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from rig.errors import SceneError
 from rig.structure.full import Array, Full, Points
-from rig.structure.mesh import Mesh, Numbers, Selection
+from rig.structure.mesh import Mesh, Numbers, Selection, direction_number, few, lines_of, tried
+from rig.units import brief
 
 OPENED = 0.01
 """Largest offset of the two sides of a gap row over the extent of its nodes. A tilt opens it by offset times angle."""
+_PAIRED, _GROUND = 1e-3, 0.9  # sum of a row over its size: at most, between two bodies; at least, on the ground
 _FACING = 0.5  # least cosine between the normal and a face that takes part
 _EVEN = 1e-9  # of a cell: a node on the boundary of two belongs to the lower one, whatever the rounding
 
@@ -69,12 +72,9 @@ class _Surface:
 def contact_points(contact: Contact, full: Full, mesh: Mesh) -> Points:
     """The points of a contact. Raises SceneError with every fault."""
     faults: list[str] = []
-    sides: dict[str, Numbers] = {}
-    for side, selection in (("slave", contact.slave), ("master", contact.master)):
-        try:
-            sides[side] = mesh.at(selection.of(mesh))
-        except SceneError as error:
-            faults += [f"{side}: {fault}" for fault in error.faults]
+    none = np.zeros(0, dtype=np.int64)
+    slave = mesh.at(tried(lambda: contact.slave.of(mesh), none, faults, "slave: "))
+    master = mesh.at(tried(lambda: contact.master.of(mesh), none, faults, "master: "))
     given = [("normal", contact.normal), ("sliding", contact.sliding), ("axis", contact.axis)]
     for name, vector in given:
         if vector is not None and not isinstance(vector, str) and not np.linalg.norm(vector) > 0.0:
@@ -83,15 +83,13 @@ def contact_points(contact: Contact, full: Full, mesh: Mesh) -> Points:
         faults.append("sliding: expected a direction or an axis, one of them")
     if contact.points is not None and min(contact.points) < 1:
         faults.append(f"points: is {list(contact.points)}; expected two numbers of at least 1")
-    if len(sides) == 2 and len(both := np.intersect1d(sides["slave"], sides["master"])):
+    if len(both := np.intersect1d(slave, master)):
         what = f"{len(both)} nodes are slave and master, the first is {mesh.ids[both[0]]}"
         faults.append(f"{what}; the two sides need nodes of their own")
-    if not faults:
-        try:
-            return _points(contact, full, mesh, sides["slave"], sides["master"])
-        except SceneError as error:
-            faults += error.faults
-    raise SceneError(f"contacts.{contact.name}", faults)
+    points = tried(lambda: _points(contact, full, mesh, slave, master), None, faults) if not faults else None
+    if points is None:
+        raise SceneError(f"contacts.{contact.name}", faults)
+    return points
 
 
 def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Numbers) -> Points:
@@ -342,6 +340,74 @@ def node_vector(full: Full, nodes: Sequence[int], direction: Sequence[float]) ->
         more = f" and {len(held) - 1} others" if len(held) > 1 else ""
         raise SceneError("", [f"node {held[0]}{more} is held or has no row along {list(map(float, direction))}"])
     return vector
+
+
+def contact_rows(name: str, path: Path, full: Full) -> Points:
+    """The points of a contact from a CSV file with the columns point, what, node, direction, value.
+
+    `what`: normal or along (a coefficient of the row), area [m^2], radius [m] (1 if it is not given). Without a node
+    table of the matrices, `node` is the number of the row and `direction` is empty. The first node of a point is
+    of the slave.
+
+    Raises SceneError with every fault.
+    """
+    places = {label: row for row, label in enumerate(zip(full.node.tolist(), (full.direction + 1).tolist()))}
+    values = {what: dict[tuple[str, int], float]() for what in ("normal", "along", "area", "radius")}
+    faults: list[str] = []
+    lines: list[str] = []
+    for number, line in enumerate(tried(lambda: list(lines_of(path)), lines, faults), 1):
+        words = [word.strip().lower() for word in line.split(",")]
+        if not any(words) or (number == 1 and words[0] == "point"):
+            continue
+        try:
+            point, what, node, direction, value = words
+            if direction:
+                row = places.get((int(node), direction_number(direction)), -1)
+            else:
+                row = int(node) - 1 if node and int(node) <= full.rows else -1
+            if row < 0 and what in ("normal", "along"):
+                faults.append(f"{path.name}, line {number}: the matrices have no row of {node} {direction}")
+            size = float(value)
+            if not np.isfinite(size) or (size <= 0.0 and what in ("area", "radius")):
+                raise ValueError
+            values[what][point, row] = size
+        except (ValueError, KeyError):
+            expected = "POINT, WHAT, NODE, DIRECTION, VALUE with normal, along, area or radius"
+            faults.append(f"{path.name}, line {number}: is {brief(line.strip())}; expected {expected}")
+    names = {point: k for k, point in enumerate(dict.fromkeys(p for kept in values.values() for p, _ in kept))}
+    given = {what: {point for point, _ in kept} for what, kept in values.items()}
+    for point in names:
+        if lacking := [what for what in ("normal", "along", "area") if point not in given[what]]:
+            faults.append(f"{path.name}: point {point} has no {' and no '.join(lacking)}")
+    if faults or not names:
+        raise SceneError(f"contacts.{name}", few(faults, path.name) or [f"{path.name}: has no points"])
+    rows = []
+    for what in ("normal", "along"):
+        at = ([names[point] for point, _ in values[what]], [row for _, row in values[what]])
+        rows.append(sp.csr_array((list(values[what].values()), at), shape=(len(names), full.rows)))
+    area, radius = (np.array([values[what].get((p, -1), 1.0) for p in names]) for what in ("area", "radius"))
+    place, sliding = np.zeros((full.rows, 3)), np.zeros((len(names), 3))
+    known = np.flatnonzero(np.isin(full.node, full.ids))
+    place[known] = full.xyz[np.searchsorted(full.ids, full.node[known])]
+    leading: dict[str, int] = {}
+    for (point, row), coefficient in values["along"].items():
+        first = leading.setdefault(point, int(full.node[row])) == full.node[row]
+        if first and 0 <= full.direction[row] < 3:
+            sliding[names[point], full.direction[row]] = coefficient
+    sliding /= np.maximum(np.linalg.norm(sliding, axis=1, keepdims=True), np.finfo(float).tiny)
+    whole = abs(rows[0]).sum(axis=1)
+    points = Points(name, rows[0], rows[1], area, radius, abs(rows[0]) @ place / whole[:, None], sliding)
+    offset = OPENED * np.ptp(full.xyz, axis=0).max() if len(full.xyz) else np.inf
+    for point, motion, size in zip(names, opened(points, full), whole):
+        shifted, turned = np.linalg.norm(motion.reshape(2, 3), axis=1) / size
+        if _PAIRED < shifted < _GROUND or (shifted <= _PAIRED and 2.0 * turned > offset):
+            which, unit_of = ("displacement", "m") if shifted > _PAIRED else ("turn", "rad")
+            by = shifted if shifted > _PAIRED else 2.0 * turned
+            what = f"a {which} of the whole structure by 1 {unit_of} opens its gap by {by:.2g} m"
+            faults.append(f"{path.name}: point {point}: {what}; interpolate on the faces, or give slave and master")
+    if faults:
+        raise SceneError(f"contacts.{name}", few(faults, path.name))
+    return points
 
 
 def opened(points: Points, full: Full) -> Array:

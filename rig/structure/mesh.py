@@ -9,10 +9,11 @@ element only. Shell elements are faces themselves.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,12 @@ from rig.structure.full import Array
 from rig.units import brief
 
 Numbers = NDArray[np.int64]
+T = TypeVar("T")
 
 LIMIT = 512 << 20
 """Largest file [bytes]."""
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+"""Names of the directions 0 to 5 of a row."""
 SHOWN = 5
 """Faults of one kind in one file that are listed."""
 _DEPTH = 8  # of files that include each other
@@ -69,6 +73,14 @@ class Mesh:
 NOTHING = Mesh(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
 
 
+def direction_number(text: str) -> int:
+    """The direction, from one, of "x", "rx" or "1" to "6". Raises ValueError."""
+    number = DIRECTIONS.index(text) + 1 if text in DIRECTIONS else int(text)
+    if not 1 <= number <= 6:
+        raise ValueError(text)
+    return number
+
+
 def readable(path: Path) -> None:
     """Raise SceneError for a file that is missing, no regular file, or too large."""
     try:
@@ -84,6 +96,23 @@ def lines_of(path: Path) -> Iterator[str]:
     readable(path)
     with path.open(encoding="utf-8", errors="replace") as file:
         yield from file
+
+
+def included(path: Path, depth: int = 0) -> Iterator[Path]:
+    """An input file and all that it includes. Raises SceneError as `readable` does."""
+    yield path
+    for line in lines_of(path) if depth < _DEPTH and path.suffix.lower() != ".csv" else ():
+        if line.lower().startswith("*include"):
+            yield from included(path.parent / _keyword(line.strip())[1].get("INPUT", ""), depth + 1)
+
+
+def tried(read: Callable[[], T], otherwise: T, faults: list[str], of: str = "") -> T:
+    """Return what `read` returns; `otherwise` if it raises SceneError, whose faults are kept."""
+    try:
+        return read()
+    except SceneError as error:
+        faults.extend(of + fault for fault in error.faults)
+        return otherwise
 
 
 def few(faults: list[str], what: str) -> list[str]:
@@ -271,7 +300,7 @@ class Selection:
 
     set: str = ""
     nodes: tuple[int, ...] = ()
-    box: tuple[float, float, float, float, float, float] | None = None
+    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
 
     def of(self, mesh: Mesh) -> Numbers:
         """The numbers of the nodes, ascending. Raises SceneError for none, or for nodes that the mesh does not have."""
@@ -290,7 +319,7 @@ class Selection:
             if not len(nodes):
                 raise SceneError("", ["no nodes are given; name a set, nodes, or a box"])
             return nodes
-        ends = np.sort(np.reshape(self.box, (2, 3)), axis=0)
+        ends = np.sort(np.array(self.box, dtype=float), axis=0)
         slack = 1e-9 * np.ptp(mesh.xyz, axis=0).max() if len(mesh.xyz) else 0.0
         inside = ((mesh.xyz >= ends[0] - slack) & (mesh.xyz <= ends[1] + slack)).all(axis=1)
         if not inside.any():

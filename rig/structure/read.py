@@ -26,14 +26,25 @@ from scipy.sparse.linalg import ArpackError, eigsh
 from rig.errors import SceneError
 from rig.machine import files
 from rig.structure.full import Array, Full, Of, Part
-from rig.structure.mesh import LIMIT, NOTHING, SHOWN, Mesh, few, lines_of, read_mesh, readable
+from rig.structure.mesh import (
+    DIRECTIONS,
+    LIMIT,
+    NOTHING,
+    SHOWN,
+    Mesh,
+    direction_number,
+    few,
+    included,
+    lines_of,
+    read_mesh,
+    readable,
+    tried,
+)
 from rig.units import brief
 
 Stored = Literal["full", "lower", "upper"]
 UNITS = {"m-kg-s": 1.0, "mm-t-s": 1e-3}
 """System of units of the matrices -> its unit of length [m]; force in N in both."""
-DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
-"""Names of the directions 0 to 5 of a row."""
 LEAST_MASS, MOST_MASS = 1e-6, 1e6  # kg
 SYMMETRIC = 1e-9
 """Largest difference of mirrored entries of a symmetric matrix, over its largest entry."""
@@ -92,30 +103,23 @@ def structure(
     z. `rows`: the CSV file with node and direction of each row. Raises SceneError with every fault.
     """
     faults: list[str] = []
-
-    def tried(read: Callable[[], Any], otherwise: Any) -> Any:
-        try:
-            return read()
-        except SceneError as error:
-            faults.extend(error.faults)
-            return otherwise
-
     if units not in UNITS:
         faults.append(f'units is {brief(units)}; expected "m-kg-s" or "mm-t-s", the units of the matrices')
     length = UNITS.get(units, 1.0)
-    mesh = tried(lambda: read_mesh(nodes, length), NOTHING) if nodes else NOTHING
+    mesh = tried(lambda: read_mesh(nodes, length), NOTHING, faults) if nodes else NOTHING
     if job is not None:
         sources = [
             Source("stiffness", "stiffness", job.with_name(job.name + ".sti"), stored="upper"),
             Source("mass", "mass", job.with_name(job.name + ".mas"), stored="upper"),
             *sources,
         ]
-    dofs = tried(lambda: _dofs(job.with_name(job.name + ".dof")), None) if job is not None else None
+    dofs = tried(lambda: _dofs(job.with_name(job.name + ".dof")), None, faults) if job is not None else None
     read: list[tuple[Source, _Matrix]] = []
     for number, source in enumerate(sources):
-        if (matrix := tried(lambda: _part(source, dofs if number < 2 else None), None)) is not None:  # noqa: B023
+        own = dofs if job is not None and number < 2 else None
+        if (matrix := tried(lambda: _part(source, own), None, faults)) is not None:  # noqa: B023
             read.append((source, matrix))
-    table = tried(lambda: _rows(rows), None) if rows else None
+    table = tried(lambda: _rows(rows), None, faults) if rows else None
     if faults:
         raise SceneError(where, faults)
     read, labels = _one_order(read, table, faults)
@@ -135,6 +139,22 @@ def structure(
         for source, matrix in read
     )
     return Full(parts, node=labels[:, 0], direction=direction, ids=mesh.ids, xyz=mesh.xyz), mesh
+
+
+def files_read(
+    sources: Sequence[Source], *, job: Path | None = None, nodes: Path | None = None, rows: Path | None = None
+) -> tuple[Path, ...]:
+    """Every file that `structure` reads for these arguments. Raises SceneError for one that cannot be read."""
+    paths = [source.file for source in sources if source.file is not None]
+    paths += [job.with_name(job.name + suffix) for suffix in (".sti", ".mas", ".dof")] if job else []
+    paths += [rows] if rows else []
+    faults: list[str] = []
+    for path in paths:
+        tried(lambda: readable(path), None, faults)  # noqa: B023
+    paths += tried(lambda: list(included(nodes)), [], faults) if nodes else []
+    if faults:
+        raise SceneError("structure", faults)
+    return tuple(dict.fromkeys(paths))
 
 
 def _si(matrix: sp.csr_array, turning: NDArray[np.bool_], length: float) -> sp.csr_array:
@@ -342,7 +362,7 @@ def _rows(path: Path) -> NDArray[np.int64]:
             continue
         try:
             row = int(words[0]) if len(words) == 3 else len(labels) + 1
-            node, direction = int(words[-2] or 0), _direction(words[-1]) if int(words[-2] or 0) > 0 else 0
+            node, direction = int(words[-2] or 0), direction_number(words[-1]) if int(words[-2] or 0) > 0 else 0
             if len(words) not in (2, 3):
                 raise ValueError
         except (ValueError, IndexError):
@@ -362,14 +382,6 @@ def _rows(path: Path) -> NDArray[np.int64]:
     if faults or not labels:
         raise SceneError("", few(faults, path.name) or [f"{path.name}: is empty"])
     return np.array([labels[row] for row in sorted(labels)], dtype=np.int64)
-
-
-def _direction(text: str) -> int:
-    """The direction, from one, of "x", "rx" or "1" to "6". Raises ValueError."""
-    number = DIRECTIONS.index(text) + 1 if text in DIRECTIONS else int(text)
-    if not 1 <= number <= 6:
-        raise ValueError(text)
-    return number
 
 
 # Rows and checks
