@@ -282,9 +282,9 @@ def _abaqus(path: Path) -> _Matrix:
     ends = np.concatenate([table[:, :2], table[:, 2:4]]).astype(np.int64)
     labels, number = np.unique(ends, axis=0, return_inverse=True)
     matrix = sp.csr_array((table[:, 4], tuple(number.reshape(2, -1))), shape=(len(labels), len(labels)))
-    low, high = sp.tril(matrix, -1), sp.triu(matrix, 1)
-    if not (low.nnz and high.nnz):
-        matrix = sp.csr_array(matrix + low.T + high.T)
+    other = sp.csr_array(matrix - sp.diags_array(matrix.diagonal())).T
+    if not (abs(matrix) * abs(other)).count_nonzero():  # each entry stands for its mirror image too
+        matrix = sp.csr_array(matrix + other)
     held = matrix.diagonal() >= _HELD
     return _Matrix(sp.csr_array(matrix[~held][:, ~held]), labels[~held], labels[held])
 
@@ -318,7 +318,10 @@ def _table(path: Path, columns: int) -> Array:
     try:
         table = np.loadtxt(path, delimiter=comma, skiprows=skipped, ndmin=2, comments=None)
         if table.shape[1] == columns:
-            return table
+            if _ended(path):
+                return table
+            what = "its last line does not end, so that digits may be missing"
+            raise SceneError("", [f"{path.name}: is truncated: {what}; write it again, or end the line"])
     except ValueError:
         pass
     faults = []
@@ -331,6 +334,13 @@ def _table(path: Path, columns: int) -> Array:
         if not good:
             faults.append(f"{path.name}, line {number}: is {brief(line.strip())}; expected {columns} numbers")
     raise SceneError("", few(faults, path.name) or [f"{path.name}: cannot be read as numbers, {columns} in a line"])
+
+
+def _ended(path: Path) -> bool:
+    """Whether the last line of a file has an end."""
+    with path.open("rb") as file:
+        file.seek(-1, 2)
+        return file.read() == b"\n"
 
 
 def _dofs(path: Path) -> NDArray[np.int64]:

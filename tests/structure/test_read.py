@@ -1,11 +1,15 @@
 """Matrices of every format are the same matrices; faults name file and row, all at once."""
 
+import re
+
 import brake_fe
 import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse as sp
 
+from rig.errors import SceneError
+from rig.structure import mesh as mesh_files
 from rig.structure.read import Source, structure
 
 ROWS = [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1)]
@@ -106,3 +110,181 @@ def test_the_brake_of_the_literature():
     skew = brake.parts[3].matrix
     assert abs(skew + skew.T).max() == 0.0
     assert abs(brake.matrix("mass", one)).max() == 1e3 * 3.065634441901765e-05  # t to kg
+
+
+def parts(folder, **matrices):
+    """The matrices as Matrix Market files; those that are not given are whole."""
+    sources = []
+    for of, matrix in ({"stiffness": K, "mass": M} | matrices).items():
+        scipy.io.mmwrite(folder / f"{of}.mtx", sp.coo_array(matrix), precision=17, symmetry="general")
+        sources.append(Source(of, of, folder / f"{of}.mtx"))
+    return sources
+
+
+def refused(sources, units="m-kg-s", **more):
+    with pytest.raises(SceneError) as refusal:
+        structure(sources, units, **more)
+    return refusal.value.faults
+
+
+def changed(matrix, *entries):
+    matrix = matrix.copy()
+    for i, j, value in entries:
+        matrix[i, j] = value
+    return matrix
+
+
+MATRICES = [
+    ("stiffness", np.triu(K), r'stiffness.mtx \(stiffness\): .* upper triangle only; write stored = "upper"'),
+    ("mass", np.tril(M), r'mass.mtx \(mass\): .* lower triangle only; write stored = "lower"'),
+    ("stiffness", changed(K, (0, 2, -2e4 + 1e-4)), r"row 1 \(node 1, direction x\) and row 3 .* differ by 0.0001"),
+    ("mass", changed(M, (3, 3, 0.0)), r"row 4 \(node 2, direction y\) has the mass 0; it must be positive"),
+    ("mass", changed(M, (0, 0, -1.0), (4, 4, 0.0)), r"row 1 .* has the mass -1"),
+    ("mass", changed(M, (0, 1, 1.5), (1, 0, 1.5)), r"not positive: the entry of row 1 .* and row 2 .* is larger than"),
+    (
+        "mass",
+        changed(np.eye(5), *[(i, j, -0.5) for i in range(5) for j in range(5) if i != j]),
+        "not positive: a motion",
+    ),
+    ("mass", 1e6 * M, r"total mass along x is 3.25e\+06 kg; expected 1e-06 to 1e\+06 kg. Is structure.units"),
+    ("mass", 1e-7 * M, r"total mass along x is 3.25e-07 kg"),
+    ("stiffness", changed(K, (4, 4, np.nan)), "1 entries that are not finite: row 5, column 5"),
+    ("stiffness", K[:4], "has 4 rows and 5 columns; expected a square matrix"),
+    ("stiffness", K[:4, :4], r"has 4 rows, but stiffness.mtx|has 5 rows, but stiffness.mtx \(stiffness\) has 4"),
+    ("stiffness", K + 1j * K, "entries of type complex128; write the real and the imaginary part as two parts"),
+]
+
+
+@pytest.mark.parametrize(("of", "matrix", "fault"), MATRICES)
+def test_a_matrix_that_cannot_be_is_refused_with_its_rows(tmp_path, of, matrix, fault):
+    faults = refused(parts(tmp_path, **{of: matrix}), rows=rows_csv(tmp_path))
+    assert re.search(fault, "\n".join(faults))
+
+
+def test_rounding_of_a_writer_is_no_fault(tmp_path):
+    structure(parts(tmp_path, stiffness=changed(K, (0, 2, -2e4 * (1 + 1e-12)))), "m-kg-s")
+
+
+def test_what_friction_adds_may_be_unsymmetric_and_gyroscopic_matrices_skew(tmp_path):
+    skew = np.triu(K, 1) - np.triu(K, 1).T
+    friction = Source("friction", "stiffness", values=np.triu(K, 1), key="friction.mu")
+    full, _ = structure([*parts(tmp_path), friction, Source("turning", "damping", values=skew)], "m-kg-s")
+    assert full.keys == ("friction.mu",)
+    assert np.array_equal(full.matrix("stiffness", {"friction.mu": 0.5}).toarray(), K + 0.5 * np.triu(K, 1))
+    assert np.array_equal(full.matrix("damping", {"friction.mu": 0.5}).toarray(), skew)
+
+
+def spoiled(folder, name, change):
+    """A whole job of CalculiX and matrices beside it, one file of which is changed."""
+    written(folder, "calculix")
+    for of in ("stiffness", "mass"):
+        scipy.io.savemat(folder / f"{of}.mat", {"A": K if of == "stiffness" else M})
+        np.savez(folder / f"{of}.npz", A=K if of == "stiffness" else M)
+    parts(folder), rows_csv(folder)
+    path = folder / name
+    content = path.read_bytes()
+    path.write_bytes(change(content))
+    suffix = path.suffix
+    if suffix in (".sti", ".mas", ".dof"):
+        return refused([], job=folder / "job")
+    suffix = ".mtx" if suffix == ".csv" else suffix
+    sources = [Source(of, of, folder / f"{of}{suffix}") for of in ("stiffness", "mass")]
+    return refused(sources, rows=folder / "rows.csv")
+
+
+def line(number, text):
+    """Replaces a line of a text file."""
+
+    def change(content):
+        lines = content.decode().splitlines()
+        lines[number - 1 : number] = [text] if text else []
+        return ("\n".join(lines) + "\n").encode()
+
+    return change
+
+
+FILES = [
+    ("job.sti", lambda content: content[:-3], "job.sti: is truncated: its last line does not end"),
+    ("job.sti", lambda content: content[: len(content) // 2], r"job.sti"),
+    ("job.mas", lambda content: b"", "job.mas: is empty"),
+    ("job.mas", line(2, "1 2 x"), "job.mas, line 2: is '1 2 x'; expected 3 numbers"),
+    ("job.mas", line(2, "1 9 0.25"), "job.mas: entry 2 has row 1 and column 9; expected 1 to 5"),
+    ("job.sti", line(1, "2 1 4"), "stored is 'upper', but row 2 has an entry in column 1"),
+    ("job.dof", line(5, ""), "job.sti: entry .* has row 3 and column 5; expected 1 to 4"),
+    (
+        "job.dof",
+        line(5, "3.1\n4.1"),
+        "job.sti: 1 of 6 rows have no entry, the last with one is 5; the file is truncated",
+    ),
+    ("job.dof", line(3, "2,1"), "job.dof, line 3: is '2,1'; expected NODE.DIRECTION"),
+    ("stiffness.mtx", lambda content: content[: len(content) // 2], "stiffness.mtx: cannot be read"),
+    ("stiffness.mat", lambda content: content[: len(content) // 2], "stiffness.mat: cannot be read"),
+    ("stiffness.mat", lambda content: b"not from MATLAB", "stiffness.mat: cannot be read"),
+    ("stiffness.mat", lambda content: content[:124] + b"\x00\x02" + content[126:], "MATLAB v7.3 file; write it with"),
+    ("stiffness.npz", lambda content: content[: len(content) // 2], "stiffness.npz: cannot be read"),
+    ("mass.mtx", lambda content: b"1,1, 1\n", "mass.mtx.* has 1 rows, but stiffness.mtx .* has 5"),
+    ("mass.mtx", lambda content: b"1,1,1,1\n", "is no matrix of Abaqus or Matrix Market: '1,1,1,1'"),
+    ("rows.csv", line(6, ""), "the file of rows has 4 rows, but stiffness.mtx .* has 5"),
+    ("rows.csv", line(4, "2,w"), "rows.csv, line 4: is '2,w'; expected NODE, DIRECTION"),
+    ("rows.csv", line(4, "1,y"), "rows.csv, line 4: node 1 has its direction y in line 3 too"),
+    ("rows.csv", lambda content: b"", "rows.csv: is empty"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "fault"), FILES)
+def test_a_damaged_file_is_refused_with_its_line(tmp_path, name, change, fault):
+    assert re.search(fault, "\n".join(spoiled(tmp_path, name, change)))
+
+
+def test_all_faults_of_all_files_are_reported_at_once(tmp_path):
+    sources = [
+        *parts(tmp_path),
+        Source("damping", "damping", tmp_path / "damping.op4"),
+        Source("friction", "stiffness", tmp_path / "missing.mtx"),
+    ]
+    (tmp_path / "damping.op4").write_text("binary")
+    mesh = text(tmp_path / "mesh.inp", ["*NODE", "1, 0., 0.", "2, a, 0., 0."])
+    rows = text(tmp_path / "rows.csv", ["1,x", "1,u", "2"])
+    faults = refused(sources, "mm-kg-s", rows=rows, nodes=mesh)
+    words = ["units is 'mm-kg-s'", "mesh.inp, line 3", "damping.op4: is of an unknown format", "missing.mtx: cannot be"]
+    for word in [*words, "rows.csv, line 2", "rows.csv, line 3"]:
+        assert sum(word in fault for fault in faults) == 1
+    [advice] = [fault for fault in faults if "unknown format" in fault]
+    assert all(program in advice for program in ("Abaqus", "Ansys", "Nastran", "COMSOL"))
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
+    sources = parts(tmp_path)
+    monkeypatch.setattr(mesh_files, "LIMIT", 100)
+    assert re.search(r"stiffness.mtx: has 0 MB; at most 0 MB are read", "\n".join(refused(sources)))
+
+
+def test_units_of_millimetres_and_tonnes_become_si(tmp_path):
+    """Two translations and a turn: N/mm, N, N mm; t, t mm, t mm^2."""
+    of_turn = np.array([[3.0, 0.5, 0.25], [0.5, 2.0, -0.5], [0.25, -0.5, 1.0]])
+    sources = [Source(of, of, values=of_turn) for of in ("mass", "stiffness")]
+    rows = text(tmp_path / "rows.csv", ["1,x", "1,2", "1,rz"])
+    full, mesh = structure(sources, "mm-t-s", rows=rows, nodes=text(tmp_path / "nodes.csv", ["node,x,y,z", "1,1,2,3"]))
+    expected = of_turn * [[1e3, 1e3, 1.0], [1e3, 1e3, 1.0], [1.0, 1.0, 1e-3]]
+    for of in ("mass", "stiffness"):
+        assert full.matrix(of, {}).toarray() == pytest.approx(expected, rel=1e-15)
+    assert full.direction.tolist() == [0, 1, 5]
+    assert mesh.xyz == pytest.approx(np.array([[1e-3, 2e-3, 3e-3]]))
+
+
+def test_matrices_of_abaqus_with_held_and_inner_rows(tmp_path):
+    """A held row has 1e36 on its diagonal; an inner node has a negative number; rows may have an order of their own."""
+    lines = ["2,1,2,1,5.", "2,1,1,1,-2.", "1,1,1,1,3.", "1,2,1,2,1e36", "-4,1,-4,1,7.", "-4,1,1,1,-1."]
+    stiffness = text(tmp_path / "k.mtx", lines)
+    mass = text(tmp_path / "m.mtx", ["1,1,1,1,1.", "1,2,1,2,1.", "2,1,2,1,1.", "-4,1,-4,1,1."])
+    full, _ = structure([Source("K", "stiffness", stiffness), Source("M", "mass", mass)], "m-kg-s")
+    assert full.node.tolist() == [-4, 1, 2]
+    assert full.direction.tolist() == [-1, 0, 0]
+    assert full.matrix("stiffness", {}).toarray().tolist() == [[7.0, -1.0, 0.0], [-1.0, 3.0, -2.0], [0.0, -2.0, 5.0]]
+
+
+def test_rows_in_any_order_and_without_a_node(tmp_path):
+    rows = text(tmp_path / "rows.csv", ["row;node;direction", "2;1;y", "1;1;x", "5;3;x", "4;2;2", "3;0;"])
+    full, _ = structure(parts(tmp_path), "m-kg-s", rows=rows)
+    assert full.node.tolist() == [1, 1, 0, 2, 3]
+    assert full.direction.tolist() == [0, 1, -1, 1, 0]
