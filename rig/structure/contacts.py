@@ -36,10 +36,12 @@ _EVEN = 1e-9  # of a cell: a node on the boundary of two belongs to the lower on
 class Contact:
     """What a scene says of a contact.
 
-    `normal`: a direction, or "face": that of the faces at each node. Its sense is found from the elements. `sliding`:
-    the direction in which the master moves along a straight line. `axis` through `centre` [m]: it turns about this line
-    instead. `points`: cells across and along the sliding (with an axis: along the radius and around); None: every node
-    is a point. `search` [m]: largest gap, and largest distance beyond the edge of the master.
+    `normal`: a direction, or "face": that of the faces at each node. Its sense is found from solid elements; without
+    them it points from the master into the slave.
+    `sliding`: the direction in which the master moves along a straight line. `axis` through `centre` [m]: it turns
+    about this line instead. `points`: cells across and along the sliding (with an axis: along the radius and around);
+    None: every node is a point. `search` [m]: largest gap, and largest distance beyond the edge of the master. Slave
+    faces that meet no master face within it take no part.
     """
 
     name: str
@@ -96,27 +98,27 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
     toward = None if isinstance(contact.normal, str) else _unit(np.array(contact.normal))
     own = _surface(mesh, slave, toward, "slave")
     other = _surface(mesh, master, toward, "master")
+    if toward is None and not own.closed:
+        raise SceneError("", ['normal: "face" needs solid elements at the slave; give a direction'])
+    across = _unit(own.outward) if toward is None else np.tile(toward, (len(own.corners), 1))
+    met = _met(own.corners.mean(axis=1), across, other, contact.search, len(mesh.ids))[0]
+    sizes = np.linalg.norm(own.outward, axis=1) * met  # without faces that meet nothing, such as the sides of a pad
     area, facing = np.zeros(len(mesh.ids)), np.zeros((len(mesh.ids), 3))
-    sizes = np.linalg.norm(own.outward, axis=1)
     np.add.at(area, own.nodes, own.shares * sizes[:, None])
-    np.add.at(facing, own.nodes, own.shares[:, :, None] * -own.outward[:, None, :])
-    at = np.flatnonzero(area)
-    if toward is not None:
-        if own.closed and facing.sum(axis=0) @ toward < 0.0:
-            toward = -toward
-        normal = np.tile(toward, (len(at), 1))
-    else:
-        normal = _unit(facing[at])
+    np.add.at(facing, own.nodes, own.shares[:, :, None] * -(own.outward * met[:, None])[:, None, :])
+    at = np.flatnonzero(area) if met.any() else np.unique(own.nodes[own.shares > 0.0])
+    normal = _unit(facing[at]) if toward is None and met.any() else np.tile(across[0], (len(at), 1))
     met, weights, gap, miss = _met(mesh.xyz[at], normal, other, contact.search, len(mesh.ids))
-    if not met.any():
+    if not area.any() or not met.any():
         closest = int(np.argmin(np.hypot(gap, miss)))
+        what = f"the closest slave node, {mesh.ids[at[closest]]}, has a gap of {gap[closest]:.3g} m"
+        what += f" and lies {miss[closest]:.3g} m beyond the master" if miss[closest] else ""
         if not np.isfinite(gap[closest]):
             what = "no master face lies on the normal of a slave node"
-        else:
-            what = f"the closest pair, at node {mesh.ids[at[closest]]}, has a gap of {gap[closest]:.3g} m"
-            what += f" and lies {miss[closest]:.3g} m beyond the master" * bool(miss[closest])
         raise SceneError("", [f"no pair lies within search = {contact.search:g} m: {what}; check sets and normal"])
     at, normal, weights = at[met], normal[met], weights[met]
+    if own.closed and (facing[at] * normal).sum() < 0.0:
+        normal = -normal
     place, area = mesh.xyz[at], area[at]
     if contact.axis is not None:
         axis = _unit(np.array(contact.axis))
@@ -143,7 +145,7 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
         normal=sp.csr_array(mean @ _rows(full, mesh, pairs, normal)),
         along=sp.csr_array(mean @ _rows(full, mesh, pairs, sliding)),
         area=whole,
-        radius=mean @ radius,
+        radius=mean @ radius if contact.axis is not None else np.ones(len(cells)),
         position=mean @ place,
         sliding=_unit(mean @ sliding),
     )
@@ -225,7 +227,7 @@ def _surface(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Su
 def _flat(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Surface:
     """Triangles between nodes without elements, in the plane across `toward`."""
     if toward is None:
-        raise SceneError("", [f'{side}: normal = "face" needs the elements of the mesh; give a direction'])
+        raise SceneError("", ['normal: "face" needs the elements of the mesh; give a direction'])
     first = np.linalg.svd(toward[None, :])[2][1:]
     try:
         triangles = Delaunay(mesh.xyz[nodes] @ first.T).simplices

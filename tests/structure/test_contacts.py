@@ -1,16 +1,24 @@
 """Contacts between faces: areas, normals and interpolation against geometry; the disc that CalculiX made."""
 
+import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import disc_with_pads
 import numpy as np
 import pytest
+import scipy.sparse as sp
 import scipy.sparse.linalg as sl
-from disc_with_pads import disc, paired
+from disc_with_pads import contacts, disc, paired
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from rig.errors import SceneError
-from rig.structure.contacts import contact_rows, opened
+from rig.structure.contacts import Contact, contact_points, contact_rows, node_vector, opened
+from rig.structure.full import Full, Part
+from rig.structure.mesh import Selection, read_mesh
 from rig.structure.read import structure
 
 
@@ -125,3 +133,219 @@ def test_a_row_that_a_rigid_motion_opens_is_refused(tmp_path):
             continue
         with pytest.raises(SceneError, match=f"point 1: .*{word}"):
             contact_rows("up", path, disc()[0])
+
+
+BRICK = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 2], [2, 0, 2], [2, 2, 2], [0, 2, 2]])
+"""Corners of a cell of a lattice whose odd numbers are midside nodes."""
+TETRAHEDRA = [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]
+WEDGES = [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)]
+SQUARE = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+RINGS = {
+    4: [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)],
+    6: [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
+    8: SQUARE,
+}
+"""The edges of an element by the number of its corners, in the order of their midside nodes."""
+CELLS = {
+    "C3D8I": ([tuple(range(8))], False),
+    "C3D20R": ([tuple(range(8))], True),
+    "C3D4": (TETRAHEDRA, False),
+    "C3D10": (TETRAHEDRA, True),
+    "C3D6": (WEDGES, False),
+    "C3D15": (WEDGES, True),
+}
+
+
+class Blocks:
+    """Input of bodies of bricks."""
+
+    def __init__(self):
+        self.nodes, self.elements, self.lines = {}, 0, ["*HEADING", "two blocks", "** a comment"]
+
+    def add(self, name, kind, counts, low, high):
+        """A box of elements of one kind; its nodes are the set `name`."""
+        cells, middles = CELLS[kind]
+        numbers, elements = {}, []
+        for cell in np.ndindex(*counts):
+            corners = BRICK + 2 * np.array(cell)
+            for part in cells:
+                ends = RINGS[len(part)] if middles else []
+                places = [*corners[list(part)], *[(corners[part[i]] + corners[part[j]]) // 2 for i, j in ends]]
+                elements.append(
+                    [numbers.setdefault(tuple(map(int, place)), len(self.nodes) + len(numbers) + 1) for place in places]
+                )
+        low, high = np.array(low, float), np.array(high, float)
+        for place, number in numbers.items():
+            self.nodes[number] = low + (high - low) * np.array(place) / (2.0 * np.array(counts))
+        self.lines += [
+            f"*Node, nset={name}",
+            *[f"{n}, {', '.join(map(repr, self.nodes[n].tolist()))}" for n in numbers.values()],
+        ]
+        self.lines += [f"*ELEMENT, type={kind}, ELSET=E_{name}"]
+        for nodes in elements:
+            self.elements += 1
+            words = [str(self.elements), *map(str, nodes)]
+            self.lines += [
+                ", ".join(words[:9]) + "," * (len(words) > 9),
+                *([", ".join(words[9:])] if len(words) > 9 else []),
+            ]
+        return self
+
+    def read(self, folder, turn=None):
+        """The mesh, turned, and a structure in which every node moves."""
+        (folder / "blocks.inp").write_text("\n".join(self.lines) + "\n")
+        mesh = read_mesh(folder / "blocks.inp", 1.0)
+        turn = np.eye(3) if turn is None else turn
+        mesh = replace(mesh, xyz=mesh.xyz @ turn.T, within=mesh.within @ turn.T)
+        identity = sp.eye_array(3 * len(mesh.ids), format="csr")
+        node, direction = np.repeat(mesh.ids, 3), np.tile(np.arange(3), len(mesh.ids))
+        return Full((Part("M", "mass", identity),), node, direction, mesh.ids, mesh.xyz), mesh
+
+
+def pad_on_plate(kind="C3D8I", gap=0.0, low=(0.2, 0.3), high=(0.7, 0.9), cells=(3, 4)):
+    """A pad above the plate z < 0, the meshes of which do not match."""
+    blocks = Blocks().add("PLATE", kind, (5, 5, 1), (0, 0, -0.2), (1, 1, 0))
+    return blocks.add("PAD", kind, (*cells, 1), (*low, gap), (*high, gap + 0.2))
+
+
+def contact(points=None, **changes):
+    described = {"normal": (0.0, 0.0, 1.0), "sliding": (1.0, 0.0, 0.0), "search": 0.01}
+    return Contact("pad", Selection(set="pad"), Selection(set="plate"), points=points, **described | changes)
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.0, 0.0, -2.0), "face"])
+@pytest.mark.parametrize("kind", CELLS)
+def test_areas_are_positive_and_linear_motions_open_no_gap(tmp_path, kind, normal):
+    full, mesh = pad_on_plate(kind).read(tmp_path)
+    bottom = Selection(box=((0.2, 0.3, -0.01), (0.7, 0.9, 0.01)))
+    nodes = tuple(set(bottom.of(mesh).tolist()) & set(mesh.sets["PAD"].tolist()))
+    points = contact_points(replace(contact(normal=normal), slave=Selection(nodes=nodes)), full, mesh)
+    assert points.area.min() > 0.0
+    assert points.area.sum() == pytest.approx(0.5 * 0.6)
+    assert points.area @ points.position == pytest.approx(0.3 * np.array([0.45, 0.6, 0.0]), abs=1e-12)
+    slope = np.random.default_rng(3).standard_normal((3, 3))
+    moved = (mesh.xyz @ slope.T + slope[0]).ravel()
+    assert abs(points.normal @ moved).max() < 1e-12
+    assert abs(points.along @ moved).max() < 1e-12
+    lifted = (mesh.xyz[:, 2] >= -1e-9) * np.isin(mesh.ids, mesh.sets["PAD"])
+    assert points.normal @ (lifted[:, None] * [0.3, 0.2, 1.0]).ravel() == pytest.approx(1.0)
+    assert points.along @ (lifted[:, None] * [0.3, 0.2, 1.0]).ravel() == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), "face"])
+def test_of_a_whole_body_only_the_faces_that_meet_the_other_take_part(tmp_path, normal):
+    full, mesh = pad_on_plate(gap=1e-3).read(tmp_path)
+    points = contact_points(contact(normal=normal), full, mesh)
+    assert points.area.sum() == pytest.approx(0.5 * 0.6)
+    assert points.position[:, 2] == pytest.approx(1e-3)
+    assert abs(opened(points, full)).max() < 1e-12
+
+
+def test_what_hangs_over_the_edge_does_not_touch(tmp_path):
+    full, mesh = pad_on_plate(low=(0.5, 0.0), high=(1.5, 1.0), cells=(4, 2)).read(tmp_path)
+    points = contact_points(contact(), full, mesh)
+    assert points.position[:, 0].max() == pytest.approx(1.0)
+    assert 0.5 <= points.area.sum() <= 0.625  # half of the pad, and at most what its nodes at the edge share
+
+
+def test_a_normal_points_from_the_master_into_the_slave():
+    up, down = paired((2, 2))
+    for side, sense in ((up, 1.0), (down, -1.0)):
+        full, mesh = disc()
+        nodes = mesh.sets["PAD_UP" if sense > 0 else "PAD_DOWN"]
+        lifted = node_vector(full, nodes.tolist(), (0.0, 0.0, sense)) * len(nodes)
+        assert side.normal @ lifted == pytest.approx(1.0)
+        assert np.sign(side.along @ node_vector(full, nodes.tolist(), (0.0, 1.0, 0.0))).tolist() == [1.0] * 4
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["C3D8I", "C3D10"]), st.floats(0.0, 5e-3))
+def test_a_turned_structure_has_turned_rows(tmp_path_factory, seed, kind, gap):
+    turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    folder = tmp_path_factory.mktemp("turned")
+    blocks = pad_on_plate(kind, gap)
+    full, mesh = blocks.read(folder)
+    turned, other = blocks.read(folder, turn)
+    first = contact_points(contact((2, 3)), full, mesh)
+    second = contact_points(contact((2, 3), normal=tuple(turn[:, 2]), sliding=tuple(turn[:, 0])), turned, other)
+    assert second.area == pytest.approx(first.area)
+    for name in ("normal", "along"):
+        rows = (getattr(first, name).toarray().reshape(len(first.area), -1, 3) @ turn.T).reshape(len(first.area), -1)
+        assert getattr(second, name).toarray() == pytest.approx(rows, abs=1e-9)
+
+
+def test_points_are_means_over_cells_in_order(tmp_path):
+    full, mesh = pad_on_plate(cells=(8, 8)).read(tmp_path)
+    points = contact_points(contact((2, 4)), full, mesh)
+    assert len(points.area) == 8
+    assert points.position[:4, 0].tolist() == sorted(points.position[:4, 0])
+    assert np.ptp(points.position[:4, 1]) < 1e-12
+    assert points.position[4, 1] != pytest.approx(points.position[0, 1])
+    each = contact_points(contact(), full, mesh)
+    assert points.area @ points.normal == pytest.approx(each.area @ each.normal)
+    assert points.radius.tolist() == [1.0] * 8
+
+
+def test_other_meshes_meet_by_interpolation(tmp_path):
+    """Pads turned by half an element: nearest nodes would open by 5 mm per radian."""
+    disc_with_pads.DECK["write"](tmp_path, shift=0.5)
+    mesh = read_mesh(tmp_path / "disc.inp", 1.0)
+    full, _ = disc()
+    full = replace(full, xyz=mesh.xyz)
+    for described in contacts((3, 4)):
+        points = contact_points(described, full, mesh)
+        assert abs(opened(points, full)).max() < 1e-12
+        assert points.area.sum() == pytest.approx(8 * SECTOR * (0.118**2 - 0.080**2))
+
+
+def test_nodes_without_elements_meet_too(tmp_path):
+    full, mesh = pad_on_plate().read(tmp_path)
+    bare = replace(mesh, faces=np.zeros((0, 8), dtype=np.int64), within=np.zeros((0, 3)))
+    sides = {
+        name: Selection(
+            nodes=tuple(mesh.ids[(abs(mesh.xyz[:, 2]) < 1e-9) & np.isin(mesh.ids, mesh.sets[name.upper()])])
+        )
+        for name in ("pad", "plate")
+    }
+    points = contact_points(replace(contact(), slave=sides["pad"], master=sides["plate"]), full, bare)
+    assert points.area.sum() == pytest.approx(0.5 * 0.6)
+    assert abs(opened(points, full)).max() < 1e-12
+
+
+def test_two_contacts_may_share_nodes_and_a_held_master_does_not_move(tmp_path):
+    full, mesh = pad_on_plate().read(tmp_path)
+    free = np.isin(full.node, mesh.sets["PAD"])
+    held = replace(full, node=full.node[free], direction=full.direction[free],
+                   parts=(Part("M", "mass", sp.eye_array(int(free.sum()), format="csr")),))  # fmt: skip
+    both = [contact_points(contact((2, 2)), held, mesh), contact_points(contact(), held, mesh)]
+    for points in both:
+        assert points.normal.sum(axis=1) == pytest.approx(1.0)
+
+
+BAD = [
+    ({"slave": Selection(set="pads")}, "slave: the mesh has no node set 'pads'; it has: PAD"),
+    (
+        {"master": Selection(box=((5, 5, 5), (6, 6, 6)))},
+        "master: no node lies in the box; the mesh extends over 0 to 1 m",
+    ),
+    ({"slave": Selection(nodes=(1, 9999))}, "slave: the mesh has no node 9999"),
+    ({"slave": Selection(nodes=(73,))}, "slave: none of the outer faces has all its nodes among the 1 chosen"),
+    ({"slave": Selection()}, "slave: no nodes are given"),
+    ({"normal": (0.0, 0.0, 0.0)}, "normal: is zero"),
+    ({"normal": (1.0, 0.0, 0.0), "sliding": (0.0, 1.0, 0.0)}, "no pair lies within search = 0.01 m: "),
+    ({"sliding": (0.0, 0.0, 1.0)}, "the sliding at node .* points along the normal"),
+    ({"sliding": None}, "sliding: expected a direction or an axis"),
+    ({"sliding": None, "axis": (0.0, 0.0, 1.0), "centre": (0.2, 0.3, 0.0)}, "node .* lies on the axis"),
+    ({"slave": Selection(set="plate")}, "72 nodes are slave and master, the first is 1"),
+    ({"search": 1e-9}, "no pair lies within search = 1e-09 m: the closest slave node, .*, has a gap of 0.001 m"),
+    ({"points": (0, 3)}, r"points: is \[0, 3\]"),
+]
+
+
+@pytest.mark.parametrize(("changes", "fault"), BAD)
+def test_a_contact_that_cannot_be_is_refused(tmp_path, changes, fault):
+    full, mesh = pad_on_plate(gap=1e-3).read(tmp_path)
+    with pytest.raises(SceneError) as refusal:
+        contact_points(replace(contact(), **changes), full, mesh)
+    assert refusal.value.where == "contacts.pad"
+    assert re.search(fault, "\n".join(refusal.value.faults))

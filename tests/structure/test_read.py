@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from rig.errors import SceneError
 from rig.structure import mesh as mesh_files
-from rig.structure.read import Source, structure
+from rig.structure.mesh import read_mesh
+from rig.structure.read import Source, files_read, structure
 
 ROWS = [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1)]
 """Node and direction of each row of the matrices."""
@@ -288,3 +291,79 @@ def test_rows_in_any_order_and_without_a_node(tmp_path):
     full, _ = structure(parts(tmp_path), "m-kg-s", rows=rows)
     assert full.node.tolist() == [1, 1, 0, 2, 3]
     assert full.direction.tolist() == [0, 1, -1, 1, 0]
+
+
+def test_the_keywords_of_an_input_file(tmp_path):
+    lines = [
+        "*NODE, NSET=All",
+        "1, 0., 0., 0.",
+        "2, 1., 0., 0.",
+        "3, 1., 1.",
+        "4, , 1., 0.",
+        "*include, input=more.inp",
+    ]
+    text(tmp_path / "more.inp", ["*node", *[f"{k + 10}, {k % 2}., {k // 2}., 1." for k in range(4)]])
+    lines += ["*ELEMENT, TYPE=S4R,", " ELSET=Shell", "7, 1, 2, 3,", "4", "*ELEMENT, TYPE=SPRING1, ELSET=s", "8, 1"]
+    lines += ["*NSET, NSET=Even, GENERATE", "2, 4, 2", "*NSET, NSET=both", "EVEN, 13,", "*Nset, nset=of, elset=SHELL"]
+    lines += ["** *NODE", "*MATERIAL, NAME=x", "*ELASTIC", "1e11, 0.3"]
+    mesh = read_mesh(text(tmp_path / "mesh.inp", lines), 1e-3)
+    assert mesh.ids.tolist() == [1, 2, 3, 4, 10, 11, 12, 13]
+    assert mesh.xyz[2:5].tolist() == [[1e-3, 1e-3, 0.0], [0.0, 1e-3, 0.0], [0.0, 0.0, 1e-3]]
+    sets = {name: nodes.tolist() for name, nodes in mesh.sets.items()}
+    assert sets == {"ALL": [1, 2, 3, 4], "EVEN": [2, 4], "BOTH": [2, 4, 13], "OF": [1, 2, 3, 4]}
+    assert mesh.faces.tolist() == [[0, 1, 2, 3, -1, -1, -1, -1]]
+    read = files_read([], nodes=tmp_path / "mesh.inp", job=None)
+    assert [path.name for path in read] == ["mesh.inp", "more.inp"]
+
+
+MESHES = [
+    (["*NODE", "1,0,0,0", "1,0,0,1"], "line 3: .* node 1 has another place before"),
+    (["*NODE", "1,0,0,nan"], "line 2: .* a coordinate is not finite"),
+    (["*NODE", "1,0,0,0", "*NSET, NSET=a", "b"], "line 4: .* set b is not defined before"),
+    (["*NODE", "1,0,0,0", "*NSET, NSET=a, GENERATE", "5, 1"], "line 4: .* expected first, last, step"),
+    (["*NODE", "1,0,0,0", "*NSET, NSET=a", "1, 5"], "set A contains node 5, which is not in the mesh"),
+    (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=C3D4", "1,1,1,1,2"], "element 1 has node 2, which is not in the mesh"),
+    (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=C3D4", "1,1,1,1,1,1"], "line 4: .* expected 4 nodes"),
+    (["*PART, NAME=p", "*NODE", "1,0,0,0"], r"line 1: .* \*PART changes numbers, places or directions of nodes"),
+    (["*NODE", "1,0,0,0", "*TRANSFORM, NSET=a"], r"\*TRANSFORM changes"),
+    (["*INCLUDE, INPUT=mesh.inp"], "include each other"),
+    (["*INCLUDE, INPUT=other.inp"], "other.inp: cannot be read: No such file"),
+    (["*HEADING", "nothing"], "has no nodes"),
+]
+
+
+@pytest.mark.parametrize(("lines", "fault"), MESHES)
+def test_an_input_file_that_cannot_be_is_refused(tmp_path, lines, fault):
+    with pytest.raises(SceneError) as refusal:
+        read_mesh(text(tmp_path / "mesh.inp", lines), 1.0)
+    assert re.search(f"(mesh|other).inp.*{fault}|^{fault}", "\n".join(refusal.value.faults))
+
+
+entries = st.dictionaries(st.tuples(st.integers(0, 7), st.integers(0, 7)), st.floats(-1e3, 1e3), max_size=20)
+
+
+@settings(max_examples=30, deadline=None)
+@given(entries, st.permutations(range(8)), st.randoms(use_true_random=False))
+def test_half_of_a_matrix_is_the_same_in_any_order_of_nodes_and_lines(tmp_path_factory, offered, numbers, chance):
+    """Abaqus: each entry may be given as it is or mirrored, the lines and the nodes may have any order."""
+    folder = tmp_path_factory.mktemp("abaqus")
+    matrix = np.diag(np.arange(1.0, 9.0) * 1e4)
+    for (i, j), value in offered.items():
+        if i != j:
+            matrix[i, j] = matrix[j, i] = value
+    lines = []
+    for i in range(8):
+        for j in range(i + 1):
+            a, b = chance.sample((i, j), 2)
+            if matrix[i, j]:
+                lines.append(f"{numbers[a] + 1},1,{numbers[b] + 1},1,{float(matrix[i, j])!r}")
+    chance.shuffle(lines)
+    full, _ = structure(
+        [
+            Source("K", "stiffness", text(folder / "k.mtx", lines)),
+            Source("M", "mass", text(folder / "m.mtx", [f"{k},1,{k},1,1." for k in range(1, 9)])),
+        ],
+        "m-kg-s",
+    )
+    order = np.argsort(numbers)
+    assert np.array_equal(full.matrix("stiffness", {}).toarray(), matrix[np.ix_(order, order)])
