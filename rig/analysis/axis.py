@@ -248,6 +248,8 @@ def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]
             for entry, part in value.items():
                 if isinstance(part, BaseModel):
                     yield from sweepable(part, f"{key}.{entry}")
+                elif isinstance(part, float) and unit_of(info):
+                    yield f"{key}.{entry}", unit_of(info)
         elif (value is None or (isinstance(value, float | int) and not isinstance(value, bool))) and unit_of(info):
             yield key, unit_of(info)
 
@@ -263,7 +265,7 @@ def in_words(key: str, scene: Scene, declared: bool = False) -> str:
     section: Any = getattr(scene, room) if of_parts else scene.parameters
     for part in path:
         section = section[part] if isinstance(section, Mapping) else getattr(section, part)
-    title = type(section).model_fields[name].title
+    title = "" if isinstance(section, Mapping) else type(section).model_fields[name].title
     return title or ("" if declared else " ".join([*path, name]).replace("_", " "))
 
 

@@ -46,6 +46,8 @@ _DEPTH = 6  # most halvings of a gap in which a rate could reach zero
 _SEARCH = 3  # halvings of a gap without steady sliding at both ends
 _CUSP = 4.0  # a minimum below this multiple of the rise beside it may reach zero: growth has a kink where modes meet
 _LEVEL = 1e-9
+_LARGE = 64  # eigenvalues: beyond, a step far from zero is not examined in its middle
+_SAFE = 4.0  # times the bend that the values around a step show
 _FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
 _BESIDE = (2.0**-3, 2.0**-6, 2.0**-9)  # of the way from the end of a stretch to the next value of the grid
 
@@ -262,9 +264,24 @@ def roots(values: Sequence[float], growths: Growths) -> list[float]:
 def refined(values: Sequence[float], growths: Growths) -> list[float]:
     """Return `values` and the values between them that have to be examined, in their order."""
     grid = [values[0]]
-    for a, b in pairwise(values):
-        grid += [*_between(a, b, growths, _DEPTH), b]
+    for i, (a, b) in enumerate(pairwise(values)):
+        grid += [b] if _straight(values[max(i - 1, 0) : i + 3], growths) else [*_between(a, b, growths, _DEPTH), b]
     return grid
+
+
+def _straight(values: Sequence[float], growths: Growths) -> bool:
+    """Whether the values around a step show, without one inside of it, that no rate of a large rig reaches zero there.
+
+    `values`: evenly spaced, those of the step and one on each side; each spectrum of a large rig takes long.
+    """
+    around = [growths(value) for value in values]
+    if len(around) < 4 or any(growth is None or len(growth.rates) <= _LARGE for growth in around):
+        return False
+    rates = [growth.clear for growth in around if growth is not None]
+    count = min(map(len, rates))
+    before, a, b, after = (rate[:count] for rate in rates)
+    bend = _SAFE / 8.0 * np.maximum(np.abs(before - 2.0 * a + b), np.abs(a - 2.0 * b + after))
+    return bool(np.all((a * b > 0.0) & (np.minimum(np.abs(a), np.abs(b)) > bend)))
 
 
 def stretches(grid: Sequence[float], growths: Growths) -> list[list[float]]:

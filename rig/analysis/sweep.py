@@ -315,9 +315,9 @@ def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fi
     rates, order = _branches(axis.values, spectra_at, spectra)
     critical = search(axis.values, rates, spectra)
     states = tuple(dict.fromkeys(name for spectrum in spectra_at for name in spectrum.names))
-    shapes = np.zeros((*rates.shape, len(states)), dtype=np.complex128)
+    at, shapes = {state: i for i, state in enumerate(states)}, np.zeros((*rates.shape, len(states)), np.complex128)
     for row, spectrum, places in zip(shapes, spectra_at, order):
-        columns = [states.index(state) for state in spectrum.names]
+        columns = [at[state] for state in spectrum.names]
         for i, place in places.items():
             row[place, columns] = spectrum.right[:, i]
     return Sweep(

@@ -402,12 +402,8 @@ def _without_negligible(a: Assembly, stack: Stack, shunt: Series) -> Series:
     """The shunt with an inductance, and then a resistance, of zero if it has no influence on the structure."""
     if shunt.bank is not None:
         return shunt
-    index = {c: i for i, c in enumerate(a.coordinates)}
-    ends = np.array([stack.path.get(c, 0.0) for c in index])
-    M, K = np.zeros((len(index), len(index))), stack.kappa * np.outer(ends, ends)
-    for matrix, entries in ((M, a.mass), (K, a.stiffness)):
-        for (i, j), value in entries.items():
-            matrix[index[i], index[j]] += value
+    ends = np.array([stack.path.get(c, 0.0) for c in a.coordinates])
+    M, K = a.matrix("mass"), stack.kappa * np.outer(ends, ends) + a.matrix("stiffness")
     fastest = math.sqrt(float(np.abs(np.linalg.eigvals(np.linalg.solve(M, K))).max()))
     least = _UNNOTICED * abs(1.0 + shunt.delta) / stack.capacitance
     L = shunt.inductance if shunt.inductance * fastest**2 >= least else 0.0

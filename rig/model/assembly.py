@@ -135,13 +135,6 @@ class _Names:
         """A row over the coordinates."""
         return np.array([entries.get(c, 0.0) for c in self.rig.coordinates])
 
-    def square(self, entries: dict[tuple[str, str], float]) -> Array:
-        """A matrix over the coordinates."""
-        out = np.zeros((len(self.rig.coordinates), len(self.rig.coordinates)))
-        for (i, j), value in entries.items():
-            out[self.index[i], self.index[j]] += value
-        return out
-
     def form(self, stores: Iterable[tuple[float, Row]]) -> Array:
         """Twice a stored energy as a form over the states."""
         out = np.zeros((len(self.names), len(self.names)))
@@ -178,7 +171,8 @@ class _Names:
         """Sectors of a structure that varies along a path."""
         count = len(v.factors)
         edges = tuple(v.period * i / count for i in range(count))
-        stiffness, damping = self.square(v.stiffness), self.square(v.damping)
+        stiffness = self.rig.summed(v.stiffness, v.blocks, "stiffness")
+        damping = self.rig.summed(v.damping, v.blocks, "damping")
         rows = self.rows(v.name, v.rows, [normal[0] for normal in self.rig.normals])
         changes = tuple(Change((e - 1.0) * stiffness, (d - 1.0) * damping, (e - 1.0) * rows) for e, d in v.factors)
         return Sector(v.name, -1, self.row(v.name, v.row), self.index[v.turn], v.period, edges, changes=changes)
@@ -213,9 +207,9 @@ def matrices(a: Rows) -> System:
     system = System(
         names=tuple(by_name.names),
         coordinates=tuple(a.coordinates),
-        mass=by_name.square(a.mass),
-        damping=by_name.square(a.damping),
-        stiffness=by_name.square(a.stiffness),
+        mass=a.matrix("mass"),
+        damping=a.matrix("damping"),
+        stiffness=a.matrix("stiffness"),
         force=np.array([over_x for over_x, _ in pushed]).reshape(nq, n),
         force_t=np.array([over_t for _, over_t in pushed]).reshape(nq, len(by_name.products)),
         coupling=by_name.rows("coupling", a.coupling, a.coordinates),

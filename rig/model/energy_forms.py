@@ -26,6 +26,10 @@ def powers(system: System, modes: ModeSet) -> Array:
         out[1] += np.outer(modes.friction[p], system.slip_rows[p])
     out[2] = velocity.T @ damping(system, modes.key) @ velocity
     out[3] = velocity.T @ system.force
+    unsymmetric = stiffness(system, modes.key)
+    unsymmetric = unsymmetric - unsymmetric.T
+    if unsymmetric.any():  # it stores no energy: its work is that of a force
+        out[3, :, :nq] -= velocity.T @ (0.5 * unsymmetric)
     for k, contact in enumerate(system.normals):
         if normal_modes[k] == 0:
             out[4] += np.outer(modes.normal[k], contact.direction @ velocity)
@@ -72,12 +76,16 @@ def damping(system: System, key: int) -> Array:
     return system.damping + system.change(system.modes(key)[3]).damping
 
 
+def stiffness(system: System, key: int) -> Array:
+    """The stiffness matrix of a mode set."""
+    return system.stiffness + system.change(system.modes(key)[3]).stiffness
+
+
 def stored(system: System, x: Array, key: int) -> float:
     """The kinetic and elastic energy of the structure plus the energy of the network [J]."""
     nq = len(system.coordinates)
     q, v = x[:nq], x[nq : 2 * nq]
-    stiffness = system.stiffness + system.change(system.modes(key)[3]).stiffness
-    return float(0.5 * (v @ system.mass @ v + q @ stiffness @ q + x @ store(system, key) @ x))
+    return float(0.5 * (v @ system.mass @ v + q @ stiffness(system, key) @ q + x @ store(system, key) @ x))
 
 
 def at_nodes(A: Array, landing: Array, cell: float) -> Array:

@@ -356,10 +356,10 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
     for p, patch in enumerate(system.patches):
         known[f"T:{patch.name}"] = (modes.friction[p], modes.friction_t[p])
         known[f"w:{patch.name}"] = (system.slip_rows[p], np.zeros(system.inputs))
+    _, normal_modes, clamped, _, thrown = system.modes(modes.key)
     for k, normal in enumerate(system.normals):
-        closed = system.modes(modes.key)[1][k] == 0
+        closed = normal_modes[k] == 0
         known[f"N:{normal.name}"] = (modes.normal[k] * closed, modes.normal_t[k] * closed)
-    clamped, thrown = system.modes(modes.key)[2], system.modes(modes.key)[4]
     gains = [position.gains for position in (s.positions[at] for s, at in zip(system.switches, thrown))]
     for i, (limiter, mode) in enumerate(zip(system.limiters, clamped)):
         held = {records.LOW: limiter.low, records.HIGH: limiter.high}.get(mode)

@@ -14,15 +14,30 @@ outputs name like a state.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rig.model.film import Film
 from rig.model.friction_law import Law
 from rig.model.system import Judge
 
+Array = NDArray[np.float64]
 Row = dict[str, float]
 Part = str | tuple[str, Row]
+Of = Literal["mass", "damping", "stiffness"]
+
+
+class Block(NamedTuple):
+    """The matrices [coordinate, coordinate] of the coordinates `names`, which add to the entries by name."""
+
+    names: tuple[str, ...]
+    mass: Array
+    damping: Array
+    stiffness: Array
 
 
 @dataclass(frozen=True)
@@ -50,6 +65,7 @@ class Variation(NamedTuple):
     stiffness: dict[tuple[str, str], float]
     damping: dict[tuple[str, str], float]
     rows: dict[str, Row]
+    blocks: tuple[Block, ...]
 
 
 @dataclass
@@ -69,6 +85,7 @@ class Rows:
     mass: dict[tuple[str, str], float] = field(default_factory=dict)
     damping: dict[tuple[str, str], float] = field(default_factory=dict)
     stiffness: dict[tuple[str, str], float] = field(default_factory=dict)
+    blocks: list[Block] = field(default_factory=list)
     force: dict[str, Row] = field(default_factory=dict)
     coupling: dict[str, Row] = field(default_factory=dict)
     network: dict[str, Row] = field(default_factory=dict)
@@ -101,8 +118,43 @@ class Rows:
         self.damping[name, name] = damping
         self.stiffness[name, name] = stiffness
 
+    def block(self, names: Iterable[str], mass: Array, damping: Array, stiffness: Array) -> None:
+        """Add degrees of freedom with full matrices [coordinate, coordinate].
+
+        Raises ValueError for a name that a state has already, and for a matrix of another shape.
+        """
+        names = tuple(names)
+        for name in names:
+            self._new_state(name)
+            self.coordinates.append(name)
+        matrices = [np.array(matrix, dtype=np.float64) for matrix in (mass, damping, stiffness)]
+        for of, matrix in zip(("mass", "damping", "stiffness"), matrices):
+            if matrix.shape != (len(names), len(names)):
+                raise ValueError(f"{of} has the shape {matrix.shape}; expected ({len(names)}, {len(names)})")
+        self.blocks.append(Block(names, *matrices))
+
+    def matrix(self, of: Of) -> Array:
+        """The matrix over the coordinates. Raises KeyError for an unknown coordinate."""
+        return self.summed(getattr(self, of), self.blocks, of)
+
+    def summed(self, entries: Mapping[tuple[str, str], float], blocks: Iterable[Block], of: Of) -> Array:
+        """A matrix over the coordinates, from entries by name and the matrices of blocks."""
+        index = {name: i for i, name in enumerate(self.coordinates)}
+        out = np.zeros((len(index), len(index)))
+        for (i, j), value in entries.items():
+            out[index[i], index[j]] += value
+        for block in blocks:
+            places = [index[name] for name in block.names]
+            out[np.ix_(places, places)] += getattr(block, of)
+        return out
+
     def spring(self, extension: Row, stiffness: float, damping: float = 0.0) -> None:
         """Add a spring and a parallel damper. `extension`: as a row over coordinates."""
+        if (block := next((block for block in self.blocks if {*block.names} >= extension.keys()), None)) is not None:
+            over_block = np.array([extension.get(name, 0.0) for name in block.names])
+            block.stiffness[:] += stiffness * np.outer(over_block, over_block)
+            block.damping[:] += damping * np.outer(over_block, over_block)
+            return
         for i, row in extension.items():
             for j, column in extension.items():
                 self.stiffness[i, j] = self.stiffness.get((i, j), 0.0) + stiffness * row * column
@@ -178,7 +230,8 @@ class Rows:
         stiffness, damping, and the part of normal forces that depends on coordinates. `turn`: see `sector`.
         """
         rows = {normal: {c: v for c, v in r.items() if c in self.coordinates} for normal, _, r, *_ in self.normals}
-        now = dict(self.stiffness), dict(self.damping), rows
+        blocks = tuple(Block(block.names, *(matrix.copy() for matrix in block[1:])) for block in self.blocks)
+        now = dict(self.stiffness), dict(self.damping), rows, blocks
         self.variations.append(Variation(name, dict(row), turn, period, factors, *now))
 
     def switch(self, name: str, signal: str, circuits: tuple[Circuit, ...]) -> None:
@@ -207,7 +260,7 @@ class Rows:
         return next(entry[4] for entry in self.normals if entry[0] == normal)
 
     def _new_state(self, name: str) -> None:
-        if name in self.signals or name in self.network or (name, name) in self.mass:
+        if name in self.signals or name in self.network or name in self.coordinates:
             raise ValueError(f"the rig has a state {name!r} already; choose another name")
 
     @property

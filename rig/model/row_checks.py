@@ -9,8 +9,11 @@ from collections.abc import Collection, Iterator, Mapping
 from math import isfinite, isnan
 from typing import Any, get_args
 
+import numpy as np
+
 from rig.model.assembly import Assembly, Input, Output, Role
 from rig.model.friction_law import Law
+from rig.model.named_rows import Block
 from rig.picture import Plot
 from rig.units import brief, unit_fault
 
@@ -24,7 +27,13 @@ def faults(a: Assembly) -> Iterator[str]:
     coordinates, states = set(a.coordinates), {*a.names}
     if not coordinates:
         yield "the rig has no coordinate; expected one at least, a.coordinate(name, mass)"
-    yield from (f"coordinate {c!r} has no mass" for c in a.coordinates if (c, c) not in a.mass)
+    blocks = {name for block in a.blocks for name in block.names}
+    yield from (f"coordinate {c!r} has no mass" for c in a.coordinates if (c, c) not in a.mass and c not in blocks)
+    for block in a.blocks:
+        for what, matrix in zip(Block._fields[1:], block[1:]):
+            for i, j in np.argwhere(~np.isfinite(matrix))[:1].tolist():
+                at = f"{what}[{block.names[i]!r}, {block.names[j]!r}]"
+                yield f"{at} contains {brief(float(matrix[i, j]))}; expected a finite number"
     products = {*a.products}
     contacts, normals = [entry[0] for entry in a.patches], [entry[0] for entry in a.normals]
     for what, names in (("friction contact", contacts), ("normal force", normals)):

@@ -87,6 +87,8 @@ class Scene(Result):
         steps = tuple(flat(self.protocol))
         held |= {name for step in steps for name in targets(step)}
         ramped = {name for step in steps if moves(step) for name in targets(step)}
+        if not held:
+            return {}
         with model_store.using(self.models):
             inputs = rooms.assembled(self.parameters, self.frame_ns).inputs
         return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}

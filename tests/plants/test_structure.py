@@ -1,0 +1,226 @@
+"""The plant of the user's own matrices: the same rig written as matrices has the same eigenvalues; faults of scenes."""
+
+import json
+
+import numpy as np
+import pytest
+
+import rig
+from rig import scenes
+from rig.analysis.axis import changed
+from rig.analysis.modes import at_rest
+from rig.errors import SceneError
+from rig.model.assembly import Assembly
+
+
+def text(value):
+    """A value as TOML."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {text(entry)}" for key, entry in value.items()) + "}"
+    return "[" + ", ".join(map(text, value)) + "]" if isinstance(value, list) else json.dumps(value)
+
+
+def written(folder, tables, name="own"):
+    """A scene file of plant structure with these tables."""
+    path = folder / f"{name}.toml"
+    path.write_text("\n".join(["format = 1", 'plant = "structure"', *(f"{k} = {text(v)}" for k, v in tables.items())]))
+    return path
+
+
+def as_matrices(name, **values):
+    """The tables of a shipped rig written as matrices, and the rig itself at steady sliding."""
+    scene = scenes.load(name, values)
+    _, at = at_rest(scene, {})
+    system = at.system
+    names = [c.replace(".", "_") for c in system.coordinates]
+    count = len(names)
+
+    def row(vector):
+        return {name: value for name, value in zip(names, vector.tolist()) if value}
+
+    radius = getattr(getattr(scene.parameters, "linings", None), "radius", None)
+    contacts, pressed = {}, []
+    friction = system.stiffness.copy()
+    for normal in system.normals:
+        patch, n = system.patches[normal.patch], normal.direction
+        spring = float(-(normal.row[:count] @ n) / (n @ n))
+        contacts[normal.name.replace(".", "_")] = {"gap": row(n), "along": row(patch.direction), "spring": spring}
+        if radius:
+            contacts[normal.name.replace(".", "_")]["radius"] = radius
+        friction += spring * np.outer(n + patch.law.mu(1.0) * patch.direction, n)
+        pressed.append(-spring * n)
+    rest = np.linalg.lstsq(np.array(pressed), np.full(len(pressed), 10.0), rcond=None)[0]
+    matrices = {"mass": system.mass, "damping": system.damping, "stiffness": system.stiffness}
+    parts = {of: {"of": of, "values": matrix.tolist()} for of, matrix in matrices.items()}
+    mu = scene.parameters.friction.mu
+    tables = {
+        "structure": {"units": "m-kg-s", "coordinates": names, "parts": parts},
+        "contacts": contacts,
+        "drive": {"speed": scene.parameters.drive.speed or 0.1} | ({"axis": "z"} if radius else {}),
+        "load": {"force": 1.0, "at": {"all": {"row": row(friction @ rest)}}},
+        "friction": {"law": "constant", "mu": mu},
+        "outputs": {"first": {"row": {names[0]: 1.0}}},
+    }
+    return tables, at
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("two_dof", {}),
+        ("four_dof", {}),
+        ("tip_beam", {"friction": {"law": "constant", "mu": 0.4}}),
+        ("brake", {"friction": {"law": "constant", "mu": 0.4}}),
+    ],
+)
+def test_a_rig_written_as_matrices_has_the_eigenvalues_of_its_own_plant(tmp_path, name, values):
+    tables, at = as_matrices(name, **values)
+    own = at_rest(scenes.load(written(tmp_path, tables)))[1]
+    assert own.exists
+    expected, computed = at.eigenvalues(), own.eigenvalues()
+    assert len(computed) == len(expected)
+    for value in expected:
+        assert np.abs(computed - value).min() <= 1e-12 * np.abs(expected).max()
+
+
+THREE = {
+    "structure": {
+        "units": "m-kg-s",
+        "coordinates": ["x", "y", "u"],
+        "parts": {
+            "M": {"of": "mass", "values": np.diag([1.0, 1.0, 0.5]).tolist()},
+            "K": {"of": "stiffness", "values": [[300.0, -80.0, -100.0], [-80.0, 200.0, 0.0], [-100.0, 0.0, 100.0]]},
+            "KR": {"of": "stiffness", "values": np.eye(3, k=1).tolist(), "times": "factors.soft"},
+            "G": {"of": "damping", "values": (np.eye(3, k=1) - np.eye(3, k=-1)).tolist(), "times": "drive.speed"},
+            "D": {"of": "damping", "values": np.eye(3).tolist(), "times": "1/drive.speed", "factor": 0.01},
+            "KG": {"of": "stiffness", "values": np.eye(3).tolist(), "times": "drive.speed^2"},
+        },
+    },
+    "factors": {"soft": 2.0},
+    "damping": {"alpha": 0.02},
+    "contacts": {"pad": {"gap": {"y": 1.0}, "along": {"x": 1.0}, "spring": 150.0}},
+    "drive": {"speed": 0.5},
+    "load": {"force": 20.0, "at": {"top": {"row": {"y": -1.0}}}},
+    "friction": {"law": "constant", "mu": 0.3},
+    "outputs": {"body": {"row": {"u": 1.0}}},
+    "start": {"velocity": 1e-3},
+}
+
+
+def test_parts_are_scaled_by_numbers_of_the_scene(tmp_path):
+    scene = scenes.load(written(tmp_path, THREE))
+    for speed, soft in ((0.5, 2.0), (2.0, -1.0)):
+        system = changed(scene, {"drive.speed": speed, "factors.soft": soft}).assemble().system()
+        K = np.array(THREE["structure"]["parts"]["K"]["values"]) + soft * np.eye(3, k=1) + speed**2 * np.eye(3)
+        D = speed * (np.eye(3, k=1) - np.eye(3, k=-1)) + 0.01 / speed * np.eye(3) + 0.02 * np.diag([1.0, 1.0, 0.5])
+        assert np.allclose(system.stiffness, K, rtol=1e-15, atol=0.0)
+        assert np.allclose(system.damping, D, rtol=1e-15, atol=1e-18)
+
+
+def test_a_run_starts_in_steady_sliding_and_keeps_its_energy_balance(tmp_path):
+    """The part of an unsymmetric stiffness matrix that has no potential does work as a force."""
+    run = rig.simulate(scenes.load(written(tmp_path, THREE)), 1.0)
+    assert abs(run.energy["error"]) < 1e-12
+    assert np.abs(run.signals["body_velocity"]).max() <= 1.5e-3
+    assert run.signals["body_displacement"][0] != 0.0
+
+
+def test_damping_ratios_of_a_table_and_of_a_frequency(tmp_path):
+    for damping, ratio in (
+        ({"table": [[1.0, 0.01], [3.0, 0.03]]}, lambda hertz: 0.01 * np.clip(hertz, 1.0, 3.0)),
+        ({"ratio": 0.02, "at": 2.0}, lambda hertz: 0.01 * hertz),
+    ):
+        tables = {"structure": THREE["structure"] | {"parts": {k: THREE["structure"]["parts"][k] for k in "MK"}},
+                  "outputs": THREE["outputs"], "damping": damping}  # fmt: skip
+        rates = at_rest(scenes.load(written(tmp_path, tables)))[1].eigenvalues()
+        for rate in rates[rates.imag > 0.0]:
+            assert -rate.real / abs(rate) == pytest.approx(ratio(abs(rate) / (2.0 * np.pi)), rel=1e-12)
+
+
+def test_a_number_that_multiplies_matrices_is_an_actuator_that_takes_steps_only(tmp_path):
+    scene = scenes.load(written(tmp_path, THREE))
+    inputs = scene.assemble().inputs
+    assert inputs["drive.speed"].state == inputs["factors.soft"].state == ""
+    assert inputs["drive.speed"].low > 0.0  # D is divided by it
+    step = {"step": "ramp", "target": "drive.speed", "to": "1 m/s", "over": "1 s"}
+    with pytest.raises(SceneError, match=r"drive\.speed cannot run, every value of it makes new matrices"):
+        scenes.load(written(tmp_path, THREE | {"protocol": [step]}))
+
+
+def test_a_block_of_matrices_is_the_same_as_entries_by_name():
+    entries, block = Assembly(), Assembly()
+    matrices = [np.diag([1.0, 2.0]), np.array([[0.1, 0.2], [-0.2, 0.3]]), np.array([[3.0, -1.0], [-1.0, 4.0]])]
+    block.block(("x", "y"), *matrices)
+    for i, name in enumerate("xy"):
+        entries.coordinate(name, *(matrix[i, i] for matrix in matrices))
+    for i, j in ((0, 1), (1, 0)):
+        entries.damping["xy"[i], "xy"[j]], entries.stiffness["xy"[i], "xy"[j]] = matrices[1][i, j], matrices[2][i, j]
+    for a in (entries, block):
+        a.spring({"x": 1.0, "y": -1.0}, 7.0, 0.5)
+        a.coordinate("z", 1.0)
+        a.spring({"x": 1.0, "z": -1.0}, 2.0)
+    for of in ("mass", "damping", "stiffness"):
+        assert np.array_equal(getattr(entries.system(), of), getattr(block.system(), of))
+    with pytest.raises(ValueError, match=r"mass has the shape \(1, 1\); expected \(2, 2\)"):
+        Assembly().block(("x", "y"), np.eye(1), np.eye(2), np.eye(2))
+
+
+def test_every_fault_of_a_scene_is_reported_at_once_with_its_key(tmp_path):
+    parts = THREE["structure"]["parts"]
+    wrong = THREE | {
+        "structure": THREE["structure"]
+        | {
+            "parts": parts
+            | {
+                "M": {"of": "mass", "values": [[1.0, 0.0], [0.0, 1.0]]},
+                "KR": parts["KR"] | {"times": "factors.sofd"},
+            }
+        },
+        "contacts": {"pad": THREE["contacts"]["pad"] | {"gap": {"w": 1.0}}},
+        "drive": {"speed": 0.0},
+        "outputs": {"body": {"row": {"u": 0.0}}},
+    }
+    with pytest.raises(SceneError) as error:
+        scenes.load(written(tmp_path, wrong))
+    lines = "\n".join(error.value.faults)
+    for line in (
+        ": has 2 rows; there are 3 coordinates",
+        'KR.times = "factors.sofd": factors.sofd is no number of this scene; did you mean factors.soft?',
+        "drive.speed = 0.0: structure.parts.D.times divides by it; it must not be zero",
+        "contacts.pad.gap: names the coordinate 'w'; known: x, y, u",
+        "outputs.body.row: moves nothing: every number is zero",
+    ):
+        assert line in lines
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"structure": {"coordinates": ["x"], "parts": {}}}, "structure.units: is missing; known: m-kg-s, mm-t-s"),
+        ({"friction": None}, "friction: is missing; a structure with [contacts] needs [drive] and [friction]"),
+        ({"contacts": {"pad": {"gap": {"y": 1.0}, "spring": 1.0}}}, "contacts.pad.along: is missing beside gap"),
+        ({"contacts": {"pad": {"gap": {"y": 1.0}, "along": {"x": 1.0}}}}, "contacts.pad.spring: is missing"),
+        ({"knock": {"direction": "z"}}, "knock: give one of node, nodes, set, box or row; there is none"),
+        ({"damping": {"ratio": 0.1}}, "damping: ratio and at belong together"),
+        (
+            {"drive": {"speed": "0.5 m/s", "axis": "z"}},
+            'drive.speed = "0.5 m/s": expected a unit that converts to rad/s',
+        ),
+    ],
+)
+def test_a_fault_names_its_key_and_what_is_expected(tmp_path, changes, line):
+    tables = {key: value for key, value in (THREE | changes).items() if value is not None}
+    with pytest.raises(SceneError) as error:
+        scenes.load(written(tmp_path, tables))
+    assert line in "\n".join(error.value.faults)
+
+
+def test_points_that_would_have_to_pull_are_named_before_a_run(tmp_path):
+    contacts = {
+        "pad": THREE["contacts"]["pad"],
+        "edge": {"gap": {"u": -1.0}, "along": {"y": 1.0}, "spring": 50.0},
+    }
+    scene = scenes.load(written(tmp_path, THREE | {"contacts": contacts}))
+    finding = next(f for f in rig.modes(scene).findings if "do not press" in f.what)
+    assert finding.level == "warning"
+    assert "1 of 2 contact points do not press at steady sliding: edge (" in finding.what
