@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rig.errors import SceneError
+from rig.structure.basis import Reduction, build
 from rig.structure.contacts import Contact, contact_points, contact_rows, node_vector, opened
-from rig.structure.full import Full, Part
+from rig.structure.full import FRICTION, Full, Part
 from rig.structure.mesh import Selection, read_mesh
 from rig.structure.read import structure
 
@@ -65,6 +66,43 @@ def test_calculix_makes_the_stored_matrices_again(tmp_path):
         assert abs(part.matrix - stored.matrix).max() <= 1e-12 * abs(stored.matrix).max()
     own = disc_with_pads.frequencies(tmp_path / "disc_frequencies.dat")[:40]
     assert lowest(full, 40) == pytest.approx(own, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="needs CalculiX")
+def test_meshes_that_do_not_match_squeal_alike(tmp_path):
+    """The pads turned by half an element of the disc: the contact is interpolated."""
+    disc_with_pads.DECK["write"](tmp_path, shift=0.5)
+    command = ["ccx", "-i", "disc_matrices"]
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=300, stdout=subprocess.DEVNULL)
+    full, mesh = structure([], "m-kg-s", job=tmp_path / "disc_matrices", nodes=tmp_path / "disc.inp")
+    shifted = squeal(full, [contact_points(described, full, mesh) for described in contacts((4, 6))], 0.3)
+    matched = squeal(disc()[0], paired((4, 6)), 0.3)
+    assert shifted.imag == pytest.approx(matched.imag, rel=0.02)
+    assert shifted.real == pytest.approx(matched.real, rel=0.07)
+
+
+def squeal(full, sides, *mu):
+    """The first unstable eigenvalues [rad/s] with 0.2 % damping at 3 kHz, by closed modes and attachment vectors."""
+    at = {side.stiffness_key: 1e11 for side in sides}
+    reduced = build(replace(full, contacts=tuple(sides)), Reduction(modes=40, at=at))
+    damping = 0.002 / (np.pi * 3000.0) * reduced.model.matrix("stiffness", {})
+    first = []
+    for friction in mu:
+        values = reduced.eigenvalues(at | {FRICTION: friction}, damping)[0]
+        growing = values[(values.real > 1.0) & (values.imag > 2.0 * np.pi * 1500.0)]
+        first.append(growing[np.argmin(growing.imag)])
+    return np.array(first)
+
+
+def test_the_first_squeal_hardly_depends_on_the_number_of_points():
+    """An independent program found for all pairs 1567 Hz with 68.5 1/s, and 1566 Hz with 147.4 1/s."""
+    full, _ = disc()
+    coarse, fine = (squeal(full, paired(points), 0.3, 0.6) for points in ((4, 6), None))
+    assert coarse.imag == pytest.approx(fine.imag, rel=0.02)
+    assert coarse.real == pytest.approx(fine.real, rel=0.07)
+    assert fine.imag == pytest.approx(2.0 * np.pi * np.array([1567.0, 1566.0]), rel=1e-3)
+    assert fine.real == pytest.approx(np.array([68.5, 147.4]), rel=0.01)
 
 
 @pytest.mark.parametrize("points", [(2, 2), (3, 4), (4, 6), None])
