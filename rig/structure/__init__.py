@@ -9,6 +9,8 @@ mesh         nodes, node sets and outer faces
 read         files of matrices, checked, in SI units
 contacts     the points of contacts between node sets
 eigenvalues  modes and complex eigenvalues, complete within a range
+estimate     the error of reduced eigenvalues; what more contact points would change
+snapshots    bases that are trained over ranges of numbers
 basis        modes and attachment vectors; the reduced model of a scene, from the store or built
 reduced      the reduced model
 model_store  reduced models, stored on disk and in recordings

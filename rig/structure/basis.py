@@ -24,7 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from rig.errors import UsageError
-from rig.structure import eigenvalues, model_store
+from rig.structure import eigenvalues, model_store, snapshots
 from rig.structure.eigenvalues import Modes
 from rig.structure.full import Array, Full, Points
 from rig.structure.reduced import Kind, Reduced, as_they_are, orthonormal, projected
@@ -33,7 +33,8 @@ Told = Callable[[str, float], object]
 """Is told what is being computed, and the share of the whole that is done."""
 DENSE = 300
 """Most rows of kind "none" [chosen]: their matrices are dense, and a propagator of as many states takes minutes."""
-_SOURCES = ("full.py", "eigenvalues.py", "reduced.py", "basis.py")
+_SOURCES = ("full.py", "eigenvalues.py", "reduced.py", "basis.py", "snapshots.py", "estimate.py")
+_WIDER = 1.5  # the highest mode of a basis over the highest frequency that is wanted
 _REFINED = 3  # each reduces the error of the flexibility left out by shift / (lowest w^2 left out)
 
 
@@ -43,7 +44,8 @@ class Reduction:
 
     `modes`: their number; 0: all up to 1.5 times `up_to` [rad/s], the highest frequency that is wanted. `at`: numbers
     of the scene that multiply parts, and contact stiffnesses; modes use their powers of ten. `over`: the range of each
-    number that snapshots are trained for. `residual`: where the flexibility that the modes lack goes.
+    number that snapshots are trained for, with at most `vectors` vectors, until the estimated relative error of each
+    eigenvalue is at most `error`. `residual`: where the flexibility that the modes lack goes.
     """
 
     kind: Kind = "modes"
@@ -54,12 +56,16 @@ class Reduction:
     at: Mapping[str, float] = field(default_factory=dict)
     over: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     vectors: int = 120
+    error: float = 1e-4
 
     def rounded(self) -> Reduction:
-        """The same with each number of `at` as its power of ten, without those that cannot change the basis."""
-        if self.kind != "modes":
-            return replace(self, at={key: self.at[key] for key in sorted(self.at)} if self.kind != "none" else {})
-        return replace(self, at={key: power_of_ten(value) for key, value in sorted(self.at.items())})
+        """The same without what cannot change the basis; modes: with each number of `at` as its power of ten."""
+        if self.kind == "modes":
+            at = {key: power_of_ten(value) for key, value in self.at.items()}
+            return replace(self, at=at, over={}, vectors=0, error=0.0)
+        if self.kind == "none":
+            return Reduction("none")
+        return replace(self, at={key: value for key, value in self.at.items() if key not in self.over})
 
 
 def power_of_ten(value: float) -> float:
@@ -96,7 +102,9 @@ def build(full: Full, reduction: Reduction, told: Told | None = None) -> Reduced
             )
         return as_they_are(full)
     if reduction.kind == "snapshots":
-        raise UsageError("reduction.kind = 'snapshots' is not available yet")
+        return snapshots.trained(
+            full, reduction.over, reduction.at, reduction.up_to, reduction.vectors, reduction.error, tell
+        )
     return _of_modes(full, reduction.rounded(), tell)
 
 
@@ -105,8 +113,8 @@ def _of_modes(full: Full, reduction: Reduction, tell: Told) -> Reduced:
     closed = reduction.contact == "closed" and bool(full.contacts)
     tell("modes", 0.0)
     mass = full.matrix("mass", reduction.at)
-    stiffness = symmetric_stiffness(full, reduction.at, closed)
-    modes = eigenvalues.modes(stiffness, mass, reduction.modes, 0.0 if reduction.modes else 1.5 * reduction.up_to)
+    stiffness = full.symmetric_stiffness(reduction.at, closed)
+    modes = eigenvalues.modes(stiffness, mass, reduction.modes, 0.0 if reduction.modes else _WIDER * reduction.up_to)
     held = modes if closed or not full.contacts else _held(full, reduction, mass)
     if held.rigid:
         raise UsageError(
@@ -126,8 +134,9 @@ def _of_modes(full: Full, reduction: Reduction, tell: Told) -> Reduced:
         contacts = tuple(replace(points, flexibility=left_out.flexibility(points)) for points in contacts)
     basis = orthonormal(np.hstack([modes.shapes, added]), mass, modes.square.size)
     tell("projection", 0.9)
+    up_to = reduction.up_to or math.sqrt(modes.square[-1]) / _WIDER
     reduced = projected(
-        replace(full, contacts=contacts), basis, stiffness, kind="modes", up_to=reduction.up_to, rigid=modes.rigid
+        replace(full, contacts=contacts), basis, stiffness, kind="modes", up_to=up_to, rigid=modes.rigid
     )
     tell("projection", 1.0)
     return reduced
@@ -135,16 +144,7 @@ def _of_modes(full: Full, reduction: Reduction, tell: Told) -> Reduced:
 
 def _held(full: Full, reduction: Reduction, mass: Any) -> Modes:
     """The lowest modes with the contacts closed: rigid ones are held by nothing."""
-    return eigenvalues.modes(symmetric_stiffness(full, reduction.at, True), mass, min(8, full.rows - 8))
-
-
-def symmetric_stiffness(full: Full, values: Mapping[str, float], closed: bool) -> Any:
-    """The symmetric parts of the stiffness, and if `closed` the springs of the contacts without friction."""
-    kept = replace(full, parts=tuple(p for p in full.parts if p.of != "stiffness" or p.symmetric))
-    total = kept.matrix("stiffness", values)
-    for points in full.contacts if closed else ():
-        total = total + points.normal.T @ (sp.diags_array(points.springs(values)) @ points.normal)
-    return total
+    return eigenvalues.modes(full.symmetric_stiffness(reduction.at, closed=True), mass, min(8, full.rows - 8))
 
 
 class Deflections:

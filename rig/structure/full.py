@@ -10,7 +10,7 @@ All numbers are in SI units. Directions: 0 to 2 for x, y, z, 3 to 5 for turns ab
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -114,6 +114,12 @@ class Full:
         """The numbers of the scene that multiply parts, in order of appearance."""
         return tuple(dict.fromkeys(part.key for part in self.parts if part.key))
 
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """All numbers of the scene that the matrices depend on: of parts, contact stiffnesses, friction."""
+        contacts = [points.stiffness_key for points in self.contacts] + [FRICTION] * bool(self.contacts)
+        return tuple(dict.fromkeys([*self.keys, *contacts]))
+
     def matrix(self, of: Of, values: Mapping[str, float]) -> Matrix:
         """The sum of the parts of one kind for these `values` by key, without the springs of contacts."""
         shape = (self.rows, self.rows)
@@ -129,3 +135,16 @@ class Full:
         for points in self.contacts:
             stiffness = stiffness + points.stiffness(values)
         return self.matrix("mass", values), self.matrix("damping", values), stiffness
+
+    def symmetric_stiffness(self, values: Mapping[str, float], closed: bool) -> Matrix:
+        """The symmetric parts of K, and if `closed` the springs of the contacts, without friction."""
+        kept = replace(self, parts=tuple(p for p in self.parts if p.of != "stiffness" or p.symmetric))
+        total = kept.matrix("stiffness", values)
+        for points in self.contacts if closed else ():
+            total = total + points.stiffness({**values, FRICTION: 0.0})
+        return total
+
+    def frictionless(self, values: Mapping[str, float]) -> dict[str, float]:
+        """These `values` without friction: what multiplies an unsymmetric stiffness is zero."""
+        friction = {p.key for p in self.parts if p.of == "stiffness" and p.key and p.power > 0 and not p.symmetric}
+        return {**values, **dict.fromkeys(sorted(friction | {FRICTION}), 0.0)}

@@ -36,7 +36,8 @@ class Reduced:
     in it; its `node`, `direction`, `ids` and `xyz` are those of the full structure. `basis` [row, coordinate] in single
     precision gives shapes on the nodes, x = basis q. `up_to` [rad/s]: highest frequency that the basis is made for, 0
     for all. `trained`: the range of each number of the scene that the basis is made for, empty for kinds that hold for
-    every number; `points`: where snapshots were taken. `rigid`: the number of modes at frequency zero.
+    every number; `points`: where snapshots were taken; `error`: the largest relative error that was estimated
+    over the range. `rigid`: the number of modes at frequency zero.
     """
 
     kind: Kind
@@ -45,6 +46,7 @@ class Reduced:
     up_to: float = 0.0
     trained: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     points: tuple[Mapping[str, float], ...] = ()
+    error: float = 0.0
     rigid: int = 0
 
     @property
@@ -89,6 +91,7 @@ class Reduced:
             "rigid": self.rigid,
             "trained": self.trained,
             "points": self.points,
+            "error": self.error,
             "parts": [[part.name, part.of, part.key, part.power, part.factor] for part in self.model.parts],
             "vectors": list(self.model.vectors),
             "contact": [points.name for points in self.model.contacts],
@@ -122,9 +125,8 @@ class Reduced:
             node, direction, ids, xyz = (arrays[name] for name in ("node", "direction", "ids", "xyz"))
             model = Full(parts, node, direction, ids, xyz, contacts, vectors, finer)
             trained = {key: (float(low), float(high)) for key, (low, high) in head["trained"].items()}
-            reduced = cls(
-                head["kind"], model, arrays["basis"], head["up_to"], trained, tuple(head["points"]), head["rigid"]
-            )
+            points, error, rigid = tuple(head["points"]), head["error"], head["rigid"]
+            reduced = cls(head["kind"], model, arrays["basis"], head["up_to"], trained, points, error, rigid)
             if any(part.matrix.shape != (reduced.basis.shape[1],) * 2 for part in parts) or not parts:
                 raise ValueError
         except (KeyError, TypeError, ValueError, AttributeError, OSError, EOFError, zipfile.BadZipFile):

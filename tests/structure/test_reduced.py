@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from rig.errors import UsageError
 from rig.structure import eigenvalues
 from rig.structure.basis import Reduction, build, power_of_ten, stored
+from rig.structure.estimate import Estimator, growing_without_friction
 from rig.structure.full import FRICTION, Full, Part, Points
 from rig.structure.reduced import Reduced
 
@@ -101,7 +102,7 @@ def test_modes_without_the_flexibility_near_the_contacts_do_not_converge_and_spr
 
 
 def test_a_pair_of_equal_modes_is_not_cut():
-    full = structure()
+    full = structure(4)
     mass, stiffness = full.matrix("mass", {}), full.matrix("stiffness", {})
     exact = np.linalg.eigvalsh(stiffness.toarray() / 1e-3)
     for count in range(1, 25):
@@ -147,3 +148,66 @@ def test_matrices_of_few_rows_stay_as_they_are():
 @pytest.mark.parametrize(("value", "power"), [(0.0, 0.0), (3.0, 1.0), (4.0, 10.0), (-2e11, -1e11), (1e-3, 1e-3)])
 def test_a_basis_is_made_for_the_power_of_ten_next_to_a_number(value, power):
     assert power_of_ten(value) == pytest.approx(power)
+
+
+def test_the_estimated_error_is_the_true_one_with_modal_damping_too():
+    full = structure(2)
+    reduced = build(full, Reduction(modes=6, at=values(), residual="none", up_to=6000.0))
+    damping = np.diag(np.linspace(2.0, 20.0, reduced.coordinates))
+    basis = reduced.basis.astype(float)
+    modal = full.parts[0].matrix @ basis
+    mass, own, stiffness = full.pencil(values(0.4))
+    exact = eigenvalues.dense(mass.toarray(), own.toarray() + modal @ damping @ modal.T, stiffness.toarray())[0]
+    estimates = Estimator(full, reduced.up_to, values()).at(reduced, values(0.4), damping)
+    assert estimates.values.size == 5  # up to 6000 rad/s
+    for value, error in zip(estimates.values, estimates.errors, strict=True):
+        true = exact[np.argmin(np.abs(exact - value))] - value
+        assert abs(true) > 1e-8 * abs(value)
+        assert abs(true - error) < 0.5 * abs(true)
+
+
+def test_a_basis_is_trained_where_its_error_is_largest_until_it_is_small():
+    full = structure(4)
+    foundation = np.random.default_rng(1).uniform(0.0, 2e5, full.rows)
+    full = replace(
+        full,
+        parts=(*full.parts, Part("foundation", "stiffness", sp.csr_array(sp.diags_array(foundation)), "factor", 2)),
+    )
+    told = []
+    over = {FRICTION: (0.0, 0.8), "factor": (0.0, 1.5)}
+    reduction = Reduction("snapshots", up_to=14000.0, at=values(), over=over, vectors=100, error=3e-7)
+    reduced = build(full, reduction, lambda what, share: told.append((what, share)))
+    assert reduced.error <= 3e-7
+    assert len(reduced.points) > 1
+    assert told[-1][1] == 1.0
+    for mu, factor in ((0.17, 0.2), (0.66, 1.37), (0.41, 0.9)):
+        error, more = compared(reduced, full, values(mu) | {"factor": factor}, 14000.0)
+        assert error < 3e-7
+        assert more == 0
+    assert reduced.outside(values(0.9, 1e9) | {"factor": -1.0}) == [
+        "factor = -1 lies outside of the range that the basis was trained for, 0 to 1.5",
+        "contacts.pad.stiffness = 1e+09 lies outside of the range that the basis was trained for, 1e+12 to 1e+12",
+        "friction.mu = 0.9 lies outside of the range that the basis was trained for, 0 to 0.8",
+    ]
+    assert Reduced.from_bytes(reduced.to_bytes()).to_bytes() == reduced.to_bytes()
+
+
+def test_ranges_that_cannot_be_trained_are_refused_all_at_once():
+    over = {"drive.speed": (1.0, 2.0), FRICTION: (0.5, 0.1)}
+    with pytest.raises(UsageError) as refused:
+        build(structure(2), Reduction("snapshots", over=over))
+    assert str(refused.value).splitlines() == [
+        "reduction.over: drive.speed multiplies nothing of this structure; it has contacts.pad.stiffness, friction.mu",
+        "reduction.over: friction.mu is trained from 0.5 to 0.1; the second number must be larger",
+        "contacts.pad.stiffness has no value",
+        "reduction.up_to is missing: the highest frequency that is wanted, e.g. '3 kHz'",
+    ]
+
+
+def test_negative_damping_is_named_with_its_growth():
+    full = structure(2)
+    reduced = build(full, Reduction("none"))
+    assert not growing_without_friction(reduced, values(0.5))
+    wrong = replace(full, parts=(*full.parts, Part("wrong", "damping", sp.csr_array(-1.0 * full.parts[0].matrix))))
+    sentences = growing_without_friction(build(wrong, Reduction("none")), values(0.5))
+    assert sentences[0].endswith("the damping is negative; check the sign and the unit of each damping part")
