@@ -21,7 +21,7 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import ArpackError, eigsh
+from scipy.linalg import eigvalsh_tridiagonal
 
 from rig.errors import SceneError
 from rig.machine import files
@@ -51,7 +51,7 @@ SYMMETRIC = 1e-9
 _HELD = 1e35  # Abaqus writes 1e36 on the diagonal of a held row
 _STEPS = 60  # of the search for a motion of negative mass
 _INDEFINITE = -1e-8  # a mass below this, over that of its rows, is not due to rounding
-_ROUNDING = 1e-12
+_ROUNDING = 1e-10
 ELSEWHERE = """\
 Write the matrices as Matrix Market (.mtx) or MATLAB v5 (.mat) and a CSV file with node and direction of each row:
     Abaqus    *MATRIX GENERATE, STIFFNESS, MASS and *MATRIX OUTPUT, STIFFNESS, MASS, FORMAT=MATRIX INPUT; no CSV needed
@@ -298,7 +298,9 @@ def _triplets(path: Path, table: Array, rows: int) -> sp.csr_array:
         what = f"entry {bad[0] + 1} has row {line[0]:g} and column {line[1]:g}; expected 1 to {rows}"
         raise SceneError("", [f"{path.name}: {what}"])
     i, j = at.astype(np.int64).T - 1
-    if (missing := rows - len(np.unique(np.concatenate([i, j])))) > 0:
+    seen = np.zeros(rows, dtype=bool)
+    seen[i] = seen[j] = True
+    if missing := rows - int(seen.sum()):
         last = int(max(i.max(), j.max())) + 1
         what = f"{missing} of {rows} rows have no entry, the last with one is {last}"
         raise SceneError("", [f"{path.name}: {what}; the file is truncated, or belongs to another .dof file"])
@@ -507,12 +509,19 @@ def _mass_flaws(
 
 
 def _least(matrix: sp.csr_array) -> float:
-    """An upper bound of the smallest eigenvalue of a symmetric matrix; close to it after a few Lanczos steps."""
+    """An upper bound of the smallest eigenvalue of a symmetric matrix; close to it after these Lanczos steps."""
     size = matrix.shape[0]
     if size <= _STEPS:
         return float(np.linalg.eigvalsh(matrix.toarray())[0])
-    start = np.random.default_rng(1).standard_normal(size)
-    try:
-        return float(eigsh(matrix, k=1, which="SA", v0=start, ncv=_STEPS, maxiter=3, tol=1e-3)[0][0])
-    except ArpackError:  # not converged: the smallest eigenvalue has no gap, as those of a positive matrix
-        return 0.0
+    vector = np.random.default_rng(1).standard_normal(size)
+    vector /= np.linalg.norm(vector)
+    before, diagonal, beside = np.zeros(size), [], [0.0]
+    for _ in range(_STEPS):
+        step = matrix @ vector - beside[-1] * before
+        diagonal.append(float(vector @ step))
+        step -= diagonal[-1] * vector
+        beside.append(float(np.linalg.norm(step)))
+        if beside[-1] < _ROUNDING:  # the motions so far contain every other one that they lead to
+            break
+        before, vector = vector, step / beside[-1]
+    return float(eigvalsh_tridiagonal(diagonal, beside[1:-1], select="i", select_range=(0, 0))[0])

@@ -164,6 +164,17 @@ def test_a_matrix_that_cannot_be_is_refused_with_its_rows(tmp_path, of, matrix, 
     assert re.search(fault, "\n".join(faults))
 
 
+@pytest.mark.parametrize(("beside", "positive"), [(0.0, True), (0.499, True), (0.502, False)])
+def test_the_mass_of_many_rows_is_positive_or_refused(beside, positive):
+    """A band matrix: its smallest eigenvalue is 1 - 2 beside cos(pi / 401)."""
+    band = sp.diags_array([np.full(399, beside), np.ones(400), np.full(399, beside)], offsets=[-1, 0, 1]).toarray()
+    sources = [Source("K", "stiffness", values=np.eye(400)), Source("M", "mass", values=band)]
+    if positive:
+        structure(sources, "m-kg-s")
+    else:
+        assert "not positive: a motion has -0.00" in refused(sources)[0]
+
+
 def test_rounding_of_a_writer_is_no_fault(tmp_path):
     structure(parts(tmp_path, stiffness=changed(K, (0, 2, -2e4 * (1 + 1e-12)))), "m-kg-s")
 
