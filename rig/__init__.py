@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
     from control import StateSpace
 
+    from rig.analysis.branches import Branches, Start
     from rig.analysis.control_loop import Loop
     from rig.analysis.cycle_report import Cycle
     from rig.analysis.map import Boundary, Map
@@ -55,9 +56,10 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 __all__ = [
-    "branch",
+    "branches",
     "diff",
     "events",
+    "fork",
     "import_",
     "limit_cycle",
     "load",
@@ -140,7 +142,7 @@ def simulate(
     return result.checked()
 
 
-def branch(
+def fork(
     log: str | Path,
     at: float | None = None,
     overrides: Mapping[str, object] | None = None,
@@ -156,7 +158,7 @@ def branch(
     """
     from pathlib import Path
 
-    from rig.bench.again.branch import branch as go_on
+    from rig.bench.again.fork import fork as go_on
     from rig.quantities import run_length_ns
 
     return go_on(Path(log), at, overrides, run_length_ns(duration), stop).checked()
@@ -267,6 +269,32 @@ def limit_cycle(scene: Scene | str | Path, longest: float | None = None) -> Cycl
     from rig.analysis.cycle import limit_cycle as search
 
     return search(_scene(scene), longest=longest)
+
+
+def branches(
+    scene: Scene | str | Path,
+    over: str,
+    *,
+    output: str | None = None,
+    start: Iterable[str | float | Run | Map | Start] = ("hopf", "simulation"),
+    points: int = 400,
+    folder: str | Path = "branches",
+) -> Branches:
+    """Follow stable and unstable motions over a parameter: `rig.branches("belt", "drive.speed=0.05 m/s:0.8 m/s")`.
+
+    Steady sliding and cycles with any sequence of events, with Floquet multipliers, and their special points: Hopf,
+    fold, grazing, period doubling, torus, lift-off, landing, begin and end of stick, jump. `start`: what branches of
+    cycles begin from: "hopf" (the Hopf points of sliding), "simulation" (limit cycles in the middle and at the ends of
+    the range), a value at which to simulate, a map, a recording. `output`: plant output of the figure, by default the
+    first. `points`: most points of a branch. Results go to a folder of their own in `folder`; an interrupted
+    computation goes on from its last point. Raises rig.errors.SceneError and UsageError.
+    """
+    from pathlib import Path
+
+    from rig.analysis.branches import branches as follow
+    from rig.analysis.branches import job
+
+    return follow(job(_scene(scene), over, output, tuple(start), points), Path(folder))
 
 
 def map(
@@ -471,6 +499,9 @@ def __getattr__(name: str) -> object:
         from importlib.metadata import version
 
         return version("friction-rig")
+    if name == "branch":
+        raise AttributeError("rig.branch is gone: rig.fork continues a recording, rig.branches follows motions over a "
+                             "parameter")  # fmt: skip
     if name != "gym":
         raise AttributeError(f"module 'rig' has no attribute {name!r}")
     from importlib import import_module

@@ -52,16 +52,21 @@ class Axis:
     words: str = ""
 
     @classmethod
-    def parse(cls, text: str, scene: Scene, controller: str = "") -> Self:
-        """Parse `text` as an axis of `scene`, or of its `controller`. Raises SceneError with every fault."""
+    def parse(cls, text: str, scene: Scene, controller: str = "", count: int = 0) -> Self:
+        """Parse `text` as an axis of `scene`, or of its `controller`; `count`: of values, for a text without it.
+
+        Raises SceneError with every fault.
+        """
         key, equals, rest = text.partition("=")
         key, parts = key.strip(), [with_point(part.strip(), key) for part in rest.split(":")]
+        if count and len(parts) == 2:
+            parts.append(str(count))
         if not equals or not key or len(parts) != 3 or not all(parts):
-            raise SceneError(shortened(text), [FORM])
+            raise SceneError(shortened(text), [FORM.replace(":COUNT", "").replace(":50", "") if count else FORM])
         known = numbers(scene, [f"controllers.{controller}"])
         faults = [] if key in known else [unknown(key, known, scene)]
         try:
-            count = value_count(parts[2])
+            values_in_all = value_count(parts[2])
         except ValueError as error:
             faults.append(str(error))
         if key not in known:
@@ -79,7 +84,7 @@ class Axis:
         if faults:
             raise SceneError(shortened(text), faults)
         whole = bool(np.isfinite(ends).all())  # else the values between are undefined, and the scene refuses the ends
-        values = np.linspace(ends[0], ends[1], count).tolist() if whole else ends
+        values = np.linspace(ends[0], ends[1], values_in_all).tolist() if whole else ends
         return cls(key, unit, tuple(values), shown, in_words(key, scene)).accepted(text, scene)
 
     @classmethod

@@ -498,6 +498,7 @@ def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[st
         time=time,
         outputs=dict(zip(orbit.outputs, values)),
         sticking=tuple((a, b) for a, b, sticks in zip(times, times[1:], [*held, *held[:1]]) if sticks and b > a),
+        state=dict(zip(orbit.system.names, turn.states[0].tolist())),
     )
 
 

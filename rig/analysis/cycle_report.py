@@ -62,6 +62,8 @@ class Cycle(Result):
     """Begin and end [s] of each interval of this period in which the first contact sticks."""
     rig: Scene | None = field(default=None, compare=False, repr=False)
     """The scene."""
+    state: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
+    """Every state at the first of these instants, by name."""
 
     @property
     def multiplier(self) -> float:
@@ -95,7 +97,7 @@ class Cycle(Result):
             return {name: getattr(self, name) for name in kept}
         derived = {"frequency": self.frequency, "stick_share": self.stick_share, "amplitude": self.amplitude}
         derived |= {"events": [{"t": t, "what": what} for t, what in self.events], "floquet": self.floquet.to_json()}
-        drawn = ("time", "outputs", "rig")  # for figures and Python: thousands of numbers
+        drawn = ("time", "outputs", "rig", "state")  # for figures and Python: thousands of numbers
         return {**{name: value for name, value in vars(self).items() if name not in drawn}, **derived}
 
     def text(self) -> str:

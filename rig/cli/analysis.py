@@ -281,6 +281,49 @@ def map_(
         written(chart(todo, out, workers, progress), store.folder, name, as_json)
 
 
+def branches(
+    scene: SceneName,
+    over: Annotated[
+        str,
+        typer.Option(metavar="KEY=FROM:TO", help='Parameter and its range: "drive.speed=0.05 m/s:0.8 m/s".'),
+    ],
+    p: Changes = None,
+    start: Annotated[
+        str,
+        typer.Option(
+            metavar="LIST",
+            help="What branches of cycles begin from: hopf (Hopf points of sliding), simulation (limit cycles in the "
+            "middle and at the ends of the range), a value to simulate at, the folder of a map, a recording.",
+        ),
+    ] = "hopf,simulation",
+    output: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Plant output of the figure. Default: the first output of the plant."),
+    ] = None,
+    points: Annotated[int, typer.Option(min=2, max=100_000, help="Most points of a branch of cycles.")] = 400,
+    out: Results = Path("branches"),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Follow stable and unstable motions over a parameter: where they begin, turn and end.
+
+    Steady sliding and limit cycles with any sequence of stick, slip, lift-off
+    and landing. Results are kept: after an interruption the same command
+    continues. --force draws finished branches again.
+    """
+    from rig.analysis.branches import branches as follow
+    from rig.analysis.branches import job, store_of
+
+    loaded = the_scene(scene, changes(p))
+    printing.warnings(loaded)
+    todo = job(loaded, over, output, tuple(separated(start)), points)
+    store = store_of(todo, out)
+    refuse(store.folder, ("branches.csv", "branches.png"), force)
+    with printing.kept(store, "branches"), printing.status() as show:
+        result = follow(todo, out, show)
+    written(result, store.folder, "branches", as_json)
+
+
 def written(result: Any, folder: Path, name: str, as_json: bool) -> None:
     """Print a result that has a folder, and write its table and its figure as `name` there."""
     from rig.machine.files import write_file
@@ -301,6 +344,7 @@ def idle(scene: Scene, *axes: Axis | None) -> None:
 COMMANDS = {
     "modes": (modes, 'rig modes belt --sweep "drive.speed=0.05 m/s:0.4 m/s:50" --figure locus.png'),
     "cycle": (cycle, 'rig cycle two_dof -p friction.mu=0.45 --longest "10 min"'),
+    "branches": (branches, 'rig branches belt --over "drive.speed=0.05 m/s:0.8 m/s"'),
     "identify": (identify, "rig identify lever_kinetic_friction --figure friction.png"),
     "loop": (loop, "rig loop belt_normal_force --figure loop.png"),
     "map": (map_, 'rig map belt --x "drive.speed=0.05 m/s:0.8 m/s:40" --y "load.force=10 N:30 N:5"'),

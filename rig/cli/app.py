@@ -62,7 +62,7 @@ PANELS = {
     "Run a scene": "demo run simulate web bridge",
     "Look at scenes": "list new migrate explain fmu",
     "Learn": "lesson",
-    "Analyse a rig": "modes cycle identify loop map study optimise reproduce",
+    "Analyse a rig": "modes cycle branches identify loop map study optimise reproduce",
     "Choose method and step": "cost",
     "Test the methods": "torture",
     "Recordings": "import runs note report replay verify recover diff export",

@@ -361,7 +361,7 @@ def _simulated(
             return rig.simulate(scene, length, stop)
         log, at = instant_of(start)
         allow(log, trust)
-        return rig.branch(log, at, {key: plain(value) for key, value in overrides.items()}, length, stop)
+        return rig.fork(log, at, {key: plain(value) for key, value in overrides.items()}, length, stop)
 
 
 @contextmanager
@@ -397,13 +397,13 @@ def _notes(run: Run) -> Iterator[str]:
     """What of the run deserves attention: its warnings and faults."""
     from rig.bus.topics import LEVELS
 
-    branched = max((event["t_ns"] for event in run.plant_events if event["kind"] == "branch"), default=-1)
+    forked = max((event["t_ns"] for event in run.plant_events if event["kind"] == "fork"), default=-1)
     told = LEVELS.keys() - {"overruled", "fault"}
     for event in run.plant_events:
         kind, t, text = event["kind"], event["t_ns"], event["text"]
-        if kind == "warning" or (kind == "overruled" and t == branched):
+        if kind == "warning" or (kind == "overruled" and t == forked):
             yield f"warning: {text}"
-        elif t >= branched and kind in told and text.partition("\n")[0] not in run.fault:
+        elif t >= forked and kind in told and text.partition("\n")[0] not in run.fault:
             yield f"{t * 1e-9:.3f} s  {kind}: {text}"
     if run.fault:
         yield run.fault
@@ -418,7 +418,7 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
 
     plant, length = run.summary["plant"], float(run.time[-1])
     yield "run", f"{length:g} s simulated in {wall:.2f} s, compiling included; ended: {run.summary['ended']}"
-    yield from (("branch", event["text"]) for event in run.plant_events if event["kind"] == "branch")
+    yield from (("fork", event["text"]) for event in run.plant_events if event["kind"] == "fork")
     yield "plant", status.plant(plant, plant["energy_error"])
     for name in portrait(scene.assemble().outputs) or ():
         v = run.signals[name]

@@ -263,7 +263,7 @@ def sliding_key(system: System, x: Array | None = None) -> int:
     `x`: a state with the driving states in force; the start by default.
     """
     x = system.start if x is None else x
-    held = _settled(system, x)
+    held = settled(system, x)
     speeds = [float(p.surface @ held) for p in system.patches]
     slip = [SLIP_MINUS if speed < 0.0 else SLIP_PLUS for speed in speeds]
     return system.key(
@@ -274,7 +274,7 @@ def sliding_key(system: System, x: Array | None = None) -> int:
     )
 
 
-def _settled(system: System, x: Array) -> Array:
+def settled(system: System, x: Array) -> Array:
     """`x` at rest, with lags at their steady values and limiters in their range."""
     stick = system.key([STICK] * len(system.patches), [1] * len(system.normals), [0] * len(system.limiters))
     A = assembled(system, stick).A

@@ -79,7 +79,7 @@ def test_measures_are_those_of_the_motion(runs):
 
 
 def test_actions_of_operators_are_listed(logs, runs):
-    other = lab.branch(logs[0], 2.0, {"drive.speed": 0.08}, 2.0)
+    other = lab.fork(logs[0], 2.0, {"drive.speed": 0.08}, 2.0)
     found = compare(runs[0], other)
     assert found.actions == ("B: t = 2 s: continues a.mcap from 2 s", "B: t = 2 s: drive.speed = 0.08")
     assert min(one.time for one in found.signals.differences) >= 2.0

@@ -122,14 +122,14 @@ def test_a_contact_that_opens_for_a_moment_counts():
     assert early["text"].endswith(f"had no influence on this run, judged at {early['states']} of its states")
 
 
-def test_a_branch_from_a_checkpoint_says_from_when_on_it_was_judged(monkeypatch, tmp_path):
+def test_a_fork_from_a_checkpoint_says_from_when_on_it_was_judged(monkeypatch, tmp_path):
     monkeypatch.setattr("rig.bench.run.checkpoint.STEPS", 1000)
     run = rig.simulate("four_dof", 2.0)
     run.provenance |= provenance(0)
     run.save(tmp_path / "run.mcap")
-    branched = rig.branch(tmp_path / "run.mcap", 1.5, duration=1.0)
-    found = {one["effect"]: one for one in branched.summary["audit"]}
-    at = int(branched.provenance["checkpoint_ns"]) * 1e-9
+    forked = rig.fork(tmp_path / "run.mcap", 1.5, duration=1.0)
+    found = {one["effect"]: one for one in forked.summary["audit"]}
+    at = int(forked.provenance["checkpoint_ns"]) * 1e-9
     assert found["separation"]["since"] == at > 0.0
     assert found["separation"]["text"].endswith(f"of its states from {at:g} s on")
 

@@ -8,7 +8,7 @@ import pytest
 from plant_in_thread import recorded
 
 import rig
-from rig.bench.again.branch import branch
+from rig.bench.again.fork import fork
 from rig.bench.again.verify import verify
 from rig.bench.run import checkpoint
 from rig.bench.run.checkpoint import packed, unpacked
@@ -42,18 +42,18 @@ def kept(monkeypatch, scene, seconds, count=7):
 
 
 def told(run):
-    return [event for event in run.events if event["kind"] != "branch"]
+    return [event for event in run.events if event["kind"] != "fork"]
 
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
-    """A branch of a belt with a controller: values were tuned at 0.5 s. Checkpoints before and after."""
+    """A fork of a belt with a controller: values were tuned at 0.5 s. Checkpoints before and after."""
     scene, folder = rig.load("belt_normal_force", {"controllers.nf.enable_at": "0.1 s"}), tmp_path_factory.mktemp("t")
     with pytest.MonkeyPatch.context() as patch:
         kept(patch, scene, 2.0)
         log = recorded(folder, rig.simulate(scene, 1.0), "first.mcap")
         changes = {"drive.speed": "0.1 m/s", "friction.mu_static": 0.42, "controllers.nf.gain": 3.0}
-        return branch(log, 0.5, changes, 1_500_000_000)
+        return fork(log, 0.5, changes, 1_500_000_000)
 
 
 @pytest.mark.parametrize(("name", "changes", "duration", "at"), CASES, ids=[case[0] for case in CASES])
@@ -63,7 +63,7 @@ def test_from_a_checkpoint_it_has_the_bits_of_the_uninterrupted_run(monkeypatch,
     whole = rig.simulate(scene, duration)
     log = recorded(tmp_path, rig.simulate(scene, at), "run.mcap")
     start = round(0.7 * at, 3)
-    continued = branch(log, start, duration_ns=round((duration - start) * 1e9))
+    continued = fork(log, start, duration_ns=round((duration - start) * 1e9))
     assert 0 < int(continued.provenance["checkpoint_ns"]) < start * 1e9
     same = compare(whole, continued)
     assert same.identical, same
@@ -77,7 +77,7 @@ def test_from_a_checkpoint_it_has_the_bits_of_the_uninterrupted_run(monkeypatch,
 
 def test_values_that_were_tuned_before_the_checkpoint_hold_after_it(tuned, tmp_path):
     log = recorded(tmp_path, tuned, "second.mcap")
-    found = branch(log, 1.7, duration_ns=300_000_000)
+    found = fork(log, 1.7, duration_ns=300_000_000)
     assert int(found.provenance["checkpoint_ns"]) > 1_000_000_000
     assert compare(tuned, found).identical
     assert found.energy == tuned.energy
@@ -96,7 +96,7 @@ def test_a_knock_and_a_switch_before_the_checkpoint_are_in_its_state(monkeypatch
     scene = dataclasses.replace(rig.load("belt_dither"), protocol=STEPS.validate_python(steps))
     kept(monkeypatch, scene, 1.0)
     whole = rig.simulate(scene)
-    found = branch(recorded(tmp_path, rig.simulate(scene, 1.0), "run.mcap"), 0.9)
+    found = fork(recorded(tmp_path, rig.simulate(scene, 1.0), "run.mcap"), 0.9)
     assert int(found.provenance["checkpoint_ns"]) > 500_000_000
     assert compare(whole, found).identical
     assert told(found) == whole.events
@@ -120,7 +120,7 @@ def changed(run, **values):
 def test_without_a_checkpoint_that_can_be_used_it_is_simulated_from_the_begin_on(tuned, tmp_path, spoilt):
     log = recorded(tmp_path, tuned, "second.mcap")
     save(spoilt(rig.open(log)), log)
-    found = branch(log, 1.7, duration_ns=300_000_000)
+    found = fork(log, 1.7, duration_ns=300_000_000)
     assert "checkpoint_ns" not in found.provenance
     assert compare(tuned, found).identical
 

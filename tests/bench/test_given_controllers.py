@@ -83,7 +83,7 @@ def test_a_system_of_python_control_becomes_a_table_of_the_scene(own, tmp_path):
     assert verify(tmp_path / "run.mcap").passed
     recorded = rig.open(tmp_path / "run.mcap")
     assert '"kind": "lti"' in recorded.scene
-    assert rig.branch(tmp_path / "run.mcap", 0.2, {}, 0.05).commands["nf"].tick.size == 250
+    assert rig.fork(tmp_path / "run.mcap", 0.2, {}, 0.05).commands["nf"].tick.size == 250
 
 
 def test_a_file_takes_part_under_the_name_that_is_given(own):

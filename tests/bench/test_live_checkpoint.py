@@ -4,7 +4,7 @@ import numpy as np
 
 import rig
 from rig import scenes
-from rig.bench.again import branch as branches
+from rig.bench.again import fork as forks
 from rig.bench.again.verify import verify
 from rig.bench.live import supervise
 from rig.bench.live.plant_process import warm
@@ -24,10 +24,10 @@ def test_a_live_run_is_continued_from_a_checkpoint(runs, monkeypatch):
     assert len(state) < 0.02 * log.stat().st_size
 
     changes = {"drive.speed": "0.09 m/s"}
-    found = branches.branch(log, 2.05, changes, 200_000_000)
+    found = forks.fork(log, 2.05, changes, 200_000_000)
     assert found.provenance["checkpoint_ns"] == str(tick * live.frame_ns)
-    monkeypatch.setattr(branches, "nearest", lambda *given: None)
-    other = branches.branch(log, 2.05, changes, 200_000_000)
+    monkeypatch.setattr(forks, "nearest", lambda *given: None)
+    other = forks.fork(log, 2.05, changes, 200_000_000)
     assert "checkpoint_ns" not in other.provenance
     rows = np.searchsorted(other.time, found.time - 1e-10)
     assert all((found.signals[name] == v[rows]).all() for name, v in other.signals.items())

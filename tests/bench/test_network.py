@@ -1,4 +1,4 @@
-"""Links that are made worse on purpose: the same bits in all clocks, in a re-simulation and in a branch."""
+"""Links that are made worse on purpose: the same bits in all clocks, in a re-simulation and in a fork."""
 
 import dataclasses
 import json
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from plant_in_thread import bits, ran, recorded, same_bits
 
 import rig
-from rig.bench.again.branch import branch
+from rig.bench.again.fork import fork
 from rig.bench.again.verify import verify
 from rig.bench.run import checkpoint
 from rig.bench.run.simulate import Recorded, simulate
@@ -85,14 +85,14 @@ def test_a_recorded_run_is_simulated_again_to_the_bit_and_its_commands_are_check
 
 
 @pytest.mark.parametrize(("at", "steps"), [(0.6, 10**9), (0.55, 100)], ids=["", "from a checkpoint"])
-def test_a_branch_has_the_bits_of_the_run_that_goes_on(monkeypatch, tmp_path, bad, at, steps):
+def test_a_fork_has_the_bits_of_the_run_that_goes_on(monkeypatch, tmp_path, bad, at, steps):
     monkeypatch.setattr(checkpoint, "STEPS", steps)
     log = recorded(tmp_path, rig.simulate(belt(BAD), 0.6))
-    continued = branch(log, at, duration_ns=round((1.0 - at) * 1e9))
+    continued = fork(log, at, duration_ns=round((1.0 - at) * 1e9))
     assert ("checkpoint_ns" in continued.provenance) == (steps == 100)
     assert compare(bad, continued).identical
     assert continued.summary["network"] == bad.summary["network"]
-    assert verify(recorded(tmp_path, continued, "branch.mcap")).passed
+    assert verify(recorded(tmp_path, continued, "fork.mcap")).passed
 
 
 class Listens:

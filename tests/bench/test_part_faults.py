@@ -7,7 +7,7 @@ import pytest
 from plant_in_thread import bits, ran, recorded, same_bits
 
 import rig
-from rig.bench.again.branch import branch
+from rig.bench.again.fork import fork
 from rig.bench.again.verify import verify
 from rig.bench.run import checkpoint, local_controllers
 from rig.bench.run.local_controllers import CompiledControllers
@@ -131,11 +131,11 @@ def test_faults_are_events_and_are_verified(faulty, tmp_path):
     assert found.events >= 13
 
 
-def test_a_branch_has_the_bits_of_the_run_that_goes_on(monkeypatch, tmp_path, faulty):
+def test_a_fork_has_the_bits_of_the_run_that_goes_on(monkeypatch, tmp_path, faulty):
     monkeypatch.setattr(checkpoint, "STEPS", 100)
     log = recorded(tmp_path, rig.simulate(belt(ALL), 0.8))
     for at in (0.25, 0.65):  # in a fault of the sensor and of the load
-        found = branch(log, at, duration_ns=round((1.0 - at) * 1e9))
+        found = fork(log, at, duration_ns=round((1.0 - at) * 1e9))
         assert compare(faulty, found).identical
         assert told(found) == told(faulty)
 

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 
 import rig
 from rig import scenes
-from rig.bench.again.branch import branch
+from rig.bench.again.fork import fork
 from rig.bench.again.verify import verify
 from rig.bench.run.protocol import Apply, Change, Finish, Move, Note, Protocol, Release, Strike, Switch
 from rig.bench.run.runner import PlantRunner
@@ -231,7 +231,7 @@ def test_actuators_follow_a_measurement_and_the_recording_needs_only_itself(foll
     run.save(log)
     (tmp_path / "m.mcap").unlink()
     assert verify(log).identical
-    again = branch(log, 0.2015)
+    again = fork(log, 0.2015)
     assert all(np.array_equal(again.signals[name], run.signals[name]) for name in run.signals)
 
 

@@ -1,4 +1,4 @@
-"""Recordings that no run of this version makes: verify and the branch say in words what is wrong."""
+"""Recordings that no run of this version makes: verify and the fork say in words what is wrong."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.again.branch import branch
+from rig.bench.again.fork import fork
 from rig.bench.again.verify import verify
 from rig.bus import messages
 from rig.errors import LogError
@@ -73,14 +73,14 @@ def test_what_does_not_belong_to_the_scene_is_a_fault(run, tmp_path, what):
     found = verify(tmp_path / "run.mcap")
     assert any(told in fault for fault in found.faults), found.text()
     with pytest.raises(LogError, match=r"cannot be continued|does not repeat|not certain"):
-        branch(tmp_path / "run.mcap", 0.4, duration_ns=10**7)
+        fork(tmp_path / "run.mcap", 0.4, duration_ns=10**7)
 
 
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_cannot_be_repeated_is_refused_with_time_and_reason(run, tmp_path, what):
     change, told = REFUSED[what]
     save(dataclasses.replace(run, **change(run)), tmp_path / "run.mcap")
-    for use in (verify, lambda log: branch(log, 0.4, duration_ns=10**7)):
+    for use in (verify, lambda log: fork(log, 0.4, duration_ns=10**7)):
         with pytest.raises(LogError, match=told) as refused:
             use(tmp_path / "run.mcap")
         assert str(refused.value).startswith(f"{tmp_path / 'run.mcap'}: the recorded ")

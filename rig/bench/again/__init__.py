@@ -1,6 +1,6 @@
 """A recording again: continued, replayed, verified.
 
-branch      continues a recording from one of its instants, with other values
+fork      continues a recording from one of its instants, with other values
 replay      plays a recording back on the bus, with controllers as processes that receive it
 verify      simulates a recording again and compares: commands, events, samples
 agreement   the comparison of samples, also between processors

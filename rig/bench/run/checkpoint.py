@@ -1,6 +1,6 @@
 """Checkpoints of a run: the state of plant and instruments, kept from time to time in its recording.
 
-`rig.bench.again.branch` continues a recording from the nearest one, instead of simulating it from its begin. A
+`rig.bench.again.fork` continues a recording from the nearest one, instead of simulating it from its begin. A
 checkpoint holds what only a simulation could give: the state of the motion, of its energy balance, and of the
 instruments. Protocol, exchange and controllers follow from the recording (rig.bench.run.runner). The same state, kept
 in this process with the last samples, lets a plant runner return to it (`PlantRunner.keep`, `PlantRunner.back`).

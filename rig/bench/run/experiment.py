@@ -43,7 +43,7 @@ from rig.units import si
 
 # Time in which the drive stops after a limit has ended the experiment. # chosen
 RUN_DOWN_NS = 500_000_000
-BEGIN, BRANCH, PLANT, EMERGENCY = "begin", "branch", "plant", "emergency"
+BEGIN, FORK, PLANT, EMERGENCY = "begin", "fork", "plant", "emergency"
 FAULT = "fault"
 """Kind of event that says that a fault begins or is over."""
 
@@ -405,7 +405,7 @@ class Experiment:
         data, kind = event["data"], event["kind"]
         does: dict[str, Callable[[], object]] = {
             "parameter": lambda: self.change(data["set"]),
-            BRANCH: lambda: self.journal.note(BRANCH, event["text"], **data),
+            FORK: lambda: self.journal.note(FORK, event["text"], **data),
             "knock": lambda: self.knock(data["impulse"]),
             EMERGENCY: self.emergency,
             "connected": lambda: self.switch(data["controller"], True),

@@ -32,7 +32,7 @@ def test_a_recording_is_continued_recorded_and_verified(rig, log, tmp_path):
     code, text, _ = rig("verify", out, "--json")
     assert code == 0, text
     assert json.loads(text)["identical"]
-    same = lab.branch(log, 0.5, {"drive.speed": 0.1, "friction.mu_static": "0.45"}, 0.5)
+    same = lab.fork(log, 0.5, {"drive.speed": 0.1, "friction.mu_static": "0.45"}, 0.5)
     assert (same.signals["velocity"] == run.signals["velocity"]).all()
 
 

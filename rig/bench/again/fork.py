@@ -6,11 +6,11 @@ state in which they were. At the instant the new values take effect, as if an op
 controllers command. The samples before the instant must agree with the recording.
 
 If the recording contains a checkpoint before the instant (rig.bench.run.checkpoint), only what follows it is simulated
-again, with the same bits, and the samples before it are those of the recording (rig.bench.again.branch).
+again, with the same bits, and the samples before it are those of the recording (rig.bench.again.fork).
 
 The run that results begins at 0 and holds this history. Therefore it is verified like any other recording.
 
-What a new simulation takes from a recording: its scene, and the history of a branch that begins at a checkpoint.
+What a new simulation takes from a recording: its scene, and the history of a fork that begins at a checkpoint.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy as np
 from rig import controllers, design
 from rig.bench.again.agreement import ELSEWHERE, agreement, changed_place, duration_ns, pairs, unknown
 from rig.bench.run.builds import GOES_ON, WAITS
-from rig.bench.run.experiment import BRANCH, EMERGENCY, PLANT, Experiment, divided
+from rig.bench.run.experiment import EMERGENCY, FORK, PLANT, Experiment, divided
 from rig.bench.run.journal import OPERATOR
 from rig.bench.run.runner import Resumption
 from rig.bench.run.simulate import Recorded, Stop, begun, simulate
@@ -39,7 +39,7 @@ from rig.scenes.faults import near, shortened
 from rig.scenes.merged import OWN
 from rig.scenes.scene import Scene
 
-# Key of the provenance: the instant up to which the samples of a branch are those of its ancestor.
+# Key of the provenance: the instant up to which the samples of a fork are those of its ancestor.
 CHECKPOINT = "checkpoint_ns"
 
 # Kinds of events after which the run goes to the safe state, without further checkpoints.
@@ -102,7 +102,7 @@ def add_history(continued: Run, run: Run, tick: int) -> None:
     continued.checkpoints = {at: state for at, state in run.checkpoints.items() if at <= tick} | continued.checkpoints
 
 
-def branch(
+def fork(
     log: Path,
     at: float | None = None,
     changes: Mapping[str, Any] | None = None,
@@ -141,7 +141,7 @@ def branch(
         return asked[-1] if asked else ""
 
     text = f"continues {log.name} from {now * 1e-9:g} s"
-    events = [*_events_before(run, tick), _action(BRANCH, tick, now, text, origin)]
+    events = [*_events_before(run, tick), _action(FORK, tick, now, text, origin)]
     events += [_action("parameter", tick, now, "", {"set": changes})] if changes else []
 
     def continued(resumption: Resumption | None) -> Run:

@@ -1,0 +1,28 @@
+"""Branches: the stable and unstable motions of a rig over a parameter, where they begin, turn and end.
+
+compute     what is followed and from where; saved while it is computed
+trace       pseudo-arclength along cycles, special points, boundaries between sequences of events
+distances   how far a cycle is from other events
+begin       the first place of a branch: Hopf points, simulations, maps, recordings, forced motions
+result      branches as text, JSON, CSV, xarray; figure
+"""
+
+from rig.analysis.branches.begin import HOPF, SIMULATION, Start
+from rig.analysis.branches.compute import POINTS, ROOT, Job, branches, job, store_of
+from rig.analysis.branches.result import Branch, Branches, Point, SpecialPoint
+
+__all__ = [
+    "HOPF",
+    "POINTS",
+    "ROOT",
+    "SIMULATION",
+    "Branch",
+    "Branches",
+    "Job",
+    "Point",
+    "SpecialPoint",
+    "Start",
+    "branches",
+    "job",
+    "store_of",
+]

@@ -1,0 +1,230 @@
+"""The first place of a branch of cycles: at a Hopf point, from a motion that was simulated or recorded, or from a map.
+
+A forced motion is simulated until its start has decayed, then closed by Newton's method.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.axis import Axis
+from rig.analysis.branches.trace import VIRTUAL, Place, better_base, place, sizes
+from rig.analysis.map import Map
+from rig.analysis.orbit import repeating
+from rig.analysis.return_map import Array, Family, Flow, NoCycle, ReturnMap, driven
+from rig.errors import UsageError
+from rig.record import reader
+from rig.record.run import Run
+from rig.record.run_list import drives
+from rig.scenes.scene import Scene
+from rig.stability.linearisation import steady
+from rig.units import si
+
+HOPF, SIMULATION = "hopf", "simulation"
+_PERIODS = 2000  # of the dither, at most, that the start is simulated
+_DECAYS = 1e-4
+_INSIDE = 0.05
+_WATCHED = 60.0  # periods of the slowest mode in which a recorded motion has to repeat
+_REPEATS = 1e-2
+_VIBRATES = ("stick-slip", "vibration")
+
+
+@dataclass(frozen=True)
+class Start:
+    """A motion from which a branch is followed: value of the parameter, state by name, period [s] (0: not known)."""
+
+    value: float
+    state: Mapping[str, float] = field(hash=False)
+    period: float = 0.0
+
+
+def starts(given: object, scene: Scene, axis: Axis) -> Iterator[str | float | Start]:
+    """Yield what branches begin from: of a word, a value, the folder of a map or the map, a recording or the run.
+
+    Raises UsageError.
+    """
+    if isinstance(given, str) and given in (HOPF, SIMULATION):
+        yield given
+    elif isinstance(given, Start):
+        yield given
+    elif isinstance(given, Run):
+        yield _of_run(given, scene, axis)
+    elif isinstance(given, Map):
+        yield from _of_records(given.points(), axis, "the map")
+    elif isinstance(given, int | float):
+        yield _inside(float(given), axis)
+    elif isinstance(given, Path) or (isinstance(given, str) and Path(given).exists()):
+        path = Path(given)
+        if path.is_dir():
+            yield from _of_folder(path, axis)
+        else:
+            yield _of_run(reader.open(path), scene, axis)
+    else:
+        try:
+            value = si(str(given), axis.unit)
+        except ValueError as fault:
+            what = "is neither hopf, simulation, the folder of a map, a recording, nor a value"
+            raise UsageError(f"start {given!s:.60}: {what} ({fault})") from None
+        yield _inside(value, axis)
+
+
+def _inside(value: float, axis: Axis) -> float:
+    low, high = min(axis.values), max(axis.values)
+    if not low <= value <= high:
+        raise UsageError(f"start {axis.text(value)}: is outside of the range {axis.text(low)} to {axis.text(high)}")
+    return value
+
+
+def _of_folder(folder: Path, axis: Axis) -> Iterator[float]:
+    import csv
+
+    table = folder / "map.csv"
+    if not table.is_file():
+        raise UsageError(f"start {folder}: holds no finished map (map.csv); compute one with rig map")
+    with table.open() as file:
+        rows = [{key.split(" [")[0]: value for key, value in row.items()} for row in csv.DictReader(file)]
+    yield from _of_records(rows, axis, str(folder))
+
+
+def _of_records(rows: Any, axis: Axis, what: str) -> Iterator[float]:
+    """The ends and the middle of each range in which a map shows vibration."""
+    records = list(rows)
+    if not records or axis.key not in records[0]:
+        raise UsageError(f"start {what}: is no map over {axis.key}")
+    stretch: list[float] = []
+    low, high = min(axis.values), max(axis.values)
+    for record in [*records, {}]:
+        if any(str(record.get(name)) in _VIBRATES for name in record if name.endswith("_state")):
+            value = float(record[axis.key])
+            stretch += [value] if low <= value <= high else []
+        elif stretch:
+            yield from dict.fromkeys((stretch[len(stretch) // 2], stretch[0], stretch[-1]))
+            stretch = []
+
+
+def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
+    """The last recorded state of a run, from the outputs that depend on states alone."""
+    recorded = Scene.from_json(run.scene_text())
+    speed = next(iter(drives(run)), "")
+    value = float(recorded.values()[axis.key][0]) if axis.key in recorded.values() else math.nan
+    if axis.key == "drive.speed" and speed:
+        value = float(run.signals[speed][-1])
+    flow = Family(scene, [axis]).flow((_inside(value, axis),))
+    names, moving = flow.system.names, flow.moving
+    known = {n: o.row for n, o in flow.assembly.outputs.items() if n in run.signals and o.row.keys() <= {*names}}
+    rows = np.array([[row.get(name, 0.0) for name in names] for row in known.values()]).reshape(-1, len(names))
+    driving = flow.settled.copy()
+    driving[moving] = 0.0
+    measured = np.array([float(run.signals[name][-1]) for name in known]) - rows @ driving
+    if np.linalg.matrix_rank(rows[:, moving]) < len(moving):
+        raise UsageError(
+            "the outputs of the recording do not determine its state; start from simulation, or from a value"
+        )
+    state = np.linalg.lstsq(rows[:, moving], measured, rcond=None)[0]
+    return Start(value, dict(zip([names[i] for i in moving], state.tolist())))
+
+
+def from_start(family: Family, start: Start) -> Place:
+    """Return the place of the cycle that a motion is near to. Raises NoCycle, NotSmooth."""
+    flow = family.flow((start.value,))
+    x = flow.settled.copy()
+    for i in flow.moving:
+        x[i] = start.state[flow.system.names[i]]
+    period = start.period
+    if not period:
+        slowest = steady(flow.system, flow.key).time_scales()[1]
+        run = flow.carried(x, _WATCHED * slowest)
+        count, drift = repeating([event for _, event in run.events], flow.step, _REPEATS)
+        if not count or drift > _REPEATS:
+            raise NoCycle("the recorded motion does not repeat")
+        times = [time for time, _ in run.events]
+        period, x = times[-1] - times[-1 - count], run.x
+    return from_motion(family, (start.value,), x, period)
+
+
+def from_hopf(family: Family, p: float, x: Array, rate: complex, shape: NDArray[np.complex128]) -> Place:
+    """The first place of the cycles that begin at a Hopf point p.
+
+    `x`: the equilibrium; `rate`, `shape` [state]: eigenvalue and eigenvector of the undamped mode.
+    """
+    flow = family.flow((p,))
+    system, moving = flow.system, flow.moving
+    rows, speeds = system.slip_rows @ shape, np.abs(system.slip_rows @ x)
+    scale = max((abs(row) / speed for row, speed in zip(rows, speeds) if speed > 0.0), default=0.0)
+    shape = shape / (scale or float(np.abs(shape).max()))
+    shape = shape / np.exp(1j * np.angle(shape[moving[np.abs(shape[moving]).argmax()]]))
+    nq = len(system.coordinates)
+    size = np.abs(shape)
+    for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):
+        if size[kind].size:
+            size[kind] = np.maximum(size[kind], 1e-3 * size[kind].max())
+    size = np.where(size[moving] > 0.0, size[moving], 1.0)
+    T = 2.0 * math.pi / rate.imag
+    map = ReturnMap(family, size, T, abs(p) or 1.0)
+    t = np.append(shape.real[moving] / size, [0.0, 0.0])
+    t /= np.linalg.norm(t)
+    eps = 2.0 * VIRTUAL
+    origin = map.unknowns(x, T, p)
+    u = origin + eps * t
+    u, end = map.newton(u, lambda v, _: (float(t @ (v - origin)) - eps, t), u)
+    return place(map, u, end, t)
+
+
+def from_motion(family: Family, values: tuple[float, ...], x: Array, period: float) -> Place:
+    """The place of the cycle that passes near state x of the rig with these values. Raises NoCycle and NotSmooth."""
+    flow = family.flow(values)
+    run = flow.carried(x, period, keep=True)
+    map = ReturnMap(family, sizes(run.states, flow), period, abs(values[0]) or 1.0, values[1:])
+    u = map.unknowns(x, period, values[0])
+    if (later := better_base(map, u, run, period)) is not None:
+        base = flow.carried(x, later)
+        map.key = base.key
+        u = map.unknowns(base.x, period, values[0])
+    gradient = np.append(np.zeros(len(u) - 1), 1.0)
+    met = map.end(u).met
+    u, end = map.newton(u, lambda v, _: (float(v[-1]) - values[0] / map.P0, gradient), u, met)
+    return place(map, u, end, gradient)
+
+
+def period_of(flow: Flow) -> float:
+    """Return the period [s] of the generator of a rig. Raises UsageError without exactly one."""
+    rates = {rate for *_, rate in flow.system.generators}
+    if len(rates) != 1:
+        raise UsageError(f"{flow.scene.name}: a forced motion needs one generator, and the rig has {len(rates)}")
+    return 2.0 * math.pi / rates.pop()
+
+
+def from_forced(family: Family, value: float) -> Place:
+    """Return the place of the motion with the period of the generator that the rig reaches. Raises NoCycle."""
+    flow = family.flow((value,))
+    T = period_of(flow)
+    x = driven(flow, 0.0)
+    last, run = x, flow.carried(x, T, keep=True)
+    for _ in range(_PERIODS):
+        generator = driven(flow, 0.0)
+        x = generator.copy()
+        x[flow.moving] = run.x[flow.moving]
+        run = flow.carried(x, T, keep=True)
+        size = sizes(run.states, flow)
+        if np.abs((x - last)[flow.moving] / size).max() < _DECAYS:
+            break
+        last = x
+    times = [0.0, *(t for t, _ in run.events), T]
+    widest = max(range(len(times) - 1), key=lambda i: times[i + 1] - times[i])
+    phase = 0.0
+    if run.events and min(times[1], T - times[-2]) < _INSIDE * T:  # the base lies beside an event
+        phase = 0.5 * (times[widest] + times[widest + 1]) / T
+        x = flow.carried(x, phase * T).x
+    map = ReturnMap(family, size, T, abs(value) or 1.0, (), period_of, phase)
+    u = map.unknowns(x, T, value)
+    gradient = np.append(np.zeros(len(u) - 1), 1.0)
+    met = map.end(u).met
+    u, end = map.newton(u, lambda v, _: (float(v[-1]) - value / map.P0, gradient), u, met)
+    return place(map, u, end, gradient)

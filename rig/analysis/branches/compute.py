@@ -1,0 +1,502 @@
+"""What is followed and from where: steady sliding, the cycles that begin at its Hopf points, and those that a
+simulation, a map or a recording shows.
+
+Every family of cycles is saved while it is computed. An interrupted computation goes on from its last point.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis import eigenvalue_curves as curves
+from rig.analysis.axis import Axis
+from rig.analysis.branches import begin
+from rig.analysis.branches.begin import HOPF, SIMULATION, Start
+from rig.analysis.branches.distances import intervals
+from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, Branch, Branches, Point, SpecialPoint
+from rig.analysis.branches.trace import (
+    FAILURES,
+    LONGEST,
+    Place,
+    Segment,
+    Special,
+    follow,
+    place,
+    sizes,
+)
+from rig.analysis.cycle import limit_cycle
+from rig.analysis.modes import at_rest, dithers
+from rig.analysis.orbit import refuse
+from rig.analysis.pool import Store, Work, digest, packed, unpacked
+from rig.analysis.return_map import Family, ReturnMap
+from rig.analysis.sweep import Sweep, sweep
+from rig.errors import RigError, UsageError
+from rig.model.formulation import signal_rows
+from rig.model.friction_law import coulomb
+from rig.model.method import chosen
+from rig.model.singular import assembled
+from rig.model.system import System
+from rig.scenes.faults import near
+from rig.scenes.scene import Scene
+from rig.solve.records import CLOSED, SLIP_MINUS, SLIP_PLUS
+from rig.stability.linearisation import Steady, settled, sliding_key, steady
+
+Array = NDArray[np.float64]
+Shape = NDArray[np.complex128]
+Watch = Callable[[str], object]
+ROOT = Path("branches")
+VALUES = 41
+"""Values of the parameter at which sliding is computed, if the range names no number."""
+POINTS = 400
+"""Most points of a family of cycles."""
+SAVE = 2.0
+"""Seconds between two savings: an interruption loses at most so much."""
+_SAME_PERIOD, _SAME_SIZE = 1e-3, 2e-2  # of two motions at one value, one of them interpolated: they are one branch
+_SMALL = 1e-9  # of the largest speed of a surface: it rests
+
+
+@dataclass(frozen=True)
+class Job:
+    """Branches to be computed. `starts`: "hopf", "simulation", values at which to simulate, motions."""
+
+    scene: Scene
+    axis: Axis
+    output: str
+    starts: tuple[str | float | Start, ...] = (HOPF, SIMULATION)
+    most: int = POINTS
+    longest: float = LONGEST
+
+    @property
+    def work(self) -> Work:
+        """Name and identity of the folder of the results."""
+        axis = (self.axis.key, self.axis.values)
+        identity = repr([axis, self.output, self.starts, self.most, self.longest])
+        about = {"key": self.axis.key, "range": [min(self.axis.values), max(self.axis.values)], "output": self.output}
+        return Work(dict, range(0), f"{self.scene.name}", digest(self.scene, identity), about=about)
+
+
+def job(
+    scene: Scene,
+    over: str,
+    output: str | None = None,
+    starts: Sequence[Any] = (HOPF, SIMULATION),
+    most: int = POINTS,
+) -> Job:
+    """Describe branches: `over` as rig.analysis.axis.Axis parses it, or KEY=FROM:TO; `starts`: see `rig.branches`.
+
+    Raises SceneError, UsageError.
+    """
+    refuse(scene, "a branch of cycles")
+    axis = Axis.parse(over, scene, count=VALUES)
+    axis = replace(axis, values=tuple(sorted(axis.values)))
+    assembly = scene.assemble()
+    outputs = assembly.outputs
+    watched = next(iter(outputs)) if output is None else output
+    faults = []
+    if watched not in outputs:
+        faults.append(f"output {watched}: {scene.plant} has no such output; {near(watched, outputs)}")
+    if idle := axis.idle(scene):
+        faults.append(idle)
+    faults += _unfit(scene, axis)
+    if faults:
+        raise UsageError("\n".join(f"{scene.name}: {fault}" for fault in faults))
+    return Job(
+        scene, axis, watched, tuple(start for given in starts for start in begin.starts(given, scene, axis)), most
+    )
+
+
+def _unfit(scene: Scene, axis: Axis) -> Iterator[str]:
+    """Why the cycles of a scene cannot be followed over a parameter."""
+    first, last = (axis.at(scene, axis.values[i]).assemble().system() for i in (0, -1))
+    if not first.patches:
+        yield "the rig has no contact that can slide"
+        return
+    method = chosen(scene.clock.method, first)
+    if method not in ("exact", "dopri5", "rosenbrock"):
+        yield (
+            f"clock.method = {method}: branches need located events, which exact, dopri5 and rosenbrock have; "
+            "-p clock.method=auto"
+        )
+    if running := _running(first):
+        yield (
+            f"{running} runs on: the surface is uneven, the motion follows its turns, and no cycle repeats within them. "
+            "Leave the unevenness out (-p waviness=none, -p inhomogeneity=none, -p sector=none), or use rig map"
+        )
+    if (why := _changed(first, last)) or (why := _turned(axis, first, last)):
+        yield why
+
+
+def _running(system: System) -> str:
+    """A driving state that neither rests nor belongs to a generator, such as the travel of an uneven surface; or ""."""
+    x = settled(system, system.start)
+    rates = assembled(system, sliding_key(system)).A @ x
+    turning = {state for a, b, _ in system.generators for state in (a, b)}
+    return next((system.names[i] for i in range(system.one, system.n) if rates[i] and i not in turning), "")
+
+
+def _changed(first: System, last: System) -> str:
+    parts = [
+        [[p.name for p in s.patches], [k.name for k in s.normals], list(s.coordinates), s.n] for s in (first, last)
+    ]
+    return (
+        "" if parts[0] == parts[1] else "the parameter changes the contacts or the coordinates of the rig in this range"
+    )
+
+
+def _turned(axis: Axis, first: System, last: System) -> str:
+    """Whether a surface changes its direction over the range."""
+    speeds = [[float(p.surface @ _driven(s)) for p in s.patches] for s in (first, last)]
+    if any(a * b < 0.0 for a, b in zip(*speeds)):
+        return f"{axis.key}: a surface changes its direction in this range; compute each side of 0 on its own"
+    return ""
+
+
+def _driven(system: System) -> Array:
+    x = system.start.copy()
+    x[: system.one] = 0.0
+    return x
+
+
+def branches(job: Job, root: Path = ROOT, watch: Watch = lambda text: None) -> Branches:
+    """Compute the branches of a job; what its folder under `root` holds is not computed again.
+
+    `watch` gets what is done, in words. Raises UsageError if the folder cannot be used. After an interruption the same
+    call continues.
+    """
+    work = job.work
+    store = Store.of(work, root)
+    with store.open(work):
+        return _Computation(job, store, watch).run()
+
+
+def store_of(job: Job, root: Path = ROOT) -> Store:
+    """Return the store of a job under `root`."""
+    return Store.of(job.work, root)
+
+
+class _Computation:
+    """One computation of all branches of a job."""
+
+    def __init__(self, job: Job, store: Store, watch: Watch) -> None:
+        self.job, self.store, self.watch = job, store, watch
+        self.axis = job.axis
+        self.family = Family(job.scene, [job.axis], job.output)
+        self.low, self.high = job.axis.values[0], job.axis.values[-1]
+        self.saved = {unit: unpacked(arrays) for unit, arrays in store.load().items()}
+        self.branches: list[Branch] = []
+        self.notes: list[str] = []
+        self.unit = -1
+
+    def run(self) -> Branches:
+        """Compute everything."""
+        if dithers(self.job.scene, self.axis.key):
+            self._forced()
+        else:
+            self._sliding_and_cycles()
+        unit = self.job.scene.assemble().outputs[self.job.output].unit
+        return Branches(
+            self.job.scene, self.axis, self.job.output, unit, tuple(self.branches), tuple(self.notes), self.store.folder
+        )
+
+    def _sliding_and_cycles(self) -> None:
+        self.watch("sliding")
+        found = sweep(self.job.scene, self.axis)
+        self.branches += _equilibria(self.job, found)
+        for start in self.job.starts:
+            if start == HOPF:
+                self._from_hopf_points(found)
+            elif start == SIMULATION:
+                middle = 0.5 * (self.low + self.high)
+                for value in (middle, self.low, self.high):
+                    self._from_simulation(value)
+            elif isinstance(start, float):
+                self._from_simulation(start)
+            elif isinstance(start, Start):
+                self._both_ways(start)
+
+    def _from_hopf_points(self, found: Sweep) -> None:
+        for critical in found.critical:
+            if critical.kind != "flutter":
+                what = f"at {self.axis.text(critical.value, 10)} sliding ends by {critical.kind}, where no cycle begins"
+                self.notes.append(what)
+                continue
+            value = critical.value
+            flow = self.family.flow((value,))
+            at = steady(flow.system, flow.key)
+            rates, shapes = at.eigenvectors()
+            k = int(np.abs(rates - 2j * math.pi * critical.frequency).argmin())
+
+            rate, shape = complex(rates[k]), shapes[:, k]
+
+            def first(at: Steady = at, value: float = value, rate: complex = rate, shape: Shape = shape) -> Place:
+                return begin.from_hopf(self.family, value, at.x, rate, shape)
+
+            self._family(first, f"the Hopf point at {self.axis.text(value, 8)}")
+
+    def _from_simulation(self, value: float) -> None:
+        if (raw := self.saved.get(self.unit + 1)) is not None:  # it was found before
+            first = Point.of(raw["branches"][0]["points"][0]) if raw["branches"] else None
+            self._both_ways(None if first is None else Start(first.value, first.state, first.period))
+            return
+        self.watch(f"simulation at {self.axis.text(value)}")
+        try:
+            cycle = limit_cycle(self.axis.at(self.job.scene, value))
+        except RigError as error:
+            self.notes.append(f"simulation at {self.axis.text(value)}: {' '.join(str(error).split())}")
+            cycle = None
+        known = False
+        if cycle is not None and cycle.found:
+            low, high = cycle.extremes[self.job.output]
+            known = any(self._same(branch, point, cycle.period, low, high) for branch, point in self._at(value))
+        elif cycle is not None and not cycle.decided:
+            self.notes.append(f"simulation at {self.axis.text(value)}: {cycle.why}")
+        if cycle is None or not cycle.found or known:
+            self._both_ways(None)
+        else:
+            self._both_ways(Start(value, cycle.state, cycle.period))
+
+    def _at(self, value: float) -> list[tuple[Branch, Point]]:
+        return Branches(self.job.scene, self.axis, self.job.output, "", tuple(self.branches)).at(value)
+
+    @staticmethod
+    def _same(branch: Branch, point: Point, period: float, low: float, high: float) -> bool:
+        close = abs(point.period - period) <= _SAME_PERIOD * period
+        size = _SAME_SIZE * (high - low)
+        return branch.kind == CYCLES and close and abs(point.low - low) <= size and abs(point.high - high) <= size
+
+    def _both_ways(self, start: Start | None) -> None:
+        """Follow the cycle of a start to both sides; None: nothing, or what was saved."""
+        for sign in (1.0, -1.0):
+
+            def first(sign: float = sign) -> Place | None:
+                if start is None:
+                    return None
+                at = begin.from_start(self.family, start)
+                return replace(at, t=sign * at.t)
+
+            self._family(first, f"the motion at {self.axis.text(start.value)}" if start else "")
+
+    def _forced(self) -> None:
+        """Follow forced motions from the middle and the ends of the range."""
+        self.notes.append("the dither is on: motions with its period are followed, and no steady sliding exists")
+        for value in (0.5 * (self.low + self.high), self.low, self.high):
+            known = any(branch.kind == FORCED for branch, _ in self._at(value))
+            for sign in (1.0, -1.0):
+
+                def first(sign: float = sign, value: float = value, known: bool = known) -> Place | None:
+                    if known:
+                        return None
+                    at = begin.from_forced(self.family, value)
+                    return replace(at, t=sign * at.t)
+
+                self._family(first, f"the forced motion at {self.axis.text(value)}", FORCED)
+
+    # one family: computed, saved, continued
+
+    def _family(self, make: Callable[[], Place | None], what: str, kind: str = CYCLES) -> None:
+        self.unit += 1
+        saved = self.saved.get(self.unit, {"branches": [], "last": None, "done": False, "notes": []})
+        made = [replace(Branch.of(raw), family=self.unit) for raw in saved["branches"]]
+        notes = list(saved["notes"])
+        if not saved["done"]:
+            try:
+                first = _rebuilt(self.family, saved["last"]) if saved["last"] else make()
+            except FAILURES as error:
+                first = None
+                notes.append(f"{what}: not followed: {' '.join(str(error).split())}")
+            if first is None:
+                self._save(made, None, True, notes)
+            else:
+                self._follow(made, first, notes, kind)
+        self.branches += made
+        self.notes += notes
+
+    def _follow(self, made: list[Branch], first: Place, notes: list[str], kind: str) -> None:
+        """Follow a family from a place on, and save it as it grows."""
+        points: list[Point] = []
+        last: list[Place] = []
+        events: list[tuple[str, ...]] = []
+        saved_at = time.monotonic()
+        continued = bool(made) and made[-1].end is None
+        if continued:
+            points += made.pop().points
+
+        def note(at: Place) -> None:
+            nonlocal saved_at
+            segment = Segment([at])
+            if not points or not continued or len(last):
+                points.append(_point(at))
+            last[:], events[:] = [at], [segment.names]
+            self.watch(self._progress(made, points[-1]))
+            if time.monotonic() - saved_at > SAVE:
+                self._save([*made, Branch(kind, self.unit, segment.names, tuple(points))], at, False, notes)
+                saved_at = time.monotonic()
+
+        try:
+            left = self.job.most - sum(len(b.points) for b in made) - len(points)
+            for segment in follow(first, self.low, self.high, max(left, 1), note, self.job.longest):
+                specials = tuple(_special(special) for special in segment.specials)
+                end = _special(segment.end) if segment.end else None
+                if segment.end and segment.end.kind in ("unresolved",):
+                    notes.append(f"followed to {self.axis.text(segment.end.p, 8)}: {segment.end.why}")
+                made.append(Branch(kind, self.unit, segment.names, tuple(points), specials, end))
+                points.clear()
+                continued = False
+        except KeyboardInterrupt:
+            if last:
+                kept = [*made, Branch(kind, self.unit, events[0], tuple(points))] if points else made
+                self._save(kept, last[0], False, notes)
+            raise
+        self._save(made, None, True, notes)
+
+    def _progress(self, made: Sequence[Branch], point: Point) -> str:
+        count = sum(len(b.points) for b in (*self.branches, *made))
+        how = "stable" if point.stable else "unstable"
+        return (
+            f"branch {len(self.branches) + len(made) + 1}: {self.axis.text(point.value)}, {how}; {count} points before"
+        )
+
+    def _save(self, made: Sequence[Branch], last: Place | None, done: bool, notes: Sequence[str]) -> None:
+        raw: dict[str, Any] = {
+            "branches": [branch.to_json() for branch in made],
+            "last": _raw(last),
+            "done": done,
+            "notes": list(notes),
+        }
+        for branch in raw["branches"]:
+            del branch["name"]
+        self.store.save({self.unit: packed(raw)})
+
+
+def _equilibria(job: Job, found: Sweep) -> Iterator[Branch]:
+    """Steady sliding over the axis, split where there is none; at rest the interval of equilibria in stick."""
+    criticals = [c.value for c in found.critical if min(job.axis.values) < c.value < max(job.axis.values)]
+    sliding: list[Point] = []
+    rest: list[Point] = []
+    parts: list[list[Point]] = [sliding]
+    for value in sorted({*job.axis.values, *criticals}):
+        scene = job.axis.at(job.scene, value)
+        try:
+            assembly, at = at_rest(scene)
+        except RigError:
+            at = None
+        if at is not None and not at.speed.any():
+            if (ends := _interval(at, dict(assembly.outputs[job.output].row))) is not None:
+                rest.append(Point(value, *ends, stable=True, stick=1.0))
+        elif at is not None and at.exists:
+            rates = at.eigenvalues()
+            level = _output(at, dict(assembly.outputs[job.output].row))
+            stable = bool(np.all(rates.real <= curves.none(rates)))
+            parts[-1].append(Point(value, level, level, stable, multipliers=tuple(complex(v) for v in rates)))
+            continue
+        if parts[-1]:
+            parts.append([])
+    hopf = [(c.value, c) for c in found.critical]
+    for part in parts:
+        if part:
+            specials = []
+            for value, critical in hopf:
+                if part[0].value <= value <= part[-1].value:
+                    here = min(part, key=lambda point: abs(point.value - value))
+                    kind = "hopf" if critical.kind == "flutter" else critical.kind
+                    period = 1.0 / critical.frequency if critical.frequency else math.nan
+                    accuracy = curves.RELATIVE * abs(value)
+                    specials.append(SpecialPoint(kind, value, accuracy, here.low, here.high, period))
+            yield Branch(SLIDING, -1, (), tuple(part), tuple(specials))
+    if rest:
+        yield Branch(REST, -1, (), tuple(rest))
+
+
+def _output(at: Steady, row: dict[str, float]) -> float:
+    over_x, over_t = signal_rows(at.system, at.modes, [row])
+    return float((over_x @ at.x + over_t @ at.T)[0])
+
+
+def _interval(at: Steady, row: dict[str, float]) -> tuple[float, float] | None:
+    """Lowest and highest value of an output at rest in stick: friction up to the static limit to either side."""
+    system = at.system
+    laws = [coulomb(patch.law.static, patch.law.static) for patch in system.patches]
+    limit = replace(system, patches=tuple(replace(patch, law=law) for patch, law in zip(system.patches, laws)))
+    ends = []
+    for modes in product((SLIP_PLUS, SLIP_MINUS), repeat=len(laws)):
+        key = system.key(modes, [CLOSED] * len(system.normals), [0] * len(system.limiters))
+        try:
+            end = steady(limit, key)
+        except RigError:
+            return None
+        if end.balanced:
+            ends.append(_output(end, row))
+    return (min(ends), max(ends)) if ends else None
+
+
+def _point(at: Place) -> Point:
+    """The point of a place."""
+    flow, run = at.flow, at.run
+    low, high = -_highest(-run.values), _highest(run.values)
+    stuck = [
+        any(flow.stuck(part.key, p) for p in range(len(flow.system.patches)))
+        for part in intervals(flow, run, at.period)
+    ]
+    times = [part.end - part.begin for part in intervals(flow, run, at.period)]
+    missed = (run.x[flow.moving] - run.states[0][flow.moving]) / sizes(run.states, flow)
+    return Point(
+        at.p,
+        low,
+        high,
+        stable=not at.unstable,
+        period=at.period,
+        stick=sum(t for t, sticks in zip(times, stuck) if sticks) / at.period,
+        multipliers=at.multipliers[0],
+        residual=float(np.abs(missed).max()),
+        state=dict(zip(flow.system.names, at.map.state(at.u).tolist())),
+    )
+
+
+def _highest(values: Array) -> float:
+    """The maximum of a periodic series, by a parabola through its largest values."""
+    k = int(values.argmax())
+    if not 0 < k < len(values) - 1:
+        return float(values[k])
+    a, b, c = values[k - 1 : k + 2].tolist()
+    bend = a - 2.0 * b + c
+    return float(b - 0.125 * (c - a) ** 2 / bend) if bend < 0.0 and (c - b) * (b - a) < 0.0 else float(b)
+
+
+def _special(special: Special) -> SpecialPoint:
+    point = _point(special.at)
+    return SpecialPoint(special.kind, special.p, special.accuracy, point.low, point.high, point.period, special.contact,
+                        special.turns, special.why)  # fmt: skip
+
+
+def _raw(at: Place | None) -> dict[str, Any] | None:
+    """A place as JSON values."""
+    if at is None:
+        return None
+    return {
+        "u": at.u.tolist(),
+        "t": at.t.tolist(),
+        "size": at.map.size.tolist(),
+        "T0": at.map.T0,
+        "P0": at.map.P0,
+        "key": at.map.key,
+        "forced": at.map.period is not None,
+        "phase": at.map.phase,
+        "step": at.step,
+    }
+
+
+def _rebuilt(family: Family, raw: Mapping[str, Any]) -> Place:
+    """The place of `_raw`."""
+    period = begin.period_of if raw["forced"] else None
+    map = ReturnMap(family, np.array(raw["size"]), raw["T0"], raw["P0"], (), period, raw["phase"], raw["key"])
+    u = np.array(raw["u"])
+    return replace(place(map, u, map.end(u), t=np.array(raw["t"])), step=raw["step"])

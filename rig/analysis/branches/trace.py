@@ -1,0 +1,610 @@
+"""Follow cycles along one parameter by pseudo-arclength, past special points and changes of their events.
+
+A branch is smooth as long as its events stay the same, and no run may leave them: where Newton's method meets others,
+the step is halved. What is then left of the way ends at a boundary. It is located as the zero of a distance
+(rig.analysis.branches.distances), or by halving. Beyond it, states beside the last point that meet other events give
+the derivative of the return map there, and its kernel gives the direction in which the cycles with these events go on.
+Folds, period doublings and torus points are zeros of functions of the derivative between two points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from rig.analysis.branches.distances import distances, intervals
+from rig.analysis.return_map import (
+    Array,
+    Carried,
+    Derivative,
+    Flow,
+    NoCycle,
+    NotSmooth,
+    ReturnMap,
+    multipliers,
+    word,
+)
+from rig.errors import NumericsError, SceneError
+from rig.stability.linearisation import steady
+
+Met = tuple[int, tuple[str, ...]]
+FIRST, LONGEST, SHORTEST = 0.02, 0.12, 1e-5
+"""Steps along a branch, of the size of the motion, of its period and of the parameter."""
+VIRTUAL = 1e-3
+"""Smallest amplitude of a cycle that is followed, over the surface speed."""
+_BENDS = 0.9  # cosine of two tangents: below it a step is too long
+_GROWTH, _EASY = 1.5, 6  # of the step, after a Newton iteration of at most so many runs
+_EDGE = 1e-11  # of the same size: how closely a boundary is located
+_ROUNDS = 40
+_INSIDE = 0.25  # of the longest slip: the base is no closer to an event
+_RESCALE = 2.0
+_LEVEL = 1e-6  # slope of a branch in the parameter: below it the branch is upright
+_GROWS = 1e-8  # a multiplier beyond the unit circle by this, and by ten times its error, is unstable
+_SMALL = 0.02  # range of the slip speed over its mean: smaller cycles are those of the Hopf point
+_TRIES = (1.0, 3.0, 10.0, 30.0, 100.0)
+_BEYOND = (1e-3, 1e-2, 3e-4, 0.03)
+_SHORT_OF = 1e-3  # of the largest cycle of a linear rig: where the branch is followed from
+_GRAZES = 1.5  # times the way to the nearest zero of a distance: others so near vanish with it
+FAILURES = (NoCycle, NumericsError, SceneError)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of a branch for the continuation: unknowns, run, derivative, tangent, all in the scales of `map`.
+
+    `step`: the step that is tried from here.
+    """
+
+    map: ReturnMap
+    u: Array
+    end: Carried
+    d: Derivative
+    t: Array
+    step: float = FIRST
+
+    @property
+    def p(self) -> float:
+        """The parameter."""
+        return float(self.u[-1] * self.map.P0)
+
+    @property
+    def period(self) -> float:
+        """The period [s]."""
+        return float(self.u[-2] * self.map.T0)
+
+    @property
+    def multipliers(self) -> tuple[tuple[complex, ...], float]:
+        """Floquet multipliers, and how far that of the shift is from 1."""
+        return multipliers(self.d.P, self.map.period is not None)
+
+    @property
+    def unstable(self) -> int:
+        """How many multipliers lie outside of the unit circle."""
+        values, error = self.multipliers
+        return sum(abs(m) > 1.0 + max(_GROWS, 10.0 * error if error == error else 0.0) for m in values)
+
+    @cached_property
+    def run(self) -> Carried:
+        """The run over a period, with the states at its ticks."""
+        return self.map.end(self.u, keep=True)
+
+    @property
+    def flow(self) -> Flow:
+        """The rig."""
+        return self.map.flow(self.u)
+
+    def distances(self) -> dict[tuple[str, str, int], float]:
+        """The distances from other events, by name."""
+        return {d.name: d.value for d in distances(self.flow, self.run, self.period)}
+
+
+@dataclass(frozen=True)
+class Special:
+    """A special point: what it is, place, contact it concerns, accuracy of the parameter, and whether p turns there."""
+
+    kind: str
+    at: Place
+    p: float
+    accuracy: float
+    contact: str = ""
+    turns: bool = False
+    why: str = ""
+
+
+@dataclass
+class Segment:
+    """Places with the same events, in their order, and the special points among them; `end`: why it stops."""
+
+    places: list[Place] = field(default_factory=list)
+    specials: list[Special] = field(default_factory=list)
+    end: Special | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The events of a period, from a fixed one on."""
+        return word(self.places[0].end.met[1]) if self.places else ()
+
+
+def place(map: ReturnMap, u: Array, end: Carried, forward: Array | None = None, t: Array | None = None) -> Place:
+    """Return the place of a cycle with its derivative and tangent.
+
+    `forward`: a direction that the tangent follows; `t`: the tangent itself.
+    """
+    d = map.derivative(u, end)
+    if t is None:
+        A = map.matrix(d, map.along(u))
+        t = np.asarray(np.linalg.svd(A)[2][-1])
+        if forward is not None and float(t @ forward) < 0.0:
+            t = -t
+    return Place(map, u, end, d, t)
+
+
+def stepped(at: Place, ds: float, met: Met | None) -> tuple[Array, Carried]:
+    """Solve for the cycle at the distance ds from a place, on the plane across its tangent."""
+    guess = at.map.shifted(at.u, ds * at.t)
+    M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), at.t])
+
+    def plane(v: Array, _: Carried) -> tuple[float, Array]:
+        return float(at.t @ (v - at.u)) - ds, at.t
+
+    return at.map.newton(guess, plane, at.u, met, first=M)
+
+
+def at_value(at: Place, p: float, met: Met | None = None) -> Place:
+    """Solve for the cycle at the parameter p, near a place."""
+    target, gradient = p / at.map.P0, np.append(np.zeros(len(at.u) - 1), 1.0)
+    share = (target - at.u[-1]) / at.t[-1] if at.t[-1] else 0.0
+    guess = at.u + share * at.t
+    guess[-1] = target
+    M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), gradient])
+    u, end = at.map.newton(
+        at.map.shifted(guess, 0.0 * guess), lambda v, _: (float(v[-1]) - target, gradient), at.u, met, first=M
+    )
+    return place(at.map, u, end, at.t)
+
+
+def follow(
+    start: Place,
+    low: float,
+    high: float,
+    most: int,
+    watch: Callable[[Place], object] = lambda at: None,
+    longest: float = LONGEST,
+) -> Iterator[Segment]:
+    """Yield the segments of a branch from a place on, each as soon as it is complete, up to its end.
+
+    The last one has an `end`. `most`: places in all.
+    """
+    at: Place | None = start
+    while at is not None:
+        if _linear(at):
+            if float(at.t[:-2] @ (at.u - _equilibrium(at))[:-2]) < 0.0:  # it shrinks
+                watch(at)
+                yield Segment([at], end=Special("hopf", at, at.p, 0.0))
+                return
+            at = _grown(at)
+        segment = Segment([at])
+        watch(at)
+        at = _along(segment, low, high, most, watch, longest)
+        most -= len(segment.places)
+        yield segment
+
+
+def _along(
+    segment: Segment, low: float, high: float, most: int, watch: Callable[[Place], object], longest: float
+) -> Place | None:
+    """Follow a segment to its end; return the first place of the next one."""
+    ds, other = segment.places[-1].step, None
+    while len(segment.places) < most:
+        at = segment.places[-1]
+        try:
+            runs = at.map.runs
+            u, end = stepped(at, ds, at.end.met)
+            runs = at.map.runs - runs
+            new = place(at.map, u, end, at.t)
+            if float(new.t @ at.t) < _BENDS and ds > 4.0 * SHORTEST:
+                raise NoCycle("the branch bends")
+        except FAILURES as error:
+            if isinstance(error, NotSmooth) and error.other is not None:
+                other = error.other
+            ds *= 0.5
+            if ds >= SHORTEST:
+                continue
+            return _boundary(segment, other, error)
+        if not low <= new.p <= high:
+            limit = low if new.p < low else high
+            try:
+                last = at_value(at, limit, at.end.met)
+                segment.places.append(last)
+                watch(last)
+                segment.end = Special("range", last, limit, 0.0)
+            except FAILURES:
+                segment.end = Special("range", at, at.p, abs(new.p - at.p))
+            return None
+        segment.specials += _between(at, new, ds)
+        if (end_of_family := _shrinks(at, new)) is not None:
+            segment.end = end_of_family
+            return None
+        if runs <= _EASY:
+            ds = min(ds * _GROWTH, longest)
+        segment.places.append(replace(_rescaled(_recentred(new)), step=ds))
+        watch(segment.places[-1])
+    segment.end = Special("most", segment.places[-1], segment.places[-1].p, 0.0, why=f"{most} points")
+    return None
+
+
+def _linear(at: Place) -> bool:
+    """Whether the rig is linear on this cycle: then cycles of any size up to the next event have the same parameter."""
+    flow = at.flow
+    modes = flow.modes(at.end.first)
+    nonlinear = modes.nonlinear.any() or flow.system.products or flow.system.remembers
+    return at.map.period is None and not at.end.events and not nonlinear
+
+
+def _equilibrium(at: Place) -> Array:
+    """The unknowns at the equilibrium beside a cycle."""
+    flow = at.flow
+    return at.map.unknowns(steady(flow.system, flow.key).x, at.period, at.p)
+
+
+def _grown(at: Place) -> Place:
+    """The largest of the cycles of a linear rig without an event, less a little."""
+    flow, middle, smallest = at.flow, _equilibrium(at), math.inf
+    rest = steady(flow.system, flow.key).x
+    states = at.run.states
+    modes = flow.modes(at.end.first)
+    rows = [s * row for s, row in zip(modes.sigma, flow.system.slip_rows)]
+    rows += [row for row, normal in zip(modes.normal, flow.system.normals) if normal.opens]
+    for row in rows:
+        reach = -float(((states - rest) @ row).min())
+        if reach > 0.0:
+            smallest = min(smallest, float(row @ rest) / reach)
+    if not 1.0 < smallest < math.inf:
+        return at
+    map = at.map.scaled(at.map.size * smallest, at.map.T0, at.map.P0)
+    outwards = (at.u[:-2] - middle[:-2]) / smallest
+    u = np.append(middle[:-2] / smallest + (1.0 - _SHORT_OF) * smallest * outwards, at.u[-2:])
+    return place(map, u, map.end(u), np.append(outwards, [0.0, 0.0]))
+
+
+def _shrinks(at: Place, new: Place) -> Special | None:
+    """The Hopf point at which cycles shrink to an equilibrium; arclength would go on through it, half a period on."""
+    if new.map.period is not None or new.end.events:
+        return None
+    sizes_of = [
+        max(float(np.ptp(place.run.states @ row)) / max(abs(float(place.run.states[0] @ row)), 1e-300)
+            for row in place.flow.system.slip_rows)
+        for place in (at, new)
+    ]  # fmt: skip
+    if not sizes_of[1] < min(_SMALL, sizes_of[0]):
+        return None
+    p = _hopf(new)
+    return Special("hopf", new, p, _EDGE * abs(new.map.P0)) if p is not None else None
+
+
+def _hopf(at: Place) -> float | None:
+    """The parameter at which the mode of the frequency of a small cycle is undamped, by the secant method."""
+
+    def growth(p: float) -> float:
+        flow = at.map.family.flow((p, *at.map.others))
+        rates = steady(flow.system, flow.key).eigenvalues()
+        return float(rates[np.abs(rates - 2j * math.pi / at.period).argmin()].real)
+
+    from scipy.optimize import newton
+
+    try:
+        return float(newton(growth, at.p, x1=at.p * (1.0 + 1e-4) + 1e-12, tol=1e-15 * abs(at.p), maxiter=30))
+    except (RuntimeError, *FAILURES):
+        return None
+
+
+# special points between two places with the same events
+
+
+def _between(at: Place, new: Place, ds: float) -> list[Special]:
+    """Folds, period doublings and torus points between two places."""
+    out = []
+    if at.t[-1] * new.t[-1] < 0.0 and len(at.u) > 2:
+        out += _located("fold", at, new, ds, lambda place: float(place.t[-1]))
+    (a, _), (b, _) = at.multipliers, new.multipliers
+    if at.unstable != new.unstable:
+        for kind, measure in (("period doubling", _doubling), ("torus", _torus)):
+            if measure(a) * measure(b) < 0.0:
+                out += _located(kind, at, new, ds, partial(_measured, measure))
+    return out
+
+
+def _measured(measure: Callable[[Sequence[complex]], float], at: Place) -> float:
+    return measure(at.multipliers[0])
+
+
+def _doubling(values: Sequence[complex]) -> float:
+    return math.prod(float(v.real) + 1.0 for v in values if v.imag == 0.0)
+
+
+def _torus(values: Sequence[complex]) -> float:
+    return math.prod(abs(v) ** 2 - 1.0 for v in values if v.imag > 0.0) if any(v.imag > 0.0 for v in values) else 1.0
+
+
+def _located(kind: str, at: Place, new: Place, ds: float, measure: Callable[[Place], float]) -> list[Special]:
+    """The zero of a measure of a place between two of them."""
+    from scipy.optimize import brentq
+
+    reached = {0.0: at, ds: new}
+
+    def value(s: float) -> float:
+        if s not in reached:
+            u, end = stepped(at, s, at.end.met)
+            reached[s] = place(at.map, u, end, at.t)
+        return measure(reached[s])
+
+    try:
+        s = float(brentq(value, 0.0, ds, xtol=1e-12, rtol=1e-12, maxiter=_ROUNDS))
+        value(s)
+    except FAILURES:
+        return [Special(kind, new, new.p, abs(new.p - at.p), turns=kind == "fold")]
+    beside = sorted(reached, key=lambda other: abs(other - s))[:2]
+    accuracy = abs(reached[beside[1]].p - reached[s].p)
+    return [Special(kind, reached[s], reached[s].p, accuracy, turns=kind == "fold")]
+
+
+# boundaries between sequences of events
+
+
+def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Place | None:
+    """Locate the boundary beyond the last place of a segment, and pass it."""
+    if other is None:
+        at = segment.places[-1]
+        segment.end = Special("unresolved", at, at.p, math.nan, why=" ".join(str(error).split()))
+        return None
+    at, kind, contact, p, accuracy = _nearest(segment)
+    if at is not segment.places[-1]:
+        segment.places.append(at)
+    if kind == "jump":
+        segment.end = Special(kind, at, p, accuracy, contact)
+        return None
+    beyond = _switched(at, other)
+    if beyond is None:
+        segment.end = Special(kind or "unresolved", at, p, accuracy, contact, why=_change(at.end, other))
+        return None
+    turns = bool(beyond.t[-1] * at.t[-1] < 0.0 and min(abs(beyond.t[-1]), abs(at.t[-1])) > _LEVEL)
+    kind = kind if kind in ("grazing",) else _named(at.end, beyond.end, kind)
+    segment.end = Special(kind, at, p, accuracy, contact or _contact(at.end, beyond.end), turns)
+    return beyond
+
+
+def _nearest(segment: Segment) -> tuple[Place, str, str, float, float]:
+    """The last place before the boundary, what vanishes there, contact, parameter and its accuracy."""
+    at = segment.places[-1]
+    try:
+        u, end = stepped(at, SHORTEST * 0.25, at.end.met)
+        ahead = place(at.map, u, end, at.t)
+        names = {name: (value, 0.25 * SHORTEST) for name, value in ahead.distances().items()}
+        back, width = at, 0.25 * SHORTEST
+    except FAILURES:
+        ahead, back, width, names = at, at, 0.0, {}
+    if len(segment.places) > 1 and not names:
+        u, end = stepped(at, -FIRST * 0.1, at.end.met)
+        back, width = place(at.map, u, end, at.t), 0.1 * FIRST
+    first, last = back.distances(), ahead.distances()
+    ways: list[tuple[float, tuple[str, str, int]]] = []
+    for name, value in last.items():
+        slope = (value - first[name]) / width if name in first and width else 0.0
+        if slope * value < 0.0:
+            ways.append((-value / slope, name))
+    ways.sort()
+    if not ways or ways[0][0] > 0.05:
+        best = _halved(ahead)
+        return best, "", "", best.p, abs(best.map.P0) * _EDGE
+    near = [name for way, name in ways if way < _GRAZES * ways[0][0] + 10.0 * SHORTEST]
+    name = next((n for n in near if n[0] in ("slip", "stick")), near[0])
+    kind = {
+        "slip": "grazing",
+        "stick": "grazing",
+        "closed": "lift-off",
+        "open": "landing",
+        "landing": "jump",
+        "touch": "landing",
+    }[name[0]]
+    return _zero(ahead, width, back, name, kind)
+
+
+def _zero(
+    at: Place, width: float, back: Place, name: tuple[str, str, int], kind: str
+) -> tuple[Place, str, str, float, float]:
+    """Go to the zero of a distance by the secant method from one side."""
+    values = [(-width, back.distances()[name], back.p), (0.0, at.distances()[name], at.p)]
+    best = at
+    for _ in range(_ROUNDS):
+        (s0, g0, _p0), (s1, g1, p1) = values[-2:]
+        way = -g1 * (s1 - s0) / (g1 - g0) if g1 != g0 else 0.0
+        if abs(way) < _EDGE:
+            break
+        for share in (0.9, 0.5, 0.1, 0.01):
+            try:
+                u, end = stepped(at, s1 + share * way, at.end.met)
+                new = place(at.map, u, end, at.t)
+                values.append((s1 + share * way, new.distances()[name], new.p))
+                best = new
+                break
+            except (*FAILURES, KeyError):
+                continue
+        else:
+            break
+    (s0, g0, p0), (s1, g1, p1) = values[-2:]
+    p = p1 - g1 * (p1 - p0) / (g1 - g0) if g1 != g0 else p1
+    return best, kind, name[1], p, abs(p - p1)
+
+
+def _halved(at: Place) -> Place:
+    """The last place with the same events, by halving."""
+    inside, outside, best = 0.0, math.inf, at
+    for _ in range(_ROUNDS):
+        if outside - inside < _EDGE:
+            break
+        middle = 0.5 * (inside + outside) if outside < math.inf else 2.0 * inside + SHORTEST
+        try:
+            u, end = stepped(at, middle, at.end.met)
+            best, inside = place(at.map, u, end, at.t), middle
+        except FAILURES:
+            outside = middle
+    return best
+
+
+def _switched(at: Place, other: Carried) -> Place | None:
+    """The first place beyond a boundary, found from states beside the last one before it that meet other events."""
+    map, n = at.map, len(at.u) - 2
+    f = map.along(at.u)
+    directions = [at.t]
+    for d in np.vstack([np.eye(n + 2)[:n], np.eye(n + 2)[-1:]]):
+        across = d.copy()
+        if map.period is None:
+            across[:n] -= f * (f @ d[:n])
+        if (size := float(np.linalg.norm(across))) > 0.1:
+            directions += [across / size, -across / size]
+    tried: set[Met] = {at.end.met}
+    for wanted in (True, False):  # first what Newton's method has met
+        for share in _TRIES:
+            for direction in directions:
+                beside = map.shifted(at.u, share * SHORTEST * direction)
+                try:
+                    end = map.end(beside)
+                except FAILURES:
+                    continue
+                if end.met in tried or (wanted and end.met != other.met):
+                    continue
+                try:
+                    d = map.derivative(beside, end, steps=[SHORTEST * k for k in (0.3, 3.0, 0.1, 0.03)])
+                except FAILURES:
+                    continue
+                tried.add(end.met)
+                if (beyond := _beyond(at, end, d, f)) is not None:
+                    return beyond
+    return None
+
+
+def _beyond(at: Place, end: Carried, d: Derivative, f: Array) -> Place | None:
+    """The first place with the events of `end`, whose derivative is d."""
+    map = at.map
+    A = map.matrix(d, f)
+    t = np.asarray(np.linalg.svd(A)[2][-1])
+    t = t if float(t @ at.t) >= 0.0 else -t
+    for step in _BEYOND:
+        for sign in (1.0, -1.0):
+            guess, normal = map.shifted(at.u, sign * step * t), sign * t
+
+            def plane(v: Array, _: Carried, normal: Array = normal, step: float = step) -> tuple[float, Array]:
+                return float(normal @ (v - at.u)) - step, normal
+
+            try:
+                u, reached = map.newton(guess, plane, at.u, end.met, first=np.vstack([A, normal]))
+                return _rescaled(_recentred(place(map, u, reached, normal)))
+            except FAILURES:
+                continue
+    return None
+
+
+def _named(before: Carried, after: Carried, kind: str) -> str:
+    """What happens at a boundary, from the events on both sides."""
+    a, b = before.met[1], after.met[1]
+    for event, begins, ends in (
+        ("opens", "lift-off", "end of lift-off"),
+        ("slip ends", "begin of stick", "end of stick"),
+    ):
+        counts = [sum(name.endswith(event) for name in names) for names in (a, b)]
+        if counts[0] != counts[1]:
+            return begins if counts[1] > counts[0] else ends
+    return kind or "other order of events"
+
+
+def _contact(before: Carried, after: Carried) -> str:
+    """The contact whose events differ."""
+    a, b = list(before.met[1]), list(after.met[1])
+    for name in a:
+        if name in b:
+            b.remove(name)
+    extra = b or [name for name in a if a.count(name) > after.met[1].count(name)]
+    return extra[0].split(" ")[0] if extra else ""
+
+
+def _change(before: Carried, after: Carried) -> str:
+    return f"{', '.join(before.met[1]) or 'no event'} becomes {', '.join(after.met[1]) or 'no event'}"
+
+
+# the base point and the scales
+
+
+def _recentred(at: Place) -> Place:
+    """The place with its base in the middle of the longest slip, if it has come near to an event."""
+    if at.map.period is not None:
+        return at
+    later = better_base(at.map, at.u, at.run, at.period)
+    if later is None:
+        return at
+    flow = at.flow
+
+    def moved(u: Array) -> Carried:
+        map = at.map
+        return map.flow(u).carried(map.state(u), later)
+
+    new = moved(at.u)
+    ahead = at.map.shifted(at.u, 1e-5 * at.t)
+    direction = (moved(ahead).x - new.x)[flow.moving] / at.map.size
+    map = at.map.scaled(at.map.size, at.map.T0, at.map.P0)
+    map.key = new.key
+    u = np.concatenate([new.x[flow.moving] / map.size, at.u[-2:]])
+    return place(map, u, map.end(u), np.append(direction / 1e-5, at.t[-2:]))
+
+
+def better_base(map: ReturnMap, u: Array, run: Carried, T: float) -> float | None:
+    """The time [s] by which the base has to move; None if it may stay. `run`: over the period T, with its states."""
+    flow = map.flow(u)
+    if not run.events:
+        w = np.min([s * (run.states @ row) for s, row in zip(flow.modes(run.key).sigma, flow.system.slip_rows)], axis=0)
+        away = abs(int(w.argmin()) / len(w) - 0.5)
+        return float(w.argmax()) * flow.step if away > 0.33 else None
+    parts = intervals(flow, run, T)
+    first, last = parts[0], parts[-1]
+    spans = [(part.begin, part.end, part.key) for part in parts[1:-1]] + [(last.begin, T + first.end, last.key)]
+    a, b, _ = min(
+        spans,
+        key=lambda span: (sum(flow.stuck(span[2], p) for p in range(len(flow.system.patches))), span[0] - span[1]),
+    )
+    base = T if b > T else 0.0
+    inside = min(base - a, b - base) if a <= base <= b else 0.0
+    return None if inside >= _INSIDE * (b - a) else (0.5 * (a + b)) % T
+
+
+def _rescaled(at: Place) -> Place:
+    """The place in scales of its own size, if it has grown or shrunk."""
+    flow, run, map = at.flow, at.run, at.map
+    size = sizes(run.states, flow)
+    T0, P0 = at.period, abs(at.p) or map.P0
+    ratio = np.concatenate([map.size / size, [map.T0 / T0, map.P0 / P0]])
+    if np.all((ratio < _RESCALE) & (ratio > 1.0 / _RESCALE)):
+        return at
+    new, y = map.scaled(size, T0, P0), ratio[:-2]
+    d = replace(
+        at.d,
+        P=at.d.P * y[:, None] / y[None, :],
+        over_p=at.d.over_p * y / ratio[-1],
+        begin_rate=at.d.begin_rate * y / ratio[-2],
+        end_rate=at.d.end_rate * y / ratio[-2],
+    )
+    t = at.t * ratio
+    return Place(new, at.u * ratio, at.end, d, t / np.linalg.norm(t))
+
+
+def sizes(states: Array, flow: Flow) -> Array:
+    """The unit of each moving state: its range, or a small part of the largest range of its kind."""
+    system = flow.system
+    span, nq = np.ptp(states, axis=0), len(system.coordinates)
+    for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):
+        if span[kind].size:
+            span[kind] = np.maximum(span[kind], 1e-3 * span[kind].max())
+    out = span[flow.moving]
+    return np.asarray(np.where(out > 0.0, out, 1.0))

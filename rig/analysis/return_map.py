@@ -1,0 +1,485 @@
+"""The return map of a rig: its motion over one period with exact events, its derivatives, and Newton's method on it.
+
+    phi_T(x; p) = x,   f(x_ref) . (x - x_ref) = 0,   closing equation          n + 2 equations for x (n), T and p
+
+x: the moving states; all others (commands, settled lags) follow from p. The closing equation fixes p, or the distance
+along a branch, or a special point. A forced motion has the period of its generator in place of the phase condition.
+
+Derivatives are differences of whole runs that meet the same events. Their error is that of the tolerance, not of the
+tolerance over the step, because displaced runs take the same steps; so steps are small. Where one side meets other
+events, the other side counts: the map is smooth on each side of a grazing. P f(x) = f(phi_T(x)) holds exactly, so that
+directions along the flow are not displaced.
+
+A period is no whole number of ticks: compiled code advances whole ticks, and the last part of a tick, which contains no
+event, is integrated here.
+"""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.axis import Axis, changed
+from rig.errors import NumericsError, RigError
+from rig.model.assembly import Assembly
+from rig.model.formulation import ModeSet
+from rig.model.method import chosen
+from rig.model.singular import assembled
+from rig.model.system import System
+from rig.motion.motion import Event, Motion
+from rig.scenes.rooms import assembled as assembled_rig
+from rig.scenes.scene import Scene
+from rig.solve.records import CLOSED, STICK
+from rig.stability.linearisation import Contact, inputs, moving_states, own_law, settled, sliding_key
+
+Array = NDArray[np.float64]
+TIGHT = 1e-11
+"""Tolerance of dopri5 and rosenbrock."""
+STEPS = (1e-5, 1e-6, 1e-4)  # of the differences, of the size of each state: the first that is smooth counts
+_CENTRAL, _AFTER, _BEFORE = ((-1.0, -0.5), (1.0, 0.5)), ((1.0, 2.0), (2.0, -0.5)), ((-1.0, -2.0), (-2.0, 0.5))
+CLOSE = 1e-10
+"""Residual of a converged cycle, of the size of each state."""
+CLOSED_TO = 1e-9
+"""The same where rounding limits it: no point is accepted beyond."""
+_LONGEST = 16384  # ticks in one call
+_KEPT = 48  # rigs of a family
+_NEAR = 2.5  # ticks: a period that differs by less is advanced with the same number of them
+_TURN = 0.02  # of a radian of the fastest mode: a step of the integration of the rest of a tick
+_ITERATIONS = 12
+_FLAT = 1e-13
+
+
+class NoCycle(RigError):
+    """Newton's method finds no cycle here."""
+
+
+class NotSmooth(NoCycle):
+    """A run meets other events than the branch, those of `other`: the return map is not smooth here."""
+
+    def __init__(self, what: str, other: Carried | None = None) -> None:
+        super().__init__(what)
+        self.other = other
+
+
+class Carried(NamedTuple):
+    """The end of a run: state, mode sets at its start and end, events with times [s].
+
+    `states` [tick, n] and `values` [tick] of the output, if they are kept.
+    """
+
+    x: Array
+    first: int
+    key: int
+    events: tuple[tuple[float, Event], ...]
+    states: Array
+    values: Array
+
+    @property
+    def met(self) -> tuple[int, tuple[str, ...]]:
+        """Mode set at the start and events, which are the same where the map is smooth."""
+        return self.first, tuple(event.what for _, event in self.events)
+
+
+def word(names: Sequence[str]) -> tuple[str, ...]:
+    """Return a cyclic sequence of events from a fixed one of them on."""
+    names = tuple(names)
+    return min((names[i:] + names[:i] for i in range(len(names))), default=())
+
+
+class Flow:
+    """One rig with constant parameters, from any state over any time."""
+
+    def __init__(
+        self, scene: Scene, assembly: Assembly | None = None, tolerance: float = TIGHT, output: str = ""
+    ) -> None:
+        self.scene, self.assembly = scene, scene.assemble() if assembly is None else assembly
+        self.system: System = self.assembly.system()
+        self.step = scene.step_ns * 1e-9
+        self.key = sliding_key(self.system)
+        clock = scene.clock
+        self.motion = Motion(
+            replace(self.system, start=self.settled),
+            scene.step_ns,
+            chosen(clock.method, self.system),
+            outputs=[self.assembly.outputs[output].row] if output else None,
+            tolerance=tolerance,
+            substeps=clock.substeps(scene.step_ns),
+            cap=clock.events_per_frame,
+            frame=max(scene.frame_ns // scene.step_ns, 1),
+            limit=clock.limit,
+            longest=1,
+            with_energy=False,
+        )
+        self._ticks = -1
+        self._modes: dict[int, ModeSet] = {}
+        self._laws: dict[int, Contact] = {}
+
+    def commanded(self, start: Array) -> Flow:
+        """Return the same rig with other values of its commands; both advance the same motion."""
+        other = copy(self)
+        other.system = replace(self.system, start=start)
+        other.__dict__.pop("settled", None)
+        other.key = sliding_key(other.system)
+        return other
+
+    @cached_property
+    def settled(self) -> Array:
+        """Driving states at their steady values, structure at rest."""
+        return settled(self.system, self.system.start)
+
+    @cached_property
+    def moving(self) -> NDArray[np.int64]:
+        """The states that a disturbance can change."""
+        modes = self.modes(self.key)
+        moving = moving_states(self.system, modes.A)
+        return moving[np.any(modes.landing[:, moving] != 0.0, axis=0)]  # not the current of an open circuit
+
+    def modes(self, key: int) -> ModeSet:
+        """Return a mode set. Raises rig.errors.Singular."""
+        if key not in self._modes:
+            self._modes[key] = assembled(self.system, key)
+        return self._modes[key]
+
+    def rate(self, x: Array, key: int) -> Array:
+        """Return dx/dt in mode set `key`."""
+        modes = self.modes(key)
+        if key not in self._laws:
+            self._laws[key] = own_law(self.system, modes)
+        return np.asarray(modes.A @ x + modes.b @ inputs(self.system, modes, x, self._laws[key])[0])
+
+    def within(self, x: Array, key: int, time: float) -> Array:
+        """Return state x after `time` [s] in mode set `key`, forwards or backwards."""
+        from scipy.linalg import expm
+
+        modes = self.modes(key)
+        if not modes.nonlinear.any() and not self.system.products and not self.system.remembers:
+            return np.asarray(expm(modes.A * time) @ x)
+        fastest = float(np.abs(np.linalg.eigvals(modes.A)).max())
+        pieces = max(math.ceil(abs(time) * fastest / _TURN), 1)
+        h = time / pieces
+        for _ in range(pieces):
+            a = self.rate(x, key)
+            b = self.rate(x + 0.5 * h * a, key)
+            c = self.rate(x + 0.5 * h * b, key)
+            x = x + h / 6.0 * (a + 2.0 * (b + c) + self.rate(x + h * c, key))
+        return x
+
+    def carried(self, x: Array, time: float, keep: bool = False) -> Carried:
+        """Return the end of a run from x over `time` [s]; `keep`: with the states at its ticks [tick, n]."""
+        motion, step = self.motion, self.step
+        motion.restart(x)
+        first = motion.key
+        ticks = self._ticks if abs(time - self._ticks * step) < _NEAR * step else round(time / step)
+        self._ticks = ticks
+        events: list[tuple[float, Event]] = []
+        states, values = [x[None].copy()], []
+        done = 0
+        while done < ticks:
+            motion.advance(min(_LONGEST, ticks - done))
+            events += [((e.tick + e.place) * step, e) for e in motion.events()]
+            if keep:
+                states.append(motion.states.copy())
+                values.append(motion.outputs_at(motion.states, motion.mode_sets_of_states))
+            done = motion.tick
+        end, rest = motion.x.copy(), time - ticks * step
+        if rest:
+            end = self.within(end, motion.key, rest)
+        if not keep:
+            return Carried(end, first, motion.key, tuple(events), end[None], np.zeros(0))
+        outputs = np.concatenate(values).T if values else np.zeros((0, 0))
+        return Carried(
+            end, first, motion.key, tuple(events), np.concatenate(states), outputs[0] if len(outputs) else outputs
+        )
+
+    def stuck(self, key: int, p: int) -> bool:
+        """Whether contact p sticks in mode set `key`."""
+        patches, normals, *_ = self.system.modes(key)
+        return patches[p] == STICK and self.closed(key, p, normals)
+
+    def closed(self, key: int, p: int, normals: Sequence[int] = ()) -> bool:
+        """Whether contact p is loaded in mode set `key`."""
+        modes = normals or self.system.modes(key)[1]
+        return any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, modes))
+
+
+class Family:
+    """A rig over the parameters `axes`: one flow for each set of values, of which the last are kept.
+
+    A parameter that is an actuator becomes a state, so that its values need no new matrices.
+    """
+
+    def __init__(self, scene: Scene, axes: Sequence[Axis] = (), output: str = "") -> None:
+        self.scene, self.axes, self.output = scene, tuple(axes), output
+        self._kept: OrderedDict[tuple[float, ...], Flow] = OrderedDict()
+        self._commanded = self._with_commands()
+
+    @classmethod
+    def of(cls, flow: Flow) -> Family:
+        """Return the family of one rig without parameters."""
+        family = cls(flow.scene)
+        family._kept[()] = flow
+        return family
+
+    def flow(self, values: tuple[float, ...]) -> Flow:
+        """Return the rig with these values. Raises SceneError where the scene refuses them."""
+        if values not in self._kept:
+            if len(self._kept) >= _KEPT:
+                self._kept.popitem(last=False)
+            self._kept[values] = self._made(values)
+        self._kept.move_to_end(values)
+        return self._kept[values]
+
+    def rig(self, values: tuple[float, ...]) -> Scene:
+        """Return the scene with these values."""
+        return (
+            changed(self.scene, {axis.key: value for axis, value in zip(self.axes, values)}) if values else self.scene
+        )
+
+    def _with_commands(self) -> frozenset[str]:
+        """The parameters that are actuators with a state of their own, if they act on nothing but that state."""
+        keys = {axis.key for axis in self.axes}
+        assembly = self._assembly(self.scene, keys)
+        given = {key: assembly.inputs[key] for key in keys if key in assembly.inputs}
+        commands = frozenset(key for key, actuator in given.items() if actuator.state and not actuator.slope)
+        for axis in self.axes:
+            if axis.key in commands:
+                other = self._assembly(axis.at(self.scene, 0.5 * (axis.values[0] + axis.values[-1])), keys).sliding()
+                if not _same(assembly.sliding(), other):
+                    commands -= {axis.key}
+        return commands
+
+    def _assembly(self, scene: Scene, moved: Iterable[str]) -> Assembly:
+        held = {**dict.fromkeys(moved, "held"), **scene.moved}
+        return assembled_rig(scene.parameters, scene.frame_ns, held, random=False, limits=scene.limits)
+
+    def _made(self, values: tuple[float, ...]) -> Flow:
+        fixed = tuple(v for axis, v in zip(self.axes, values) if axis.key not in self._commanded)
+        for known, flow in self._kept.items():
+            if self._commanded and fixed == tuple(
+                v for axis, v in zip(self.axes, known) if axis.key not in self._commanded
+            ):
+                start = flow.system.start.copy()
+                for axis, value in zip(self.axes, values):
+                    if axis.key in self._commanded:
+                        given = flow.assembly.inputs[axis.key]
+                        start[[flow.system.names.index(name) for name in (given.state, given.lagging) if name]] = value
+                return flow.commanded(start)
+        scene = self.rig(values)
+        return Flow(scene, self._assembly(scene, self._commanded), output=self.output)
+
+
+def _same(a: System, b: System) -> bool:
+    """Whether two systems differ in nothing but their start."""
+    return pickle.dumps(replace(a, start=a.start * 0.0)) == pickle.dumps(replace(b, start=b.start * 0.0))
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """Derivatives of the return map at a point, over the size of each state: P [i, i], over p [i], rates [i] at both
+    ends.
+    """
+
+    end: Carried
+    P: Array
+    over_p: Array
+    begin_rate: Array
+    end_rate: Array
+
+
+Closing = Callable[[Array, Carried], tuple[float, Array]]
+"""(unknowns, run) -> value and gradient of the closing equation."""
+
+
+class ReturnMap:
+    """The return map of a family of rigs over its first parameter; the unknowns are u = (x / size, T / T0, p / P0).
+
+    `size` [i]: of each moving state. `others`: values of the further parameters. `period`: of the generator as a
+    function of the flow, for a forced motion. `key`: mode set of the base point, in which contacts that stick are held.
+    """
+
+    def __init__(
+        self,
+        family: Family,
+        size: Array,
+        T0: float,
+        P0: float,
+        others: tuple[float, ...] = (),
+        period: Callable[[Flow], float] | None = None,
+        phase: float = 0.0,
+        key: int | None = None,
+    ) -> None:
+        self.family, self.size, self.T0, self.P0, self.others = family, size, T0, P0, others
+        self.period, self.phase, self.key = period, phase, key
+        self.runs = 0
+
+    def flow(self, u: Array) -> Flow:
+        """Return the rig at the parameter of u."""
+        return self.family.flow((float(u[-1] * self.P0), *self.others))
+
+    def state(self, u: Array) -> Array:
+        """Return all states at u."""
+        flow = self.flow(u)
+        x = flow.settled.copy() if self.period is None else driven(flow, self.phase * u[-2] * self.T0)
+        x[flow.moving] = u[:-2] * self.size
+        if self.key is not None and STICK in flow.system.modes(self.key)[0]:
+            x = flow.modes(self.key).landing @ x
+        return x
+
+    def unknowns(self, x: Array, T: float, p: float) -> Array:
+        """Return u."""
+        flow = self.family.flow((p, *self.others))
+        return np.concatenate([x[flow.moving] / self.size, [T / self.T0, p / self.P0]])
+
+    def end(self, u: Array, keep: bool = False) -> Carried:
+        """Return the run of one period from u."""
+        self.runs += 1
+        return self.flow(u).carried(self.state(u), float(u[-2] * self.T0), keep)
+
+    def scaled(self, size: Array, T0: float, P0: float) -> ReturnMap:
+        """Return the same map in other scales."""
+        other = copy(self)
+        other.size, other.T0, other.P0 = size, T0, P0
+        return other
+
+    def rate(self, u: Array, x: Array, key: int) -> Array:
+        """Return the rates of the moving states [i], over their size, per T0."""
+        flow = self.flow(u)
+        return flow.rate(x, key)[flow.moving] / self.size * self.T0
+
+    def derivative(
+        self, u: Array, end: Carried | None = None, over_p: bool = True, steps: Sequence[float] = STEPS
+    ) -> Derivative:
+        """Return the derivatives at u. Raises NotSmooth where displaced runs meet other events on both sides."""
+        end = self.end(u) if end is None else end
+        n = len(u) - 2
+        f0, f1 = self.rate(u, self.state(u), end.first), self.rate(u, end.x, end.key)
+        if self.period is None:
+            across = np.linalg.qr(np.column_stack([f0, np.eye(n)]))[0][:, 1:n]
+        else:
+            across = np.eye(n)
+        columns = np.array([self._column(u, np.append(d, [0.0, 0.0]), end, steps) for d in across.T]).reshape(-1, n).T
+        if self.period is None:
+            P = np.column_stack([f1, columns]) @ np.linalg.inv(np.column_stack([f0, across]))
+        else:
+            P = columns
+        slope = self._column(u, np.append(np.zeros(n + 1), 1.0), end, steps) if over_p else np.zeros(n)
+        return Derivative(end, P, slope, f0, f1)
+
+    def _column(self, u: Array, direction: Array, end: Carried, steps: Sequence[float]) -> Array:
+        """The derivative of the end over one direction of u."""
+        moving = self.flow(u).moving
+        other: Carried | None = None
+        for step in steps:
+            for formula in (_CENTRAL, _AFTER, _BEFORE):
+                total = np.zeros(len(moving))
+                for share, weight in formula:
+                    try:
+                        displaced = self.end(self.shifted(u, share * step * direction))
+                    except NumericsError:
+                        break
+                    if displaced.met != end.met:
+                        other = displaced
+                        break
+                    total += weight * (displaced.x[moving] - end.x[moving]) / self.size
+                else:
+                    return total / step
+        raise NotSmooth("displaced runs meet other events", other)
+
+    def shifted(self, u: Array, by: Array) -> Array:
+        """Return u + by, with the period of the generator if the motion is forced."""
+        out = u + by
+        if self.period is not None:
+            out[-2] = self.period(self.flow(out)) / self.T0
+        return np.asarray(out)
+
+    def residual(self, u: Array, end: Carried, reference: Array, along: Array) -> Array:
+        """Return how far the motion is from closing [i], and the phase condition."""
+        n = len(u) - 2
+        phase = along @ (u[:n] - reference[:n]) if self.period is None else 0.0
+        return np.append(end.x[self.flow(u).moving] / self.size - u[:n], phase)
+
+    def matrix(self, d: Derivative, along: Array) -> Array:
+        """Return the derivative of the residual over u [n + 1, n + 2]."""
+        n = len(along)
+        A = np.zeros((n + 1, n + 2))
+        A[:n, :n], A[:n, n + 1] = d.P - np.eye(n), d.over_p
+        if self.period is None:
+            A[:n, n], A[n, :n] = d.end_rate, along
+        else:
+            A[n, n] = 1.0
+        return A
+
+    def along(self, u: Array) -> Array:
+        """Return the direction of the flow at u, of length one."""
+        flow, x = self.flow(u), self.state(u)
+        if self.key is None:
+            flow.motion.restart(x)
+        f = self.rate(u, x, flow.motion.key if self.key is None else self.key)
+        return np.asarray(f / max(float(np.linalg.norm(f)), 1e-300))
+
+    def newton(
+        self,
+        u: Array,
+        closing: Closing,
+        reference: Array,
+        met: tuple[int, tuple[str, ...]] | None = None,
+        first: Array | None = None,
+        over_p: bool = True,
+    ) -> tuple[Array, Carried]:
+        """Solve for a cycle near u; `met`: the events that every iterate has to meet.
+
+        `first`: derivative of all equations for the first step. Broyden's formula improves it; where that does not lead
+        on, derivatives are computed. Raises NotSmooth and NoCycle.
+        """
+        along = self.along(reference)
+        M, last = first, math.inf
+        before: tuple[Array, Array] | None = None
+        for _ in range(_ITERATIONS):
+            end = self.end(u)
+            if met is not None and end.met != met:
+                raise NotSmooth("the motion meets other events", end)
+            value, gradient = closing(u, end)
+            R = np.append(self.residual(u, end, reference, along), value)
+            size = float(np.linalg.norm(R))
+            if size <= CLOSE or (size <= CLOSED_TO and size > 0.3 * last):
+                return u, end
+            if before is not None and M is not None and size <= 0.5 * last:
+                du, dR = u - before[0], R - before[1]
+                M = M + np.outer(dR - M @ du, du) / (du @ du)  # Broyden
+            elif before is not None or M is None:
+                M = np.vstack([self.matrix(self.derivative(u, end, over_p), along), gradient])
+            last, before = size, (u, R)
+            u = self.shifted(u, -np.linalg.lstsq(M, R, rcond=_FLAT)[0])
+            if not (math.isfinite(size) and 0.05 < u[-2] / reference[-2] < 5.0):
+                raise NoCycle("Newton's method leaves the branch")
+        raise NoCycle(f"Newton's method does not converge: {last:.1e}")
+
+
+def driven(flow: Flow, later: float) -> Array:
+    """Return the driving states at the start, with generators `later` s on."""
+    x, start = flow.settled.copy(), flow.system.start
+    for a, b, rate in flow.system.generators:
+        s, c = math.sin(rate * later), math.cos(rate * later)
+        x[a], x[b] = c * start[a] + s * start[b], c * start[b] - s * start[a]
+    return x
+
+
+def multipliers(P: Array, driven: bool) -> tuple[tuple[complex, ...], float]:
+    """Return the Floquet multipliers, the largest first, without that of the shift along the motion; and how far that
+    one is from 1 (NaN: the motion is driven).
+    """
+    order = sorted((complex(v) for v in np.linalg.eigvals(P)), key=lambda v: (-abs(v), -v.imag))
+    if driven:
+        return tuple(order), math.nan
+    own = min(order, key=lambda v: abs(v - 1.0))
+    order.remove(own)
+    return tuple(order), abs(own - 1.0)

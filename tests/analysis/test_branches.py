@@ -1,0 +1,179 @@
+"""Branches of cycles: known numbers, kinds of special points, going on after an interruption, what is refused."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import rig as lab
+from rig.analysis.branches import Branches, branches, job
+from rig.analysis.stick_speeds import upper_speed
+from rig.errors import SceneError, UsageError
+
+BSTAB = {
+    "body.mass": "1 kg", "body.stiffness": "1 N/m", "body.damping": "0.1 N*s/m", "load.force": "1 N",
+    "friction.mu_static": 1.0, "friction.mu_dynamic": 0.5, "friction.speed_scale": "0.5 m/s", "drive.speed": "1.5 m/s",
+    "limits": "none",
+}  # fmt: skip
+"""The friction oscillator of bSTAB (Stender, Hoffmann 2022)."""
+RPM = math.pi / 30.0
+CLOSED = 1e-9
+
+
+def followed(folder, scene, over, start=("hopf",), **changes) -> Branches:
+    loaded = lab.load(scene, {"limits": "none", **changes})
+    result = branches(job(loaded, over, None, start), folder)
+    assert max((p.residual for *_, p in result.points()), default=0.0) <= CLOSED
+    return result
+
+
+@pytest.fixture(scope="module")
+def bstab(tmp_path_factory) -> Branches:
+    return followed(tmp_path_factory.mktemp("bstab"), "belt", "drive.speed=0.1 m/s:2.5 m/s", **BSTAB)
+
+
+def test_hopf_point_and_grazing_fold_of_a_known_oscillator_from_both_sides(bstab, tmp_path):
+    assert bstab.special("hopf") == [pytest.approx(0.5 * math.log(10.0), abs=1e-12)]
+    assert bstab.special("grazing") == [pytest.approx(1.836600972198, abs=1e-8)]
+    from_stick = followed(tmp_path, "belt", "drive.speed=0.5 m/s:2.5 m/s", (0.7,), **BSTAB)
+    assert from_stick.special("grazing") == [pytest.approx(1.836600972198, abs=1e-8)]
+    assert all(special.turns for special in (*bstab.specials, *from_stick.specials) if special.kind == "grazing")
+    slip = [p for *_, p in bstab.points() if p.stick == 0.0 and p.period == p.period]
+    stick = [p for *_, p in bstab.points() if p.stick > 0.0]
+    assert not any(p.stable for p in slip)
+    assert all(p.stable for p in stick)
+
+
+def test_multipliers_are_those_of_the_variational_equation(bstab):
+    """exp of the integral of the divergence over the unstable cycle, which an independent integrator computes."""
+    from scipy.integrate import solve_ivp
+
+    for number, _, point in bstab.points():
+        if number == 1 and point.value > 1.3:
+            V = point.value
+
+            def rate(_, y, V=V):
+                slope = -math.exp(-(V - y[1]) / 0.5)
+                return [y[1], -y[0] - 0.1 * y[1] + 0.5 + 0.5 * math.exp(-(V - y[1]) / 0.5), -0.1 - slope]
+
+            start = [point.state["x"], point.state["x'"], 0.0]
+            run = solve_ivp(rate, (0.0, point.period), start, method="DOP853", rtol=1e-12, atol=1e-13)
+            assert run.y[:2, -1] == pytest.approx(start[:2], abs=1e-8)
+            assert point.multipliers[0].real == pytest.approx(math.exp(run.y[2, -1]), abs=1e-8)
+
+
+def test_stick_slip_without_damping_agrees_with_its_closed_form_over_three_decades(tmp_path):
+    result = followed(tmp_path, "belt_c", "drive.speed=0.0026 m/s:2 m/s", (0.06,))
+    drop, omega = (0.4 - 0.25) * 20.0 / 2500.0, math.sqrt(2500.0 / 5.0)
+    points = [p for *_, p in result.points() if p.stick]
+    assert {min(p.value for p in points), max(p.value for p in points)} == {0.0026, 2.0}
+    for p in points:
+        period = 2.0 * drop / p.value + 2.0 / omega * (math.pi - math.atan(omega * drop / p.value))
+        assert p.period == pytest.approx(period, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("scene", "over", "start", "kind", "values", "within"),
+    [
+        ("belt_c_damped", "drive.speed=0.05 m/s:0.2 m/s", 0.06, "jump", [0.0779534596], 1e-9),
+        ("pendulum", "drive.speed=0.5 rad/s:5 rad/s", "hopf", "hopf", [1.0397208], 1e-7),
+        ("pendulum", "drive.speed=0.5 rad/s:5 rad/s", "hopf", "grazing", [3.3751638], 1e-7),
+        ("lever", "drive.speed=1.5 rpm:8 rpm", "hopf", "hopf", [2.034443 * RPM], 1e-6 * RPM),
+        ("lever", "drive.speed=1.5 rpm:8 rpm", "hopf", "grazing", [5.6082372 * RPM], 1e-7 * RPM),
+    ],
+)
+def test_special_points(tmp_path_factory, scene, over, start, kind, values, within):
+    result = followed(tmp_path_factory.getbasetemp() / "shared", scene, over, (start,))
+    assert result.special(kind) == pytest.approx(values, abs=within)
+
+
+def test_the_jump_of_a_tip_is_its_upper_critical_speed(tmp_path):
+    scene = lab.load("tip", {"waviness": "none"})
+    result = followed(tmp_path, "tip", "drive.speed=0.03 m/s:0.2 m/s", (0.05,), waviness="none")
+    assert result.special("jump") == [pytest.approx(upper_speed(scene.parameters), rel=1e-9)]
+
+
+def test_a_linear_rig_lifts_off_lands_and_sticks(tmp_path):
+    result = followed(tmp_path, "two_dof", "friction.mu=0.3:1.5", ("hopf", 0.58))
+    [hopf] = result.special("hopf")
+    assert result.special("lift-off") == [pytest.approx(hopf, abs=1e-8)]
+    assert result.special("begin of stick") == [pytest.approx(1.115035365, abs=1e-8)]
+    assert {event for b in result.branches for event in b.events} >= {"load opens", "load closes", "contact slip ends"}
+    for _, branch, point in result.points():  # what simulation settles to
+        if branch.events and 0.9 < point.value < 1.0:
+            cycle = lab.limit_cycle(lab.load("two_dof", {"limits": "none", "friction.mu": point.value}))
+            assert cycle.period == pytest.approx(point.period, rel=1e-8)
+            break
+    else:
+        pytest.fail("no lift-off between 0.9 and 1")
+
+
+def test_an_interrupted_computation_goes_on_from_its_last_point(tmp_path, monkeypatch):
+    import rig.analysis.branches.compute as compute
+
+    todo = job(lab.load("belt_c", {"limits": "none"}), "drive.speed=0.03 m/s:0.3 m/s", None, (0.06,))
+    whole = branches(todo, tmp_path / "whole")
+    monkeypatch.setattr(compute, "SAVE", 0.0)
+    said: list[str] = []
+
+    def stop(text):
+        said.append(text)
+        if len(said) == 12:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        branches(todo, tmp_path / "parts", stop)
+    again: list[str] = []
+    result = branches(todo, tmp_path / "parts", again.append)
+    assert len(again) < len(list(whole.points()))
+    for (_, a, p), (_, b, q) in zip(whole.points(), result.points(), strict=True):
+        assert (a.kind, a.events) == (b.kind, b.events)
+        assert p.value == pytest.approx(q.value, rel=1e-6)
+    assert branches(todo, tmp_path / "parts", again.append).to_json()["specials"] == result.to_json()["specials"]
+
+
+def test_every_form_of_the_result(bstab):
+    told = json.loads(json.dumps(bstab.to_json()))
+    assert [s["kind"] for s in told["specials"]] == ["hopf", "grazing"]
+    assert "grazing fold (contact)" in bstab.text()
+    data = bstab.to_xarray()
+    assert data.sizes["point"] == len(list(bstab.points())) == len(bstab.csv().splitlines()) - 1
+    assert data["drive.speed"].attrs["units"] == "m/s"
+    assert bool((data.low <= data.high).all())
+    axes = bstab.plot().get_axes()[0]
+    legend = {text.get_text() for text in axes.get_legend().get_texts()}
+    assert {"stable", "unstable", "Hopf point", "grazing fold"} <= legend
+    assert "<img" in bstab._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("scene", "changes", "over", "words"),
+    [
+        ("plate", {}, "drive.speed=0.1:0.2 m/s", "not defined for a film"),
+        ("tip", {}, "drive.speed=0.05:0.2 m/s", "waviness=none"),
+        ("lever_sector", {}, "drive.speed=1:2 rpm", "uneven"),
+        ("belt", {}, "drive.speed=0.2:0.2 m/s", "the ends are the same"),
+        ("belt", {}, "drive.speed=-0.1:0.2 m/s", "direction"),
+        ("belt", {}, "drive.speed=0.1", "expected KEY=FROM:TO"),
+        ("points", {}, "drive.speed=0.1:0.2 m/s", "clock.method = kick"),
+        ("belt", {}, "drive.sped=0.1:0.2 m/s", "drive.speed"),
+        ("lever", {}, "springs.order=2:5", "not a numeric parameter"),
+        ("belt", {"clock.method": "rk4"}, "drive.speed=0.1:0.2 m/s", "clock.method"),
+    ],
+)
+def test_what_cannot_be_followed_is_said(scene, changes, over, words):
+    with pytest.raises((UsageError, SceneError), match=words):
+        job(lab.load(scene, changes), over)
+
+
+def test_the_old_name_points_to_both_new_ones():
+    with pytest.raises(AttributeError, match=r"rig\.fork.*rig\.branches"):
+        lab.branch("run.mcap")
+
+
+def test_rest_in_stick_is_an_interval(tmp_path):
+    result = followed(tmp_path, "belt_c", "load.force=10 N:30 N", (), **{"drive.speed": 0.0, "start.velocity": 0.0})
+    [rest] = [branch for branch in result.branches if branch.kind == "rest in stick"]
+    for point in rest.points:
+        assert np.array([point.low, point.high]) == pytest.approx(np.array([-1.0, 1.0]) * 0.4 * point.value / 2500.0)
