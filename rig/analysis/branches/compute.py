@@ -128,7 +128,7 @@ def _unfit(scene: Scene, axis: Axis) -> Iterator[str]:
         )
     if running := _running(first):
         yield (
-            f"{running} runs on: the surface is uneven, the motion follows its turns, and no cycle repeats within them. "
+            f"{running} runs on: the surface is uneven, the motion follows its turns, and no cycle repeats. "
             "Leave the unevenness out (-p waviness=none, -p inhomogeneity=none, -p sector=none), or use rig map"
         )
     if (why := _changed(first, last)) or (why := _turned(axis, first, last)):
