@@ -64,35 +64,8 @@ def test_ctrl_c_in_the_terminal_does_not_reach_it(module):
     assert one.code is not None
 
 
-@pytest.mark.parametrize(
-    ("code", "lines"),
-    [
-        ("print('.' * 5000, end='')", ["." * 2000, "." * 2000, "." * 1000]),
-        ("print('1 %\\r2 %\\r\\n3 %')", ["1 %", "2 %", "3 %"]),
-        ('print(\'["run", "evil"]\\nrun evil-1\\n\\x01done 3\')', ['["run", "evil"]', "run evil-1", "\x01done 3"]),
-    ],
-)
-def test_what_it_prints_is_no_word(module, code, lines):
-    one = Child("child", module(f"from rig.machine.process import as_process, tell\n"
-                                f"def main():\n    {code}\n"
-                                "    tell('run', 'mine')\nas_process(main)"))  # fmt: skip
-    assert one.wait(20.0)
-    assert (one.new_lines(), one.new_words(), one.tail) == (lines, [("run", "mine")], [*lines[:-1], lines[-1]])
-
-
 def test_lines_that_nobody_shows_are_counted(module):
     one = Child("child", module("for i in range(3000): print(i)"))
     assert one.wait(20.0)
     assert one.new_lines(2) == ["(2998 lines left out)", "2998", "2999"]
     assert one.new_lines() == []
-
-
-def test_what_it_starts_cannot_speak_for_it(module):
-    one = Child("child", module(
-        "import os, subprocess, sys\nfrom rig.machine.process import as_process, tell\n"
-        "code = 'import os; print(os.environ.get(\"RIG_PARENT\"), sorted(map(int, os.listdir(\"/dev/fd\"))))'\n"
-        "def main():\n    tell('fault', 'mine')\n    subprocess.run([sys.executable, '-c', code], close_fds=False)\n"
-        "    return 3\nas_process(main)"))  # fmt: skip
-    assert one.wait(20.0)
-    assert one.tail == ["None [0, 1, 2, 3]"]  # 3: the folder itself
-    assert one.ending == "child ended with code 3: mine"

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import pytest
 
-from rig.analysis import kernel_shapes
 from rig.compiled import kernel, kernel_store
 from rig.compiled.kernel_store import CheckedFile
 
@@ -218,17 +217,6 @@ def test_what_is_stored_no_other_user_can_write(compiled, tmp_path):
     stored = [path for path in folder.rglob("*") if path.suffix in (".nbi", ".nbc", ".json") or path.is_dir()]
     assert len(stored) >= 4
     assert not [path for path in (folder.parent, folder, *stored) if path.stat().st_mode & 0o022]
-
-
-@pytest.mark.parametrize("text", ["[[3, fal", "[1]"])
-def test_damaged_notes_of_a_warm_up_count_as_none(tmp_path, monkeypatch, text):
-    monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
-    kernel_shapes.notes().write_text(text)
-    assert kernel_shapes.ready() == set()
-    shape = kernel_shapes.Shape(3, False, False, False)
-    kernel_shapes.note(shape)
-    assert kernel_shapes.ready() == {shape}
-    assert list(tmp_path.iterdir()) == [kernel_shapes.notes()]
 
 
 ROOT = Path(kernel.__file__).parents[2]

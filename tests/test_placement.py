@@ -3,22 +3,13 @@
 import os
 import sys
 import threading
-import time
 
-import numpy as np
 import pytest
-from twin import Twin
 
-from rig import bus, controllers
-from rig.bus import encode, messages
-from rig.bus.run_setup import Setup
-from rig.controllers.runtime import process
-from rig.design import numbers
+from rig import bus
 from rig.machine import scheduling
-from rig.scenes import load
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux says where a thread runs")
-MS = 1_000_000
 
 
 @pytest.fixture
@@ -70,22 +61,3 @@ def test_the_thread_and_those_of_the_bus_are_placed_and_others_go_where_they_lik
             other.join()
         assert found["other"] == allowed
         assert {frozenset(os.sched_getaffinity(thread)) for thread in [0, *threads]} == {frozenset(allowed)}
-
-
-@pytest.mark.parametrize(("pause", "stays"), [(0.0, True), (0.001, False)])
-def test_a_controller_that_computes_long_leaves_the_core_of_the_bus(allowed, pause, stays):
-    scene = load("belt_normal_force")
-    told = {"nf": controllers.described(scene.controllers["nf"], numbers(scene)["nf"])}
-    setup = Setup("placed", scene.to_json(), MS, MS, {}, {"vibrometer": ("m/s", MS)}, told)
-    worker = process.Worker(Twin().open("controller", "nf"), setup, controllers.restored(told["nf"]))
-    answer = worker.loop.answer
-    worker.loop = type("Slow", (), {
-        "every_sample": False, "held": 0, "refused": 0, "due": lambda _, t_ns: True,
-        "answer": lambda _, *given: (time.sleep(pause), answer(*given))[1],
-    })()  # fmt: skip
-    core = min(allowed)
-    with scheduling.placed(core, core):
-        for tick in range(2 * process.LONG_ANSWERS):
-            step = encode.step(tick, tick * MS, [0.01], np.ones(1, np.int64))
-            worker.answer_step(messages.decode("step", step))
-        assert os.sched_getaffinity(0) == ({core} if stays else allowed)

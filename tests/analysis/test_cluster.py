@@ -2,12 +2,9 @@
 
 import json
 import os
-import shutil
 import signal
-import socket
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -17,7 +14,6 @@ from pool_works import counts, trial
 
 import rig as lab
 from rig.analysis.pool import Store, carry_out, cluster
-from rig.analysis.pool.cluster import unanswered
 from rig.analysis.studies import prepared, study
 from rig.errors import UsageError, WorkerError
 
@@ -114,26 +110,6 @@ def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch):
     assert time.monotonic() - begin < 20.0
 
 
-def test_what_listens_and_is_no_scheduler_is_told_within_a_bound():
-    for says, why in (
-        (None, "it accepts the connection and says nothing"),
-        (b"HTTP/1.0", "does not speak as dask does"),
-    ):
-        with socket.create_server(("127.0.0.1", 0)) as server:
-
-            def answer(server=server, says=says):
-                connection, _ = server.accept()
-                with connection:
-                    _ = connection.sendall(says) if says else connection.recv(1)  # until the other one gives up
-
-            thread = threading.Thread(target=answer, daemon=True)
-            thread.start()
-            where = "tcp://127.0.0.1:{1}".format(*server.getsockname())
-            assert why in unanswered(where, 0.3)
-            thread.join(10.0)
-    assert unanswered(where, 0.3) == ""  # nothing listens: dask tries again for some time
-
-
 @pytest.fixture
 def sbatch(tmp_path, monkeypatch):
     """Makes a command sbatch of the lines of a shell script, and a scancel."""
@@ -218,30 +194,3 @@ def test_a_unit_that_ends_its_worker_is_a_row_with_its_reason(tmp_path, monkeypa
     found = done(work, tmp_path, "local", workers=2)
     assert {unit: v for unit, v in squares(found).items() if unit != 5} == {u: u**2 for u in range(8) if u != 5}
     assert str(found[5]["name"]) == "ended every worker that dask gave it to"
-
-
-@pytest.mark.slow
-def test_workers_of_another_version_are_named(processes, tmp_path):
-    """The same sources but for a comment; and a worker that does not have them at all."""
-    shutil.copytree(ROOT / "rig", tmp_path / "other" / "rig", ignore=shutil.ignore_patterns("__pycache__"))
-    with (tmp_path / "other" / "rig" / "quantities.py").open("a") as file:
-        file.write("# another version\n")
-    processes.worker(path=tmp_path / "other")
-    time.sleep(8.0)
-    with pytest.raises(UsageError, match=r"other sources than this process \(friction-rig [^)]*\):\n  tcp://127"):
-        done(trial(str(tmp_path)), tmp_path, processes.address)
-
-
-@pytest.mark.slow
-def test_a_fault_of_a_unit_is_told_in_its_words(processes, tmp_path):
-    processes.worker()
-    work = trial(str(tmp_path), total=4, does={"2": "fault"})
-    with pytest.raises(WorkerError, match=r"nothing is as it should be\. Finished results are kept in"):
-        done(work, tmp_path, processes.address)
-
-
-@pytest.mark.slow
-def test_a_cluster_without_workers_is_told_within_a_bound(processes, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "JOIN", 2.0)
-    with pytest.raises(WorkerError, match="no worker has joined"):
-        done(trial(str(tmp_path)), tmp_path, processes.address)

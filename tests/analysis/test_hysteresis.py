@@ -138,17 +138,6 @@ def test_critical_speeds_are_those_of_the_contact_mode():
     assert "stick is unknown" in without.text()
 
 
-def test_a_recording_that_has_lost_its_scene_is_analysed_without_stick():
-    system = lab.load("belt").assemble().system()
-    stick = system.key([2], [0], [0] * len(system.limiters))
-    lost = loop(mode=np.full(T.size, stick), scene="")
-    with pytest.raises(UsageError, match=r"over: .*the recording has lost its scene\); name one: .*surface_speed"):
-        hysteresis(lost, window=0.16)  # which output is the speed of the drive, the scene's plant says
-    found = hysteresis(lost, over="surface_speed", window=0.16)
-    assert found.text().startswith("recording: RMS of accelerometer")
-    assert "stick is unknown" in found.text()
-
-
 def test_samples_that_dropped_out_are_told_and_left_out():
     """One in ten, as NaN and as nothing at all, and a hole of 2 s."""
     rng = np.random.default_rng(5)

@@ -1,7 +1,5 @@
 """The pool of worker processes: nothing is lost or computed in vain, whatever happens to a worker."""
 
-import base64
-import pickle
 import re
 import subprocess
 import sys
@@ -18,7 +16,7 @@ from pool_works import counts, trial
 
 from rig.analysis.pool import Store, carry_out
 from rig.analysis.pool.carry_out import WorkerProcesses
-from rig.errors import ExitCode, UsageError, WorkerError
+from rig.errors import UsageError, WorkerError
 
 SUPPORT = Path(__file__).parents[1] / "support"
 
@@ -93,18 +91,6 @@ def test_a_fault_ends_the_work_and_what_is_finished_stays(tmp_path):
         done(work, tmp_path, 1)
     assert kept.items() <= squares(Store.of(work, tmp_path).load()).items()
     assert all(kept[unit] == unit**2 for unit in kept)
-
-
-def test_what_is_finished_stays_when_a_worker_is_stopped_in_a_callback_of_a_library(tmp_path):
-    work = trial(str(tmp_path), total=4, does={"2": "stop"})
-    store, pickled = Store.of(work, tmp_path), base64.b64encode(pickle.dumps(work)).decode()
-    with store.open(work):
-        worker = [sys.executable, "-m", "rig.analysis.pool.worker", str(store.folder)]
-        ended = subprocess.run(
-            worker, input=f"{pickled}\n[[0], [1], [2], [3]]\n", capture_output=True, text=True, timeout=60.0
-        )
-    assert ended.returncode == ExitCode.INTERRUPTED
-    assert squares(store.load()) == {0: 0.0, 1: 1.0}
 
 
 def test_results_that_do_not_fit_on_the_disk_end_the_work_with_a_sentence(tmp_path):

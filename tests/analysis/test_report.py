@@ -188,27 +188,6 @@ def test_golden_recordings_of_other_kinds_have_a_page(name):
         assert sum(float(share.rstrip("%")) for share in stages[0][3:7]) == pytest.approx(100.0, abs=0.25)
 
 
-def test_a_window_of_a_run_says_so_and_is_drawn_from_its_begin(golden):
-    run = golden[0]
-    late = {
-        name: Samples(t_ns[t_ns >= 8 * 10**9], v[t_ns >= 8 * 10**9]) for name, (t_ns, v) in run.measurements.items()
-    }
-    here = run.time >= 8.0
-    mode = run.mode[here].copy()
-    mode[:100] = -1  # lost contact states are not counted
-    cut = replace(run, window="velocity > 0.1", begin_ns=8 * 10**9, time=run.time[here], mode=mode,
-                  signals={name: v[here] for name, v in run.signals.items()}, measurements=late)  # fmt: skip
-    text = page(cut, GOLDEN)
-    told = Page(text).texts["What it shows"]
-    assert "A window of a longer run, from 8 s on: velocity > 0.1" in told
-    assert "1 s at steps of 1 ms" in told
-    [x, _] = points(re.findall(r"<svg.*?</svg>", text)[0])[0]
-    assert (x.min(), x.max()) == (0.5, COLUMNS - 0.5)  # middles of the first and the last column
-    [_, first, *_] = Page(text).tables["Stages: events, and mean shares of the contact"]
-    assert first[1:3] == ["8", "9"]
-    assert sum(float(share.rstrip("%")) for share in first[3:7]) == pytest.approx(100.0, abs=0.25)
-
-
 @pytest.mark.usefixtures("unreadable_figures")
 def test_what_others_wrote_is_text(tmp_path):
     log = tmp_path / "run.mcap"

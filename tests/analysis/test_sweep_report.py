@@ -9,7 +9,7 @@ from swept_matrices import beside, over, turning
 
 import rig
 from rig.analysis import figures
-from rig.analysis.axis import Axis, axes, fixed, in_words, sweepable
+from rig.analysis.axis import Axis, in_words, sweepable
 from rig.errors import SceneError
 
 
@@ -107,22 +107,6 @@ def test_what_is_wrong_is_told(belt, text, told):
     with pytest.raises(SceneError) as raised:
         Axis.parse(text, belt)
     assert told in str(raised.value)
-
-
-def test_a_figure_names_the_parameters_that_it_holds_constant(belt):
-    speed, load = axes(belt, {"--x": "drive.speed=0.05 m/s:0.4 m/s:8", "--y": "load.force=10 N:20 N:2"})
-    friction = "static coefficient of friction 0.5, dynamic coefficient of friction 0.18"
-    assert fixed(belt, [speed]) == f"load 20 N, {friction}"
-    assert fixed(belt, [speed, load]) == friction
-
-
-def test_the_faults_of_all_axes_are_told_at_once(belt):
-    with pytest.raises(SceneError) as raised:
-        axes(belt, {"--x": "drive.sped=0:1:0", "--y": "load.force=0 m:1 N:3"})
-    assert len(raised.value.faults) == 3
-    assert axes(belt, {"--x": "drive.speed=0:1:3", "--y": None})[0].key == "drive.speed"
-    with pytest.raises(SceneError, match="more than one axis"):
-        axes(belt, {"--x": "drive.speed=0:1:3", "--y": "drive.speed=0:1:4"})
 
 
 def test_a_figure_names_every_parameter_in_words(shipped):

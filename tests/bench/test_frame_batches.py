@@ -106,21 +106,3 @@ def test_who_is_not_connected_hears_the_same(every_sample):
     assert run.summary["controllers"]["nf"]["updates"] == 300
     assert run.commands["nf"].tick.tolist() == list(range(100, 200))
     assert run.commands["nf"].values[:, 0].tolist() == [20.0 + 1e-3 * state for state in range(100, 200)]
-
-
-def test_what_a_sensor_showed_is_remembered():
-    scene = rig.load("belt_normal_force", FAST)
-    runner = PlantRunner(scene, truthful=True)
-    seen, slow = [], runner.bank.names.index("vibrometer")
-    while runner.tick < 40:
-        runner.frames(1)
-        seen.append((float(runner.bank.latest[slow]), runner.bank.samples(slow).tolist()))
-    whole = PlantRunner(scene, truthful=True)
-    while whole.tick < 40:
-        begun = whole.tick
-        whole.frames(40 - whole.tick)
-        times = range((begun + 1) * MS, (whole.tick + 1) * MS, MS)
-        part = seen[begun : whole.tick]
-        assert whole.bank.shown(slow, times) == [last for last, _ in part]
-        assert whole.bank.published(slow, times) == [samples for _, samples in part]
-    assert np.isfinite(seen[-1][0])

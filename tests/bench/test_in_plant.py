@@ -155,37 +155,3 @@ def test_a_protocol_and_an_end_within_pieces_keep_their_ticks():
     same_bits(heard, in_one_process(scene, 0.0615))
     assert bench.summary["ticks"] == 615
     assert [data["after_tick"] for kind, _, data in events(heard, "nf") if kind == "parameter"] == [245]
-
-
-def test_a_limit_within_a_piece_ends_in_the_safe_state_at_its_tick():
-    scene = scenes.load("belt_normal_force", {**FINE, "limits.displacement": "1 mm"})
-    (_, heard), run = ran(scene, pace=4.0), in_one_process(scene, 2.0)
-    (told,) = [event["tick"] for event in run.events if event["kind"] == "limit"]
-    (tick,) = [event.tick for event in heard["event/plant"] if event.kind == "limit"]
-    assert tick == told
-    assert tick % 10
-    same_bits(heard, run)
-
-
-@pytest.mark.parametrize(("period", "frames"), [(0.003, 10), (0.0004, 4)])
-def test_one_in_its_own_process_is_asked_whenever_it_is_due(period, frames):
-    scene = fine(period=period)
-    _, heard = ran(scene, pace=None, duration=0.1)
-    same_bits(heard, in_one_process(scene, 0.1))
-    asked = dict.fromkeys(step.tick for step in heard["step"])  # a busy machine makes the plant repeat a step
-    assert [*asked] == [*range(0, 1000, frames)]
-
-
-def test_a_guest_that_wants_every_frame_makes_pieces_of_one(monkeypatch):
-    def meanwhile(me):
-        me.ask("param/plant", {"get": ["load.force"]}, 20.0, patient=True)
-        body = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": 300_000, "reads": []}
-        me.ask("cmd/plant", body, 20.0)
-
-    scene = fine()
-    bench, heard = ran(scene, meanwhile, pace=1.0, duration=0.5)
-    (admitted,) = [event.tick for event in heard["event/plant"] if event.kind == "admitted"]
-    ticks = [step.tick for step in heard["step"]]
-    assert {*range(admitted // 30 * 30 + 30, 5001, 3)} <= {*ticks}
-    assert [tick % 10 for tick in ticks if tick < admitted] == [0] * sum(tick < admitted for tick in ticks)
-    assert bench.summary["ticks"] == 5000

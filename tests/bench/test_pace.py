@@ -1,12 +1,10 @@
 """Pacing, on a clock that obeys the test."""
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench.live import pace
-from rig.bench.live.pace import Pacer, ProcessorTime, WallClock, advice, judge, sharpen_timers
+from rig.bench.live.pace import Pacer, WallClock, advice, sharpen_timers
 
 MS = 1_000_000
 
@@ -101,26 +99,6 @@ def test_a_pause_is_given_up_in_one_piece(policy):
     _, late = pacer.wait()
     assert late == 0
     assert pacer.given_up == [(1, 9999 * MS, 9999)]
-
-
-@pytest.mark.parametrize(
-    ("spun", "cores", "load", "method"),
-    [
-        ([1_000] * 60, 2, 0.3, "hybrid"),
-        ([1_000] * 60, 2, 1.5, "sleep"),  # nobody to spin beside
-        ([1_000] * 60, 1, 0.0, "sleep"),
-        ([1_000] * 58 + [3 * MS] * 2, 2, 0.3, "sleep"),  # a worse tail
-        ([60_000] * 60, 2, 0.3, "sleep"),
-    ],
-)
-def test_spinning_must_earn_its_place(spun, cores, load, method):
-    assert judge(np.full(60, 90_000), np.array(spun), 120_000, MS, cores, load).method == method
-
-
-def test_the_load_is_that_of_now_not_of_the_minute_before(monkeypatch):
-    monkeypatch.setattr(pace.os, "getloadavg", lambda: (7.0, 7.0, 7.0))  # we have just compiled
-    assert pace.load(ProcessorTime(0, 900 * MS), ProcessorTime(100 * MS, 930 * MS)) == pytest.approx(0.3)
-    assert pace.load(ProcessorTime(0, -1), ProcessorTime(100 * MS, -1)) == 7.0  # nobody tells: the mean is all there is
 
 
 @pytest.mark.parametrize("spin_ns", [0, 100_000])

@@ -4,14 +4,10 @@ import time
 
 import pytest
 from plant_in_thread import SCENE, Bench
-from twin import Twin
 
 from rig import scenes
 from rig.bench.live import status
-from rig.bench.live.supervise import EventLines
-from rig.bus import encode, messages
-from rig.bus.topics import HEADER, Arrived
-from rig.errors import UsageError
+from rig.bus import encode
 
 
 def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene):
@@ -52,28 +48,6 @@ def test_a_controller_that_hangs_is_evicted_from_lockstep(scene, monkeypatch):
     assert steps[-1] == 199
 
 
-def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, monkeypatch):
-    with Bench(scene, pace=None) as bench:
-        operator, experiment = bench.plant.operator, bench.plant.experiment
-        lines = experiment.exchange.queues
-        wanted = {"do": "admit", "controller": "first", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
-        operator.cmd.asker = "guest-1"
-        operator.command(wanted)
-        line = lines["first"]
-        operator.cmd.asker = "guest-2"
-        for wrong in ({"period_ns": 1}, {"drives": ["drive.speed", "load.force"]}, {"reads": ["y"], "hears": True}):
-            with pytest.raises(UsageError):
-                operator.command(wanted | {"controller": "other"} | wrong)
-            assert lines["first"] is line
-        with pytest.raises(UsageError, match="first"):  # it may be about to tell that it is here
-            operator.command(wanted | {"controller": "other"})
-        monkeypatch.setattr("rig.bench.live.hub.ANNOUNCED_S", 0.0)
-        assert operator.command(wanted | {"controller": "other"})["tick"] == 0
-        assert set(lines) == {"nf", "other"}
-        kinds = [event.kind for event in experiment.journal.events]
-        assert kinds[-3:] == ["admitted", "dismissed", "admitted"]
-
-
 def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
     with Bench(scene, duration=60.0) as bench:
         bench.begin()
@@ -103,56 +77,6 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
     assert (counts["taken"], counts["refused"], counts["safe"]) == (1, 1, 1)
 
 
-def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(scene):
-    with Bench(scene, pace=None) as bench:
-        operator, hub = bench.plant.operator, bench.plant.hub
-        wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
-
-        def told(user, seq):
-            header = HEADER.pack(seq, 0)
-            act = Arrived(user, "act/mine", encode.act(0, 0, (0.5,)), header, True, messages.encoding("act/mine"))
-            hub.commands.acts.queue.put(act)
-            found = hub.commands.next()
-            return found and found[0]
-
-        assert told("guest-1", 0) is None  # not admitted
-        operator.cmd.asker = "guest-1"
-        operator.command(wanted)
-        assert [told("guest-2", 1), told("mine", 2), told("guest-1", 3)] == [None, None, "mine"]
-        operator.cmd.asker = "guest-2"
-        with pytest.raises(UsageError, match="taken"):
-            operator.command(wanted)
-        operator.cmd.asker = "guest-1"  # the same process asks again
-        operator.command(wanted)
-        assert [told("guest-2", 4), told("guest-1", 5)] == [None, "mine"]
-        refused = hub.session.inbound.refusals()
-        assert refused["guest-1 on act/mine: not admitted"] == 1
-        assert refused["guest-2 on act/mine: another one commands there"] == 2
-
-
-def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, monkeypatch):
-    monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 100.0)
-    with Bench(scene, pace=None, duration=0.1) as bench:
-        bench.plant.session.inbound.reserved = frozenset({"recorder"})
-        silent, liar, controller = (
-            bench.twin.open(role, name)
-            for role, name in (("recorder", "silent"), ("recorder", "liar"), ("controller", "mine"))
-        )
-        for session in (silent, liar, controller):
-            session.announce()
-
-        def lie():
-            asked = liar.subscribe("total/plant")
-            assert asked.get(20.0) is not None
-            for session in (liar, controller):
-                session.publisher(f"total/{session.name}").put(session.totals(), 0)
-
-        bench.thread(lie)
-        bench.begin()
-        bench.finish()  # it would wait for longer than the threads may take
-    assert (bench.summary["lost"], bench.summary["unknown"], bench.summary["faults"]) == ({}, [], [])
-
-
 @pytest.mark.parametrize(("signs", "patience", "unknown"), [(3, 20.0, []), (10**6, 0.3, ["recorder recorder"])])
 def test_a_recorder_that_is_behind_is_waited_for_while_it_catches_up_but_not_forever(
     scene, monkeypatch, signs, patience, unknown
@@ -180,24 +104,6 @@ def test_a_recorder_that_is_behind_is_waited_for_while_it_catches_up_but_not_for
     assert bench.summary["unknown"] == unknown
     assert bench.summary["lost"] == {}
     assert (bench.summary["faults"] == []) == (not unknown)
-
-
-def test_only_the_plant_tells_that_the_run_is_over():
-    twin, lines = Twin("told"), []
-    shown = EventLines(lines.append)
-    events = twin.open("operator", "supervisor").subscribe("event/*")
-    guest, plant = (
-        twin.open(role, name).publisher(f"event/{name}") for role, name in (("controller", "mine"), ("plant", "plant"))
-    )
-    for kind in ("end", "limit"):
-        guest.put(messages.event(0, 0, "plant", kind, "so it says"), 0)
-    shown.show(events)
-    assert not shown.over
-    plant.put(messages.event(0, 0, "plant", "limit", "too far"), 0)
-    plant.put(messages.event(0, 0, "plant", "end", "done"), 0)
-    shown.show(events)
-    assert shown.over
-    assert lines == ["    0.000 s  mine: limit: so it says", "    0.000 s  limit: too far"]
 
 
 @pytest.mark.parametrize("where", ["process", "plant"])

@@ -1,13 +1,11 @@
 """What operators may ask of the plant of a live run, and what it refuses."""
 
-import threading
 import time
 
 import pytest
 from plant_in_thread import Bench, same_again
 
 from rig.bench.run.experiment import RUN_DOWN_NS
-from rig.bench.run.rig_variants import RigVariants
 from rig.errors import BusError, ExitCode, UsageError
 
 LONG = "x" * 5000
@@ -93,24 +91,6 @@ def test_what_cannot_be_tuned_is_refused_with_what_can(scene):
         with pytest.raises(UsageError, match="known: ") as told:
             operator.parameters({"set": {"zzz": 1.0}})
         assert str(told.value).count("drive.speed,") == str(told.value).count("load.force,") == 1
-
-
-def test_what_is_still_being_built_at_the_end_of_a_run_is_refused(scene, monkeypatch):
-    over, variant = threading.Event(), RigVariants.build
-
-    def after_the_run(variants, wanted, after=None):
-        over.wait(20.0)
-        return variant(variants, wanted, after)
-
-    wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
-    with Bench(scene, duration=1.0) as bench:
-        bench.begin()
-        bench.me.ask("param/plant", {"get": ["drive.speed"]}, 20.0)  # the frames have begun
-        monkeypatch.setattr(RigVariants, "build", after_the_run)
-        with pytest.raises(BusError, match="the run ended before it was done"):
-            bench.me.ask("cmd/plant", wanted, 20.0)
-        over.set()
-        bench.finish()
 
 
 def test_an_emergency_stop_goes_to_the_safe_values_also_out_of_a_pause_and_simulates_again(scene):

@@ -124,28 +124,6 @@ def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_
     assert [e["tick"] for e in events["parameter"]] == [told["tick"]]
 
 
-def test_steps_wait_for_their_matrices_in_order_and_an_operator_in_a_pause_does_not_wait_for_them(monkeypatch):
-    """Steps of one tick take effect in the order of the protocol; what needs no other matrices does not wait."""
-    steps = [put("shunt.resistance", 40.0), put("friction.mu_static", 0.45), put("shunt.connected", 0)]
-    with Shunt(monkeypatch, hold(0.5), *steps, put("shunt.resistance", 30.0), hold(1.5)) as bench:
-        bench.begun()
-        bench.gate.open.clear()  # what was built in advance fits no more
-        runner = bench.plant.runner
-        bench.reach(lambda: runner.tick > 510)
-        bench.ask("cmd/plant", do="pause")
-        bench.gate.open.set()
-        told = bench.ask("param/plant", set={"shunt.delta": -0.7})
-        bench.ask("cmd/plant", do="resume")
-        events = bench.ended()
-    assert (runner.values["shunt.resistance"], runner.parameter("friction.mu_static")) == (30.0, 0.45)
-    assert runner.values["shunt.delta"] == -0.7
-    assert [e["tick"] for e in events["waits"]] == [500] * 3
-    order = [e["data"]["action"] for e in events["goes on"]]
-    assert len(order) == 3
-    assert order == sorted(order)
-    assert all(e["tick"] > told["tick"] for e in events["goes on"])
-
-
 def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_for_others_all_the_time(monkeypatch):
     """Steps of one tick take effect at one tick; then it is the operator's turn, then the controller's."""
     steps = [put("friction.mu_static", 0.45), put("shunt.delta", -0.6), put("body.mass", 1.1)]
@@ -198,35 +176,3 @@ def test_a_step_that_still_waits_when_the_run_ends_is_told(monkeypatch):
     assert bench.summary["verdict"] != "VALID"
     assert bench.summary["postponed"] == {"waited": 1, "longest_s": pytest.approx(0.2), "never": 1}
     assert [[e["tick"] for e in events.get(kind, ())] for kind in ("waits", "goes on", "never")] == [[500], [], [700]]
-
-
-@pytest.mark.parametrize("by", ["protocol", "a successor"])
-def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_disconnected(monkeypatch, by):
-    drives = ["shunt.resistance"] if by != "a successor" else ["shunt.resistance", "shunt.delta"]
-    values = (50.0, -0.7)[: len(drives)]
-    mine = {"mine": {"kind": "shunt_schedule", "drive": "shunt.resistance"}} if by != "a successor" else {}
-    off = [{"step": "disconnect", "controller": "mine"}] if by == "protocol" else []
-    with Shunt(monkeypatch, hold(1.5 if off else 30.0), *off, hold(30.0), controllers=mine) as bench:
-        runner, over = bench.plant.runner, threading.Event()
-        bench.begun()
-        first = [runner.values[name] for name in drives]
-        session = bench.twin.open("controller", "mine")
-        wanted = {"do": "admit", "controller": "mine", "drives": drives, "period_ns": bench.scene.frame_ns}
-        if by == "a successor":
-            session.ask("cmd/plant", wanted, 20.0)
-
-        def command():
-            while not over.is_set():
-                session.publisher("act/mine").put(encode.act(runner.tick, 0, values), 0)
-                time.sleep(0.002)
-
-        bench.thread(command)
-        bench.reach(lambda: tuple(runner.values[name] for name in drives) == values)
-        if by == "a successor":  # which drives an actuator that has no command state yet, too
-            monkeypatch.setattr("rig.bench.live.hub.ANNOUNCED_S", 0.0)  # `mine` will not announce itself
-            yours = bench.twin.open("controller", "yours")
-            yours.ask("cmd/plant", wanted | {"controller": "yours", "drives": [*drives, "load.force"]}, 20.0)
-        bench.reach(lambda: [runner.values[name] for name in drives] == first)
-        over.set()
-        bench.ask("cmd/plant", do="stop")
-        bench.ended()

@@ -77,20 +77,3 @@ def test_a_recorder_that_hangs_is_not_waited_for_for_long(scene, monkeypatch):
     assert bench.summary["seconds"] == 3.0
     assert sum("has written nothing for" in line for line in lines) == 1
     assert bench.summary["unknown"] == ["recorder recorder"]
-
-
-def test_a_run_that_is_stopped_does_not_wait_for_its_recorder(scene, monkeypatch):
-    monkeypatch.setattr(housekeeping, "MOST_WAITING", 5)
-    monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.2)
-    lines = []
-    with Bench(scene, pace=None, duration=1e4, expect=(("recorder", "recorder"),)) as bench:
-        bench.twin.open("recorder", "recorder").announce()
-        bench.begin(lines.append)
-        deadline = time.monotonic() + 20.0
-        while not any("slower than the plant" in line for line in lines) and time.monotonic() < deadline:
-            time.sleep(0.01)
-        bench.stopped = "by the test"
-        begun = time.monotonic()
-        bench.finish()
-    assert time.monotonic() - begun < 5.0
-    assert bench.summary["ended"].startswith("stopped") or bench.summary["ended"] == "by the test"

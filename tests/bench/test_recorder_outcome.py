@@ -5,23 +5,17 @@ import os
 import resource
 import shutil
 import signal
-import time
 from pathlib import Path
 
 import pytest
 
 import rig
 from rig import scenes
-from rig.bench.again.verify import verify
 from rig.bench.live import supervise
-from rig.bench.live.outcome import Outcome
 from rig.bench.live.plant_process import warm
-from rig.bench.live.timing import Timing
-from rig.bus.run_setup import Setup
 from rig.cli import app
-from rig.machine.process import Child, end
+from rig.machine.process import Child
 from rig.record.recorder import Recording
-from rig.record.writer import Writer
 
 SCENE = "belt_normal_force"
 
@@ -159,50 +153,6 @@ def test_a_recording_that_vanishes_in_mid_run_fails_the_run(runs, scene, monkeyp
     incomplete(outcome, f"{path} was removed or replaced while it was written")
 
 
-def test_the_file_of_another_run_is_not_told_as_the_recording_of_this_one(runs, scene):
-    path = runs / "theirs.mcap"
-    theirs = Writer(path, Setup("theirs", scene.to_json(), scene.frame_ns, scene.step_ns, {}, {}), "recorded")
-    outcome = supervise.run(scene, pace=None, duration=0.1, out=path, replace=True, say=lambda _: None)
-    theirs.abandon()
-    assert outcome.exit_code == 1
-    assert "another run is writing it" in outcome.text()
-    assert outcome.log == ""
-    assert "rig recover" not in outcome.text()
-
-
-@pytest.mark.slow
-def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_finished_its_file(runs, struck):
-    """What to do next must be possible: there is nothing to recover, and verify says what is not known."""
-    successors, path = [], runs / "run.mcap"
-
-    def strike(line, team):
-        if "begins with" in line:
-            team.others["controller", "nf"].send(signal.SIGKILL)
-        if "left: controller nf" in line and not successors:
-            successors.append(Child("controller nf", ["rig.controllers.runtime.process", "nf", "--run", team.name]))
-        if "joined: controller nf" in line and successors:
-            time.sleep(0.5)  # it commands
-            team.plant.send(signal.SIGINT)
-
-    outcome = struck(strike, path, duration=60.0)
-    assert end(successors, 10.0) == []
-    assert outcome.exit_code in (1, 3)
-    assert "the recording is not complete: recorder" in outcome.text()
-    assert "unknown how many of nf from before a restart" in outcome.text()
-    assert "rig recover" not in outcome.text()
-    assert f"rig verify {path}" in outcome.text()
-    verified = verify(path)
-    assert verified.passed, verified.text()
-    assert verified.notes == ("unknown how many messages of nf are missing from before a restart",)
-
-
-def test_a_loss_that_nobody_knows_is_not_called_none():
-    verdict = Timing(1e6).verdict(0.01, 0.05, {}, ["recorder r did not report what it received"], False, ["recorder r"])
-    assert verdict.word == "DEGRADED"
-    assert "nothing lost" not in verdict.reasons
-    assert "unknown losses on the way to recorder r" in verdict.reasons
-
-
 @pytest.mark.parametrize(
     ("told", "code", "text"),
     [
@@ -220,10 +170,3 @@ def test_a_recorder_that_does_not_know_the_end_does_not_call_its_file_whole(monk
         app.run(["record", "--run", "a"])
     assert (left.value.code or 0) == code
     assert text in recording.text()
-
-
-def test_an_incomplete_recording_does_not_hide_a_worse_verdict():
-    told = {"verdict": "INVALID", "reasons": ["nothing lost", "late"], "exit_code": 3}
-    outcome = Outcome(told).without_recording("dead")
-    assert (outcome.summary["verdict"], outcome.exit_code) == ("INVALID", 3)
-    assert outcome.summary["reasons"] == ["late", "the recording is not complete: dead"]

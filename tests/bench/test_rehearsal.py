@@ -1,6 +1,5 @@
 """The run before a paced run: what it finds out, and that it leaves nothing for the frames that count."""
 
-import json
 import os
 import subprocess
 import sys
@@ -17,12 +16,9 @@ from rig.bench.live.outcome import Job, keeps_up
 from rig.bench.live.plant import Plant
 from rig.bench.live.plant_process import carry_out
 from rig.bench.live.rehearsal import visited
-from rig.bench.run.builds import MOST
 from rig.bench.run.simulate import begun, simulate
 from rig.errors import Interrupted, UsageError
-from rig.motion import ready
 from rig.motion.motion import Motion
-from rig.scenes.scene import Scene
 
 LEFT = """
 import sys
@@ -130,17 +126,6 @@ def test_what_the_protocol_and_a_limit_change_is_built_before_the_first_frame(na
     assert found.tobytes() == known.tobytes()
 
 
-def test_a_protocol_that_repeats_itself_forever_is_prepared_as_far_as_is_chosen():
-    step = {"step": "set", "target": "body.damping", "to": 3.0}
-    raw = json.loads(scenes.load("belt").to_json())
-    again = {"step": "repeat", "times": "forever", "steps": [{"step": "hold", "time": 0.1}]}
-    for steps, count in ([], 1), ([step], 1 + 2 * MOST):
-        forever = again | {"steps": again["steps"] + steps}
-        experiment, _ = begun(Scene.from_json(json.dumps(raw | {"protocol": [forever]})), {}, 10**9)
-        experiment.prepared_rigs()
-        assert len(experiment.runner.variants.kept) == count  # one for the safe state of each
-
-
 def test_nothing_is_left_to_import_or_compile():
     path = os.pathsep.join([str(Path(scenes.__file__).parents[2]), str(Path(twin.__file__).parent)])
     env = {**os.environ, "PYTHONPATH": path}
@@ -155,15 +140,6 @@ def test_a_pace_that_a_scene_cannot_keep_is_refused_with_what_works():
         keeps_up(scene, pace)
     with pytest.raises(UsageError, match=r"pace of 1: its pace is at most 0.5.*rig run --lockstep.*--pace 0.5"):
         carry_out(Job(scene.to_json()))
-
-
-def test_what_is_called_once_a_controller_has_joined_is_loaded_too(monkeypatch):
-    """Nobody drives the load of the belt: a controller that does adds a state, and leaves depend on their number."""
-    scene, shapes, plan = scenes.load("belt"), set(), ready.plan
-    monkeypatch.setattr(ready, "plan", lambda system, *more: shapes.add(system.n) or plan(system, *more))
-    visited(scene, Job(scene.to_json(), duration=0.2))
-    states = scene.assemble().system().n
-    assert shapes == {states, states + 1}
 
 
 CRASHES = """
@@ -219,14 +195,3 @@ def test_a_folder_that_may_not_be_written_is_told_before_the_run(runs, tmp_path,
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write everywhere
     with pytest.raises(UsageError, match=r"recordings/runs cannot be written: .*; name a file with --out"):
         supervise.run(scenes.load("belt"), duration=0.1, say=lambda _: None)
-
-
-def test_a_controller_from_a_file_that_answers_nonsense_in_the_rehearsal_does_not_end_it(tmp_path):
-    file = tmp_path / "nf.py"
-    file.write_text(
-        'class Controller:\n    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000\n'
-        "    def start(self): return 0\n"
-        "    def update(self, state, t_ns, values): return state, (20.0,) if t_ns < 10_000_000 else 20.0\n"
-    )
-    scene = scenes.load("belt", {"controllers.nf.kind": str(file)})
-    assert visited(scene, Job(scene.to_json(), run="r", duration=0.05))

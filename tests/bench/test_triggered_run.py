@@ -81,13 +81,3 @@ def test_options_that_make_no_sense_are_refused_before_anything_starts(rig, argu
     assert code == 2
     assert fault in err
     assert not list(tmp_path.iterdir())
-
-
-def test_recordings_of_an_earlier_watch_are_kept_without_a_run(windows, rig):
-    base = windows[1][0].with_name("w.mcap")
-    before = [path.read_bytes() for path in windows[1]]
-    code, _, err = rig("run", SCENE, "--trigger", "vibrometer < -50 mm/s", "--out", base)
-    assert code == 2
-    assert f"{windows[1][0]} exists; name another file, or add --force to replace it" in err
-    assert "waiting for" not in err
-    assert [path.read_bytes() for path in windows[1]] == before

@@ -4,7 +4,6 @@ import os
 import signal
 import socket
 import stat
-import sys
 import time
 
 import pytest
@@ -71,20 +70,6 @@ def loopback():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{free.getsockname()[1]}"
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="threads have names there")
-def test_what_comes_and_goes_is_not_handed_from_thread_to_thread(script):
-    """Zenoh would have threads to send (tx), to receive (rx) and for the sockets (app, acc)."""
-    code = """
-from pathlib import Path
-from rig import bus
-from rig.machine.scheduling import of_bus
-with bus.host("threads"):
-    print({(one / "comm").read_text().partition("-")[0] for one in Path("/proc/self/task").iterdir() if of_bus(one)})
-"""
-    told, _ = script(code).communicate(timeout=20)
-    assert told == "{'app'}\n"
 
 
 def test_loopback_works_and_open_addresses_are_refused(runs):

@@ -3,13 +3,12 @@
 import threading
 import time
 
-import numpy as np
 import pytest
 from twin import Twin
 
 from rig.bus import encode, messages
-from rig.bus.messages import EVERY, LONGEST
-from rig.bus.topics import Arrived, Count
+from rig.bus.messages import EVERY
+from rig.bus.topics import Count
 from rig.errors import BusError
 
 
@@ -186,20 +185,6 @@ def test_a_batch_is_sent_when_it_is_flushed_or_old(wire, gather):
     assert [m.seq for m in gather(heard, EVERY)] == list(range(2, EVERY + 2))
 
 
-def test_a_long_batch_is_sent_in_pieces_with_what_was_collected_for_it(wire, gather):
-    _, heard = wire.hearing("meas/*", "applied/*")
-    laser, collected = wire.plant.publisher("meas/laser"), wire.plant.publisher("applied/one")
-    wire.plant.before_batches(lambda: collected.put(b"", 7))
-    laser.put(b"", 0)
-    block = encode.block(0, 0, 1, np.zeros(LONGEST // 8))
-    for k in (1, 2, 3):
-        laser.put_later(k, bytes, block)
-    wire.plant.publisher("event/plant").put(messages.event(5, 0, "plant", "mark", "after that"), 5)
-    told = gather(heard, 5)
-    assert [(m.topic, m.seq) for m in told] == [*(("meas/laser", k) for k in range(4)), ("applied/one", 0)]
-    assert [len(m.payload) for m in told] == [0, *3 * [len(block)], 0]
-
-
 def test_of_a_lost_batch_each_message_is_counted():
     """Two batches come, of three: the numbers of the messages show what was in the other one."""
     twin = Twin("test")
@@ -212,18 +197,3 @@ def test_of_a_lost_batch_each_message_is_counted():
             heard.drain()
     heard.drain()
     assert {t: (c.received, c.lost) for t, c in heard.counts.items()} == {"meas/a": (4, 2), "state": (2, 1)}
-
-
-def test_only_the_plant_sends_batches():
-    twin = Twin("test")
-    heard, two = twin.open("recorder", "recorder").subscribe("**"), twin.open("controller", "two")
-    with pytest.raises(BusError, match="belongs to plant"):
-        two.publisher("batch")
-    batch = messages.TYPES["Batch"](user=["plant"], topic=["step"], place=[0], header=[bytes(16)], said=[b""])
-    good = Arrived("plant", "batch", batch.SerializeToString(), bytes(16), True, messages.encoding("batch"))
-    for wrong in ({"user": "two"}, {"payload": b"nonsense"}, {"encoding": "another"}):
-        heard.queue.put(good._replace(**wrong))
-    assert heard.get() is None
-    assert heard.inbound.total == 3
-    heard.queue.put(good)
-    assert heard.get().topic == "step"

@@ -2,7 +2,6 @@
 file, and what can still be read.
 """
 
-import random
 from pathlib import Path
 
 import pytest
@@ -53,13 +52,6 @@ def rewritten(path, without="nothing", form="1", log=BELT, ordered=list, scene=N
                 channels[topic] = out.channel(topic, made.message_encoding, number, made.metadata)
             out.add(channels[topic], t_ns, payload, wall_ns, seq)
         out.finish()
-
-
-def mixed(messages):
-    """The messages in an order by chance."""
-    found = list(messages)
-    random.Random(1).shuffle(found)
-    return found
 
 
 NOTHING = {
@@ -187,24 +179,6 @@ def test_a_recording_whose_scene_is_damaged_is_read(call, tmp_path):
         code, said = call(command, *(("--from", log) if command == "simulate" else (log,)))
         assert code == 2
         assert f"{log}, the recorded scene: is damaged, or of another version" in said
-
-
-def test_the_order_of_the_messages_in_a_file_changes_nothing(tmp_path):
-    log = BELT.parent / "late_joiner.mcap"
-    whole = lab.open(log)
-    rewritten(tmp_path / "mixed.mcap", log=log, ordered=mixed)
-    run = lab.open(tmp_path / "mixed.mcap")
-    assert run.time.tobytes() == whole.time.tobytes()
-    assert run.mode.tobytes() == whole.mode.tobytes()
-    assert run.signals.keys() == whole.signals.keys()
-    for output, v in whole.signals.items():
-        assert run.signals[output].tobytes() == v.tobytes()
-    for sensor, samples in whole.measurements.items():
-        assert run.measurements[sensor].t_ns.tobytes() == samples.t_ns.tobytes()
-        assert run.measurements[sensor].v.tobytes() == samples.v.tobytes()
-    for controller, commands in whole.commands.items():
-        assert sorted(commands.tick.tolist()) == run.commands[controller].tick.tolist()
-    assert [event["t_ns"] for event in run.events] == [event["t_ns"] for event in whole.events]
 
 
 def test_a_file_that_may_not_be_read_is_named(tmp_path, monkeypatch):

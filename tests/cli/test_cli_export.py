@@ -59,19 +59,6 @@ def test_chosen_signals_at_a_lower_rate(rig, log, tmp_path):
     assert data["units"]["commands_nf"]["load_force"] == "N"
 
 
-def test_damage_is_printed_and_written(rig, log):
-    log.write_bytes(log.read_bytes()[:500_000])
-    code, out, err = rig("export", log, "--to", "csv", "--json")
-    assert code == 0
-    (damage,) = json.loads(out)["damage"]
-    assert "it breaks off after t = " in damage
-    assert f"{log}: {damage}" in err
-    package = json.loads((log.parent / "log-csv" / "datapackage.json").read_text())
-    assert package["run"]["damage"] == damage
-    read = pd.read_csv(log.parent / "log-csv" / "outputs.csv")
-    assert 0 < len(read) < 1801
-
-
 def test_what_exists_is_replaced_by_force_only(rig, log):
     for to in ("csv", "netcdf"):
         assert rig("export", log, "--to", to, "--only", "velocity")[0] == 0

@@ -84,16 +84,3 @@ def test_a_recording_in_place_of_a_scene_is_told(rig, tmp_path, monkeypatch):
         2,
         ["log.mcap:", "  is a recording (MCAP) and no scene; rig simulate --from LOG continues it"],
     )
-
-
-def test_a_link_is_migrated_where_it_leads_and_a_folder_keeps_nothing_else(rig, tmp_path, monkeypatch):
-    monkeypatch.setattr(migration, "STEPS", ((Rename("load.weight", "force"),),))
-    (tmp_path / "real.toml").write_text('based_on = "belt"\n[load]\nweight = "30 N"\n')
-    (tmp_path / "real.toml").chmod(0o640)
-    (tmp_path / "link.toml").symlink_to("real.toml")
-    code, out, _ = rig("migrate", tmp_path / "link.toml")
-    assert code == 0, out
-    assert (tmp_path / "link.toml").is_symlink()
-    assert (tmp_path / "real.toml").read_text() == 'format = 2\nbased_on = "belt"\n[load]\nforce = "30 N"\n'
-    assert (tmp_path / "real.toml").stat().st_mode & 0o777 == 0o640
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["link.toml", "real.toml"]

@@ -1,7 +1,6 @@
 """A file that does not fit on the disk: each command names it, and nothing of it is left."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -63,31 +62,3 @@ def test_of_a_note_that_does_not_fit_no_part_stays(rig, tmp_path, full):
     assert code == 1
     assert "log.notes.jsonl cannot be written: File too large" in err
     assert notes.read_bytes() == earlier
-
-
-def test_a_view_that_does_not_fit_is_named_and_goes(rig, tmp_path, monkeypatch):
-    def full(*_, **__):
-        raise RuntimeError("Failed to write: No space left on device")
-
-    monkeypatch.setattr("rerun.RecordingStream.save", full)  # rerun writes its log into a file of pytest otherwise
-    code, _, err = rig("view", GOLDEN / "belt.mcap", "--save", tmp_path / "file.rrd")
-    assert code == 1
-    assert "cannot be written (Failed to write: No space left on device)" in err
-    assert not [*tmp_path.iterdir()]
-
-
-@pytest.mark.parametrize(
-    ("command", "largest", "file"),
-    [(("new", "--based-on", "brake"), 500, ".toml"), (("doctor", "belt", "--bundle"), 1000, "bundle")],
-    ids=lambda one: one[0] if isinstance(one, tuple) else None,
-)
-def test_another_file_that_does_not_fit_is_named(rig, tmp_path, full, monkeypatch, command, largest, file):
-    diagnosis = SimpleNamespace(ok=True, scenes=[], text=lambda: "belt  VALID")
-    monkeypatch.setattr("rig.qualify.doctor.doctor", lambda **_: diagnosis)
-    full(largest)
-    code, out, err = rig(*command, tmp_path / "bundle")
-    assert code == 1
-    assert f"{file} cannot be written: File too large" in err
-    assert "Traceback" not in out + err
-    assert command[0] != "doctor" or "belt  VALID" in out
-    assert not [*tmp_path.iterdir()]

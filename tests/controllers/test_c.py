@@ -1,8 +1,6 @@
 """Controllers compiled from C: the same bits in every kind of run, and faults that are only the controller's."""
 
 import json
-import os
-import signal
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +13,7 @@ from rig.bench.run.simulate import Recorded, simulate
 from rig.controllers import c
 from rig.controllers.runtime import c_process, process
 from rig.controllers.runtime.loop import Loop
-from rig.errors import ControllerLost, PartError, SceneError, Untrusted
+from rig.errors import PartError, SceneError, Untrusted
 from rig.parts import trust_scene
 from rig.record.reader import open as opened
 from rig.record.save_run import save
@@ -141,17 +139,6 @@ def test_a_crash_is_only_the_controllers(libraries, more, told, monkeypatch):
     assert run.time[-1] == pytest.approx(0.2)
     assert run.commands["nf"].status[-1] != 0  # safe values
     same(simulate(faulty, {}, 200_000_000, Recorded(run.commands, run.events)), run)
-
-
-def test_a_helper_that_is_killed_ends_its_controller_and_the_next_run_has_a_new_one(sound):
-    one = made(sound)
-    state = one.start()
-    first = c_process.helper(sound.controllers["nf"].file)
-    os.kill(first.pid, signal.SIGKILL)
-    with pytest.raises(ControllerLost, match=r"ended by signal 9 \(SIGKILL\)"):
-        one.update(state, 0, (0.0,))
-    assert one.update(state, 0, (0.0,))[1] == (20.0,)
-    assert c_process.helper(sound.controllers["nf"].file).pid != first.pid
 
 
 @pytest.mark.parametrize(

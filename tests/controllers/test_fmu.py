@@ -84,15 +84,6 @@ def test_units_are_converted_by_exponents_factor_and_offset_whatever_they_are_ca
         scene(units(version=version), reads=["laser"])
 
 
-def test_temperatures_have_an_offset(units):
-    warm = UNITS.replace(
-        '<Unit name="Newton">', '<Unit name="C"><BaseUnit K="1" offset="273.15"/></Unit><Unit name="Newton">'
-    )
-    one = scene(units(units=warm, gain="C", start="20", most="100"))
-    assert one.controllers["nf"].gain == pytest.approx(293.15)
-    assert Loop(made(one)).answer(0, (0.01,)) == (pytest.approx(20.0 - 20.0 * 0.005),)  # the FMU multiplies by 20 C
-
-
 @pytest.mark.parametrize("version", [2, 3])
 def test_tuning_tries_the_new_parameters_and_leaves_the_state_as_it_was(units, version):
     file = units(version=version)
@@ -142,21 +133,6 @@ def test_an_error_of_the_fmu_ends_its_controller_and_is_passed_on_with_its_log(u
     assert "its log: error: no fuel" in lost["text"]
     assert lost["t_ns"] == 50_000_000
     assert run.time[-1] == pytest.approx(0.1)
-
-
-def test_an_fmu_of_fmi_3_that_returns_early_or_asks_to_end_is_lost(units):
-    for step, told in (("*ends = 1;", "asked to end the simulation"), ("*early = 1; *last = t;", "ended the step")):
-        loop = Loop(made(scene(units(version=3, step=f"if (t > 0.0005) {{ {step} }}"))))
-        loop.answer(0, (0.0,))
-        with pytest.raises(ControllerLost, match=told):
-            loop.answer(1_000_000, (0.0,))
-
-
-def test_one_that_cannot_return_to_its_state_is_marked_and_its_parameters_are_fixed(units):
-    one = scene(units(state="false"))
-    assert any("so it is not repeatable" in note for note in one.notes)
-    assert tunable(made(one)) == {}
-    assert not scene(units()).notes
 
 
 @pytest.mark.parametrize(

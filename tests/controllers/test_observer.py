@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg
 
 from rig import controllers
-from rig.controllers.blocks.observer import advanced, advanced3, advanced4, at_rest, observer, propagated
+from rig.controllers.blocks.observer import advanced3, at_rest, observer, propagated
 from rig.controllers.normal_force import NormalForce
 from rig.errors import UsageError
 
@@ -59,16 +59,6 @@ def test_the_estimate_is_exact_for_a_free_oscillation_from_the_right_state():
         z, estimate = advanced3(o, z, x[0])
         assert estimate == pytest.approx(x[1], abs=1e-12)
         x = step @ x
-
-
-@pytest.mark.parametrize(("size", "step"), [(3, advanced3), (4, advanced4)])
-def test_the_written_out_steps_equal_the_general_one(size, step):
-    o = observer(numbers(size=size), 0.004)
-    a = b = at_rest(o, 1e-3)
-    for k in range(50):
-        a, va = step(o, a, swing(k * 1e-3)[0])
-        b, vb = advanced(o, b, swing(k * 1e-3)[0])
-        assert va == pytest.approx(vb, abs=1e-13)
 
 
 def test_the_prediction_follows_the_model():

@@ -61,15 +61,6 @@ def test_the_same_step_again_gets_the_same_answer_and_no_second_update():
         assert plant.worker.loop.updates == 2
 
 
-def test_a_step_of_the_past_is_not_answered():
-    with at_work() as plant:
-        plant.send(5, 0.0)
-        plant.answer()
-        plant.send(3, 0.05)
-        assert plant.answer(0.2) is None
-        assert plant.worker.loop.updates == 1
-
-
 def test_a_controller_that_wants_every_sample_gets_those_of_its_sensor():
     hub = Twin()
     hub.open("plant", "plant")

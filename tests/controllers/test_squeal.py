@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from rig import controllers
 from rig.controllers.blocks.resonator import Resonator
@@ -16,7 +15,6 @@ from rig.controllers.runtime.loop import Loop
 from rig.controllers.shunt_schedule import ShuntSchedule
 from rig.controllers.shunt_tuner import ShuntTuner
 from rig.controllers.squeal_switch import SquealSwitch
-from rig.errors import UsageError
 
 RATE, FRAME = 50_000, 50
 PERIOD = 1.0 / RATE
@@ -144,14 +142,3 @@ def test_the_voltage_keeps_its_limit(samples):
     section = NarrowBand(kind="narrow_band", sensor="v", frequency=2140.0, limit=50.0)
     loop = Loop(controllers.build(section, one_mode()[1]))
     assert all(abs(loop.answer(k * section.period, (v,))[0]) <= 50.0 for k, v in enumerate(samples))
-
-
-def test_numbers_that_are_missing_are_named():
-    with pytest.raises(UsageError, match="sample period"):
-        controllers.build(SquealSwitch(kind="squeal_switch", sensor="v", frequency=3400.0), {})
-    with pytest.raises(UsageError, match="sample_period, capacitance, delta"):
-        controllers.build(ShuntTuner(kind="shunt_tuner", sensor="v", frequency=3400.0), {})
-    with pytest.raises(UsageError, match="poles, driven, corrected, fed_back"):
-        controllers.build(NarrowBand(kind="narrow_band", sensor="v", frequency=2140.0), {})
-    with pytest.raises(ValidationError, match="threshold"):
-        SquealSwitch(kind="squeal_switch", sensor="v", frequency=3400.0, threshold=-1.0)

@@ -203,12 +203,6 @@ def test_all_faults_are_told_at_once(folder):
     assert "(scene.toml, line" in told
 
 
-def test_a_file_named_without_its_suffix_is_told(folder):
-    rewritten(folder / "scene.toml", ("./example_plant.py", "./example_plant"))
-    assert '= "./example_plant": unknown; ' in faults(folder)
-    assert "; the name of a file ends in .py" in faults(folder)
-
-
 def test_an_error_in_a_run_is_told_in_a_line(rig, folder):
     rewritten(folder / "example_controller.py", ("(v,) = values", "(v,) = values; t_ns < 50_000_000 or 1 / 0"))
     code, _, err = rig("simulate", folder / "scene.toml", "--duration", "0.1")
@@ -216,14 +210,6 @@ def test_an_error_in_a_run_is_told_in_a_line(rig, folder):
     assert "controller two_levels failed at t = 0.05 s: " in err
     assert "example_controller.py: ZeroDivisionError: division by zero (line 33)" in err
     assert "Traceback" not in err
-
-
-def test_commands_that_look_at_a_scene(rig, folder):
-    for command in ("explain", "modes"):
-        code, out, err = rig(command, folder / "scene.toml", "--json")
-        assert code == 0, err
-        assert "buffer" in out
-        assert json.loads(out)
 
 
 def test_linear_analyses_of_a_scene_with_parts(folder):

@@ -91,19 +91,6 @@ def test_two_files_of_one_name_are_refused(lab_one, table, kind):
         lab.load(scene(lab_one, f'based_on = "lab one/scene.toml"\n{table}\n'))
 
 
-@pytest.mark.parametrize("name", ["a\\b.py", f"{'x' * 101}.py", ".py", "mein Gerät.py"])
-def test_a_name_comes_back_from_a_recording_or_is_refused_as_the_scene_is_read(lab_one, name):
-    copied(lab_one, "coil.py", name)
-    path = scene(lab_one, f"based_on = 'lab one/scene.toml'\n[sensors.coil]\nkind = './{name}'\n")
-    if "\\" in name or len(name) > 103 or name == ".py":
-        with pytest.raises(SceneError, match="a part is a file NAME"):
-            lab.load(path)
-        return
-    mine = lab.load(path)
-    assert mine.sensors["coil"].kind == name
-    assert type(mine).from_json(mine.to_json()) == mine
-
-
 def test_a_new_scene_lists_values_that_stand_in_no_table(lab_one):
     base = lab.load(lab_one / "lab one" / "scene.toml")
     text = draft(base, "lab one/scene.toml", "mine.toml")

@@ -1,7 +1,6 @@
 """Parts of other packages, by entry points; and parts that are only put into the folder."""
 
 import json
-import subprocess
 import sys
 
 import pytest
@@ -107,14 +106,3 @@ def test_two_packages_with_parts_of_one_name(rig, installed, tmp_path_factory, m
     assert "plant: several packages have installed a part toy_plant: knockoff 2.0 and toys 1.0" in str(caught.value)
     with pytest.raises(Untrusted):  # which of them is meant is unknown, also for a recording
         Scene.from_json(recorded)
-
-
-def test_nothing_is_imported_to_know_the_names():
-    code = (
-        "import sys; from rig.plants import PLANTS; from rig.sensors import KINDS; import rig.controllers as c\n"
-        "assert 'belt' in PLANTS and 'microphone' in KINDS and 'dither' in c.KINDS\n"
-        "print([m for m in sys.modules if m in ('rig.plants.belt', 'rig.sensors.microphone', 'rig.controllers.dither')"
-        " or m == 'importlib.metadata'])"
-    )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "[]"

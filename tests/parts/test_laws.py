@@ -12,9 +12,8 @@ import pytest
 import rig as lab
 from rig import laws
 from rig.errors import SceneError, Untrusted
-from rig.laws import LAWS, laws_of
+from rig.laws import LAWS
 from rig.model.friction_law import smoothed
-from rig.parts import trust_scene
 from rig.scenes.scene import Scene
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -187,26 +186,6 @@ def test_values_are_changed_by_option_and_while_the_rig_runs(own):
     assert abs(run.energy["error"]) < 1e-6
 
 
-def test_two_versions_of_a_law_are_open_at_once(own):
-    first = lab.load(own / "example_law.toml")
-    changed(own / "example_law.py", ("p.mu_slow + ", "2.0 * p.mu_slow + "))
-    second = lab.load(own / "example_law.toml")
-    assert [scene.parameters.friction.friction().mu(0.0) for scene in (first, second)] == [0.2, 0.4]
-    assert laws_of(type(first.parameters)).keys() == {"example_law.py"}
-    assert first.digest != second.digest
-
-
-def test_a_law_is_sought_from_the_file_that_names_it_and_not_under_its_bare_name(own, monkeypatch):
-    monkeypatch.chdir(own)
-    text = lab.load(own / "example_law.toml").to_json()
-    raw = json.loads(text)
-    del raw["parts"]
-    with pytest.raises(lab.errors.RigError, match=r"example_law\.py"):
-        Scene.from_json(json.dumps(raw))  # never another file of this name
-    trust_scene(text)
-    assert Scene.from_json(text).parameters.friction.friction().static == 0.2
-
-
 MU, SLOPE, FIRST = "p.mu_slow + p.rise", "* math.exp(1.0 - u) / p.peak", "    mu_slow:"
 WRONG = [
     ("def mu(p, w):", "def mew(p, w):", r"friction\.law: example_law\.py: Rubber defines no mu\(p, w\): the coeff"),
@@ -276,17 +255,6 @@ def test_what_is_wrong_with_a_law_with_memory_is_told(own, old, new, told):
         ))  # fmt: skip
     lines = faults(own / "bristles.toml")
     assert re.search(told, "\n".join(lines)), lines
-
-
-def test_faults_are_told_at_once_with_the_values_of_the_law(own):
-    changed(
-        own / "example_law.py", ("p.mu_slow + p.rise", "-p.mu_slow + p.rise"), ("1.0 - u) / p.peak", "1.0 - u)")
-    )  # fmt: skip
-    lines = faults(own / "example_law.toml", {"load.force": "-1 N"})
-    assert any(line.startswith("load.force") for line in lines)
-    lines = faults(own / "example_law.toml")
-    assert len(lines) == 2
-    assert all("friction law example_law.py (mu_slow = 0.2, rise = 0.3, peak = 0.02): " in line for line in lines)
 
 
 def test_a_jump_that_is_declared_is_allowed(own):

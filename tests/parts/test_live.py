@@ -45,20 +45,6 @@ def test_a_live_run_whose_parts_print_and_who_joins_it(rig, runs, folder, strang
     assert "no command differs" in out
 
 
-def test_copies_of_a_process_do_not_take_part(rig, runs, folder, monkeypatch):
-    """A controller that forks: its rehearsal made a second plant, and its process a second controller."""
-    monkeypatch.chdir(folder)
-    file = folder / "example_controller.py"
-    text = file.read_text().replace("(v,) = values", "(v,) = values\n        t_ns == 40_000_000 and os.fork()")
-    file.write_text(f"import os\n{text}")
-    code, out, err = rig("run", "scene.toml", "--duration", "0.3", "--out", "log.mcap")
-    assert code in (0, 3), out + err
-    assert "none lost, 0.300 s" in out
-    assert err.count("run scene-") == 1
-    assert "plant: os.fork() has made a copy of this process" in err
-    assert "controller two_levels: os.fork() has made a copy of this process" in err
-
-
 def test_a_plain_class_is_a_controller_of_a_scene(rig, folder):
     (folder / "plain.py").write_text(
         "class Controller:\n"

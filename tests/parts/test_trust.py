@@ -9,8 +9,7 @@ import pytest
 import rig as lab
 from rig.analysis.recorded.comparison import compare
 from rig.analysis.recorded.series import drive, vibration
-from rig.errors import PartError, SceneError, Untrusted
-from rig.parts import trust_scene
+from rig.errors import PartError, Untrusted
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
@@ -127,28 +126,6 @@ def test_trust_is_a_matter_of_the_text(log, strangers):
     with pytest.raises(Untrusted, match=r"example_plant\.py") as told:
         Scene.from_json(json.dumps(raw))
     assert "example_sensor.py" not in str(told.value)
-
-
-DAMAGED = "is damaged, or of another version of friction-rig"
-
-
-@pytest.mark.parametrize(("key", "value", "told"), [
-    ("format", 99, "recorded by a newer version, whose scene files have format 98"),
-    ("plant", "nope", "'nope' is missing, or not known to this version"),
-    ("clock", None, DAMAGED),
-    ("protocol", [{"step": "fly"}], DAMAGED),
-])  # fmt: skip
-def test_a_recorded_scene_that_is_none_is_told(scene, key, value, told):
-    trust_scene(json.dumps(scene))
-    with pytest.raises(SceneError) as caught:
-        Scene.from_json(json.dumps(scene | {key: value}))
-    assert told in str(caught.value)
-
-
-@pytest.mark.parametrize("text", ["", "[" * 100_000])
-def test_a_text_that_is_no_scene_is_told(text):
-    with pytest.raises(SceneError, match="the recorded scene"):
-        Scene.from_json(text)
 
 
 def test_a_report_without_trust_says_what_it_does_not_show(rig, log, strangers):

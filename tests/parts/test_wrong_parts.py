@@ -19,7 +19,6 @@ from rig.errors import PartError, SceneError, UsageError
 TOYS = Path(__file__).parent / "two_masses"
 COUPLING = '    coupling: quantity("N/m") = 500.0'
 X_LEFT = 'Output({"l": 1.0}, "m")'
-LEFT = 'a.coordinate("l", p.left.mass'
 COMMAND = "return y, (min(max(f, 0.0), 100.0),)"
 WIRED = "self.reads, self.drives, self.period_ns = (section.sensor,), (section.drive,), section.period"
 
@@ -122,42 +121,10 @@ def test_what_is_wrong_with_a_linear_form_is_told(toys, old, new, told):
         lab.loop(scene, "lead")
 
 
-def test_a_linear_form_without_states_has_margins(toys):
-    """A filter with its pole at zero is none."""
-    with_filter = lab.loop(lab.load(toys / "scene.toml", {"controllers.lead.pole": 0.0}), "lead")
-    scale = 'return Linear(0, lambda states, sample: ((), -self.section.gain * sample * self.numbers["scale"] '
-    scene = changed(
-        toys, "lead.py", 'return Linear(1, step, "gain")', f'{scale}* self.numbers["drive_scale"]), "gain")'
-    )
-    without = lab.loop(lab.load(scene), "lead")
-    assert without.gain_range == pytest.approx(with_filter.gain_range)
-    assert without.model.states == with_filter.model.states
-
-
-@pytest.mark.parametrize(("old", "new", "told"), [
-    (BACK, f"    a.patches.clear()\n    a.normals.clear()\n    del a.outputs['grip']\n{BACK}",
-     r"controllers\.lead: the rig has no friction contact with a normal force"),
-    (LEFT, 'a.coordinate("l", 0.0', r"controllers\.lead: the mass matrix of the rig is singular"),
-])  # fmt: skip
-def test_a_rig_without_contact_or_inertia_has_no_numbers_for_a_controller(toys, old, new, told):
-    """It asks for the scale of a velocity, which is that of the contact."""
-    scene = lab.load(changed(toys, "twin.py", old, new))
-    with pytest.raises(SceneError, match=told):
-        lab.simulate(scene, 0.1)
-
-
 def test_a_controller_that_fails_late_does_not_keep_a_paced_run_from_beginning(toys):
     """Its own process says so; the rehearsal in the process of the plant goes on without it."""
     scene = lab.load(changed(toys, "lead.py", COMMAND, f"assert t_ns < 20_000_000\n        {COMMAND}"))
     assert visited(scene, Job(scene.to_json(), duration=0.1))
-
-
-def test_of_two_files_with_one_text_the_one_that_the_scene_names_is_told(toys):
-    shutil.copytree(toys, toys / "second")
-    fails = '[eddy]\nlag = "0 s"'
-    for folder in (toys, toys / "second"):
-        with pytest.raises(SceneError, match=rf"{folder}/eddy\.py: ZeroDivisionError"):
-            lab.load(changed(folder, "scene.toml", "[eddy]", fails))
 
 
 def test_a_controller_on_its_own_is_checked_alike_and_needs_defaults(toys):

@@ -2,13 +2,9 @@
 
 import os
 import shutil
-import socket
-import struct
 import subprocess
 import sys
-import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +14,7 @@ from rig import scenes
 from rig.bench.run.simulate import simulate
 from rig.errors import UsageError
 from rig.plant_fmu import child
-from rig.plant_fmu.export import Interface, export, text
+from rig.plant_fmu.export import export
 
 pytest.importorskip("fmpy", reason="fmpy is not installed")
 from fmpy import extract, read_model_description
@@ -254,25 +250,6 @@ def test_a_python_that_cannot_run_the_rig_is_named(path, tmp_path, python, told)
     plant.unit.freeInstance()
 
 
-@pytest.mark.parametrize(
-    ("scene", "request_", "told"),
-    [(scenes.load("belt").to_json(), 1.0, b"the rig has not been initialised"),
-     ('{"format": 99, "name": "x"}', 0.0, b"install a newer version of friction-rig")],
-)  # fmt: skip
-def test_the_child_answers_what_it_cannot_do_and_ends_with_the_other_end(scene, request_, told):
-    ours, theirs = socket.socketpair()
-    thread = threading.Thread(target=child.serve, args=(theirs, scene, ["load.force"], 10))
-    thread.start()
-    ours.sendall(struct.pack("=4d", request_, 0.0, 0.0, 20.0))
-    status, *_, text = struct.unpack("=11d512s", ours.recv(8 * 11 + 512, socket.MSG_WAITALL))
-    assert status == 1.0
-    assert told in text
-    ours.close()
-    thread.join(20.0)
-    assert not thread.is_alive()
-    theirs.close()
-
-
 def test_a_child_whose_parent_was_killed_ends_by_itself(path, tmp_path):
     code = (
         "import sys; from fmpy import extract, read_model_description as read; from fmpy.fmi2 import FMU2Slave\n"
@@ -301,16 +278,6 @@ def test_inputs_that_are_not_possible_and_a_missing_compiler_are_named(tmp_path,
     with pytest.raises(UsageError, match="neither gcc nor cc is installed"):
         export(belt, tmp_path / "some.fmu")
     assert not list(tmp_path.iterdir())
-
-
-def test_texts_of_a_scene_are_quoted():
-    odd = replace(scenes.load("belt"), title='A "belt" & <rig>')
-    found = text(odd, Interface({"a": "N"}, {}, {"b": "N/(m/s)^0.5"}, {"a": 1.0}), "{1}", "odd", "/a b", "1")
-    import xml.etree.ElementTree as Tree
-
-    root = Tree.fromstring(found)
-    assert root.get("description").startswith('A "belt" & <rig>. ')
-    assert root.find(".//ScalarVariable[@name='outputs.b']/Real").get("unit") is None
 
 
 def test_the_command_writes_it_and_does_not_overwrite(rig, tmp_path):

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.bench.live import supervise
-from rig.bench.live.supervise import LONGEST, MOST_KEPT, RunLog
+from rig.bench.live.supervise import RunLog
 from rig.qualify.bug_report import anonymous
 from rig.qualify.doctor import doctor
 
@@ -60,18 +59,6 @@ def test_a_bundle_is_not_written_over_a_file(rig, state):
     assert code == 2
     assert "exists; name another file, or add --force to replace it" in err
     assert (state / "report.zip").read_text() == "something"
-
-
-def test_the_log_of_a_run_is_bounded(state):
-    said = []
-    log = RunLog(said.append, {})
-    for number in range(2 * MOST_KEPT):
-        log.say(f"{number} " + "x" * 2 * LONGEST)
-    log.write()
-    lines = supervise.path().read_text().splitlines()
-    assert len(said) == 2 * MOST_KEPT
-    assert (len(lines), max(map(len, lines))) == (MOST_KEPT, LONGEST)
-    assert lines[-1].startswith(f"{2 * MOST_KEPT - 1} ")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder
 from rig.errors import UsageError
 from rig.qualify.cost import Row, Table, cost, folder_of, recommended, reference
 from rig.qualify.cost.measuring import trials
-from rig.qualify.cost.reference import extrapolated
 from rig.qualify.cost.report import CostReport, notes
 from rig.qualify.cost.table import front
 from rig.qualify.cost.timing import QUIET, Cost, Spread, spread
@@ -127,27 +126,6 @@ def test_a_state_with_missed_events_is_no_small_error(belt):
     assert math.isinf(errors(asked, fewer, seen)["event times"])
 
 
-def test_simultaneous_events_have_no_order(belt):
-    """Two equal contacts change at once: a shift of all times is the error, whichever of the two is the first."""
-    asked, draw = problem(belt[0]), np.random.default_rng(0)
-    at_once = len(asked.system.patches) + len(asked.system.normals)
-    truth, late = [], []
-    for i in range(20):
-        pair = [f"block_{j} {'slip ends' if i % 2 else 'releases +'}" for j in (1, 2)]
-        truth += [(0.1 * i, what) for what in draw.permutation(pair)]
-        late += [(0.1 * i + 1e-6, what) for what in draw.permutation(pair)]
-
-    def seen(events):
-        return Seen({}, tuple(events), count=len(truth), mean=0.5)
-
-    cut = draw.integers(5, len(truth) - at_once)
-    for kept in (cut, len(truth)):
-        assert errors(asked, seen(late[:kept]), seen(truth[:kept]))["event times"] == pytest.approx(2e-6)
-        assert math.isinf(errors(asked, seen(late[1 : kept + 1]), seen(truth[:kept]))["event times"])
-    again = extrapolated(seen(late), seen(truth), 2.0).events
-    assert [time for time, _ in again] == pytest.approx([time - 1e-6 for time, _ in truth])
-
-
 @pytest.mark.slow  # compiles a kernel of its own for two minutes
 def test_a_method_that_locates_no_lift_off_is_judged_by_all_else():
     asked = problem(rig.load("north"))
@@ -193,14 +171,6 @@ def test_the_setting_taken_is_the_cheapest_that_is_enough():
         recommended(rows, "period", 1e-8, None)
     with pytest.raises(UsageError, match=r"no setting fits 0\.1 %"):
         recommended(rows, "period", 1e-3, 0.001)
-
-
-def test_what_frames_cannot_distinguish_the_plant_alone_decides():
-    def noisy(error, p99, tick):
-        return replace(row(error, p99), cost=Cost(*[Spread(p99, 0.7 * p99, 2.0 * p99)] * 3, Spread(tick, tick, tick)))
-
-    rows = [noisy(1e-4, 110.0, 1.0), noisy(1e-5, 100.0, 1.05), noisy(1e-6, 105.0, 40.0), noisy(1e-7, 900.0, 1.0)]
-    assert recommended(rows, "period", 1e-3, None) is rows[1]
 
 
 def test_of_equal_settings_the_finest_and_of_what_references_cannot_tell_apart_the_cheapest_is_taken():

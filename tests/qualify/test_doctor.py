@@ -14,13 +14,11 @@ from rig.bench.run.experiment import Experiment
 from rig.bench.run.runner import PlantRunner
 from rig.compiled import kernel
 from rig.controllers import narrow_band
-from rig.errors import SceneError, WorkerError
-from rig.motion.motion import Motion
+from rig.errors import SceneError
 from rig.qualify import bug_report
 from rig.qualify import doctor as examination
-from rig.qualify.doctor import LEAST, Spread, behind, costs, doctor, judge
+from rig.qualify.doctor import LEAST, Spread, costs, doctor, judge
 from rig.scenes.protocol import STEPS
-from rig.solve.advance import advance
 
 SCENES = ("belt", "brake_active", "north")
 PUNCTUAL = np.full(1000, 60_000)
@@ -66,14 +64,6 @@ def test_frames_that_fill_their_time_are_invalid_a_longer_frame_helps_and_what_i
     assert judge(rig.load("belt", {"clock.frame": "2 ms"}), costs, PUNCTUAL, None).verdict == "VALID"
     put = Spread.of(np.full(10, 400_000))
     assert judge(rig.load("belt"), np.full(100, 30_000), PUNCTUAL, put).verdict == "INVALID"
-
-
-def test_a_frame_pays_for_those_before_it():
-    slow, quick, burst = [1_200_000], [300_000], np.full(100, 100_000)
-    burst[50:60] = 3_000_000
-    assert np.count_nonzero(behind(burst, 1e6) > 1e6) == 10 + 21  # 20 ms behind, and 0.9 ms are made good in each frame
-    assert judge(rig.load("belt"), np.array((slow + quick * 3) * 50), PUNCTUAL, None).verdict == "VALID"
-    assert judge(rig.load("belt"), np.array((slow + quick) * 50), PUNCTUAL, None).verdict == "INVALID"
 
 
 def test_a_scene_that_is_slow_is_judged_at_its_own_pace():
@@ -182,32 +172,3 @@ def test_every_shipped_scene_is_ready_after_a_warm_up(compiled, shipped, monkeyp
     monkeypatch.setattr(rig.scenes, "load", dict(zip(rig.scenes.names(), shipped)).get)
     bug_report.warmup()
     assert {*map(kernel_shapes.shape, shipped)} <= kernel_shapes.ready()
-
-
-def test_scenes_of_one_shape_share_their_kernels():
-    known = []
-    for scene in map(rig.load, ("belt", "belt_b")):
-        assembly = scene.assemble()
-        rows = [output.row for output in assembly.outputs.values()]
-        Motion(assembly.system(), scene.step_ns, "dopri5", outputs=rows, read=len(rows)).advance(1)
-        known.append((kernel_shapes.shape(scene), len(advance.signatures)))
-    assert known[0] == known[1]
-
-
-@pytest.mark.slow
-def test_several_processes_compile_together(compiled, monkeypatch):
-    told = []
-    scenes_ = {kernel_shapes.shape(one): one for one in map(rig.load, ("belt", "belt_c"))}
-    spent = kernel_shapes.compile_all(scenes_, 2, told.append)
-    assert spent.keys() == scenes_.keys() == kernel_shapes.ready()
-    assert min(spent.values()) > 0.0
-    assert sum("ready after" in line for line in told) == 2
-
-
-@pytest.mark.slow
-def test_a_compiler_that_is_lost_is_told(compiled):
-    scene = rig.load("belt")
-    broken = replace(scene, plant="nothing")
-    shapes = {kernel_shapes.Shape(states, False, False, False): broken for states in (1, 2)}
-    with pytest.raises(WorkerError, match=r"worker \d: the recorded scene"):
-        kernel_shapes.compile_all(shapes, 2, print)

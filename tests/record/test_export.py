@@ -300,15 +300,3 @@ def test_a_library_that_is_missing_is_named(run, tmp_path, monkeypatch):
     with pytest.raises(UsageError, match=r"xarray cannot be loaded \(.*\); to install it: .*'\.\[data\]'"):
         export(tables(run), "netcdf", tmp_path / "export", {})
     assert not [*tmp_path.iterdir()]
-
-
-def test_only_tables_of_an_earlier_export_go(run, tmp_path):
-    told = b'{"resources": [{"path": "../kept.csv", "format": "csv"}, {"path": "kept.toml", "format": "csv"}, 1]}'
-    folder = tmp_path / "tables"
-    folder.mkdir()
-    for name in ("../kept.csv", "kept.toml"):
-        (folder / name).write_text("kept")
-    (folder / "datapackage.json").write_bytes(told)
-    export(tables(run, ["displacement"]), "csv", folder, {})
-    assert sorted(one.name for one in folder.iterdir()) == ["datapackage.json", "kept.toml", "outputs.csv"]
-    assert (tmp_path / "kept.csv").read_text() == "kept"

@@ -171,29 +171,6 @@ def test_a_recording_cut_within_an_instant_agrees_with_the_whole_one_as_far_as_i
     assert lengths == {1, 2}  # some cuts took more of one signal than of the other
 
 
-def test_runs_are_aligned_by_time_not_by_index(run):
-    coarse = copy.deepcopy(run)
-    rows = slice(10, 7001, 10)  # once a frame, and from the second frame on: as over the bus
-    coarse.time = run.time[rows]
-    coarse.signals = {name: v[rows] for name, v in run.signals.items()}
-    found = compare(run, coarse)
-    assert not found.identical
-    assert not found.agree  # the first frame is in one run only
-    assert [(d.topic, d.shared, d.differing, d.alone, d.beyond) for d in found.differences] == [
-        (name, 700, 0, (6301, 0), 10) for name in ("displacement", "velocity")
-    ]
-    assert "agrees at all 700 instants that both have; 6301 more in the first only" in str(found.differences[0])
-    rows = slice(0, 7001, 10)
-    coarse.time = run.time[rows]
-    coarse.signals = {name: v[rows].copy() for name, v in run.signals.items()}
-    assert compare(coarse, run).agree
-    coarse.signals["velocity"][42] += 1.0
-    found = compare(run, coarse)
-    assert not found.agree
-    (first,) = [d for d in found.differences if d.differing]
-    assert (first.topic, first.index, first.time, first.differing) == ("velocity", 420, pytest.approx(0.042), 1)
-
-
 def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_file, "SPILL", 1 << 12)
     monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
@@ -254,27 +231,6 @@ def test_a_recording_of_a_newer_format_is_refused(run, tmp_path, monkeypatch):
         reader.open(tmp_path / "run.mcap")
     (listed,) = runs(tmp_path)
     assert (listed.contents, listed.fault.partition(",")[0]) == (None, f"is a recording of format {FORMAT + 1}")
-
-
-def test_a_run_prints_as_one_screen(run):
-    many = {f"p_{i}": np.zeros(7001) for i in range(100)}
-    text = str(dataclasses.replace(run, signals=run.signals | many, damage="it breaks off", fault="it breaks off"))
-    assert repr(run) == str(run)
-    assert len(text.splitlines()) < 40
-    assert max(map(len, text.splitlines())) <= 120
-    v = run.signals["velocity"]
-    lines = text.splitlines()
-    assert lines[0] == "run         scene belt, 0.7 s, step 0.1 ms"
-    assert lines[1] == "timing      VALID"
-    assert f"  velocity                 {v.min():.6g} .. {v.max():.6g} m/s" in lines
-    assert "  and 90 more" in lines
-    gauge = run.measurements["gauge"].v
-    low, high = np.nanmin(gauge), np.nanmax(gauge)
-    assert f"  gauge                    {low:.6g} .. {high:.6g} N, 701 rows at 1000 Hz" in lines
-    assert "controllers feedback: 700 commands" in lines
-    assert "events      mark 2" in lines
-    assert lines[-1] == "damage      it breaks off"
-    assert "array" not in text
 
 
 def test_a_run_saved_from_python_has_its_provenance(tmp_path):

@@ -201,23 +201,6 @@ def test_what_is_lost_at_the_end_of_a_sender_stays_counted():
     assert (account.tail, account.untold) == ({}, [])
 
 
-@pytest.mark.parametrize(
-    ("said", "tail"),
-    [
-        ([*acts(40), ("event", 0), ("event", 0), ("total", {"act": 7, "event": 1})], {"act/mine": 7}),
-        ([*acts(40), ("total", {"act": 7, "event": 1})], {"act/mine": 7, "event/mine": 1}),
-        ([*acts(40), *acts(5), ("event", 0), ("total", {"act": 7, "event": 1})], {"act/mine": 2}),
-    ],
-)
-def test_a_second_life_of_which_a_whole_topic_is_lost_is_counted_from_its_first_message(said, tail):
-    """The first life was killed: how much of its end is missing is unknown, and told to be."""
-    account = accounted(*said)
-    assert account.tail == tail
-    assert account.untold == ["mine"]
-    assert not account.complete
-    assert ", unknown how many of mine from before a restart" in account.text()
-
-
 def test_a_killed_plant_ends_the_recorder_with_a_whole_file(script, tmp_path):
     path = tmp_path / "run.mcap"
     plant = script(PLANT)

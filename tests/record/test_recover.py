@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer as PlainWriter
 from small_recording import SETUP, record, walked
@@ -11,7 +10,6 @@ from rig.bus import encode, messages
 from rig.errors import LogError, OutputError, UsageError
 from rig.record import reader
 from rig.record.compare import compare
-from rig.record.mcap_file import walk
 from rig.record.recover import recover
 from rig.record.writer import Writer
 
@@ -33,23 +31,6 @@ def test_a_recording_with_a_wrong_byte_is_recovered_with_an_account(logs, run, t
     scan, kept = walked(tmp_path / "wrong.recovered.mcap")
     assert (scan.sealed, len(kept)) == (True, done.messages)
     assert reader.open(done.path).recovered.endswith(f"lost: {done.lost} of {total} messages")
-
-
-@pytest.mark.parametrize(("later", "killed"), [(False, False), (True, True)])
-def test_a_chunk_that_stands_there_twice_is_kept_once_and_told(logs, tmp_path, later, killed):
-    source, path = logs / ("killed.mcap" if killed else "saved.mcap"), tmp_path / "twice.mcap"
-    whole = source.read_bytes()
-    chunks = [part for part in walk(whole) if getattr(part, "opcode", 0) == Opcode.CHUNK]
-    first, last = chunks[0], chunks[-1]
-    place = last.end if later else first.end
-    path.write_bytes(whole[:place] + whole[first.begin : first.end] + whole[place:])
-    done = recover(path)
-    given = walked(source)[1]
-    assert walked(tmp_path / "twice.recovered.mcap")[1] == given == walked(path)[1]
-    assert any("a copy of a chunk before it, after t = " in told for told in done.skipped)
-    if not killed:
-        assert (done.lost, done.fault) == (0, "a chunk is in it twice; no message is missing")
-        assert reader.open(path).damage == done.fault
 
 
 def test_damage_outside_of_the_messages_costs_none(logs, run, tmp_path):
@@ -95,19 +76,6 @@ def test_a_file_that_another_program_has_written_anew_is_not_called_complete(log
     assert all(np.array_equal(found.signals[name], v) for name, v in run.signals.items())
     done = recover(anew)
     assert done.skipped == ["nothing: every record was read, but its header or an index is not as it was recorded"]
-
-
-def test_messages_are_within_reach_when_every_description_is_damaged(logs, run, tmp_path):
-    data = (logs / "saved.mcap").read_bytes().replace(b'"plant"', b'"plamt"').replace(b'"frame_ns"', b'"frame_ms"')
-    (tmp_path / "wrong.mcap").write_bytes(data)
-    read = reader.open(tmp_path / "wrong.mcap")
-    assert compare(run, read).identical
-    assert (read.scene, read.frame_ns, read.units) == ("", run.frame_ns, run.units)
-    with pytest.raises(LogError, match="lost its scene"):
-        read.scene_text()
-    done = recover(tmp_path / "wrong.mcap")
-    assert done.complete
-    assert compare(run, reader.open(done.path)).identical
 
 
 def test_what_cannot_be_decoded_is_named_counted_and_left_out(tmp_path):

@@ -205,21 +205,6 @@ def test_steps_that_a_controller_lost_are_told_and_show(loops, tmp_path):
     assert "2 steps have no recorded command of feedback" in found.text()
 
 
-def test_a_step_that_lockstep_repeated_is_one_step(loops, tmp_path):
-    writer, number = Writer(tmp_path / "repeated.mcap", setup_of(head(loops / "recorded.mcap")), "recorded"), 0
-    for record in Scan(loops / "recorded.mcap"):
-        if derived(record.topic):
-            continue
-        times = 3 if record.topic in ("step", "act/feedback") and record.t_ns in (0, 70_000_000, 399_000_000) else 1
-        for _ in range(times):
-            number += 1
-            writer.write(record.topic, record.payload, record.t_ns, number, record.wall_ns)
-    writer.close({}, {})
-    found, threads = replayed(tmp_path / "repeated.mcap")
-    assert (found.divergence, found.unanswered, found.silent) == (None, 0, {"feedback": 0})
-    assert (found.steps, found.compared, len(threads.started)) == (FRAMES, {"feedback": FRAMES}, 1)
-
-
 def test_a_recording_that_begins_late_begins_at_once_and_lacks_the_memory_of_its_controllers(loops, tmp_path):
     path = again(loops, tmp_path / "late.mcap", begin_ns=300_000_000)
     begun = time.monotonic()

@@ -1,7 +1,6 @@
 """Windows around the firings of a trigger: each a whole recording, with bounded disk and memory."""
 
 import json
-from array import array
 
 import numpy as np
 import pytest
@@ -164,34 +163,3 @@ def test_force_replaces_all_recordings_of_an_earlier_watch_and_nothing_else(tmp_
     watched(base, pulses(1000), replace=True)
     assert {one.name for one in tmp_path.iterdir()} == {"w-001.mcap", *kept}
     assert "held at t = 1.000000 s" in reader.open(tmp_path / "w-001.mcap").window
-
-
-@pytest.mark.parametrize("many", [False, True])
-def test_a_window_waits_for_the_commands_that_a_batch_brings_last(tmp_path, many):
-    """And each command is in one of two windows that follow each other."""
-    trigger = Trigger(triggers.condition("vibrometer > 0.1 m/s"), 0.3, 0.3, 2)
-    windows = Windows(tmp_path / "w.mcap", SETUP, trigger)
-
-    def commands(k):
-        if k % 160 == 159:
-            rows = range(k - 159, k + 1)
-            for ticks in [rows] if many else [[tick] for tick in rows]:
-                whole, values = array("q", ticks), array("d", ticks)
-                message = encode.commands(MS, whole, whole, array("q", [1] * len(ticks)), values)
-                windows.write("applied/nf", message, (ticks[-1] + 1) * MS, ticks[-1], k * MS)
-
-    feed(windows, pulses(200, 700, length=1600), each=commands)
-    windows.close({"ended": "the plant left"}, {})
-    first, second = (reader.open(path).commands["nf"].tick for path in windows.paths)
-    assert first[-1] >= 500
-    assert np.array_equal(second, np.arange(first[-1] + 1, second[-1] + 1))
-
-
-def test_no_process_but_the_plant_ends_a_window(tmp_path):
-    windows = Windows(tmp_path / "w.mcap", SETUP, Trigger(triggers.condition("vibrometer > 0.1 m/s"), 0.1, 10.0, 5))
-    feed(windows, pulses(100, length=200))
-    windows.write("act/mine", encode.act(10**9, 10**15, (1.0,)), 10**15, 0, 0)
-    windows.write("step", encode.step(200, 200 * MS, np.zeros(1), np.ones(1, np.int64)), 200 * MS, 200, 0)
-    windows.close({"ended": "the plant left"}, {})
-    (path,) = windows.paths
-    assert [r.seq for r in Scan(path) if r.topic == "step"][-1] == 200

@@ -3,7 +3,6 @@
 import copy
 import json
 import math
-import os
 import random
 import signal
 import tomllib
@@ -156,12 +155,3 @@ def test_what_is_no_file_is_refused_at_once(tmp_path, monkeypatch, text):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SceneError):
         scenes.load(text)
-
-
-def test_a_pipe_a_folder_and_a_file_without_end_are_no_scenes(tmp_path):
-    os.mkfifo(tmp_path / "pipe.toml")
-    (tmp_path / "folder.toml").mkdir()
-    (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
-    for name, told in (("pipe", "not a regular file"), ("folder", "is a folder"), ("large", "larger than 1 MiB")):
-        with pytest.raises(SceneError, match=told):
-            scenes.load(tmp_path / f"{name}.toml")

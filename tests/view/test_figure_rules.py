@@ -31,50 +31,6 @@ def faults(figure):
     return list(figure_rules.faults(figure))
 
 
-def test_a_plain_figure_has_no_fault():
-    assert faults(drawn()[0]) == []
-
-
-def labelled(label):
-    def spoil(axes):
-        axes.set_xlabel(label)
-
-    return spoil
-
-
-def covered(axes):
-    axes.legend(loc="center", bbox_to_anchor=(0.75, 0.55))
-
-
-def without_a_bar(axes):
-    axes.pcolormesh(np.eye(3))
-
-
-def two_units(axes):
-    axes.twinx().set_ylabel("velocity [mm/s]")
-
-
-def cut(axes):
-    axes.text(1.5, 3.0, "a long text at the edge", clip_on=True)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "fault"),
-    [
-        (labelled("drive.speed [m/s]"), "has a key instead of words"),
-        (labelled("velocity"), "has no unit"),
-        (covered, "covers the data of 'curve'"),
-        (without_a_bar, "without a colour bar"),
-        (two_units, "'velocity' in [m/s] and in [mm/s]"),
-        (cut, "is cut"),
-    ],
-)
-def test_each_rule_finds_its_fault(spoil, fault):
-    figure, axes = drawn()
-    spoil(axes)
-    assert any(fault in one for one in faults(figure))
-
-
 @pytest.mark.parametrize(
     ("colours", "least"),
     [

@@ -68,19 +68,6 @@ def test_motion_is_magnified_by_a_round_number_that_keeps_it_in_the_picture(name
     assert 0.05 < scale.motion * reach < 0.5
 
 
-@pytest.mark.parametrize(("name", "moves"), [("pin", (0, 2)), ("north", (2,)), ("two_dof", (0, 2))])
-def test_bodies_that_move_across_the_surface_are_drawn_so(name, moves):
-    """A short run: along which axes the body goes, and no farther than the picture reaches."""
-    *_, columns = played(rig.load(name), 20.0 if name.endswith("_dof") else 0.05)
-    place = moving(columns, "rig/mass", "translation")
-    assert {axis for axis in range(3) if np.ptp(place[:, axis]) > 1e-3} == set(moves)
-    assert np.abs(place).max() < 0.5
-    if name == "north":
-        turn = moving(columns, "rig/mass", "quaternion")
-        assert 0.01 < np.abs(turn[:, 1]).max() < 0.5
-        assert np.linalg.norm(turn, axis=1) == pytest.approx(1.0, rel=1e-6)
-
-
 def test_the_beam_ends_in_its_tip_which_moves_with_the_disc_in_stick():
     scene = replace(rig.load("tip_beam", {"drive.speed": 0.006}), protocol=())
     picture, run, shown, columns = played(scene, 0.02)
@@ -93,25 +80,6 @@ def test_the_beam_ends_in_its_tip_which_moves_with_the_disc_in_stick():
     both = stuck[1:] & stuck[:-1]
     assert both.sum() > 20
     assert np.diff(tip[:, 0])[both] == pytest.approx(np.diff(ran)[both], rel=1e-3, abs=1e-6)
-
-
-def test_the_lever_is_drawn_as_it_moves():
-    """Disc and pin as one in stick; every spring ends where what it pulls is."""
-    picture, run, shown, columns = played(rig.load("lever"), 3.0)
-    zoom = picture.scale.motion
-    phi, theta = (zoom * run.signals[name][shown] for name in ("angle", "lever_angle"))
-    assert 0.05 < np.ptp(phi) < 0.8
-    disc, cylinder, lever = (
-        2.0 * np.arctan2(turn[:, :3].sum(axis=1), turn[:, 3])
-        for turn in (moving(columns, f"rig/{part}", "quaternion") for part in ("disc", "cylinder", "lever"))
-    )
-    assert cylinder == pytest.approx(-phi, abs=1e-6)  # turns against the disc: the pin hangs below the axis
-    assert lever == pytest.approx(theta, abs=1e-6)
-    stuck = np.abs(run.signals["slip_speed"][shown]) < 1e-12
-    both = stuck[1:] & stuck[:-1]
-    assert both.sum() > 20
-    turned = 0.8 * (np.unwrap(disc)[1:] - np.unwrap(disc)[:-1])[both]  # of the disc at the pin: as far as the pin goes
-    assert turned == pytest.approx((phi[1:] - phi[:-1])[both], rel=1e-3, abs=1e-4)
 
 
 def test_the_brake_is_drawn_under_a_stroboscope():
@@ -138,20 +106,6 @@ def test_the_brake_is_drawn_under_a_stroboscope():
     assert 0.01 < np.abs(turned).max() < 0.5
     colours = [moving(columns, f"rig/inner_pad/inner_{side}", "colors") for side in ("left", "right")]
     assert [np.unique(one, axis=0).tolist() for one in colours] == [[[*contact.rgb(c)]] for c in ("#e08b3c", "#9a9a9a")]
-
-
-def test_a_disc_of_a_brake_is_drawn_as_its_contacts_feel_it():
-    """One that bends has no coordinates z and phi; for a rigid one the contacts tell just those."""
-    from rig.view.brake import disc_at_contacts
-
-    rigid = rig.load("brake").assemble().system()
-    vector = np.random.default_rng(1).normal(size=len(rigid.coordinates)) + 0j
-    own = [vector[rigid.names.index(f"disc.{axis}")] for axis in ("z", "phi")]
-    assert disc_at_contacts(rigid, vector) == pytest.approx(own, rel=1e-12)
-    scene = rig.load("brake_disc_modes")
-    bent = drawn(scene).motion
-    assert bent.omega / (2.0 * math.pi) == pytest.approx(rig.modes(scene).sliding.modes[0].frequency, rel=1e-9)
-    assert abs(bent.shape["disc"][2]) > abs(bent.shape["inner_pad"][2])
 
 
 def test_a_rig_that_declares_no_picture_gets_curves_and_a_strip_and_nothing_is_guessed():

@@ -161,9 +161,3 @@ def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
     assert picture.shape[1] == 1600
     violet = np.abs(picture[..., :3] - pressure.table()[0] / 255.0).max(axis=2) < 0.1
     assert (violet.mean() > 1e-4) == (kind == "film")
-
-
-def test_a_recording_that_has_lost_an_output_becomes_a_figure(run, tmp_path):
-    left = {name: v for name, v in run.signals.items() if name != "contact_fraction"}
-    put(replace(run, signals=left).plot(), tmp_path / "plate.png")
-    assert imread(tmp_path / "plate.png").shape[2] == 4

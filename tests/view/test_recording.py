@@ -74,19 +74,6 @@ def test_the_shipped_layout_is_that_of_the_golden_recording(run, tmp_path):
     assert GOLDEN.with_suffix(".foxglove.json").read_text() == (tmp_path / "layout.json").read_text()
 
 
-def test_a_file_that_exists_stays_if_the_new_one_cannot_be_written_completely(run, tmp_path, monkeypatch):
-    import rerun
-
-    def refuse(*_, **__):
-        raise RuntimeError("File-writer thread shut down prematurely")  # what rerun says of a full disk
-
-    (tmp_path / "run.rrd").write_text("of before")
-    monkeypatch.setattr(rerun.RecordingStream, "flush", refuse)
-    with pytest.raises(OutputError, match=r"run\.rrd cannot be written: \d+ MiB are free there"):
-        view_run(run, "pendulum", save=tmp_path / "run.rrd")
-    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("run.rrd", "of before")]
-
-
 def test_a_viewer_that_is_closed_before_the_end_is_reported(run, monkeypatch):
     import rerun
 

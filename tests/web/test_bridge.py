@@ -4,7 +4,6 @@ import json
 import shutil
 import socket
 import subprocess
-import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +14,7 @@ from waiting_run import RUN, in_process, waiting_run
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from rig.web import bridge, bridge_client
+from rig.web import bridge
 from rig.web.bridge import Bridge
 
 ROOT = Path(__file__).parents[2]
@@ -155,31 +154,6 @@ def test_a_controller_sees_steps_and_a_viewer_messages_and_what_it_lost(runs):
     assert any(message["message"]["v"] for message in heard["meas/vibrometer"])
     missing = sum(of_one[-1]["seq"] - of_one[0]["seq"] + 1 - len(of_one) for of_one in heard.values())
     assert missing <= end.get("lost", 0)
-
-
-def test_in_a_paced_run_an_unanswered_step_is_replaced_by_the_newest(runs):
-    with bridged("it", seconds=1.5, pace=1.0) as (_, made), client_of(made) as other, client_of(made) as it:
-        it.ask(do="subscribe", topics=["**"])
-        it.send(**ADMIT)
-        messages, steps, slept = [], [], {}
-        while "ended" not in (message := it.get()):
-            messages.append(message)
-            if (step := message.get("step")) is not None:
-                if not steps:
-                    time.sleep(0.4)
-                    slept = other.ask(do="ask", topic="param/plant", body={"get": ["load.force"]})["answer"]
-                steps.append(step)
-                it.send(do="act", tick=step["tick"], values=[20.0])
-    (admitted,) = [message["answer"] for message in messages if message.get("answer")]
-    ticks = [step["tick"] for step in steps]
-    assert ticks == sorted(set(ticks))
-    assert ticks[-1] - admitted["tick"] + 1 == len(steps) + steps[-1]["left_out"]
-    assert steps[-1]["left_out"] > 0
-    # while it slept it got few steps, at growing intervals, and few messages beside each; then the newest step
-    newest = next(step for step in steps if step["tick"] >= slept["tick"])
-    assert messages.index({"step": newest}) - messages.index({"step": steps[0]}) <= 8 * (1 + bridge_client.AHEAD) + 1
-    topics = {message["topic"] for message in messages if "topic" in message}
-    assert topics >= {"meas/vibrometer", "state", "applied/it"}
 
 
 def test_a_client_that_dies_leaves_the_run_and_the_run_goes_on(runs):

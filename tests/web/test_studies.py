@@ -1,7 +1,5 @@
 """Maps and cost tables on the page: listed with their figures, made by jobs, and nothing beside them is given."""
 
-import os
-
 from patience import wait_for
 
 from rig import scenes
@@ -38,28 +36,6 @@ def test_a_map_that_was_stopped_is_listed_as_unfinished(client, folder):
     client.ended([number])
     (row,) = client.get("/api/studies").json()
     assert (row["kind"], row["name"], row["finished"]) == ("maps", store.folder.name, False)
-
-
-def test_damaged_folders_are_listed_without_a_description(client, folder):
-    damaged = {
-        "a": b"{",
-        "b": b"[]",
-        "c": b'{"axes": [{"key": "k", "scale": 0}]}',
-        "d": b"\xff",
-        "deep": b"[" * 100_000,
-    }
-    for name, text in damaged.items():
-        (folder / "maps" / name).mkdir(parents=True)
-        (folder / "maps" / name / "job.json").write_bytes(text)
-    (folder / "maps" / "pipe").mkdir()
-    os.mkfifo(folder / "maps" / "pipe" / "job.json")
-    (folder / "cost" / "belt-1").mkdir(parents=True)
-    (folder / "cost" / "belt-1" / "cost.png").write_bytes(b"png")
-    (folder / "cost" / "file").write_text("")
-    rows = {f"{row['kind']}/{row['name']}": row for row in client.get("/api/studies").json()}
-    assert {*rows} == {*(f"maps/{name}" for name in (*damaged, "pipe")), "cost/belt-1"}
-    assert all(row["about"] == "" for row in rows.values())
-    assert [name for name, row in rows.items() if row["finished"]] == ["cost/belt-1"]
 
 
 def test_nothing_but_figures_and_tables_is_given(client, folder):

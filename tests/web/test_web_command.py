@@ -2,13 +2,10 @@
 
 import os
 import re
-import resource
 import shutil
 import signal
-import socket
 import subprocess
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +17,6 @@ from patience import PATIENCE_S, wait_for
 import rig as package
 from rig import scenes
 from rig.bench.live.plant_process import warm
-from rig.machine.process import MORE_FILES
 
 ROOT = Path(__file__).parents[2]
 
@@ -103,19 +99,3 @@ def test_without_its_packages_it_says_how_to_install_them(rig, monkeypatch, lack
     code, _, err = rig(*command)
     assert code == 2
     assert f"needs {lacking}, which is not installed; to install it: python -m pip install -e '.[{extra}]'" in err
-
-
-def test_few_open_files_are_told_without_a_traceback(tmp_path):
-    """More connections than files are refused for a while."""
-    process = rig_web(tmp_path, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64)))
-    said = process.stdout.readline()
-    port = int(re.search(r"http://127.0.0.1:(\d+)", said)[1])
-    with ExitStack() as stack:
-        for _ in range(80):
-            stack.enter_context(socket.create_connection(("127.0.0.1", port)))
-        while MORE_FILES not in said:
-            said += process.stdout.readline()
-    process.send_signal(signal.SIGINT)
-    said += process.communicate(timeout=PATIENCE_S)[0]
-    assert "Traceback" not in said
-    assert process.returncode == 0

@@ -111,27 +111,6 @@ def test_the_first_start_says_that_it_compiles_and_how_far_it_is(page, tmp_path,
     page.until_phase("ended")
 
 
-def test_a_new_run_wears_nothing_of_the_one_before(page):
-    live = "return [...document.querySelectorAll('#events, #trust, #steps')].map((one) => one.checkVisibility())"
-    shown = "return ['phase', 'time', 'verdict', 'cause'].map((id) => document.getElementById(id).textContent)"
-    page.choose("belt")
-    page.write("duration", "300")
-    for _ in range(2):
-        page.press("start")
-        page.until_phase("starting")
-        assert (page.run(shown), page.run(live)) == (["starting", "", "", ""], [False] * 3)
-        page.until_phase("running")
-        page.until(lambda: all(page.run(live)) and "pace" in page.text("time"))
-        page.write("impulse", "abc")
-        page.press("knock")
-        page.until(lambda: "\"impulse\" is 'abc'; expected a number [N s]" in page.text("fault"))
-        page.press("stop")
-        page.until_phase("ended")
-        assert re.fullmatch(r"t = \d+\.\d\d s", page.text("time"))
-        page.until(lambda: page.text("verdict"))
-    page.complaints()  # of the requests that were refused
-
-
 def test_a_reload_keeps_the_scene_and_the_curves(page):
     page.choose("belt")
     page.unfold()

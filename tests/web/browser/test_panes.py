@@ -145,32 +145,3 @@ def test_a_run_of_another_terminal_is_followed(page, folder):
     finally:
         process.kill()
         process.wait()
-
-
-JOBS = """
-    const send = window.fetch, lines = ["over speed", "runs: 0 of 4", "runs: 3 of 4, 2/min, about 30 s left"];
-    window.working = true;
-    window.fetch = async (...one) => {
-      if (one[0] !== "/api/jobs") return send(...one);
-      const state = window.working ? { state: "working", code: null } : { state: "done", code: 0 };
-      const job = { number: 1, title: "map of belt", command: "map", result: "", lines, ...state };
-      return new Response(JSON.stringify([job]));
-    };"""
-
-
-def test_a_job_that_works_has_a_bar_and_a_finished_one_has_none(page):
-    def shown():
-        return [one.text.split("\n") for one in page.driver.find_elements("css selector", "#studies-jobs details")]
-
-    script = page.tools("Page.addScriptToEvaluateOnNewDocument", source=JOBS)
-    page.driver.refresh()
-    page.tools("Page.removeScriptToEvaluateOnNewDocument", **script)
-    bar = "return [...document.querySelectorAll('#studies-jobs progress')].map((one) => [one.value, one.max])"
-    page.until(shown)
-    page.show("studies-jobs")
-    assert page.run(bar) == [[3, 4]]
-    assert shown() == [["map of belt: working", "Stop", "runs: 3 of 4, 2/min, about 30 s left", "over speed"]]
-    page.picture("job")
-    page.run("window.working = false")
-    page.until(lambda: shown() == [["map of belt: done", "over speed"]])
-    assert page.run(bar) == []
