@@ -8,7 +8,6 @@ from plant_in_thread import commands, ran, same_bits
 from rig import scenes
 from rig.bench.live import asked_controllers
 from rig.bench.run.simulate import simulate
-from rig.bus import messages
 from rig.controllers.blocks import feedback
 from rig.errors import BusError
 from rig.scenes.scene import Scene
@@ -130,20 +129,6 @@ def fine(protocol=None, **where):
         raw["controllers"]["bv"] = json.loads(two().to_json())["controllers"]["bv"] | where
     raw["protocol"] = protocol or raw["protocol"]
     return Scene.from_json(json.dumps(raw))
-
-
-@pytest.mark.parametrize("pace", [None, 1.0], ids=["lockstep", "paced"])
-def test_short_frames_are_carried_and_told_in_pieces_with_the_same_bits(pace):
-    scene = fine()
-    bench, heard = ran(scene, pace=pace, duration=0.2)
-    same_bits(heard, in_one_process(scene, 0.2))
-    assert [step.tick for step in heard["step"]] == [*range(0, 2001 if pace else 2000, 10)]
-    assert [list(each.ticks) for each in heard["applied/nf"]] == [[*range(k, k + 10)] for k in range(0, 2000, 10)]
-    states = messages.state_type(bench.plant.runner.outputs)
-    assert [states.FromString(each).t_ns for each in heard["state"]] == [*range(0, 200_000_001, 5_000_000)]
-    assert bench.summary["ticks"] == 2000
-    if pace is not None:
-        assert (bench.summary["timing"]["each"], bench.summary["timing"]["frames"]) == (10, 201)
 
 
 def test_a_protocol_and_an_end_within_pieces_keep_their_ticks():

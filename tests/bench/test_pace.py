@@ -45,18 +45,6 @@ def test_deadlines_do_not_drift():
     assert clock.now() - begin == 10_000 * MS + 40_000 + 17_000
 
 
-def test_pieces_of_several_frames_are_due_at_their_first():
-    clock, pacer = paced()
-    start, _ = pacer.wait(3)
-    assert pacer.wait(20) == (start + 3 * MS, 0)
-    assert pacer.frame == 3
-    clock.work(42 * MS)
-    assert pacer.wait(20)[1] == 22 * MS  # late by more than one piece, which is caught up
-    assert pacer.given_up == []
-    clock.work(MS)
-    assert pacer.wait() == (start + 46 * MS, 3 * MS)
-
-
 @given(
     policy=st.sampled_from(["catch-up", "skip", "slow"]),
     spans=st.lists(st.integers(0, 300 * MS), min_size=1, max_size=40),

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from plant_in_thread import bits, ran, recorded, same_bits
+from plant_in_thread import bits, recorded
 
 import rig
 from rig.bench.again.fork import fork
@@ -138,13 +138,6 @@ def test_a_fork_has_the_bits_of_the_run_that_goes_on(monkeypatch, tmp_path, faul
         found = fork(log, at, duration_ns=round((1.0 - at) * 1e9))
         assert compare(faulty, found).identical
         assert told(found) == told(faulty)
-
-
-def test_in_lockstep_it_has_the_same_bits(faulty):
-    _, heard = ran(belt(ALL), pace=None, duration=1.0)
-    same_bits(heard, faulty)
-    events = [(e.tick, e.text) for e in heard["event/plant"] if e.kind == "fault"]
-    assert events == [(round(t * 1e3), text) for t, text in told(faulty)]
 
 
 def test_a_fault_after_the_end_is_a_warning():

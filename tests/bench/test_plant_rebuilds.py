@@ -159,20 +159,3 @@ def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_fo
     longest = 1e-3 * (tick - 700)
     assert bench.summary["postponed"] == {"waited": 3, "longest_s": pytest.approx(longest), "never": 0}
     assert f"3 steps waited for new matrices, the longest {longest:.3g} s" in summary(bench.summary)
-
-
-def test_a_step_that_still_waits_when_the_run_ends_is_told(monkeypatch):
-    """The recording holds all the same: simulated again, it waits until the end, too."""
-    with Shunt(monkeypatch, hold(0.5), put("shunt.resistance", 40.0), hold(0.2)) as bench:
-        bench.begun()  # what was built for the step fits no more
-        bench.gate.open.clear()
-        bench.threads[0].join(20.0)
-        bench.gate.open.set()
-        events = bench.ended()
-    assert bench.plant.runner.values["shunt.resistance"] != 40.0
-    told = "shunt.resistance = 40 of t = 0.5 s never took effect"
-    assert told in bench.summary["faults"]
-    assert told in bench.summary["reasons"]
-    assert bench.summary["verdict"] != "VALID"
-    assert bench.summary["postponed"] == {"waited": 1, "longest_s": pytest.approx(0.2), "never": 1}
-    assert [[e["tick"] for e in events.get(kind, ())] for kind in ("waits", "goes on", "never")] == [[500], [], [700]]

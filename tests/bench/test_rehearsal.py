@@ -165,15 +165,6 @@ def test_a_controller_that_crashes_in_the_rehearsal_is_named(runs, tmp_path):
         supervise.run(scene, duration=0.5, record=False, say=lambda _: None)
 
 
-def test_a_controller_that_crashes_in_the_process_of_a_command_is_named(runs, tmp_path):
-    (tmp_path / "crashes.py").write_text(CRASHES.format("os.abort()"))
-    arguments = ["-p", f"controllers.mine.kind={tmp_path / 'crashes.py'}", "--duration", "0.5"]
-    done = subprocess.run([sys.executable, "-m", "rig", "simulate", "belt", *arguments], capture_output=True, text=True)
-    assert done.returncode == 1
-    told = "the code of controller mine has crashed, which ends this process (SIGABRT)"
-    assert done.stderr.splitlines()[-1] == told
-
-
 def test_a_controller_that_does_not_return_in_the_rehearsal_is_named(runs, tmp_path, monkeypatch):
     monkeypatch.setattr(supervise, "SILENT_S", 0.5)
     (tmp_path / "crashes.py").write_text(CRASHES.format("import time; time.sleep(60.0)"))

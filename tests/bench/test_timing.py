@@ -44,20 +44,6 @@ def test_the_verdict_follows_the_share_of_late_frames(late, word):
     assert timing.verdict(0.01, 0.05).word == word
 
 
-def test_pieces_of_several_frames_are_judged_by_their_own_length():
-    timing = kept([2 * MS] * 10)
-    timing.resize(20)
-    assert timing.wall_ns == 20 * MS
-    timing.rows += [(k, 15 * MS, True, 0, 0, 0, 0, 0) for k in range(980)]
-    timing.rows += [(k, 25 * MS, True, 0, 0, 0, 0, 0) for k in range(10)]
-    timing.fold()
-    found = timing.verdict(0.01, 0.05)
-    assert (timing.late, found.word) == (20, "DEGRADED")
-    assert found.reasons[0] == "2.00% of 1000 pieces of 20 frames late by more than one piece"
-    assert found.reasons[1] == "worst 25 ms at piece 990, wake"
-    assert timing.to_json()["each"] == 20
-
-
 def test_a_loss_or_a_fault_degrades():
     timing = kept([0] * 1000)
     assert timing.verdict(0.01, 0.05, {"act/nf": 0}) == TimingVerdict(

@@ -116,13 +116,3 @@ def test_mode_sets_are_compared_on_another_processor_but_for_a_few(there, tmp_pa
         assert passes or f"the mode sets of {count} of {mode.size} instants differ (3 are allowed)" in found.faults[0]
         assert passes or "first at t = 1 s" in found.faults[0]
     assert np.ptp(there.mode) > 0
-
-
-@pytest.mark.parametrize("summary", [{}, {"verdict": "VALID"}], ids=["in one process", "saved copy of a live run"])
-def test_commands_come_a_frame_late_in_a_live_run_only(tmp_path, summary):
-    run = rig.simulate("belt_normal_force", 1.0)
-    late = run.commands["nf"]._replace(answered=np.maximum(run.commands["nf"].answered - 1, 0))
-    run = dataclasses.replace(run, commands={"nf": late}, summary=run.summary | summary)
-    run.provenance |= provenance(1)
-    found = verified(run, tmp_path / "saved.mcap")
-    assert found.passed == bool(summary), found.text()

@@ -1,13 +1,11 @@
 """Publishing, presence, questions and losses: the same facts over Zenoh and over the twin."""
 
 import threading
-import time
 
 import pytest
 from twin import Twin
 
 from rig.bus import encode, messages
-from rig.bus.messages import EVERY
 from rig.bus.topics import Count
 from rig.errors import BusError
 
@@ -170,19 +168,6 @@ def test_who_hears_everything_gets_the_loop_once_and_as_it_was_said(wire, gather
     assert {topic: c.received for topic, c in heard.counts.items()} == {
         "step": 3, "act/one": 3, "meas/laser": 3, "event/plant": 1,
     }  # fmt: skip
-
-
-def test_a_batch_is_sent_when_it_is_flushed_or_old(wire, gather):
-    _, heard = wire.hearing("meas/*")
-    laser = wire.plant.publisher("meas/laser")
-    laser.put(b"", 0)
-    laser.put(b"", 1)
-    wire.plant.flush()
-    assert [m.seq for m in gather(heard, 2)] == [0, 1]
-    time.sleep(0.03)
-    for k in range(2, EVERY + 2):
-        laser.put(b"", k)
-    assert [m.seq for m in gather(heard, EVERY)] == list(range(2, EVERY + 2))
 
 
 def test_of_a_lost_batch_each_message_is_counted():

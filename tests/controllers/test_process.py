@@ -101,21 +101,6 @@ def test_parameters_are_read_and_set_while_it_works():
         assert json.loads(event.data)["set"] == {"gain": pytest.approx(300.0), "lowest": "1 N"}
 
 
-def test_what_it_begins_with_is_told_at_its_first_step_once():
-    hub = Twin()
-    plant = Plant(hub.open("plant", "plant"))
-    with hub.open("controller", "feedback") as mine:
-        worker = process.Worker(mine, described(), process.made(described(), "feedback"), {"gain": "300 N*s/m"})
-        for tick in (41, 42):
-            plant.send(tick, 0.05)
-            worker.answer_step(worker.steps.get(1.0).said)
-            assert list(plant.answer().values) == pytest.approx([5.0])
-        event = plant.event()
-        assert (event.kind, event.tick, event.t_ns) == ("parameter", 41, 41 * FRAME)
-        assert json.loads(event.data) == {"set": {"gain": "300 N*s/m"}, "after_tick": 40}
-        assert plant.events.get(0.0) is None
-
-
 @pytest.mark.parametrize(
     ("body", "fault"),
     [

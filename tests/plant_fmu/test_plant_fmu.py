@@ -237,19 +237,6 @@ def test_a_child_that_hangs_or_ends_is_an_error_within_a_bounded_time_and_leaves
     plant.unit.freeInstance()
 
 
-@pytest.mark.parametrize(
-    ("python", "told"),
-    [("/nowhere/python", "/nowhere/python cannot be started: No such file or directory; set the parameter `python`"),
-     ("false", "the process of the rig ended with code 1 while it started (false -m rig.plant_fmu.child)")],
-)  # fmt: skip
-def test_a_python_that_cannot_run_the_rig_is_named(path, tmp_path, python, told):
-    plant = Importer(path, tmp_path, begin=False)
-    with pytest.raises(FMICallException):
-        plant.begin(python=python)
-    assert told in plant.said[-1]
-    plant.unit.freeInstance()
-
-
 def test_a_child_whose_parent_was_killed_ends_by_itself(path, tmp_path):
     code = (
         "import sys; from fmpy import extract, read_model_description as read; from fmpy.fmi2 import FMU2Slave\n"

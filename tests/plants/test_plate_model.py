@@ -161,18 +161,6 @@ def test_every_process_builds_the_same_bits_however_many_threads_its_libraries_h
     assert start(tmp_path / "models").communicate(timeout=120)[0].split() == [*told, "False", "False"]
 
 
-def test_a_damaged_file_is_built_again(tmp_path, monkeypatch):
-    monkeypatch.setenv("RIG_MODELS", str(tmp_path))
-    small = plate((4, 4, 1), modes=8), foam(), GRID, (0.01, 0.0)
-    found = build(*small)
-    (file,) = tmp_path.iterdir()
-    whole = file.read_bytes()
-    for harmed in (whole[:-1], whole.replace(b"1", b"2", 9)):
-        file.write_bytes(harmed)
-        assert build(*small).surface.to_bytes() == found.surface.to_bytes()
-        assert file.read_bytes() == whole
-
-
 def test_a_file_serves_all_that_depend_on_the_same_numbers(tmp_path, monkeypatch):
     monkeypatch.setenv("RIG_MODELS", str(tmp_path))
     mesh, place = (3, 3, 1), (GRID, (0.01, 0.0))

@@ -74,17 +74,6 @@ def test_a_scene_that_is_slow_is_judged_at_its_own_pace():
     assert judge(rig.load("brake"), costs, PUNCTUAL, None).verdict == "INVALID"
 
 
-def test_short_frames_are_judged_by_the_pieces_that_they_are_carried_in():
-    there, here = (
-        rig.load("brake_active", {"controllers.nb.where": w, "clock.pace_limit": 1}) for w in ("process", "plant")
-    )
-    uneven = np.tile([100_000, *[20_000] * 19], 100)  # 0.72 ms of each millisecond with the reserve
-    assert judge(there, uneven, PUNCTUAL, None).verdict == "INVALID"
-    found = judge(here, uneven, PUNCTUAL, None)
-    assert found.verdict == "VALID"
-    assert found.reason == "72 % of a piece busy, 72 % at p99; 0 % of pieces late; its pace is at most 1"
-
-
 def test_a_controller_in_the_plants_process_is_part_of_its_frames(monkeypatch):
     law = narrow_band.law
     monkeypatch.setattr(narrow_band, "law", lambda *given: time.sleep(0.0005) or law(*given))

@@ -6,9 +6,7 @@ import rig
 from rig.model.assembly import Assembly, Output
 from rig.picture import Plot
 from rig.scenes.shipped import names
-from rig.view import contact
 from rig.view.channels import Channels
-from rig.view.palette import LINES
 
 GROUPS = {
     "belt_tuned_mass": [
@@ -85,19 +83,6 @@ def test_the_portrait_is_the_declared_pair_or_the_first_output_with_its_rate():
     assert declared(**outputs).portrait == ("y", "y_rate")
     assert declared(weight=outputs["weight"], b=outputs["b"]).portrait is None
     assert Channels(None, {"displacement": "m", "velocity": "m/s"}, {}).portrait is None
-
-
-def test_the_first_colours_can_be_told_from_a_white_and_from_a_dark_ground():
-    """Contrast by WCAG 2.2: at least 3 for graphics."""
-
-    def luminance(rgb):
-        linear = [v / 12.92 if (v := c / 255.0) <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for c in rgb]
-        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-    for ground in ((255, 255, 255), (24, 27, 33)):
-        for colour in LINES[:4]:
-            low, high = sorted((luminance(ground), luminance(contact.rgb(colour))))
-            assert (high + 0.05) / (low + 0.05) >= 3.0, (colour, ground)
 
 
 def test_a_measurement_is_in_the_plot_of_its_output_in_its_unit_and_a_sound_has_its_own():
