@@ -56,13 +56,6 @@ def test_each_unit_is_computed_once_and_the_rest_after_an_interruption(tmp_path)
     assert set(counts(tmp_path).values()) == {1}
 
 
-def test_two_calls_for_one_work_keep_apart(tmp_path):
-    work = trial(str(tmp_path))
-    told = pytest.raises(UsageError, match="another process computes this at the moment")
-    with Store.of(work, tmp_path).open(work), told:
-        done(work, tmp_path)
-
-
 def test_a_unit_that_ends_its_worker_is_tried_once_more_and_then_given_up(tmp_path):
     """Some die once or each time, one prints half a line, one reads: others are there, dead ones not stored."""
     does = {"2": "once", "5": "kill", "6": "talk", "7": "read"}
@@ -73,13 +66,6 @@ def test_a_unit_that_ends_its_worker_is_tried_once_more_and_then_given_up(tmp_pa
     assert re.fullmatch(r"ended its worker twice: worker \d+ was killed by SIGKILL", str(found[5]["name"]))
     assert counts(tmp_path)[5] == 2
     assert squares(Store.of(work, tmp_path).load()) == expected
-
-
-def test_a_work_without_a_row_for_it_ends_with_the_last_words_of_the_worker(tmp_path):
-    work = trial(str(tmp_path), total=3, does={"1": "exit"})
-    with pytest.raises(WorkerError, match=r"ended its worker twice: worker \d ended with code 3: the last words"):
-        done(work, tmp_path, 1, apart=True)
-    assert squares(Store.of(work, tmp_path).load()) == {0: 0.0, 2: 4.0}
 
 
 def test_a_fault_ends_the_work_and_what_is_finished_stays(tmp_path):

@@ -18,7 +18,7 @@ from rig.record.compare import compare
 CASES = [  # more with checkpoints: tests/bench/test_checkpoint.py
     ("pendulum", {"friction.mu_static": "0.45"}, 12.0, 11.3),  # a protocol that connects a controller, noisy sensors
     ("belt_slow_card", {}, 2.0, 1.225),  # commands on their way at the instant
-    ("plate_96", {}, 0.02, 0.01),  # a film, the method kick
+    ("plate", {}, 0.02, 0.01),  # a film, the method kick
 ]
 
 GOLDEN = Path(__file__).parents[2] / "recordings" / "golden"

@@ -8,7 +8,6 @@ import pytest
 import rig
 from rig.bench.again.fork import fork
 from rig.bench.again.verify import verify
-from rig.bus import messages
 from rig.errors import LogError
 from rig.record.provenance import provenance
 from rig.record.run import Samples
@@ -86,17 +85,6 @@ def test_what_cannot_be_repeated_is_refused_with_time_and_reason(run, tmp_path, 
         assert str(refused.value).startswith(f"{tmp_path / 'run.mcap'}: the recorded ")
 
 
-def test_a_sample_that_is_no_number_is_found_on_another_processor(run, tmp_path):
-    t_ns, v = run.measurements["vibrometer"]
-    bent = v.copy()
-    bent[100] = np.nan
-    other = {**run.measurements, "vibrometer": Samples(t_ns, bent)}
-    there = run.provenance | {"processor": "another processor"}
-    save(dataclasses.replace(run, measurements=other, provenance=there), tmp_path / "run.mcap")
-    found = verify(tmp_path / "run.mcap")
-    assert any("meas/vibrometer differs at t = 0.1 s" in fault for fault in found.faults), found.text()
-
-
 @pytest.fixture(scope="module")
 def limited():
     """A run that a limit has ended."""
@@ -113,30 +101,6 @@ def test_a_run_that_a_limit_ended_holds(limited, tmp_path):
     assert found.passed, found.text()
     assert found.identical
     assert found.compared > 1000
-
-
-def test_what_strangers_say_is_kept_and_not_done_again(tmp_path):
-    """A guest calls itself the plant, and tells what an operator is to have done; it said so on a topic of its own."""
-    run = rig.simulate("belt", duration=0.2)
-    path = tmp_path / "run.mcap"
-    strange = [("begin", {}), ("parameter", {}), ("parameter", {"set": {"friction.mu_static": 0.1}})]
-    strange += [("dismissed", {"controller": "nf"}), ("verdict", {"verdict": "INVALID"})]
-    events = [
-        {"t_ns": 5 * 10**7, "tick": 50, "source": "mine", "kind": kind, "text": "", "data": {"by": "operator", **data}}
-        for kind, data in strange
-    ]
-    packed = messages.event
-
-    def lying(t_ns, tick, source, *said, **more):
-        return packed(t_ns, tick, "plant", *said, **more)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(messages, "event", lying)
-        save(dataclasses.replace(run, events=[*run.events, *events]), path)
-    assert [event for event in rig.open(path).events if event["source"] == "mine"] == events
-    found = verify(path)
-    assert found.passed, found.text()
-    assert found.identical
 
 
 def test_a_stop_that_does_not_come_again_is_told(limited, tmp_path):

@@ -57,19 +57,6 @@ def test_a_loss_or_a_fault_degrades():
     assert kept([2 * MS] * 100).verdict(0.01, 0.05, {"meas/laser": 2}).exit_code == 3
 
 
-def test_frames_given_up_count_as_late():
-    timing = kept([0] * 1000)
-    timing.given_up = 100
-    assert timing.late_share == pytest.approx(100 / 1100)
-    assert timing.verdict(0.01, 0.05).word == "INVALID"
-
-
-def test_a_row_of_late_frames_is_one_overrun():
-    timing = kept([0, 0, 9 * MS, 8 * MS, 7 * MS, 0, 0, 2 * MS, 0], waited=[1, 1, 0, 0, 0, 1, 1, 1, 1])
-    assert (timing.late, sum(timing.overruns.values())) == (4, 2)
-    assert (timing.worst_ns, timing.worst_frame) == (9 * MS, 2)
-
-
 @pytest.mark.parametrize(
     ("waited", "spans", "cpu", "cause"),
     [

@@ -63,7 +63,6 @@ CASES = [
     ),
     ("belt_dither_sampled", {}, 0.5),
     ("belt_dither_controlled", {}, 0.3),
-    ("brake_active", {"controllers.nb.enable_at": 0.01, "start.velocity": 0.01}, 0.015),
     ("brake_shunt_listener", {}, 0.03),
 ]
 

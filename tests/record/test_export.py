@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 from scipy.io import loadmat
 
-import rig
 from rig.errors import OutputError, UsageError
 from rig.record.export import FORMATS, export, tables
 from rig.record.export.files import LONGEST, description, files, valid
@@ -216,14 +215,6 @@ def test_chosen_names(run):
     )
     assert first.endswith("feedback, mode, events")
     assert second.startswith("no 'nothing' in this recording: known: laser")
-
-
-def test_commands_of_a_controller_that_was_admitted(run):
-    event = {"t_ns": 0, "tick": 0, "source": "plant", "kind": "admitted", "text": ""}
-    event["data"] = {"controller": "feedback", "drives": ["drive.speed", "nowhere"], "period_ns": 1}
-    guest = dataclasses.replace(run, scene=rig.load("belt").to_json(), events=[event])
-    (table,) = tables(guest, ["feedback"])
-    assert [(one.name, one.unit) for one in table.columns[3:]] == [("drive.speed", "m/s"), ("nowhere", "")]
 
 
 def test_sensors_of_one_rate_share_a_table_where_they_share_their_instants():

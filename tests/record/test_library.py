@@ -80,14 +80,6 @@ def test_the_index_gives_the_same_list_and_only_changed_files_are_read(tmp_path,
     assert runs(tmp_path) == []
 
 
-@pytest.mark.parametrize("text", ["", "{", '{"format": 99, "files": {}}'])
-def test_a_damaged_index_is_made_again(tmp_path, log, text):
-    first = runs(tmp_path)
-    index = (tmp_path / INDEX).read_text()
-    (tmp_path / INDEX).write_text(text or index.replace(f'"began_ns":{BEGAN}', '"began_ns":"x"'))
-    assert runs(tmp_path) == first
-
-
 def test_a_recording_that_is_being_written_is_listed_as_such(tmp_path, log):
     log.write_bytes(log.read_bytes()[:-5])
     found = runs(tmp_path)[0]

@@ -3,7 +3,6 @@
 import re
 
 from rig.lessons import lessons
-from rig.web.lists import html
 
 
 def test_lessons_are_listed_and_shown_with_their_figures(client):
@@ -27,8 +26,3 @@ def test_what_is_no_lesson_is_refused(client):
         assert client.post("/api/lesson", number=number).status_code == 422
     for name in ("index.md", "..%2Fpage.py", "nothing.png"):
         assert client.get(f"/lessons/{name}").status_code in (404, 422)
-
-
-def test_html_of_a_page_is_text():
-    assert html("a <script>x</script>") == "<p>a &lt;script&gt;x&lt;/script&gt;</p>\n"
-    assert html("see [this](javascript:x) and [that](../tip.md)") == "<p>see [this](javascript:x) and that</p>\n"
