@@ -220,8 +220,10 @@ def _surface(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Su
         if kept.any():
             closed = bool(np.isfinite(within[kept]).all())
             return _Surface(places[kept], members[kept], spread[kept], shares[kept], outward[kept], closed)
-    what = f"{side}: none of the outer faces has all its nodes among the {len(nodes)} chosen ones"
-    raise SceneError("", [f"{what}{' and faces along the normal' if parts else ''}; choose all nodes of faces"])
+    if parts:
+        raise SceneError("", [f"{side}: none of its {len(chosen)} faces faces along the normal; turn the normal"])
+    what = f"none of the outer faces has all its nodes among the {len(nodes)} chosen ones"
+    raise SceneError("", [f"{side}: {what}; choose all nodes of faces"])
 
 
 def _flat(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Surface:

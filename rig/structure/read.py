@@ -46,6 +46,8 @@ Stored = Literal["full", "lower", "upper"]
 UNITS = {"m-kg-s": 1.0, "mm-t-s": 1e-3}
 """System of units of the matrices -> its unit of length [m]; force in N in both."""
 LEAST_MASS, MOST_MASS = 1e-6, 1e6  # kg
+LEAST_DENSITY, MOST_DENSITY = 1e-5, 1e5
+"""Mass over the cube of the size of the mesh [kg/m^3]: from a thin wire to a block of metal."""
 SYMMETRIC = 1e-9
 """Largest difference of mirrored entries of a symmetric matrix, over its largest entry."""
 _HELD = 1e35  # Abaqus writes 1e36 on the diagonal of a held row
@@ -130,7 +132,8 @@ def structure(
     if len(mesh.ids) and len(labels) and inner.all():
         faults.append(f"{nodes and nodes.name}: none of its nodes has a row in the matrices; take the mesh they are of")
     if not faults:
-        faults += _flawed(read, np.where(inner, -1, labels[:, 0]), direction, length)
+        size = float(np.ptp(mesh.xyz, axis=0).max()) if len(mesh.ids) else 0.0
+        faults += _flawed(read, np.where(inner, -1, labels[:, 0]), direction, length, size)
     if faults:
         raise SceneError(where, faults)
     turning = direction >= 3
@@ -439,9 +442,13 @@ def _among(labels: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.b
 
 
 def _flawed(
-    read: Sequence[tuple[Source, _Matrix]], node: NDArray[np.int64], direction: NDArray[np.int64], length: float
+    read: Sequence[tuple[Source, _Matrix]],
+    node: NDArray[np.int64],
+    direction: NDArray[np.int64],
+    length: float,
+    size: float,
 ) -> list[str]:
-    """What is wrong with the matrices, in the units of the files."""
+    """What is wrong with the matrices, in the units of the files; `size` of the mesh [m], 0 without one."""
     faults = []
 
     def row(number: int) -> str:
@@ -472,11 +479,13 @@ def _flawed(
                 'own with times = "factors.NAME", and gyroscopic terms to a part of "damping"'
             )
     constant = [source.factor * matrix.values for source, matrix in read if source.of == "mass" and not source.key]
-    return faults if faults or not constant else _mass_flaws(sum(constant[1:], constant[0]), row, direction, length)
+    return (
+        faults if faults or not constant else _mass_flaws(sum(constant[1:], constant[0]), row, direction, length, size)
+    )
 
 
 def _mass_flaws(
-    mass: sp.csr_array, row: Callable[[int], str], direction: NDArray[np.int64], length: float
+    mass: sp.csr_array, row: Callable[[int], str], direction: NDArray[np.int64], length: float, size: float
 ) -> list[str]:
     """Why a mass matrix is not positive, or not plausible."""
     diagonal = mass.diagonal()
@@ -505,6 +514,9 @@ def _mass_flaws(
     if not LEAST_MASS <= total <= MOST_MASS:
         expected = f"expected {LEAST_MASS:g} to {MOST_MASS:g} kg"
         return [f"mass: {what} is {total:.4g} kg; {expected}. Is structure.units that of the matrices?"]
+    if size and along is not None and not LEAST_DENSITY <= total / size**3 <= MOST_DENSITY:
+        what = f"{what} is {total:.4g} kg, and the mesh extends over {size:.4g} m"
+        return [f"mass: {what}; nothing is so {'heavy' if total > size**3 else 'light'}. Is structure.units right?"]
     return []
 
 

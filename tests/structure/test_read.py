@@ -3,6 +3,7 @@
 import re
 
 import brake_fe
+import disc_with_pads
 import numpy as np
 import pytest
 import scipy.io
@@ -284,6 +285,18 @@ def test_units_of_millimetres_and_tonnes_become_si(tmp_path):
         assert full.matrix(of, {}).toarray() == pytest.approx(expected, rel=1e-15)
     assert full.direction.tolist() == [0, 1, 5]
     assert mesh.xyz == pytest.approx(np.array([[1e-3, 2e-3, 3e-3]]))
+
+
+def test_units_that_do_not_fit_mass_and_size_are_refused(tmp_path):
+    job, mesh = disc_with_pads.unpacked(tmp_path), tmp_path / "disc.inp"
+    assert (
+        "3341 kg, and the mesh extends over 0.00025 m; nothing is so heavy"
+        in refused([], "mm-t-s", job=job, nodes=mesh)[0]
+    )
+    words = [line.split(",") for line in mesh.read_text().splitlines()[1:1801]]
+    lines = [f"{n}, {', '.join(str(1e3 * float(x)) for x in place)}" for n, *place in words]
+    nodes = text(tmp_path / "mm.inp", ["*NODE", *lines])
+    assert "3.341 kg, and the mesh extends over 250 m; nothing is so light" in refused([], job=job, nodes=nodes)[0]
 
 
 def test_matrices_of_abaqus_with_held_and_inner_rows(tmp_path):
