@@ -46,6 +46,18 @@ def crowded(system: System) -> bool:
     return system.keys > CROWD and system.film is None and not kick_tables.refusal(system)
 
 
+def too_many(system: System) -> str:
+    """Why no method follows the contacts of this system in time; "" if one does."""
+    if system.film is not None or system.keys <= MANY:
+        return ""
+    if not kick_tables.refusal(system) and kick_tables.pressed(system).keys <= MANY:
+        return ""
+    return (
+        f"{len(system.patches)} contacts that stick, slip and open one by one have {system.keys:.1e} mode sets; "
+        f"a run can distinguish {MANY:.1e}"
+    )
+
+
 def chosen(method: str, system: System) -> str:
     """The method that "auto" selects.
 
@@ -68,6 +80,8 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
+    if why := too_many(system):
+        raise ValueError(f"{why}: group them into fewer points; eigenvalues (rig modes) need no run")
     if system.film is not None:
         if method != "kick":
             raise ValueError(f"method {method} does not support a film of travelling contact points: use kick")

@@ -280,7 +280,8 @@ class Loss:
 
 
 _FEW = 3  # up to this number, all positions of a switch are prepared
-_SPELT = 8  # up to this number, open contacts are named one by one
+_SPELT = 8  # up to this number, contacts are named one by one
+_MOTIONS = ("slip+", "slip-", "stick")
 Judge = Callable[["System", float], Iterable[Finding]]
 """(system, sample step [s]) -> the findings of an effect about it before a run."""
 
@@ -501,7 +502,9 @@ class System:
     def describe(self, key: int) -> str:
         """The mode set in words, e.g. "contact slip+"."""
         patches, normals, limiters, sectors, switches = self.modes(key)
-        words = [f"{p.name} {('slip+', 'slip-', 'stick')[m]}" for p, m in zip(self.patches, patches)]
+        words = [f"{p.name} {_MOTIONS[m]}" for p, m in zip(self.patches, patches)]
+        if len(patches) > _SPELT:
+            words = [f"{n} contacts {word}" for m, word in enumerate(_MOTIONS) if (n := patches.count(m))]
         lifted = [k.name for k, m in zip(self.normals, normals) if m == OPEN]
         words += [f"{name} open" for name in lifted] if len(lifted) <= _SPELT else [f"{len(lifted)} contacts open"]
         words += [f"{x.name} {('', 'low', 'high')[m]}" for x, m in zip(self.limiters, limiters) if m]

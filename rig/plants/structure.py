@@ -12,14 +12,20 @@ Steady sliding is the equilibrium with every point closed; a run starts there.
 
 from __future__ import annotations
 
+import hashlib
+import logging
 import math
 import re
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
+import scipy.sparse as sp
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, Field, GetCoreSchemaHandler, model_validator
@@ -29,6 +35,7 @@ from rig.effects import drive, load, piezo
 from rig.effects.drive import BeltDrive, DiscDrive, actuator
 from rig.effects.load import Load
 from rig.effects.piezo import Piezo, WithStack
+from rig.errors import SceneError, UsageError
 from rig.laws import Friction
 from rig.model.assembly import Assembly, Input, Output
 from rig.model.named_rows import Row
@@ -52,8 +59,13 @@ from rig.quantities import (
     unit_of,
 )
 from rig.stability.linearisation import sliding_key, steady
-from rig.structure import model_store
-from rig.structure.full import Full, Part, Points
+from rig.structure import basis, model_store, read
+from rig.structure.contacts import Contact as MeshContact
+from rig.structure.contacts import contact_points, contact_rows, node_vector
+from rig.structure.full import FRICTION, Full, Part, Points
+from rig.structure.mesh import Mesh, Selection
+from rig.structure.read import Source
+from rig.structure.reduced import Reduced
 from rig.units import si
 
 Array = NDArray[np.float64]
@@ -65,7 +77,11 @@ Seconds: Any = quantity("s", Ge(0.0))
 _TIMES = re.compile(r"(?P<one>1\s*/\s*)?(?P<key>[A-Za-z]\w*(\.\w+)+)(\s*\^\s*(?P<power>[1-9]))?")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong to one contact
-_NEW = "every value of it makes new matrices"
+_log = logging.getLogger("rig")
+_SILENT = 5.0  # s before a reduction says what it computes, and between two lines
+_UP_TO, _VECTORS = 1e4, 120  # highest frequency [Hz] and number of vectors that a scene does not state
+ALPHA, BETA = "damping.alpha", "damping.beta"
+T = TypeVar("T")
 
 
 def _direction(value: Any) -> Any:
@@ -355,6 +371,12 @@ class Between(Piezo):
     second: Place | None = None
 
 
+class Knock(Section):
+    """Where a knock acts: the name of an output; by default the first one, or the first contact."""
+
+    at: str | None = None
+
+
 class Start(Section):
     """Steady sliding or the unloaded structure, and a velocity of the point of the knock, as after a blow."""
 
@@ -375,7 +397,7 @@ class Parameters(WithStack):
     friction: Friction | None = None
     actuators: dict[str, Force] = Field(default_factory=dict)
     outputs: dict[str, Place] = Field(default_factory=dict)
-    knock: Place | None = None
+    knock: Knock = Knock()
     piezo: Between | None = None
     start: Start = Start()
 
@@ -403,6 +425,8 @@ class Parameters(WithStack):
                     f"contacts.{name}.sliding",
                     "give the direction of the sliding, or drive.axis for a turning surface",
                 )
+        if self.knock.at is not None and self.knock.at not in self.outputs:
+            yield "knock.at", f"no output has this name; known: {', '.join(self.outputs) or 'none'}"
         if self.reduction.kind == "snapshots" and not self.reduction.over:
             yield (
                 "reduction.over",
@@ -462,13 +486,11 @@ class Parameters(WithStack):
         yield from ((f"{where}.row", place.row) for where, place in self.places() if place.row is not None)
 
     def places(self) -> Iterator[tuple[str, Place]]:
-        """Key and place of every load, actuator, output, end of the stack, and of the knock."""
+        """Key and place of every load, actuator and output, and of the ends of the stack."""
         if self.load is not None:
             yield from ((f"load.at.{name}", place) for name, place in self.load.at.items())
         yield from ((f"actuators.{name}.at", force.at) for name, force in self.actuators.items())
         yield from ((f"outputs.{name}", place) for name, place in self.outputs.items())
-        if self.knock is not None:
-            yield "knock", self.knock
         if self.piezo is not None:
             yield "piezo.first", self.piezo.first
             if self.piezo.second is not None:
@@ -492,48 +514,32 @@ def numbers(section: BaseModel, prefix: str = "") -> dict[str, tuple[float, str]
     return out
 
 
-class Model(NamedTuple):
-    """What a rig is made of: dense `parts`, rows of contacts and vectors over the coordinates `names`.
-
-    `residual` [point] of each contact: flexibility that the coordinates leave out [m/N].
-    """
-
-    names: tuple[str, ...]
-    parts: tuple[Part, ...]
-    contacts: tuple[Points, ...]
-    vectors: Mapping[str, Array]
-    residual: tuple[Array, ...]
-
-    def matrix(self, of: str, values: Mapping[str, float]) -> Array:
-        """The sum of the parts of one kind [coordinate, coordinate]."""
-        parts = [part.times(values) * np.asarray(part.matrix) for part in self.parts if part.of == of]
-        return sum(parts, np.zeros((len(self.names),) * 2))
-
-
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant.
 
     Raises SceneError with every fault of the files.
     """
-    model = reduced(p)
-    of_scene = numbers(p)
-    given = {key: value for key, (value, _) in of_scene.items()}
-    scaling = {part.key for part in model.parts if part.key}
+    whole = reduced(p)
+    model, of_scene, given = whole.model, numbers(p), values_of(p)
+    typed = p.structure.coordinates if whole.kind == "none" else None
+    names = typed or tuple(f"q{i}" for i in range(1, model.rows + 1))
+    scaling = {part.key for part in model.parts} & of_scene.keys()
     moved = {name: how for name, how in moved.items() if name not in scaling}
-    mass, stiffness = model.matrix("mass", given), model.matrix("stiffness", given)
-    damping = model.matrix("damping", given) + _damping(p.damping, mass, stiffness)
+    mass, damping, stiffness = (model.matrix(of, given) for of in ("mass", "damping", "stiffness"))
+    if p.damping.table is not None:
+        damping = damping + _modal(p.damping.table, mass, stiffness)
     a = Assembly(title="structure")
-    a.block(model.names, mass, damping, stiffness)
+    a.block(names, mass, damping, stiffness)
 
     def row(vector: Array, rate: str = "", factor: float = 1.0) -> Row:
-        return {f"{name}{rate}": factor * value for name, value in zip(model.names, vector.tolist()) if value}
+        return {f"{name}{rate}": factor * value for name, value in zip(names, vector.tolist()) if value}
 
     speed: Row = {}
     if p.drive is not None:
         unit = "rad/s" if isinstance(p.drive, Turning) else "m/s"
         speed = drive.add(a, p.drive, unit, moved)
         a.outputs["drive_speed"] = Output(dict(speed), unit, role="drive")
-    pressing = np.zeros(len(model.names))
+    pressing = np.zeros(len(names))
     if p.load is not None:
         force = load.add(a, p.load, moved)
         pressing = sum((model.vectors[f"load.at.{name}"] for name in p.load.at), pressing)
@@ -544,7 +550,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         pushed = actuator(a, key, "N", shaker.force, 0.0, bounds, shaker.limit, None, f"actuators.{name}", moved)
         for coordinate, share in row(model.vectors[f"actuators.{name}.at"]).items():
             a.push(coordinate, {state: share * value for state, value in pushed.items()})
-    springs = [_springs(p.contacts[of.name], of, rest) for of, rest in zip(model.contacts, model.residual)]
+    springs = [points.springs(given) for points in model.contacts]
     if p.friction is not None:
         _add_contacts(a, p, model, springs, speed, row)
     if p.piezo is not None:
@@ -558,8 +564,9 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
             f"{name}_velocity": Output(row(seen, "'"), "m/s", role="velocity" if first else ""),
             f"{name}_acceleration": Output(row(seen, "''"), "m/s^2"),
         }
-    if p.knock is not None or (p.outputs and not p.contacts):
-        a.struck = row(model.vectors["knock" if p.knock is not None else f"outputs.{next(iter(p.outputs))}"])
+    struck = p.knock.at or next(iter(p.outputs if not p.contacts else ()), None)
+    if struck is not None:
+        a.struck = row(model.vectors[f"outputs.{struck}"])
     for key in scaling:
         value, unit = of_scene[key]
         a.inputs[key] = Input(unit, *_range(key, value, model.parts), value, value, ramped="keep it constant")
@@ -567,31 +574,19 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     return a
 
 
-def _springs(contact: Contact, points: Points, rest: Array) -> Array:
-    """The stiffness of each point [N/m], in series with the flexibility that is left out."""
-    per_point = np.full(len(points.area), contact.spring or 0.0)
-    own = per_point if contact.stiffness is None else points.area * contact.stiffness
-    return np.asarray(1.0 / (1.0 / own + rest))
-
-
-def _damping(given: Damping, mass: Array, stiffness: Array) -> Array:
-    """The damping matrix of a ratio, of Rayleigh's numbers, or of a table over the vibration modes."""
-    symmetric = 0.5 * (stiffness + stiffness.T)
-    if given.table is None:
-        per_mass, per_stiffness = given.rayleigh
-        return per_mass * mass + per_stiffness * symmetric
+def _modal(table: tuple[tuple[float, float], ...], mass: Array, stiffness: Array) -> Array:
+    """The damping matrix of ratios over frequency [Hz], for the vibration modes without contacts."""
     from scipy.linalg import eigh
 
-    squares, shapes = eigh(symmetric, mass)
+    squares, shapes = eigh(0.5 * (stiffness + stiffness.T), mass)
     omega = np.sqrt(np.maximum(squares, 0.0))
-    hertz, ratio = np.array(given.table).T
-    modal = 2.0 * omega * np.interp(omega / (2.0 * math.pi), hertz, ratio)
+    hertz, ratio = np.array(table).T
     weighed = mass @ shapes
-    return np.asarray((weighed * modal) @ weighed.T)
+    return np.asarray((weighed * (2.0 * omega * np.interp(omega / (2.0 * math.pi), hertz, ratio))) @ weighed.T)
 
 
 def _add_contacts(
-    a: Assembly, p: Parameters, model: Model, springs: list[Array], speed: Row, row: Callable[..., Row]
+    a: Assembly, p: Parameters, model: Full, springs: list[Array], speed: Row, row: Callable[..., Row]
 ) -> None:
     """Add friction patches and normal forces; points with the same slip speed belong to one patch."""
     assert p.friction is not None
@@ -648,10 +643,10 @@ def _range(key: str, value: float, parts: Iterable[Part]) -> tuple[float, float]
 
 
 def _begin(
-    a: Assembly, p: Parameters, mass: Array, stiffness: Array, springs: list[Array], model: Model, pressing: Array
+    a: Assembly, p: Parameters, mass: Array, stiffness: Array, springs: list[Array], model: Full, pressing: Array
 ) -> None:
     """Write the start: steady sliding with every point closed, and the velocity of a blow on the point of the knock."""
-    q = np.zeros(len(model.names))
+    q = np.zeros(len(a.coordinates))
     if p.start.at == "sliding" and p.load is not None:
         held = stiffness.copy()
         speed, law = (p.drive.speed if p.drive else 0.0), p.friction.friction() if p.friction else None
@@ -661,35 +656,61 @@ def _begin(
                 mu = math.copysign(law.mu(abs(slip)), slip) if law is not None else 0.0
                 held += k * np.outer(normal + mu * along, normal)
         q = np.linalg.lstsq(held, pressing * p.load.force, rcond=None)[0]
-    struck = np.array([a.strike.get(name, 0.0) for name in model.names])
+    struck = np.array([a.strike.get(name, 0.0) for name in a.coordinates])
     blow = np.linalg.solve(mass, struck) if p.start.velocity else struck
     v = blow * (p.start.velocity / float(struck @ blow) if p.start.velocity else 0.0)
-    a.start |= {name: value for name, value in zip(model.names, q.tolist()) if value}
-    a.start |= {f"{name}'": value for name, value in zip(model.names, v.tolist()) if value}
+    a.start |= {name: value for name, value in zip(a.coordinates, q.tolist()) if value}
+    a.start |= {f"{name}'": value for name, value in zip(a.coordinates, v.tolist()) if value}
 
 
-def reduced(p: Parameters) -> Model:
-    """The reduced model of a structure, or its own matrices. Raises SceneError."""
-    return _reduced(_Basis(p))
+def values_of(p: Parameters) -> dict[str, float]:
+    """Every number that multiplies matrices or springs, by key: those of the scene, and what follows from them.
+
+    "friction.mu" is the coefficient in steady sliding, below zero for sliding backwards.
+    """
+    values = {key: value for key, (value, _) in numbers(p).items()}
+    values[ALPHA], values[BETA] = p.damping.rayleigh
+    for name, contact in p.contacts.items():
+        values[f"contacts.{name}.stiffness"] = contact.stiffness or contact.spring or 0.0
+    if p.friction is not None and p.drive is not None:
+        radius = max((contact.radius or 0.0 for contact in p.contacts.values()), default=0.0) or 1.0
+        speed = p.drive.speed * (radius if isinstance(p.drive, Turning) else 1.0)
+        values[FRICTION] = math.copysign(p.friction.friction().mu(abs(speed)), speed)
+    return values
 
 
-class _Basis:
-    """The tables that a reduced model depends on, as a key: not the values that are swept."""
+def reduced(p: Parameters) -> Reduced:
+    """The reduced structure: from the recording, the store, or built. Raises SceneError with every fault."""
+    try:
+        return _reduced(_Given(p))
+    except UsageError as fault:
+        raise SceneError("reduction", [f"reduction: {line}" for line in str(fault).splitlines()]) from None
+
+
+class _Given:
+    """What a reduced structure depends on, as a key: tables and files, without the values that are swept."""
 
     def __init__(self, p: Parameters) -> None:
         self.parameters = p
+        self.reduction = _reduction(p)
         contacts = tuple((name, _plain(contact)) for name, contact in p.contacts.items())
         places = tuple((where, _plain(place)) for where, place in p.places())
-        self._key = _plain(p.structure), _plain(p.reduction), contacts, places
+        turning = _plain(p.drive) if isinstance(p.drive, Turning) else ()
+        self.tables = _plain(p.structure), contacts, places, turning, p.damping.table is None
+        try:
+            self.files = tuple((str(path), *_stamp(path)) for path in _files(p))
+        except (SceneError, OSError):  # a recording that is simulated again needs no files
+            self.files = ()
+        self._key = self.tables, repr(self.reduction), self.files
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Basis) and self._key == other._key
+        return isinstance(other, _Given) and self._key == other._key
 
     def __hash__(self) -> int:
         return hash(self._key)
 
 
-_SWEPT = ("stiffness", "shear", "spring", "opens")
+_SWEPT = ("stiffness", "shear", "spring", "opens", "speed", "speed_min", "speed_max", "lag")
 
 
 def _plain(value: Any) -> Any:
@@ -701,41 +722,153 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _stamp(path: Path) -> tuple[int, int]:
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns
+
+
+@lru_cache(maxsize=64)
+def _hash(path: str, *stamp: int) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 @model_store.cached
-def _reduced(basis: _Basis) -> Model:
-    p = basis.parameters
-    whole = full(p)
-    parts = tuple(replace(part, matrix=part.matrix.toarray()) for part in whole.parts)
-    contacts = tuple(replace(c, normal=c.normal.toarray(), along=c.along.toarray()) for c in whole.contacts)
-    names = p.structure.coordinates or tuple(f"q{i}" for i in range(1, whole.rows + 1))
-    return Model(names, parts, contacts, whole.vectors, tuple(np.zeros(len(c.area)) for c in contacts))
+def _reduced(given: _Given) -> Reduced:
+    p = given.parameters
+    contents = [_hash(*file) for file in given.files]
+    tables = hashlib.sha256(repr((given.tables, given.reduction)).encode()).hexdigest()[:32]
+    key = f"{tables} {' '.join(contents)}"
+    return basis.stored(key, lambda: full(p)[0], given.reduction, f"structure {tables}", _Told())
 
 
-def full(p: Parameters) -> Full:
-    """The full matrices of a structure and the rows of its contacts and places, in SI. Raises SceneError."""
-    import scipy.sparse as sp
+class _Told:
+    """Says in the log what takes long: what is computed, every few seconds."""
 
-    names = p.structure.coordinates or ()
-    unit = 1e3 if p.structure.units == "mm-t-s" else 1.0
-    parts = []
-    for name, part in p.structure.parts.items():
-        key, power = part.scaling
-        if part.values is not None:
-            parts.append(Part(name, part.of, sp.csr_array(unit * np.array(part.values)), key, power, part.factor))
+    def __init__(self) -> None:
+        self._next = time.monotonic() + _SILENT
+
+    def __call__(self, what: str, share: float) -> None:
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + _SILENT
+            _log.warning("reducing the structure: %s (%.0f %%); the result is kept", what, 100.0 * share)
+
+
+def _reduction(p: Parameters) -> basis.Reduction:
+    """The reduction of a scene; by default typed matrices stay as they are, and files are reduced to modes."""
+    given, values = p.reduction, values_of(p)
+    kind = given.kind or ("none" if p.structure.typed else "modes")
+    keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"} - {""}
+    if kind == "snapshots":
+        keys |= {part.scaling[0] for part in p.structure.parts.values()} - {""} | {ALPHA, BETA, FRICTION}
+    keys |= {f"contacts.{name}.stiffness" for name in p.contacts}
+    units = {key: unit for key, (_, unit) in numbers(p).items()}
+    over = {key: tuple(si(end, units[key]) for end in ends) for key, ends in given.over.items()}
+    return basis.Reduction(
+        kind=kind,
+        up_to=2.0 * math.pi * (given.up_to or given.modes_up_to or _UP_TO),
+        modes=given.modes or 0,
+        contact=given.contact,
+        residual=given.residual,
+        at={key: values[key] for key in sorted(keys) if key in values},
+        over=over,  # type: ignore[arg-type]
+        vectors=given.vectors or _VECTORS,
+        **({"error": given.error} if hasattr(basis.Reduction, "error") else {}),
+    ).rounded()
+
+
+def _sources(p: Parameters) -> list[Source]:
+    return [
+        Source(
+            name, part.of, Path(part.file) if part.file else None, part.values, part.name or "", part.stored, *scaled
+        )
+        for name, part in p.structure.parts.items()
+        for scaled in [(*part.scaling, part.factor)]
+    ]
+
+
+def _beside(p: Parameters) -> dict[str, Any]:
+    """The files of a structure that are no parts: job, mesh, node and direction of each row."""
+    given = p.structure
+    return {key: Path(path) if (path := getattr(given, key)) else None for key in ("job", "nodes", "rows")}
+
+
+def _files(p: Parameters) -> tuple[Path, ...]:
+    """Every file of the structure and of its contacts. Raises SceneError for one that cannot be read."""
+    own = tuple(Path(contact.rows) for contact in p.contacts.values() if contact.rows is not None)
+    return (*read.files_read(_sources(p), **_beside(p)), *own) if not p.structure.typed else own
+
+
+def full(p: Parameters) -> tuple[Full, Mesh]:
+    """The full matrices of a structure with the rows of its contacts and places, in SI, and the mesh.
+
+    Raises SceneError with every fault, each with its key or its file and row.
+    """
+    whole, mesh = read.structure(_sources(p), p.structure.units, **_beside(p))
+    names = p.structure.coordinates or tuple(map(str, range(1, whole.rows + 1)))
     over = {name: i for i, name in enumerate(names)}
+    faults: list[str] = []
+    if len(names) != whole.rows:
+        faults.append(f"structure.coordinates: there are {len(names)} names for matrices of {whole.rows} rows")
+
+    def tried(where: str, make: Callable[[], T], otherwise: T) -> T:
+        try:
+            return make()
+        except SceneError as fault:
+            faults.extend(f"{where}: {line}" for line in fault.faults)
+            return otherwise
 
     def vector(row: Line) -> Array:
-        out = np.zeros(len(names))
+        out = np.zeros(whole.rows)
         for name, value in row.items():
+            if name not in over:
+                raise SceneError("", [f"names the row {name!r}; known: {names[0]} to {names[-1]}"])
             out[over[name]] += value
         return out
 
-    contacts = []
-    for name, contact in p.contacts.items():
+    def of_place(place: Place) -> Array:
+        if place.row is not None:
+            return vector(place.row)
+        nodes = (place.node,) if place.node is not None else place.nodes or ()
+        if len(mesh.ids) or not nodes:
+            nodes = tuple(Selection(place.set or "", nodes, place.box).of(mesh).tolist())
+        return node_vector(whole, nodes, place.direction or ())
+
+    def points(name: str, contact: Contact, finer: int) -> Points:
+        if contact.rows is not None:
+            return contact_rows(name, Path(contact.rows), whole)
         if contact.gap is not None and contact.along is not None:
             gap, along = (sp.csr_array(vector(row)[None]) for row in (contact.gap, contact.along))
             radius = np.array([contact.radius or 1.0])
-            contacts.append(Points(name, gap, along, np.ones(1), radius, np.zeros((1, 3)), np.zeros((1, 3))))
-    vectors = {where: vector(place.row) for where, place in p.places() if place.row is not None}
-    count = len(names)
-    return Full(tuple(parts), np.full(count, -1), np.full(count, -1), contacts=tuple(contacts), vectors=vectors)
+            return Points(name, gap, along, np.ones(1), radius, np.zeros((1, 3)), np.zeros((1, 3)))
+        assert contact.slave is not None
+        assert contact.master is not None
+        slave, master = (Selection(s.set or "", s.nodes or (), s.box) for s in (contact.slave, contact.master))
+        turning = p.drive if isinstance(p.drive, Turning) and contact.sliding is None else None
+        turns: dict[str, Any] = {"axis": turning.axis, "centre": turning.centre} if turning else {}
+        cells = contact.points and (finer * contact.points[0], finer * contact.points[1])
+        described = MeshContact(
+            name, slave, master, contact.normal, contact.sliding, points=cells, search=contact.search, **turns
+        )
+        return contact_points(described, whole, mesh)
+
+    none = Points("", *[sp.csr_array((0, whole.rows))] * 2, *[np.zeros(0)] * 2, *[np.zeros((0, 3))] * 2)
+    contacts, finer = (
+        tuple(tried(f"contacts.{name}", partial(points, name, contact, by), none) for name, contact in chosen.items())
+        for by, chosen in ((1, p.contacts), (2, {n: c for n, c in p.contacts.items() if c.slave and c.points}))
+    )
+    vectors = {where: tried(where, partial(of_place, place), np.zeros(whole.rows)) for where, place in p.places()}
+    if faults:
+        raise SceneError("structure", dict.fromkeys(faults))
+    parts = list(whole.parts)
+    if p.damping.table is None:
+        own = [replace(part, of="damping", name=f"Rayleigh {part.name}") for part in parts if not part.key]
+        parts += [replace(part, key=ALPHA) for part, of in zip(own, (q.of for q in parts if not q.key)) if of == "mass"]
+        parts += [
+            replace(part, key=BETA)
+            for part, of in zip(own, (q.of for q in whole.parts if not q.key))
+            if of == "stiffness" and part.symmetric
+        ]
+    if len(finer) < len(contacts):
+        finer = ()
+    return replace(whole, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer), mesh

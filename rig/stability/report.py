@@ -37,7 +37,7 @@ from rig.errors import Singular
 from rig.model import assembly, friction_law
 from rig.model.formulation import bearing_mass
 from rig.model.friction_law import Law
-from rig.model.method import ADAPTIVE
+from rig.model.method import ADAPTIVE, too_many
 from rig.model.mode_sets import FAST
 from rig.model.singular import assembled
 from rig.model.system import Finding, Level, Normal, Patch, Sector, System
@@ -180,7 +180,15 @@ def stability_report(
     fastest, where, _ = max(sets, key=lambda entry: entry[0], default=(0.0, "", None))
     for _, name, at in sets:
         findings += _growth(at, name, fastest)
+    if why := too_many(system):
+        remedy = "eigenvalues hold; for runs group the contacts into fewer points"
+        return by_level([*findings, Finding("warning", f"a run is not possible: {why}", 0.0, remedy)])
     findings += step_findings(system, method, step, substeps, tolerance, (fastest, where))
+    return by_level(findings)
+
+
+def by_level(findings: list[Finding]) -> list[Finding]:
+    """The findings, errors first."""
     return sorted(findings, key=lambda finding: ("error", "warning", "info").index(finding.level))
 
 
@@ -280,7 +288,9 @@ def _at(value: complex) -> str:
 
 
 MOST = 27
-"""Up to this number every mode set is examined; beyond it only those with all contacts alike or one contact stuck."""
+"""Up to this number every mode set is examined; beyond it only those with all contacts alike or one stuck."""
+MOST_STUCK = 8
+"""Up to this number of contacts, each stuck alone is examined."""
 _KINDS = (SLIP_PLUS, SLIP_MINUS, STICK)
 
 
@@ -293,7 +303,7 @@ def mode_sets(system: System) -> Iterator[int]:
     ways = [_ways(system, p) for p in range(P)]
     few = math.prod(map(len, ways)) <= MOST
     patches: list[tuple[int, ...]] = list(product(*ways)) if few else [(k,) * P for k in _KINDS]
-    if not few:
+    if not few and P <= MOST_STUCK:
         patches += [(SLIP_PLUS,) * p + (STICK,) + (SLIP_PLUS,) * (P - p - 1) for p in range(P)]
     places = list(product(*(_places(sector) for sector in system.sectors)))
     ends = [{0, 1, len(s.positions) - 1, s.at(system.start)} for s in system.switches]

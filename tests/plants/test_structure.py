@@ -200,7 +200,8 @@ def test_every_fault_of_a_scene_is_reported_at_once_with_its_key(tmp_path):
         ({"friction": None}, "friction: is missing; a structure with [contacts] needs [drive] and [friction]"),
         ({"contacts": {"pad": {"gap": {"y": 1.0}, "spring": 1.0}}}, "contacts.pad.along: is missing beside gap"),
         ({"contacts": {"pad": {"gap": {"y": 1.0}, "along": {"x": 1.0}}}}, "contacts.pad.spring: is missing"),
-        ({"knock": {"direction": "z"}}, "knock: give one of node, nodes, set, box or row; there is none"),
+        ({"outputs": {"a": {"direction": "z"}}}, "outputs.a: give one of node, nodes, set, box or row; there is none"),
+        ({"knock": {"at": "b"}}, 'knock.at = "b": no output has this name; known: body'),
         ({"damping": {"ratio": 0.1}}, "damping: ratio and at belong together"),
         (
             {"drive": {"speed": "0.5 m/s", "axis": "z"}},
