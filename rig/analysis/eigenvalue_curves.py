@@ -87,9 +87,11 @@ def of_matrix(A: Array) -> tuple[Complex, Complex, Complex]:
     return values[order], right[:, order], left[:, order].conj()
 
 
-def sliding(at: Steady) -> Spectrum:
-    """Return the spectrum of steady sliding."""
+def sliding(at: Steady, up_to: float = np.inf) -> Spectrum:
+    """Return the spectrum of steady sliding up to a frequency [Hz]."""
     rates, right, left = of_matrix(at.A[np.ix_(at.moving, at.moving)])
+    kept = np.abs(rates.imag) <= 2.0 * np.pi * up_to
+    rates, right, left = rates[kept], right[:, kept], left[:, kept]
     note = JAMS if at.inertia <= 0.0 else "" if at.exists else OPENS if at.counts and not at.beyond else NOTHING
     names, nq = tuple(at.system.names[i] for i in at.moving), len(at.system.coordinates)
     why = "" if at.exists else missing(at)
@@ -137,7 +139,10 @@ def equilibrium(scene: Scene, dithered: bool = False) -> Spectrum:
     `dithered`: with the friction averaged over its dither, else with dither off.
     """
     try:
-        return sliding(under_dither(scene) if dithered else at_rest(scene)[1])
+        if dithered:
+            return sliding(under_dither(scene))
+        assembly, at = at_rest(scene)
+        return sliding(at, assembly.up_to)
     except Slow as error:
         return absent(SLOW, str(error))
     except Singular as error:

@@ -25,7 +25,7 @@ from rig.analysis.floquet import Forced, forced
 from rig.bench.run.before import findings
 from rig.design.linearised import energy_form
 from rig.errors import RigError, SceneError, Singular
-from rig.model.assembly import Assembly
+from rig.model.assembly import Accuracy, Assembly
 from rig.model.film import over
 from rig.model.formulation import signal_rows
 from rig.model.system import Finding, System
@@ -41,6 +41,7 @@ Array = NDArray[np.float64]
 GENERATOR = ("dither.sin", "dither.cos")
 _LEAST = 0.01  # of the energy: smallest share shown of a long shape, and how many at most
 _LONG, _MOST = 4, 6
+_SAME = 1e-6  # relative distance of an eigenvalue computed in two ways
 
 
 class Slow(RigError):
@@ -93,14 +94,18 @@ def modes(scene: Scene) -> Modes:
     except Singular as error:
         raise SceneError(scene.name, [error.why]) from None
     system = at.system
+    rests = bool(at.exists and len(at.speed) and not at.speed.any())
+    accuracy = assembly.accuracy(at.A) if assembly.accuracy is not None else None
     result = Modes(
         scene=scene.name,
-        mode=system.describe(at.modes.key) + ("" if at.speed.any() or not at.exists else ", at rest on its bristles"),
-        sliding=_sliding(assembly, at),
+        mode=system.describe(at.modes.key) + ", at rest on its bristles" * rests,
+        sliding=_sliding(assembly, at) if accuracy is None else _estimated(_sliding(assembly, at), accuracy),
+        up_to=assembly.up_to,
         units={name: output.unit for name, output in assembly.outputs.items()},
         findings=tuple(findings(scene, system if assembly.film is None else None)),
         free=assembly.free,
         limits=assembly.limits,
+        notes=accuracy.notes if accuracy is not None else (),
     )
     if GENERATOR[0] not in system.names:
         return result
@@ -117,6 +122,18 @@ def modes(scene: Scene) -> Modes:
         unit=generator.unit,
         hertz=assembly.inputs["dither.frequency"].value,
     )
+
+
+def _estimated(sliding: Sliding, accuracy: Accuracy) -> Sliding:
+    """The same with the estimated error of each eigenvalue that has one."""
+    found: list[Mode] = []
+    for mode in sliding.modes:
+        rate = complex(mode.growth, 2.0 * math.pi * mode.frequency)
+        far = np.abs(accuracy.rates - rate)
+        near = int(far.argmin()) if len(far) else -1
+        known = near >= 0 and far[near] <= _SAME * abs(rate)
+        found.append(replace(mode, error=float(accuracy.errors[near])) if known else mode)
+    return replace(sliding, modes=tuple(found))
 
 
 def _forced(assembly: Assembly, at: Steady, motion: Forced) -> Sliding:
@@ -174,7 +191,7 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
         modes=tuple(
             _mode(system, 0.0 if abs(rate) <= zero else rate, shape, form)
             for rate, shape in zip(rates, shapes.T)
-            if rate.imag >= 0.0
+            if 0.0 <= rate.imag <= 2.0 * math.pi * assembly.up_to
         ),
         pulls=int(np.sum(forces < 0.0)) if film else 0,
     )
@@ -243,6 +260,7 @@ class Mode:
 
     `energy`: share of each coordinate in the kinetic energy, and of each network state in the network's energy, which
     makes metres, radians and volts comparable. `shape`: amplitude of each state; the one with the largest share is 1.
+    `error`: of a reduced structure, the estimated error of the eigenvalue over its size; None if it is not known.
     """
 
     growth: float
@@ -250,6 +268,7 @@ class Mode:
     damping: float
     shape: dict[str, complex]
     energy: dict[str, float]
+    error: float | None = None
 
     @property
     def kind(self) -> str:
@@ -300,7 +319,8 @@ class Modes(Result):
     `dithered`: the same with averaged dither of `amplitude` [unit] at `hertz`; None for a scene without dither. `slow`:
     why the dither cannot be averaged; `dithered` is then the forced motion, and its modes are Floquet exponents.
     `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: critical coefficients of friction in
-    closed form (infinite: never reached).
+    closed form (infinite: never reached). `notes`: what the reduction of a structure leaves open, a sentence each;
+    `up_to` [Hz]: it holds up to this frequency, and modes above are left out.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:modes_figure"
@@ -317,6 +337,8 @@ class Modes(Result):
     slow: str = ""
     free: Mapping[str, float] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    up_to: float = math.inf
 
     COLUMNS: ClassVar = ("mode", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")
 
@@ -354,6 +376,7 @@ class Modes(Result):
             "free": dict(self.free),
             "limits": dict(self.limits),
             "findings": [finding.to_json() for finding in self.findings],
+            **({"notes": list(self.notes), "up_to": self.up_to} if math.isfinite(self.up_to) else {}),
         }
 
     def text(self) -> str:
@@ -369,7 +392,17 @@ class Modes(Result):
             lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
         if self.sliding.exists or self.sliding.counts:
             rows = [(k, f"{g:.6g}", f"{f:.6g}", f"{d:.4g}", s) for k, g, f, d, s in self.table()]
-            lines += ["", *columns([self.COLUMNS, *rows], "<>>><")]
+            errors = [mode.error for mode in self.sliding.modes]
+            if any(error is not None for error in errors):
+                shown = ["estimated error", *("" if error is None else f"{error:.1e}" for error in errors)]
+                cells = [*shown, *[""] * (1 + len(rows) - len(shown))]
+                wider = [(*row[:4], cell, row[4]) for row, cell in zip([self.COLUMNS, *rows], cells)]
+                lines += ["", *columns(wider, "<>>>><")]
+            else:
+                lines += ["", *columns([self.COLUMNS, *rows], "<>>><")]
+            if math.isfinite(self.up_to):
+                lines += [f"  the reduction of the structure holds up to {self.up_to:g} Hz; higher modes are left out"]
+        lines += ["", *(f"  warning: {note}" for note in self.notes)] if self.notes else []
         if self.free:
             free = [(name, f"{hertz:.6g}") for name, hertz in self.free.items()]
             lines += ["", "  natural frequencies of parts by themselves [Hz]:", *columns(free, "<>")]
@@ -445,6 +478,7 @@ def _plain(sliding: Sliding) -> dict[str, Any]:
                 "damping": mode.damping,
                 "shape": {name: [v.real, v.imag] for name, v in mode.shape.items()},
                 "energy": mode.energy,
+                **({} if mode.error is None else {"error": mode.error}),
             }
             for mode in sliding.modes
         ],

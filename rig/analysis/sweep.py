@@ -198,7 +198,8 @@ class Sweep(Result):
     steadily, and `notes` [value] what makes the eigenvalues invalid. `gaps`: ranges without steady sliding, and why.
     `resolution`: critical values closer together than this may be missed. `loop`: the controller whose loop is closed,
     "" for none. `fixed`: the main parameters that the sweep holds constant, in words.
-    `friction`: how a scene with dither is analysed, in words.
+    `friction`: how a scene with dither is analysed, in words. `outside`: ends of the axis beyond the range that the
+    reduction of a structure holds for, a sentence each.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:sweep_figure"
@@ -216,6 +217,7 @@ class Sweep(Result):
     loop: str = ""
     fixed: str = ""
     friction: str = ""
+    outside: tuple[str, ...] = ()
 
     @property
     def growth(self) -> Array:
@@ -260,6 +262,7 @@ class Sweep(Result):
             ],
             "gaps": [gap._asdict() for gap in self.gaps],
             "resolution": self.resolution,
+            **({"outside": list(self.outside)} if self.outside else {}),
         }
 
     def text(self) -> str:
@@ -277,6 +280,7 @@ class Sweep(Result):
         if not self.critical:
             lines += [f"  no critical value {'where the rig slides steadily' if self.gaps else 'between these ends'}"]
         lines += [f"  {gap.note} {self._span(gap)}{f': {gap.why}' * bool(gap.why)}" for gap in self.gaps]
+        lines += [f"  warning: {sentence}" for sentence in self.outside]
         lines += [f"  sampled every {axis.text(self.resolution, 3)}; critical values closer together may be missed"]
         rows = [(axis.label, "largest growth 1/s", "frequency Hz", "growing modes", "")]
         for value, row, note in zip(axis.values, self.rates, self.notes):
@@ -300,12 +304,15 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
     ends. With a key of the dither, or if the scene switches its dither on, the friction is averaged over it.
     """
     dithered = dithers(scene, axis.key)
+    outside: tuple[str, ...] = ()
 
     def spectrum(value: float) -> curves.Spectrum:
         return curves.equilibrium(axis.at(scene, value), bool(dithered))
 
+    for value in (axis.values[0], axis.values[-1]):
+        outside = outside or axis.at(scene, value).assemble().outside
     how = {None: "", True: "friction averaged over the dither", False: "without the dither"}[dithered]
-    return replace(along(scene.name, axis, spectrum, fixed=fixed(scene, [axis])), friction=how)
+    return replace(along(scene.name, axis, spectrum, fixed=fixed(scene, [axis])), friction=how, outside=outside)
 
 
 def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fixed: str = "") -> Sweep:

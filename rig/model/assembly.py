@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -331,12 +331,22 @@ class Input:
     ramped: str = ""
 
 
+class Accuracy(NamedTuple):
+    """Estimated relative `errors` [i] of the eigenvalues `rates` [i] of a reduced structure, and `notes` about them."""
+
+    rates: NDArray[np.complex128]
+    errors: Array
+    notes: tuple[str, ...] = ()
+
+
 @dataclass
 class Assembly(Rows):
     """A rig under construction: its rows, its outputs and inputs. `system()` turns names into matrices.
 
     `free`: natural frequencies [Hz] of a part of the rig on its own, listed beside those of the rig. `limits`: friction
     coefficients at which the rig reaches a limit of its own, by name. `bounds`: the scene's limits of outputs, by name.
+    `accuracy`: of a reduced structure, from the Jacobian [state, state] about an equilibrium; `outside`: numbers beyond
+    the range that its reduction holds for, a sentence each; `up_to`: frequency [Hz] up to which it holds.
     """
 
     outputs: dict[str, Output] = field(default_factory=dict)
@@ -344,6 +354,9 @@ class Assembly(Rows):
     free: dict[str, float] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=dict)
     bounds: Mapping[str, float] = field(default_factory=dict)
+    accuracy: Callable[[Array], Accuracy] | None = None
+    outside: tuple[str, ...] = ()
+    up_to: float = math.inf
 
     def add_memory(self) -> None:
         """Add the internal states of the friction laws as outputs."""

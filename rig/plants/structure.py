@@ -37,7 +37,7 @@ from rig.effects.load import Load
 from rig.effects.piezo import Piezo, WithStack
 from rig.errors import SceneError, UsageError
 from rig.laws import Friction
-from rig.model.assembly import Assembly, Input, Output
+from rig.model.assembly import Accuracy, Assembly, Input, Output
 from rig.model.named_rows import Row
 from rig.model.system import Finding, System
 from rig.picture import Plot
@@ -59,7 +59,7 @@ from rig.quantities import (
     unit_of,
 )
 from rig.stability.linearisation import sliding_key, steady
-from rig.structure import basis, model_store, read
+from rig.structure import basis, estimate, model_store, read
 from rig.structure.contacts import Contact as MeshContact
 from rig.structure.contacts import contact_points, contact_rows, node_vector
 from rig.structure.full import FRICTION, Full, Part, Points
@@ -78,6 +78,7 @@ _TIMES = re.compile(r"(?P<one>1\s*/\s*)?(?P<key>[A-Za-z]\w*(\.\w+)+)(\s*\^\s*(?P
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong to one contact
 _log = logging.getLogger("rig")
+_ROUNDING = 1e-9  # of the largest entry
 _SILENT = 5.0  # s before a reduction says what it computes, and between two lines
 _UP_TO, _VECTORS = 1e4, 120  # highest frequency [Hz] and number of vectors that a scene does not state
 ALPHA, BETA = "damping.alpha", "damping.beta"
@@ -571,7 +572,43 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         value, unit = of_scene[key]
         a.inputs[key] = Input(unit, *_range(key, value, model.parts), value, value, ramped="keep it constant")
     _begin(a, p, mass, stiffness, springs, model, pressing)
+    if whole.kind != "none":
+        a.accuracy, a.outside = partial(_accuracy, p, whole), tuple(whole.outside(given))
+        a.up_to = whole.up_to / (2.0 * math.pi)
     return a
+
+
+def _accuracy(p: Parameters, whole: Reduced, jacobian: Array) -> Accuracy:
+    """The estimated errors of the eigenvalues of a reduced structure, and what they do not tell."""
+    given, count = values_of(p), whole.coordinates
+    mass, damping, stiffness = whole.pencil(given)
+    own = -mass @ jacobian[count : 2 * count, count : 2 * count] - damping  # of a table, of a law that falls
+    added = own if np.abs(own).max() > _ROUNDING * np.abs(damping).max(initial=1e-300) else None
+    notes = [*whole.outside(given), *estimate.weaker_modes(whole, given, added)]
+    notes += estimate.growing_without_friction(whole, given, added)
+    held = np.abs(mass @ jacobian[count : 2 * count, :count] + stiffness).max() <= 1e-6 * np.abs(stiffness).max()
+    if not held or p.piezo is not None:
+        notes.append(
+            "errors of the eigenvalues are not estimated beside a piezo stack, or where friction depends on more"
+        )
+        return Accuracy(np.zeros(0, np.complex128), np.zeros(0), tuple(notes))
+    try:
+        found = _estimator(_Given(p), whole.up_to).at(whole, given, added)
+    except (SceneError, OSError):
+        notes.append("errors of the eigenvalues are not estimated: the files of the matrices are not there")
+        return Accuracy(np.zeros(0, np.complex128), np.zeros(0), tuple(notes))
+    if (worst := found.relative.max(initial=0.0)) > p.reduction.error:
+        hertz = found.values[int(found.relative.argmax())].imag / (2.0 * math.pi)
+        notes.append(
+            f"the estimated error at {hertz:.4g} Hz is {worst:.1e}, above reduction.error {p.reduction.error:g}; "
+            "use more modes or vectors, or a lower reduction.up_to"
+        )
+    return Accuracy(found.values, found.relative, tuple(notes))
+
+
+@lru_cache(maxsize=1)
+def _estimator(given: _Given, up_to: float) -> estimate.Estimator:
+    return estimate.Estimator(full(given.parameters)[0], up_to, values_of(given.parameters))
 
 
 def _modal(table: tuple[tuple[float, float], ...], mass: Array, stiffness: Array) -> Array:
@@ -773,7 +810,7 @@ def _reduction(p: Parameters) -> basis.Reduction:
         at={key: values[key] for key in sorted(keys) if key in values},
         over=over,  # type: ignore[arg-type]
         vectors=given.vectors or _VECTORS,
-        **({"error": given.error} if hasattr(basis.Reduction, "error") else {}),
+        error=given.error,
     ).rounded()
 
 

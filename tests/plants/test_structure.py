@@ -2,6 +2,7 @@
 
 import json
 
+import disc_with_pads
 import numpy as np
 import pytest
 
@@ -9,8 +10,10 @@ import rig
 from rig import scenes
 from rig.analysis.axis import changed
 from rig.analysis.modes import at_rest
+from rig.bench.again.verify import verify
 from rig.errors import SceneError
 from rig.model.assembly import Assembly
+from rig.structure import model_store
 
 
 def text(value):
@@ -225,3 +228,94 @@ def test_points_that_would_have_to_pull_are_named_before_a_run(tmp_path):
     finding = next(f for f in rig.modes(scene).findings if "do not press" in f.what)
     assert finding.level == "warning"
     assert "1 of 2 contact points do not press at steady sliding: edge (" in finding.what
+
+
+FE = {
+    "structure": {"units": "m-kg-s", "format": "calculix", "job": "./disc_matrices", "nodes": "./disc.inp"},
+    "reduction": {"modes": 20, "up_to": "3 kHz"},
+    "damping": {"ratio": 0.002, "at": "3 kHz"},
+    "contacts": {
+        f"pad_{side}": {
+            "slave": {"set": f"PAD_{side.upper()}"},
+            "master": {"set": f"DISC_{side.upper()}"},
+            "normal": "z",
+            "points": [1, 1],
+            "stiffness": "1e11 N/m^3",
+        }
+        for side in ("up", "down")
+    },
+    "drive": {"speed": "5 rad/s", "axis": "z"},
+    "load": {
+        "force": "1 kN",
+        "at": {"up": {"set": "BACK_UP", "direction": "-z"}, "down": {"set": "BACK_DOWN", "direction": "z"}},
+    },
+    "friction": {"law": "constant", "mu": 0.3},
+    "outputs": {"pad": {"set": "BACK_UP", "direction": "z"}},
+    "start": {"velocity": "1 mm/s"},
+}
+
+
+@pytest.fixture(scope="module")
+def disc(tmp_path_factory):
+    """The folder of the disc with two pads, as CalculiX wrote it, and of the reduced models."""
+    folder = tmp_path_factory.mktemp("disc")
+    disc_with_pads.unpacked(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RIG_MODELS", str(folder / "models"))
+        yield folder
+
+
+def test_a_job_of_calculix_with_contacts_slides_and_states_its_errors(disc):
+    scene = scenes.load(written(disc, FE))
+    modes = rig.modes(scene)
+    assert modes.sliding.exists
+    assert modes.sliding.equilibrium["normal_force_pad_up"] == pytest.approx(1000.0, rel=3e-2)
+    assert max(mode.frequency for mode in modes.sliding.modes) <= 3000.0
+    errors = [mode.error for mode in modes.sliding.modes if mode.frequency]
+    assert all(error is not None and error < 1e-4 for error in errors)
+    assert "estimated error" in modes.text()
+    files = len(list((disc / "models").iterdir()))
+    for mu in (0.0, 0.6):  # the basis holds for every friction
+        rig.modes(changed(scene, {"friction.mu": mu, "drive.speed": 1.0, "load.force": 10.0}))
+    assert len(list((disc / "models").iterdir())) == files
+
+
+def test_a_recording_is_verified_without_the_files_and_the_store(disc, tmp_path, monkeypatch):
+    short = FE | {"protocol": [{"step": "hold", "time": "5 ms"}], "reduction": {"modes": 6, "up_to": "1 kHz"}}
+    scene, log = scenes.load(written(disc, short, "short")), tmp_path / "run.mcap"
+    rig.simulate(scene).save(log)
+    away = disc.with_name("away")
+    disc.rename(away)
+    monkeypatch.setenv("RIG_MODELS", str(tmp_path / "models"))
+    model_store.OFFERED.clear()
+    try:
+        assert verify(log).passed
+    finally:
+        away.rename(disc)
+
+
+def test_faults_of_files_and_nodes_are_reported_together(disc):
+    wrong = FE | {
+        "outputs": {"pad": {"set": "BACKUP", "direction": "z"}, "far": {"node": 99999, "direction": "z"}},
+        "contacts": {"pad_up": FE["contacts"]["pad_up"] | {"slave": {"set": "PADUP"}}},
+    }
+    with pytest.raises(SceneError) as error:
+        scenes.load(written(disc, wrong, "wrong"))
+    lines = "\n".join(error.value.faults)
+    for line in (
+        "contacts.pad_up: slave: the mesh has no node set 'PADUP'; it has: PAD_UP",
+        "outputs.pad: the mesh has no node set 'BACKUP'; it has: BACK_UP",
+        "outputs.far: the mesh has no node 99999",
+    ):
+        assert line in lines
+    with pytest.raises(SceneError, match=r'begin the path with "\./"'):
+        scenes.load(written(disc, FE | {"structure": FE["structure"] | {"job": "disc_matrices"}}, "wrong"))
+
+
+def test_many_contacts_are_refused_before_a_run_with_the_reason(disc):
+    contacts = {name: contact | {"points": [3, 4]} for name, contact in FE["contacts"].items()}
+    scene = scenes.load(written(disc, FE | {"contacts": contacts}, "many"))
+    with pytest.raises(SceneError, match="24 contacts that stick, slip and open one by one have"):
+        rig.simulate(scene, 0.001)
+    finding = next(finding for finding in rig.modes(scene).findings if "run is not possible" in finding.what)
+    assert finding.level == "warning"
