@@ -135,6 +135,10 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
         raise SceneError("", [f"{what}; a contact slides along its surface"])
     sliding = _unit(sliding)
     pairs = sp.csr_array((np.ones(len(at)), (range(len(at)), at)), shape=(len(at), len(mesh.ids))) - weights
+    met_nodes = mesh.ids[np.unique(pairs.indices[pairs.data != 0.0])]
+    if mesh.tied and len(absent := np.setdiff1d(met_nodes, full.node)):
+        what = f"node {absent[0]} has no row: it is held, or follows others by {mesh.tied}"
+        raise SceneError("", [f"{what}; a contact needs free nodes: keep tied nodes out of it"])
     cell = np.arange(len(at)) if contact.points is None else _cells(contact, place, sliding, normal)
     cells, number = np.unique(cell, return_inverse=True)
     mean = sp.csr_array((area, (number, range(len(at)))), shape=(len(cells), len(at)))

@@ -43,6 +43,8 @@ _BRICK = ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), 
 _TETRAHEDRON = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))
 _WEDGE = ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0))
 _CORNERS = {4: _TETRAHEDRON, 6: _WEDGE, 8: _BRICK, 10: _TETRAHEDRON, 15: _WEDGE, 20: _BRICK}
+_MOVED = ("PART", "INSTANCE", "SYSTEM", "TRANSFORM", "NGEN", "NCOPY", "NFILL", "NMAP", "ELGEN", "ELCOPY")
+_TIED = ("EQUATION", "MPC", "TIE", "RIGID BODY", "COUPLING", "KINEMATIC COUPLING", "CYCLIC SYMMETRY MODEL")
 _SOLID = re.compile(r"C3D(4|6|8|10|15|20)(?!\d)")
 _SHELL = re.compile(r"(?:S|STRI|M3D|SFM3D)(3|4|6|8)(?!\d)")
 
@@ -52,7 +54,7 @@ class Mesh:
     """Nodes `ids` [node], ascending, at `xyz` [node, 3] m; `sets`: name in capitals -> node numbers.
 
     `faces` [face, 8]: places in `ids`, corners first, then midside nodes; -1 beyond the last. `within` [face, 3]: the
-    middle of the element, which is not a number for shells.
+    middle of the element, which is not a number for shells. `tied`: a keyword that makes nodes follow others.
     """
 
     ids: Numbers
@@ -60,6 +62,7 @@ class Mesh:
     sets: Mapping[str, Numbers] = field(default_factory=dict)
     faces: Numbers = field(default_factory=lambda: np.zeros((0, 8), dtype=np.int64))
     within: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    tied: str = ""
 
     def at(self, nodes: Numbers) -> Numbers:
         """The places in `ids` of node numbers that the mesh has."""
@@ -142,7 +145,7 @@ def read_mesh(path: Path, length: float) -> Mesh:
     if deck.faults:
         raise SceneError("", few(deck.faults, path.name))
     xyz = np.array([deck.nodes[number] for number in ids.tolist()]) * length
-    return Mesh(ids, xyz, sets, *_faces(deck.elements, ids, xyz))
+    return Mesh(ids, xyz, sets, *_faces(deck.elements, ids, xyz), deck.tied)
 
 
 class _Deck:
@@ -154,6 +157,7 @@ class _Deck:
         self.groups: dict[str, set[int]] = {}  # elements
         self.elements: dict[int, tuple[bool, tuple[int, ...]]] = {}
         self.faults: list[str] = []
+        self.tied = ""
 
     def read_csv(self, path: Path) -> None:
         for number, line in enumerate(lines_of(path), 1):
@@ -202,10 +206,10 @@ class _Deck:
             if depth == _DEPTH:
                 raise _Wrong("files include each other")
             self.read(path.parent / options["INPUT"] if "INPUT" in options else Path(), depth + 1)
-        elif keyword in ("PART", "INSTANCE", "SYSTEM", "TRANSFORM"):
-            raise _Wrong(
-                f"*{keyword} changes numbers, places or directions of nodes; write a flat input file without it"
-            )
+        elif keyword in _MOVED:
+            raise _Wrong(f"*{keyword} makes or moves nodes; write a flat input file with every node and element")
+        elif keyword in _TIED:
+            self.tied = f"*{keyword}"
         elif keyword == "NSET" and "ELSET" in options:
             for number in self.groups.get(options["ELSET"].upper(), ()):
                 self.sets.setdefault(options["NSET"].upper(), set()).update(self.elements[number][1])

@@ -131,6 +131,11 @@ def structure(
     direction = np.where(inner, -1, labels[:, 1] - 1)
     if len(mesh.ids) and len(labels) and inner.all():
         faults.append(f"{nodes and nodes.name}: none of its nodes has a row in the matrices; take the mesh they are of")
+    elif len(strange := np.flatnonzero(inner & (labels[:, 0] > 0) & (labels[:, 0] < mesh.ids.max(initial=0)))):
+        what = (
+            f"row {strange[0] + 1} belongs to node {labels[strange[0], 0]}, which {nodes and nodes.name} does not have"
+        )
+        faults.append(f"{what}, and {len(strange) - 1} more rows are like it; take the mesh of the matrices")
     if not faults:
         size = float(np.ptp(mesh.xyz, axis=0).max()) if len(mesh.ids) else 0.0
         faults += _flawed(read, np.where(inner, -1, labels[:, 0]), direction, length, size)
@@ -459,17 +464,21 @@ def _flawed(
         if not any(source.of == of for source, _ in read):
             faults.append(f"no part is of {of!r}; a structure needs mass and stiffness")
     for source, matrix in read:
-        if source.key or source.of == "damping":
-            continue
-        values = matrix.values
+        values, symmetric = matrix.values, not source.key and source.of != "damping"
         low, high = sp.tril(values, -1).count_nonzero(), sp.triu(values, 1).count_nonzero()
+        used = (values != 0).sum(axis=1) + (values != 0).sum(axis=0) > 0
+        whole = bool((values.diagonal()[used] != 0.0).all())  # as it is in half of a symmetric matrix
+        if bool(low) != bool(high) and (symmetric or (source.file and (whole or source.of == "damping"))):
+            stored = "upper" if high else "lower"
+            advice = f'write stored = "{stored}" if this is half of a symmetric matrix'
+            advice = advice if whole else "write the whole matrix if this is half of a skew one"
+            faults.append(f"{_named(source)}: has entries in its {stored} triangle only; {advice}")
+            continue
+        if not symmetric:
+            continue
         unequal = abs(values - values.T).tocoo()
         largest = abs(values).max()
-        if bool(low) != bool(high):
-            stored = "upper" if high else "lower"
-            what = f'has entries in its {stored} triangle only; write stored = "{stored}" if this is half of a'
-            faults.append(f"{_named(source)}: {what} symmetric matrix")
-        elif unequal.nnz and unequal.data.max() > SYMMETRIC * largest:
+        if unequal.nnz and unequal.data.max() > SYMMETRIC * largest:
             worst = int(np.argmax(unequal.data))
             i, j = sorted((int(unequal.coords[0][worst]), int(unequal.coords[1][worst])))
             faults.append(

@@ -358,6 +358,8 @@ def test_two_contacts_may_share_nodes_and_a_held_master_does_not_move(tmp_path):
     both = [contact_points(contact((2, 2)), held, mesh), contact_points(contact(), held, mesh)]
     for points in both:
         assert points.normal.sum(axis=1) == pytest.approx(1.0)
+    with pytest.raises(SceneError, match=r"node .* has no row: it is held, or follows others by \*TIE"):
+        contact_points(contact(), held, replace(mesh, tied="*TIE"))
 
 
 BAD = [

@@ -189,6 +189,25 @@ def test_what_friction_adds_may_be_unsymmetric_and_gyroscopic_matrices_skew(tmp_
     assert np.array_equal(full.matrix("damping", {"friction.mu": 0.5}).toarray(), skew)
 
 
+def test_half_of_any_matrix_of_a_file_is_refused(tmp_path):
+    skew = np.triu(K, 1)
+    halves = {"damping": np.triu(K), "turning": skew, "speed": np.tril(K), "friction": skew}
+    sources = parts(tmp_path, **halves)[:2]
+    for name in halves:
+        key = "drive.speed" if name in ("speed", "friction") else ""
+        sources.append(Source(name, "stiffness" if key else "damping", tmp_path / f"{name}.mtx", key=key))
+    faults = refused(sources)
+    assert len(faults) == 3  # friction alone may be one triangle
+    words = ['upper triangle only; write stored = "upper"', "half of a skew one", 'write stored = "lower"']
+    assert all(word in fault for word, fault in zip(words, faults))
+
+
+def test_a_row_of_a_node_below_the_last_that_the_mesh_lacks_is_refused(tmp_path):
+    mesh = text(tmp_path / "mesh.inp", ["*NODE", "1, 0, 0, 0", "3, 1, 0, 0"])
+    [fault] = refused(parts(tmp_path), rows=rows_csv(tmp_path), nodes=mesh)
+    assert fault.startswith("row 3 belongs to node 2, which mesh.inp does not have, and 1 more")
+
+
 def spoiled(folder, name, change):
     """A whole job of CalculiX and matrices beside it, one file of which is changed."""
     written(folder, "calculix")
@@ -348,8 +367,8 @@ MESHES = [
     (["*NODE", "1,0,0,0", "*NSET, NSET=a", "1, 5"], "set A contains node 5, which is not in the mesh"),
     (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=C3D4", "1,1,1,1,2"], "element 1 has node 2, which is not in the mesh"),
     (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=C3D4", "1,1,1,1,1,1"], "line 4: .* expected 4 nodes"),
-    (["*PART, NAME=p", "*NODE", "1,0,0,0"], r"line 1: .* \*PART changes numbers, places or directions of nodes"),
-    (["*NODE", "1,0,0,0", "*TRANSFORM, NSET=a"], r"\*TRANSFORM changes"),
+    (["*PART, NAME=p", "*NODE", "1,0,0,0"], r"line 1: .* \*PART makes or moves nodes; write a flat input"),
+    (["*NODE", "1,0,0,0", "*NGEN", "1, 5"], r"\*NGEN makes or moves nodes"),
     (["*INCLUDE, INPUT=mesh.inp"], "include each other"),
     (["*INCLUDE, INPUT=other.inp"], "other.inp: cannot be read: No such file"),
     (["*HEADING", "nothing"], "has no nodes"),
