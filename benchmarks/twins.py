@@ -269,7 +269,7 @@ def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS
               own.signal, own.slider_rows, own.advance)  # fmt: skip
     given = _Film(
         *(table.ctypes.data for table in tables),
-        *(own.pitch, own.stiffness, own.shear, own.mu),
+        *(own.pitch, own.stiffness[0], own.shear[0], own.mu[0]),
         even.rows.shape[0],
         int(own.pushed[0]),
         own.travel - own.first + signals,

@@ -26,7 +26,6 @@ from rig.bench.run.before import findings
 from rig.design.linearised import energy_form
 from rig.errors import RigError, SceneError, Singular
 from rig.model.assembly import Accuracy, Assembly
-from rig.model.film import over
 from rig.model.formulation import signal_rows
 from rig.model.system import Finding, System
 from rig.printable import columns
@@ -164,9 +163,11 @@ def _forced(assembly: Assembly, at: Steady, motion: Forced) -> Sliding:
 def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     system = at.system
     forces = at.modes.normal @ at.x + at.modes.normal_t @ at.T
-    film = assembly.film and assembly.film.sliding(forces)
-    if film:  # it drags the structure in the direction of sliding
-        film[over("friction")] = math.copysign(film[over("friction")], float(at.speed[0]))
+    film: dict[str, float] = {}
+    if assembly.film is not None:  # it drags the structure in the direction of sliding
+        state = dict(zip(system.names, at.x.tolist()))
+        speed = sum(rate * state[name] for name, rate in assembly.signals[assembly.film.slid].items())
+        film = assembly.film.sliding(forces, assembly.film.reach * speed)
     pressed = {n: o.row for n, o in assembly.outputs.items() if film and film.keys() >= o.row.keys() and o.row}
     outputs = {name: output for name, output in assembly.outputs.items() if name not in pressed}
     over_x, over_t = signal_rows(system, at.modes, [output.row for output in outputs.values()])

@@ -44,32 +44,28 @@ def add_film_states(a: Rows, film: Film) -> None:
     """Add the states of a film to a rig, after all others."""
     if on(a.coordinates[0]) in a.signals:
         return
+    speed = sum(rate * a.start.get(state, 0.0) for state, rate in a.signals[film.slid].items())
+    start = film.start(a.coordinates, a.start, speed)
     for name in a.coordinates:
-        a.signal(on(name), {}, 0.0, "film")
+        a.signal(on(name), {}, start[on(name)], "film")
         a.push(name, {on(name): 1.0})
-    for name in SUMS:
-        a.signal(over(name), {}, 0.0, "film")
-    for kept in film.of_points():
-        for point in range(film.points):
-            a.signal(at(kept, point), {}, 0.0, "film")
-    for point in range(film.points):
-        for kept in ("f", "g")[: film.directions - 1]:
-            a.stores.append((1.0 / film.shear, {at(kept, point): 1.0}))
-        if film.damping > 0.0:
-            a.stores.append((film.stiffness, {at("c", point): 1.0}))
-        else:
-            a.stores.append((1.0 / film.stiffness, {at("P", point): 1.0}))
+    order, kinds = film.order.tolist(), film.of_points()
+    for name in (*map(over, SUMS), *(at(kind, point) for kind in kinds for point in order)):
+        a.signal(name, {}, start.get(name, 0.0), "film")
+    damped = "c" in kinds
+    for point, (stiffness, shear) in enumerate(zip(film.stiffness.tolist(), film.shear.tolist())):
+        for kind in ("f", "g")[: film.directions - 1]:
+            a.stores.append((1.0 / shear, {at(kind, point): 1.0}))
+        a.stores.append((stiffness, {at("c", point): 1.0}) if damped else (1.0 / stiffness, {at("P", point): 1.0}))
 
 
 def refusal(system: System) -> str:
     """The reason why kick does not support this system with a film; "" if it does."""
-    if system.limiters or system.sectors or system.switches or system.products or len(system.network):
-        return "supports structures, a film and command states only: no drive or load with both a lag and limits"
-    for matrix in (system.mass, system.damping, system.stiffness):
-        if np.any(matrix - np.diag(np.diag(matrix))):
-            return "needs coordinates that are modes of the structure, coupled by the film alone"
-    if np.any(system.force[:, : system.one]):
-        return "forces of the structure must come from command states"
+    if system.limiters or system.sectors or system.switches or system.products:
+        return (
+            "supports structures, linear networks, a film and command states only: no limits of a drive, load or "
+            "amplifier, no switch, no sectors"
+        )
     return ""
 
 
@@ -87,16 +83,14 @@ def fastest(system: System, h: float) -> float:
     film, highest = system.film, 0.0
     assert film is not None
     stiffness = film.stiffness + 4.0 * film.damping / h
-    root = 1.0 / np.sqrt(np.diag(system.mass))
-    for place in np.linspace(0.0, film.longest, _EXAMINED).tolist():
+    inverse = np.linalg.inv(np.linalg.cholesky(system.mass))
+    for place in np.unique(np.linspace(0.0, film.longest, _EXAMINED)).tolist():
         normal, *sticking = film.everywhere(place)
-        K = (
-            system.stiffness
-            + stiffness * (normal @ normal.T)
-            + sum(film.shear * (row_t @ row_t.T) for row_t in sticking)
-        )
-        highest = max(highest, float(np.linalg.eigvalsh(root[:, None] * K * root)[-1]))
-    return math.sqrt(highest)
+        K = 0.5 * (system.stiffness + system.stiffness.T) + (stiffness * normal) @ normal.T
+        K = K + sum((film.shear * row_t) @ row_t.T for row_t in sticking)
+        highest = max(highest, float(np.linalg.eigvalsh(inverse @ K @ inverse.T)[-1]))
+    turning = inverse @ (0.5 * (system.damping - system.damping.T)) @ inverse.T
+    return math.sqrt(highest) + float(np.abs(np.linalg.eigvals(turning)).max(initial=0.0)) * bool(turning.any())
 
 
 class _Names:

@@ -1,98 +1,194 @@
-"""A film of contact points between a structure and a rigid slider that travels over it.
+"""A film of contact points on a structure: each point opens, sticks and slips on its own.
 
-    d = n(s) . q             compression of a point         n, t: rows over the coordinates, by the travel s
-    u = t(s) . q             displacement of the structure along the travel
+    d = n . q                compression of a point         n, t: rows over the coordinates
+    u = t . q                displacement of the structure along the sliding
     P = k d + c d'           pressure force; not below zero, and none where d <= 0
     f                        friction force on the structure: |f| <= mu P
     M q'' + D q' + K q = other forces + sum (-n P + t f)
 
-A point sticks by the shear of the film itself: f' = k_t (s' - u') while |f| < mu P. This stiffness belongs to the
+A point sticks by the shear of the film itself: f' = k_t (r s' - u') while |f| < mu P, where the drive slides by s and
+its surface passes the point by r s: r is 1 along a line, the radius on a disc. The shear stiffness belongs to the
 material; it is not a numerical parameter. So stick need not be solved for all points at once, and a stuck point creeps
-by at most mu P / k_t before it slips. With friction across the travel, t has a second row, and (f_x, f_y) stays within
+by at most mu P / k_t before it slips. With friction across the sliding, t has a second row, and (f_x, f_y) stays within
 a circle.
 
-Rows are given at equal steps of the travel and interpolated at every step of the integrator. Forces on the coordinates,
-sums over the points, and pressure and friction of each point are states of the rig, which each step of
-rig.solve.film_steps overwrites.
+Points of a slider that travels over the structure have rows at equal steps of the travel, which are interpolated at
+every step of the integrator. Forces on the coordinates, sums over the points, and pressure and friction of each point
+are states of the rig, which each step of rig.solve.film_steps overwrites.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.film_steps import SUMS
+from rig.model.friction_law import Law
+from rig.solve.film_steps import OPEN, SLIDES, STICKS, SUMS
 
 Array = NDArray[np.float64]
+_ALIKE = 1e-9
+"""Largest difference of two mirrored rows, relative to the largest entry of a coordinate."""
 
 
-@dataclass(frozen=True)
+class Mirror(NamedTuple):
+    """A mirror symmetry of a film: `order` [point] has one of each pair of points first, then their images.
+
+    `parity` [coordinate]: 1 if it moves both sides alike (in opposite directions across the sliding), -1 if it moves
+    them in opposite directions.
+    """
+
+    order: NDArray[np.int64]
+    parity: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Film:
-    """The points of a film. `travel`: the state with the slider's position; `slid`: the state with the distance slid.
+    """The points of a film. `slid`: the state with the distance slid by the drive.
 
-    The rig is mirror-symmetric about the line of travel, so half of the points suffice: the first half, followed by
-    their images. A coordinate moves both sides alike (`parity` 1; across the travel in opposite directions) or in
-    opposite directions (-1). This halves the work with the rows.
-
-    rows [place, direction, coordinate, pair]: normal, along and, if present, across the travel, at each `pitch` [m].
-    `longest`: longest travel of the slider [m]. parity [coordinate]. `stiffness`, `shear` [N/m], `damping` [N s/m]: of
-    each point. `mu`: friction coefficient. x, y [point]: positions of the points on the slider [m].
+    rows [place, direction, coordinate, point]: normal, along and, if present, across the sliding. Rows of points on a
+    travelling slider have several places, at each `pitch` [m] of the state `travel`; its travel is at most `longest` m.
+    `stiffness`, `shear` [N/m], `damping` [N s/m], `mu` (friction coefficient at rest) and `reach` (r above) are of each
+    point; one number serves all. x, y [point]: positions of the points, for the centre of pressure [m]. `law`: over the
+    slip speed the coefficients change as this law does; by default they do not. `tells`: slip speed and contact state
+    of each point are states too.
     """
 
     rows: Array
-    parity: Array
-    pitch: float
-    travel: str
     slid: str
-    longest: float
-    stiffness: float
-    damping: float
-    shear: float
-    mu: float
+    stiffness: Array
+    shear: Array
+    mu: Array
     x: Array
     y: Array
+    damping: Array = field(default_factory=lambda: np.zeros(1))
+    reach: Array = field(default_factory=lambda: np.ones(1))
+    travel: str = ""
+    pitch: float = 0.0
+    longest: float = 0.0
+    law: Law | None = None
+    tells: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "shear", "damping", "mu", "reach"):
+            of_points = np.array(np.broadcast_to(getattr(self, name), self.points), dtype=np.float64)
+            object.__setattr__(self, name, of_points)
+        if self.law is not None:
+            object.__setattr__(self, "tells", True)
+            if self.law.states or self.law.backward is not None:
+                raise ValueError("the points of a film support no law with memory or with a direction")
+            if self.directions > 2:
+                raise ValueError("the points of a film support a law over speed along the sliding only")
+            if self.law.constant and self.law.numbers[0] == self.law.static:
+                object.__setattr__(self, "law", None)
 
     @property
     def points(self) -> int:
         """The number of points."""
-        return 2 * int(self.rows.shape[3])
+        return int(self.rows.shape[3])
 
     @property
     def directions(self) -> int:
-        """The number of directions: two, or three with friction across the travel."""
+        """The number of directions: two, or three with friction across the sliding."""
         return int(self.rows.shape[1])
 
     def everywhere(self, place: float) -> Array:
         """The rows of all points [direction, coordinate, point] with the slider at `place` [m]."""
+        if len(self.rows) == 1:
+            return np.asarray(self.rows[0])
         at = min(max(place / self.pitch, 0.0), len(self.rows) - 1.0)
         low = min(int(at), len(self.rows) - 2)
-        here = self.rows[low] + (at - low) * (self.rows[low + 1] - self.rows[low])
-        mirrored = here * self.parity[:, None]
-        mirrored[2:] *= -1.0
-        return np.concatenate([here, mirrored], axis=2)
+        return np.asarray(self.rows[low] + (at - low) * (self.rows[low + 1] - self.rows[low]))
 
-    def sliding(self, pressed: Array) -> dict[str, float]:
-        """The states when all points slide and the contacts press with `pressed` [N].
+    @cached_property
+    def mirror(self) -> Mirror | None:
+        """The mirror symmetry of the points, which halves the work with the rows; None if there is none."""
+        if self.points % 2:
+            return None
+        half = self.points // 2
+        for partner in (half, *(point for point in range(1, self.points) if point != half)):
+            if (mirror := self._mirrored(partner)) is not None:
+                return mirror
+        return None
 
-        A contact with a negative force counts as open.
+    def _mirrored(self, partner: int) -> Mirror | None:
+        """The mirror symmetry in which `partner` is the image of the first point."""
+        size = np.abs(self.rows).max(axis=(0, 1, 3))
+        rows = (
+            (self.rows[0] / np.where(size > 0.0, size, 1.0)[:, None]).transpose(2, 1, 0).copy()
+        )  # point, q, direction
+        images = rows.copy()
+        images[:, :, 2:] *= -1.0
+        numbers = np.stack([self.stiffness, self.shear, self.damping, self.mu, self.reach], axis=1)
+        parity, free = np.zeros(rows.shape[1]), np.ones(self.points, dtype=bool)
+        first: list[int] = []
+        second: list[int] = []
+        for point in range(self.points):
+            if not free[point]:
+                continue
+            free[point] = False
+            known = parity != 0.0
+            turned = np.where(known, parity, 1.0)[:, None] * rows[point]
+            far, against = np.abs(images - turned), np.abs(images + turned)
+            far = np.where(known[:, None], far, np.minimum(far, against))
+            alike = free & (far.max(axis=(1, 2)) < _ALIKE) & (numbers == numbers[point]).all(axis=1)
+            if not first:
+                alike &= np.arange(self.points) == partner
+            if not alike.any():
+                return None
+            image = int(np.argmax(alike))
+            free[image] = False
+            first.append(point)
+            second.append(image)
+            products = np.sum(rows[point] * images[image], axis=1)
+            parity = np.where(known | (np.abs(products) < _ALIKE**2), parity, np.sign(products))
+        parity[parity == 0.0] = 1.0
+        signs = np.array([1.0, 1.0, -1.0])[: self.directions, None] * parity
+        far = np.abs(self.rows[..., second] - signs[:, :, None] * self.rows[..., first]).max(axis=(0, 1, 3))
+        return Mirror(np.array(first + second), parity) if (far <= _ALIKE * size).all() else None
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        """The points in the order of their states: with one of each mirrored pair first, then their images."""
+        return np.arange(self.points) if self.mirror is None else self.mirror.order
+
+    def sliding(self, pressed: Array, slip: Array) -> dict[str, float]:
+        """The states when the contacts press with `pressed` [N, point] and slip at `slip` [m/s, point].
+
+        A contact with a negative force counts as open; one without slip counts as stuck, without shear.
         """
         P = np.maximum(pressed, 0.0)
+        f = np.sign(slip) * self.mu * P
+        if self.law is not None:
+            f *= self.law.over(np.abs(slip)) / self.law.static
         normal = float(P.sum())
         share = P / normal if normal else P
-        sums = normal, self.mu * normal, float(np.mean(P > 0.0)), float(self.x @ share), float(self.y @ share), 0.0
+        sums = normal, float(f.sum()), float(np.mean(P > 0.0)), float(self.x @ share), float(self.y @ share), 0.0
         states = {over(name): value for name, value in zip(SUMS, sums)}
-        return states | {at("P", point): value for point, value in enumerate(P.tolist())}
+        kinds = {"P": P, "f": f, "c": P / self.stiffness, "before": pressed / self.stiffness}
+        kinds |= {"w": slip, "s": np.where(P > 0.0, np.where(slip == 0.0, STICKS, SLIDES), OPEN)}
+        return states | {at(kind, point): v for kind, of in kinds.items() for point, v in enumerate(of.tolist())}
+
+    def start(self, coordinates: list[str], start: Mapping[str, float], speed: float) -> dict[str, float]:
+        """The states at the start of a rig with these states, where the drive slides at `speed`."""
+        q, v = (np.array([start.get(f"{name}{mark}", 0.0) for name in coordinates]) for mark in ("", "'"))
+        normal, along, *_ = self.everywhere(start.get(self.travel, 0.0))
+        states = self.sliding(self.stiffness * (q @ normal), self.reach * speed - v @ along)
+        P, f = (np.array([states[at(kind, point)] for point in range(self.points)]) for kind in "Pf")
+        return states | {on(name): value for name, value in zip(coordinates, (along @ f - normal @ P).tolist())}
 
     def creep(self, force: float) -> float:
-        """The displacement [m] of a point under `force` [N] before it slips: the error of its stick."""
-        return self.mu * force / self.shear
+        """The largest displacement [m] of a point under `force` [N] before it slips: the error of its stick."""
+        return float((self.mu / self.shear).max()) * force
 
     def of_points(self) -> list[str]:
         """The kinds of states that each point has, in the order of the states."""
         kept = ["P", "f"] + ["g"] * (self.directions - 2)
-        return kept + ["c", "before"] * (self.damping > 0.0)
+        return kept + ["c", "before"] * bool(self.damping.any()) + ["w", "s"] * self.tells
 
 
 def on(coordinate: str) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.model import energy_forms
-from rig.model.film import Film, on
+from rig.model.film import Film, Mirror, on
 from rig.model.formulation import ModeSet
 from rig.model.system import Factor, Normal, Product, System
 from rig.solve import energy_balance, expm
@@ -24,8 +25,9 @@ def no_film() -> FilmTables:
     """The tables of a rig without a film."""
     z, none = np.zeros, np.zeros(0, dtype=np.int64)
     return FilmTables(
-        symmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
-        antisymmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
+        symmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z((0, LANE)), z(0), z(0)),
+        antisymmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z((0, LANE)), z(0), z(0)),
+        mirrored=0,
         travel=0,
         slid=0,
         first=0,
@@ -33,14 +35,21 @@ def no_film() -> FilmTables:
         directions=0,
         pitch=0.0,
         longest=0.0,
-        stiffness=0.0,
-        damping=0.0,
-        shear=0.0,
-        mu=0.0,
+        stiffness=z(0),
+        shear=z(0),
+        give=z(0),
+        resist=z(0),
+        mu=z(0),
+        code=0,
+        law=z(0),
+        static=0.0,
+        reach=z(0),
+        told=0,
         below=none,
         share=z(0),
         places=z((2, 0)),
         kick=z(0),
+        kicks=z((0, LANE)),
         turn=z((4, 0)),
         loss=z((3, 0)),
         damped=z(0),
@@ -49,18 +58,25 @@ def no_film() -> FilmTables:
         column=z((0, 2, 0)),
         push=z((0, 0)),
         signal=z((0, 0)),
+        whole=z((0, LANE)),
+        terms=none,
+        forms=z((0, 0, BLOCK)),
+        changed=z(0),
+        part=z(BLOCK),
         begins=none,
         entry=none,
         value=z(0),
         summed=none,
         seen=z((0, 0)),
         last=z((0, 0)),
-        gives=z((0, 0)),
+        pull=z(0),
+        most=z(0),
         lost=z((3, 0)),
         moved=z(0),
         begun=z((2, 0)),
         held=z(0),
         slider_rows=z((0, 0)),
+        stiff_rows=z((0, 0)),
         advance=z(0),
         ahead=z(0),
         pressed=z(0),
@@ -69,21 +85,19 @@ def no_film() -> FilmTables:
     )
 
 
-def tables_of_film(system: System, step: float, outputs: Array, read: int) -> FilmTables:
-    """The tables of a system with a film for steps of `step` s.
+class _Uncoupled(NamedTuple):
+    """The flow of coordinates that nothing but the film couples, over a step: see FilmTables."""
 
-    `outputs` [output, n], of which sensors read the first `read`.
-    """
-    film = system.film
-    assert film is not None
-    nq, first = len(system.coordinates), system.names.index(on(system.coordinates[0]))
-    directions = film.directions
-    m = first - system.one
-    turn, loss = np.zeros((4, nq)), np.zeros((3, nq))
+    turn: Array
+    loss: Array
+    column: Array
+
+
+def _uncoupled(system: System, step: float, first: int, pushed: NDArray[np.int64]) -> _Uncoupled:
+    nq, m = len(system.coordinates), first - system.one
+    turn, loss, column = np.zeros((4, nq)), np.zeros((3, nq)), np.zeros((len(pushed), 2, m))
     mass, force = np.diag(system.mass), system.force[:, system.one : first]
-    pushed = np.flatnonzero(force.any(axis=1))
-    signals = np.ascontiguousarray(system.signals[:m, system.one : first])
-    column = np.zeros((len(pushed), 2, m))
+    signals = system.signals[:m, system.one : first]
     for i in range(nq):
         A = np.zeros((2 + m, 2 + m))
         A[0, 1] = 1.0
@@ -99,53 +113,125 @@ def tables_of_film(system: System, step: float, outputs: Array, read: int) -> Fi
         loss[:, i] = taken[0, 0], 2.0 * taken[0, 1], taken[1, 1]
         for p in np.flatnonzero(pushed == i).tolist():
             column[p] = expm.ladder(A, step)[0][:2, 2:]
+    return _Uncoupled(turn, loss, column)
+
+
+class _Coupled(NamedTuple):
+    """The flow of a structure whose coordinates or network are coupled, over a step: see FilmTables."""
+
+    whole: Array
+    terms: NDArray[np.int64]
+    forms: Array
+
+
+def _coupled(system: System, modes: ModeSet, step: float, n: int) -> _Coupled:
+    """The flow of the first n states over a step. The work of the driving states is left to the kernel."""
+    A, force = np.ascontiguousarray(modes.A[:n, :n]), system.force.copy()
+    force[:, system.one :] = 0.0
+    forms = np.ascontiguousarray(energy_forms.powers(replace(system, force=force), modes)[:, :n, :n])
+    terms = np.flatnonzero(forms.any(axis=(1, 2)))
+    E = expm.ladder(A, step)
+    nodes = energy_forms.at_nodes(A, np.eye(n), step / 2.0 ** (len(E) - 1))
+    integrals = energy_forms.work(nodes, forms[terms], step, E)[0]
+    halves = []
+    for W in integrals:
+        half = zeros((n, _whole(n)))
+        half[:, :n] = np.diag(np.diag(W)) + 2.0 * np.tril(W, -1)
+        halves.append(np.concatenate([half[at:, at : at + BLOCK] for at in range(0, n, BLOCK)]))
+    forms = zeros((len(terms), sum(n - at for at in range(0, n, BLOCK)), BLOCK))
+    forms[:] = np.array(halves).reshape(forms.shape)
+    whole = zeros((n, _lanes(n)))
+    whole[:, :n] = E[0].T
+    return _Coupled(whole, terms, forms)
+
+
+def tables_of_film(system: System, modes: ModeSet, step: float, outputs: Array, read: int) -> FilmTables:
+    """The tables of a system with a film for steps of `step` s.
+
+    `modes`: its only mode set; `outputs` [output, n], of which sensors read the first `read`.
+    """
+    film = system.film
+    assert film is not None
+    nq, first = len(system.coordinates), system.names.index(on(system.coordinates[0]))
+    directions, order, m = film.directions, film.order, first - system.one
+    force = system.force[:, system.one : first]
+    pushed = np.flatnonzero(force.any(axis=1))
+    matrices = system.mass, system.damping, system.stiffness
+    coupled = len(system.network) > 0 or any(np.any(matrix - np.diag(np.diag(matrix))) for matrix in matrices)
+    coupled = coupled or bool(np.any(system.force[:, : system.one]))
+    still = no_film()
+    flow = still if coupled else _uncoupled(system, step, first, pushed)
+    joint = _coupled(system, modes, step, first) if coupled else still
+    inverse = np.linalg.inv(system.mass)
+    heavy = np.any(inverse - np.diag(np.diag(inverse)))
+    kicks = zeros((nq if heavy else 0, _lanes(nq)))
+    if heavy:
+        kicks[:, :nq] = 0.5 * step * inverse
     entries = np.nonzero(outputs)
-    slider_coordinates = np.flatnonzero((film.rows == film.rows[0]).all(axis=(0, 1, 3)))
-    room = -(-film.points // LANE) * LANE
-    normal = zeros((len(slider_coordinates), room))
-    normal[:, : film.points] = film.everywhere(0.0)[0, slider_coordinates]
+    fixed = (film.rows == film.rows[0]).all(axis=(0, 1, 3)) & (film.pitch > 0.0)
+    slider_coordinates = np.flatnonzero(fixed & ~np.any(system.mass - np.diag(np.diag(system.mass)), axis=1))
+    normal, stiff = zeros((2, len(slider_coordinates), _lanes(film.points)))
+    normal[:, : film.points] = film.rows[0, 0][np.ix_(slider_coordinates, order)]
+    stiff[:, : film.points] = normal[:, : film.points] * (film.stiffness / film.stiffness[order[0]])[order]
     sums = first + nq + np.arange(len(SUMS))
+    mirror = film.mirror
+    alike, against = (_side(film, mirror, parity) for parity in (1.0, -1.0))
     return FilmTables(
-        symmetric=_side(film, 1.0),
-        antisymmetric=_side(film, -1.0),
-        travel=system.names.index(film.travel),
+        symmetric=alike,
+        antisymmetric=against,
+        mirrored=int(mirror is not None),
+        travel=system.names.index(film.travel or film.slid),
         slid=system.names.index(film.slid),
         first=first,
         points=film.points,
         directions=directions,
         pitch=float(film.pitch),
         longest=float(film.longest),
-        stiffness=float(film.stiffness),
-        damping=float(film.damping),
-        shear=float(film.shear),
-        mu=float(film.mu),
+        stiffness=film.stiffness[order],
+        shear=film.shear[order],
+        give=1.0 / film.shear[order],
+        resist=(film.damping / (2.0 * step))[order] if film.damping.any() else np.zeros(0),
+        mu=film.mu[order],
+        code=film.law.code if film.law is not None else 0,
+        law=film.law.row() if film.law is not None else np.zeros(0),
+        static=film.law.static if film.law is not None else 1.0,
+        reach=film.reach[order],
+        told=int(film.tells),
         below=np.array([-1]),
         share=np.zeros(1),
-        places=np.array([film.x, film.y]),
-        kick=0.5 * step / mass,
-        turn=turn,
-        loss=loss,
+        places=np.array([film.x[order], film.y[order]]),
+        kick=0.5 * step / np.diag(system.mass),
+        kicks=kicks,
+        turn=flow.turn,
+        loss=flow.loss,
         damped=zeros(nq),
-        before=zeros(nq),
+        before=zeros(_lanes(nq)),
         pushed=pushed,
-        column=column,
+        column=flow.column,
         push=np.ascontiguousarray(force[pushed]),
-        signal=expm.ladder(signals, step)[0],
+        signal=expm.ladder(np.ascontiguousarray(system.signals[:m, system.one : first]), step)[0],
+        whole=joint.whole,
+        terms=joint.terms,
+        forms=joint.forms,
+        changed=zeros(joint.whole.shape[1]),
+        part=zeros(BLOCK),
         begins=np.concatenate([[0], np.cumsum(np.count_nonzero(outputs, axis=1))]).astype(np.int64),
         entry=entries[1].astype(np.int64),
         value=outputs[entries],
         summed=np.array([outputs[:read, sums].any()], dtype=np.int64),
         seen=zeros((directions, film.points)),
         last=zeros((directions, film.points)),
-        gives=zeros((directions, film.points)),
+        pull=zeros(film.points),
+        most=zeros(film.points),
         lost=np.zeros((3, film.points)),
         moved=np.zeros(m),
         begun=np.zeros((2, m)),
         held=np.zeros(len(pushed)),
         slider_rows=normal,
-        advance=step * step / 12.0 / mass[slider_coordinates],
+        stiff_rows=stiff,
+        advance=step * step / 12.0 / np.diag(system.mass)[slider_coordinates],
         ahead=zeros(len(slider_coordinates)),
-        pressed=zeros(room),
+        pressed=zeros(_lanes(film.points)),
         fits=_fits(),
         values=np.zeros((GROUP + 1, read)),
     )
@@ -160,15 +246,22 @@ def _fits() -> Array:
     return fits
 
 
-def _side(film: Film, parity: float) -> SymmetryClass:
-    """The coordinates of one parity (symmetric or antisymmetric)."""
-    which = np.flatnonzero(film.parity == parity)
-    lanes = film.directions * (film.points // 2)
-    rows = zeros((len(film.rows), len(which), -(-lanes // LANE) * LANE))
-    rows[:, :, :lanes] = film.rows[:, :, which].transpose(0, 2, 1, 3).reshape(*rows.shape[:2], -1)
-    return SymmetryClass(
-        rows, which, zeros(rows.shape[1:]), zeros(rows.shape[1:]), zeros(len(which)), zeros(rows.shape[2])
-    )
+def _lanes(count: int) -> int:
+    return -(-count // LANE) * LANE
+
+
+def _side(film: Film, mirror: Mirror | None, parity: float) -> SymmetryClass:
+    """The coordinates of one parity (symmetric or antisymmetric); without symmetry all count as symmetric."""
+    which = np.flatnonzero((np.ones(film.rows.shape[2]) if mirror is None else mirror.parity) == parity)
+    points = film.order[: film.points // (1 if mirror is None else 2)]
+    lanes = film.directions * len(points)
+    rows = zeros((len(film.rows), len(which), _lanes(lanes)))
+    rows[:, :, :lanes] = film.rows[:, :, which][..., points].transpose(0, 2, 1, 3).reshape(*rows.shape[:2], lanes)
+    now, back = zeros(rows.shape[1:]), zeros((0 if film.pitch else lanes, _lanes(len(which))))
+    if not film.pitch:
+        now[:] = rows[0]
+        back[:, : len(which)] = rows[0, :, :lanes].T
+    return SymmetryClass(rows, which, zeros(rows.shape[1:]), now, back, zeros(_lanes(len(which))), zeros(rows.shape[2]))
 
 
 def refusal(system: System) -> str:

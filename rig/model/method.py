@@ -37,6 +37,7 @@ ADAPTIVE = ("dopri5", "rosenbrock")
 """Methods whose steps a tolerance determines."""
 MANY = 1 << 22
 """Largest number of mode sets that a system may have."""
+FILM_HELPS = "make the contacts points of a film (film.Film of the assembly), which have no mode sets"
 CROWD = 1 << 14
 """Number of mode sets beyond which a run would build new ones all the time; 13 contacts that open exceed it."""
 
@@ -104,7 +105,10 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
             raise ValueError(f"smooth: the law of {', '.join(remembering)} has memory and is smooth already: use auto")
         system = smoothed(system, smoothing)
     if system.keys > MANY:
-        raise ValueError(f"the rig has {system.keys:.3g} mode sets, method {method} supports {MANY:.3g}: use kick")
+        joined = method in ("kick", *ADAPTIVE, "rk4") or kick_tables.refusal(system)
+        kick = not joined and kick_tables.pressed(system).keys <= MANY
+        remedy = "use kick" if kick else FILM_HELPS
+        raise ValueError(f"the rig has {system.keys:.3g} mode sets, method {method} supports {MANY:.3g}: {remedy}")
     if method == "exact" and not system.linear:
         bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
         bent += [product.name for product in system.products]

@@ -1,7 +1,9 @@
 """The mode sets of a run as arrays: tables for the kernels, built for each mode set at its first visit.
 
 A run visits only a few of the possible mode sets. A kernel that meets an unknown one returns and asks for it. Commands,
-slopes and speed targets are states, so no command ever rebuilds a table.
+slopes and speed targets are states, so no command ever rebuilds a table. Many contacts visit thousands of mode sets.
+Beyond `MOST_BYTES` the least recently used ones are forgotten; at the next visit they are built again, with the same
+bits.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from rig.model.formulation import ModeSet, assemble, changes, reach, signal_rows
 from rig.model.system import System
 from rig.model.tables import UNROLLED, empty
 from rig.solve import expm, segment_output
+from rig.solve.advance import TALLIED
 from rig.solve.column_blocks import zeros
 from rig.solve.energy_balance import NODES, TERMS
 from rig.solve.records import STICK
@@ -31,6 +34,11 @@ STIFF, WIDE_STIFF = 7, 3
 FAST = 50.0
 """|lambda| step beyond which dopri5 leaves explicit steps, of which stability alone would take more than 15 a tick."""
 _MARGIN = 1.25
+MOST_BYTES = 1 << 30
+"""Memory of the tables beyond which mode sets are forgotten."""
+KEPT = 320
+"""Least number of mode sets that are kept whatever their size; the first 256 are counted one by one (advance.TALLIED)
+and never forgotten."""
 
 
 class ModeSets:
@@ -58,6 +66,10 @@ class ModeSets:
         self.sets: list[ModeSet] = []
         self.sticks: list[bool] = []
         """For each mode set, whether every patch sticks."""
+        self.forgotten = 0
+        """How many times a mode set was forgotten."""
+        self._free: list[int] = []
+        self._size = 0  # bytes of the largest mode set
         self.tables = empty(system, step, len(signals), read, kicks)
         self.handle = Loan(self.tables)
 
@@ -111,9 +123,11 @@ class ModeSets:
         levels = (expm.depth(modes.A, self.step) + 1) * fast
         response = reach(modes.A, modes.b, self.step, levels)
         constant = response[..., system.n :: segment_output.DEGREE + 1]
+        at = self._free.pop() if self._free else len(self.sets)
         mode_set_of = t.mode_set_of.copy()
-        mode_set_of[key] = len(self.sets)
+        mode_set_of[key] = at
         new: dict[str, Any] = {
+            "used": t.used.max(initial=0),
             "depth": len(E) - 1,
             "room": 0 if stiff else 2 ** (len(E) - 1),
             "along": changes(modes, np.vstack([guards, rows[: self.read]]), self.step, (len(E) - 1) * stiff),
@@ -164,20 +178,43 @@ class ModeSets:
             "powers": forms,
             "work": integrals,
         }
-        at = len(self.sets)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), at, new[name]) for name in new}
         if self._wide:
             stacked["many_states"] = t.many_states._replace(
                 **{name: _put(getattr(t.many_states, name), at, broad[name]) for name in broad}
             )
+        own: dict[str, Array] = {}
         if self._kicks:
             own = kick_tables.tables(system, modes, forms, self.step / self._kicks, g)
             stacked["kick"] = t.kick._replace(**{name: _put(getattr(t.kick, name), at, own[name]) for name in own})
+        self._size = max(
+            self._size, sum(np.asarray(part).nbytes for part in (*new.values(), *broad.values(), *own.values()))
+        )
         self.tables = t._replace(mode_set_of=mode_set_of, **stacked)
         self.handle = Loan(self.tables, self.handle)
-        self.sets.append(modes)
-        self.sticks.append(all(mode == STICK for mode in patch_modes))
+        self.sets[at : at + 1] = [modes]
+        self.sticks[at : at + 1] = [all(mode == STICK for mode in patch_modes)]
         return modes
+
+    @property
+    def full(self) -> bool:
+        """Whether the tables have no room for another mode set."""
+        count = len(self.sets)
+        return not self._free and count >= KEPT and count * self._size > MOST_BYTES
+
+    def forget(self, needed: NDArray[np.int64]) -> bool:
+        """Forget the least recently used quarter of the mode sets, but not the indices `needed`.
+
+        Sums that kernels have collected must be taken before (`collected_energy`). Returns False if all are needed.
+        """
+        count, tables = len(self.sets), self.tables
+        order = np.argsort(tables.used[:count], kind="stable")
+        order = order[(order >= TALLIED) & ~np.isin(order, needed)][: max(count // 4, 1)]
+        for at in order.tolist():
+            tables.mode_set_of[self.sets[at].key] = -1
+        self._free = order.tolist()
+        self.forgotten += len(order)
+        return len(order) > 0
 
     def _add_with_film(self, modes: ModeSet) -> ModeSet:
         """Append the tables of the only mode set of a rig with a film.
@@ -187,10 +224,10 @@ class ModeSets:
         t, rows = self.tables, signal_rows(self.system, modes, self.rows)[0]
         new: dict[str, Any] = {"signals": rows, "output_needs_inputs": np.zeros(len(rows))}
         new |= {"room": 1}
-        new |= dict.fromkeys(("depth", "guards", "stuck", "lands"), 0)
+        new |= dict.fromkeys(("used", "depth", "guards", "stuck", "lands"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
-        stacked["film"] = kick_tables.tables_of_film(self.system, self.step / self._kicks, rows, self.read)
+        stacked["film"] = kick_tables.tables_of_film(self.system, modes, self.step / self._kicks, rows, self.read)
         self.tables = t._replace(**stacked)
         self.handle = Loan(self.tables, self.handle)
         self.sets.append(modes)

@@ -111,6 +111,7 @@ class Tables(NamedTuple):
     """
 
     mode_set_of: NDArray[np.int32]  # [mode sets]
+    used: NDArray[np.int64]  # [mode set] number of events before its last use
     depth: NDArray[np.int64]  # [mode set]
     room: NDArray[np.int64]  # [mode set] most segments of a tick; 0: stiff, they are graded
     order: NDArray[np.int64]  # [mode set] number of Taylor terms of the finest cell
@@ -206,6 +207,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
     z = np.zeros
     return Tables(
         mode_set_of=np.full(s.keys, -1, dtype=np.int32),
+        used=z(0, dtype=np.int64),
         depth=z(0, dtype=np.int64),
         room=z(0, dtype=np.int64),
         order=z(0, dtype=np.int64),

@@ -17,8 +17,8 @@ from rig.compiled.kernel import entry
 from rig.compiled.records import Loan
 from rig.errors import Chatter, Diverged, Jammed, NumericsError
 from rig.model.film import on
-from rig.model.method import ADAPTIVE
-from rig.model.mode_sets import FAST, ModeSets
+from rig.model.method import ADAPTIVE, FILM_HELPS
+from rig.model.mode_sets import FAST, MOST_BYTES, ModeSets
 from rig.model.singular import singular
 from rig.model.system import System
 from rig.model.tables import scales_of_memory
@@ -468,6 +468,8 @@ class Motion:
         status = self._carry(self.mode_sets.handle, self.loan, True, first, last, *more)
         while status == NEED or (status == OVERFULL and 2 * len(self.segments.start) <= MOST_SEGMENTS):
             if status == NEED:
+                if self.mode_sets.full:
+                    self._forget_mode_sets(first)
                 try:
                     self.mode_sets.add(self.key)
                 except np.linalg.LinAlgError:
@@ -482,6 +484,15 @@ class Motion:
             stop, what = why(status, self.system, self.integration, self.state, self.log, len(self.segments.start))
             raise stop(what, *self._where())
         return status == LOOK  # type: ignore[no-any-return]
+
+    def _forget_mode_sets(self, first: int) -> None:
+        """Make room for more mode sets. Those of the states in the log are needed, to evaluate outputs there."""
+        self.terms()
+        rows = int(self.state.progress[0]["tick"])
+        if not self.mode_sets.forget(np.unique(self.log.modes[:rows])):
+            self._reached(first, int(self.state.progress[0]["reached"]))
+            raise NumericsError(f"the {len(self.mode_sets.sets)} mode sets of a single call fill the memory that "
+                                f"they may have, {MOST_BYTES >> 20} MB: {FILM_HELPS}", *self._where())  # fmt: skip
 
     def _reached(self, first: int, last: int) -> None:
         self.kept = last

@@ -76,6 +76,7 @@ def advance_block(shape, t, w, state, log, seg, plan, ticks):
         if now.tick >= ticks:
             break
         mode_set = t.mode_set_of[now.key]
+        t.used[mode_set] = now.events_before + now.events
         if plan.emitting and nearly_full(t, mode_set, seg, ticks - now.tick):
             return OVERFULL
         before, first = now.key, now.tick

@@ -369,7 +369,7 @@ def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: 
             for k, total in enumerate(sums):
                 store(builder, builder.load(total), out.data, builder.add(first, _whole(LANE * k)))
 
-        _in_blocks(builder, width, several)
+        _in_wide_blocks(builder, width, several)
         return context.get_dummy_value()
 
     return types.none(low, rise, types.float64, x, now, out), codegen
@@ -389,6 +389,23 @@ def _in_blocks(builder: Any, width: Any, several: Callable[[Any, int], None]) ->
     done = builder.mul(blocks, _whole(BLOCK))
     with builder.if_then(builder.icmp_unsigned("!=", done, width)):
         several(done, 1)
+
+
+MOST_SUMS = 6
+"""Vectors of sums that are kept in registers: enough for two multiply-adds at a time, each of four cycles."""
+
+
+def _in_wide_blocks(builder: Any, width: Any, several: Callable[[Any, int], None]) -> None:
+    """The same with blocks of MOST_SUMS vectors, and then one of all vectors that are left."""
+    wide = _whole(LANE * MOST_SUMS)
+    whole = builder.udiv(width, wide)
+    with cgutils.for_range(builder, whole) as block:  # type: ignore[no-untyped-call]
+        several(builder.mul(block.index, wide), MOST_SUMS)
+    done = builder.mul(whole, wide)
+    left = builder.sub(width, done)
+    for vectors in range(1, MOST_SUMS):
+        with builder.if_then(builder.icmp_unsigned("==", left, _whole(LANE * vectors))):
+            several(done, vectors)
 
 
 def _across(typing: Any, table: Any, weights: Any, out: Any) -> Emission:
@@ -433,3 +450,35 @@ def _across(typing: Any, table: Any, weights: Any, out: Any) -> Emission:
 
 
 across: Any = intrinsic(_across)
+
+
+def _along(typing: Any, table: Any, x: Any, out: Any) -> Emission:
+    """out[lane] = sum_j x[j] table[j, lane]; every sum runs in the order of j. `x` has an entry for every row.
+
+    The number of lanes is a multiple of LANE.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
+        table, x, out = _arrays(context, builder, signature, arguments)
+        count, width = (builder.extract_value(table.shape, axis) for axis in range(2))
+
+        def several(first: Any, vectors: int) -> None:
+            sums = [_place(builder) for _ in range(vectors)]
+            for total in sums:
+                builder.store(_ZERO, total)
+            with cgutils.for_range(builder, count) as row:  # type: ignore[no-untyped-call]
+                factor = spread(builder, builder.load(builder.gep(x.data, [row.index])))
+                begin = builder.add(first, builder.mul(row.index, width))
+                for k, total in enumerate(sums):
+                    values = load(builder, table.data, builder.add(begin, _whole(LANE * k)))
+                    builder.store(add_product(builder, factor, values, builder.load(total)), total)
+            for k, total in enumerate(sums):
+                store(builder, builder.load(total), out.data, builder.add(first, _whole(LANE * k)))
+
+        _in_wide_blocks(builder, width, several)
+        return context.get_dummy_value()
+
+    return types.none(table, x, out), codegen
+
+
+along: Any = intrinsic(_along)

@@ -1,11 +1,12 @@
-"""Steps of the method kick for contacts that are a film under a travelling slider (rig.model.film).
+"""Steps of the method kick for contacts that are a film of points on a structure (rig.model.film).
 
     v += h/2 M^-1 F;   (q, v) <- exact flow of the structure, s <- s + travel;   F of the film there;   v += h/2 M^-1 F
 
-Between two kicks each coordinate moves on its own: its position and velocity follow a damped rotation. The pressures of
+Between two kicks the structure follows its exact flow. If its coordinates are uncoupled modes, the position and
+velocity of each follow a damped rotation; otherwise a propagator of all states is used. The pressures of
 the points depend on their positions; their friction depends on the distance travelled since the previous step. The
-composition is therefore of second order (compare rig.solve.kick). Its largest error comes from the stiff film under the
-light slider. The positions used for the pressure are therefore extrapolated by h^2/12 along the acceleration that the
+composition is therefore of second order (compare rig.solve.kick). Under a light slider its largest error comes from the
+stiff film. The positions used for the pressure are therefore extrapolated by h^2/12 along the acceleration that the
 pressure gives the slider. This removes that error from the potential of film and slider (Takahashi and Imada) and needs
 no further product with the rows. The compression speed of a damped film is computed from the last three positions,
 because the velocity at the end of a step is known only after its kick. A force held over the step would feed energy
@@ -16,7 +17,8 @@ exactly the sum of what it loses in sliding, stores in shear and passes to the s
 between the work of the kicks and that of the springs, of second order in the step.
 
 Most of the computing time goes into two products: the interpolation of the rows together with the positions of the
-points, and the forces of the points on the coordinates (rig.solve.column_blocks).
+points, and the forces of the points on the coordinates (rig.solve.column_blocks). The rows of points that stay in place
+are constant.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import inlined, inner
-from rig.solve.column_blocks import across, blend, copy
+from rig.solve.column_blocks import BLOCK, across, along, blend, copy
+from rig.solve.forces import coefficient
 from rig.solve.segment_output import nearly_full
 
 Array = NDArray[np.float64]
@@ -36,6 +39,8 @@ SUMS = ("normal", "friction", "fraction", "centre_x", "centre_y", "openings")
 """Sums over the points: normal and friction force [N], share of closed points, centre of pressure [m], number of
 openings so far."""
 NORMAL, FRICTION, FRACTION, CENTRE_X, CENTRE_Y, OPENINGS = range(len(SUMS))
+OPEN, STICKS, SLIDES = 0.0, 1.0, 2.0
+"""Contact states of a point."""
 COUNTED = 2.0**-20
 """Exact increment of the state per opening; a million openings stay below `clock.limit`."""
 
@@ -47,13 +52,15 @@ error is 1 %; that of chords is 9 %."""
 class SymmetryClass(NamedTuple):
     """Coordinates of one symmetry: they move both sides of the line of travel alike, or in opposite directions.
 
-    A lane is one direction of a pair of mirrored points.
+    A lane is one direction of a pair of mirrored points; of a film without mirror symmetry, of one point. Its
+    coordinates are then all in one class.
     """
 
     rows: Array  # [place, coordinate, lane]
     which: NDArray[np.int64]  # [coordinate] number
     rise: Array  # scratch [coordinate, lane] rows at the next place minus rows at the place below
     now: Array  # scratch [coordinate, lane] rows at this instant
+    back: Array  # [lane, coordinate] the same rows of points that stay in place; of length zero for others
     values: Array  # scratch [coordinate]
     felt: Array  # scratch [lane]
 
@@ -61,26 +68,35 @@ class SymmetryClass(NamedTuple):
 class FilmTables(NamedTuple):
     """Tables of a film and of the structure under it; of length zero without a film.
 
-    m: number of driving states, which are neither coordinates nor speeds nor states of the film.
+    m: number of driving states, which are neither coordinates nor speeds nor states of network or film. Of mirrored
+    points the first half comes first, then their images.
     """
 
     symmetric: SymmetryClass
     antisymmetric: SymmetryClass
+    mirrored: int  # 1: the second half of the points are images of the first
     travel: int  # index of the state of the travel
     slid: int  # of the distance slid
     first: int  # of the first of the states that hold the forces on the coordinates
     points: int  # number
     directions: int  # number
-    pitch: float  # between two places [m]
+    pitch: float  # between two places [m]; 0: the points stay in place
     longest: float  # longest travel [m]
-    stiffness: float  # of a point [N/m]
-    damping: float  # of a point [N s/m]
-    shear: float  # stiffness of a point [N/m]
-    mu: float
+    stiffness: Array  # [point, N/m]
+    shear: Array  # [point, N/m] stiffness
+    give: Array  # [point, m/N] one over it
+    resist: Array  # [point] damping [N s/m] over 2 h; of length zero without damping
+    mu: Array  # [point] at rest
+    code: int  # of the friction law
+    law: Array  # its numbers; of length zero for one coefficient in stick and slip
+    static: float  # its value at rest
+    reach: Array  # [point] distance slid over that of the drive
+    told: int  # 1: slip speed and contact state of each point are states
     below: NDArray[np.int64]  # scratch [1] the place at which `rise` begins; -1: none yet
     share: Array  # scratch [1] share of `rise` in the present rows
     places: Array  # [2, point] positions of the points on the slider [m]
     kick: Array  # [coordinate] h / 2 / mass
+    kicks: Array  # [coordinate, coordinate] h / 2 mass^-1 of coupled masses, columns padded; else of length zero
     turn: Array  # [4, coordinate] propagator of position and velocity over a step, minus one
     loss: Array  # [3, coordinate] energy dissipated by the damper over a step: factors of q^2, q v, v^2
     damped: Array  # scratch [coordinate] energy dissipated by the damper since it was last added
@@ -89,18 +105,25 @@ class FilmTables(NamedTuple):
     column: Array  # [pushed, 2, m] their change of position and velocity in a step
     push: Array  # [pushed, m] force
     signal: Array  # [m, m] propagator of the driving states over a step, minus one
+    whole: Array  # [n, n] of a coupled structure: its propagator minus one, transposed, padded; else of length zero
+    terms: NDArray[np.int64]  # [form] term of the energy balance
+    forms: Array  # [form, rows, BLOCK] energy over a step as a form x.W x: of each block the rows from its first on
+    changed: Array  # scratch
+    part: Array  # scratch [BLOCK]
     begins: NDArray[np.int64]  # [output + 1] index of the first entry of each output
     entry: NDArray[np.int64]  # [entries] state
     value: Array  # [entries]
     summed: NDArray[np.int64]  # [1] 1: sensors read sums over the points
     seen: Array  # scratch [direction, point] positions of the points
     last: Array  # scratch, positions at the previous step
-    gives: Array  # scratch, forces at the points along the rows
+    pull: Array  # scratch [point] friction at the end of the step
+    most: Array  # scratch [point] largest friction
     lost: Array  # scratch [3, point] work since last added: friction times travel, friction times sliding, film damper
     moved: Array  # scratch [m]
     begun: Array  # scratch [2, m] driving states at the begin of the tick, and their change since
     held: Array  # scratch [pushed]
     slider_rows: Array  # [slider coordinate, point] normal rows of the slider's coordinates: the same at every place
+    stiff_rows: Array  # the same times stiffness over that of the first point
     advance: Array  # [slider coordinate] h^2 / 12 / mass
     ahead: Array  # scratch [slider coordinate]
     pressed: Array  # scratch [point]
@@ -131,21 +154,29 @@ def _interpolate(side, x, base, share):
 
 
 @inlined
+def _see(side, x):
+    """Write the displacements at points that stay in place to side.felt."""
+    which, values = side.which, side.values
+    for j in range(which.shape[0]):
+        values[j] = x[which[j]]
+    along(side.now, values, side.felt)
+
+
+@inlined
 def _sum_forces(side, forces):
     """forces[coordinate] of one side = the generalised forces of the values in side.felt."""
     which, values = side.which, side.values
-    across(side.now, side.felt, values)
+    if side.back.shape[0]:
+        along(side.back, side.felt, values)
+    else:
+        across(side.now, side.felt, values)
     for j in range(which.shape[0]):
         forces[which[j]] = values[j]
 
 
 @inlined
-def locate_points(own, x, anew):
-    """Compute the positions of the points, own.seen, and the rows there. Returns False if the slider is off.
-
-    The rows are those of the previous step plus a share of the rise; both stay in the fastest cache of the processor.
-    `anew`: interpolate them from the table, as at the begin of every tick, so that they do not depend on the past.
-    """
+def _interpolated_rows(own, x, anew):
+    """Interpolate the rows at the present place of the slider. Returns False if it is off the structure."""
     travel = x[own.travel]
     place = travel / own.pitch
     low = min(int(max(place, 0.0)), own.symmetric.rows.shape[0] - 2)
@@ -159,30 +190,109 @@ def locate_points(own, x, anew):
     _interpolate(own.symmetric, x, own.symmetric.rows[low] if anew else own.symmetric.now, part)
     _interpolate(own.antisymmetric, x, own.antisymmetric.rows[low] if anew else own.antisymmetric.now, part)
     own.share[0] = share
-    pairs = own.seen.shape[1] // 2
-    for direction in range(own.seen.shape[0]):
-        side = -1.0 if direction == 2 else 1.0
-        seen, lanes = own.seen[direction], slice(direction * pairs, (direction + 1) * pairs)
-        both, other = own.symmetric.felt[lanes], own.antisymmetric.felt[lanes]
-        for i in range(pairs):
-            seen[i] = both[i] + other[i]
-            seen[pairs + i] = side * (both[i] - other[i])
     return travel >= -_EDGE and travel <= own.longest + _EDGE
 
 
 @inlined
-def generalised_forces(own, forces):
-    """forces[coordinate] = the generalised forces of the point forces own.gives."""
-    pairs = own.seen.shape[1] // 2
+def locate_points(own, x, anew):
+    """Compute the positions of the points, own.seen, and the rows there. Returns False if the slider is off.
+
+    The positions before are kept in own.last.
+
+    The rows are those of the previous step plus a share of the rise; both stay in the fastest cache of the processor.
+    `anew`: interpolate them from the table, as at the begin of every tick, so that they do not depend on the past.
+    """
+    within = True
+    if own.pitch > 0.0:
+        within = _interpolated_rows(own, x, anew)
+    else:
+        _see(own.symmetric, x)
+        if own.mirrored:
+            _see(own.antisymmetric, x)
+    lane = own.seen.shape[1]
+    if own.mirrored:
+        lane = lane // 2
     for direction in range(own.seen.shape[0]):
-        side = -1.0 if direction == 2 else 1.0
-        gives, lanes = own.gives[direction], slice(direction * pairs, (direction + 1) * pairs)
-        both, other = own.symmetric.felt[lanes], own.antisymmetric.felt[lanes]
-        for i in range(pairs):
-            own_force, image = gives[i], side * gives[pairs + i]
-            both[i], other[i] = own_force + image, own_force - image
+        seen, last = own.seen[direction], own.last[direction]
+        lanes = slice(direction * lane, (direction + 1) * lane)
+        both = own.symmetric.felt[lanes]
+        copy(seen.shape[0], seen, last)
+        if own.mirrored:
+            side, other = -1.0 if direction == 2 else 1.0, own.antisymmetric.felt[lanes]
+            for i in range(lane):
+                seen[i] = both[i] + other[i]
+                seen[lane + i] = side * (both[i] - other[i])
+        else:
+            copy(lane, both, seen)
+    return within
+
+
+@inlined
+def generalised_forces(own, x, forces):
+    """forces[coordinate] = the generalised forces of the pressures and frictions of the points."""
+    first, points = own.first + own.kick.shape[0] + len(SUMS), own.points
+    lane = own.seen.shape[1]
+    if own.mirrored:
+        lane = lane // 2
+    for direction in range(own.seen.shape[0]):
+        force, lanes = x[first + direction * points :], slice(direction * lane, (direction + 1) * lane)
+        both, way = own.symmetric.felt[lanes], -1.0 if direction == 0 else 1.0  # pressure acts against its row
+        if own.mirrored:
+            side, other = -1.0 if direction == 2 else 1.0, own.antisymmetric.felt[lanes]
+            for i in range(lane):
+                own_force, image = way * force[i], way * side * force[lane + i]
+                both[i], other[i] = own_force + image, own_force - image
+        else:
+            for i in range(lane):
+                both[i] = way * force[i]
     _sum_forces(own.symmetric, forces)
-    _sum_forces(own.antisymmetric, forces)
+    if own.mirrored:
+        _sum_forces(own.antisymmetric, forces)
+
+
+@inlined
+def kick_coordinates(own, speeds, forces):
+    """Add the change of velocity by half a step of the forces."""
+    kick = own.kick
+    if own.kicks.shape[0]:
+        along(own.kicks, forces, own.before)
+        for i in range(kick.shape[0]):
+            speeds[i] += own.before[i]
+    else:
+        for i in range(kick.shape[0]):
+            speeds[i] += kick[i] * forces[i]
+
+
+@inner
+def propagate_coupled(own, x, energy):
+    """Kick the coordinates by half a step, then propagate everything but the film over a whole step.
+
+    For a structure whose coordinates are coupled by its own matrices, or with a network. Adds to the energy balance.
+    """
+    nq, m, n = own.kick.shape[0], own.moved.shape[0], own.first
+    kick_coordinates(own, x[nq : 2 * nq], x[n : n + nq])
+    whole, changed, places = own.whole, own.changed, x[:nq]
+    for p in range(own.pushed.shape[0]):
+        own.held[p] = places[own.pushed[p]]
+    along(whole, x[:n], changed)
+    for form in range(own.terms.shape[0]):
+        taken, first, rows = 0.0, 0, own.forms[form]
+        for begin in range(0, n, BLOCK):
+            along(rows[first : first + n - begin], x[begin:n], own.part)
+            first += n - begin
+            for i in range(min(BLOCK, n - begin)):
+                taken += x[begin + i] * own.part[i]
+        energy[own.terms[form]] += taken
+    signals = x[n - m : n]
+    for p in range(own.pushed.shape[0]):
+        i, mean, push = own.pushed[p], 0.0, own.push[p]
+        for j in range(m):
+            mean += push[j] * (signals[j] + 0.5 * changed[n - m + j])
+        energy[3] += mean * changed[i]
+    for i in range(n):
+        x[i] += changed[i]
+    for j in range(m):
+        own.begun[1, j] += changed[n - m + j]
 
 
 @inlined
@@ -237,61 +347,73 @@ def contact_forces(own, x, travelled, h):
     """
     points, directions = own.points, own.directions
     first = own.first + own.kick.shape[0] + len(SUMS)
-    k, shear, mu = own.stiffness, own.shear, own.mu
-    give = 1.0 / shear
+    k, shear, give, mu, reach = own.stiffness, own.shear, own.give, own.mu, own.reach
     normal, friction = x[first : first + points], x[first + points : first + 2 * points]
     deep, place, carried, was = own.pressed, own.seen[0], own.seen[1], own.last[1]
-    up, along, given, slid_off = own.gives[0], own.gives[1], own.lost[0], own.lost[1]
+    given, slid_off, pull, slips = own.lost[0], own.lost[1], own.pull, own.pressed  # `deep` is not needed after P
     for i in range(points):
         deep[i] = max(place[i], 0.0)
-    across(own.slider_rows, deep, own.ahead)
+    across(own.stiff_rows, deep, own.ahead)
     copy(points, place, deep)
     for r in range(own.ahead.shape[0]):
-        row, by = own.slider_rows[r], k * own.advance[r] * own.ahead[r]
+        row, by = own.slider_rows[r], k[0] * own.advance[r] * own.ahead[r]
         for i in range(points):
             deep[i] -= by * row[i]
     opened = 0
-    if own.damping == 0.0:
+    if own.resist.shape[0] == 0:
         for i in range(points):
-            force = k * max(deep[i], 0.0)
+            force = k[i] * max(deep[i], 0.0)
             opened += int((normal[i] > 0.0) & (force == 0.0))
             normal[i] = force
     else:
-        c, kept = own.damping / (2.0 * h), first + points * directions
+        c, kept = own.resist, first + points * directions
         compressed, older = x[kept : kept + points], x[kept + points : kept + 2 * points]
         old, dashed = own.last[0], own.lost[2]
         for i in range(points):
-            force, before = k * max(deep[i], 0.0), normal[i]
-            resisted = max(force + c * (3.0 * place[i] - 4.0 * old[i] + older[i]), 0.0) if deep[i] > 0.0 else 0.0
-            dashed[i] += 0.5 * (before - k * compressed[i] + resisted - force) * (place[i] - old[i])
+            force, before = k[i] * max(deep[i], 0.0), normal[i]
+            resisted = max(force + c[i] * (3.0 * place[i] - 4.0 * old[i] + older[i]), 0.0) if deep[i] > 0.0 else 0.0
+            dashed[i] += 0.5 * (before - k[i] * compressed[i] + resisted - force) * (place[i] - old[i])
             opened += int((before > 0.0) & (resisted == 0.0))
             normal[i], compressed[i], older[i] = resisted, max(deep[i], 0.0), old[i]
-    for i in range(points):
-        up[i] = -normal[i]
     if directions == 2:
         for i in range(points):
-            most = mu * normal[i]
-            along[i] = min(max(friction[i] + shear * (travelled - (carried[i] - was[i])), -most), most)
+            slips[i] = reach[i] * travelled - (carried[i] - was[i])
+        most, after = own.most, first + points * (4 if own.resist.shape[0] else 2)
+        speed, state = x[after : after + points * own.told], x[after + points : after + points + points * own.told]
         for i in range(points):
-            given[i] += 0.5 * (friction[i] + along[i]) * travelled
+            most[i] = mu[i] * normal[i]
+        if own.law.shape[0]:
+            for i in range(points):  # the speed here from its means over the last two steps
+                if state[i] == SLIDES:
+                    now = abs(1.5 * slips[i] / h - 0.5 * speed[i])
+                    most[i] *= coefficient(own.code, own.law, now) / own.static
         for i in range(points):
-            slid = travelled - (carried[i] - was[i]) - give * (along[i] - friction[i])
-            slid_off[i] += 0.5 * (friction[i] + along[i]) * slid
-        copy(points, along, friction)
+            pull[i] = min(max(friction[i] + shear[i] * slips[i], -most[i]), most[i])
+        for i in range(points):
+            given[i] += 0.5 * (friction[i] + pull[i]) * (reach[i] * travelled)
+        if own.told:
+            per_second = 1.0 / h
+            for i in range(points):
+                speed[i] = per_second * (slips[i] - give[i] * (pull[i] - friction[i]))
+                state[i] = OPEN if normal[i] == 0.0 else SLIDES if abs(pull[i]) >= most[i] else STICKS
+        for i in range(points):
+            slid_off[i] += 0.5 * (friction[i] + pull[i]) * (slips[i] - give[i] * (pull[i] - friction[i]))
+        copy(points, pull, friction)
     else:
         lateral = x[first + 2 * points : first + 3 * points]
-        aside, was_aside, across_it = own.seen[2], own.last[2], own.gives[2]
+        aside, was_aside = own.seen[2], own.last[2]
         for i in range(points):
-            most, slid, f = mu * normal[i], travelled - (carried[i] - was[i]), friction[i]
+            way = reach[i] * travelled
+            most, slid, f = mu[i] * normal[i], way - (carried[i] - was[i]), friction[i]
             slid_aside, g = was_aside[i] - aside[i], lateral[i]
-            new, new_aside = f + shear * slid, g + shear * slid_aside
+            new, new_aside = f + shear[i] * slid, g + shear[i] * slid_aside
             size = math.sqrt(new * new + new_aside * new_aside)
             part = most / size if size > most else 1.0
             new, new_aside = part * new, part * new_aside
-            given[i] += 0.5 * (f + new) * travelled
-            slid_off[i] += 0.5 * (f + new) * (slid - give * (new - f))
-            slid_off[i] += 0.5 * (g + new_aside) * (slid_aside - give * (new_aside - g))
-            friction[i], lateral[i], along[i], across_it[i] = new, new_aside, new, new_aside
+            given[i] += 0.5 * (f + new) * way
+            slid_off[i] += 0.5 * (f + new) * (slid - give[i] * (new - f))
+            slid_off[i] += 0.5 * (g + new_aside) * (slid_aside - give[i] * (new_aside - g))
+            friction[i], lateral[i] = new, new_aside
     return opened
 
 
@@ -364,7 +486,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     substeps, emitting, origin = plan.substeps, plan.emitting, now.reached
     n, nq, h = x.shape[0], own.kick.shape[0], t.step[0] / substeps
     slid, first, first_signal = own.slid, own.first, own.first - own.moved.shape[0]
-    speeds, forces, kick = x[nq : 2 * nq], x[first : first + nq], own.kick
+    speeds, forces = x[nq : 2 * nq], x[first : first + nq]
     values, gathered = own.values, 0
     tick, done, opened = now.tick, int(now.place * substeps + 0.5), 0
     within = locate_points(own, x, True)
@@ -375,16 +497,15 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             for j in range(own.moved.shape[0]):
                 own.begun[0, j], own.begun[1, j] = x[first_signal + j], 0.0
         travelled = x[slid]
-        energy[3] += propagate_structure(own, x, first_signal)
+        if own.whole.shape[0]:
+            propagate_coupled(own, x, energy)
+        else:
+            energy[3] += propagate_structure(own, x, first_signal)
         travelled = x[slid] - travelled
-        for direction in range(own.seen.shape[0]):
-            seen, last = own.seen[direction], own.last[direction]
-            copy(seen.shape[0], seen, last)
         within = locate_points(own, x, done == 0)
         opened += contact_forces(own, x, travelled, h)
-        generalised_forces(own, forces)
-        for i in range(nq):
-            speeds[i] += kick[i] * forces[i]
+        generalised_forces(own, x, forces)
+        kick_coordinates(own, speeds, forces)
         done += 1
         if done == substeps:  # round once per tick: rounding at each of millions of steps would drift
             for j in range(own.moved.shape[0]):

@@ -34,7 +34,7 @@ def _scale(p: Parameters, system: System, force: float) -> base.Scale:
     K, at = system.stiffness - system.force[:, :count], list(system.names[:count]).index("z")
     if system.film is not None:
         normal = system.film.everywhere(p.slid.slider.position if p.slid else 0.0)[0]
-        K = K + system.film.stiffness * normal @ normal.T
+        K = K + (system.film.stiffness * normal) @ normal.T
     deflection = abs(float(np.linalg.solve(K, force * np.eye(count)[at])[at]))
     return base.Scale(base.round_down(_MOVED * _LENGTH / deflection) if deflection else 1.0, force or 1.0)
 

@@ -143,16 +143,16 @@ def add(a: Assembly, p: SliderTables, grid: Grid, model: Reduced, names: list[st
     if p.film.opens:  # the points at the start, for the text before a run
         a.patch("film", {}, speed, p.friction.friction(), {})
         for point in range(own.points):
-            row = _pressed(p, every, own.stiffness * normal[:, point])
+            row = _pressed(p, every, own.stiffness[point] * normal[:, point])
             a.normal(f"point {point + 1}", "film", row, dict(zip(every, push[:, point].tolist())))
         a.film = own
         creep = own.creep(p.load.force / own.points)
         note = f": a point is held by the shear of the film, {creep * 1e9:.2g} nm at the most before it slips"
         a.about["friction at film"] = note
     else:
-        for name, rows in zip(every, own.stiffness * (push @ normal.T)):
+        for name, rows in zip(every, own.stiffness[0] * (push @ normal.T)):
             a.push(name, _pressed(p, every, rows))
-        total = _pressed(p, every, own.stiffness * normal.sum(axis=1))
+        total = _pressed(p, every, own.stiffness[0] * normal.sum(axis=1))
         a.outputs |= {
             "normal_force": Output(total, "N", FORCES),
             "friction_force": Output({name: mu * value for name, value in total.items()}, "N", FORCES),
@@ -176,37 +176,38 @@ def _pressed(p: SliderTables, names: list[str], values: Array) -> Row:
 
 
 def _film(p: SliderTables, grid: Grid, model: Reduced) -> film.Film:
-    """The film with its points, those of the left half first."""
+    """The film with its points, those of the left half first, then their images."""
     lines = np.flatnonzero(grid.y > 0.0)
     count = model.shapes.shape[3] - (grid.along - 1) * grid.stride
     components = (Z, X, Y)[: 3 if p.film.lateral else 2]
     h = p.slider.thickness + p.film.thickness
     pairs_x, pairs_y = np.repeat(grid.x, len(lines)), np.tile(grid.y[lines], grid.along)
-    modes = len(model.frequencies)
-    rows = np.zeros((count, len(components), modes + len(SLIDER), len(pairs_x)))
+    modes, half = len(model.frequencies), len(pairs_x)
+    rows = np.zeros((count, len(components), modes + len(SLIDER), 2 * half))
     at = np.arange(count)[:, None] + np.arange(grid.along) * grid.stride
     for direction, component in enumerate(components):
         shapes = model.shapes[:, component][:, lines][:, :, at]  # mode, line, place, point along
-        rows[:, direction, :modes] = shapes.transpose(2, 0, 3, 1).reshape(count, modes, -1)
-    rows[:, 0, modes:] = -np.ones_like(pairs_x), pairs_x, -pairs_y
-    rows[:, 1, modes + SLIDER.index("theta")] = h
+        rows[:, direction, :modes, :half] = shapes.transpose(2, 0, 3, 1).reshape(count, modes, -1)
+    rows[:, 0, modes:, :half] = -np.ones_like(pairs_x), pairs_x, -pairs_y
+    rows[:, 1, modes + SLIDER.index("theta"), :half] = h
     if p.film.lateral:
-        rows[:, 2, modes + SLIDER.index("psi")] = -h
-    area = p.slider.length * p.slider.width / (2 * len(pairs_x))
+        rows[:, 2, modes + SLIDER.index("psi"), :half] = -h
+    rows[..., half:] = rows[..., :half] * np.append(_parity(model), [1.0, 1.0, -1.0])[:, None]
+    rows[:, 2:, :, half:] *= -1.0
+    area = p.slider.length * p.slider.width / (2 * half)
     stiffness = p.film.normal
     if p.film.completed:
         stiffness = 1.0 / (1.0 / stiffness + model.surface.residual)
     return film.Film(
         rows=rows,
-        parity=np.array([*_parity(model), 1.0, 1.0, -1.0]),
         pitch=grid.pitch,
         travel="position",
         slid="position" if p.slider.travels else "slid",
         longest=float(model.surface.x[-1] - model.surface.x[0]) - grid.length,
-        stiffness=stiffness * area,
-        damping=stiffness * p.film.retardation * area,
-        shear=p.film.shear * area,
-        mu=p.friction.mu,
+        stiffness=np.array(stiffness * area),
+        damping=np.array(stiffness * p.film.retardation * area),
+        shear=np.array(p.film.shear * area),
+        mu=np.array(p.friction.mu),
         x=np.tile(pairs_x, 2),
         y=np.concatenate([pairs_y, -pairs_y]),
     )
