@@ -82,7 +82,7 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
     if why := too_many(system):
-        raise ValueError(f"{why}: group them into fewer points; eigenvalues (rig modes) need no run")
+        raise ValueError(f"{why}: {FILM_HELPS}; eigenvalues (rig modes) need no run")
     if system.film is not None:
         if method != "kick":
             raise ValueError(f"method {method} does not support a film of travelling contact points: use kick")
@@ -105,10 +105,7 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
             raise ValueError(f"smooth: the law of {', '.join(remembering)} has memory and is smooth already: use auto")
         system = smoothed(system, smoothing)
     if system.keys > MANY:
-        joined = method in ("kick", *ADAPTIVE, "rk4") or kick_tables.refusal(system)
-        kick = not joined and kick_tables.pressed(system).keys <= MANY
-        remedy = "use kick" if kick else FILM_HELPS
-        raise ValueError(f"the rig has {system.keys:.3g} mode sets, method {method} supports {MANY:.3g}: {remedy}")
+        raise ValueError(f"the rig has {system.keys:.3g} mode sets, method {method} supports {MANY:.3g}: use kick")
     if method == "exact" and not system.linear:
         bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
         bent += [product.name for product in system.products]
