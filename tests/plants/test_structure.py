@@ -1,6 +1,8 @@
 """The plant of the user's own matrices: the same rig written as matrices has the same eigenvalues; faults of scenes."""
 
 import json
+import re
+from pathlib import Path
 
 import disc_with_pads
 import numpy as np
@@ -319,3 +321,15 @@ def test_many_contacts_are_refused_before_a_run_with_the_reason(disc):
         rig.simulate(scene, 0.001)
     finding = next(finding for finding in rig.modes(scene).findings if "run is not possible" in finding.what)
     assert finding.level == "warning"
+
+
+def test_the_numbers_of_the_page_are_those_of_its_scene(disc):
+    docs = Path(__file__).parents[2] / "docs"
+    page, text = (docs / "structure.md").read_text(), (docs / "disc_with_pads.toml").read_text()
+    assert f"```toml\n{text}```" in page
+    (disc / "page.toml").write_text(text)
+    lines = re.findall(r"^  (?:flutter|decays)(.*)$", page, re.MULTILINE)
+    printed = [float(x) for line in lines for x in line.split()[:3]]
+    modes = rig.modes(scenes.load(str(disc / "page.toml"))).sliding.modes[:3]
+    computed = [x for mode in modes for x in (mode.growth, mode.frequency, mode.damping)]
+    assert printed == pytest.approx(computed, rel=1e-4)
