@@ -9,7 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from benchmarks import absent, against, kernels, loop, one_contact, pages, recording, studies, twins, whole_runs
+from benchmarks import (
+    absent,
+    against,
+    kernels,
+    loop,
+    one_contact,
+    pages,
+    recording,
+    structures,
+    studies,
+    twins,
+    whole_runs,
+)
 from benchmarks.one_version import CASES as OF_VERSIONS
 
 _VERDICTS = {"VALID": 0.0, "DEGRADED": 1.0, "INVALID": 2.0}
@@ -177,6 +189,11 @@ GROUPS = {
               for workers, of, floor in (("two", "", 0.95), ("dask", " of dask", 0.90))),
             _most("empty_ms", "a point that computes nothing", 1.0, "ms"),
         ),
+    ),
+    "structure": Group(
+        "reduction of a structure of 100,000 degrees of freedom: seconds, MB, error",
+        lambda asked: structures.measure(asked.quick),
+        (_most("true_error", "structure of 100,000 rows, error of its first mode", 1e-6, "of the eigenvalue"),),
     ),
 }  # fmt: skip
 """By name: an option of the command takes a group alone."""

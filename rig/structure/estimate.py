@@ -9,12 +9,13 @@ orthogonal to the basis (Galerkin). The norm of the residual says little: it is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.linalg import SuperLU
 
 from rig.structure import eigenvalues
 from rig.structure.eigenvalues import DAMPED, LEAST, Complex
@@ -25,6 +26,7 @@ SHIFTS = 4
 """Factorisations over the frequency range [chosen]."""
 ALIKE = (0.02, 0.07)
 """Relative change of frequency and of growth that more contact points may make, without a warning [chosen]."""
+_LARGE = 30_000  # rows: a factorisation of more is not kept
 _CALM = 1e-5  # growth over size of an eigenvalue that may be rounding of the data
 _CORRECTED = 2  # once: 0.25 to 2.0 times the true error; twice: 0.7 to 1.2 times
 
@@ -55,14 +57,17 @@ def in_range(values: Complex, up_to: float) -> NDArray[np.int64]:
 
 
 class Estimator:
-    """Estimates for one structure and any basis, at any point: it keeps its factorisations, made at the point `at`."""
+    """Estimates for one structure and any basis, at any point, with factorisations made at the point `at`.
+
+    They are kept for the next point, except those of large structures, which take gigabytes.
+    """
 
     def __init__(self, full: Full, up_to: float, at: Mapping[str, float]) -> None:
         """`up_to` [rad/s]: the highest frequency; `at`: the numbers of the scene at which to factorise."""
         self._full = full
-        mass, damping, stiffness = full.pencil(at)
+        self._pencil = full.pencil(at)
         self._shifts = 1j * up_to * (np.arange(SHIFTS) + 0.5) / SHIFTS
-        self._inverses = [eigenvalues.factor(shift**2 * mass + shift * damping + stiffness) for shift in self._shifts]
+        self._kept: dict[int, SuperLU] = {}
 
     def at(self, reduced: Reduced, values: Mapping[str, float], damping: Array | None = None) -> Estimates:
         """Estimates for the eigenvalues of `reduced` up to its `up_to`, for these `values` by key.
@@ -85,22 +90,35 @@ class Estimator:
         right, left = basis @ rights, basis @ lefts
         moved, reached = mass @ right, damped(right, own, damping)
         residual = found**2 * moved + found * reached + stiffness @ right
-        for _ in range(_CORRECTED):
-            adjoint = damped(left, own.T, None if damping is None else damping.T)
-            adjoint = found.conj() ** 2 * (mass.T @ left) + found.conj() * adjoint + stiffness.T @ left
-            left = left - self.solved(adjoint, found)
+        for inverse, chosen in self._by_shift(found):
+            value, vectors = found[chosen].conj(), left[:, chosen]
+            for _ in range(_CORRECTED):
+                adjoint = value * damped(vectors, own.T, None if damping is None else damping.T)
+                adjoint += value**2 * (mass.T @ vectors) + stiffness.T @ vectors
+                vectors = vectors - inverse.solve(adjoint, trans="H")
+            left[:, chosen] = vectors
         slope = np.einsum("ij,ij->j", left.conj(), 2 * found * moved + reached)
         return Estimates(found, -np.einsum("ij,ij->j", left.conj(), residual) / slope, rights)
 
-    def solved(self, vectors: Complex, values: Complex, trans: str = "H") -> Complex:
+    def solved(self, vectors: Complex, values: Complex, trans: str) -> Complex:
         """P(s)^-H (or, with `trans` "N", P(s)^-1) times each column, with the shift s nearest to its eigenvalue."""
         solved = np.empty_like(vectors)
-        nearest = np.argmin(np.abs(values[:, None] - self._shifts[None, :]), axis=1)
-        for number, inverse in enumerate(self._inverses):
-            chosen = np.flatnonzero(nearest == number)
-            if chosen.size:
-                solved[:, chosen] = inverse.solve(np.ascontiguousarray(vectors[:, chosen]), trans=trans)
+        for inverse, chosen in self._by_shift(values):
+            solved[:, chosen] = inverse.solve(np.ascontiguousarray(vectors[:, chosen]), trans=trans)
         return solved
+
+    def _by_shift(self, values: Complex) -> Iterator[tuple[SuperLU, NDArray[np.int64]]]:
+        """Each factorisation that is needed, and the eigenvalues that are nearest to its shift."""
+        mass, damping, stiffness = self._pencil
+        nearest = np.argmin(np.abs(values[:, None] - self._shifts[None, :]), axis=1)
+        for number, shift in enumerate(self._shifts.tolist()):
+            chosen = np.flatnonzero(nearest == number)
+            if not chosen.size:
+                continue
+            inverse = self._kept.get(number) or eigenvalues.factor(shift**2 * mass + shift * damping + stiffness)
+            if self._full.rows <= _LARGE:
+                self._kept[number] = inverse
+            yield inverse, chosen
 
 
 def weaker_modes(reduced: Reduced, values: Mapping[str, float], damping: Array | None = None) -> list[str]:

@@ -115,7 +115,7 @@ def test_outside_of_the_trained_range_the_estimate_says_what_is_lost(trained):
     exact = complex_eigenvalues(*brake().pencil(point), UP_TO).values
     estimates = Estimator(brake(), UP_TO, point).at(reduced, point)
     true = np.abs(estimates.values - exact) / np.abs(exact)
-    assert true.max() > 100 * reduced.error
+    assert true.max() > 3 * reduced.error
     assert true.max() / 2 < estimates.relative.max() < 2 * true.max()
 
 

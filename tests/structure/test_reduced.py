@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from disc_with_pads import disc, paired
 
 from rig.errors import UsageError
 from rig.structure import eigenvalues
 from rig.structure.basis import Reduction, build, power_of_ten, stored
-from rig.structure.estimate import Estimator, growing_without_friction
+from rig.structure.estimate import Estimator, growing_without_friction, weaker_modes
 from rig.structure.full import FRICTION, Full, Part, Points
 from rig.structure.reduced import Reduced
 
@@ -211,3 +212,62 @@ def test_negative_damping_is_named_with_its_growth():
     wrong = replace(full, parts=(*full.parts, Part("wrong", "damping", sp.csr_array(-1.0 * full.parts[0].matrix))))
     sentences = growing_without_friction(build(wrong, Reduction("none")), values(0.5))
     assert sentences[0].endswith("the damping is negative; check the sign and the unit of each damping part")
+
+
+PADS = ("contacts.pad_up.stiffness", "contacts.pad_down.stiffness")
+
+
+def squealing(points: tuple[int, int] | None, finer: tuple[int, int] | None = None) -> Full:
+    """The disc with two pads, so many contact points on each, and damping in proportion to the stiffness."""
+    full = disc()[0]
+    stiffness = next(part for part in full.parts if part.of == "stiffness")
+    damping = replace(stiffness, name="D", of="damping", factor=2 * 0.002 / (2 * np.pi * 3000.0))
+    contacts = tuple(paired(points)), tuple(paired(finer)) if finer else ()
+    return replace(full, parts=(*full.parts, damping), contacts=contacts[0], finer=contacts[1])
+
+
+def pressed(mu: float) -> dict[str, float]:
+    """The numbers of the scene of the disc."""
+    return {FRICTION: mu, **dict.fromkeys(PADS, 1e11)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [0.3, 0.6])
+def test_forty_closed_modes_and_attachments_give_the_squeal_of_the_disc(mu):
+    full = squealing((3, 4))
+    reduced = build(full, Reduction(modes=40, at=pressed(0.0)))
+    exact = eigenvalues.complex_eigenvalues(*full.pencil(pressed(mu)), 2 * np.pi * 6500.0).values
+    estimates = Estimator(full, 2 * np.pi * 6500.0, pressed(0.3)).at(
+        replace(reduced, up_to=2 * np.pi * 6500.0), pressed(mu)
+    )
+    true = np.abs(exact - estimates.values) / np.abs(exact)
+    below = exact.imag < 2 * np.pi * 4000.0
+    growing = exact.real > 0
+    growth = np.abs(exact.real - estimates.values.real)[growing] / exact.real[growing]
+    assert true.max() < (1e-5 if mu < 0.5 else 1e-4)
+    assert true[below].max() < 1e-6
+    assert growth.max() < (1e-4 if mu < 0.5 else 1e-2)
+    told = true > 1e-8
+    assert np.allclose(estimates.relative[told], true[told], rtol=0.5)
+
+
+@pytest.mark.slow
+def test_a_mode_that_few_contact_points_miss_is_named():
+    squeal = {}
+    for points, finer in (((3, 4), (4, 6)), ((4, 6), None), (None, None)):
+        reduced = build(squealing(points, finer), Reduction(modes=40, at=pressed(0.0)))
+        found = reduced.eigenvalues(pressed(0.6))[0]
+        below = found[(found.imag > 0) & (found.imag < 2 * np.pi * 3000.0) & (found.real > 0)]
+        squeal[points] = below[np.argsort(below.imag)]
+        if finer:
+            sentences = weaker_modes(reduced, pressed(0.6))
+            missed = [sentence for sentence in sentences if "may miss a weaker unstable mode" in sentence]
+            assert len(missed) == 1
+            assert "24 contact points" in missed[0]
+            assert "with 48 points the mode at 2372 Hz grows" in missed[0]
+            assert missed[0].endswith("set more contacts.NAME.points")
+    assert squeal[3, 4].size == 1
+    few, all_points = squeal[4, 6], squeal[None]
+    assert few.size == all_points.size == 2
+    assert np.allclose(few.imag, all_points.imag, rtol=0.02)
+    assert few[0].real == pytest.approx(all_points[0].real, rel=0.07)
