@@ -258,13 +258,15 @@ def _met(
     """
     a, b, c = other.corners.transpose(1, 0, 2)
     middle = other.corners.mean(axis=1)
-    reach = float(np.linalg.norm(other.corners - middle[:, None], axis=2).max()) + 2.0 * search
-    lists = cKDTree(middle).query_ball_point(places, reach)
-    near = [np.array(found, dtype=np.int64) for found in lists]
-    far = cKDTree(middle).query(places)[1]  # for a message, where nothing is near
-    near = [found if len(found) else far[[k]] for k, found in enumerate(near)]
-    slave = np.repeat(np.arange(len(places)), [len(found) for found in near])
-    face = np.concatenate(near)
+    radius = np.linalg.norm(other.corners - middle[:, None], axis=2).max(axis=1)
+    slaves = [np.arange(len(places))]
+    near = [cKDTree(middle).query(places)[1]]  # for a message, where nothing is in reach
+    sizes = np.frexp(radius)[1]  # few of a graded mesh are large, and only these have a long reach
+    for own in (np.flatnonzero(sizes == size) for size in np.unique(sizes)):
+        found = cKDTree(middle[own]).query_ball_point(places, radius[own].max() + 2.0 * search)
+        slaves.append(np.repeat(np.arange(len(places)), [len(faces) for faces in found]))
+        near.append(own[np.concatenate(found).astype(np.int64)])
+    slave, face = np.concatenate(slaves), np.concatenate(near)
     # place = a + u (b - a) + v (c - a) + gap * normal
     system = np.stack([(b - a)[face], (c - a)[face], normal[slave]], axis=2)
     volume = np.linalg.det(system)
