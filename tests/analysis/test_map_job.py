@@ -77,6 +77,15 @@ def test_a_map_with_one_axis_is_cut_into_parts_that_find_what_the_whole_row_find
     assert np.array_equal(found.onsets[0], row["onset"])
 
 
+def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_path):
+    work = units(job)
+    row = work.given_up(2, "ended its worker twice: worker 1 was killed by SIGSEGV")
+    found = maps.gathered(job, {unit: work.compute(unit) if unit != 2 else row for unit in range(4)}, tmp_path)
+    assert NAMES[found.state[0, 2, 0]] == "stopped"
+    assert "a run had to stop at 3 of 12 points" in found.text()
+    assert "ended its worker twice: worker 1 was killed by SIGSEGV" in found.text()
+
+
 def window(travel, slip=1.0, share=0.0, moving=True):
     return Window(-travel, travel, travel, travel, slip, share, 5 if share else 0, 0.3, moving)
 

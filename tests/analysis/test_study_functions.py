@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from full_disk import largest_file
 
 import rig as lab
 from rig.analysis.studies import prepared, study
 from rig.analysis.studies.measures import evaluate, function_of
-from rig.errors import SceneError, UsageError
+from rig.errors import OutputError, SceneError, UsageError
 
 
 @pytest.fixture(scope="module")
@@ -34,16 +35,6 @@ def test_a_function_without_a_file_is_computed_in_this_process_only(belt, tmp_pa
     assert study(work, tmp_path).values.tolist() == [[1.0]]
     with pytest.raises(UsageError, match="worker processes cannot load it"):
         study(work, tmp_path, workers=2)
-
-
-def test_functions_of_the_same_code_that_use_other_things_do_not_share_results(belt, tmp_path):
-    """Closures: they are neither in the code nor in the constants of a function."""
-
-    def times(factor):
-        return lambda run: factor * run.signals["velocity"].max()
-
-    found = [study(work_of(belt, times(factor), duration=0.05), tmp_path).values.item() for factor in (1.0, 2.0)]
-    assert found[1] == 2.0 * found[0]
 
 
 @pytest.mark.parametrize("given", [None, np.ones(2)])
@@ -105,3 +96,19 @@ def test_a_function_that_ends_its_process_is_a_row_with_one_worker_too(belt, fil
     mine = file("import os\ndef gone(run):\n    os._exit(0)\n")
     found = study(work_of(belt, f"{mine}:gone"), tmp_path, workers=1)
     assert found.reasons[0].startswith("ended its worker twice: ")
+
+
+def test_files_that_do_not_fit_on_the_disk_are_told_and_the_next_call_makes_them(belt, tmp_path):
+    asked = {"duration": 2.0, "keep": "run.highest.displacement > 0 mm", "folder": tmp_path, "workers": 1}
+    over, told = ({"load.force": [10.0]}, ["run.highest.displacement"]), "cannot be written: File too large"
+    with (
+        largest_file(20_000),
+        pytest.raises(OutputError, match=rf"000000\.mcap {told}\. .* kept in .*; the same command"),
+    ):
+        lab.study(belt, *over, **asked)
+    assert not [*next(tmp_path.iterdir()).joinpath("runs").iterdir()]
+    found = lab.study(belt, *over, **asked)
+    assert lab.open(found.recordings[0]).time[-1] == 2.0
+    with largest_file(4096), pytest.raises(OutputError, match=rf"new.found\.nc {told}$"):
+        found.save(tmp_path / "new" / "found.nc")
+    assert not [*(tmp_path / "new").iterdir()]

@@ -9,12 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import rig
 from rig.bench.run.command_queue import CLAMPED, SAFE
 from rig.bench.run.exchange import Exchange, Playback
 from rig.bench.run.journal import Journal
 from rig.errors import UsageError
-from rig.scenes.protocol import STEPS
 
 MS = 1_000_000
 
@@ -151,16 +149,6 @@ def test_a_ramp_goes_on_where_it_would_be(loop):
     loop.exchange.connect("nf", False)
     moves = [(0, (40.0, 100)), (10, 50.0), (30, 26.0), (30, (40.0, 70))]
     assert loop.runner.done == [(tick, "load.force", value) for tick, value in moves]
-
-
-def test_a_ramp_ends_at_the_limit_that_it_reaches():
-    """It keeps its slope, and stays there."""
-    steps = [{"step": "ramp", "target": "drive.speed", "to": 0.26, "over": 2.0}, {"step": "hold", "time": 0.5}]
-    scene = rig.load("belt", {"drive.speed_max": 0.25})
-    speed = rig.simulate(replace(scene, protocol=STEPS.validate_python(steps))).signals["surface_speed"]
-    t = np.arange(len(speed)) * 1e-3
-    np.testing.assert_allclose(speed, np.minimum(0.06 + 0.1 * t, 0.25), rtol=1e-3)
-    assert set(speed[1905:]) == {0.25}
 
 
 REAL = st.floats(allow_nan=True, allow_infinity=True)

@@ -1,6 +1,5 @@
 """Frames in one piece, as far as nobody listens, have the samples and events of frames one by one, bit for bit."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +7,9 @@ import pytest
 
 import rig
 from rig.bench.run.runner import PlantRunner
-from rig.bench.run.simulate import simulate
 from rig.motion import motion
-from rig.scenes.scene import Scene
 from rig.solve.sampling import GATHERED
 
-MS = 1_000_000
 P1 = Path(__file__).parents[1] / "problems" / "p1.toml"
 FAST = {"sensors.vibrometer.rate": "5 kHz"}
 # scene, changes, frames
@@ -69,40 +65,3 @@ def test_a_piece_is_its_frames_one_by_one(name, monkeypatch):
         assert (other.bank.latest == single.bank.latest).all()
         assert (other.bank.fresh == single.bank.fresh).all() or other is whole
         assert np.array_equal(other.motion.x, single.motion.x)
-
-
-class Listener:
-    """Commands the load of the scene and writes down what it is told."""
-
-    reads, drives, period_ns = ("vibrometer",), ("load.force",), MS
-
-    def __init__(self, every_sample=False):
-        self.every_sample, self.told = every_sample, []
-
-    def start(self):
-        return 0
-
-    def update(self, state, t_ns, values):
-        self.told.append((state, t_ns, values))
-        return state + 1, (20.0 + 1e-3 * state,)
-
-
-@pytest.mark.parametrize("every_sample", [False, True])
-def test_who_is_not_connected_hears_the_same(every_sample):
-    """The controller is connected for the second of three tenths of a second."""
-    raw, hold = json.loads(rig.load("belt_normal_force", FAST).to_json()), {"step": "hold", "time": 0.1}
-    on, off = ({"step": step, "controller": "nf"} for step in ("connect", "disconnect"))
-    listener = Listener(every_sample)
-    run = simulate(Scene.from_json(json.dumps(raw | {"protocol": [hold, on, hold, off, hold]})), {"nf": listener})
-    v = run.measurements["vibrometer"].v
-    assert [state for state, *_ in listener.told] == list(range(300))
-    assert [t_ns for _, t_ns, _ in listener.told] == list(range(0, 300 * MS, MS))
-    if every_sample:
-        heard = [list(samples) for *_, (samples,) in listener.told]
-        assert [len(samples) for samples in heard] == [1] + 299 * [5]
-        assert [sample for samples in heard for sample in samples] == v[: 1 + 299 * 5].tolist()
-    else:
-        assert [values for *_, values in listener.told] == [(sample,) for sample in v[:1500:5]]
-    assert run.summary["controllers"]["nf"]["updates"] == 300
-    assert run.commands["nf"].tick.tolist() == list(range(100, 200))
-    assert run.commands["nf"].values[:, 0].tolist() == [20.0 + 1e-3 * state for state in range(100, 200)]

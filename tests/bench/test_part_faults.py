@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from plant_in_thread import bits, recorded
+from plant_in_thread import bits, ran, recorded, same_bits
 
 import rig
 from rig.bench.again.fork import fork
@@ -129,6 +129,13 @@ def test_faults_are_events_and_are_verified(faulty, tmp_path):
     found = verify(recorded(tmp_path, faulty))
     assert found.passed, found.text()
     assert found.events >= 13
+
+
+def test_in_lockstep_it_has_the_same_bits(faulty):
+    _, heard = ran(belt(ALL), pace=None, duration=1.0)
+    same_bits(heard, faulty)
+    events = [(e.tick, e.text) for e in heard["event/plant"] if e.kind == "fault"]
+    assert events == [(round(t * 1e3), text) for t, text in told(faulty)]
 
 
 def test_a_fork_has_the_bits_of_the_run_that_goes_on(monkeypatch, tmp_path, faulty):

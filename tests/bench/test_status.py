@@ -1,9 +1,12 @@
 """What one sees of a run."""
 
+import io
+
 import pytest
 
 from rig.bench.live import status
 from rig.bench.live.outcome import Outcome
+from rig.bench.live.status import Live
 from rig.bench.live.timing import Timing
 
 HEALTH = dict.fromkeys(("late", "overruns", "drops"), 0) | {
@@ -67,6 +70,23 @@ def test_the_summary_says_verdict_worst_lateness_cause_losses_and_what_next(summ
         "rig report run.mcap | rig verify run.mcap | rig replay run.mcap",
     ):
         assert said in text
+
+
+def test_the_live_line_stays_in_its_place_and_lines_stay_above():
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    stream = Terminal()
+    live = Live(stream)
+    live.show(HEALTH)
+    live.say("mark: here")
+    live.show({**HEALTH, "phase": "done"})
+    live.done()
+    written = stream.getvalue()
+    assert written.count("\n") == 1
+    assert written.index("hold 3/7") < written.index("mark: here") < written.index("done")
+    assert written.endswith("\r")
 
 
 def test_a_balance_that_does_not_close_names_the_step_of_the_method():

@@ -179,13 +179,3 @@ def test_a_recording_whose_scene_is_damaged_is_read(call, tmp_path):
         code, said = call(command, *(("--from", log) if command == "simulate" else (log,)))
         assert code == 2
         assert f"{log}, the recorded scene: is damaged, or of another version" in said
-
-
-def test_a_file_that_may_not_be_read_is_named(tmp_path, monkeypatch):
-    def refuse(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    (tmp_path / "run.mcap").write_bytes(BELT.read_bytes())
-    monkeypatch.setattr(Path, "open", refuse)  # the tests may run as a user who may read everything
-    with pytest.raises(LogError, match=r"run\.mcap cannot be read: Permission denied"):
-        lab.open(tmp_path / "run.mcap")

@@ -20,7 +20,6 @@ from rig.cli import printing
 from rig.cli.app import program
 from rig.errors import ExitCode
 from rig.record.reader import open as open_recording
-from rig.record.run import Run
 
 COMMANDS = sorted(set(program.commands) - {"topic"})
 PROMISED = (
@@ -172,21 +171,6 @@ def test_a_scene_that_is_too_slow_for_the_clock_is_refused_with_what_works(rig):
 def test_reports_are_json_even_where_a_number_is_none(capsys):
     printing.report({"a": float("nan"), "b": np.float64(2.0), "c": np.array([1.0, np.inf]), "d": (True, None)})
     assert json.loads(capsys.readouterr().out) == {"a": None, "b": 2.0, "c": [1.0, None], "d": [True, None]}
-
-
-def test_diff_tells_where_two_recordings_part(rig, tmp_path):
-    v = np.sin(np.arange(50) * 0.1)
-    w = v.copy()
-    w[20] = np.nextafter(w[20], 2.0)
-    one, same, other = (tmp_path / f"{name}.mcap" for name in "abc")
-    for path, values in ((one, v), (same, v), (other, w)):
-        Run("{}", 1_000_000, 1_000_000, np.arange(50) * 1e-3, {"velocity": values}, {"velocity": "m/s"}).save(path)
-    code, out, _ = rig("diff", one, same)
-    assert (code, out.startswith("identical")) == (0, True)
-    code, out, _ = rig("diff", one, other)
-    assert (code, f"t = 0.02 s: {float(v[20])!r} and {float(w[20])!r}" in out) == (1, True)
-    code, out, _ = rig("diff", one, other, "--json")
-    assert (code, json.loads(out)["identical"]) == (1, False)
 
 
 def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):

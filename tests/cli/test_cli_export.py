@@ -4,7 +4,6 @@ import json
 import shutil
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.io import loadmat
 
@@ -57,28 +56,6 @@ def test_chosen_signals_at_a_lower_rate(rig, log, tmp_path):
     assert np.array_equal(data["commands_nf"]["load_force"], sent.values[:, 0])
     assert data["names"]["commands_nf"]["load_force"] == "load.force"
     assert data["units"]["commands_nf"]["load_force"] == "N"
-
-
-def test_what_exists_is_replaced_by_force_only(rig, log):
-    for to in ("csv", "netcdf"):
-        assert rig("export", log, "--to", to, "--only", "velocity")[0] == 0
-    files = {one: one.read_bytes() for one in log.parent.rglob("*") if one.is_file()}
-    code, _, err = rig("export", log, "--to", "netcdf")
-    assert code == 2
-    assert f"--out {log.parent / 'log.nc'} exists; name another file, or add --force to replace it" in err
-    code, _, err = rig("export", log, "--to", "csv", "--only", "velocity")
-    assert code == 2
-    assert "has outputs.csv, datapackage.json; name another folder, or add --force to replace them" in err
-    assert {one: one.read_bytes() for one in log.parent.rglob("*") if one.is_file()} == files
-    (log.parent / "log-csv" / "mine.txt").write_text("mine")
-    assert rig("export", log, "--to", "csv", "--force")[0] == 0  # more tables, which the next export does not leave
-    assert len(list((log.parent / "log-csv").iterdir())) > 3
-    for to in ("csv", "netcdf"):
-        assert rig("export", log, "--to", to, "--only", "displacement", "--force")[0] == 0
-    assert pd.read_csv(log.parent / "log-csv" / "outputs.csv").columns.tolist() == ["time [s]", "displacement [m]"]
-    assert {one.name for one in (log.parent / "log-csv").iterdir()} == {"datapackage.json", "mine.txt", "outputs.csv"}
-    assert (log.parent / "log-csv" / "mine.txt").read_text() == "mine"
-    assert (log.parent / "log.nc").read_bytes() != files[log.parent / "log.nc"]
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 
 import rig as laboratory
 from rig.cli import app as program
+from rig.errors import OutputError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
 from rig.record.writer import opened_new
@@ -247,18 +248,28 @@ def test_every_command_that_writes_files_takes_force():
     assert [name for name in sorted(paths) if "force" not in options[name]] == []
 
 
-def test_a_finished_map_is_drawn_again_by_force_only(rig, tmp_path):
-    axes = ("--x", "drive.speed=0.2:0.3:2", "--y", "load.force=10:20:2")
-    asked = ("map", "belt", *axes, "--eigenvalues", "--out", str(tmp_path))
-    assert rig(*asked)[0] == 0
-    [mine] = tmp_path.glob("*/regions.png")
-    mine.write_text("mine")
-    code, err = rig(*asked)
-    assert code == 2
-    assert "add --force" in err
-    assert mine.read_text() == "mine"
-    assert rig(*asked, "--force")[0] == 0
-    assert mine.read_bytes().startswith(b"\x89PNG")
+@pytest.mark.usefixtures("log")
+@pytest.mark.parametrize(
+    ("command", "drawn"),
+    [
+        ("explain belt --measure --figure a.png", "qualify.effects_measured.draw"),
+        ("sound log.mcap --signal s --figure a.png", "analysis.recorded.figures.sound_figure"),
+        ("map belt --x drive.speed=0.2:0.3:2 --y load.force=10:20:2 --eigenvalues", "analysis.regions.figure"),
+    ],
+)
+def test_a_figure_that_fails_does_not_take_the_report_with_it(capsys, tmp_path, monkeypatch, command, drawn):
+    def fail(*_, **__):
+        raise OutputError("no figure")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(f"rig.{drawn}", fail)
+    monkeypatch.setattr("rig.qualify.effects_measured.parts", lambda *_, **__: [])
+    with pytest.raises(SystemExit) as left:
+        program.run(command.split())
+    out, err = capsys.readouterr()
+    assert left.value.code == 1
+    assert "no figure" in err
+    assert len(out) > 100
 
 
 def test_two_options_do_not_name_one_file(rig, log, tmp_path):

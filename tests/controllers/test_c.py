@@ -141,21 +141,6 @@ def test_a_crash_is_only_the_controllers(libraries, more, told, monkeypatch):
     same(simulate(faulty, {}, 200_000_000, Recorded(run.commands, run.events)), run)
 
 
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"version": "7"}, "was compiled with version 7 of rig_controller.h, this rig needs version 1"),
-        ({"unit": "mm/s"}, "vibrometer: the unit 'mm/s' is not SI"),
-        ({"more": "*(volatile int *)0 = 1;"}, "was ended by signal 11 (SIGSEGV)"),
-    ],
-)
-def test_a_library_that_does_not_fit_is_named_before_the_run(libraries, changes, told):
-    with pytest.raises(SceneError) as refused:
-        scene(libraries(**changes))
-    assert told in str(refused.value)
-    assert "controllers.nf.file: " in str(refused.value)
-
-
 def test_a_symbol_that_is_missing_is_named(libraries, tmp_path):
     path = tmp_path / "lacking.so"
     path.write_bytes(libraries().read_bytes().replace(b"rig_controller_step", b"rig_kontroller_step"))

@@ -10,7 +10,6 @@ from pydantic import ValidationError
 
 from rig import controllers
 from rig.controllers.belt_velocity import BeltVelocity
-from rig.controllers.blocks.base import retune
 from rig.controllers.normal_force import NormalForce
 from rig.errors import UsageError
 
@@ -135,14 +134,3 @@ def test_limits_and_nominal_value_must_fit_each_other():
         normal_force(highest=10.0)
     with pytest.raises(ValidationError, match="lowest"):
         normal_force(lowest=-1.0)
-
-
-def test_a_new_filter_or_prediction_comes_in_without_a_bump():
-    old = normal_force(gain=100.0, frequency=3.5)
-    state = old.start()
-    for k in range(1000):
-        state, before = old.update(state, k * 1_000_000, (0.05 * math.sin(22.0 * k * 1e-3),))
-    for changes in ({"filter": "50 Hz"}, {"compensation": "1 ms"}):
-        new = retune(old, changes)
-        _, after = new.update(state, 1_000_000_000, (0.05 * math.sin(22.0),))
-        assert after[0] == pytest.approx(before[0], abs=0.3)

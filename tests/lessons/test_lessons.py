@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import re
 import select
 import signal
 import subprocess
@@ -17,6 +18,7 @@ import pytest
 from patience import PATIENCE_S, wait_for
 
 from rig import scenes
+from rig.cli.lesson import for_a_terminal
 from rig.lessons import FOLDER, attempt, compare, lesson, lessons, renew, renewed
 from rig.lessons.page import Command, at, read
 
@@ -211,6 +213,23 @@ def test_a_line_that_a_command_does_not_print_is_refused():
             renewed(command, printed)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("## Solutions", "## Answers", "expected Question, Experiment, Solutions"),
+        ("| scene | `belt` |", "", "no row scene"),
+        ("| 0.01 |", "| 0.01 m |", "another unit"),
+        ("```\n\n|", "```\n\nSo:\n\n|", "must follow"),
+        ("\nstable\n", "\n", "2 rows, but 1 places"),
+    ],
+)
+def test_a_page_without_its_parts_is_refused(old, new, why, tmp_path):
+    file = tmp_path / "01_t.md"
+    file.write_text(PAGE.replace(old, new, 1))
+    with pytest.raises(ValueError, match=why):
+        read(file)
+
+
 def test_without_a_terminal_the_page_is_printed(tmp_path):
     done = subprocess.run([sys.executable, "-m", "rig", "lesson", "1"], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0
@@ -220,6 +239,21 @@ def test_without_a_terminal_the_page_is_printed(tmp_path):
     assert f"`{FOLDER / 'falling_friction.png'}`" in done.stdout
     listed = subprocess.run([sys.executable, "-m", "rig", "lesson"], capture_output=True, text=True, cwd=tmp_path)
     assert all(one.title in listed.stdout for one in ALL)
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda one: one.file.stem)
+def test_links_of_a_page_lead_somewhere_in_a_terminal(one, tmp_path, monkeypatch):
+    """From a folder of the source: to files. From a wheel, which has the lessons alone: a command of the page does."""
+    shown = for_a_terminal(one.file.read_text())
+    assert "](" not in shown
+    assert "in the source" not in shown
+    for file in re.findall(r"`(/\S+)`", shown):
+        assert Path(file).is_file()
+    for scene in re.findall(r"`rig explain (\S+)`", one.next):
+        assert scene in scenes.names()
+    monkeypatch.setattr("rig.lessons.FOLDER", tmp_path / "rig" / "lessons" / "pages")
+    for line in for_a_terminal(one.next).splitlines():
+        assert "in the source of friction-rig" not in line or re.search(r"`rig (explain \w+|\w+ --help)`", line), line
 
 
 def test_in_a_terminal_commands_are_run_and_compared(tmp_path):

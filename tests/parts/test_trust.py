@@ -7,9 +7,9 @@ from hashlib import sha256
 import pytest
 
 import rig as lab
-from rig.analysis.recorded.comparison import compare
 from rig.analysis.recorded.series import drive, vibration
-from rig.errors import PartError, Untrusted
+from rig.errors import PartError, SceneError, Untrusted
+from rig.parts import trust_scene
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
@@ -79,19 +79,6 @@ def test_what_is_not_known_without_the_code_is_told(rig, log):
     assert "stick share" not in rig("diff", log, log, "--trust")[1]
 
 
-def test_recordings_whose_parts_have_another_source_differ_in_it(log, folder):
-    """Here in a comment, so that no value and no sample differs; no code runs for it."""
-    with (folder / "example_plant.py").open("a") as file:
-        file.write("# another edition\n")
-    other = folder / "other.mcap"
-    lab.simulate(lab.load(folder / "scene.toml"), 0.3).save(other)
-    found = compare(lab.open(log), lab.open(other))
-    [value] = found.values
-    assert value.key == "source of example_plant.py"
-    assert value.first != value.second
-    assert found.signals.identical
-
-
 def test_source_that_does_not_have_its_hash_is_refused(rig, log, tmp_path):
     def change(raw):
         raw["parts"][0]["source"] += "\nprint('hello')\n"
@@ -126,6 +113,22 @@ def test_trust_is_a_matter_of_the_text(log, strangers):
     with pytest.raises(Untrusted, match=r"example_plant\.py") as told:
         Scene.from_json(json.dumps(raw))
     assert "example_sensor.py" not in str(told.value)
+
+
+DAMAGED = "is damaged, or of another version of friction-rig"
+
+
+@pytest.mark.parametrize(("key", "value", "told"), [
+    ("format", 99, "recorded by a newer version, whose scene files have format 98"),
+    ("plant", "nope", "'nope' is missing, or not known to this version"),
+    ("clock", None, DAMAGED),
+    ("protocol", [{"step": "fly"}], DAMAGED),
+])  # fmt: skip
+def test_a_recorded_scene_that_is_none_is_told(scene, key, value, told):
+    trust_scene(json.dumps(scene))
+    with pytest.raises(SceneError) as caught:
+        Scene.from_json(json.dumps(scene | {key: value}))
+    assert told in str(caught.value)
 
 
 def test_a_report_without_trust_says_what_it_does_not_show(rig, log, strangers):

@@ -144,18 +144,6 @@ def compiled(tmp_path, monkeypatch):
     return called
 
 
-def test_a_shape_is_compiled_once(compiled):
-    told = []
-    names = ["belt", "belt_b", "belt_c", "belt_c_damped"]
-    shape = kernel_shapes.Shape(3, curved=True, fixed=False, products=False, kicks=False, implicit=False)
-    assert set(bug_report.warmup(told.append, names)) == {shape, shape._replace(curved=False)}
-    assert compiled == ["belt", "belt_c"]
-    assert "2 kernel shapes in 4 scenes, 2 to prepare" in told[0]
-    assert "s left" in told[1]
-    assert bug_report.warmup(names=names) == {}
-    assert compiled == ["belt", "belt_c"]
-
-
 def test_every_shipped_scene_is_ready_after_a_warm_up(compiled, shipped, monkeypatch):
     monkeypatch.setattr(bug_report, "needed", lambda: [])  # of the torture test
     monkeypatch.setattr(rig.scenes, "load", dict(zip(rig.scenes.names(), shipped)).get)

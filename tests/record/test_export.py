@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 from scipy.io import loadmat
 
-from rig.errors import OutputError, UsageError
+from rig.errors import UsageError
 from rig.record.export import FORMATS, export, tables
 from rig.record.export.files import LONGEST, description, files, valid
 from rig.record.run import Commands, Run, Samples
@@ -257,33 +257,6 @@ def test_odd_names_make_valid_files(tmp_path):
     assert [*fields["outputs"]] == ["time", "a_b", "a_b_2", "time_2", "x___y_"]
     assert [*fields["names"]["outputs"].values()] == ["time", *wanted]
     assert {one.name for one in tmp_path.iterdir()} == set(FORMATS)
-
-
-@pytest.mark.parametrize("to", ["csv", "hdf5"])
-def test_nothing_is_left_of_an_export_that_fails(run, tmp_path, monkeypatch, to):
-    path = written(run, to, tmp_path)
-    before = {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()}
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    changed = dataclasses.replace(run, signals={"velocity": run.signals["velocity"] + 1.0})
-    with pytest.raises(OutputError, match=r"export\..* cannot be written: No space left on device"):
-        export(tables(changed), to, path, {})
-    assert {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()} == before
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
-
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("os.fsync", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        export(tables(changed), to, path, {})
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
-    monkeypatch.undo()
-    export(tables(changed), to, path, {})
-    assert {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()} != before
 
 
 def test_a_library_that_is_missing_is_named(run, tmp_path, monkeypatch):

@@ -129,6 +129,25 @@ def test_a_recorded_scene_of_an_older_format_comes_back(monkeypatch):
     assert json.loads(again.to_json())["format"] == 4
 
 
+def test_a_recorded_scene_of_a_newer_format_is_refused(monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(migration, "STEPS", STEPS)
+        text = scenes.load("belt").to_json()
+    with pytest.raises(SceneError, match=r"newer version, whose scene files have format 3; this one reads format 1"):
+        scenes.Scene.from_json(text)
+
+
+def test_a_key_by_both_names_is_told_and_nothing_is_rewritten(tmp_path, renamed):
+    """One of the two values would be lost, and the file would have a key twice."""
+    path = tmp_path / "mine.toml"
+    path.write_text('based_on = "belt"\n[load]\npress = "30 N"\nweight = "40 N"\n')
+    told = r"load\.press and load\.weight are one key since format 3; remove one of them"
+    with pytest.raises(SceneError, match=rf"{told} \(mine\.toml\)"):
+        scenes.load(path)
+    with pytest.raises(ValueError, match=told):
+        migration.rewritten(path.read_text())
+
+
 @pytest.mark.parametrize(("old", "new"), [
     ("# my format = 1\nformat = 2 # of mine\r\n[load]\r\n\"press\" = 3\r\n",
      "# my format = 1\nformat = 3 # of mine\r\n[load]\r\nforce = 3\r\n"),

@@ -83,15 +83,3 @@ def test_the_portrait_is_the_declared_pair_or_the_first_output_with_its_rate():
     assert declared(**outputs).portrait == ("y", "y_rate")
     assert declared(weight=outputs["weight"], b=outputs["b"]).portrait is None
     assert Channels(None, {"displacement": "m", "velocity": "m/s"}, {}).portrait is None
-
-
-def test_a_measurement_is_in_the_plot_of_its_output_in_its_unit_and_a_sound_has_its_own():
-    scene = rig.load("pendulum")
-    found = channels(scene)
-    assert found.measured["strain_gauge"] == ("friction_force", pytest.approx(1.0 / 20e-6))
-    panels = {panel.title: panel for panel in found.panels}
-    assert {"strain_gauge", "normal_force"} <= set(panels["forces [N]"].sensors)
-    assert found.colour_of("strain_gauge") == found.colours["friction_force"]
-    heard = channels(rig.load("brake"))
-    assert "microphone" not in heard.measured
-    assert heard.panels[-1][:3] == ("microphone [Pa]", (), ("microphone",))

@@ -13,7 +13,7 @@ from rig.errors import UsageError
 from rig.record.run import Commands, Run, Samples
 from rig.scenes import shipped
 from rig.view import contact, curves
-from rig.view.curves import Known, known, thinned
+from rig.view.curves import thinned
 from rig.view.palette import put
 
 
@@ -117,23 +117,6 @@ def live(seconds=2.0, rate=10_000.0, motion=lambda t: np.sin(20 * t), noise=0.0)
         signals={name: motion(t) for name in run.signals},
         measurements={"vibrometer": Samples(np.rint(1e9 * fine).astype(np.int64), measured)} if rate else {},
     )
-
-
-@pytest.mark.parametrize(
-    ("run", "shows"),
-    [
-        ({}, Known.ALL),
-        ({"noise": 0.05}, Known.ALL),
-        ({"motion": lambda t: np.where(t % 0.3 < 0.1, -1.0, t % 0.3)}, Known.ALL),  # jumps
-        ({"motion": lambda t: t + 0.2 * np.sin(2 * np.pi * 401.0 * t)}, Known.ALIAS),
-        ({"motion": lambda t: np.sin(2 * np.pi * 600.0 * t), "noise": 0.05}, Known.ALIAS),
-        ({"motion": lambda t: np.exp(-5 * t) * np.sin(2 * np.pi * 600.0 * t)}, Known.ALIAS),
-        ({"rate": 400.0}, Known.SAMPLES),
-    ],
-)
-def test_what_the_states_of_a_live_run_show_follows_from_a_faster_sensor(run, shows):
-    assert known(live(**run)) is shows
-    assert known(rig.simulate("belt", 0.1)) is Known.ALL
 
 
 def test_a_live_run_shows_no_vibration_that_there_was_not(tmp_path):

@@ -1,7 +1,6 @@
 """The moving picture: in stick all move as one, and scales are round."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,14 +31,6 @@ def moving(columns, path, component):
     return np.array(found.columns.fields[component], float).reshape(len(found.t_ns), -1)
 
 
-def played(scene, seconds, frames=200):
-    """The picture of a scene, a run of it, and the rows of the run at which `columns` draw it."""
-    picture, run = drawn(scene), rig.simulate(scene, seconds)
-    t_ns = np.round(run.time * 1e9).astype(np.int64)
-    shown = np.arange(0, t_ns.size, max(t_ns.size // frames, 1))
-    return picture, run, shown, picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
-
-
 def test_in_stick_arm_and_disc_turn_as_one():
     scene = rig.load("pendulum")
     picture = drawn(scene)
@@ -66,46 +57,6 @@ def test_motion_is_magnified_by_a_round_number_that_keeps_it_in_the_picture(name
     assert min(abs(mantissa - step) for step in (1, 2, 5)) < 1e-9
     reach = system.patches[0].law.static * 20.0 * system.patches[0].direction[0] / system.stiffness[0, 0]
     assert 0.05 < scale.motion * reach < 0.5
-
-
-def test_the_beam_ends_in_its_tip_which_moves_with_the_disc_in_stick():
-    scene = replace(rig.load("tip_beam", {"drive.speed": 0.006}), protocol=())
-    picture, run, shown, columns = played(scene, 0.02)
-    tip, beam = moving(columns, "rig/mass", "translation"), moving(columns, "rig/spring", "strips")
-    assert 0.05 < np.ptp(tip[:, 0]) < 1.0
-    assert beam[:, -3] == pytest.approx(tip[:, 0], abs=1e-5)
-    assert np.ptp(beam[:, :3], axis=0) == pytest.approx(0.0, abs=1e-9)  # the clamp
-    ran = picture.scale.motion * 0.006 * run.time[shown]
-    stuck = np.abs(run.signals["slip_speed"][shown]) < 1e-12
-    both = stuck[1:] & stuck[:-1]
-    assert both.sum() > 20
-    assert np.diff(tip[:, 0])[both] == pytest.approx(np.diff(ran)[both], rel=1e-3, abs=1e-6)
-
-
-def test_the_brake_is_drawn_under_a_stroboscope():
-    """A squeal of 5 um, told as it would be recorded: where the bodies are, at which instants, what is open."""
-    scene = rig.load("brake_3400")
-    picture = drawn(scene)
-    omega, zoom = picture.motion.omega, picture.scale.motion
-    assert omega / (2.0 * math.pi) == pytest.approx(rig.modes(scene).sliding.modes[0].frequency, rel=1e-9)
-    t_ns = np.arange(0, 1_000_000_000, 20_000)
-    phase = omega * t_ns * 1e-9
-    zero = np.zeros(t_ns.size)
-    signals = dict.fromkeys(outputs(scene), zero)
-    signals |= {"displacement": 5e-6 * np.cos(phase), "velocity": -5e-6 * omega * np.sin(phase)}
-    signals |= {"surface_speed": zero + 0.289, "normal_force_inner_left": zero + 900.0}
-    shown = np.arange(999, t_ns.size, 1000)
-    columns = picture.frames(t_ns, signals, np.full(t_ns.size, 1), shown)
-    pad, other = (moving(columns, f"rig/{body}", "translation") for body in ("inner_pad", "outer_pad"))
-    seen = 2.0 * math.pi * next(c for c in columns if c.path == "rig/inner_pad").t_ns * 1e-9
-    step = omega * 20e-6  # how closely an instant can be chosen
-    assert pad[:, 0] == pytest.approx(10.0 * zoom * 5e-6 * np.cos(seen), abs=10.0 * zoom * 5e-6 * step)
-    assert np.ptp(pad[:, 0]) > 1.9 * 10.0 * zoom * 5e-6
-    assert np.corrcoef(pad[:, 0], other[:, 0])[0, 1] < -0.99  # the pads run against each other
-    turned = 2.0 * moving(columns, "rig/free_carrier", "quaternion")[:, 1]
-    assert 0.01 < np.abs(turned).max() < 0.5
-    colours = [moving(columns, f"rig/inner_pad/inner_{side}", "colors") for side in ("left", "right")]
-    assert [np.unique(one, axis=0).tolist() for one in colours] == [[[*contact.rgb(c)]] for c in ("#e08b3c", "#9a9a9a")]
 
 
 def test_a_rig_that_declares_no_picture_gets_curves_and_a_strip_and_nothing_is_guessed():
