@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import SceneError
-from rig.model.film import Film, at, on, over
+from rig.model.film import Film, at, on
 from rig.model.named_rows import Circuit, Part, Row, Rows, Variation
 from rig.model.system import (
     Bound,
@@ -33,7 +33,6 @@ from rig.model.system import (
     System,
 )
 from rig.picture import Plot
-from rig.solve.film_steps import SUMS
 from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, VERSINE
 
 Array = NDArray[np.float64]
@@ -46,13 +45,11 @@ def add_film_states(a: Rows, film: Film) -> None:
         return
     speed = sum(rate * a.start.get(state, 0.0) for state, rate in a.signals[film.slid].items())
     start = film.start(a.coordinates, a.start, speed)
+    for name in film.states(a.coordinates):
+        a.signal(name, {}, start[name], "film")
     for name in a.coordinates:
-        a.signal(on(name), {}, start[on(name)], "film")
         a.push(name, {on(name): 1.0})
-    order, kinds = film.order.tolist(), film.of_points()
-    for name in (*map(over, SUMS), *(at(kind, point) for kind in kinds for point in order)):
-        a.signal(name, {}, start.get(name, 0.0), "film")
-    damped = "c" in kinds
+    damped = bool(film.damping.any())
     for point, (stiffness, shear) in enumerate(zip(film.stiffness.tolist(), film.shear.tolist())):
         for kind in ("f", "g")[: film.directions - 1]:
             a.stores.append((1.0 / shear, {at(kind, point): 1.0}))

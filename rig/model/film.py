@@ -77,6 +77,9 @@ class Film:
         for name in ("stiffness", "shear", "damping", "mu", "reach"):
             of_points = np.array(np.broadcast_to(getattr(self, name), self.points), dtype=np.float64)
             object.__setattr__(self, name, of_points)
+        bare = np.flatnonzero(~((self.stiffness > 0.0) & (self.shear > 0.0)))
+        if len(bare):
+            raise ValueError(f"points {', '.join(map(str, bare + 1))} of the film have no stiffness: they need an area")
         if self.law is not None:
             object.__setattr__(self, "tells", True)
             if self.law.states or self.law.backward is not None:
@@ -169,7 +172,13 @@ class Film:
         share = P / normal if normal else P
         sums = normal, float(f.sum()), float(np.mean(P > 0.0)), float(self.x @ share), float(self.y @ share), 0.0
         states = {over(name): value for name, value in zip(SUMS, sums)}
-        kinds = {"P": P, "f": f, "c": P / self.stiffness, "before": pressed / self.stiffness}
+        kinds = {
+            "P": P,
+            "f": f,
+            "g": np.zeros(self.points),
+            "c": P / self.stiffness,
+            "before": pressed / self.stiffness,
+        }
         kinds |= {"w": slip, "s": np.where(P > 0.0, np.where(slip == 0.0, STICKS, SLIDES), OPEN)}
         return states | {at(kind, point): v for kind, of in kinds.items() for point, v in enumerate(of.tolist())}
 
@@ -184,6 +193,11 @@ class Film:
     def creep(self, force: float) -> float:
         """The largest displacement [m] of a point under `force` [N] before it slips: the error of its stick."""
         return float((self.mu / self.shear).max()) * force
+
+    def states(self, coordinates: list[str]) -> list[str]:
+        """The names of the states that the film adds to a rig with these coordinates."""
+        forces, order = [on(name) for name in coordinates], self.order.tolist()
+        return [*forces, *map(over, SUMS), *(at(kind, point) for kind in self.of_points() for point in order)]
 
     def of_points(self) -> list[str]:
         """The kinds of states that each point has, in the order of the states."""

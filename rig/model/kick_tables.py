@@ -85,6 +85,16 @@ def no_film() -> FilmTables:
     )
 
 
+_ROUNDING = 1e-9
+"""Largest entry beside the diagonal that counts as rounding of vibration modes, over the root of both on it."""
+
+
+def _couples(matrix: Array) -> bool:
+    size = np.abs(np.diag(matrix))
+    beside = np.abs(matrix - np.diag(np.diag(matrix)))
+    return bool(np.any(beside > _ROUNDING * np.sqrt(np.outer(size, size))))
+
+
 class _Uncoupled(NamedTuple):
     """The flow of coordinates that nothing but the film couples, over a step: see FilmTables."""
 
@@ -157,13 +167,13 @@ def tables_of_film(system: System, modes: ModeSet, step: float, outputs: Array, 
     force = system.force[:, system.one : first]
     pushed = np.flatnonzero(force.any(axis=1))
     matrices = system.mass, system.damping, system.stiffness
-    coupled = len(system.network) > 0 or any(np.any(matrix - np.diag(np.diag(matrix))) for matrix in matrices)
+    coupled = len(system.network) > 0 or any(_couples(matrix) for matrix in matrices)
     coupled = coupled or bool(np.any(system.force[:, : system.one]))
     still = no_film()
     flow = still if coupled else _uncoupled(system, step, first, pushed)
     joint = _coupled(system, modes, step, first) if coupled else still
     inverse = np.linalg.inv(system.mass)
-    heavy = np.any(inverse - np.diag(np.diag(inverse)))
+    heavy = _couples(system.mass)
     kicks = zeros((nq if heavy else 0, _lanes(nq)))
     if heavy:
         kicks[:, :nq] = 0.5 * step * inverse

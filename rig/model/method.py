@@ -37,7 +37,7 @@ ADAPTIVE = ("dopri5", "rosenbrock")
 """Methods whose steps a tolerance determines."""
 MANY = 1 << 22
 """Largest number of mode sets that a system may have."""
-FILM_HELPS = "make the contacts points of a film (film.Film of the assembly), which have no mode sets"
+FILM_HELPS = "make the contacts points of a film, which have no mode sets (structure.film = true; Assembly.film)"
 CROWD = 1 << 14
 """Number of mode sets beyond which a run would build new ones all the time; 13 contacts that open exceed it."""
 

@@ -58,7 +58,11 @@ def faults(a: Assembly) -> Iterator[str]:
         yield from _row(f"direction of normal force {name!r}", {**direction, **inertia}, coordinates)
         if patch not in contacts:
             yield f"normal force {name!r} is of contact {patch!r}, {_near(contacts)}"
-    yield from _outputs(a, states | products, contacts, normals)
+    if a.film is not None and a.film.rows.shape[2] != len(a.coordinates):
+        yield f"the rows of the film are over {a.film.rows.shape[2]} coordinates; the rig has {len(a.coordinates)}"
+        return
+    of_film = set(a.film.states(a.coordinates)) if a.film is not None else set()
+    yield from _outputs(a, states | products | of_film, contacts, normals)
 
 
 def _outputs(a: Assembly, known: set[str], contacts: Collection[str], normals: Collection[str]) -> Iterator[str]:

@@ -65,7 +65,11 @@ def why(status: int, system: System, integration: Integration, state: MotionStat
         return NumericsError, f"{what} or whose friction is less steep at small speeds (rate_state: a larger a)"
     assert status == LOST
     film = system.film
-    if film is not None and not 0.0 <= (place := float(state.x[system.names.index(film.travel)])) <= film.longest:
+    if (
+        film is not None
+        and film.travel
+        and not 0.0 <= (place := float(state.x[system.names.index(film.travel)])) <= film.longest
+    ):
         if place < 0.0:
             return NumericsError, "the slider runs backwards and has reached the rear end of its travel, 0 m"
         return NumericsError, f"the slider has reached the end of its travel, {film.longest:g} m"

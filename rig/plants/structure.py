@@ -37,7 +37,11 @@ from rig.effects.load import Load
 from rig.effects.piezo import Piezo, WithStack
 from rig.errors import SceneError, UsageError
 from rig.laws import Friction
+from rig.model import film
 from rig.model.assembly import Accuracy, Assembly, Input, Output
+from rig.model.film import Film
+from rig.model.friction_law import Law
+from rig.model.method import MANY
 from rig.model.named_rows import Row
 from rig.model.system import Finding, System
 from rig.picture import Plot
@@ -58,6 +62,7 @@ from rig.quantities import (
     refused,
     unit_of,
 )
+from rig.solve.film_steps import COUNTED
 from rig.stability.linearisation import sliding_key, steady
 from rig.structure import basis, estimate, model_store, read
 from rig.structure.contacts import Contact as MeshContact
@@ -146,6 +151,8 @@ class Structure(Section):
     """The matrices: `parts` by name, or a job of a finite element program; the unit system of all its numbers.
 
     `coordinates`: names of typed rows. `rows`: file with node and direction of each row. `nodes`: mesh of the job.
+    `film`: in runs the contacts are points of a film, each of which opens, sticks by its shear stiffness and slips on
+    its own; by default where their mode sets are too many.
     """
 
     units: Literal["m-kg-s", "mm-t-s"]
@@ -155,6 +162,7 @@ class Structure(Section):
     rows: str | None = None
     coordinates: tuple[str, ...] | None = None
     parts: dict[str, MatrixPart] = Field(default_factory=dict)
+    film: bool | None = None
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -646,12 +654,82 @@ def _add_contacts(
             a.normal(name, patch, row(normal, factor=-float(stiffness[i])), row(normal), opens=contact.opens)
         of_contact = [entry[0] for entry in a.normals[-len(points.area) :]]
         a.outputs[f"normal_force_{points.name}"] = Output({f"N:{name}": 1.0 for name in of_contact}, "N", Plot())
+    if _as_film(a, p):
+        _add_film(a, p, model, springs, law, speed)
+        return
     first = patches[0][0]
     a.outputs |= {
         "normal_force": Output({f"N:{name}": 1.0 for name, *_ in a.normals}, "N"),
         "friction_force": Output({f"T:{name}": 1.0 for name, *_ in a.patches}, "N"),
         "slip_speed": Output({f"w:{first}": 1.0}, "m/s", Plot()),
         "surface_speed": Output(dict(a.surface(first)), "m/s", role="drive"),
+    }
+    a.judges.append(tension)
+
+
+def _as_film(a: Assembly, p: Parameters) -> bool:
+    """Whether the contacts run as points of a film. Raises SceneError if they are to, but cannot."""
+    law, asked = p.friction.friction() if p.friction else None, p.structure.film
+    wrong = [
+        f"contacts.{name}.opens: points of a film open; leave it out" for name, c in p.contacts.items() if not c.opens
+    ]
+    if law is not None and (law.states or law.backward is not None):
+        wrong.append("friction.law: points of a film support no law with memory or with a direction")
+    if p.piezo is not None and a.switches:
+        wrong.append("piezo: a shunt with a switch needs contacts with mode sets")
+    if asked and wrong:
+        raise SceneError("structure.film", wrong)
+    return not wrong and (6 ** len(a.patches) > MANY if asked is None else asked)
+
+
+def _add_film(a: Assembly, p: Parameters, model: Full, springs: list[Array], law: Law, speed: Row) -> None:
+    """Make the contacts points of a film, with outputs of each point.
+
+    Without `shear` a point is as stiff along the sliding as across it.
+    """
+    a.signal("slid", dict(speed), 0.0, "drive")
+    names = [name for name, *_ in a.normals]
+    of_points = list(zip(model.contacts, springs, strict=True))
+    shears = [
+        stiffness if (shear := p.contacts[points.name].shear) is None else shear * points.area
+        for points, stiffness in of_points
+    ]
+    a.film = own = Film(
+        rows=np.stack([np.concatenate([-points.normal for points, _ in of_points]).T,
+                       np.concatenate([points.along for points, _ in of_points]).T])[None],
+        slid="slid",
+        stiffness=np.concatenate(springs),
+        shear=np.concatenate(shears),
+        mu=np.array(law.static),
+        reach=np.concatenate([points.radius for points, _ in of_points]),
+        x=np.concatenate([points.position[:, 0] for points, _ in of_points]),
+        y=np.concatenate([points.position[:, 1] for points, _ in of_points]),
+        law=law,
+        tells=True,
+    )  # fmt: skip
+    load = p.load.force if p.load is not None else 0.0
+    creep = (
+        f"; it is held by its shear stiffness, {own.creep(load / own.points) * 1e9:.2g} nm at the most before it slips"
+    )
+    a.about |= {f"friction at {patch}": creep for patch, *_ in a.patches}
+    first = 0
+    for points, _ in of_points:
+        each = range(first, first + len(points.area))
+        a.outputs[f"normal_force_{points.name}"] = Output({film.at("P", i): 1.0 for i in each}, "N", Plot())
+        first += len(points.area)
+    for i, name in enumerate(names):
+        a.outputs[f"normal_force_of_{name}"] = Output({film.at("P", i): 1.0}, "N", Plot("normal force of points"))
+        a.outputs[f"slip_speed_of_{name}"] = Output({film.at("w", i): 1.0}, "m/s", Plot("slip speed of points"))
+        a.outputs[f"state_of_{name}"] = Output({film.at("s", i): 1.0}, "1", Plot("0 open, 1 stick, 2 slip"))
+    a.outputs |= {
+        "normal_force": Output({film.over("normal"): 1.0}, "N"),
+        "friction_force": Output({film.over("friction"): 1.0}, "N"),
+        "contact_fraction": Output({film.over("fraction"): 1.0}, "1", Plot(place=2)),
+        "openings": Output({film.over("openings"): 1.0 / COUNTED}, "1", Plot()),
+        "slip_speed": Output({film.at("w", 0): 1.0}, "m/s", Plot()),
+        "surface_speed": Output(
+            {state: float(own.reach[0]) * value for state, value in speed.items()}, "m/s", role="drive"
+        ),
     }
     a.judges.append(tension)
 
@@ -747,7 +825,7 @@ class _Given:
         return hash(self._key)
 
 
-_SWEPT = ("stiffness", "shear", "spring", "opens", "speed", "speed_min", "speed_max", "lag")
+_SWEPT = ("film", "stiffness", "shear", "spring", "opens", "speed", "speed_min", "speed_max", "lag")
 
 
 def _plain(value: Any) -> Any:

@@ -37,7 +37,7 @@ from rig.errors import Singular
 from rig.model import assembly, friction_law
 from rig.model.formulation import bearing_mass
 from rig.model.friction_law import Law
-from rig.model.method import ADAPTIVE, too_many
+from rig.model.method import ADAPTIVE, FILM_HELPS, too_many
 from rig.model.mode_sets import FAST
 from rig.model.singular import assembled
 from rig.model.system import Finding, Level, Normal, Patch, Sector, System
@@ -181,7 +181,7 @@ def stability_report(
     for _, name, at in sets:
         findings += _growth(at, name, fastest)
     if why := too_many(system):
-        remedy = "eigenvalues hold; for runs group the contacts into fewer points"
+        remedy = f"eigenvalues hold; for runs {FILM_HELPS}"
         return by_level([*findings, Finding("warning", f"a run is not possible: {why}", 0.0, remedy)])
     findings += step_findings(system, method, step, substeps, tolerance, (fastest, where))
     return by_level(findings)

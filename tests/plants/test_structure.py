@@ -314,9 +314,51 @@ def test_faults_of_files_and_nodes_are_reported_together(disc):
         scenes.load(written(disc, FE | {"structure": FE["structure"] | {"job": "disc_matrices"}}, "wrong"))
 
 
+MANY = FE | {
+    "contacts": {name: contact | {"points": [3, 4]} for name, contact in FE["contacts"].items()},
+    "reduction": {"modes": 40, "contact": "open", "residual": "spring", "error": 1.0},
+    "drive": {"speed": "0.5 rad/s", "axis": "z"},
+    "clock": {"rk4_step": "0.5 us"},
+}
+
+
+def test_many_contacts_run_as_a_film_with_outputs_of_each_point(disc, tmp_path):
+    scene = scenes.load(written(disc, MANY | {"protocol": [{"step": "hold", "time": "20 ms"}]}, "film"))
+    film = scene.assemble().film
+    assert film.points == 24
+    tables = rig.modes(scene).sliding.equilibrium
+    run, log = rig.simulate(scene), tmp_path / "run.mcap"
+    points = [f"{pad}_{i}" for pad in ("pad_up", "pad_down") for i in range(1, 13)]
+    forces = np.array([run.signals[f"normal_force_of_{point}"] for point in points])
+    states = np.array([run.signals[f"state_of_{point}"] for point in points])
+    assert np.array_equal(states == 0.0, forces == 0.0)
+    assert set(np.unique(states)) == {0.0, 1.0, 2.0}
+    assert run.signals["normal_force"] == pytest.approx(forces.sum(axis=0), rel=1e-12)
+    assert run.signals["contact_fraction"] == pytest.approx((forces > 0.0).mean(axis=0), rel=1e-12)
+    pressed = np.array([tables[f"normal_force_of_{point}"] for point in points])
+    assert forces[:, 0] == pytest.approx(pressed, rel=1e-6)
+    assert abs(run.energy["error"]) < 1e-5
+    assert run.signals["openings"][-1] > 100
+    run.save(log)
+    assert verify(log).passed
+
+
+def test_the_contact_of_three_masses_moves_alike_as_a_film(tmp_path):
+    film = THREE | {"structure": THREE["structure"] | {"film": True}, "clock": {"rk4_step": "100 us"}}
+    runs = [rig.simulate(scenes.load(written(tmp_path, tables)), 1.0) for tables in (THREE, film)]
+    exact, film = (run.signals["body_velocity"] for run in runs)
+    assert film == pytest.approx(exact, abs=1e-3 * np.abs(exact).max())
+
+
+def test_a_film_refuses_what_its_points_cannot_be(tmp_path):
+    asked = {"structure": THREE["structure"] | {"film": True}}
+    closed = THREE | asked | {"contacts": {"pad": THREE["contacts"]["pad"] | {"opens": False}}}
+    with pytest.raises(SceneError, match=r"contacts\.pad\.opens: points of a film open"):
+        scenes.load(written(tmp_path, closed)).assemble()
+
+
 def test_many_contacts_are_refused_before_a_run_with_the_reason(disc):
-    contacts = {name: contact | {"points": [3, 4]} for name, contact in FE["contacts"].items()}
-    scene = scenes.load(written(disc, FE | {"contacts": contacts}, "many"))
+    scene = scenes.load(written(disc, MANY | {"structure": FE["structure"] | {"film": False}}, "many"))
     with pytest.raises(SceneError, match="24 contacts that stick, slip and open one by one have"):
         rig.simulate(scene, 0.001)
     finding = next(finding for finding in rig.modes(scene).findings if "run is not possible" in finding.what)

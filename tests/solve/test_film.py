@@ -208,5 +208,5 @@ def test_mode_sets_that_are_forgotten_are_built_again_with_the_same_bits(monkeyp
 @pytest.mark.parametrize("method", ["auto", "exact", "kick", "dopri5"])
 def test_contacts_that_mode_sets_cannot_carry_are_refused_with_the_film_as_remedy(method):
     system = disc(points=24, film=False)[0].system()
-    with pytest.raises(ValueError, match="mode sets; .*: make the contacts points of a film"):
+    with pytest.raises(ValueError, match=r"mode sets; .*: make the contacts points of a film"):
         Motion(system, 10_000, chosen(method, system))

@@ -43,7 +43,12 @@ def meets_edge(scene: Scene, duration: float | None = None) -> str:
     """
     assembly = scene.assemble()
     film = assembly.film
-    if film is None or not assembly.signals[film.travel] or (scene.protocol and scene.duration_ns is None):
+    if (
+        film is None
+        or not film.travel
+        or not assembly.signals[film.travel]
+        or (scene.protocol and scene.duration_ns is None)
+    ):
         return ""
     if SPEED in scene.driven or any(SPEED in controller_drives(section) for section in scene.controllers.values()):
         return ""

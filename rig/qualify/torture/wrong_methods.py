@@ -133,7 +133,7 @@ def _stale(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
         raise UsageError("follows no commands")
     assembly = scene.assemble()
     system = assembly.system()
-    if system.film is None:
+    if system.film is None or not system.film.travel:
         raise UsageError("needs a film under a moving slider")
     rows = [assembly.outputs[name].row for name in case.expect.ends]
     motion = Motion(system, scene.step_ns, "kick", rows, substeps=scene.clock.substeps(scene.step_ns))
