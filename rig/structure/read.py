@@ -10,6 +10,7 @@ Abaqus .mtx     with FORMAT=MATRIX INPUT: node, direction, node, direction, valu
 
 from __future__ import annotations
 
+import itertools
 import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
@@ -54,6 +55,7 @@ _HELD = 1e35  # Abaqus writes 1e36 on the diagonal of a held row
 _STEPS = 60  # of the search for a motion of negative mass
 _INDEFINITE = -1e-8  # a mass below this, over that of its rows, is not due to rounding
 _ROUNDING = 1e-10
+_ROWS = 10_000_000  # most of a matrix
 ELSEWHERE = """\
 Write the matrices as Matrix Market (.mtx) or MATLAB v5 (.mat) and a CSV file with node and direction of each row:
     Abaqus    *MATRIX GENERATE, STIFFNESS, MASS and *MATRIX OUTPUT, STIFFNESS, MASS, FORMAT=MATRIX INPUT; no CSV needed
@@ -184,7 +186,7 @@ def _part(source: Source, dofs: NDArray[np.int64] | None) -> _Matrix:
         values = np.array(source.values if source.values is not None else (), dtype=float)
         read = _Matrix(sp.csr_array(np.atleast_2d(values)))
     elif dofs is not None:
-        read = _Matrix(_triplets(source.file, _table(source.file, 3), len(dofs)), dofs)
+        read = _Matrix(_triplets(source.file, _table(source.file, 3), len(dofs), complete=True), dofs)
     else:
         read = _file(source.file, source.variable)
     _finite(read, source)
@@ -267,11 +269,37 @@ def _real(path: Path, matrix: Any) -> sp.csr_array:
     if matrix.dtype.kind not in "fiub":
         advice = "write the real and the imaginary part as two parts" if matrix.dtype.kind == "c" else "write numbers"
         raise SceneError("", [f"{path.name}: has entries of type {matrix.dtype}; {advice}"])
+    if hasattr(matrix, "check_format"):
+        matrix.check_format(full_check=True)  # the indices of a damaged file would be used as addresses
     return sp.csr_array(matrix, dtype=np.float64)
 
 
 def _market(path: Path) -> _Matrix:
-    return _Matrix(_real(path, scipy.io.mmread(path)))
+    """Matrix Market; scipy's reader ends the process at some damaged files."""
+    first = 1 + next((n for n, line in enumerate(lines_of(path)) if line.strip() and not line.startswith("%")), 0)
+    *_, sizes = itertools.islice(lines_of(path), first)
+    kind = (*next(lines_of(path)).lower().split()[1:], "", "", "", "")[:4]
+    layout, numbers, symmetry = kind[1:]
+    if numbers == "complex":
+        raise SceneError("", [f"{path.name}: is complex; write the real and the imaginary part as two parts"])
+    mirrored = {"general": (0.0, 0), "symmetric": (1.0, 1), "skew-symmetric": (-1.0, -1)}
+    if (
+        layout not in ("coordinate", "array")
+        or numbers not in ("real", "double", "integer")
+        or symmetry not in mirrored
+    ):
+        expected = "coordinate or array, real or integer, general, symmetric or skew-symmetric"
+        raise SceneError("", [f"{path.name}: its first line says {brief(' '.join(kind[1:]))}; expected {expected}"])
+    (sign, diagonal), (rows, columns, *count) = mirrored[symmetry], [int(word) for word in sizes.split()]
+    table = _table(path, 3 if layout == "coordinate" else 1, first)
+    entries = count[0] if layout == "coordinate" else rows * (rows + diagonal) // 2 if sign else rows * columns
+    if len(table) != entries:
+        raise SceneError("", [f"{path.name}: has {len(table)} of {entries} entries; it is truncated"])
+    if layout == "array":  # column by column
+        below = np.tri(rows, columns, {0: max(rows, columns), 1: 0, -1: -1}[diagonal])
+        table = np.column_stack([np.argwhere(below.T)[:, ::-1] + 1.0, table])
+    matrix = _triplets(path, table, max(rows, columns))[:rows, :columns]
+    return _Matrix(sp.csr_array(matrix + sign * sp.tril(matrix, -1).T) if sign else matrix)
 
 
 def _abaqus(path: Path) -> _Matrix:
@@ -289,6 +317,9 @@ def _abaqus(path: Path) -> _Matrix:
         return _Matrix(_triplets(path, table, int(table[:, :2].max())))
     ends = np.concatenate([table[:, :2], table[:, 2:4]]).astype(np.int64)
     labels, number = np.unique(ends, axis=0, return_inverse=True)
+    if len(odd := np.flatnonzero((labels[:, 0] > 0) & ((labels[:, 1] < 1) | (labels[:, 1] > 6)))):
+        node, direction = labels[odd[0]].tolist()
+        raise SceneError("", [f"{path.name}: node {node} has a degree of freedom {direction}; expected 1 to 6"])
     matrix = sp.csr_array((table[:, 4], tuple(number.reshape(2, -1))), shape=(len(labels), len(labels)))
     other = sp.csr_array(matrix - sp.diags_array(matrix.diagonal())).T
     if not (abs(matrix) * abs(other)).count_nonzero():  # each entry stands for its mirror image too
@@ -297,8 +328,10 @@ def _abaqus(path: Path) -> _Matrix:
     return _Matrix(sp.csr_array(matrix[~held][:, ~held]), labels[~held], labels[held])
 
 
-def _triplets(path: Path, table: Array, rows: int) -> sp.csr_array:
-    """A matrix from row, column (from one), value. Every row has an entry on the diagonal, or the file is truncated."""
+def _triplets(path: Path, table: Array, rows: int, complete: bool = False) -> sp.csr_array:
+    """A matrix from row, column (from one), value. `complete`: a file without entries for a row is truncated."""
+    if rows > _ROWS:
+        raise SceneError("", [f"{path.name}: has {rows} rows; at most {_ROWS} are read"])
     at = table[:, :2]
     bad = np.flatnonzero((at != np.floor(at)).any(axis=1) | (at < 1).any(axis=1) | (at > rows).any(axis=1))
     if len(bad):
@@ -308,17 +341,20 @@ def _triplets(path: Path, table: Array, rows: int) -> sp.csr_array:
     i, j = at.astype(np.int64).T - 1
     seen = np.zeros(rows, dtype=bool)
     seen[i] = seen[j] = True
-    if missing := rows - int(seen.sum()):
+    if complete and (missing := rows - int(seen.sum())):
         last = int(max(i.max(), j.max())) + 1
         what = f"{missing} of {rows} rows have no entry, the last with one is {last}"
         raise SceneError("", [f"{path.name}: {what}; the file is truncated, or belongs to another .dof file"])
     return sp.csr_array((table[:, 2], (i, j)), shape=(rows, rows))
 
 
-def _table(path: Path, columns: int) -> Array:
-    """The numbers [line, column] of a text file, separated by blanks or commas; ** and % start a comment."""
-    skipped, comma = 0, None
-    for line in lines_of(path):
+def _table(path: Path, columns: int, skipped: int = 0) -> Array:
+    """The numbers [line, column] of a text file after `skipped` lines, separated by blanks or commas.
+
+    Lines that start with ** or % before the first number are comments.
+    """
+    comma = None
+    for line in itertools.islice(lines_of(path), skipped, None):
         if line.strip() and not line.startswith(("**", "%")):
             comma = "," if "," in line else None
             break

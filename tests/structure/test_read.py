@@ -70,7 +70,8 @@ def written(folder, how):
         elif how.startswith("matrix market"):
             name = name.with_suffix(".mtx")
             symmetry = "symmetric" if "symmetric" in how else "general"
-            scipy.io.mmwrite(name, sp.coo_array(matrix), precision=17, symmetry=symmetry)
+            stored_as = matrix if "array" in how else sp.coo_array(matrix)
+            scipy.io.mmwrite(name, stored_as, precision=17, symmetry=symmetry)
         elif how == "abaqus coordinate":
             name = name.with_suffix(".mtx")
             entries = sp.coo_array(matrix)
@@ -84,7 +85,7 @@ def written(folder, how):
 
 FORMATS = [
     *("calculix", "matlab", "matlab, several", "npz", "npz, lower", "matrix market", "matrix market, symmetric"),
-    *("abaqus coordinate", "abaqus", "abaqus, full"),
+    *("matrix market, array", "matrix market, array, symmetric", "abaqus coordinate", "abaqus", "abaqus, full"),
 ]
 
 
@@ -94,6 +95,14 @@ def test_every_format_gives_the_same_bits(tmp_path, how):
     assert np.array_equal(full.matrix("stiffness", {}).toarray(), K)
     assert np.array_equal(full.matrix("mass", {}).toarray(), M)
     assert list(zip(full.node.tolist(), (full.direction + 1).tolist())) == ROWS
+
+
+@pytest.mark.parametrize("kind", [np.array, sp.coo_array])
+def test_half_of_a_skew_matrix_of_matrix_market_is_completed(tmp_path, kind):
+    skew = np.triu(K, 1) - np.triu(K, 1).T
+    scipy.io.mmwrite(tmp_path / "skew.mtx", kind(skew), precision=17, symmetry="skew-symmetric")
+    full, _ = structure([*parts(tmp_path), Source("turning", "damping", tmp_path / "skew.mtx")], "m-kg-s")
+    assert np.array_equal(full.matrix("damping", {}).toarray(), skew)
 
 
 def test_the_brake_of_the_literature():
@@ -155,7 +164,7 @@ MATRICES = [
     ("stiffness", changed(K, (4, 4, np.nan)), "1 entries that are not finite: row 5, column 5"),
     ("stiffness", K[:4], "has 4 rows and 5 columns; expected a square matrix"),
     ("stiffness", K[:4, :4], r"has 4 rows, but stiffness.mtx|has 5 rows, but stiffness.mtx \(stiffness\) has 4"),
-    ("stiffness", K + 1j * K, "entries of type complex128; write the real and the imaginary part as two parts"),
+    ("stiffness", K + 1j * K, "stiffness.mtx: is complex; write the real and the imaginary part as two parts"),
 ]
 
 
@@ -251,12 +260,20 @@ FILES = [
         "job.sti: 1 of 6 rows have no entry, the last with one is 5; the file is truncated",
     ),
     ("job.dof", line(3, "2,1"), "job.dof, line 3: is '2,1'; expected NODE.DIRECTION"),
-    ("stiffness.mtx", lambda content: content[: len(content) // 2], "stiffness.mtx: cannot be read"),
+    ("stiffness.mtx", lambda content: content[: len(content) // 2], "stiffness.mtx: is truncated"),
+    ("stiffness.mtx", line(4, ""), "stiffness.mtx: has 14 of 15 entries; it is truncated"),
+    ("stiffness.mtx", line(1, "%%MatrixMarket matrix coordinate pattern general"), "its first line says .*pattern"),
+    ("stiffness.mtx", line(3, "5 x 15"), "stiffness.mtx: cannot be read"),
     ("stiffness.mat", lambda content: content[: len(content) // 2], "stiffness.mat: cannot be read"),
     ("stiffness.mat", lambda content: b"not from MATLAB", "stiffness.mat: cannot be read"),
     ("stiffness.mat", lambda content: content[:124] + b"\x00\x02" + content[126:], "MATLAB v7.3 file; write it with"),
     ("stiffness.npz", lambda content: content[: len(content) // 2], "stiffness.npz: cannot be read"),
     ("mass.mtx", lambda content: b"1,1, 1\n", "mass.mtx.* has 1 rows, but stiffness.mtx .* has 5"),
+    (
+        "mass.mtx",
+        lambda content: b"1,1,1,1,2.\n7,11,7,11,1.\n",
+        "mass.mtx: node 7 has a degree of freedom 11; expected 1",
+    ),
     ("mass.mtx", lambda content: b"1,1,1,1\n", "is no matrix of Abaqus or Matrix Market: '1,1,1,1'"),
     ("rows.csv", line(6, ""), "the file of rows has 4 rows, but stiffness.mtx .* has 5"),
     ("rows.csv", line(4, "2,w"), "rows.csv, line 4: is '2,w'; expected NODE, DIRECTION"),
