@@ -27,7 +27,7 @@ from rig.view.palette import ALARM, BLUE, GREY, LINES, VERMILION, drawn, headlin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 
 def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
@@ -207,14 +207,38 @@ _COLOURS = (*LINES, GREY)
 _MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
 
 
+def modes_figure(modes: Modes) -> Figure:
+    """Draw the modes in the plane of growth rate and frequency, and on the nodes of a structure the least stable ones.
+
+    Raises UsageError without steady sliding.
+    """
+    return _modes_figure(modes) if modes.nodes is None else _modes_on_nodes(modes)
+
+
+@drawn(13.0, 5.6)
+def _modes_on_nodes(figure: Figure, modes: Modes) -> None:
+    from rig.analysis.mode_shapes import panels
+
+    parts: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
+    plane, nodes = parts
+    _plane(figure, plane, modes)
+    plane.subplots_adjust(left=0.13, right=0.97, top=0.84, bottom=0.11)
+    panels(nodes, modes, 4)
+    nodes.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=0.9, wspace=0.0, hspace=0.1)
+
+
 @drawn(8.4, 5.2, layout="constrained")
-def modes_figure(figure: Figure, modes: Modes) -> None:
-    """Draw the modes in the plane of growth rate and frequency. Raises UsageError without steady sliding."""
+def _modes_figure(figure: Figure, modes: Modes) -> None:
+    _plane(figure, figure, modes)
+
+
+def _plane(whole: Figure, figure: Figure | SubFigure, modes: Modes) -> None:
+    """The plane of growth rate and frequency."""
     groups = [(modes.sliding, "o", ""), (modes.dithered, "D", "forced" if modes.slow else "dithered")]
     if not any(sliding and sliding.modes for sliding, *_ in groups):
         raise UsageError(f"nothing to draw: no steady sliding at these values: {modes.sliding.why}")
     what = "steady sliding" if modes.sliding.coefficient else "at rest"
-    headline(figure, f"{modes.scene}: vibration modes, {what}")
+    headline(whole, f"{modes.scene}: vibration modes, {what}")
     axes = figure.add_subplot()
     for sliding, mark, how in groups:
         for grows, colour in ((False, LINES[0]), (True, ALARM)):

@@ -25,7 +25,7 @@ from rig.analysis.floquet import Forced, forced
 from rig.bench.run.before import findings
 from rig.design.linearised import energy_form
 from rig.errors import RigError, SceneError, Singular
-from rig.model.assembly import Accuracy, Assembly
+from rig.model.assembly import Accuracy, Assembly, Nodes
 from rig.model.formulation import signal_rows
 from rig.model.system import Finding, System
 from rig.printable import columns
@@ -100,6 +100,7 @@ def modes(scene: Scene) -> Modes:
         mode=system.describe(at.modes.key) + ", at rest on its bristles" * rests,
         sliding=_sliding(assembly, at) if accuracy is None else _estimated(_sliding(assembly, at), accuracy),
         up_to=assembly.up_to,
+        nodes=assembly.nodes() if assembly.nodes is not None else None,
         units={name: output.unit for name, output in assembly.outputs.items()},
         findings=tuple(findings(scene, system if assembly.film is None else None)),
         free=assembly.free,
@@ -321,7 +322,7 @@ class Modes(Result):
     why the dither cannot be averaged; `dithered` is then the forced motion, and its modes are Floquet exponents.
     `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: critical coefficients of friction in
     closed form (infinite: never reached). `notes`: what the reduction of a structure leaves open, a sentence each;
-    `up_to` [Hz]: it holds up to this frequency, and modes above are left out.
+    `up_to` [Hz]: it holds up to this frequency, and modes above are left out. `nodes`: for mode shapes.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:modes_figure"
@@ -340,6 +341,7 @@ class Modes(Result):
     limits: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     up_to: float = math.inf
+    nodes: Nodes | None = field(default=None, repr=False, compare=False)
 
     COLUMNS: ClassVar = ("mode", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")
 

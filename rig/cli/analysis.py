@@ -25,7 +25,7 @@ from rig.cli.options import (
     separated,
     the_scene,
 )
-from rig.cli.printing import draw, refuse
+from rig.cli.printing import draw, new, refuse
 from rig.errors import ExitCode, SceneError, UsageError
 
 if TYPE_CHECKING:
@@ -55,6 +55,15 @@ def modes(
     ] = None,
     controller: Controller = None,
     figure: Figure = None,
+    shapes: Annotated[
+        Path | None,
+        typer.Option(
+            "--shapes",
+            metavar="FILE",
+            callback=new,
+            help="Mode shapes on the nodes of a structure, moving: GIF, or RRD for rerun.",
+        ),
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -63,6 +72,8 @@ def modes(
     loaded = the_scene(scene, changes(p), {"--controller": added(asked)})
     controller = next(iter(named(asked)), None)
     if along is not None or controller is not None:
+        if shapes is not None:
+            raise UsageError("--shapes: needs the modes of one scene; leave --sweep and --controller out")
         printing.warnings(loaded)
     result: Modes | Loop | Sweep
     errors: list[Finding] = []
@@ -76,6 +87,10 @@ def modes(
         from rig.analysis.modes import modes as solve
 
         result = solve(loaded)
+        if shapes is not None:
+            from rig.analysis.mode_shapes import write
+
+            write(result, shapes)
         errors = [finding for finding in result.findings if finding.level == "error"]
     printing.result(result, as_json)
     draw(result, figure)

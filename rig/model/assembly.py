@@ -322,6 +322,14 @@ class Input:
     ramped: str = ""
 
 
+class Nodes(NamedTuple):
+    """Nodes of a mesh at `xyz` [node, 3] m, and their displacements as `rows` [node, 3, coordinate]."""
+
+    xyz: Array
+    rows: Array
+    coordinates: tuple[str, ...]
+
+
 class Accuracy(NamedTuple):
     """Estimated relative `errors` [i] of the eigenvalues `rates` [i] of a reduced structure, and `notes` about them."""
 
@@ -337,7 +345,8 @@ class Assembly(Rows):
     `free`: natural frequencies [Hz] of a part of the rig on its own, listed beside those of the rig. `limits`: friction
     coefficients at which the rig reaches a limit of its own, by name. `bounds`: the scene's limits of outputs, by name.
     `accuracy`: of a reduced structure, from the Jacobian [state, state] about an equilibrium; `outside`: numbers beyond
-    the range that its reduction holds for, a sentence each; `up_to`: frequency [Hz] up to which it holds.
+    the range that its reduction holds for, a sentence each; `up_to`: frequency [Hz] up to which it holds. `nodes`: of
+    its mesh, for mode shapes.
     """
 
     outputs: dict[str, Output] = field(default_factory=dict)
@@ -348,6 +357,7 @@ class Assembly(Rows):
     accuracy: Callable[[Array], Accuracy] | None = None
     outside: tuple[str, ...] = ()
     up_to: float = math.inf
+    nodes: Callable[[], Nodes] | None = None
 
     def add_memory(self) -> None:
         """Add the internal states of the friction laws as outputs."""

@@ -38,7 +38,7 @@ from rig.effects.piezo import Piezo, WithStack
 from rig.errors import SceneError, UsageError
 from rig.laws import Friction
 from rig.model import film
-from rig.model.assembly import Accuracy, Assembly, Input, Output
+from rig.model.assembly import Accuracy, Assembly, Input, Nodes, Output
 from rig.model.film import Film
 from rig.model.friction_law import Law
 from rig.model.method import MANY
@@ -83,6 +83,7 @@ _TIMES = re.compile(r"(?P<one>1\s*/\s*)?(?P<key>[A-Za-z]\w*(\.\w+)+)(\s*\^\s*(?P
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong to one contact
 _log = logging.getLogger("rig")
+_DRAWN = 4000  # nodes that mode shapes are drawn on, at most
 _ROUNDING = 1e-9  # of the largest entry
 _SILENT = 5.0  # s before a reduction says what it computes, and between two lines
 _UP_TO, _VECTORS = 1e4, 120  # highest frequency [Hz] and number of vectors that a scene does not state
@@ -580,10 +581,23 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         value, unit = of_scene[key]
         a.inputs[key] = Input(unit, *_range(key, value, model.parts), value, value, ramped="keep it constant")
     _begin(a, p, mass, stiffness, springs, model, pressing)
+    if len(whole.model.ids):
+        a.nodes = partial(_nodes, whole, names)
     if whole.kind != "none":
         a.accuracy, a.outside = partial(_accuracy, p, whole), tuple(whole.outside(given))
         a.up_to = whole.up_to / (2.0 * math.pi)
     return a
+
+
+def _nodes(whole: Reduced, names: tuple[str, ...]) -> Nodes:
+    """The nodes of the mesh that have rows, at most `_DRAWN` of them."""
+    model = whole.model
+    free = np.flatnonzero(np.isin(model.node, model.ids) & (model.direction >= 0) & (model.direction < 3))
+    places, of = np.unique(np.searchsorted(model.ids, model.node[free]), return_inverse=True)
+    rows = np.zeros((len(places), 3, len(names)))
+    rows[of, model.direction[free]] = whole.basis[free]
+    step = -(-len(places) // _DRAWN)
+    return Nodes(model.xyz[places[::step]], rows[::step], names)
 
 
 def _accuracy(p: Parameters, whole: Reduced, jacobian: Array) -> Accuracy:

@@ -150,7 +150,9 @@ class Studies:
         scene = self._catalogue.scene(given, body.get("changes"))
         options = [f"-p{key}={as_text(value, key)}" for key, value in (body.get("changes") or {}).items()]
         if what == "modes":
-            return self._jobs.start(f"eigenvalues of {scene.name}", ["modes", *options, "--", str(given)])
+            shapes = self._jobs.folder() / "mode_shapes.gif" if scene.assemble().nodes is not None else None
+            options += ["--shapes", str(shapes)] if shapes is not None else []
+            return self._jobs.start(f"eigenvalues of {scene.name}", ["modes", *options, "--", str(given)], shapes)
         title = f"cost of {scene.name}"
         if what != "cost":
             over = _axes(scene, body, what == "regions")

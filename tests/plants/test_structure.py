@@ -10,10 +10,11 @@ import pytest
 
 import rig
 from rig import scenes
+from rig.analysis import mode_shapes
 from rig.analysis.axis import changed
 from rig.analysis.modes import at_rest
 from rig.bench.again.verify import verify
-from rig.errors import SceneError
+from rig.errors import SceneError, UsageError
 from rig.model.assembly import Assembly
 from rig.structure import model_store
 
@@ -280,6 +281,19 @@ def test_a_job_of_calculix_with_contacts_slides_and_states_its_errors(disc):
     for mu in (0.0, 0.6):  # the basis holds for every friction
         rig.modes(changed(scene, {"friction.mu": mu, "drive.speed": 1.0, "load.force": 10.0}))
     assert len(list((disc / "models").iterdir())) == files
+
+
+def test_mode_shapes_move_on_the_nodes(disc, tmp_path):
+    modes = rig.modes(scenes.load(written(disc, FE)))
+    shape = mode_shapes.shapes(modes, 1)[0]
+    assert np.abs(shape.moved).max() == pytest.approx(1.0)
+    far = modes.nodes.xyz[np.abs(shape.moved).max(axis=1).argmax()]
+    assert np.hypot(*far[:2]) > 0.06  # on a pad or the rim, not at the clamped bore
+    for suffix in mode_shapes.SUFFIXES:
+        mode_shapes.write(modes, tmp_path / f"shapes{suffix}")
+        assert (tmp_path / f"shapes{suffix}").stat().st_size > 10_000
+    with pytest.raises(UsageError, match="three has no nodes"):
+        mode_shapes.write(rig.modes(scenes.load(written(disc, THREE, "three"))), tmp_path / "other.gif")
 
 
 def test_a_recording_is_verified_without_the_files_and_the_store(disc, tmp_path, monkeypatch):

@@ -1,0 +1,168 @@
+"""Mode shapes on the nodes of a structure: panels of a figure, a moving picture (GIF), and a recording for rerun.
+
+A complex mode shape moves as Re(shape exp(i phase)): nodes do not reach their largest displacement at the same time.
+Panels show the phase with the largest displacement. Colours are the displacement along the axis that moves most.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import OutputError, UsageError
+from rig.machine.files import draft_of, write_file
+from rig.printable import counted
+from rig.view.palette import drawn, headline
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
+
+    from rig.analysis.modes import Mode, Modes
+
+Array = NDArray[np.float64]
+SUFFIXES = (".gif", ".rrd")
+SHOWN, MOST = 4, 8
+"""Mode shapes in a moving picture, and in a recording for rerun, the least stable first."""
+_FRAMES, _FRAME_S, _PERIODS = 24, 0.06, 2  # of a period of the moving picture; periods in a recording
+_MOVED = 0.12  # largest displacement in the picture, of the largest extent
+_GREY = (176, 182, 192)
+
+
+class Shape(NamedTuple):
+    """A mode on the nodes: `moved` [node, 3], complex, the largest component of size one; `axis` that moves most."""
+
+    title: str
+    moved: NDArray[np.complex128]
+    axis: int
+
+    def at(self, phase: float) -> Array:
+        """The displacement [node, 3] at a phase."""
+        return np.asarray((self.moved * np.exp(1j * phase)).real)
+
+
+def shapes(modes: Modes, most: int) -> list[Shape]:
+    """The least stable oscillating modes on the nodes. Raises UsageError for a rig without nodes."""
+    if modes.nodes is None:
+        raise UsageError(f"{modes.scene} has no nodes: mode shapes move on the mesh of a plant structure")
+    vibrating = [mode for mode in modes.sliding.modes if mode.frequency]
+    return [_shape(modes, mode) for mode in vibrating[:most]]
+
+
+def _shape(modes: Modes, mode: Mode) -> Shape:
+    assert modes.nodes is not None
+    amplitudes = np.array([mode.shape.get(name, 0.0) for name in modes.nodes.coordinates])
+    moved = modes.nodes.rows @ amplitudes
+    largest = np.unravel_index(int(np.abs(moved).argmax()), moved.shape)
+    moved = moved / (moved[largest] or 1.0)
+    axis = int((np.abs(moved) ** 2).sum(axis=0).argmax())
+    return Shape(f"{mode.frequency:.5g} Hz, growth {mode.growth:.4g} 1/s", moved, axis)
+
+
+def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[float], None]:
+    """Draw the least stable modes, one in each panel; returns a function that moves them to a phase."""
+    assert modes.nodes is not None
+    xyz = modes.nodes.xyz
+    extent = float(np.ptp(xyz, axis=0).max()) or 1.0
+    dots: list[tuple[Shape, Any]] = []
+    found = shapes(modes, most)
+    columns = math.ceil(len(found) / 2) if len(found) > 2 else 1
+    for i, shape in enumerate(found):
+        axes: Any = figure.add_subplot(math.ceil(len(found) / columns), columns, i + 1, projection="3d")
+        axes.scatter(*xyz.T, s=1.0, color="0.8", depthshade=False)
+        points = axes.scatter(*xyz.T, s=5.0, color=[(0.9, 0.9, 0.9)] * len(xyz), depthshade=False)
+        dots.append((shape, points))
+        middle = 0.5 * (xyz.min(axis=0) + xyz.max(axis=0))
+        for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle.tolist()):
+            set_limits(centre - 0.55 * extent, centre + 0.55 * extent)
+        axes.set_box_aspect((1, 1, 1), zoom=1.55)
+        axes.set_axis_off()
+        axes.set_title(shape.title, fontsize=10, y=0.98)
+
+    def move(phase: float) -> None:
+        for shape, points in dots:
+            displaced = shape.at(phase)
+            points._offsets3d = tuple((xyz + _MOVED * extent * displaced).T)  # noqa: SLF001 (there is no other way)
+            points.set_color(_colours(displaced[:, shape.axis]) / 255.0)
+
+    figure.text(0.5, 0.01, "red and blue: to and fro along the axis that moves most", ha="center", fontsize=9)
+    move(0.0)
+    return move
+
+
+def write(modes: Modes, path: Path) -> None:
+    """Write the moving mode shapes to a file: GIF, or RRD for rerun. Raises UsageError, OutputError."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise UsageError(f"{path}: expected a file {' or '.join(SUFFIXES)}")
+    if not shapes(modes, 1):
+        raise UsageError("no mode oscillates in the range of the reduction")
+    if path.suffix.lower() == ".gif":
+        write_file(path, _gif(modes))
+    else:
+        with draft_of(path) as draft:
+            _rerun(modes, draft)
+
+
+def _gif(modes: Modes) -> bytes:
+    import io
+
+    from PIL import Image
+
+    movers: list[Callable[[float], None]] = []
+
+    @drawn(9.6, 7.2)
+    def page(figure: Figure) -> None:
+        what = counted(len(shapes(modes, SHOWN)), "least stable mode")
+        headline(figure, f"{modes.scene}: {what}")
+        movers.append(panels(figure, modes, SHOWN))
+        figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=0.88, wspace=0.0, hspace=0.08)
+
+    figure, frames = page(), []
+    for frame in range(_FRAMES):
+        movers[0](2.0 * math.pi * frame / _FRAMES)
+        content = io.BytesIO()
+        figure.savefig(content, format="png", dpi=80)
+        frames.append(Image.open(content).convert("P", palette=Image.Palette.ADAPTIVE))
+    moving = io.BytesIO()
+    frames[0].save(moving, format="GIF", save_all=True, append_images=frames[1:], duration=int(1e3 * _FRAME_S), loop=0)
+    return moving.getvalue()
+
+
+def _rerun(modes: Modes, path: Path) -> None:
+    """One view for each mode; the time line `phase` repeats a period."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    assert modes.nodes is not None
+    xyz = modes.nodes.xyz
+    extent = float(np.ptp(xyz, axis=0).max()) or 1.0
+    found = shapes(modes, MOST)
+    names = [f"mode_{i}" for i in range(1, len(found) + 1)]
+    views = [rrb.Spatial3DView(origin=name, name=shape.title) for name, shape in zip(names, found)]
+    stream = rr.RecordingStream(f"friction-rig mode shapes of {modes.scene}", recording_id=f"shapes {modes.scene}")
+    try:
+        stream.save(path, default_blueprint=rrb.Blueprint(rrb.Tabs(*views), collapse_panels=True))
+    except Exception as fault:  # rerun raises its own kinds
+        raise OutputError(f"{path} cannot be written: {fault}") from None
+    for name in names:
+        stream.log(f"{name}/rest", rr.Points3D(xyz / extent, colors=[_GREY], radii=[0.002]), static=True)
+    for frame in range(_FRAMES * _PERIODS):
+        stream.set_time("phase", duration=frame * _FRAME_S)
+        for name, shape in zip(names, found):
+            displaced = shape.at(2.0 * math.pi * frame / _FRAMES)
+            colours = _colours(displaced[:, shape.axis])
+            stream.log(f"{name}/moved", rr.Points3D(xyz / extent + _MOVED * displaced, colors=colours, radii=[0.004]))
+    stream.flush()
+    stream.disconnect()
+
+
+def _colours(values: Array) -> NDArray[np.uint8]:
+    """Blue to white to red for values from -1 to 1 [node, 3]."""
+    size = np.clip(np.abs(values), 0.0, 1.0)[:, None]
+    ends: Sequence[tuple[int, int, int]] = ((33, 102, 172), (178, 24, 43))
+    far = np.where(values[:, None] < 0.0, *(np.array(end, dtype=float)[None] for end in ends))
+    return np.asarray((1.0 - size) * 245.0 + size * far, dtype=np.uint8)
