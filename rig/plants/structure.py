@@ -533,7 +533,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     model, of_scene, given = whole.model, numbers(p), values_of(p)
     typed = p.structure.coordinates if whole.kind == "none" else None
     names = typed or tuple(f"q{i}" for i in range(1, model.rows + 1))
-    scaling = {part.key for part in model.parts} & of_scene.keys()
+    scaling = {part.scaling[0] for part in p.structure.parts.values()} - {""}
     moved = {name: how for name, how in moved.items() if name not in scaling}
     mass, damping, stiffness = (model.matrix(of, given) for of in ("mass", "damping", "stiffness"))
     if p.damping.table is not None:
