@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise, permutations
 from typing import Any, Literal
 
@@ -394,7 +395,7 @@ class System:
                 pairs.append((a, b, rate))
         return pairs
 
-    @property
+    @cached_property
     def radices(self) -> list[int]:
         """Number of modes of each patch, normal, limiter, sector and switch, in the order of the key."""
         fixed = [3] * len(self.patches) + [2] * len(self.normals) + [3] * len(self.limiters)

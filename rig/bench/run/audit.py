@@ -29,7 +29,7 @@ z is exact for that. Up to `MOST` ticks are kept, all of them or evenly spaced o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from math import hypot, inf, sqrt
@@ -524,7 +524,7 @@ class Comparison:
             for name, (speed, _) in _slips(visited.system, visited.key, visited.x).items():
                 self._fastest[name] = max(self._fastest.get(name, 0.0), abs(speed))
         self._modes: dict[tuple[int, int], tuple[System, ModeSet | None]] = {}  # an id is unique as long as it is kept
-        self._own: dict[int, Compared] = {}
+        self._own: dict[int, tuple[Compared, Collection[tuple[int, str]]]] = {}
 
     def share(self, variant: Variant, added_states: Callable[[int], Mapping[str, float]] = lambda _: {}) -> float:
         """Share by which the rigs `variant` differ from those of the run at its states (see the head of this file).
@@ -536,12 +536,14 @@ class Comparison:
             modes = self.modes(visited.system, visited.key)
             if modes is None:
                 continue
-            other = self._counterpart(visited, modes, *variant(visited.scene), added_states(visited.tick))
+            if i not in self._own:
+                at = visited.system, modes, visited.x
+                self._own[i] = _compared_values(*at), _departures(*at)
+            mine, departing = self._own[i]
+            other = self._counterpart(visited, departing, *variant(visited.scene), added_states(visited.tick))
             if other is None:
                 continue
-            if i not in self._own:
-                self._own[i] = _compared_values(visited.system, modes, visited.x)
-            mine, theirs = self._own[i], _compared_values(*other)
+            theirs = _compared_values(*other)
             for name in mine.keys() & theirs.keys():
                 group, (value, size, weight) = name.partition(" ")[0], mine[name]
                 value_there, size_there, _ = theirs[name]
@@ -562,7 +564,7 @@ class Comparison:
     def _counterpart(
         self,
         visited: VisitedState,
-        modes: ModeSet,
+        departing: Collection[tuple[int, str]],
         other: System,
         inputs: Mapping[str, Input],
         more: Mapping[str, float],
@@ -571,10 +573,11 @@ class Comparison:
 
         The other rig is in another mode set where a contact would leave its own, and where the visited rig does not;
         a slip that reverses because it changes by little does so in the visited rig too, a moment later.
-        Structure and network that only the other rig has are in equilibrium.
+        Structure and network that only the other rig has are in equilibrium. `departing`: parts that cannot be in
+        their mode in the visited rig.
         """
         x = _carried(visited, other, inputs, more)
-        excused = {*_departures(visited.system, modes, visited.x)}
+        excused = {*departing}
         at = _same_mode_set(visited, other, x)
         slips = _slips(visited.system, visited.key, visited.x)
         for name, (speed, mode) in _slips(other, other.key(*at), x).items():
