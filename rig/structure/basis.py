@@ -111,6 +111,11 @@ def build(full: Full, reduction: Reduction, told: Told | None = None) -> Reduced
 def _of_modes(full: Full, reduction: Reduction, tell: Told) -> Reduced:
     """Kind "modes"."""
     closed = reduction.contact == "closed" and bool(full.contacts)
+    if closed and reduction.residual == "spring":
+        raise UsageError(
+            "reduction.residual is 'spring' and reduction.contact is 'closed': modes with closed contacts contain the "
+            "springs already; use contact = 'open', or residual = 'attachment'"
+        )
     tell("modes", 0.0)
     mass = full.matrix("mass", reduction.at)
     stiffness = full.symmetric_stiffness(reduction.at, closed)

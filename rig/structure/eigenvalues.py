@@ -64,10 +64,16 @@ class Eigenpairs:
 
 
 def factor(matrix: sp.csr_array) -> SuperLU:
-    """The factorisation of a sparse matrix of symmetric pattern. Raises RuntimeError for a singular matrix."""
-    return splu(
-        sp.csc_array(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    """The factorisation of a sparse matrix of symmetric pattern. Raises Incomplete for a singular matrix."""
+    try:
+        return splu(
+            sp.csc_array(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+    except RuntimeError:
+        raise Incomplete(
+            "the matrices of the structure are singular at every frequency: a row has neither stiffness nor mass, or "
+            "a body is held by nothing; look for such rows, or leave them out"
+        ) from None
 
 
 def signed(vectors: Array) -> Array:
@@ -91,10 +97,7 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
     rows = mass.shape[0]
     largest = largest_square(stiffness, mass)
     shift = max(1e-9 * largest, 1e-4 * up_to**2)
-    try:
-        inverse = factor(stiffness + shift * mass)
-    except RuntimeError:
-        raise Incomplete("K + s M is singular: a row has neither stiffness nor mass") from None
+    inverse = factor(stiffness + shift * mass)
     operator = LinearOperator((rows, rows), matvec=inverse.solve, dtype=float)
     start = np.random.default_rng(0).standard_normal(rows)
     asked = (count or 2 * _NUMBER) + 6

@@ -95,6 +95,12 @@ def _check(full: Full, over: Mapping[str, tuple[float, float]], at: Mapping[str,
         for key, (low, high) in over.items()
         if not low < high
     ]
+    faults += [
+        f"reduction.over: {part.name} is divided by {part.key}, whose range from {low:g} to {high:g} contains zero"
+        for part in full.parts
+        for low, high in [over.get(part.key, (1.0, 1.0))]
+        if part.power < 0 and low <= 0.0 <= high
+    ]
     faults += [f"{key} has no value" for key in full.numbers if key not in over and key not in at]
     if len(over) > max(_CANDIDATES):
         faults.append(f"reduction.over has {len(over)} numbers; at most {max(_CANDIDATES)} can be trained together")

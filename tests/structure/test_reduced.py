@@ -161,9 +161,10 @@ def test_a_reduced_structure_is_the_same_after_it_was_stored(tmp_path, monkeypat
     first = stored("key", full, Reduction(modes=10, at=values()), "structure")
     again = stored("key", full, Reduction(modes=10, at=values(stiffness=1.4e12)), "structure")
     assert len(calls) == 1
-    assert first.to_bytes() == again.to_bytes()
+    assert first.to_bytes() == again.to_bytes() == build(full(), Reduction(modes=10, at=values())).to_bytes()
+    calls.clear()
     stored("key", full, Reduction(modes=10, at=values(stiffness=5e12)), "structure")
-    assert len(calls) == 2
+    assert len(calls) == 1
     with pytest.raises(ValueError, match="is not a reduced structure of this version"):
         Reduced.from_bytes(first.to_bytes()[:-2000])
 
@@ -225,15 +226,32 @@ def test_a_basis_is_trained_where_its_error_is_largest_until_it_is_small():
 
 
 def test_ranges_that_cannot_be_trained_are_refused_all_at_once():
-    over = {"drive.speed": (1.0, 2.0), FRICTION: (0.5, 0.1)}
+    full = structure(2)
+    full = replace(full, parts=(*full.parts, replace(full.parts[1], name="D1", key="drive.speed", power=-1)))
+    over = {"factors.f": (1.0, 2.0), FRICTION: (0.5, 0.1), "drive.speed": (0.0, 3.0)}
     with pytest.raises(UsageError) as refused:
-        build(structure(2), Reduction("snapshots", over=over))
+        build(full, Reduction("snapshots", over=over))
     assert str(refused.value).splitlines() == [
-        "reduction.over: drive.speed multiplies nothing of this structure; it has contacts.pad.stiffness, friction.mu",
+        "reduction.over: factors.f multiplies nothing of this structure; "
+        "it has drive.speed, contacts.pad.stiffness, friction.mu",
         "reduction.over: friction.mu is trained from 0.5 to 0.1; the second number must be larger",
+        "reduction.over: D1 is divided by drive.speed, whose range from 0 to 3 contains zero",
         "contacts.pad.stiffness has no value",
         "reduction.up_to is missing: the highest frequency that is wanted, e.g. '3 kHz'",
     ]
+
+
+def test_springs_in_series_beside_closed_contacts_are_refused():
+    with pytest.raises(UsageError, match="use contact = 'open', or residual = 'attachment'"):
+        build(structure(2), Reduction(modes=10, residual="spring", at=values()))
+
+
+def test_a_row_without_stiffness_and_mass_is_named():
+    full = structure(2)
+    empty = sp.csr_array((1, 1))
+    parts = tuple(replace(part, matrix=sp.csr_array(sp.block_diag([part.matrix, empty]))) for part in full.parts)
+    with pytest.raises(eigenvalues.Incomplete, match="a row has neither stiffness nor mass"):
+        build(Full(parts, np.arange(181), np.arange(181)), Reduction(modes=10))
 
 
 def test_negative_damping_is_named_with_its_growth():
