@@ -7,6 +7,8 @@ from pathlib import Path
 import disc_with_pads
 import numpy as np
 import pytest
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 import rig
 from rig import scenes
@@ -17,6 +19,7 @@ from rig.bench.again.verify import verify
 from rig.errors import SceneError, UsageError
 from rig.model.assembly import Assembly
 from rig.structure import model_store
+from rig.structure.contacts import node_vector
 
 
 def text(value):
@@ -386,6 +389,22 @@ def test_the_numbers_of_the_page_are_those_of_its_scene(disc):
     (disc / "page.toml").write_text(text)
     lines = re.findall(r"^  (?:flutter|decays)(.*)$", page, re.MULTILINE)
     printed = [float(x) for line in lines for x in line.split()[:3]]
-    modes = rig.modes(scenes.load(str(disc / "page.toml"))).sliding.modes[:3]
+    report = rig.modes(scenes.load(str(disc / "page.toml")))
+    modes = report.sliding.modes[:3]
     computed = [x for mode in modes for x in (mode.growth, mode.frequency, mode.damping)]
     assert printed == pytest.approx(computed, rel=1e-4)
+    # The pressures at steady sliding are those of the full matrices, and all points press
+    full, mesh = disc_with_pads.disc()
+    stiffness, load = full.matrix("stiffness", {}), np.zeros(full.rows)
+    sides = disc_with_pads.paired((4, 6))
+    for side, name, down in zip(sides, ("BACK_UP", "BACK_DOWN"), (-1.0, 1.0)):
+        springs = sp.diags_array(1e11 * side.area)
+        stiffness = stiffness + (side.normal + 0.3 * side.along).T @ (springs @ side.normal)
+        load += 1000.0 * node_vector(full, mesh.sets[name].tolist(), (0.0, 0.0, down))
+    moved = splu(stiffness.tocsc()).solve(load)
+    for side, name in zip(sides, ("pad_up", "pad_down")):
+        forces = -1e11 * side.area * (side.normal @ moved)
+        own = [report.sliding.equilibrium[f"normal_force_of_{name}_{k + 1}"] for k in range(24)]
+        assert own == pytest.approx(forces, rel=1e-6)
+        assert min(own) > 0.0
+    assert not any("do not press" in finding.what for finding in report.findings)
