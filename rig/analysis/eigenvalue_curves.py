@@ -46,7 +46,7 @@ _DEPTH = 6  # most halvings of a gap in which a rate could reach zero
 _SEARCH = 3  # halvings of a gap without steady sliding at both ends
 _CUSP = 4.0  # a minimum below this multiple of the rise beside it may reach zero: growth has a kink where modes meet
 _LEVEL = 1e-9
-_LARGE = 64  # eigenvalues: beyond, a step far from zero is not examined in its middle
+LARGE = 64  # states of a rig: beyond, a step far from zero is not examined in its middle
 _SAFE = 4.0  # times the bend that the values around a step show
 _FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
 _BESIDE = (2.0**-3, 2.0**-6, 2.0**-9)  # of the way from the end of a stretch to the next value of the grid
@@ -156,10 +156,14 @@ def absent(note: str, why: str, inertia: float = 1.0) -> Spectrum:
 
 
 class Growth(NamedTuple):
-    """Growth rates in falling order [1/s], and for each the size that rounding can cause: below it the rate is zero."""
+    """Growth rates in falling order [1/s], and for each the size that rounding can cause: below it the rate is zero.
+
+    `large`: of a rig with so many states that a spectrum takes long.
+    """
 
     rates: Array
     none: Array
+    large: bool = False
 
     def sign(self, k: int) -> int:
         """Return the sign of rate number k; 0 if it is zero or does not exist."""
@@ -280,7 +284,7 @@ def _straight(values: Sequence[float], growths: Growths) -> bool:
     `values`: evenly spaced, those of the step and one on each side; each spectrum of a large rig takes long.
     """
     around = [growths(value) for value in values]
-    if len(around) < 4 or any(growth is None or len(growth.rates) <= _LARGE for growth in around):
+    if len(around) < 4 or any(growth is None or not growth.large for growth in around):
         return False
     rates = [growth.clear for growth in around if growth is not None]
     count = min(map(len, rates))

@@ -93,7 +93,8 @@ def search(values: Sequence[float], rates: Complex, spectra: curves.Spectra) -> 
     @lru_cache(maxsize=4096)
     def growths(value: float) -> curves.Growth | None:
         spectrum = spectra(value)
-        return curves.Growth(spectrum.rates.real, curves.none(spectrum.rates)) if spectrum.counts else None
+        large = len(spectrum.names) > curves.LARGE
+        return curves.Growth(spectrum.rates.real, curves.none(spectrum.rates), large) if spectrum.counts else None
 
     def look(grid: list[float]) -> Found:
         known: list[Critical] = list(_jamming(grid, spectra))

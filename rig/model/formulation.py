@@ -289,7 +289,9 @@ def _guards(
 
     def guard(row: Array, kind: int, owner: int) -> None:
         if np.any(row):  # a guard that is identically zero would only give rounding noise
-            guards.append((np.pad(row, (0, loads.shape[1] - len(row))), kind, owner))
+            whole = np.zeros(loads.shape[1])
+            whole[: len(row)] = row
+            guards.append((whole, kind, owner))
 
     for p, law in enumerate(contacts.laws):
         if p in contacts.stuck:

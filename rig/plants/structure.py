@@ -749,6 +749,10 @@ def _add_film(a: Assembly, p: Parameters, model: Full, springs: list[Array], law
 
 def tension(system: System, step: float) -> Iterator[Finding]:
     """Points that would have to pull at steady sliding with every contact closed."""
+    if system.film is not None:  # its forces are those of the contacts already
+        start = system.start.copy()
+        start[[system.names.index(film.on(name)) for name in system.coordinates]] = 0.0
+        system = replace(system, start=start)
     at = steady(system, sliding_key(system))
     if not at.balanced:
         return
@@ -924,7 +928,17 @@ def _beside(p: Parameters) -> dict[str, Any]:
 def _files(p: Parameters) -> tuple[Path, ...]:
     """Every file of the structure and of its contacts. Raises SceneError for one that cannot be read."""
     own = tuple(Path(contact.rows) for contact in p.contacts.values() if contact.rows is not None)
-    return (*read.files_read(_sources(p), **_beside(p)), *own) if not p.structure.typed else own
+    nodes = p.structure.nodes
+    stamp = _stamp(Path(nodes)) if nodes and Path(nodes).exists() else ()
+    return (*_listed(tuple(p.structure.paths), *stamp), *own)
+
+
+@lru_cache(maxsize=8)
+def _listed(paths: tuple[tuple[str, str], ...], *stamp: int) -> tuple[Path, ...]:
+    """The files that a structure reads, those that its mesh includes too. `stamp`: of the mesh."""
+    beside = {key: Path(path) for key, path in paths if not key.startswith("parts.")}
+    parts = [Source(key, "mass", Path(path)) for key, path in paths if key.startswith("parts.")]
+    return read.files_read(parts, **beside) if paths else ()
 
 
 def full(p: Parameters) -> tuple[Full, Mesh]:

@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+import brake_fe
 import disc_with_pads
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from scipy.sparse.linalg import splu
 import rig
 from rig import scenes
 from rig.analysis import mode_shapes
-from rig.analysis.axis import changed
+from rig.analysis.axis import Axis, changed
 from rig.analysis.modes import at_rest
+from rig.analysis.sweep import sweep
 from rig.bench.again.verify import verify
 from rig.errors import SceneError, UsageError
 from rig.model.assembly import Assembly
@@ -225,6 +227,84 @@ def test_a_fault_names_its_key_and_what_is_expected(tmp_path, changes, line):
     assert line in "\n".join(error.value.faults)
 
 
+@pytest.mark.parametrize(
+    "shunt",
+    [
+        {"shunt": {"kind": "series", "resistance": 2e3, "inductance": 50.0, "delta": -0.3}},
+        {"shunt": {"kind": "parallel", "resistance": 1e3, "inductance": 20.0}},
+        {"shunt": {"kind": "short"}},
+        {"amplifier": {"limit": 10.0}},
+        {},
+    ],
+    ids=["series", "parallel", "short", "amplifier", "open"],
+)
+def test_a_piezo_stack_and_what_it_is_connected_to_are_those_of_another_plant(tmp_path, shunt):
+    stack = {"capacitance": 1e-6, "coupling": 1e-2, "stiffness": 20.0}
+    _, at = at_rest(scenes.load("two_dof", {"piezo": stack} | shunt), {})
+    tables, _ = as_matrices("two_dof")
+    angle = np.radians(150.0)
+    path = {"row": {"x": float(np.cos(angle)), "y": float(np.sin(angle))}}
+    own = at_rest(scenes.load(written(tmp_path, tables | {"piezo": stack | {"first": path}} | shunt)), {})[1]
+    expected, computed = at.eigenvalues(), own.eigenvalues()
+    assert len(computed) == len(expected)
+    for value in expected:
+        assert np.abs(computed - value).min() <= 1e-12 * np.abs(expected).max()
+
+
+def test_two_contacts_on_one_node_share_its_motion(tmp_path):
+    """Two springs of half the stiffness are one contact."""
+    pad = THREE["contacts"]["pad"]
+    halves = {name: pad | {"spring": 75.0} for name in ("one", "other")}
+    single, double = (
+        scenes.load(written(tmp_path, THREE | {"contacts": contacts})) for contacts in ({"pad": pad}, halves)
+    )
+    assert len(double.assemble().patches) == 1
+    for left, right in zip(rig.modes(single).sliding.modes, rig.modes(double).sliding.modes):
+        assert left.growth == pytest.approx(right.growth, rel=1e-9)
+        assert left.frequency == pytest.approx(right.frequency, rel=1e-12)
+
+
+def test_a_structure_that_nothing_holds_says_so(tmp_path):
+    parts = {
+        "M": THREE["structure"]["parts"]["M"],
+        "K": {"of": "stiffness", "values": np.diag([0.0, 1.0, 1.0]).tolist()},
+    }
+    free = THREE | {"structure": THREE["structure"] | {"parts": parts}}
+    assert "no spring holds x" in rig.modes(scenes.load(written(tmp_path, free))).text()
+
+
+def test_ranges_of_a_training_are_read_and_values_outside_are_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("RIG_MODELS", str(tmp_path / "models"))
+    parts = {}
+    for source in brake_fe.SOURCES:
+        times = f"1/{source.key}" if source.power < 0 else f"{source.key}^{source.power}"
+        part = {"of": source.of, "file": str(source.file), "stored": source.stored, "factor": source.factor}
+        parts[source.name] = part | ({"times": times} if source.key else {})
+    tables = {
+        "structure": {"units": "mm-t-s", "parts": parts},
+        "factors": {"friction": 1.5},
+        "reduction": {
+            "kind": "snapshots",
+            "over": {"drive.speed": [6.0, "25 rad/s"], "factors.friction": [0, 3]},
+            "up_to": "700 Hz",
+            "vectors": 80,
+            "error": 1e-3,
+        },
+        "drive": {"speed": "12.566370614359172 rad/s", "axis": "z"},
+    }
+    scene = scenes.load(written(tmp_path, tables))
+    modes = rig.modes(scene)
+    known = -6.27347 + 3337.3213j  # hardly changed by friction
+    near = min(modes.sliding.modes, key=lambda mode: abs(complex(mode.growth, 2 * np.pi * mode.frequency) - known))
+    assert 2 * np.pi * near.frequency == pytest.approx(known.imag, rel=1e-2)
+    assert near.error is not None
+    assert modes.notes == ()
+    outside = rig.modes(changed(scene, {"factors.friction": 4.0})).text()
+    assert "factors.friction = 4 lies outside of the range that the basis was trained for, 0 to 3" in outside
+    axis = Axis.parse("factors.friction=2:4:3", scene)
+    assert "lies outside" in sweep(scene, axis).text()
+
+
 def test_points_that_would_have_to_pull_are_named_before_a_run(tmp_path):
     contacts = {
         "pad": THREE["contacts"]["pad"],
@@ -343,7 +423,9 @@ def test_many_contacts_run_as_a_film_with_outputs_of_each_point(disc, tmp_path):
     scene = scenes.load(written(disc, MANY | {"protocol": [{"step": "hold", "time": "20 ms"}]}, "film"))
     film = scene.assemble().film
     assert film.points == 24
-    tables = rig.modes(scene).sliding.equilibrium
+    modes = rig.modes(scene)
+    assert not [finding.what for finding in modes.findings if "do not press" in finding.what]
+    tables = modes.sliding.equilibrium
     run, log = rig.simulate(scene), tmp_path / "run.mcap"
     points = [f"{pad}_{i}" for pad in ("pad_up", "pad_down") for i in range(1, 13)]
     forces = np.array([run.signals[f"normal_force_of_{point}"] for point in points])
