@@ -85,18 +85,6 @@ def test_a_command_that_waits_is_clamped_to_the_range_of_the_tick_at_which_it_ta
     assert (loop.queue.wanted, loop.queue.status, loop.queue.counts.clamped) == ((), CLAMPED, 1)
 
 
-def test_safe_values_that_need_another_rig_take_effect_when_it_is_built(runner):
-    loop = Loop(runner, hold=0)
-    loop.at(0, (0, 90.0))
-    loop.builds(False, 90.0)
-    loop.at(1)
-    assert (loop.queue.values, loop.queue.wanted, loop.queue.status) == ((90.0,), (20.0,), SAFE)
-    loop.builds(True)
-    loop.at(9)
-    assert runner.done == [(0, "load.force", 90.0), (9, "load.force", 20.0)]
-    assert (loop.queue.wanted, loop.queue.status, loop.queue.counts.safe) == ((), SAFE, 1)
-
-
 def test_one_actuator_has_one_owner(loop):
     for drives, period, told in (("load.force", MS, "driven by nf already"), ("load.mass", MS, "no such actuator"),
                                  ("drive.speed", MS + 1, "no whole number")):  # fmt: skip

@@ -7,6 +7,7 @@ import pytest
 
 from rig import scenes
 from rig.bench.run.runner import PlantRunner
+from rig.errors import UsageError
 
 SCENES = ("belt", "pendulum", "brake_shunt")
 
@@ -51,3 +52,16 @@ def test_actuators_return_to_their_values():
     runner.back(begin)
     assert runner.values["load.force"] == pytest.approx(20.0)
     assert carried(runner) == plain
+
+
+def test_what_cannot_return_says_why():
+    runner = PlantRunner(scene("belt"))
+    kept = runner.keep()
+    runner.set_parameter("body.mass", 4.0)
+    with pytest.raises(UsageError, match="the rig was built anew since this state was kept"):
+        runner.back(kept)
+    truthful = PlantRunner(scene("belt"), truthful=True)
+    with pytest.raises(UsageError, match="a runner that keeps all outputs cannot return"):
+        truthful.back(truthful.keep())
+    with pytest.raises(UsageError, match="a rig with the method kick cannot return"):
+        PlantRunner(scenes.load("points")).keep()

@@ -131,3 +131,22 @@ def test_a_run_that_is_stopped_does_not_wait_for_an_answer(scene):
     assert bench.summary["ticks"] == 303
     assert bench.summary["loop"]["nf"]["held"] == 0
     assert samples(heard, "vibrometer").size == 304
+
+
+def test_an_operator_is_heard_while_controllers_answer(scene):
+    with Bench(scene, pace=None, expect=(("controller", "nf"),)) as bench:
+        bench.controller()
+        bench.begin()
+
+        def ask(do, **more):
+            return bench.me.ask("cmd/plant", {"do": do, **more}, 2.0)["tick"]
+
+        while ask("status") < 50:
+            pass
+        knocked, paused = ask("knock", impulse=0.1), ask("pause")
+        assert all(ask("status") - paused in (0, 1) for _ in range(5)), "only the frame that had begun is finished"
+        ask("stop")
+        heard = bench.finish()
+    ticks = {event.kind: event.tick for event in heard["event/plant"]}
+    assert (ticks["knock"], ticks["paused"]) == (knocked, paused)
+    assert ticks["stop"] - paused in (0, 1)

@@ -230,17 +230,6 @@ def test_a_page_without_its_parts_is_refused(old, new, why, tmp_path):
         read(file)
 
 
-def test_without_a_terminal_the_page_is_printed(tmp_path):
-    done = subprocess.run([sys.executable, "-m", "rig", "lesson", "1"], capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 0
-    assert lesson(1).commands[2].printed[1] in done.stdout
-    assert "modes.0.growth" not in done.stdout
-    assert f"Stability (`{ROOT / 'docs' / 'theory' / 'stability.md'}`)" in done.stdout
-    assert f"`{FOLDER / 'falling_friction.png'}`" in done.stdout
-    listed = subprocess.run([sys.executable, "-m", "rig", "lesson"], capture_output=True, text=True, cwd=tmp_path)
-    assert all(one.title in listed.stdout for one in ALL)
-
-
 @pytest.mark.parametrize("one", ALL, ids=lambda one: one.file.stem)
 def test_links_of_a_page_lead_somewhere_in_a_terminal(one, tmp_path, monkeypatch):
     """From a folder of the source: to files. From a wheel, which has the lessons alone: a command of the page does."""

@@ -11,7 +11,7 @@ import pytest
 import rig
 from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
 from rig.errors import UsageError
-from rig.qualify.cost import Row, Table, cost, folder_of, recommended, reference
+from rig.qualify.cost import Row, cost, folder_of, recommended, reference
 from rig.qualify.cost.measuring import trials
 from rig.qualify.cost.report import CostReport, notes
 from rig.qualify.cost.table import front
@@ -102,20 +102,6 @@ def test_references_are_kept_and_used_again(belt, tmp_path):
     assert [path.name.split("-")[1] for path in kept] == ["exact", "rk4"]
     cost(scene, folder, rounds=1)
     assert [path.stat().st_mtime_ns for path in kept] == times
-
-
-def test_progress_is_told_to_the_end_and_the_table_comes_back_from_its_files(belt):
-    from pyarrow import parquet
-
-    scene, folder, found, told = belt
-    assert told[-1][0] == told[-1][1]
-    folder = folder_of(scene, folder)
-    read = Table.read(folder)
-    assert [r.setting for r in read.rows] == [r.setting for r in found.rows]
-    assert read.rows[0].errors == found.rows[0].errors
-    columns = parquet.read_table(folder / "cost.parquet").to_pydict()
-    assert columns["error period"] == [r.errors["period"] for r in read.rows]
-    assert read.machine["numba"]
 
 
 def test_a_state_with_missed_events_is_no_small_error(belt):

@@ -128,18 +128,6 @@ def test_notes_stay_beside_an_unchanged_recording(log):
     assert runs(log.parent)[0].notes == found
 
 
-def test_notes_on_another_recording_of_this_name_are_apart(log):
-    user_notes.add(log, "of the first")
-    make(log, seconds=0.3)
-    user_notes.add(log, "of the second")
-    found = user_notes.read(log)
-    assert [note.text for note in found.found] == ["of the second"]
-    assert [note.text for note in found.other] == ["of the first"]
-    log.write_bytes(log.read_bytes()[:-100])  # a damaged one takes notes too
-    user_notes.add(log, "cut")
-    assert [note.text for note in user_notes.read(log).found][-1] == "cut"
-
-
 def test_lines_that_are_no_notes_are_counted_and_a_cut_line_is_not_continued(log):
     user_notes.add(log, "first")
     path = user_notes.path_of(log)

@@ -14,7 +14,6 @@ from rig.bus import encode, messages
 from rig.errors import BusError
 from rig.record.curves import derived
 from rig.record.message_scan import Scan
-from rig.record.reader import open as read
 from rig.record.recorded_setup import head, setup_of
 from rig.record.replay import replay
 from rig.record.writer import Writer
@@ -215,32 +214,6 @@ def test_a_recording_that_begins_late_begins_at_once_and_lacks_the_memory_of_its
     assert found.unknown_memory == ("feedback",)
     assert found.divergence.tick == 300
     assert "feedback ran before the recording began" in found.text()
-
-
-def test_a_saved_run_has_steps_states_commands_and_events_again(loops):
-    twin = Twin("replay")
-    heard = twin.open("viewer", "v").subscribe("**", depth=10_000)
-    replay(twin.open("plant", "plant"), loops / "saved.mcap")
-    got = {}
-    for message in heard.drain():
-        got.setdefault(message.topic, []).append(message)
-    saved = read(loops / "saved.mcap")
-    assert [messages.decode("step", m.payload).tick for m in got["step"]] == list(range(FRAMES + 1))
-    for name, samples in saved.measurements.items():
-        blocks = [messages.decode(f"meas/{name}", m.payload) for m in got[f"meas/{name}"]]
-        np.testing.assert_array_equal(np.concatenate([messages.times(block) for block in blocks]), samples.t_ns)
-        np.testing.assert_array_equal(np.concatenate([block.v for block in blocks]), samples.v)
-    state = messages.state_type(["x"])
-    states = [state.FromString(m.payload) for m in got["state"]]
-    assert [one.t_ns for one in states] == list(range(0, FRAMES * 1_000_000 + 1, 5_000_000))
-    assert [one.x for one in states] == saved.signals["x"][::5].tolist()
-    applied = [messages.decode("applied/feedback", m.payload) for m in got["applied/feedback"]]
-    known = saved.commands["feedback"]
-    assert [(a.tick, a.answered, a.status, *a.values) for a in applied] == [
-        (tick, answered, status, *values)
-        for tick, answered, status, values in zip(*(column.tolist() for column in known))
-    ]
-    assert [messages.decode("event/feedback", m.payload).text for m in got["event/feedback"]] == ["gain = 3.0"]
 
 
 def test_listeners_get_the_recorded_bytes(loops):

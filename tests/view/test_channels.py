@@ -4,7 +4,6 @@ import pytest
 
 import rig
 from rig.model.assembly import Assembly, Output
-from rig.picture import Plot
 from rig.scenes.shipped import names
 from rig.view.channels import Channels
 
@@ -53,18 +52,6 @@ def test_outputs_that_declare_nothing_are_grouped_by_their_units():
             ("heat [W]", ("heat",)), ("cold [W]", ("cold",))]  # fmt: skip
     for found in (Channels(None, toy, {}), declared(**{name: Output({}, unit) for name, unit in toy.items()})):
         assert [(panel.title, panel.outputs) for panel in found.panels] == told
-
-
-def test_an_output_names_its_plot_and_the_place_of_it():
-    both = Plot("both ends", 1)
-    found = declared(
-        push=Output({}, "N"), left=Output({}, "N", both), right=Output({}, "N", both), turn=Output({}, "rad", both),
-        alone_here=Output({}, "N", Plot()),
-    )  # fmt: skip
-    assert [(panel.title, panel.outputs) for panel in found.panels] == [
-        ("both ends [N]", ("left", "right")), ("both ends [rad]", ("turn",)), ("forces [N]", ("push",)),
-        ("alone here [N]", ("alone_here",)),
-    ]  # fmt: skip
 
 
 def test_the_portrait_is_the_declared_pair_or_the_first_output_with_its_rate():

@@ -8,7 +8,6 @@ import pytest
 import rig
 from rig.picture import OnBelt
 from rig.plants import PLANTS
-from rig.view import contact
 from rig.view.base import Scale, scale_of
 from rig.view.blueprint import blueprint
 from rig.view.drawing import Drawing
@@ -86,22 +85,6 @@ def test_a_body_on_a_belt_is_drawn_along_across_and_turned_by_the_outputs_that_a
     place, turn = (moving(columns, "rig/mass", name) for name in ("translation", "quaternion"))
     assert place == pytest.approx(np.array([[0.0, 0.0, 0.05], [0.1, 0.0, 0.05], [0.2, 0.0, 0.05]]))
     assert turn[:, 1] == pytest.approx(math.sin(0.1))
-
-
-def test_modes_have_names_for_each_state_of_the_contact():
-    system = rig.load("belt").assemble().system()
-    modes = contact.Modes(system)
-    limits = [0] * len(system.limiters)
-    names = {
-        "stick": system.key([2], [0], limits),
-        "slip+": system.key([0], [0], limits),
-        "slip-": system.key([1], [0], limits),
-        "open": system.key([0], [1], limits),
-    }
-    for name, key in names.items():
-        assert contact.NAMES[modes.indices(np.array([key]))[0]] == name
-    keys = np.array(list(names.values()))
-    assert [contact.NAMES[i] for i in modes.indices(np.tile(keys, 3))] == [*names] * 3
 
 
 @pytest.mark.parametrize(("name", "until"), [("pendulum", None), ("brake_shunt_sound", 20.0), (None, 20.0)])

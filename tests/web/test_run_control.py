@@ -1,0 +1,60 @@
+"""How a run of another terminal ends for the page, without processes."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from rig.errors import UsageError
+from rig.web import run_control
+from rig.web.run_control import RunControl
+
+
+class Follower:
+    """Follows nothing; a test tells its news. `last`: the one that was made last."""
+
+    last = None
+
+    def __init__(self, run, frame, news, arrived, trust):
+        self.run, self.news, self.events, self.trust = run, news, [], trust
+        Follower.last = self
+
+    def start(self):
+        self.news("setup", {"scene": "belt", "title": "Mass on a belt"})
+        self.news("values", [])
+        self.news("status", {"pace": 0.5, "paused": False})
+
+    def stop(self):
+        self.news("left", None)
+
+
+@pytest.fixture
+def control(monkeypatch):
+    monkeypatch.setattr(run_control, "Follower", Follower)
+    monkeypatch.setattr(run_control.address, "find", lambda run: SimpleNamespace(run=run, scene="belt"))
+    found = RunControl(lambda: None, lambda *_: None, lambda *_: None)
+    state = found.follow({"run": "belt-1"})
+    assert (state["phase"], state["pace"], state["title"]) == ("running", 0.5, "Mass on a belt")
+    return found
+
+
+def test_a_followed_run_without_a_summary_has_lost_its_plant(control):
+    Follower.last.news("left", None)
+    assert control.state["phase"] == "ended"
+    assert "its plant ended unexpectedly; its terminal shows the reason" in control.state["fault"]
+
+
+def test_a_followed_run_that_is_left_has_no_fault(control):
+    control.leave({})
+    assert (control.state["phase"], control.state["fault"]) == ("ended", "")
+    assert control.state["lines"][-1] == "run belt-1 is no longer followed"
+    with pytest.raises(UsageError, match="no run of another terminal is followed"):
+        control.leave({})
+
+
+def test_news_of_a_run_before_the_present_one_count_for_nothing(control):
+    before = Follower.last
+    control.leave({})
+    control.follow({"run": "belt-2"})
+    before.news("left", None)
+    before.news("phase", "paused")
+    assert (control.state["run"], control.state["phase"]) == ("belt-2", "running")
