@@ -26,6 +26,7 @@ SHIFTS = 4
 """Factorisations over the frequency range [chosen]."""
 ALIKE = (0.02, 0.07)
 """Relative change of frequency and of growth that more contact points may make, without a warning [chosen]."""
+_STIFFER = 10.0  # contacts a hundred times as stiff as those that were factorised: 0.35 times the true error
 _LARGE = 30_000  # rows: a factorisation of more is not kept
 _CALM = 1e-5  # growth over size of an eigenvalue that may be rounding of the data
 _CORRECTED = 2  # once: 0.25 to 2.0 times the true error; twice: 0.7 to 1.2 times
@@ -59,13 +60,14 @@ def in_range(values: Complex, up_to: float) -> NDArray[np.int64]:
 class Estimator:
     """Estimates for one structure and any basis, at any point, with factorisations made at the point `at`.
 
-    They are kept for the next point, except those of large structures, which take gigabytes.
+    They are kept for the next point, except those of large structures, which take gigabytes. Points with a contact that
+    is much stiffer need others.
     """
 
     def __init__(self, full: Full, up_to: float, at: Mapping[str, float]) -> None:
         """`up_to` [rad/s]: the highest frequency; `at`: the numbers of the scene at which to factorise."""
         self._full = full
-        self._pencil = full.pencil(at)
+        self._at, self._pencil = at, full.pencil(at)
         self._shifts = 1j * up_to * (np.arange(SHIFTS) + 0.5) / SHIFTS
         self._kept: dict[int, SuperLU] = {}
 
@@ -78,7 +80,9 @@ class Estimator:
         found, rights, lefts = reduced.eigenvalues(values, damping, left=True)
         kept = in_range(found, reduced.up_to)
         found, rights, lefts = found[kept], rights[:, kept], lefts[:, kept]
-        mass, own, stiffness = self._full.pencil(values)
+        mass, own, stiffness = pencil = self._full.pencil(values)
+        if any(values[c.stiffness_key] > _STIFFER * self._at[c.stiffness_key] for c in self._full.contacts):
+            self._at, self._pencil, self._kept = values, pencil, {}
         modal = None if damping is None else mass @ basis  # modal damping of the full structure: M V C V^T M
 
         def damped(vectors: Complex, matrix: Any, added: Array | None) -> Complex:
