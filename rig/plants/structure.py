@@ -745,6 +745,7 @@ def _add_film(a: Assembly, p: Parameters, model: Full, springs: list[Array], law
             {state: float(own.reach[0]) * value for state, value in speed.items()}, "m/s", role="drive"
         ),
     }
+    a.judges.append(tension)
 
 
 def tension(system: System, step: float) -> Iterator[Finding]:

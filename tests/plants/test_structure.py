@@ -18,6 +18,7 @@ from rig.analysis.axis import Axis, changed
 from rig.analysis.modes import at_rest
 from rig.analysis.sweep import sweep
 from rig.bench.again.verify import verify
+from rig.bench.run.before import findings
 from rig.errors import SceneError, UsageError
 from rig.model.assembly import Assembly
 from rig.structure import model_store
@@ -447,6 +448,15 @@ def test_the_contact_of_three_masses_moves_alike_as_a_film(tmp_path):
     runs = [rig.simulate(scenes.load(written(tmp_path, tables)), 1.0) for tables in (THREE, film)]
     exact, film = (run.signals["body_velocity"] for run in runs)
     assert film == pytest.approx(exact, abs=1e-3 * np.abs(exact).max())
+
+
+def test_points_of_a_film_that_would_have_to_pull_are_named_before_a_run(disc):
+    contacts = {name: contact | {"points": [3, 4]} for name, contact in FE["contacts"].items()}
+    load = {"force": "1 kN", "at": {"up": {"nodes": [1441], "direction": "-z"}}}
+    scene = scenes.load(written(disc, FE | {"contacts": contacts, "load": load}, "pulled"))
+    finding = next(finding for finding in findings(scene) if "do not press" in finding.what)
+    assert finding.level == "warning"
+    assert "pad_" in finding.what
 
 
 def test_a_film_refuses_what_its_points_cannot_be(tmp_path):
