@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from rig.analysis.branches import Branches, Start
     from rig.analysis.control_loop import Loop
     from rig.analysis.cycle_report import Cycle
+    from rig.analysis.identification.answer import Identified
     from rig.analysis.map import Boundary, Map
     from rig.analysis.modes import Modes
     from rig.analysis.recorded.against_scene import AgainstScene
@@ -60,6 +61,7 @@ __all__ = [
     "diff",
     "events",
     "fork",
+    "identify",
     "import_",
     "limit_cycle",
     "load",
@@ -399,6 +401,40 @@ def optimise(
     loaded = _scene(scene)
     work = prepared(loaded, over, measure, largest, evaluations, seed, duration)
     return search(work, Path(folder), workers, cluster=cluster)
+
+
+def identify(
+    scene: Scene | str | Path,
+    runs: str | Path | Iterable[Mapping[str, Any]],
+    free: Mapping[str, object] | None = None,
+    laws: Mapping[str, Mapping[str, object]] | Iterable[str] | None = None,
+    *,
+    per_run: Iterable[str] | None = None,
+    over: Mapping[str, object] | None = None,
+    starts: int | None = None,
+    seed: int | None = None,
+    folder: str | Path | None = None,
+    workers: int | None = None,
+) -> Identified:
+    """Fit parameters of a scene to recordings: value, interval of 90 % and verdict for each.
+
+    `runs`: a file (docs/identify.md), or its tables [[run]] as mappings, in which `run` may be a Run. `free`: dotted
+    key -> range, "0.1:1" or (0.1, 1.0). `laws`: friction laws to compare, law -> ranges of its own keys. `per_run`:
+    ["level"] gives each record an offset of its own. `over`: settings among which the next experiment is proposed,
+    key -> values. `starts`: further starts near the values of the scene. `folder`: where evaluations are kept, from
+    which an interrupted fit continues; None: nowhere. `workers`: processes, one for each core by default. Raises
+    rig.errors.SceneError and UsageError with every fault, WorkerError if workers fail.
+    """
+    from pathlib import Path
+
+    from rig.analysis.identification.identify import identify as fit
+    from rig.analysis.identification.next_experiment import propose
+    from rig.analysis.identification.runs import prepared
+
+    given = runs if isinstance(runs, str | Path) else [*runs]
+    task = prepared(_scene(scene), given, free, laws, per_run, starts, seed)
+    found = fit(task, None if folder is None else Path(folder), workers)
+    return propose(found, over, workers) if over else found
 
 
 def normal(

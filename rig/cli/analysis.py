@@ -166,20 +166,76 @@ def cycle(
 def identify(
     scene: SceneName,
     p: Changes = None,
+    runs: Annotated[
+        Path | None,
+        typer.Option("--runs", metavar="FILE", help="The recordings and what is free (TOML, see docs/identify.md)."),
+    ] = None,
+    following: Annotated[
+        str | None,
+        typer.Option(
+            "--next",
+            metavar="KEY=VALUES, ...",
+            help='Propose the next experiment among settings: "drive.speed=0.05 m/s:0.3 m/s:5, load.force=8 N, 16 N".',
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", callback=new, help="Write a scene (TOML) and its covariance (JSON)."),
+    ] = None,
+    keep: Annotated[
+        Path, typer.Option("--folder", metavar="FOLDER", help="Folder in which evaluations are kept for a repetition.")
+    ] = Path("fits"),
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=256, help="Number of processes. Default: one for each core.")
+    ] = None,
     figure: Figure = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Identify parameters of the lever rig: run an experiment and evaluate its measurements.
+    """Fit parameters of a rig to recordings: value, interval, and a verdict for each.
 
-    Scenes with an experiment: lever_free_cylinder, lever_free_lever,
-    lever_static_friction, lever_kinetic_friction.
+    Without --runs: run an experiment of the lever rig and evaluate it. Scenes with
+    an experiment: lever_free_cylinder, lever_free_lever, lever_static_friction,
+    lever_kinetic_friction.
+
+    Evaluations are kept: after an interruption the same command continues. Exit code
+    1: no law fits, or a parameter cannot be identified.
     """
-    from rig.analysis.identify import identify as run
+    loaded = the_scene(scene, changes(p))
+    if runs is None:
+        from rig.analysis.identify import identify as run
 
-    identified = run(the_scene(scene, changes(p)))
-    printing.result(identified, as_json, figure=figure)
-    draw(identified, figure)
+        if following is not None or out is not None:
+            raise UsageError("--next and --out need recordings: --runs FILE")
+        experiment = run(loaded)
+        printing.result(experiment, as_json, figure=figure)
+        draw(experiment, figure)
+        return
+    from rig.analysis.identification.identify import identify as fit
+    from rig.analysis.identification.next_experiment import asked, propose
+    from rig.analysis.identification.runs import prepared
+    from rig.analysis.identification.written import write
+
+    settings = None if following is None else asked(following)
+    task = prepared(loaded, runs)
+    try:
+        with printing.status() as show:
+            found = fit(task, keep, workers, lambda done: show(f"{done} cycles computed"))
+        if settings is not None:
+            with printing.bar("settings") as progress:
+                found = propose(found, settings, workers, progress)
+    except KeyboardInterrupt:
+        printing.note(f"interrupted: finished cycles are kept in {keep}; the same command continues from there")
+        raise
+    more = {"figure": figure}
+    if out is not None and found.told:
+        written_, beside = write(found, out, scene)
+        more |= {"scene_file": written_, "covariance": beside}
+    printing.result(found, as_json, **more)
+    draw(found, figure)
+    if out is not None and not as_json:
+        printing.line(f"\n{out}, {beside}" if found.told else f"\n{out} is not written: no parameter is identified")
+    printing.passed(found.complete)
 
 
 Measure = Annotated[
@@ -360,7 +416,7 @@ COMMANDS = {
     "modes": (modes, 'rig modes belt --sweep "drive.speed=0.05 m/s:0.4 m/s:50" --figure locus.png'),
     "cycle": (cycle, 'rig cycle two_dof -p friction.mu=0.45 --longest "10 min"'),
     "branches": (branches, 'rig branches belt --over "drive.speed=0.05 m/s:0.8 m/s"'),
-    "identify": (identify, "rig identify lever_kinetic_friction --figure friction.png"),
+    "identify": (identify, "rig identify belt --runs runs.toml --out mine.toml --figure fit.png"),
     "loop": (loop, "rig loop belt_normal_force --figure loop.png"),
     "map": (map_, 'rig map belt --x "drive.speed=0.05 m/s:0.8 m/s:40" --y "load.force=10 N:30 N:5"'),
 }

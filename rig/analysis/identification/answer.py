@@ -1,0 +1,385 @@
+"""The answer: value, interval and verdict of each parameter, what the data cannot tell, and how each run was fitted.
+
+identified        the interval of 90 % reaches at most 30 % to each side
+weak              it is wider
+not identifiable  its ends differ by more than a factor of 10, or the range of the parameter limits it
+at bound          the fit ends at an end of the range
+
+An interval is not printed where the law does not fit: it would be narrow and wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rig.analysis.identification.cycles import MEASURES, CycleRun
+from rig.analysis.identification.fit import NORMAL, Offsets
+from rig.analysis.identification.influence import Influence
+from rig.analysis.identification.responses import Response
+from rig.analysis.identification.runs import Free, Law, Task
+from rig.printable import columns
+from rig.record.run import Reals
+from rig.results import Result, csv_text
+from rig.scenes.scene import Scene
+
+IDENTIFIED, WEAK, UNKNOWN, BOUND = "identified", "weak", "not identifiable", "at bound"
+MISFIT = 0.01
+"""Probability below which a law does not fit."""
+_WEAK = 0.3
+_FACTOR = 10.0
+_ALIKE = 0.9  # correlation that is named
+_AT_END = 1e-6
+_HELD = 0.4  # of the deviation that the range alone gives
+_CONTRADICTS = 1.96  # standard deviations: 95 %
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter: `value`, ends of its interval of 90 %, value of the scene (SI); `verdict`."""
+
+    key: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    stated: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class RunFit:
+    """A run beside the fit: cycles found and left out, rms over the noise, probability of the misfit, measures.
+
+    `measures`, `model`: medians as in rig.analysis.identification.cycles; `band`: half of the interval in which 95 %
+    of the measures of a run that was not fitted are expected. `why`: why there is no model.
+    """
+
+    name: str
+    cycles: int
+    dropped: int
+    rms: float
+    p: float
+    evidence: Any
+    response: Response | None
+    measures: Reals
+    model: Reals
+    left: Reals
+    band: Reals = field(default_factory=lambda: np.full(len(MEASURES), np.nan))
+    why: str = ""
+
+    @classmethod
+    def without(cls, name: str, why: str) -> RunFit:
+        """A run that has no model."""
+        none = np.full(len(MEASURES), np.nan)
+        return cls(name, 0, 0, math.nan, math.nan, None, None, none, none, np.zeros((0, 0)), none, why)
+
+    @property
+    def inside(self) -> dict[str, bool]:
+        """Whether each predicted measure lies in its band."""
+        here = np.abs(self.measures - self.model) <= self.band
+        return {name: bool(here[i]) for i, name in enumerate(MEASURES) if name not in ("level", "peak")}
+
+
+@dataclass(frozen=True)
+class LawFit:
+    """The fit of one law; see `Identified` for what it says."""
+
+    law: Law
+    z: Reals
+    covariance: Reals
+    offsets: Offsets
+    repeats: bool
+    converged: bool
+    p: float
+    cost: float
+    runs: list[RunFit]
+    predicted: list[RunFit]
+    deviation: Reals
+    influence: tuple[Influence, ...]
+    notes: tuple[str, ...]
+    evaluations: int
+    jacobian: list[Reals]
+
+    @property
+    def fits(self) -> bool:
+        """Whether the misfit may be chance."""
+        return not self.p < MISFIT
+
+    @property
+    def size(self) -> float:
+        """What laws are compared by: rms over the noise, or the mean deviation between runs."""
+        if self.repeats:
+            return math.sqrt(self.cost / max(sum(run.left.size for run in self.runs), 1))
+        return float(np.mean(self.deviation[[0, 2, 3]]))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The free parameters of the law."""
+        return tuple(self._parameter(i, free) for i, free in enumerate(self.law.free))
+
+    def _parameter(self, i: int, free: Free) -> Parameter:
+        z, sd = float(self.z[i]), math.sqrt(max(float(self.covariance[i, i]), 0.0))
+        low, high = (float(np.clip(end, *free.ends)) for end in (z - NORMAL * sd, z + NORMAL * sd))
+        value, a, b = free.value(z), free.value(low), free.value(high)
+        if min(z - free.ends[0], free.ends[1] - z) < _AT_END:
+            verdict = BOUND
+        elif b > _FACTOR * max(a, 0.0) or sd > _HELD * 0.5 * (free.ends[1] - free.ends[0]) or self._aliased(i):
+            verdict = UNKNOWN
+        else:
+            verdict = IDENTIFIED if max(b - value, value - a) <= _WEAK * abs(value) else WEAK
+        told = self.fits and self.converged
+        return Parameter(free.key, free.unit, value, a if told else math.nan, b if told else math.nan, free.stated,
+                         verdict)  # fmt: skip
+
+    def _aliased(self, i: int) -> bool:
+        """Whether an offset takes up the effect of a parameter: both are one number."""
+        p = len(self.law.free)
+        return any(abs(self.correlation(i, k)) > 0.995 for k in range(p, len(self.z)))
+
+    def correlation(self, i: int, k: int) -> float:
+        """The correlation of two entries of z."""
+        C = self.covariance
+        return float(C[i, k] / math.sqrt(max(C[i, i] * C[k, k], 1e-300)))
+
+    def together(self) -> Iterator[tuple[str, float, float, float]]:
+        """What pairs of parameters tell together where alone they do not: text, value, ends of the interval."""
+        verdicts = [parameter.verdict for parameter in self.parameters]
+        for (i, a), (k, b) in combinations(enumerate(self.law.free), 2):
+            if (
+                not (a.log and b.log)
+                or {verdicts[i], verdicts[k]} <= {IDENTIFIED}
+                or BOUND in (verdicts[i], verdicts[k])
+            ):
+                continue
+            if abs(self.correlation(i, k)) < _ALIKE:
+                continue
+            va, vb = a.value(float(self.z[i])), b.value(float(self.z[k]))
+            C = self.covariance[np.ix_((i, k), (i, k))]
+            ways = [(f"{a.key} / {b.key}", va / vb, np.array([1.0, -1.0])), (f"{a.key} * {b.key}", va * vb, np.ones(2))]
+            if a.unit == b.unit and va != vb:
+                ways.append((f"{a.key} - {b.key}", va - vb, np.array([va, -vb]) / (va - vb)))
+            if a.unit == b.unit and va != vb:  # a ratio of two that are nearly equal tells little
+                ways = ways[-1:]
+            deviations = [math.sqrt(max(float(g @ C @ g), 0.0)) for _, _, g in ways]
+            best = int(np.argmin(deviations))
+            text, value, _ = ways[best]
+            sd = NORMAL * deviations[best]
+            if sd < 0.6:
+                yield (
+                    text,
+                    value,
+                    min(value * math.exp(sd * s) for s in (-1, 1)),
+                    max(value * math.exp(sd * s) for s in (-1, 1)),
+                )
+
+    def words(self) -> Iterator[str]:
+        """What the data cannot tell, and what would help, a line each."""
+        yield from self.notes
+        if not self.fits:
+            yield (f"law {self.law.name} does not fit (p = {self.p:.1e}): its parameters have no interval; try another "
+                   "law, or free a fixed value")  # fmt: skip
+        p = len(self.law.free)
+        names = [free.key for free in self.law.free] + list(self.offsets.names)
+        for i, k in combinations(range(len(names)), 2):
+            if abs(self.correlation(i, k)) > _ALIKE and i < p:
+                ask = "offset and level: vary the load" if k >= p else "vary what separates them"
+                if k < p or "friction" in names[i]:
+                    yield f"{names[i]} and {names[k]} have the correlation {self.correlation(i, k):.2f}: {ask}"
+        for text, value, low, high in self.together():
+            yield f"together: {text} = {value:.4g}, 90 % from {low:.4g} to {high:.4g}"
+        for i, parameter in enumerate(self.parameters):
+            sd = math.sqrt(max(float(self.covariance[i, i]), 1e-300))
+            apart = abs(self.law.free[i].coordinate(parameter.stated) - float(self.z[i])) if parameter.stated else 0.0
+            known = not parameter.key.startswith("friction.")  # a law is always fitted: nobody measured its scene
+            if known and self.fits and parameter.verdict in (IDENTIFIED, WEAK) and apart > _CONTRADICTS * sd:
+                stated = f"{parameter.stated:.4g} {_plain(parameter.unit)}".rstrip()
+                yield f"{parameter.key}: the data contradict the stated {stated}"
+        for each in self.influence:
+            if not each.told and each.others:
+                yield _alike(each)
+        if self.runs and not self.repeats:
+            shares = ", ".join(f"{100.0 * self.deviation[i]:.2g} % in {MEASURES[i]}" for i in (0, 2, 3))
+            yield f"deviation between runs beyond the errors of their means: {shares}; it widens every interval"
+        if helps := self.help():
+            yield helps
+
+    def help(self) -> str:
+        """The fixed value that would help most if it were free; "" if none would."""
+        told = [each for each in self.influence if each.told and each.score > 3.0 and each.gain > 0.1]
+        if not told or (self.fits and self.repeats):
+            return ""
+        best = max(told, key=lambda each: each.gain)
+        return (f"freeing {best.key} would help most: it takes away {100.0 * best.gain:.2g} % of the sum of squares, "
+                f"changed by {100.0 * best.change:+.3g} %")  # fmt: skip
+
+
+def _alike(each: Influence) -> str:
+    [*others] = each.others
+    strong = [name for name, c in others if abs(abs(c) - 1.0) < 0.25]
+    if strong:
+        name = strong[0]
+        way = "ratio" if dict(others)[name] > 0.0 else "product"
+        return f"{each.key} cannot be told beside {', '.join(n for n, _ in others)}: only its {way} with {name} can"
+    return f"{each.key} cannot be told beside {', '.join(name for name, _ in others)}"
+
+
+def _plain(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+@dataclass(frozen=True)
+class Identified(Result):
+    """The result of `rig.identify`: the fit of each law, the best first."""
+
+    FIGURE: ClassVar = "rig.analysis.identification.figures:identified_figure"
+
+    task: Task
+    fits: tuple[LawFit, ...]
+    proposals: tuple[Any, ...] = ()
+
+    @classmethod
+    def of(cls, task: Task, fits: Sequence[LawFit]) -> Identified:
+        """The answer of fits: laws that fit come first, then those that miss less."""
+        return cls(task, tuple(sorted(fits, key=lambda fit: (not fit.fits, fit.size))))
+
+    @property
+    def best(self) -> LawFit:
+        """The law that fits best."""
+        return self.fits[0]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters of the best law."""
+        return self.best.parameters
+
+    @property
+    def fitting(self) -> bool:
+        """Whether a law fits and the fit has converged."""
+        return self.best.fits and self.best.converged
+
+    @property
+    def complete(self) -> bool:
+        """Whether a law fits and every parameter is identified, at least weakly."""
+        return self.fitting and all(parameter.verdict in (IDENTIFIED, WEAK) for parameter in self.parameters)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with the parameters that are identified."""
+        from rig.analysis.axis import changed
+
+        return changed(self.best.law.scene, {p.key: p.value for p in self.told})
+
+    @property
+    def told(self) -> tuple[Parameter, ...]:
+        """The parameters that are written into a scene: identified, also weakly, of a law that fits."""
+        return tuple(p for p in self.parameters if self.fitting and p.verdict in (IDENTIFIED, WEAK))
+
+    def text(self) -> str:
+        """Return the report as text."""
+        best = self.best
+        how = "cycle by cycle" if best.repeats else "by measures of cycles"
+        law = f", law {best.law.name}" if best.law.name else ""
+        lines = [f"{self.task.scene.name}: {len(best.runs)} runs{law}, {how}; {best.evaluations} cycles computed"]
+        rows = [("", "found", "90 % from", "to", "stated", "", "verdict")]
+        for p in self.parameters:
+            ends = (f"{p.low:.5g}", f"{p.high:.5g}") if math.isfinite(p.low) and p.verdict != UNKNOWN else ("-", "-")
+            rows.append((p.key, f"{p.value:.5g}", *ends, f"{p.stated:.5g}", _plain(p.unit), p.verdict))
+        lines += columns(rows, "<>>>><<")
+        runs = [("run", "cycles", "left out", "rms / noise", "p of the misfit")]
+        for run in best.runs:
+            p_ = f"{run.p:.2g}" if math.isfinite(run.p) else "-"
+            runs.append((run.name, str(run.cycles), str(run.dropped), f"{run.rms:.3g}" if best.repeats else "-", p_))
+        lines += ["", *columns(runs, "<>>>>")]
+        for run in best.predicted:
+            lines += ["", *_prediction(run)]
+        if len(self.fits) > 1:
+            head = "rms / noise" if best.repeats else "deviation between runs"
+            table = [("law", head, "p of the misfit", "")]
+            table += [
+                (f.law.name, f"{f.size:.3g}", f"{f.p:.2g}", "fits" if f.fits else "does not fit") for f in self.fits
+            ]
+            lines += ["", *columns(table, "<>><")]
+        words = [*best.words()]
+        lines += ["", *(f"  {word}" for word in words)] if words else []
+        for proposal in self.proposals:
+            lines += ["", *proposal.lines()]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return self.text()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        best = self.best
+        return {
+            "scene": self.task.scene.name,
+            "law": best.law.name,
+            "method": "cycles" if best.repeats else "measures",
+            "converged": best.converged,
+            "p": best.p,
+            "parameters": [vars(p) for p in self.parameters],
+            "offsets": {name: float(best.z[len(best.law.free) + i] * best.offsets.sizes[i])
+                        for i, name in enumerate(best.offsets.names)},
+            "together": [dict(zip(("what", "value", "low", "high"), row)) for row in best.together()],
+            "runs": [{"name": r.name, "cycles": r.cycles, "left_out": r.dropped, "rms": r.rms, "p": r.p}
+                     for r in best.runs],
+            "predicted": [_prediction_json(run) for run in best.predicted],
+            "laws": [{"law": f.law.name, "size": f.size, "p": f.p, "fits": f.fits} for f in self.fits],
+            "notes": [*best.words()],
+            "next": [proposal.to_json() for proposal in self.proposals],
+        }  # fmt: skip
+
+    def csv(self) -> str:
+        """Return the parameters as CSV."""
+        rows = [(p.key, p.unit, p.value, p.low, p.high, p.stated, p.verdict) for p in self.parameters]
+        return csv_text(("parameter", "unit", "value", "90 % from", "to", "stated", "verdict"), rows)
+
+    def predict(self, name: str) -> RunFit:
+        """The run `name` that was not fitted, beside its bands. Raises KeyError."""
+        return {run.name: run for run in self.best.predicted}[name]
+
+
+def _prediction(run: RunFit) -> Iterator[str]:
+    """The lines of a run that was not fitted."""
+    if run.response is None:
+        yield f"{run.name} (not fitted): no prediction: {run.why}"
+        return
+    yield f"{run.name} (not fitted), {run.cycles} cycles"
+    rows: list[tuple[str, ...]] = [("", "measured", "predicted", "95 % from", "to", "")]
+    for i, (name, inside) in enumerate((name, run.inside[name]) for name in MEASURES[:4]):
+        m, e, b = (float(v[i]) for v in (run.measures, run.model, run.band))
+        values = (f"{math.exp(v):.4g}" for v in (m, e, e - b, e + b))
+        rows.append((name, *values, "inside" if inside else "outside"))
+    yield from columns(rows, "<>>>><")
+
+
+def _prediction_json(run: RunFit) -> dict[str, Any]:
+    measures = {
+        name: {"measured": math.exp(run.measures[i]), "predicted": math.exp(run.model[i]),
+               "low": math.exp(run.model[i] - run.band[i]), "high": math.exp(run.model[i] + run.band[i])}
+        for i, name in enumerate(MEASURES[:4])
+    }  # fmt: skip
+    return {"name": run.name, "why": run.why, "measures": measures if run.response is not None else {}}
+
+
+def phases(run: RunFit) -> Iterator[tuple[Reals, Reals, Reals, Reals]]:
+    """Of each column of a run: phase, mean of the measured cycles, their deviation, and the model there."""
+    evidence: CycleRun = run.evidence
+    for i, samples in enumerate(evidence.samples):
+        t = evidence.times[i].mean(axis=0) / evidence.period
+        fine = run.left.shape[0] == len(samples) and run.left.shape[1] > len(MEASURES)
+        model = samples - _part(run, i) * evidence.sigma[i] if fine else samples
+        yield t, samples.mean(axis=0), samples.std(axis=0), model.mean(axis=0)
+
+
+def _part(run: RunFit, column: int) -> Reals:
+    """The residuals of one column."""
+    sizes = [samples.shape[1] for samples in run.evidence.samples]
+    begin = sum(sizes[:column])
+    return run.left[:, begin : begin + sizes[column]]

@@ -1,0 +1,88 @@
+"""The figure of an identification: mean cycles with band and model, residuals over the phase, measures, predictions."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.analysis.identification.answer import Identified, RunFit, phases
+from rig.analysis.identification.cycles import BINS, MEASURES
+from rig.view.palette import BLUE, GREY, VERMILION, page
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MOST = 6  # runs that are drawn
+
+
+def identified_figure(found: Identified) -> Figure:
+    """Return the figure of an identification by its best law."""
+    best = found.best
+    runs = best.runs[:_MOST]
+    rows = 2 if best.repeats else 1
+    with page(3.6 * max(len(runs), 2), 3.0 * (rows + 1), layout="constrained") as figure:
+        law = f", law {best.law.name}" if best.law.name else ""
+        state = "" if best.fits else ": does not fit"
+        figure.suptitle(f"{found.task.scene.name}: {len(best.runs)} runs{law}{state}", ha="center")
+        grid = figure.add_gridspec(rows + 1, len(runs))
+        for i, run in enumerate(runs):
+            mean = figure.add_subplot(grid[0, i])
+            _mean(mean, run, best.repeats)
+            if best.repeats:
+                _residual(figure.add_subplot(grid[1, i], sharex=mean), run)
+        _measures(figure.add_subplot(grid[rows, :]), [*best.runs, *best.predicted], found)
+    return figure
+
+
+def _mean(axes: Axes, run: RunFit, repeats: bool) -> None:
+    """The first column over the phase: mean cycle with the band of one standard deviation, and the model."""
+    column = run.evidence.run.columns[0]
+    t, mean, spread, model = next(phases(run))
+
+    axes.fill_between(t, mean - spread, mean + spread, color=BLUE, alpha=0.25, lw=0)
+    axes.plot(t, mean, color=BLUE, lw=1.2, label="measured")
+    if repeats:
+        axes.plot(t, model, color=VERMILION, lw=1.0, ls="--", label="model")
+    axes.set_title(run.name, fontsize=9)
+    axes.set_ylabel(f"{column.output.replace('_', ' ')} [{column.unit}]")
+    axes.legend(fontsize=7)
+
+
+def _residual(axes: Axes, run: RunFit) -> None:
+    """The mean residual over the noise, with the error of the mean in each phase."""
+    width = run.evidence.samples[0].shape[1]
+    left = run.left[:, :width]
+    t = run.evidence.times[0].mean(axis=0) / run.evidence.period
+    axes.plot(t, left.mean(axis=0), color=GREY, lw=0.8)
+    pieces = np.array_split(left, BINS, axis=1)
+    at = [float(part.mean()) for part in np.array_split(t, BINS)]
+    means = np.array([piece.mean(axis=1) for piece in pieces])
+    axes.errorbar(at, means.mean(axis=1), 1.96 * means.std(axis=1, ddof=1) / math.sqrt(len(left)), fmt="o",
+                  color=VERMILION, markersize=4, capsize=3)  # fmt: skip
+    axes.axhline(0.0, color=GREY, lw=0.8)
+    axes.set(xlabel="phase [periods]", ylabel="residual / noise")
+
+
+def _measures(axes: Axes, runs: list[RunFit], found: Identified) -> None:
+    """Measured over modelled measures of each run; with bars of 95 % where a run is predicted or deviates."""
+    names, deviation = MEASURES[:4], found.best.deviation
+    marks = "osD^"
+    for k, name in enumerate(names):
+        for i, run in enumerate(runs):
+            if run.response is None:
+                continue
+            ratio = math.exp(float(run.measures[k] - run.model[k]))
+            predicted = i >= len(found.best.runs)
+            half = float(run.band[k]) if predicted else 1.96 * math.sqrt(
+                float(deviation[k]) ** 2 + float(run.evidence.covariance(found.task.seed)[k, k]))  # fmt: skip
+            bar = [[ratio - ratio * math.exp(-half)], [ratio * math.exp(half) - ratio]]
+            axes.errorbar([i + 0.15 * (k - 1.5)], [ratio], bar, fmt=marks[k], markersize=4, capsize=2,
+                          color=VERMILION if predicted else BLUE, label=name if i == 0 else None)  # fmt: skip
+    axes.axhline(1.0, color=GREY, lw=0.8)
+    labels = [run.name + (" (not fitted)" if i >= len(found.best.runs) else "") for i, run in enumerate(runs)]
+    axes.set_xticks(range(len(runs)), labels, fontsize=8)
+    axes.set_ylabel("measured / model")
+    axes.legend(fontsize=7, ncols=4)

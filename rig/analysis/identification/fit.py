@@ -1,0 +1,229 @@
+"""Least squares over responses, and the covariance of the parameters from independent cycles.
+
+    minimise |r(z)|^2 + (z - z0)' P (z - z0)      z: coordinates of the free parameters, then offsets
+    C = A (sum_j g_j g_j') A n / (n - p),  A = (J'J + P)^-1,  g_j = sum over cycle j of J_i r_i
+
+P is that of a standard deviation of half the range of each parameter: it holds what the data do not tell. Intervals
+never follow from the number of samples. Levenberg and Marquardt's method; the Jacobian has differences of whole cycles,
+which are exact to rounding because events are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rig.analysis.identification.responses import Evaluator, Response
+from rig.analysis.identification.runs import FREE, NONE, Free, Measured
+from rig.record.run import Reals
+
+STEP = 1e-3
+"""Difference of a coordinate for the Jacobian."""
+ROUNDS = 12
+_DAMPING = (1e-3, 10.0, 1e6)  # first, factor, and where no step helps
+_SETTLED = 0.02  # of a standard deviation, largest last step
+_GAIN = 1e-5  # of the cost
+NORMAL = 1.6448536269514722
+"""Half of an interval of 90 %, in standard deviations."""
+
+Blocks = Callable[[int, Response, Reals], Reals]
+"""Residuals [cluster, value] of a run for its response and the offsets of its columns."""
+
+
+@dataclass(frozen=True)
+class Offsets:
+    """Which offset each column of each run has: `place` [run][column], -1 for none; `names`; `sizes`, their unit."""
+
+    place: tuple[tuple[int, ...], ...]
+    names: tuple[str, ...]
+    sizes: tuple[float, ...]
+
+    @classmethod
+    def of(cls, runs: Sequence[Measured], sizes: Sequence[Reals]) -> Offsets:
+        """The offsets of runs; `sizes` [run][column]: what is fitted is in this unit."""
+        names: dict[str, float] = {}
+        place = []
+        for run, own in zip(runs, sizes):
+            row = []
+            for column, size in zip(run.columns, own):
+                name = f"offset of {column.name}" + (f" in {run.name}" if column.offset != FREE else "")
+                row.append(-1 if column.offset == NONE else [*names].index(name) if name in names else len(names))
+                if column.offset != NONE:
+                    names.setdefault(name, float(size))
+            place.append(tuple(row))
+        return cls(tuple(place), tuple(names), tuple(names.values()))
+
+    def values(self, run: int, z: Reals) -> Reals:
+        """The offsets of the columns of a run in SI, of the fitted ones `z`."""
+        return np.array([z[i] * self.sizes[i] if i >= 0 else 0.0 for i in self.place[run]])
+
+
+@dataclass
+class Solution:
+    """The end of a fit: `z`, cost |r|^2, residuals [cluster, value] of each run, and their derivatives by z."""
+
+    z: Reals
+    cost: float
+    left: list[Reals]
+    jacobian: list[Reals]
+    """[cluster, value, z] of each run."""
+    prior: Reals
+    responses: list[Response]
+    converged: bool = False
+    covariance: Reals = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def clusters(self) -> int:
+        """Number of clusters."""
+        return sum(len(r) for r in self.left)
+
+
+def sandwich(left: Sequence[Reals], jacobian: Sequence[Reals], prior: Reals) -> Reals:
+    """The covariance of z clustered by cycle."""
+    information = np.diag(prior)
+    scores = []
+    for r, J in zip(left, jacobian):
+        information = information + np.einsum("jik,jil->kl", J, J)
+        scores.append(np.einsum("jik,ji->jk", J, r))
+    g = np.concatenate(scores)
+    n, p = g.shape
+    A = inverse(information)
+    B = g.T @ g * (n / max(n - p, 1)) + np.diag(prior)
+    return np.asarray(A @ B @ A)
+
+
+def inverse(matrix: Reals) -> Reals:
+    """The inverse of a symmetric matrix whose rows may differ in size."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    values = np.maximum(values, 1e-15 * values[-1])
+    return np.asarray((vectors / values) @ vectors.T * np.outer(scale, scale))
+
+
+class Fit:
+    """One least squares problem: the free parameters, runs by number, their offsets and residuals."""
+
+    def __init__(
+        self, free: Sequence[Free], evaluator: Evaluator, runs: Sequence[int], offsets: Offsets, blocks: Blocks
+    ) -> None:
+        self.free, self.evaluator, self.runs, self.offsets, self.blocks = free, evaluator, runs, offsets, blocks
+        ends = np.array([parameter.ends for parameter in free])
+        self.low, self.high = ends.T
+        spread = 0.5 * (self.high - self.low)
+        self.prior = np.concatenate([spread**-2.0, np.full(len(offsets.names), 1e-12)])
+
+    def values(self, z: Reals) -> list[float]:
+        """The free parameters in SI."""
+        return [parameter.value(c) for parameter, c in zip(self.free, z.tolist())]
+
+    def left(self, z: Reals, responses: Sequence[Response]) -> list[Reals]:
+        """The residuals of each run."""
+        p = len(self.free)
+        return [self.blocks(i, response, self.offsets.values(i, z[p:])) for i, response in enumerate(responses)]
+
+    def cost(self, left: Sequence[Reals], z: Reals, z0: Reals) -> float:
+        """The sum of squares."""
+        return float(sum((r**2).sum() for r in left) + self.prior @ (z - z0) ** 2)
+
+    def responses(self, points: Sequence[Reals]) -> list[list[Response] | str]:
+        """The responses [point] of all runs, or why a run has none."""
+        rows = self.evaluator.responses([self.values(z) for z in points], self.runs)
+        return [whole(row) for row in rows]
+
+    def jacobian(
+        self, z: Reals, left: Sequence[Reals], responses: Sequence[Response], central: bool = False
+    ) -> list[Reals]:
+        """Derivatives of the residuals [cluster, value, z] of each run; a parameter without neighbours has zeros.
+
+        `central`: differences to both sides. A covariance needs them: two parameters of which only the difference acts
+        are one to first order in the step only.
+        """
+        p = len(self.free)
+        steps = np.where(z[:p] + STEP > self.high, -STEP, STEP)
+        points = [np.concatenate([z[:p] + steps[k] * (np.arange(p) == k), z[p:]]) for k in range(p)]
+        rows = self.responses(points)
+        columns = []
+        for k, row in enumerate(rows):
+            if isinstance(row, str):  # as mu_static, which must not be below mu_kinetic: from the other side
+                steps[k] = -steps[k]
+                points[k][k] = z[k] + steps[k]
+                [row] = self.responses([points[k]])
+            if isinstance(row, str):
+                columns.append([np.zeros_like(r) for r in left])
+                continue
+            here = self.left(points[k], row)
+            if central:
+                other = z - (points[k] - z)
+                if np.all((other[:p] >= self.low) & (other[:p] <= self.high)):
+                    [back] = self.responses([other])
+                    if not isinstance(back, str):
+                        columns.append([0.5 * (a - b) / steps[k] for a, b in zip(here, self.left(other, back))])
+                        continue
+            columns.append([(a - b) / steps[k] for a, b in zip(here, left)])
+        for k in range(p, len(z)):
+            moved = z.copy()
+            moved[k] += STEP
+            columns.append([(a - b) / STEP for a, b in zip(self.left(moved, responses), left)])
+        return [np.stack([column[i] for column in columns], axis=-1) for i in range(len(left))]
+
+    def run(self, z0: Reals, rounds: int = ROUNDS, gain: float = _GAIN) -> Solution | str:
+        """Fit from `z0`; the reason why it cannot begin."""
+        centre = z0
+        [first] = self.responses([z0])
+        if isinstance(first, str):
+            return first
+        z, p = z0.copy(), len(self.free)
+        responses: list[Response] = first
+        left = self.left(z, responses)
+        cost, damping, done = self.cost(left, z, centre), _DAMPING[0], False
+        for _ in range(rounds):
+            J = self.jacobian(z, left, responses)
+            H = np.diag(self.prior) + sum(np.einsum("jik,jil->kl", j, j) for j in J)
+            g = self.prior * (z - centre) + sum(np.einsum("jik,ji->k", j, r) for j, r in zip(J, left))
+            C = sandwich(left, J, self.prior)
+            held = np.zeros(len(z), bool)
+            held[:p] = ((z[:p] >= self.high) & (g[:p] < 0.0)) | ((z[:p] <= self.low) & (g[:p] > 0.0))
+            moved = False
+            while damping < _DAMPING[2]:
+                step = self._step(H, g, damping, held)
+                to = z + step
+                to[:p] = np.clip(to[:p], self.low, self.high)
+                reached = self.responses([to])[0]
+                if not isinstance(reached, str):
+                    after, there = self.left(to, reached), reached
+                    new = self.cost(after, to, centre)
+                    if new < cost:
+                        moved = True
+                        break
+                damping *= _DAMPING[1]
+            sd = np.sqrt(np.maximum(np.diag(C), 1e-300))
+            if not moved:
+                done = True
+                break
+            small = float(np.max(np.abs(to - z) / sd)) < _SETTLED or cost - new < gain * cost
+            z, left, responses, cost = to, after, there, new
+            damping = max(damping / _DAMPING[1], 1e-9)
+            if small:
+                done = True
+                break
+        J = self.jacobian(z, left, responses, central=True)
+        return Solution(z, cost, left, J, self.prior, responses, done, sandwich(left, J, self.prior))
+
+    def _step(self, H: Reals, g: Reals, damping: float, held: Reals) -> Reals:
+        """The step of the method; parameters that are `held` at an end of their range stay."""
+        moving = np.logical_not(held)
+        step = np.zeros(len(g))
+        M = H[np.ix_(moving, moving)]
+        M = M + damping * np.diag(np.diag(M))
+        step[moving] = -inverse(M) @ g[moving]
+        p = len(self.free)
+        largest = float(np.abs(step[:p]).max(initial=0.0))
+        return step * min(1.0, 0.7 / largest) if largest > 0.7 else step
+
+
+def whole(row: Sequence[Response | str]) -> list[Response] | str:
+    """The responses of all runs, or the first reason why one has none."""
+    made = [response for response in row if not isinstance(response, str)]
+    return made if len(made) == len(row) else next(why for why in row if isinstance(why, str))

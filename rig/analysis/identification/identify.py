@@ -1,0 +1,288 @@
+"""The way from recordings to parameters: start and screen by measures of cycles, then fit cycle by cycle.
+
+Where cycles repeat, they are fitted sample by sample with a free shift (`cycles`), and the covariance is clustered by
+cycle. Where they do not (periods scatter by more than 5 %), their measures are fitted: with a bootstrap over blocks of
+cycles, an offset for each record, and a deviation between runs, so that their chi-squared is as large as expected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from rig.analysis.identification import cycles
+from rig.analysis.identification.answer import Identified, LawFit, RunFit
+from rig.analysis.identification.cycles import (
+    EXACT,
+    LASTING,
+    MEASURES,
+    SCREEN,
+    CycleRun,
+    combined,
+    measure_blocks,
+    measure_weights,
+    shifted,
+)
+from rig.analysis.identification.fit import Fit, Offsets, Solution, inverse, whole
+from rig.analysis.identification.influence import candidates, influence
+from rig.analysis.identification.responses import Evaluator, Responder, Response
+from rig.analysis.identification.runs import RUN, Law, Task
+from rig.errors import UsageError
+from rig.record.run import Reals
+
+MISFIT = 0.01
+"""Probability below which a law does not fit."""
+_SCREENED = 0.01  # of a measure: what the screening may miss, since a fit of the cycles follows
+_NEAR = 2.0  # factor about the values of the scene in which other starts lie
+_OUTLIER = 5.0  # times the median of the rms of the cycles
+_RENEWED, _ROUNDS = 3, 6
+_FLAT = 3e-3  # of the sum of squares of measures: a smaller gain ends a fit
+Progress = Callable[[int], object]
+
+
+def identify(
+    task: Task, folder: Path | None = None, workers: int | None = None, progress: Progress = lambda done: None
+) -> Identified:
+    """Fit every law of a task to its runs. Raises UsageError for runs that cannot be used, WorkerError."""
+    fits, done = [], 0
+    for law in task.laws:
+        fits.append(_law(task, law, folder, workers, lambda count, done=done: progress(done + count)))  # type: ignore[misc]
+        done += fits[-1].evaluations
+    return Identified.of(task, fits)
+
+
+def _law(task: Task, law: Law, folder: Path | None, workers: int | None, progress: Progress) -> LawFit:
+    responder = Responder(law, task.runs, task.seed, candidates(law, task.runs))
+    with Evaluator(responder, folder, workers) as evaluator:
+        evaluator.progress = progress
+        return _Attempt(task, law, evaluator).run()
+
+
+@dataclass
+class _Attempt:
+    """The fit of one law."""
+
+    task: Task
+    law: Law
+    evaluator: Evaluator
+
+    def run(self) -> LawFit:
+        """Start, screen, fit, judge."""
+        notes: list[str] = []
+        fitted = [i for i, run in enumerate(self.task.runs) if run.fitted]
+        starts, first = self._starts(fitted, notes)
+        evidence = [CycleRun.of(self.task.runs[i], response) for i, response in zip(fitted, first)]
+        repeats = all(each.scatter < cycles.REPEATS for each in evidence)
+        if not repeats:
+            evidence = [self._by_record(each) for each in evidence]
+            worst = max(evidence, key=lambda each: each.scatter)
+            notes.append(
+                f"the cycles do not repeat (the period scatters by {100.0 * worst.scatter:.2g} % in {worst.run.name}): "
+                "their measures are fitted, with an offset of each record and a deviation between runs"
+            )
+        runs = [each.run for each in evidence]
+        offsets = Offsets.of(runs, [0.01 * self._sizes(each) for each in evidence])
+        ranked = self._screen(starts, evidence, offsets, fitted)
+        best: tuple[Fit, Solution, Reals] | None = None
+        for z in ranked[:2]:
+            fit, solution, deviation = (self._cycles if repeats else self._measures)(z, evidence, offsets, fitted)
+            if best is None or solution.cost < best[1].cost:
+                best = fit, solution, deviation
+            if not repeats or _p(evidence, best[1], repeats, best[2]) >= MISFIT:
+                break
+        assert best is not None
+        fit, solution, deviation = best
+        if repeats and (worst_ := _without_outliers(evidence, solution)) is not None:
+            evidence = worst_
+            fit, solution, deviation = self._cycles(solution.z, evidence, offsets, fitted)
+        p = _p(evidence, solution, repeats, deviation)
+        if not solution.converged:
+            notes.append("the fit has not converged: its intervals are not to be trusted; state values nearer to it")
+        reports = [self._report(each, r, response, repeats) for each, r, response
+                   in zip(evidence, solution.left, solution.responses)]  # fmt: skip
+        found = influence(fit, solution, self.evaluator, repeats)
+        predicted = self._predicted(fit, solution, deviation, offsets)
+        return LawFit(
+            self.law, solution.z, solution.covariance, offsets, repeats, solution.converged, p, solution.cost,
+            reports, predicted, deviation, found, tuple(notes), self.evaluator.count, solution.jacobian,
+        )  # fmt: skip
+
+    def _by_record(self, each: CycleRun) -> CycleRun:
+        columns = tuple(replace(column, offset=RUN) for column in each.run.columns)
+        return replace(each, run=replace(each.run, columns=columns))
+
+    @staticmethod
+    def _sizes(each: CycleRun) -> Reals:
+        return np.array([float(np.ptp(s.mean(axis=0))) for s in each.samples])
+
+    def _starts(self, fitted: Sequence[int], notes: list[str]) -> tuple[list[Reals], list[Response]]:
+        """Coordinates of the free parameters at which all runs have a cycle, the values of the scene first if they do,
+        and the responses there. Raises UsageError, which says why there are none.
+        """
+        from scipy.stats import qmc
+
+        free = self.law.free
+        ends = np.array([f.ends for f in free])
+        at = np.array([f.coordinate(f.stated) for f in free])
+        shares = qmc.LatinHypercube(len(free), rng=np.random.default_rng(self.task.seed)).random(self.task.starts)
+        reach = np.array([np.log(_NEAR) if f.log else 0.5 for f in free])
+        near = np.clip(at + reach * (2.0 * shares - 1.0), ends[:, 0], ends[:, 1])
+        points = [at, *near]
+        rows = self.evaluator.responses([self._si(z) for z in points], fitted)
+        good = [(z, made) for z, row in zip(points, rows) if not isinstance(made := whole(row), str)]
+        if isinstance(why := whole(rows[0]), str):
+            run = self.task.runs[next(i for i, r in zip(fitted, rows[0]) if isinstance(r, str))]
+            text = f"{run.name}: no limit cycle at the values of the scene ({why})"
+            if not good:
+                raise UsageError(
+                    f"{text}, and none at {len(near)} values near them; state values at which the rig vibrates as it "
+                    "was measured, and check what is set for this run"
+                )
+            told = ", ".join(f"{f.key} = {f.value(c):.4g}" for f, c in zip(free, good[0][0]))
+            notes.append(f"{text}; the fit begins where it exists: {told}")
+        return [z for z, _ in good], good[0][1]
+
+    def _si(self, z: Reals) -> list[float]:
+        return [f.value(c) for f, c in zip(self.law.free, z.tolist())]
+
+    def _screen(
+        self, starts: list[Reals], evidence: list[CycleRun], offsets: Offsets, fitted: Sequence[int]
+    ) -> list[Reals]:
+        """The best two starts after a fit of the measures, with offsets, the better first."""
+        weights = [measure_weights(each, each.covariance(self.task.seed), SCREEN, _SCREENED) for each in evidence]
+        rows = self.evaluator.responses([self._si(z) for z in starts], fitted)
+        made: list[tuple[float, int, Reals, Fit]] = []
+        for z, row in zip(starts, rows):
+            responses = whole(row)
+            if isinstance(responses, str):
+                continue
+            biases = [each.bias(response) for each, response in zip(evidence, responses)]
+            blocks = partial(measure_blocks, evidence, weights, biases, SCREEN)
+            fit = Fit(self.law.free, self.evaluator, fitted, offsets, blocks)
+            z_all = np.concatenate([z, _first_offsets(evidence, responses, offsets)])
+            made.append((fit.cost(fit.left(z_all, responses), z_all, z_all), len(made), z_all, fit))
+        made.sort(key=lambda row: row[:2])
+        ranked: list[Reals] = []
+        for _, _, z_all, fit in made[:2]:
+            if len(ranked) == 0:
+                solution = fit.run(z_all, 6, _FLAT)
+                z_all = z_all if isinstance(solution, str) else solution.z
+            ranked.append(z_all)
+        return ranked
+
+    def _cycles(
+        self, z: Reals, evidence: list[CycleRun], offsets: Offsets, fitted: Sequence[int]
+    ) -> tuple[Fit, Solution, Reals]:
+        """The fit cycle by cycle."""
+        fit = Fit(self.law.free, self.evaluator, fitted, offsets, lambda i, w, o: evidence[i].left(w, o))
+        solution = fit.run(z)
+        if isinstance(solution, str):
+            raise UsageError(f"{self.law.scene.name}: {solution}")
+        return fit, solution, np.zeros(len(MEASURES))
+
+    def _measures(
+        self, z: Reals, evidence: list[CycleRun], offsets: Offsets, fitted: Sequence[int]
+    ) -> tuple[Fit, Solution, Reals]:
+        """The fit of measures; also the deviation between runs of each measure."""
+        deviation, solution, fit = np.zeros(len(MEASURES)), None, None
+        own = [each.covariance(self.task.seed) for each in evidence]
+        for _ in range(_RENEWED):
+            [row] = self.evaluator.responses([self._si(z[: len(self.law.free)])], fitted)
+            responses = whole(row)
+            if isinstance(responses, str):
+                raise UsageError(f"{self.law.scene.name}: {responses}")
+            biases = [each.bias(response) for each, response in zip(evidence, responses)]
+            weights = [
+                measure_weights(each, C + np.diag(deviation**2), LASTING, EXACT) for each, C in zip(evidence, own)
+            ]
+            blocks = partial(measure_blocks, evidence, weights, biases, LASTING)
+            fit = Fit(self.law.free, self.evaluator, fitted, offsets, blocks)
+            ended = fit.run(z, _ROUNDS, _FLAT)
+            if isinstance(ended, str):
+                raise UsageError(f"{self.law.scene.name}: {ended}")
+            solution, z = ended, ended.z
+            J = np.concatenate([j.reshape(-1, j.shape[-1]) for j in solution.jacobian])
+            solution.covariance = inverse(J.T @ J + np.diag(solution.prior))
+            used = float(np.trace(J @ solution.covariance @ J.T))
+            levels = [offsets.values(i, z[len(self.law.free) :]) for i in range(len(evidence))]
+            models = [shifted(*given) for given in zip(evidence, solution.responses, levels)]
+            apart = np.array([each.medians - bias - m for each, bias, m in zip(evidence, biases, models)])
+            count = len(J) - len(offsets.names)  # each level has an offset of its own
+            share = max(1.0 - (used - len(offsets.names)) / count, 0.2)
+            square = np.maximum((apart**2).mean(axis=0) / share - np.mean([np.diag(C) for C in own], axis=0), 0.0)
+            square[[0, 2, 3]] = 0.5 * (square[[0, 2, 3]] + square[[0, 2, 3]].mean())  # else one measure fits itself
+            square[4] = 0.0  # an offset of each record takes up its level
+            deviation = np.asarray(np.sqrt(square))
+        assert fit is not None
+        assert solution is not None
+        return fit, solution, deviation
+
+    def _report(self, each: CycleRun, left: Reals, response: Response, repeats: bool) -> RunFit:
+        """What a run says of the fit."""
+        rms = float(np.sqrt((left**2).mean())) if repeats else float("nan")
+        p = each.misfit(left) if repeats else float("nan")
+        plain = each.model_measures(response)
+        model = np.full(len(MEASURES), np.nan) if plain is None else plain + each.bias(response)
+        return RunFit(each.run.name, len(each.begins), each.dropped, rms, p, each, response, each.medians, model, left)
+
+    def _predicted(self, fit: Fit, solution: Solution, deviation: Reals, offsets: Offsets) -> list[RunFit]:
+        """The runs that are not fitted beside the bands in which 95 % of them are expected."""
+        others = [i for i, run in enumerate(self.task.runs) if not run.fitted]
+        made = []
+        p = len(self.law.free)
+        for i in others:
+            points = [solution.z[:p] + 1e-3 * (np.arange(p) == k) for k in range(-1, p)]
+            rows = self.evaluator.responses([self._si(z) for z in points], [i])
+            base = rows[0][0]
+            if isinstance(base, str):
+                made.append(RunFit.without(self.task.runs[i].name, base))
+                continue
+            each = CycleRun.of(self.task.runs[i], base)
+            bias = each.bias(base)
+            read = [None if isinstance(row[0], str) else each.model_measures(row[0]) for row in rows]
+            if read[0] is None:
+                made.append(RunFit.without(each.run.name, "the detector reads no slips in the model"))
+                continue
+            J = np.array([np.zeros(len(MEASURES)) if m is None else (m - read[0]) / 1e-3 for m in read[1:]])
+            C = J.T @ solution.covariance[:p, :p] @ J + np.diag(deviation**2) + each.covariance(self.task.seed)
+            made.append(RunFit(each.run.name, len(each.begins), each.dropped, float("nan"), float("nan"), each, base,
+                               each.medians, read[0] + bias, np.zeros((0, 0)), 1.96 * np.sqrt(np.diag(C))))  # fmt: skip
+        return made
+
+
+def _first_offsets(evidence: Sequence[CycleRun], responses: Sequence[Response], offsets: Offsets) -> Reals:
+    """Offsets from the means of the cycles."""
+    sums = np.zeros((2, len(offsets.names)))
+    for i, (each, response) in enumerate(zip(evidence, responses)):
+        for column, place in enumerate(offsets.place[i]):
+            if place >= 0:
+                fitted, _ = each.fitted(column, response, 0.0)
+                sums[:, place] += float((each.samples[column] - fitted).mean()), 1.0
+    return np.asarray(sums[0] / np.maximum(sums[1], 1.0) / np.array(offsets.sizes))
+
+
+def _p(evidence: Sequence[CycleRun], solution: Solution, repeats: bool, deviation: Reals) -> float:
+    """The probability of the misfit, if the law is right."""
+    if repeats:
+        return combined([each.misfit(left) for each, left in zip(evidence, solution.left)])
+    count = sum(r.size for r in solution.left)
+    free = max(count - int(np.sum(np.diag(solution.covariance) < 0.2 / np.maximum(solution.prior, 1e-300))), 1)
+    return float(stats.chi2.sf(sum((r**2).sum() for r in solution.left), free))
+
+
+def _without_outliers(evidence: Sequence[CycleRun], solution: Solution) -> list[CycleRun] | None:
+    """The evidence without cycles that the model misses far more than others; None if there are none."""
+    made, some = [], False
+    for each, left in zip(evidence, solution.left):
+        rms = np.sqrt((left**2).mean(axis=1))
+        kept = rms < _OUTLIER * float(np.median(rms))
+        some |= not kept.all()
+        made.append(replace(each, begins=each.begins[kept], measures=each.measures[kept],
+                            dropped=each.dropped + int((~kept).sum()), samples=tuple(s[kept] for s in each.samples),
+                            times=tuple(t[kept] for t in each.times)))  # fmt: skip
+    return made if some and all(len(each.begins) >= cycles.LEAST for each in made) else None

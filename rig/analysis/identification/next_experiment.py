@@ -1,0 +1,257 @@
+"""The experiment that would shrink the intervals most, among settings that the rig can have.
+
+Each candidate is simulated at the parameters that were found, with the process noise of the runs, and enters the same
+covariance as a further run: intervals are predicted for the method that fits. The best has the smallest determinant of
+the covariance of the parameters. To shrink only the widest interval leaves others wide.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from rig.analysis.axis import changed
+from rig.analysis.identification.answer import Identified, LawFit
+from rig.analysis.identification.cycles import (
+    EXACT,
+    LASTING,
+    LEAST,
+    MEASURES,
+    CycleRun,
+    measure_blocks,
+    measure_weights,
+)
+from rig.analysis.identification.fit import NORMAL, Fit, Offsets, inverse
+from rig.analysis.identification.responses import Evaluator, Responder, Response
+from rig.analysis.identification.runs import Measured
+from rig.analysis.pool import Arrays, Work, carry_out, temporary
+from rig.analysis.studies.factors import factors
+from rig.bench.run.simulate import simulate
+from rig.errors import NumericsError, RigError, UsageError
+from rig.printable import columns
+from rig.record.run import Reals
+from rig.scenes.scene import Scene
+
+_LONGER = 4.0
+"""Duration of the simulation of a candidate, over that of the runs: its scores are means over more cycles."""
+_TRIAL = 1e-3  # of the load: a first density of process noise [N/Hz^0.5]
+_SHOWN = 5
+_SEED = 4711
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Settings of a run, predicted intervals (half widths relative to the values), and the log determinant."""
+
+    settings: dict[str, tuple[float, str]]
+    widths: dict[str, float]
+    now: dict[str, float]
+    determinant: float
+    seconds: float
+
+    def lines(self) -> Iterator[str]:
+        """The proposal as text."""
+        at = ", ".join(f"{key} = {value:.4g}{'' if unit == '1' else f' {unit}'}" for key, (value, unit) in
+                       self.settings.items())  # fmt: skip
+        yield f"next: {at}, {self.seconds:.3g} s"
+        rows = [("half of the interval of 90 %", "now", "predicted")]
+        rows += [(key, f"{100.0 * self.now[key]:.3g} %", f"{100.0 * w:.3g} %") for key, w in self.widths.items()]
+        yield from columns(rows, "<>>")
+
+    def to_json(self) -> dict[str, Any]:
+        """The proposal as JSON values."""
+        settings = {key: value for key, (value, _) in self.settings.items()}
+        return {"settings": settings, "widths": self.widths, "now": self.now, "seconds": self.seconds}
+
+
+def asked(text: str) -> dict[str, str]:
+    """The settings of "drive.speed=0.05 m/s:0.3 m/s:5, load.force=8 N, 16 N": key -> values. Raises UsageError."""
+    made = {}
+    for part in re.split(r",\s*(?=[A-Za-z_][\w.]*\s*=)", text):
+        key, equals, values = (piece.strip() for piece in part.partition("="))
+        if not equals or not values:
+            raise UsageError(f'--next {part}: expected KEY=VALUES, such as "drive.speed=0.05 m/s:0.3 m/s:5"')
+        made[key] = values
+    return made
+
+
+def propose(found: Identified, over: Mapping[str, Any], workers: int | None = None,
+            progress: Callable[[int, int], object] = lambda done, total: None) -> Identified:  # fmt: skip
+    """The result with proposals, the best first. Raises UsageError for settings that are none, or without a fit."""
+    best = found.best
+    if not found.fitting:
+        raise UsageError("no next experiment is proposed: no law fits, so that no interval can be predicted")
+    axes = factors(best.law.scene, over)
+    if drawn := [factor.key for factor in axes if factor.distribution is not None]:
+        raise UsageError(f"--next {drawn[0]}: expected values or FROM:TO:COUNT, no distribution")
+    settings = [dict(zip((f.key for f in axes), v)) for v in product(*(f.axis.values for f in axes))]
+    units = {factor.key: factor.axis.unit for factor in axes}
+    prediction = Prediction(best, process_noise(best))
+    work = Work(prediction.compute, settings, best.law.scene.name)
+    with temporary(work) as store:
+        rows = carry_out(work, store, workers, progress)
+    made = []
+    p, now = len(best.law.free), widths(best, best.covariance)
+    for i, point in enumerate(settings):
+        if "covariance" in rows[i]:
+            C = rows[i]["covariance"]
+            D = float(np.linalg.slogdet(C[:p, :p])[1])
+            made.append(Proposal({k: (v, units[k]) for k, v in point.items()}, widths(best, C), now, D,
+                                 prediction.seconds))  # fmt: skip
+    if not made:
+        raise UsageError(f"--next: the rig has no limit cycle at any of these settings: {rows[0]['why']}")
+    made.sort(key=lambda proposal: proposal.determinant)
+    return replace(found, proposals=tuple(made[:_SHOWN]))
+
+
+def widths(fit: LawFit, covariance: Reals) -> dict[str, float]:
+    """Half of the interval of each parameter over its value."""
+    made = {}
+    for i, free in enumerate(fit.law.free):
+        sd = NORMAL * math.sqrt(max(float(covariance[i, i]), 0.0))
+        size = 1.0 if free.log else free.size / max(abs(free.value(float(fit.z[i]))), 1e-300)
+        made[free.key] = sd * size
+    return made
+
+
+def process_noise(fit: LawFit) -> float:
+    """The density of a random force [N/Hz^0.5] with which simulated runs leave as much as the measured ones do."""
+    if not fit.repeats:
+        return 0.0
+    ratios = []
+    for number, run in enumerate(fit.runs):
+        scene = _scene(fit, run.evidence.run.settings)
+        trial = _TRIAL * _load(scene)
+        left = [_left(fit, run, density, number) for density in (0.0, trial)]
+        if all(math.isfinite(v) for v in left) and left[1] > left[0]:
+            ratios.append(max(run.rms**2 - left[0], 0.0) / (left[1] - left[0]) * trial**2)
+    return math.sqrt(float(np.median(ratios))) if ratios else 0.0
+
+
+def _load(scene: Scene) -> float:
+    return float(scene.values().get("load.force", (1.0, "N"))[0] or 1.0)
+
+
+def _scene(fit: LawFit, settings: Mapping[str, float]) -> Scene:
+    values = dict(settings) | {f.key: f.value(c) for f, c in zip(fit.law.free, fit.z.tolist())}
+    return changed(fit.law.scene, values)
+
+
+def _left(fit: LawFit, run: Any, density: float, number: int) -> float:
+    """The mean square that the model leaves of a simulated twin of a run."""
+    evidence: CycleRun = run.evidence
+    try:
+        twin = simulated(fit, evidence.run.settings, evidence, density, _LONGER * evidence.run.seconds, number)
+        made = replace(CycleRun.of(twin, run.response), sigma=evidence.sigma)
+    except RigError:
+        return math.nan
+    left = made.left(run.response, fit.offsets.values(number, fit.z[len(fit.law.free) :]))
+    return float((left**2).mean())
+
+
+def simulated(fit: LawFit, settings: Mapping[str, float], like: CycleRun, density: float, seconds: float,
+              seed: int) -> Measured:  # fmt: skip
+    """A run of the fitted rig as the columns of another one would measure it."""
+    scene = _scene(fit, settings)
+    noise = {"noise": {"force": density}} if density and "noise" in type(scene.parameters).model_fields else {}
+    parameters = type(scene.parameters).model_validate({**scene.parameters.model_dump(exclude_none=True), **noise})
+    bare = replace(scene, parameters=parameters, sensors={}, controllers={}, protocol=(), seed=_SEED + seed)
+    run = simulate(bare, duration_ns=round(1.3 * seconds * 1e9))
+    made = []
+    chance = np.random.default_rng(_SEED + seed)
+    for column, sigma in zip(like.run.columns, like.sigma):
+        t = np.arange(0.3 * seconds, float(run.time[-1]), 1.0 / column.rate)
+        v = np.interp(t, run.time, run.signals[column.output]) + sigma * chance.standard_normal(t.size)
+        number = fit.runs.index(next(r for r in fit.runs if r.evidence is like))
+        place = fit.offsets.place[number][like.run.columns.index(column)]
+        v = v + (float(fit.z[len(fit.law.free) + place]) * fit.offsets.sizes[place] if place >= 0 else 0.0)
+        made.append(replace(column, start=float(t[0]), v=v))
+    return Measured("next", "cycles", dict(settings), tuple(made))
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The covariance with a further run at settings, by the method that fits."""
+
+    fit: LawFit
+    density: float
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the further run [s]."""
+        return float(np.mean([run.evidence.run.seconds for run in self.fit.runs]))
+
+    def compute(self, settings: Mapping[str, float]) -> Arrays:
+        """The covariance with a run at `settings`, or why there is none."""
+        fit, p = self.fit, len(self.fit.law.free)
+        like: CycleRun = fit.runs[0].evidence
+        whole = like.run.settings | dict(settings)
+        try:
+            twin = simulated(fit, whole, like, self.density, _LONGER * self.seconds, len(fit.runs))
+            responder = Responder(fit.law, (twin,))
+            with Evaluator(responder, None, 1) as evaluator:
+                values = [f.value(c) for f, c in zip(fit.law.free, fit.z.tolist())]
+                [[response]] = evaluator.responses([values], [0])
+                if isinstance(response, str):
+                    return {"why": np.array(response)}
+                return {
+                    "why": np.array(""),
+                    "covariance": self._with(CycleRun.of(twin, response), response, evaluator, p),
+                }
+        except (RigError, NumericsError) as fault:
+            return {"why": np.array(str(fault)[:300])}
+
+    def _with(self, evidence: CycleRun, response: Response, evaluator: Evaluator, p: int) -> Reals:
+        fit = self.fit
+        own = Offsets.of([evidence.run], [np.array(fit.offsets.sizes[:1] or (1.0,))])
+        names = list(fit.offsets.names)
+        z_own = np.concatenate([fit.z[:p], [fit.z[p + names.index(n)] if n in names else 0.0 for n in own.names]])
+        if fit.repeats:
+            problem = Fit(fit.law.free, evaluator, [0], own, lambda i, w, o: evidence.left(w, o))
+        else:
+            problem = self._measures(evidence, response, evaluator, own)
+        left = problem.left(z_own, [response])
+        [J] = problem.jacobian(z_own, left, [response], central=True)
+        total = len(fit.z) + sum(n not in names for n in own.names)
+        place = [*range(p)]
+        for n in own.names:
+            place.append(p + names.index(n) if n in names else len(fit.z))
+        wide = np.zeros((*J.shape[:2], total))
+        wide[..., place] = J
+        prior = np.concatenate([problem.prior[:p], np.full(total - p, 1e-12)])
+        share = self.seconds / evidence.run.seconds if fit.repeats else 1.0
+        H, B = np.diag(prior), np.diag(prior)
+        clusters = 0.0
+        for run_left, run_J, weight in [*zip(*_padded(fit, total), [1.0] * len(fit.runs)), (left[0], wide, share)]:
+            H = H + weight * np.einsum("jik,jil->kl", run_J, run_J)
+            g = np.einsum("jik,ji->jk", run_J, run_left)
+            B = B + weight * g.T @ g
+            clusters += weight * len(g)
+        A = inverse(H)
+        return np.asarray(A @ B @ A * (clusters / max(clusters - total, 1.0))) if fit.repeats else A
+
+    def _measures(self, evidence: CycleRun, response: Response, evaluator: Evaluator, own: Offsets) -> Fit:
+        """The fit of measures, with the deviation between runs and the mean error of the fitted runs."""
+        C = np.mean([run.evidence.covariance(_SEED) for run in self.fit.runs], axis=0) + np.diag(self.fit.deviation**2)
+        read = evidence.model_measures(response)
+        evidence = evidence if read is None else replace(evidence, measures=np.tile(read, (LEAST, 1)))
+        weights = [measure_weights(evidence, C, LASTING, EXACT)]
+        blocks = partial(measure_blocks, [evidence], weights, [np.zeros(len(MEASURES))], LASTING)
+        return Fit(self.fit.law.free, evaluator, [0], own, blocks)
+
+
+def _padded(fit: LawFit, total: int) -> tuple[list[Reals], list[Reals]]:
+    """Residuals and derivatives of the fitted runs, with zeros for offsets of the further run."""
+    wide = []
+    for J in fit.jacobian:
+        made = np.zeros((*J.shape[:2], total))
+        made[..., : J.shape[-1]] = J
+        wide.append(made)
+    return [run.left for run in fit.runs], wide

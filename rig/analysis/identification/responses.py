@@ -1,0 +1,220 @@
+"""What the rig does at values of its free parameters: the work of the pool, and its results on a grid.
+
+A cycle comes as one period of each output on an even grid that begins where the longest stick of the first contact
+ends, or, without stick, at the largest value of the first output. The instrument acts as a linear filter of the period.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.analysis.axis import changed
+from rig.analysis.cycle import limit_cycle
+from rig.analysis.cycle_report import Cycle
+from rig.analysis.identification.runs import Law, Measured
+from rig.analysis.kernel_shapes import prepare
+from rig.analysis.pool import Arrays, Store, Work, digest, pool, temporary
+from rig.errors import NumericsError, RigError, SceneError
+from rig.record.run import Reals
+from rig.scenes.scene import Scene
+
+POINTS = 2048
+"""Points of a period."""
+ACCURACY = 1e-8
+"""Relative tolerance of adaptive methods in a fit: differences over a thousandth of a parameter need no more."""
+_LONGEST = 25.0  # s within which a motion settles during a fit
+_MOST = 1_000_000
+
+
+@dataclass(frozen=True)
+class Response:
+    """One period of a run's columns: `waves` [column, POINTS] in SI, period and longest stick [s].
+
+    `slopes` [column]: rate of each column while the contact sticks, of a velocity its value; NaN without stick.
+    """
+
+    period: float
+    stick: float
+    slopes: Reals
+    waves: Reals
+
+    def at(self, column: int, phase: Reals) -> Reals:
+        """The column at phases in periods (any real numbers), by lines between the points."""
+        wave = self.waves[column]
+        place = np.mod(phase, 1.0) * POINTS
+        i = place.astype(np.int64)
+        share = place - i
+        i %= POINTS
+        return np.asarray(wave[i] * (1.0 - share) + wave[(i + 1) % POINTS] * share)
+
+
+@dataclass(frozen=True)
+class Responder:
+    """The responses of a law's scene to values of its free parameters. Items of the work are evaluations."""
+
+    law: Law
+    runs: tuple[Measured, ...]
+    seed: int = 1
+    candidates: tuple[str, ...] = ()
+    """Keys with a fixed value, whose factors may be given behind the values of the free ones."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The free parameters."""
+        return tuple(free.key for free in self.law.free)
+
+    def scene(self, run: int, values: Sequence[float]) -> Scene:
+        """The scene of a run at `values` (SI) of the free parameters, `runs` settings included."""
+        settings = self.runs[run].settings | dict(zip(self.keys, values))
+        for key, factor in zip(self.candidates, values[len(self.keys) :]):
+            if factor != 1.0:
+                settings[key] = factor * settings.get(key, float(self.law.scene.values()[key][0]))
+        return changed(self.law.scene, settings)
+
+    def compute(self, unit: int, run: float, *values: float) -> Arrays:
+        """The response of run number `run`; `why` tells why there is none."""
+        del unit
+        measured = self.runs[int(run)]
+        try:
+            scene = self.scene(int(run), values)
+            response = cycle_response(scene, measured)
+        except (SceneError, NumericsError) as fault:
+            return {"why": np.array(str(fault)[:500])}
+        if isinstance(response, str):
+            return {"why": np.array(response[:500])}
+        shape = np.array([response.period, response.stick])
+        return {"why": np.array(""), "shape": shape, "slopes": response.slopes, "waves": response.waves}
+
+    def prepare(self) -> None:
+        """Compile the kernels."""
+        prepare([self.law.scene])
+
+    @property
+    def work(self) -> Work:
+        """As a work of the pool."""
+        data = [(run, [hashlib.sha256(c.v.tobytes()).hexdigest() for c in run.columns]) for run in self.runs]
+        text = repr((self.law.free, self.seed, data))
+        about = {"scene": self.law.scene.name, "law": self.law.name}
+        hash_ = digest(self.law.scene, text)
+        return Work(self.compute, range(_MOST), f"{self.law.scene.name}-{self.law.name}", hash_, self.prepare,
+                    self.failed, about)  # fmt: skip
+
+    def failed(self, unit: int, why: str) -> Arrays:
+        """The response of an evaluation that ended its worker twice."""
+        del unit
+        return {"why": np.array(why)}
+
+
+def cycle_response(scene: Scene, measured: Measured) -> Response | str:
+    """The limit cycle of `scene` as the columns see it; the reason, if there is none."""
+    cycle = limit_cycle(scene, ACCURACY, _LONGEST)
+    if not cycle.found:
+        return cycle.why
+    return sampled(cycle, scene, measured)
+
+
+def sampled(cycle: Cycle, scene: Scene, measured: Measured) -> Response:
+    """A cycle on the grid of a response."""
+    T = cycle.period
+    longest = max(cycle.sticking, key=lambda span: span[1] - span[0], default=None)
+    first = cycle.outputs[measured.columns[0].output]
+    begin = longest[1] if longest else float(cycle.time[int(np.argmax(first))])
+    t = np.arange(POINTS) * (T / POINTS) + begin
+    waves, slopes = [], []
+    for column in measured.columns:
+        raw = np.interp(np.mod(t, T), cycle.time, cycle.outputs[column.output], period=T)
+        slopes.append(_slope(cycle, column.output, cycle.units[column.output], longest))
+        waves.append(_filtered(raw, T, scene, column.sensor))
+    stick = longest[1] - longest[0] if longest else 0.0
+    return Response(T, stick, np.array(slopes), np.array(waves))
+
+
+def _slope(cycle: Cycle, output: str, unit: str, stick: tuple[float, float] | None) -> float:
+    """The rate of an output in stick, of a velocity its mean."""
+    if stick is None:
+        return math.nan
+    inside = (cycle.time > stick[0]) & (cycle.time < stick[1])
+    t, y = cycle.time[inside], cycle.outputs[output][inside]
+    if t.size < 3:
+        return math.nan
+    return float(y.mean()) if unit.endswith("/s") else float(np.polyfit(t - t[0], y, 1)[0])
+
+
+def _filtered(wave: Reals, period: float, scene: Scene, sensor: str) -> Reals:
+    """The steady answer of an instrument to a period: its filter without delay, which is free."""
+    if not sensor:
+        return wave
+    section = scene.sensors[sensor]
+    end, lines = section.front_end(), np.fft.rfft(wave)
+    conversion = section.conversion or 1.0
+    orders = np.arange(1, min(lines.size, 512))
+    s = 2j * math.pi * orders / period
+    gains = np.array([end.response(value) for value in s]) * conversion * np.exp(s * 1e-9 * end.delay_ns)
+    lines[orders] *= gains
+    lines[orders.size + 1 :] = 0.0 if abs(gains[-1]) < 0.5 else lines[orders.size + 1 :]
+    steady = complex(end.response(1e-9 + 0j)).real * conversion
+    lines[0] = lines[0] * steady + end.offset * conversion * wave.size
+    return np.asarray(np.fft.irfft(lines, wave.size))
+
+
+class Evaluator:
+    """Evaluates responses in the pool, in an order that repeats, so that a lasting folder continues a fit."""
+
+    def __init__(self, responder: Responder, folder: Path | None, workers: int | None) -> None:
+        self.responder, self._folder, self._workers = responder, folder, workers
+        self.count = 0
+        self.progress: Callable[[int], object] = lambda done: None
+
+    def __enter__(self) -> Evaluator:
+        work = self.responder.work
+        self._stack: list[Any] = []
+        opened = temporary(work) if self._folder is None else None
+        if opened is not None:
+            self.store = opened.__enter__()
+            self._stack.append(opened)
+        else:
+            self.store = Store.of(work, self._folder or Path())
+            lock = self.store.open(work)
+            lock.__enter__()
+            self._stack.append(lock)
+        try:
+            computing = pool(work, self.store, self._workers, max(2, len(self.responder.runs)))
+            self._pool = computing.__enter__()
+        except BaseException:
+            self.__exit__(RigError, None, None)
+            raise
+        self._stack.append(computing)
+        self._rows = self.store.load()
+        return self
+
+    def __exit__(self, kind: Any, fault: Any, at: Any) -> None:
+        while self._stack:
+            self._stack.pop().__exit__(kind, fault, at)
+
+    def responses(self, points: Sequence[Sequence[float]], runs: Sequence[int]) -> list[list[Response | str]]:
+        """The responses [point, run] at points (SI) of the free parameters; a text where there is none."""
+        asked = [(run, *point) for point in points for run in runs]
+        units = range(self.count, self.count + len(asked))
+        todo = {u: given for u, given in zip(units, asked) if u not in self._rows}
+        if todo:
+            self._pool.compute(todo, lambda done: self.progress(self.count + done))
+            self._rows |= {u: row for u, row in self.store.load().items() if u in todo}
+            self._rows |= {u: self.responder.failed(u, why) for u, why in self._pool.failed.items() if u in todo}
+        self.count += len(asked)
+        self.progress(self.count)
+        made = [_response(self._rows.pop(u)) for u in units]
+        return [made[i : i + len(runs)] for i in range(0, len(made), len(runs))]
+
+
+def _response(row: Arrays) -> Response | str:
+    if why := str(row["why"]):
+        return why
+    period, stick = row["shape"].tolist()
+    return Response(period, stick, row["slopes"], row["waves"])

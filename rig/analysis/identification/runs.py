@@ -1,0 +1,451 @@
+"""The recordings that parameters are fitted to, with what is known of each, and the file that lists them.
+
+    scene = "belt"
+    [free]                                             what is fitted: key -> FROM:TO
+    "friction.mu_static" = "0.1:1"
+    "body.damping" = "0:5 N*s/m"
+    [laws.coulomb]                                     optional: other friction laws, with what is fitted of them
+    "friction.mu_static" = "0.1:1"
+    "friction.mu_kinetic" = "0.05:1"
+
+    [[run]]
+    file = "slow.mcap"                                 a recording, or a file that rig import reads
+    skip = "1 s"
+    set = {"drive.speed" = "50 mm/s", "load.force" = "16 N"}
+    [run.columns]
+    laser = {reads = "displacement", offset = "free"}  a column and the output of the plant that it measures
+
+A column has `scale` ("1.793e-3 m" for one unit of the column) where the file states no unit or another quantity. Its
+offset is that of the plant (none), "free" (one value for all runs), or "run" (one value for each record); `per_run =
+["level"]` means "run" for all columns. `sensor`: the instrument of the scene whose filter the column has passed.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from rig.analysis.axis import changed, numbers, unknown
+from rig.analysis.recorded.series import Series, series
+from rig.errors import Faults, RigError, SceneError, UsageError
+from rig.model.assembly import Assembly
+from rig.quantities import whole
+from rig.record.imports.channel_map import ChannelMap
+from rig.record.imports.import_run import import_files
+from rig.record.reader import open as read_recording
+from rig.record.run import Reals, Run
+from rig.scenes import sections, source
+from rig.scenes.faults import near
+from rig.scenes.scene import Scene
+from rig.units import brief, conversion, parted, same_unit, si, si_unit, with_units
+
+NONE, FREE, RUN = "none", "free", "run"
+KINDS = ("cycles", "transient", "growth", "response", "stages")
+_RUN = ("file", "name", "time", "rate", "skip", "end", "set", "columns", "fit", "kind", "input", "delay")
+_COLUMN = ("reads", "scale", "offset", "sensor")
+_FILE = ("scene", "free", "laws", "per_run", "run", "starts", "seed")
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a column of a recording measured: samples `v` [n] in `unit` of the output, at `rate` [Hz] from `start` [s].
+
+    `offset`: NONE, FREE or RUN. Missing samples are NaN.
+    """
+
+    name: str
+    output: str
+    unit: str
+    offset: str
+    sensor: str
+    start: float
+    rate: float
+    v: Reals
+
+    @property
+    def t(self) -> Reals:
+        """Times of the samples [s]."""
+        return np.asarray(self.start + np.arange(self.v.size) / self.rate)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A recording as a run of the rig with known `settings` (dotted key -> SI). `fitted`: false if it is predicted."""
+
+    name: str
+    kind: str
+    settings: dict[str, float]
+    columns: tuple[Column, ...]
+    fitted: bool = True
+    input: str = ""
+    """Channel, of a frequency response, that drives the rig: its actuator."""
+    delay: bool = False
+    """Whether the delay of a transient is free."""
+
+    @property
+    def seconds(self) -> float:
+        """Duration [s]."""
+        return max(column.v.size / column.rate for column in self.columns)
+
+
+@dataclass(frozen=True)
+class Free:
+    """A parameter that is fitted from `low` to `high` (SI): in its logarithm, or as it is where the range contains 0.
+
+    `stated`: the value of the scene, where the fit begins.
+    """
+
+    key: str
+    unit: str
+    low: float
+    high: float
+    stated: float
+
+    @property
+    def log(self) -> bool:
+        """Whether the logarithm is fitted."""
+        return self.low > 0.0
+
+    @property
+    def size(self) -> float:
+        """The unit of a parameter that is fitted as it is."""
+        return 1.0 if self.log else (abs(self.stated) or 0.1 * (self.high - self.low))
+
+    def coordinate(self, value: float) -> float:
+        """What is fitted, for a value in SI."""
+        return math.log(value) if self.log else value / self.size
+
+    def value(self, coordinate: float) -> float:
+        """The value in SI."""
+        return math.exp(coordinate) if self.log else coordinate * self.size
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The range of what is fitted."""
+        return self.coordinate(self.low), self.coordinate(self.high)
+
+
+@dataclass(frozen=True)
+class Law:
+    """A friction law to fit: the scene with it, and what is free."""
+
+    name: str
+    scene: Scene
+    free: tuple[Free, ...]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be identified: the scene, the laws, the runs, and what else the file says."""
+
+    scene: Scene
+    laws: tuple[Law, ...]
+    runs: tuple[Measured, ...]
+    where: str
+    starts: int = 4
+    seed: int = 1
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The tables of a runs file, with files relative to its folder. Raises SceneError, UsageError with every fault."""
+    raw = source.tree(path)
+    faults = [f"{path}: {key}: unknown; {near(key, _FILE)}" for key in raw if key not in _FILE]
+    if not isinstance(raw.get("run"), list):
+        faults.append(f"{path}: no [[run]]: each recording is a table [[run]] with file, set and columns")
+    for entry in raw.get("run", []) if not faults else []:
+        if isinstance(entry.get("file"), str) and not Path(entry["file"]).is_absolute():
+            entry["file"] = str(path.parent / entry["file"])
+    for name in ("free",):
+        if isinstance(raw.get(name), dict):
+            raw[name] = dict(source.dotted(raw[name]))
+    if isinstance(raw.get("laws"), dict):
+        raw["laws"] = {law: dict(source.dotted(keys)) for law, keys in raw["laws"].items() if isinstance(keys, dict)}
+    if isinstance(scene := raw.get("scene"), str) and scene.endswith(".toml") and not Path(scene).is_absolute():
+        raw["scene"] = str(path.parent / scene)
+    if faults:
+        raise UsageError("\n".join(faults))
+    return raw
+
+
+def prepared(
+    scene: Scene,
+    runs: str | Path | Sequence[Mapping[str, Any]],
+    free: Mapping[str, Any] | None = None,
+    laws: Mapping[str, Mapping[str, Any]] | Iterable[str] | None = None,
+    per_run: Iterable[str] | None = None,
+    starts: int | None = None,
+    seed: int | None = None,
+) -> Task:
+    """Return what is asked: the runs of a file, or given as the tables of one, with `file` or a `run` of Python.
+
+    What is given counts before what the file says. Raises SceneError, UsageError with every fault.
+    """
+    raw: dict[str, Any] = read(Path(runs)) if isinstance(runs, str | Path) else {"run": list(runs)}
+    given = {"free": free, "laws": laws, "per_run": per_run, "starts": starts, "seed": seed}
+    raw |= {key: value for key, value in given.items() if value is not None}
+    where = str(runs) if isinstance(runs, str | Path) else "recordings"
+    count, first = whole("starts", raw.get("starts", 4), 0, 1000), whole("seed", raw.get("seed", 1), 0, 2**62)
+    return task(
+        scene, raw["run"], raw.get("free", {}), raw.get("laws", ()), raw.get("per_run", ()), where, count, first
+    )
+
+
+def task(
+    scene: Scene,
+    runs: Sequence[Mapping[str, Any]],
+    free: Mapping[str, Any],
+    laws: Mapping[str, Mapping[str, Any]] | Iterable[str] = (),
+    per_run: Iterable[str] = (),
+    where: str = "runs",
+    starts: int = 4,
+    seed: int = 1,
+) -> Task:
+    """Check what is asked and read the recordings. Raises SceneError, UsageError with every fault."""
+    faults = Faults()
+    scene = replace(scene, limits={}, protocol=scene.protocol)
+    given = laws if isinstance(laws, Mapping) else {name: {} for name in laws}
+    if given:
+        made = tuple(faults(lambda n=n, k=k: _law(scene, n, {**free, **k}, bool(k)), None) for n, k in given.items())  # type: ignore[misc]
+    else:
+        made = (faults(lambda: Law(_law_name(scene), scene, _free(scene, free)), None),)
+    level = "level" in per_run
+    if unknown_ := [name for name in per_run if name != "level"]:
+        faults.found.append(f'per_run = {unknown_}: only "level" is known, an offset of each record')
+    measured = [faults(lambda i=i, e=e: _measured(scene, i, e, level), None) for i, e in enumerate(runs)]  # type: ignore[misc]
+    _known_beside_free(made, measured, faults)
+    faults.raise_found()
+    known = [run for run in measured if run is not None]
+    if not any(run.fitted for run in known):
+        raise UsageError("no run is fitted: give at least one [[run]] without fit = false")
+    return Task(scene, tuple(law for law in made if law is not None), tuple(known), where, starts, seed)
+
+
+def _known_beside_free(laws: Sequence[Law | None], runs: Sequence[Measured | None], faults: Faults) -> None:
+    for law in filter(None, laws):
+        keys = {free.key for free in law.free}
+        for run in filter(None, runs):
+            faults.found += [f"{run.name}: {key} is set, and free; leave one out" for key in keys & run.settings.keys()]
+        tables = {key.partition(".")[2] for key in keys if key.startswith(("body.", "load."))}
+        if {"mass", "stiffness", "force"} <= tables:
+            faults.found.append(
+                "mass, stiffness and load are all free: only their ratios act on a cycle; state one of them (weigh the "
+                "body, or measure the spring)"
+            )
+
+
+def _law_name(scene: Scene) -> str:
+    return str(getattr(getattr(scene.parameters, "friction", None), "law", ""))
+
+
+def _law(scene: Scene, name: str, ranges: Mapping[str, Any], own: bool) -> Law:
+    """A law of the scene's plant. Keys of another law are left out, unless they are given for this one."""
+    kept = {key: text for key, text in ranges.items() if not key.startswith("friction.")}
+    here = {key: text for key, text in ranges.items() if key.startswith("friction.")}
+    if name == _law_name(scene):
+        known = numbers(scene)
+        return Law(name, scene, _free(scene, kept | {k: t for k, t in here.items() if not own or k in known}))
+    values: dict[str, Any] = {"law": name}
+    for key, text in here.items():
+        low, high = _ends(key, text, "")
+        stated = scene.values().get(key, (None, ""))[0]
+        field = key.removeprefix("friction.")
+        values[field] = stated if isinstance(stated, float) and low <= stated <= high else _middle(low, high)
+    model = type(scene.parameters)
+    fields = sections.dump(scene.parameters)
+    for _ in range(len(here) + 1):
+        try:
+            changed_ = replace(scene, parameters=model.model_validate({**fields, "friction": values}))
+            break
+        except ValidationError as error:
+            extra = [e["loc"][-1] for e in error.errors() if e["type"] == "extra_forbidden" and e["loc"][-1] in values]
+            if not extra or own:
+                missing = ", ".join(f"friction.{e['loc'][-1]}" for e in error.errors() if e["type"] == "missing")
+                what = f"needs {missing}" if missing else str(error.errors()[0]["msg"])
+                raise UsageError(
+                    f'law {name}: {what}; give the ranges of its keys, [laws.{name}] "friction.KEY" = "FROM:TO"'
+                ) from None
+            for key in extra:
+                values.pop(str(key))
+    return Law(name, changed_, _free(changed_, kept | {k: t for k, t in here.items() if k[9:] in values}))
+
+
+def _middle(low: float, high: float) -> float:
+    return math.sqrt(low * high) if low > 0.0 else 0.5 * (low + high)
+
+
+def _ends(key: str, given: Any, unit: str) -> tuple[float, float]:
+    """The ends of a range "FROM:TO" or (from, to) in `unit`; "" for the SI unit that the text has."""
+    try:
+        parts = [part.strip() for part in given.split(":")] if isinstance(given, str) else list(given)
+        if len(parts) != 2:
+            raise ValueError('expected a range FROM:TO, such as "0.1:1"')
+        if isinstance(given, str):
+            parts = with_units(parts)
+            unit = unit or si_unit(parted(parts[1])[1] or "1")
+            parts = [part if parted(part)[1] else float(part) for part in parts]
+        low, high = (si(part, unit or "1") for part in parts)
+    except (ValueError, TypeError) as fault:
+        raise UsageError(f"{key} = {brief(given)}: {fault}") from None
+    if not low < high:
+        raise UsageError(f"{key} = {brief(given)}: the range must rise")
+    return low, high
+
+
+def _free(scene: Scene, ranges: Mapping[str, Any]) -> tuple[Free, ...]:
+    """The free parameters. Raises SceneError with every fault."""
+    known, values, made, faults = numbers(scene), scene.values(), [], []
+    for key, given in ranges.items():
+        if key not in known:
+            faults.append(unknown(str(key), known, scene))
+            continue
+        try:
+            low, high = _ends(key, given, known[key])
+            stated = float(values[key][0])
+            if not low <= stated <= high:
+                raise UsageError(
+                    f"{key} = {brief(given)}: the value of the scene, {stated:g}, where the fit begins, is outside"
+                )
+            for end in (low, high):  # of what the rig allows
+                changed(scene, {key: end}) if key.partition(".")[0] != "friction" else None
+            made.append(Free(key, known[key], low, high, stated))
+        except UsageError as fault:
+            faults.append(str(fault))
+        except SceneError as error:
+            faults += error.faults
+    if not ranges:
+        faults.append('nothing is free: [free] "friction.mu_static" = "0.1:1"')
+    if faults:
+        raise SceneError(scene.name, faults)
+    return tuple(made)
+
+
+def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) -> Measured:
+    """One run. Raises UsageError with every fault of it."""
+    given = entry.get("file", entry.get("run"))
+    name = str(entry.get("name") or (Path(given).stem if isinstance(given, str | Path) else f"run {number + 1}"))
+    faults = Faults()
+    known = (*_RUN, "run")
+    faults.found += [f"{name}: {key}: unknown; {near(key, known)}" for key in entry if key not in known]
+    kind = entry.get("kind", "cycles")
+    if kind not in KINDS:
+        faults.found.append(f"{name}: kind = {brief(kind)}: known: {', '.join(KINDS)}")
+    first, last = (_seconds(entry, name, key, default, faults) for key, default in (("skip", 0.0), ("end", math.inf)))
+    columns = entry.get("columns") or {}
+    run: Run | None = faults(lambda: _recording(given, entry, columns, name), None)
+    settings: dict[str, float] = faults(lambda: _settings(scene, entry.get("set", {}), name), {})
+    faults.raise_found()
+    assert run is not None
+    columns = columns or _of_sensors(run, name)
+    outputs = scene.assemble()
+    made: list[Column] = [faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
+            for c, t in columns.items()]  # fmt: skip
+    faults.raise_found()
+    return Measured(name, kind, settings, tuple(made), bool(entry.get("fit", True)), str(entry.get("input", "")),
+                    entry.get("delay") == FREE)  # fmt: skip
+
+
+def _seconds(entry: Mapping[str, Any], name: str, key: str, default: float, faults: Faults) -> float:
+    try:
+        return si(entry[key], "s") if key in entry else default
+    except ValueError as fault:
+        faults.found.append(f"{name}: {key} {fault}")
+        return default
+
+
+def _settings(scene: Scene, given: Mapping[str, Any], name: str) -> dict[str, float]:
+    known, values, faults = numbers(scene), {}, []
+    for key, value in dict(source.dotted(dict(given))).items() if given else ():
+        try:
+            if key not in known:
+                raise ValueError(unknown(key, known, scene))
+            values[key] = si(value, known[key])
+        except ValueError as fault:
+            faults.append(f"{name}: set {key}: {fault}")
+    if faults:
+        raise UsageError("\n".join(faults))
+    changed(scene, values)
+    return values
+
+
+def _recording(given: Any, entry: Mapping[str, Any], columns: Mapping[str, Any], name: str) -> Run:
+    """The recording of a run; a file of another system is imported, its columns with their scales."""
+    if isinstance(given, Run):
+        return given
+    if not isinstance(given, str | Path):
+        raise UsageError(f'{name}: file is missing; expected a recording or a measurement, file = "run.mcap"')
+    path = Path(given)
+    if path.suffix.lower() == ".mcap":
+        try:
+            return read_recording(path)
+        except RigError as fault:
+            raise UsageError(f"{path}: {fault}") from None
+    if not columns:
+        raise UsageError(f'{path}: name its columns, [run.columns] x = {{reads = "displacement", scale = "1 mm"}}')
+    texts = {column: f"c{i}{_scale(table)}" for i, (column, table) in enumerate(columns.items())}
+    names = {column: f"c{i}" for i, column in enumerate(columns)}
+    with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
+        out = Path(folder) / "measured.mcap"
+        given_map = ChannelMap(texts, str(entry.get("time", "")), str(entry.get("rate", "")))
+        import_files([path], out, given_map, skip_missing=True)
+        run = read_recording(out)
+    for column, plain in names.items():
+        run.measurements[column] = run.measurements.pop(plain)
+        run.units[f"meas/{column}"] = run.units.get(f"meas/{plain}", "")
+    return run
+
+
+def _scale(table: Any) -> str:
+    scale = table.get("scale", "") if isinstance(table, Mapping) else ""
+    return f", {scale}" if scale else ""
+
+
+def _of_sensors(run: Run, name: str) -> dict[str, dict[str, str]]:
+    """The columns of a recording of this product: what its instruments read."""
+    if run.measured or not run.scene:
+        raise UsageError(f'{name}: say what its columns are, [run.columns] laser = {{reads = "displacement"}}')
+    sensors = Scene.from_json(run.scene).sensors
+    return {s: {"reads": section.reads, "sensor": s} for s, section in sensors.items() if s in run.measurements}
+
+
+def _column(
+    run: Run, name: str, table: Any, rig: Assembly, scene: Scene, where: str, first: float, last: float, level: bool
+) -> Column:
+    """One column. Raises UsageError."""
+    if not isinstance(table, Mapping) or not isinstance(table.get("reads"), str):
+        raise UsageError(f'{where}: {name}: expected {{reads = "OUTPUT"}}, the output of the plant that it measures')
+    if wrong := [key for key in table if key not in _COLUMN]:
+        raise UsageError(f"{where}: {name}.{wrong[0]}: unknown; {near(wrong[0], _COLUMN)}")
+    output, offset = table["reads"], RUN if level else table.get("offset", NONE)
+    if output not in rig.outputs:
+        raise UsageError(f"{where}: {name}: {output} is no output of the {scene.plant}; {near(output, rig.outputs)}")
+    if offset not in (NONE, FREE, RUN):
+        raise UsageError(f"{where}: {name}: offset = {brief(offset)}; known: {NONE}, {FREE}, {RUN}")
+    sensor = str(table.get("sensor", ""))
+    if sensor and sensor not in scene.sensors:
+        raise UsageError(f"{where}: {name}: the scene has no sensor {sensor}; {near(sensor, scene.sensors)}")
+    samples: Series = series(run, name, first, last)
+    unit, v = rig.outputs[output].unit, samples.v
+    if not same_unit(samples.unit or "1", unit):
+        text = str(table.get("scale", ""))
+        number, of = parted(text) if text else ("", "")
+        conversion_of = getattr(scene.sensors.get(sensor), "conversion", None)
+        if not number and conversion_of and same_unit(samples.unit, scene.sensors[sensor].delivers):
+            number, of = repr(conversion_of), unit
+        if not number:
+            stated = samples.unit or "no unit"
+            raise UsageError(
+                f'{where}: {name} is in {stated}, {output} in {unit}; add scale = "1 {unit}", that of one unit of it'
+            )
+        try:
+            factor, shift = conversion(of, unit)
+            v = v * float(number) * factor + shift
+        except ValueError as fault:
+            raise UsageError(f"{where}: {name}: scale {text}: {fault}") from None
+    return Column(name, output, unit, offset, sensor, samples.start, samples.rate, v)

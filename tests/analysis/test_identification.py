@@ -1,0 +1,151 @@
+"""Parameters from recordings: twins whose truth is known give it back, with intervals and verdicts that hold."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import rig
+from rig.analysis.identification.answer import IDENTIFIED, UNKNOWN
+from rig.analysis.identification.cycles import noise_of, slips
+from rig.analysis.identification.written import write
+from rig.errors import RigError, UsageError
+
+KEYS = ("friction.mu_static", "friction.mu_dynamic", "friction.speed_scale", "body.damping")
+FREE = dict(zip(KEYS, ("0.1:1", "0.05:1", "0.1 mm/s:1 m/s", "0.01:50 N*s/m")))
+RUNS = ((0.05, 16.0), (0.10, 16.0), (0.10, 26.0))
+LASER = {"laser": {"reads": "displacement", "offset": "free"}}
+
+
+def belt_twin(seed, runs=RUNS, seconds=6.0, law=None):
+    """Truth within 30 % of the scene, and recordings with noise, delay, offset and process noise."""
+    chance = np.random.default_rng(seed)
+    truth = {key: v * chance.uniform(0.7, 1.3) for key, v in zip(KEYS, (0.5, 0.18, 0.05, 2.0))}
+    offset, delay = chance.uniform(-1e-3, 1e-3), chance.uniform(0.0, 5e-3)
+    entries = []
+    for number, (speed, load) in enumerate(runs):
+        values = {"drive.speed": speed, "load.force": load, "start.velocity": speed, "limits": "none"}
+        values |= law(truth) if law else truth
+        values |= {"noise.force": "0.01 N/Hz^0.5", "seed": 1000 * seed + number, "sensors.laser.noise": 1e-5}
+        values |= {"sensors.laser.span": 0.05, "sensors.laser.offset": offset, "sensors.laser.delay": delay}
+        run = rig.simulate(rig.load("belt", values), seconds)
+        settings = {"drive.speed": speed, "load.force": load}
+        entries.append({"run": run, "skip": "1 s", "set": settings, "columns": LASER})
+    return truth, entries
+
+
+@pytest.fixture(scope="module")
+def twin():
+    return belt_twin(3)
+
+
+@pytest.fixture(scope="module")
+def found(twin):
+    return rig.identify("belt", twin[1], FREE, starts=1, workers=1)
+
+
+def test_a_belt_gives_back_its_parameters(twin, found):
+    truth, _ = twin
+    assert found.complete
+    assert found.best.repeats
+    for i, parameter in enumerate(found.parameters):
+        assert parameter.verdict == IDENTIFIED
+        sd = math.sqrt(found.best.covariance[i, i])
+        assert abs(math.log(parameter.value / truth[parameter.key])) < 3.3 * sd, parameter.key  # 99.9 %
+        assert 1e-3 < sd < 0.15
+    assert all(run.p > 1e-3 and run.cycles >= 10 and 1.0 < run.rms < 3.0 for run in found.best.runs)
+    assert "p of the misfit" in found.text()
+    assert "load.force cannot be told beside friction.mu_static, friction.mu_dynamic" in found.text()
+    assert found.plot().axes
+
+
+def test_the_scene_that_is_written_has_identified_keys_and_their_origin(found, tmp_path):
+    path, beside = write(found, tmp_path / "mine.toml", "belt")
+    scene = rig.load(path)
+    for parameter in found.parameters:
+        value, _ = scene.values()[parameter.key]
+        assert value == pytest.approx(parameter.value, rel=1e-8)
+        assert scene.origins[parameter.key].origin == "identified"
+        assert "90 %" in scene.origins[parameter.key].note
+    assert scene.bases
+    assert scene.values()["body.mass"] == rig.load("belt").values()["body.mass"]
+    stored = json.loads(beside.read_text())
+    assert np.allclose(stored["covariance"], found.best.covariance[:4, :4])
+
+
+def test_an_interrupted_fit_continues_to_the_same_bits(twin, found, tmp_path, monkeypatch):
+    from rig.analysis.identification import responses
+
+    whole = responses.cycle_response
+    calls = []
+
+    def interrupted(*given):
+        calls.append(1)
+        if len(calls) == 20:
+            raise KeyboardInterrupt
+        return whole(*given)
+
+    monkeypatch.setattr(responses, "cycle_response", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        rig.identify("belt", twin[1], FREE, starts=1, workers=1, folder=tmp_path)
+    again = rig.identify("belt", twin[1], FREE, starts=1, workers=2, folder=tmp_path)
+    assert np.array_equal(again.best.z, found.best.z)
+    assert np.array_equal(again.best.covariance, found.best.covariance)
+    assert len(calls) == 20  # the others were computed by workers
+
+
+def test_a_single_run_and_a_parameter_without_influence_are_not_identifiable(twin):
+    free = FREE | {"start.displacement": "-0.01:0.01 m"}
+    alone = rig.identify("belt", twin[1][:1], free, starts=0, workers=1)
+    verdicts = {parameter.key: parameter.verdict for parameter in alone.parameters}
+    assert verdicts["start.displacement"] == UNKNOWN
+    assert verdicts["body.damping"] == UNKNOWN
+    assert not alone.complete
+    assert "vary the load" in alone.text()
+
+
+WRONG = {
+    "few cycles": ({"end": "3 s"}, {}, "at least 10 are needed: record longer"),
+    "unknown column": ({"columns": {"lasr": {"reads": "displacement"}}}, {}, "did you mean laser"),
+    "unknown output": ({"columns": {"laser": {"reads": "displacemant"}}}, {}, "no output of the belt"),
+    "other unit": ({"columns": {"laser": {"reads": "velocity"}}}, {}, 'add scale = "1 m/s"'),
+    "unknown key": ({"set": {"drive.spead": 0.1}}, {}, "drive.speed"),
+    "set and free": ({"set": {"body.damping": 2.0}}, {}, "is set, and free"),
+    "no cycle": ({"set": {"drive.speed": "0.6 m/s", "load.force": "16 N"}}, {}, "no limit cycle at the values"),
+    "only ratios": (
+        {"set": {"drive.speed": "0.05 m/s"}},
+        {"body.mass": "1:10 kg", "body.stiffness": "100:10000 N/m", "load.force": "1:100 N"},
+        "mass, stiffness and load are all free",
+    ),
+    "outside": ({}, {"friction.mu_static": "0.6:1"}, "where the fit begins, is outside"),
+    "falling range": ({}, {"friction.mu_static": "1:0.1"}, "must rise"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_refused_and_what_to_do(twin, wrong):
+    run, free, message = WRONG[wrong]
+    with pytest.raises(RigError, match=message):
+        rig.identify("belt", [twin[1][0] | run], FREE | free, starts=0, workers=1)
+
+
+def test_a_slow_sampling_is_refused(twin):
+    run = rig.simulate(rig.load("belt", {"sensors.laser.rate": "50 Hz", "limits": "none"}), 6.0)
+    with pytest.raises(UsageError, match=r"samples in a motion of .* at least 20 are needed: sample at"):
+        rig.identify("belt", [twin[1][0] | {"run": run, "set": {}}], FREE, starts=0, workers=1)
+
+
+def test_slips_of_a_known_signal():
+    """A ramp of 0.3 s and a fall of 0.1 s, with noise: period, stick and motion of each cycle."""
+    t = np.arange(8000) * 1e-3
+    phase = np.mod(t, 0.4)
+    x = np.where(phase < 0.3, 0.05 * phase, 0.015 - 0.15 * (phase - 0.3))
+    x += 2e-6 * np.random.default_rng(1).standard_normal(t.size)
+    assert noise_of(x) == pytest.approx(2e-6, rel=0.15)
+    read = slips(x, 1000.0, 0.0, 0.05, False, 7)
+    period, stick, motion, drop = np.exp(np.median(read.measures, axis=0)[:4])
+    assert period == pytest.approx(0.4, rel=1e-3)
+    assert stick == pytest.approx(0.3, abs=7e-3)  # the window of the filter has 7 samples
+    assert motion == pytest.approx(0.1, abs=7e-3)
+    assert drop == pytest.approx(0.015, rel=0.03)
