@@ -49,9 +49,9 @@ def loop_report(folder):
 
 
 def identified(folder):
-    from rig.analysis.identify import identify
+    from rig.analysis.identification.lever import experiment
 
-    return identify(rig.load("lever_free_lever"))
+    return experiment(rig.load("lever_free_lever"))
 
 
 def sound(folder):
@@ -149,7 +149,7 @@ def test_a_command_and_a_notebook_draw_what_plot_returns(tmp_path):
 
 
 def test_every_class_of_results_is_tried():
-    rooms = "recorded recorded.sound map regions identify loop_report repeat studies studies.search control_loop cycle"
+    rooms = "recorded recorded.sound map regions identification.answer loop_report repeat studies studies.search control_loop cycle"
     for room in (*rooms.split(), "sweep", "modes", "branches"):
         import_module(f"rig.analysis.{room}")
 

@@ -11,7 +11,7 @@ cycle               the limit cycle, found by simulation or by shooting; orbit s
 floquet             multipliers of a periodic motion, and of the motion under dither that is not fast
 map                 steady-state behaviour over one or two parameters
 stick_speeds        the speeds at which stick ends and begins
-identify            parameters of the lever rig from simulated experiments
+identification      parameters of a rig from recordings, with intervals and verdicts
 recorded            spectra, orders, hysteresis, pressure, sound of a recording
 report              a recording as one page (HTML) that is self-contained
 repeat              one scene simulated with many seeds
@@ -19,5 +19,5 @@ pool                a function over many items in worker processes, with results
 studies             a scene over parameters, with measures: grids, samples, repeated runs
 motion_measures     measures of the plant's motion with actuators held
 kernel_shapes       the properties that a scene's kernels are compiled for, and the shapes compiled so far
-figures             figures of cycle, sweep, modes, loop, identification and repeated runs
+figures             figures of cycle, sweep, modes, loop and repeated runs
 """

@@ -1,4 +1,4 @@
-"""Figures of analyses: limit cycle, vibration modes, sweep, identification, control loop, amplitudes, runs with seeds.
+"""Figures of analyses: limit cycle, vibration modes, sweep, control loop, amplitudes, runs with seeds.
 
 Each function takes a result and returns its figure; a class of results names its function in `FIGURE` (rig.results).
 """
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from rig.analysis.control_loop import Loop
 from rig.analysis.cycle_report import Cycle
-from rig.analysis.identify import Identified
 from rig.analysis.loop_report import LoopReport
 from rig.analysis.modes import Modes
 from rig.analysis.recorded.amplitude import Amplitudes, Row
@@ -125,19 +124,6 @@ def _multipliers(axes: Axes, cycle: Cycle) -> None:
         ylabel="imaginary part",
         title="Floquet multipliers; outside of the circle (x): unstable" if values.size else "no Floquet multipliers",
     )
-
-
-@drawn(7.0, 4.2, layout="constrained")
-def identification_figure(figure: Figure, identified: Identified) -> None:
-    """Draw `identified`; its title has the identified parameters."""
-    fit = identified.fit
-    values = ", ".join(f"{p.key} = {p.found:.4g}{'' if p.unit == '1' else f' {p.unit}'}" for p in identified.parameters)
-    figure.suptitle(f"{identified.scene}: {identified.experiment}\n{values}", ha="center")
-    axes = figure.add_subplot()
-    axes.plot(fit.x, fit.y, "o", color=BLUE, markersize=3, label="measured")
-    axes.plot(fit.model_x, fit.model_y, color=VERMILION, linewidth=1.2, label="fitted")
-    axes.set(xlabel=fit.x_name, ylabel=fit.y_name)
-    axes.legend()
 
 
 @drawn(12.8, 6.6)

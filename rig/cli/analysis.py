@@ -203,13 +203,14 @@ def identify(
     """
     loaded = the_scene(scene, changes(p))
     if runs is None:
-        from rig.analysis.identify import identify as run
+        from rig.analysis.identification.lever import experiment as run
 
         if following is not None or out is not None:
             raise UsageError("--next and --out need recordings: --runs FILE")
-        experiment = run(loaded)
-        printing.result(experiment, as_json, figure=figure)
-        draw(experiment, figure)
+        found = run(loaded)
+        printing.result(found, as_json, figure=figure)
+        draw(found, figure)
+        printing.passed(found.complete)
         return
     from rig.analysis.identification.identify import identify as fit
     from rig.analysis.identification.next_experiment import asked, propose

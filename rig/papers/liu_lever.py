@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 import rig
 from rig.analysis.cycle_report import Cycle
-from rig.analysis.identify import identify
+from rig.analysis.identification.features import stages
+from rig.analysis.identification.lever import read
 from rig.analysis.map import Map
 from rig.analysis.recorded.amplitude import index
 from rig.analysis.stick_speeds import Stages
@@ -54,9 +55,18 @@ def half(cycle: Cycle, output: str) -> float:
 def kinetic(figure: Figure) -> Compared:
     """The kinetic coefficient over speed, as the experiment finds it from noisy instruments."""
     scene = load("lever_kinetic_friction")
-    identified = identify(scene)
+    run = rig.simulate(scene)
+    identified = read(run)
     axis = figure.subplots()
-    readings = np.array(identified.readings)
+    means = {}
+    for name, section in scene.sensors.items():
+        t_ns, v = run.measurements[name]
+        means[section.reads] = stages(
+            np.asarray(t_ns * 1e-9), np.asarray(v / section.sensitivity), scene.protocol, "mean"
+        )[0]
+    lever = value(scene, "cylinder.arm") / value(scene, "cylinder.pin")
+    slip, mu = value(scene, "disc.radius") * means["disc_speed"], lever * means["cell_force"] / means["normal_force"]
+    readings = np.column_stack([slip, mu])
     measured: dict[str, Any] = {"color": VERMILION, "markersize": 4, "label": "measured, three repeats"}
     axis.plot(1e3 * readings[:, 0], readings[:, -1], "o", **measured)
     speeds = np.linspace(0.0, 0.05, 400)
@@ -67,13 +77,13 @@ def kinetic(figure: Figure) -> Compared:
 
     names = ("mu_kinetic", "mu_static", "decay")
     parameters = [values[n].stated if n in values else value(scene, f"friction.{n}") for n in names]
-    fitted = [values[n].found if n in values else value(scene, f"friction.{n}") for n in names]
+    fitted = [values[n].value if n in values else value(scene, f"friction.{n}") for n in names]
     axis.plot(1e3 * speeds, law(*parameters), color=GREY, label="the scene's law")
     axis.plot(1e3 * speeds, law(*fitted), "--", color=BLUE, label="fitted to the measurement")
     axis.set(xlabel="slip speed [mm/s]", ylabel="kinetic friction coefficient")
     axis.legend()
     for p in identified.parameters:
-        yield Comparison(f"identified: {p.key}", p.unit, p.found, p.stated, "theory", relative=0.01)
+        yield Comparison(f"identified: {p.key}", p.unit, p.value, p.stated, "theory", relative=0.01)
 
 
 def response(figure: Figure, coulomb: bool = False) -> Compared:

@@ -74,6 +74,23 @@ def test_the_scene_that_is_written_has_identified_keys_and_their_origin(found, t
     assert np.allclose(stored["covariance"], found.best.covariance[:4, :4])
 
 
+def test_a_study_draws_with_the_correlations(found, tmp_path):
+    from rig.analysis.studies.runs import plan
+
+    path, beside = write(found, tmp_path / "mine.toml", "belt")
+    over = dict.fromkeys(KEYS, f"identified({beside})")
+    drawn = np.log(plan(rig.load(path), over, 4000, "random", 1, None).draws)
+    assert np.allclose(drawn.mean(axis=0), found.best.z[:4], atol=0.01)
+    C = found.best.covariance[:4, :4]
+    sd = np.sqrt(np.diag(C))
+    assert np.allclose(np.cov(drawn.T) / np.outer(sd, sd), C / np.outer(sd, sd), atol=0.08)
+    assert abs(C[0, 3] / (sd[0] * sd[3])) > 0.3
+    with pytest.raises(UsageError, match="Sobol indices need independent parameters"):
+        plan(rig.load(path), over, 64, "saltelli", 1, None)
+    with pytest.raises(RigError, match=r"has no body\.mass"):
+        plan(rig.load(path), {"body.mass": f"identified({beside})"}, 4, "random", 1, None)
+
+
 def test_an_interrupted_fit_continues_to_the_same_bits(twin, found, tmp_path, monkeypatch):
     from rig.analysis.identification import responses
 

@@ -284,8 +284,9 @@ class Identified(Result):
         """Return the report as text."""
         best = self.best
         how = "cycle by cycle" if best.repeats else "by measures of cycles"
+        how = how if any(run.evidence.run.kind == "cycles" for run in best.runs) else "from experiments"
         law = f", law {best.law.name}" if best.law.name else ""
-        lines = [f"{self.task.scene.name}: {len(best.runs)} runs{law}, {how}; {best.evaluations} cycles computed"]
+        lines = [f"{self.task.scene.name}: {len(best.runs)} runs{law}, {how}; {best.evaluations} evaluations"]
         rows = [("", "found", "90 % from", "to", "stated", "", "verdict")]
         for p in self.parameters:
             ends = (f"{p.low:.5g}", f"{p.high:.5g}") if math.isfinite(p.low) and p.verdict != UNKNOWN else ("-", "-")

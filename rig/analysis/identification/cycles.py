@@ -318,8 +318,10 @@ def measure_weights(each: CycleRun, covariance: Reals, chosen: Sequence[int], fl
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance[index] + np.diag(least**2)[index])))
 
 
-def shifted(each: CycleRun, response: Response, offsets: Reals) -> Reals:
+def shifted(each: Any, response: Response, offsets: Reals) -> Reals:
     """The measures of a model with its offset; far off, if the detector reads no slips in it."""
+    if not isinstance(each, CycleRun):
+        return np.zeros(len(MEASURES))
     made = each.model_measures(response)
     if made is None:
         return np.full(len(MEASURES), 1e3)
@@ -329,9 +331,11 @@ def shifted(each: CycleRun, response: Response, offsets: Reals) -> Reals:
 
 
 def measure_blocks(
-    evidence: Sequence[CycleRun], weights: Sequence[Reals], biases: Sequence[Reals], chosen: Sequence[int],
+    evidence: Sequence[Any], weights: Sequence[Reals], biases: Sequence[Reals], chosen: Sequence[int],
     i: int, response: Response, offsets: Reals,
 ) -> Reals:  # fmt: skip
     """The residual of the measures of a run, one cluster."""
+    if not isinstance(evidence[i], CycleRun):
+        return np.asarray(evidence[i].left(response, offsets))
     apart = evidence[i].medians - biases[i] - shifted(evidence[i], response, offsets)
     return np.asarray(weights[i] @ apart[list(chosen)])[None]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.analysis.identification.answer import Identified, RunFit, phases
-from rig.analysis.identification.cycles import BINS, MEASURES
+from rig.analysis.identification.cycles import BINS, MEASURES, CycleRun
 from rig.view.palette import BLUE, GREY, VERMILION, page
 
 if TYPE_CHECKING:
@@ -31,15 +31,19 @@ def identified_figure(found: Identified) -> Figure:
         for i, run in enumerate(runs):
             mean = figure.add_subplot(grid[0, i])
             _mean(mean, run, best.repeats)
-            if best.repeats:
+            if best.repeats and isinstance(run.evidence, CycleRun):
                 _residual(figure.add_subplot(grid[1, i], sharex=mean), run)
-        _measures(figure.add_subplot(grid[rows, :]), [*best.runs, *best.predicted], found)
+        if any(isinstance(run.evidence, CycleRun) for run in best.runs):
+            _measures(figure.add_subplot(grid[rows, :]), [*best.runs, *best.predicted], found)
     return figure
 
 
 def _mean(axes: Axes, run: RunFit, repeats: bool) -> None:
     """The first column over the phase: mean cycle with the band of one standard deviation, and the model."""
     column = run.evidence.run.columns[0]
+    if not isinstance(run.evidence, CycleRun):
+        _features(axes, run)
+        return
     t, mean, spread, model = next(phases(run))
 
     axes.fill_between(t, mean - spread, mean + spread, color=BLUE, alpha=0.25, lw=0)
@@ -49,6 +53,19 @@ def _mean(axes: Axes, run: RunFit, repeats: bool) -> None:
     axes.set_title(run.name, fontsize=9)
     axes.set_ylabel(f"{column.output.replace('_', ' ')} [{column.unit}]")
     axes.legend(fontsize=7)
+
+
+def _features(axes: Axes, run: RunFit) -> None:
+    """Measured features over those of the model, relative to their size."""
+    measured = np.concatenate(run.evidence.values)
+    errors = np.concatenate(run.evidence.errors)
+    left = run.left.ravel()[: measured.size]
+    size = np.maximum(np.abs(measured), 1e-300)
+    axes.errorbar(
+        range(measured.size), 100.0 * left * errors / size, 196.0 * errors / size, fmt="o", color=BLUE, markersize=3
+    )
+    axes.axhline(0.0, color=GREY, lw=0.8)
+    axes.set(title=run.name, xlabel="number of the feature [1]", ylabel="measured - model [%]")
 
 
 def _residual(axes: Axes, run: RunFit) -> None:
@@ -63,7 +80,7 @@ def _residual(axes: Axes, run: RunFit) -> None:
     axes.errorbar(at, means.mean(axis=1), 1.96 * means.std(axis=1, ddof=1) / math.sqrt(len(left)), fmt="o",
                   color=VERMILION, markersize=4, capsize=3)  # fmt: skip
     axes.axhline(0.0, color=GREY, lw=0.8)
-    axes.set(xlabel="phase [periods]", ylabel="residual / noise")
+    axes.set(xlabel="phase [1]", ylabel="residual over noise [1]")
 
 
 def _measures(axes: Axes, runs: list[RunFit], found: Identified) -> None:
@@ -72,7 +89,7 @@ def _measures(axes: Axes, runs: list[RunFit], found: Identified) -> None:
     marks = "osD^"
     for k, name in enumerate(names):
         for i, run in enumerate(runs):
-            if run.response is None:
+            if run.response is None or not isinstance(run.evidence, CycleRun):
                 continue
             ratio = math.exp(float(run.measures[k] - run.model[k]))
             predicted = i >= len(found.best.runs)
@@ -84,5 +101,6 @@ def _measures(axes: Axes, runs: list[RunFit], found: Identified) -> None:
     axes.axhline(1.0, color=GREY, lw=0.8)
     labels = [run.name + (" (not fitted)" if i >= len(found.best.runs) else "") for i, run in enumerate(runs)]
     axes.set_xticks(range(len(runs)), labels, fontsize=8)
-    axes.set_ylabel("measured / model")
-    axes.legend(fontsize=7, ncols=4)
+    axes.set_ylabel("measured over model [1]")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=7, ncols=4)

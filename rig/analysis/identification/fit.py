@@ -80,18 +80,21 @@ class Solution:
         return sum(len(r) for r in self.left)
 
 
-def sandwich(left: Sequence[Reals], jacobian: Sequence[Reals], prior: Reals) -> Reals:
-    """The covariance of z clustered by cycle."""
-    information = np.diag(prior)
-    scores = []
-    for r, J in zip(left, jacobian):
-        information = information + np.einsum("jik,jil->kl", J, J)
-        scores.append(np.einsum("jik,ji->jk", J, r))
-    g = np.concatenate(scores)
-    n, p = g.shape
-    A = inverse(information)
-    B = g.T @ g * (n / max(n - p, 1)) + np.diag(prior)
-    return np.asarray(A @ B @ A)
+def sandwich(left: Sequence[Reals], jacobian: Sequence[Reals], prior: Reals, known: Sequence[bool] = ()) -> Reals:
+    """The covariance of z clustered by cycle. `known`: runs whose residuals have the error one."""
+    H, B, free, n = np.diag(prior), np.diag(prior), np.zeros((len(prior),) * 2), 0
+    for i, (r, J) in enumerate(zip(left, jacobian)):
+        information = np.einsum("jik,jil->kl", J, J)
+        H = H + information
+        if known and known[i]:
+            B = B + information
+            n += r.size
+            continue
+        g = np.einsum("jik,ji->jk", J, r)
+        free = free + g.T @ g
+        n += len(g)
+    A = inverse(H)
+    return np.asarray(A @ (B + free * (n / max(n - len(prior), 1))) @ A)
 
 
 def inverse(matrix: Reals) -> Reals:
@@ -106,9 +109,16 @@ class Fit:
     """One least squares problem: the free parameters, runs by number, their offsets and residuals."""
 
     def __init__(
-        self, free: Sequence[Free], evaluator: Evaluator, runs: Sequence[int], offsets: Offsets, blocks: Blocks
+        self,
+        free: Sequence[Free],
+        evaluator: Evaluator,
+        runs: Sequence[int],
+        offsets: Offsets,
+        blocks: Blocks,
+        known: Sequence[bool] = (),
     ) -> None:
         self.free, self.evaluator, self.runs, self.offsets, self.blocks = free, evaluator, runs, offsets, blocks
+        self.known = known
         ends = np.array([parameter.ends for parameter in free])
         self.low, self.high = ends.T
         spread = 0.5 * (self.high - self.low)
@@ -182,7 +192,7 @@ class Fit:
             J = self.jacobian(z, left, responses)
             H = np.diag(self.prior) + sum(np.einsum("jik,jil->kl", j, j) for j in J)
             g = self.prior * (z - centre) + sum(np.einsum("jik,ji->k", j, r) for j, r in zip(J, left))
-            C = sandwich(left, J, self.prior)
+            C = sandwich(left, J, self.prior, self.known)
             held = np.zeros(len(z), bool)
             held[:p] = ((z[:p] >= self.high) & (g[:p] < 0.0)) | ((z[:p] <= self.low) & (g[:p] > 0.0))
             moved = False
@@ -209,7 +219,7 @@ class Fit:
                 done = True
                 break
         J = self.jacobian(z, left, responses, central=True)
-        return Solution(z, cost, left, J, self.prior, responses, done, sandwich(left, J, self.prior))
+        return Solution(z, cost, left, J, self.prior, responses, done, sandwich(left, J, self.prior, self.known))
 
     def _step(self, H: Reals, g: Reals, damping: float, held: Reals) -> Reals:
         """The step of the method; parameters that are `held` at an end of their range stay."""

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -28,6 +29,7 @@ from rig.analysis.identification.cycles import (
     measure_weights,
     shifted,
 )
+from rig.analysis.identification.features import WINDOWS, FeatureRun, respond
 from rig.analysis.identification.fit import Fit, Offsets, Solution, inverse, whole
 from rig.analysis.identification.influence import candidates, influence
 from rig.analysis.identification.responses import Evaluator, Responder, Response
@@ -57,7 +59,7 @@ def identify(
 
 
 def _law(task: Task, law: Law, folder: Path | None, workers: int | None, progress: Progress) -> LawFit:
-    responder = Responder(law, task.runs, task.seed, candidates(law, task.runs))
+    responder = Responder(law, task.runs, respond, task.seed, candidates(law, task.runs))
     with Evaluator(responder, folder, workers) as evaluator:
         evaluator.progress = progress
         return _Attempt(task, law, evaluator).run()
@@ -76,7 +78,7 @@ class _Attempt:
         notes: list[str] = []
         fitted = [i for i, run in enumerate(self.task.runs) if run.fitted]
         starts, first = self._starts(fitted, notes)
-        evidence = [CycleRun.of(self.task.runs[i], response) for i, response in zip(fitted, first)]
+        evidence: list[Any] = [self._evidence(i, response) for i, response in zip(fitted, first)]
         repeats = all(each.scatter < cycles.REPEATS for each in evidence)
         if not repeats:
             evidence = [self._by_record(each) for each in evidence]
@@ -112,7 +114,13 @@ class _Attempt:
             reports, predicted, deviation, found, tuple(notes), self.evaluator.count, solution.jacobian,
         )  # fmt: skip
 
-    def _by_record(self, each: CycleRun) -> CycleRun:
+    def _evidence(self, run: int, response: Response) -> CycleRun | FeatureRun:
+        measured = self.task.runs[run]
+        return CycleRun.of(measured, response) if measured.kind == "cycles" else FeatureRun.of(measured, self.law.scene)
+
+    def _by_record(self, each: Any) -> Any:
+        if not isinstance(each, CycleRun):
+            return each
         columns = tuple(replace(column, offset=RUN) for column in each.run.columns)
         return replace(each, run=replace(each.run, columns=columns))
 
@@ -150,11 +158,10 @@ class _Attempt:
     def _si(self, z: Reals) -> list[float]:
         return [f.value(c) for f, c in zip(self.law.free, z.tolist())]
 
-    def _screen(
-        self, starts: list[Reals], evidence: list[CycleRun], offsets: Offsets, fitted: Sequence[int]
-    ) -> list[Reals]:
+    def _screen(self, starts: list[Reals], evidence: list[Any], offsets: Offsets, fitted: Sequence[int]) -> list[Reals]:
         """The best two starts after a fit of the measures, with offsets, the better first."""
-        weights = [measure_weights(each, each.covariance(self.task.seed), SCREEN, _SCREENED) for each in evidence]
+        screened = [each.windowed(WINDOWS[0]) if isinstance(each, FeatureRun) else each for each in evidence]
+        weights = [_weights(each, each.covariance(self.task.seed), SCREEN, _SCREENED) for each in evidence]
         rows = self.evaluator.responses([self._si(z) for z in starts], fitted)
         made: list[tuple[float, int, Reals, Fit]] = []
         for z, row in zip(starts, rows):
@@ -162,7 +169,7 @@ class _Attempt:
             if isinstance(responses, str):
                 continue
             biases = [each.bias(response) for each, response in zip(evidence, responses)]
-            blocks = partial(measure_blocks, evidence, weights, biases, SCREEN)
+            blocks = partial(measure_blocks, screened, weights, biases, SCREEN)
             fit = Fit(self.law.free, self.evaluator, fitted, offsets, blocks)
             z_all = np.concatenate([z, _first_offsets(evidence, responses, offsets)])
             made.append((fit.cost(fit.left(z_all, responses), z_all, z_all), len(made), z_all, fit))
@@ -176,17 +183,25 @@ class _Attempt:
         return ranked
 
     def _cycles(
-        self, z: Reals, evidence: list[CycleRun], offsets: Offsets, fitted: Sequence[int]
+        self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int]
     ) -> tuple[Fit, Solution, Reals]:
         """The fit cycle by cycle."""
-        fit = Fit(self.law.free, self.evaluator, fitted, offsets, lambda i, w, o: evidence[i].left(w, o))
-        solution = fit.run(z)
-        if isinstance(solution, str):
-            raise UsageError(f"{self.law.scene.name}: {solution}")
+        known = [isinstance(each, FeatureRun) and each.known for each in evidence]
+        transient = any(each.run.kind == "transient" for each in evidence)
+        for share in WINDOWS if transient else WINDOWS[-1:]:
+            now = [each.windowed(share) if isinstance(each, FeatureRun) else each for each in evidence]
+            fit = Fit(self.law.free, self.evaluator, fitted, offsets, partial(_left_of, now), known)
+            ended = fit.run(z)
+            if isinstance(ended, str):
+                raise UsageError(f"{self.law.scene.name}: {ended}")
+            solution, z = ended, ended.z
+        if all(known):
+            free = max(sum(r.size for r in solution.left) - len(solution.z), 1)
+            solution.covariance = solution.covariance * max(1.0, solution.cost / free)
         return fit, solution, np.zeros(len(MEASURES))
 
     def _measures(
-        self, z: Reals, evidence: list[CycleRun], offsets: Offsets, fitted: Sequence[int]
+        self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int]
     ) -> tuple[Fit, Solution, Reals]:
         """The fit of measures; also the deviation between runs of each measure."""
         deviation, solution, fit = np.zeros(len(MEASURES)), None, None
@@ -197,9 +212,7 @@ class _Attempt:
             if isinstance(responses, str):
                 raise UsageError(f"{self.law.scene.name}: {responses}")
             biases = [each.bias(response) for each, response in zip(evidence, responses)]
-            weights = [
-                measure_weights(each, C + np.diag(deviation**2), LASTING, EXACT) for each, C in zip(evidence, own)
-            ]
+            weights = [_weights(each, C + np.diag(deviation**2), LASTING, EXACT) for each, C in zip(evidence, own)]
             blocks = partial(measure_blocks, evidence, weights, biases, LASTING)
             fit = Fit(self.law.free, self.evaluator, fitted, offsets, blocks)
             ended = fit.run(z, _ROUNDS, _FLAT)
@@ -212,6 +225,7 @@ class _Attempt:
             levels = [offsets.values(i, z[len(self.law.free) :]) for i in range(len(evidence))]
             models = [shifted(*given) for given in zip(evidence, solution.responses, levels)]
             apart = np.array([each.medians - bias - m for each, bias, m in zip(evidence, biases, models)])
+            apart = apart[[isinstance(each, CycleRun) for each in evidence]]
             count = len(J) - len(offsets.names)  # each level has an offset of its own
             share = max(1.0 - (used - len(offsets.names)) / count, 0.2)
             square = np.maximum((apart**2).mean(axis=0) / share - np.mean([np.diag(C) for C in own], axis=0), 0.0)
@@ -242,6 +256,9 @@ class _Attempt:
             if isinstance(base, str):
                 made.append(RunFit.without(self.task.runs[i].name, base))
                 continue
+            if self.task.runs[i].kind != "cycles":
+                made.append(RunFit.without(self.task.runs[i].name, "only runs of cycles are predicted"))
+                continue
             each = CycleRun.of(self.task.runs[i], base)
             bias = each.bias(base)
             read = [None if isinstance(row[0], str) else each.model_measures(row[0]) for row in rows]
@@ -255,7 +272,7 @@ class _Attempt:
         return made
 
 
-def _first_offsets(evidence: Sequence[CycleRun], responses: Sequence[Response], offsets: Offsets) -> Reals:
+def _first_offsets(evidence: Sequence[Any], responses: Sequence[Response], offsets: Offsets) -> Reals:
     """Offsets from the means of the cycles."""
     sums = np.zeros((2, len(offsets.names)))
     for i, (each, response) in enumerate(zip(evidence, responses)):
@@ -266,7 +283,7 @@ def _first_offsets(evidence: Sequence[CycleRun], responses: Sequence[Response], 
     return np.asarray(sums[0] / np.maximum(sums[1], 1.0) / np.array(offsets.sizes))
 
 
-def _p(evidence: Sequence[CycleRun], solution: Solution, repeats: bool, deviation: Reals) -> float:
+def _p(evidence: Sequence[Any], solution: Solution, repeats: bool, deviation: Reals) -> float:
     """The probability of the misfit, if the law is right."""
     if repeats:
         return combined([each.misfit(left) for each, left in zip(evidence, solution.left)])
@@ -275,10 +292,22 @@ def _p(evidence: Sequence[CycleRun], solution: Solution, repeats: bool, deviatio
     return float(stats.chi2.sf(sum((r**2).sum() for r in solution.left), free))
 
 
-def _without_outliers(evidence: Sequence[CycleRun], solution: Solution) -> list[CycleRun] | None:
+def _left_of(evidence: Sequence[Any], i: int, response: Response, offsets: Reals) -> Reals:
+    """What a response leaves of a run."""
+    return np.asarray(evidence[i].left(response, offsets))
+
+
+def _weights(each: Any, covariance: Reals, chosen: Sequence[int], floor: float) -> Reals:
+    """As `measure_weights`; nothing for a run without cycles."""
+    return measure_weights(each, covariance, chosen, floor) if isinstance(each, CycleRun) else np.zeros((0, 0))
+
+
+def _without_outliers(evidence: Sequence[Any], solution: Solution) -> list[Any] | None:
     """The evidence without cycles that the model misses far more than others; None if there are none."""
     made, some = [], False
     for each, left in zip(evidence, solution.left):
+        if not isinstance(each, CycleRun):
+            return None
         rms = np.sqrt((left**2).mean(axis=1))
         kept = rms < _OUTLIER * float(np.median(rms))
         some |= not kept.all()

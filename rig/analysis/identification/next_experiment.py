@@ -29,7 +29,7 @@ from rig.analysis.identification.cycles import (
     measure_weights,
 )
 from rig.analysis.identification.fit import NORMAL, Fit, Offsets, inverse
-from rig.analysis.identification.responses import Evaluator, Responder, Response
+from rig.analysis.identification.responses import Evaluator, Responder, Response, cycle_response
 from rig.analysis.identification.runs import Measured
 from rig.analysis.pool import Arrays, Work, carry_out, temporary
 from rig.analysis.studies.factors import factors
@@ -88,6 +88,8 @@ def propose(found: Identified, over: Mapping[str, Any], workers: int | None = No
     best = found.best
     if not found.fitting:
         raise UsageError("no next experiment is proposed: no law fits, so that no interval can be predicted")
+    if not all(isinstance(run.evidence, CycleRun) for run in best.runs):
+        raise UsageError("no next experiment is proposed: this is done for runs of cycles only")
     axes = factors(best.law.scene, over)
     if drawn := [factor.key for factor in axes if factor.distribution is not None]:
         raise UsageError(f"--next {drawn[0]}: expected values or FROM:TO:COUNT, no distribution")
@@ -195,7 +197,7 @@ class Prediction:
         whole = like.run.settings | dict(settings)
         try:
             twin = simulated(fit, whole, like, self.density, _LONGER * self.seconds, len(fit.runs))
-            responder = Responder(fit.law, (twin,))
+            responder = Responder(fit.law, (twin,), cycle_response)
             with Evaluator(responder, None, 1) as evaluator:
                 values = [f.value(c) for f, c in zip(fit.law.free, fit.z.tolist())]
                 [[response]] = evaluator.responses([values], [0])

@@ -61,6 +61,8 @@ class Responder:
 
     law: Law
     runs: tuple[Measured, ...]
+    respond: Callable[[Scene, Measured], Response | str]
+    """What a scene does in a run, or why it does nothing."""
     seed: int = 1
     candidates: tuple[str, ...] = ()
     """Keys with a fixed value, whose factors may be given behind the values of the free ones."""
@@ -84,7 +86,7 @@ class Responder:
         measured = self.runs[int(run)]
         try:
             scene = self.scene(int(run), values)
-            response = cycle_response(scene, measured)
+            response = self.respond(scene, measured)
         except (SceneError, NumericsError) as fault:
             return {"why": np.array(str(fault)[:500])}
         if isinstance(response, str):

@@ -47,9 +47,10 @@ from rig.scenes.scene import Scene
 from rig.units import brief, conversion, parted, same_unit, si, si_unit, with_units
 
 NONE, FREE, RUN = "none", "free", "run"
+MEAN, LARGEST = "mean", "largest"
 KINDS = ("cycles", "transient", "growth", "response", "stages")
-_RUN = ("file", "name", "time", "rate", "skip", "end", "set", "columns", "fit", "kind", "input", "delay")
-_COLUMN = ("reads", "scale", "offset", "sensor")
+_RUN = ("file", "name", "time", "rate", "skip", "end", "set", "columns", "fit", "kind", "input")
+_COLUMN = ("reads", "scale", "offset", "sensor", "feature")
 _FILE = ("scene", "free", "laws", "per_run", "run", "starts", "seed")
 
 
@@ -68,6 +69,8 @@ class Column:
     start: float
     rate: float
     v: Reals
+    feature: str = MEAN
+    """What is read of each hold of a protocol, in a run of the kind stages: MEAN or LARGEST."""
 
     @property
     def t(self) -> Reals:
@@ -85,9 +88,7 @@ class Measured:
     columns: tuple[Column, ...]
     fitted: bool = True
     input: str = ""
-    """Channel, of a frequency response, that drives the rig: its actuator."""
-    delay: bool = False
-    """Whether the delay of a transient is free."""
+    """Column, of a frequency response, of the actuator that drives the rig."""
 
     @property
     def seconds(self) -> float:
@@ -347,8 +348,8 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     made: list[Column] = [faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
             for c, t in columns.items()]  # fmt: skip
     faults.raise_found()
-    return Measured(name, kind, settings, tuple(made), bool(entry.get("fit", True)), str(entry.get("input", "")),
-                    entry.get("delay") == FREE)  # fmt: skip
+    fit, source_ = bool(entry.get("fit", True)), str(entry.get("input", ""))
+    return Measured(name, kind, settings, tuple(made), fit, source_)
 
 
 def _seconds(entry: Mapping[str, Any], name: str, key: str, default: float, faults: Faults) -> float:
@@ -448,4 +449,7 @@ def _column(
             v = v * float(number) * factor + shift
         except ValueError as fault:
             raise UsageError(f"{where}: {name}: scale {text}: {fault}") from None
-    return Column(name, output, unit, offset, sensor, samples.start, samples.rate, v)
+    feature = table.get("feature", MEAN)
+    if feature not in (MEAN, LARGEST):
+        raise UsageError(f"{where}: {name}: feature = {brief(feature)}; known: {MEAN}, {LARGEST}")
+    return Column(name, output, unit, offset, sensor, samples.start, samples.rate, v, feature)

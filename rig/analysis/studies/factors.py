@@ -18,12 +18,14 @@ samples = 64                                and the other arguments of rig.study
 
 from __future__ import annotations
 
+import json
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,12 +187,73 @@ def number_or_text(text: str) -> float | str:
         return text
 
 
+IDENTIFIED = "identified"
+
+
+@dataclass(frozen=True)
+class Identified:
+    """One parameter of the joint distribution that `rig identify` wrote into a file (NAME.covariance.json).
+
+    Parameters of one file are drawn together, with their correlations.
+    """
+
+    file: str
+    key: str
+    content: str = field(repr=False)
+    """Of the file: results depend on it."""
+    kind: ClassVar[str] = IDENTIFIED
+
+    @classmethod
+    def read(cls, text: str, key: str) -> Identified:
+        """Read "identified(FILE)". Raises UsageError."""
+        form = _TEXT.fullmatch(text)
+        file = form["values"].strip() if form else ""
+        if form is None or form["kind"] != IDENTIFIED or not file:
+            raise UsageError(f"{text.strip()}: expected {IDENTIFIED}(FILE), the covariance that rig identify wrote")
+        try:
+            content = Path(file).read_text("utf-8")
+            known = [row["key"] for row in json.loads(content)["parameters"]]
+        except OSError as fault:
+            raise UsageError(f"{file}: cannot be read: {fault.strerror}") from None
+        except (ValueError, KeyError, TypeError):
+            raise UsageError(f"{file}: is no covariance of rig identify (NAME.covariance.json)") from None
+        if key not in known:
+            raise UsageError(f"{file} has no {key}; {near(key, known, 'it has ' + ', '.join(known))}")
+        return cls(file, key, content)
+
+    def in_si(self, unit: str) -> None:
+        """Raise ValueError if its unit is another one than that of the parameter."""
+        stated = next(row["unit"] for row in json.loads(self.content)["parameters"] if row["key"] == self.key)
+        if stated != unit:
+            raise ValueError(f"{self.file}: {self.key} is in {stated}, here in {unit}")
+
+    def __str__(self) -> str:
+        return f"{IDENTIFIED}({self.file})"
+
+    @staticmethod
+    def drawn(together: Sequence[Identified], shares: Array) -> Array:
+        """The values [sample, parameter] of parameters of one file, from independent shares of the same shape."""
+        from scipy import stats
+
+        stored = json.loads(together[0].content)
+        order = [row["key"] for row in stored["parameters"]]
+        index = [order.index(each.key) for each in together]
+        rows = [stored["parameters"][i] for i in index]
+        C = np.array(stored["covariance"], dtype=np.float64)[np.ix_(index, index)]
+        z = stats.norm.ppf(shares) @ np.linalg.cholesky(C).T
+        values = [
+            np.exp(math.log(row["value"]) + column) if row["log"] else row["value"] + row["size"] * column
+            for row, column in zip(rows, z.T)
+        ]
+        return np.column_stack([np.clip(v, row["from"], row["to"]) for v, row in zip(values, rows)])
+
+
 @dataclass(frozen=True)
 class Factor:
     """A varied parameter: the values of `axis`, or with `distribution` values drawn from it."""
 
     axis: Axis
-    distribution: Distribution | None = None
+    distribution: Distribution | Identified | None = None
 
     @property
     def key(self) -> str:
@@ -223,10 +286,12 @@ def factors(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
 
 
 def _factor(scene: Scene, key: str, unit: str, given: Any) -> Factor:
-    if isinstance(given, str) and "(" in given:
+    if isinstance(given, str) and given.strip().startswith(f"{IDENTIFIED}("):
+        given = Identified.read(given, key)
+    elif isinstance(given, str) and "(" in given:
         given = Distribution.parse(given)
     words = in_words(key, scene)
-    if isinstance(given, Distribution):
+    if isinstance(given, Distribution | Identified):
         given.in_si(unit)  # the values have units that fit
         return Factor(Axis(key, unit, (), unit, words=words), given)
     values, shown = _spaced(given, unit) if isinstance(given, str) and ":" in given else _listed(given, unit)

@@ -26,7 +26,7 @@ from rig.analysis.axis import changed
 from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, digest, temporary
 from rig.analysis.pool.cluster import check as check_cluster
-from rig.analysis.studies.factors import Factor, factors
+from rig.analysis.studies.factors import Factor, Identified, factors
 from rig.analysis.studies.measures import Measure, as_point, evaluate
 from rig.bench.run.simulate import simulate
 from rig.errors import Faults, OutputError, RigError, SceneError, UsageError, WorkerError
@@ -111,9 +111,17 @@ class Plan:
     def draws(self) -> Array:
         """The drawn values (SI), [sample, drawn parameter]."""
         shares = np.clip(self.shares, _EDGE, 1.0 - _EDGE)  # a normal distribution has no value at 0 and 1
-        columns = [factor.distribution.quantile(shares[:, i], factor.axis.unit)  # type: ignore[union-attr]
-                   for i, factor in enumerate(self.drawn)]  # fmt: skip
-        return np.column_stack(columns) if columns else np.zeros((1, 0))
+        values = np.zeros((len(shares), len(self.drawn))) if self.drawn else np.zeros((1, 0))
+        joint: dict[str, list[int]] = {}
+        for i, factor in enumerate(self.drawn):
+            if isinstance(factor.distribution, Identified):
+                joint.setdefault(factor.distribution.file, []).append(i)
+            elif factor.distribution is not None:
+                values[:, i] = factor.distribution.quantile(shares[:, i], factor.axis.unit)
+        for index in joint.values():
+            together = [d for i in index if isinstance(d := self.drawn[i].distribution, Identified)]
+            values[:, index] = Identified.drawn(together, shares[:, index])
+        return values
 
     def values(self, number: int) -> dict[str, float]:
         """Return the values (SI) of the parameters of a point."""
@@ -139,6 +147,10 @@ def plan(
     points = Plan(varied, count, sampling, times, faults(lambda: first_seed(scene, seed), 0))
     if sampling not in SAMPLINGS:
         faults.found.append(f"sampling {sampling}: unknown; known: {', '.join(SAMPLINGS)}")
+    elif sampling == "saltelli" and any(isinstance(f.distribution, Identified) for f in points.drawn):
+        faults.found.append(
+            "sampling saltelli: Sobol indices need independent parameters; identified ones are correlated"
+        )
     elif sampling in ("sobol", "saltelli") and points.drawn and count & (count - 1):
         near = 2 ** round(math.log2(count))
         faults.found.append(f"samples = {count}: must be a power of 2 for sampling {sampling}, such as {near}")

@@ -1,0 +1,167 @@
+"""How often intervals hold: rigs drawn at random, identified, and compared with their truth.
+
+python -m pytest tests/analysis/test_identification_numbers.py -m slow -n 0 -s       all 48 rigs: half an hour
+RIGS=12 python -m pytest ...                    the first twelve
+"""
+
+import math
+import os
+import sys
+
+import numpy as np
+import pytest
+
+import rig
+from rig.analysis.identification.next_experiment import widths
+from rig.errors import UsageError
+from rig.record.run import Samples
+
+pytestmark = pytest.mark.slow
+COUNT = int(os.environ.get("RIGS", "48"))
+PLANTS = {
+    "belt": (
+        {"friction.mu_static": 0.5, "friction.mu_dynamic": 0.18, "friction.speed_scale": 0.05, "body.damping": 2.0},
+        ((0.05, 16.0), (0.10, 16.0), (0.10, 26.0)), "displacement", 1e-5, 0.01, 6.0, 1,
+    ),
+    "pendulum": (
+        {"friction.mu_static": 0.5, "friction.mu_dynamic": 0.18, "friction.speed_scale": 0.05, "body.damping": 0.08},
+        ((0.25, 16.0), (0.50, 16.0), (0.50, 26.0)), "displacement", 1e-5, 0.01, 6.0, 1,
+    ),
+    "lever": (
+        {"friction.mu_static": 0.42, "friction.mu_kinetic": 0.3, "cylinder.damping": 0.12, "friction.decay": 220.0},
+        ((0.10, 20.0), (0.06, 20.0), (0.10, 28.0)), "arm_displacement", 5e-6, 0.003, 8.0, 1,
+    ),
+    "seal_l": (
+        {"friction.mixed_force": 9.7, "friction.decay": 620.0, "body.damping": 3.17},
+        ((0.003, 10.0), (0.0045, 10.0)), "displacement", 4e-7, 0.01, 3.0, 1,
+    ),
+    "seal_p": (
+        {"friction.mixed_force": 9.7, "friction.decay": 700.0, "friction.film": 37.9},
+        ((0.003, 10.0), (0.0045, 10.0)), "displacement", 4e-7, 0.01, 3.0, 1,
+    ),
+    "belt_c": (
+        {"friction.mu_static": 0.5, "friction.mu_kinetic": 0.3, "body.mass": 5.0},
+        ((0.05, 16.0), (0.10, 16.0), (0.10, 26.0)), "displacement", 1e-5, 0.01, 6.0, 1,
+    ),
+}  # fmt: skip
+"""Scene -> free keys with their values, (speed, load) of the runs, output, noise, process noise, seconds."""
+
+
+def say(*parts):
+    sys.stdout.write(" ".join(map(str, parts)) + "\n")
+    sys.stdout.flush()
+
+
+def drawn(number, law=None, runs=None, spread=0.25, plants=tuple(PLANTS)):
+    """Rig `number`: its scene, free keys, truth, recordings. `law`: friction of the truth instead."""
+    scene = plants[number % len(plants)]
+    free, settings, output, noise, force, seconds, _ = PLANTS[scene]
+    chance = np.random.default_rng(1000 + number)
+    base = rig.load(scene, {"limits": "none"})
+    truth = {key: base.values()[key][0] * chance.uniform(1.0 - spread, 1.0 + spread) for key in free}
+    offset, delay = 100.0 * noise * chance.uniform(-1.0, 1.0), chance.uniform(0.0, 5e-3)
+    entries = []
+    for k, (speed, load) in enumerate(runs or settings):
+        values = {"drive.speed": speed, "load.force": load}
+        own = truth if law is None else law(truth)
+        made = {**own, **values, "limits": "none", "noise.force": f"{force} N/Hz^0.5", "seed": 100 * number + k}
+        run = rig.simulate(rig.load(scene, made), seconds)
+        t = np.arange(0.5, float(run.time[-1]), 1e-3)
+        v = np.interp(t - delay, run.time, run.signals[output]) + offset + noise * chance.standard_normal(t.size)
+        run.measurements["probe"] = Samples(np.rint(t * 1e9).astype(np.int64), v)
+        run.units["meas/probe"] = run.units[output]
+        columns = {"probe": {"reads": output, "offset": "free"}}
+        entries.append({"run": run, "skip": "1 s", "set": values, "columns": columns, "name": f"run{k}"})
+    ranges = {key: (0.1 * base.values()[key][0], 10.0 * base.values()[key][0]) for key in free}
+    return base, ranges, truth, entries
+
+
+def deviations(found, truth):
+    """(estimate - truth) / sigma of each free parameter."""
+    C = found.best.covariance
+    return [
+        (math.log(p.value / truth[p.key])) / math.sqrt(C[i, i]) if found.best.law.free[i].log else math.nan
+        for i, p in enumerate(found.parameters)
+    ]
+
+
+@pytest.mark.timeout(7200)
+def test_intervals_hold_and_are_not_biased():
+    z, refused, misfits = [], [], 0
+    for number in range(COUNT):
+        base, ranges, truth, entries = drawn(number)
+        try:
+            found = rig.identify(base, entries, ranges, starts=2)
+        except UsageError as fault:
+            refused.append((number, str(fault)[:200]))
+            continue
+        row = deviations(found, truth)
+        misfits += not found.best.fits
+        z += row
+        say(number, base.name, np.round(row, 2), f"p {found.best.p:.2g}", found.best.evaluations)
+    inside = float(np.mean(np.abs(z) < 1.645))
+    say(f"{len(z)} intervals, {100 * inside:.1f} % hold, mean {np.mean(z):.2f}, {misfits} misfits, refused: {refused}")
+    assert len(z) >= 3.7 * COUNT * 0.75
+    assert 0.84 <= inside <= 0.97
+    assert abs(np.mean(z)) < 0.33
+    assert misfits <= math.ceil(5 * COUNT / 48)
+
+
+def gaussian(truth):
+    """A table whose friction falls later than the Stribeck law, by at least three times the noise of the sensor."""
+    speeds = np.linspace(0.0, 6.0, 40) * truth["friction.speed_scale"]
+    top, low = truth["friction.mu_static"], truth["friction.mu_dynamic"]
+    values = low + (top - low) * np.exp(-((speeds / (1.5 * truth["friction.speed_scale"])) ** 2))
+    law = {"friction.law": "table", "friction.speeds": speeds.tolist(), "friction.values": values.tolist()}
+    return {**law, "body.damping": truth["body.damping"]}
+
+
+@pytest.mark.timeout(7200)
+def test_a_wrong_law_is_a_misfit_and_has_no_interval():
+    found = []
+    for number in range(COUNT):
+        base, ranges, _, entries = drawn(number, gaussian, plants=("belt", "pendulum"))
+        fit = rig.identify(base, entries, ranges, starts=1)
+        found.append(not fit.best.fits)
+        say(number, f"p {fit.best.p:.2g}")
+        assert fit.best.fits or all(math.isnan(p.low) for p in fit.parameters)
+    assert sum(found) >= math.floor(45 * COUNT / 48)
+
+
+@pytest.mark.timeout(7200)
+def test_two_loads_identify_what_one_does_not():
+    """The base alone, with its repetition, with another load, and with the best of rig identify --next."""
+    width = {}
+    for name, more in (
+        ("alone", ()),
+        ("repeated", ((0.05, 16.0),)),
+        ("load", ((0.05, 32.0),)),
+        ("best", ((0.25, 8.0),)),
+    ):
+        base, ranges, _, entries = drawn(0, runs=((0.05, 16.0), *more))
+        fit = rig.identify(base, entries, ranges, starts=2).best
+        width[name] = widths(fit, fit.covariance)
+    say(width)
+    assert width["best"]["friction.mu_dynamic"] < 0.12
+    assert width["best"]["body.damping"] < 0.12
+    assert width["load"]["friction.mu_dynamic"] < 0.05
+    for one_load in ("alone", "repeated"):
+        assert width[one_load]["friction.mu_dynamic"] > 3.0 * width["best"]["friction.mu_dynamic"]
+
+
+@pytest.mark.timeout(7200)
+def test_the_proposed_experiment_narrows_the_intervals_as_predicted():
+    count, good = max(20 * COUNT // 48, 2), 0
+    for number in range(count):
+        base, ranges, _, entries = drawn(number, plants=("belt",), runs=((0.05, 16.0), (0.10, 26.0)))
+        over = {"drive.speed": [0.05, 0.1, 0.2], "load.force": [8.0, 32.0]}
+        found = rig.identify(base, entries, ranges, starts=1, over=over)
+        best = found.proposals[0]
+        at = tuple(best.settings[key][0] for key in ("drive.speed", "load.force"))
+        *_, again = drawn(number, plants=("belt",), runs=((0.05, 16.0), (0.10, 26.0), at))
+        fit = rig.identify(base, again, ranges, starts=1).best
+        now = widths(fit, fit.covariance)
+        ratio = math.exp(np.mean([math.log(now[key] / best.widths[key]) for key in now]))
+        good += 0.7 <= ratio <= 1.4
+        say(number, at, f"found over predicted {ratio:.2f}")
+    assert good >= math.floor(18 * count / 20)
