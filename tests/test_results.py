@@ -149,8 +149,8 @@ def test_a_command_and_a_notebook_draw_what_plot_returns(tmp_path):
 
 
 def test_every_class_of_results_is_tried():
-    rooms = "recorded recorded.sound map regions identification.answer loop_report repeat studies studies.search control_loop cycle"
-    for room in (*rooms.split(), "sweep", "modes", "branches"):
+    rooms = "recorded recorded.sound map regions loop_report repeat studies studies.search control_loop cycle"
+    for room in (*rooms.split(), "identification.answer", "sweep", "modes", "branches"):
         import_module(f"rig.analysis.{room}")
 
     def below(kind):

@@ -92,9 +92,9 @@ def test_a_study_draws_with_the_correlations(found, tmp_path):
 
 
 def test_an_interrupted_fit_continues_to_the_same_bits(twin, found, tmp_path, monkeypatch):
-    from rig.analysis.identification import responses
+    from rig.analysis.identification import features
 
-    whole = responses.cycle_response
+    whole = features.cycle_response
     calls = []
 
     def interrupted(*given):
@@ -103,7 +103,7 @@ def test_an_interrupted_fit_continues_to_the_same_bits(twin, found, tmp_path, mo
             raise KeyboardInterrupt
         return whole(*given)
 
-    monkeypatch.setattr(responses, "cycle_response", interrupted)
+    monkeypatch.setattr(features, "cycle_response", interrupted)
     with pytest.raises(KeyboardInterrupt):
         rig.identify("belt", twin[1], FREE, starts=1, workers=1, folder=tmp_path)
     again = rig.identify("belt", twin[1], FREE, starts=1, workers=2, folder=tmp_path)
