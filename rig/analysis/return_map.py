@@ -39,7 +39,7 @@ from rig.motion.motion import Event, Motion
 from rig.scenes.rooms import assembled as assembled_rig
 from rig.scenes.scene import Scene
 from rig.solve.records import CLOSED, STICK
-from rig.stability.linearisation import Contact, inputs, moving_states, own_law, settled, sliding_key
+from rig.stability.linearisation import inputs, loads, moving_states, own_law, settled, sliding_key
 
 Array = NDArray[np.float64]
 TIGHT = 1e-11
@@ -121,14 +121,15 @@ class Flow:
         )
         self._ticks = -1
         self._modes: dict[int, ModeSet] = {}
-        self._laws: dict[int, Contact] = {}
+        self._rates: dict[int, Callable[[Array], Array]] = {}
 
     def commanded(self, start: Array) -> Flow:
         """Return the same rig with other values of its commands; both advance the same motion."""
         other = copy(self)
         other.system = replace(self.system, start=start)
         other.__dict__.pop("settled", None)
-        other.key = sliding_key(other.system)
+        if np.array_equal(self.settled, _at_rest(self.system, self.system.start)):  # nothing lags
+            other.__dict__["settled"] = _at_rest(self.system, start)
         return other
 
     @cached_property
@@ -151,10 +152,26 @@ class Flow:
 
     def rate(self, x: Array, key: int) -> Array:
         """Return dx/dt in mode set `key`."""
-        modes = self.modes(key)
-        if key not in self._laws:
-            self._laws[key] = own_law(self.system, modes)
-        return np.asarray(modes.A @ x + modes.b @ inputs(self.system, modes, x, self._laws[key])[0])
+        if key not in self._rates:
+            self._rates[key] = self._rate(key)
+        return self._rates[key](x)
+
+    def _rate(self, key: int) -> Callable[[Array], Array]:
+        """dx/dt in a mode set as a function of x, without what is zero in this one."""
+        modes, system = self.modes(key), self.system
+        contact, (load, load_t) = own_law(system, modes), loads(system, modes)
+        if system.products or system.remembers or load_t.any():
+            return lambda x: np.asarray(modes.A @ x + modes.b @ inputs(system, modes, x, contact)[0])
+        slipping = np.flatnonzero(modes.nonlinear).tolist()
+
+        def rate(x: Array) -> Array:
+            out = modes.A @ x
+            for p in slipping:
+                T = contact(p, float(system.slip_rows[p] @ x), float(load[p] @ x))[0]
+                out += modes.b[:, p] * T
+            return np.asarray(out)
+
+        return rate
 
     def within(self, x: Array, key: int, time: float) -> Array:
         """Return state x after `time` [s] in mode set `key`, forwards or backwards."""
@@ -209,6 +226,13 @@ class Flow:
         """Whether contact p is loaded in mode set `key`."""
         modes = normals or self.system.modes(key)[1]
         return any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, modes))
+
+
+def _at_rest(system: System, x: Array) -> Array:
+    """A state with its driving states, and the structure at zero."""
+    out = x.copy()
+    out[: system.one] = 0.0
+    return out
 
 
 class Family:
@@ -348,6 +372,12 @@ class ReturnMap:
         """Return the same map in other scales."""
         other = copy(self)
         other.size, other.T0, other.P0 = size, T0, P0
+        return other
+
+    def at(self, *others: float) -> ReturnMap:
+        """Return the map with other values of the further parameters."""
+        other = copy(self)
+        other.others = others
         return other
 
     def rate(self, u: Array, x: Array, key: int) -> Array:

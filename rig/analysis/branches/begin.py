@@ -131,9 +131,13 @@ def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
     return Start(value, dict(zip([names[i] for i in moving], state.tolist())))
 
 
-def from_start(family: Family, start: Start) -> Place:
-    """Return the place of the cycle that a motion is near to. Raises NoCycle, NotSmooth."""
-    flow = family.flow((start.value,))
+def from_start(family: Family, start: Start, value: float | None = None, others: tuple[float, ...] = ()) -> Place:
+    """Return the place of the cycle that a motion is near to, at another `value` if one is given.
+
+    Raises NoCycle, NotSmooth.
+    """
+    values = (start.value if value is None else value, *others)
+    flow = family.flow(values)
     x = flow.settled.copy()
     for i in flow.moving:
         x[i] = start.state[flow.system.names[i]]
@@ -146,15 +150,22 @@ def from_start(family: Family, start: Start) -> Place:
             raise NoCycle("the recorded motion does not repeat")
         times = [time for time, _ in run.events]
         period, x = times[-1] - times[-1 - count], run.x
-    return from_motion(family, (start.value,), x, period)
+    return from_motion(family, values, x, period)
 
 
-def from_hopf(family: Family, p: float, x: Array, rate: complex, shape: NDArray[np.complex128]) -> Place:
+def from_hopf(
+    family: Family,
+    p: float,
+    x: Array,
+    rate: complex,
+    shape: NDArray[np.complex128],
+    others: tuple[float, ...] = (),
+) -> Place:
     """The first place of the cycles that begin at a Hopf point p.
 
     `x`: the equilibrium; `rate`, `shape` [state]: eigenvalue and eigenvector of the undamped mode.
     """
-    flow = family.flow((p,))
+    flow = family.flow((p, *others))
     system, moving = flow.system, flow.moving
     rows, speeds = system.slip_rows @ shape, np.abs(system.slip_rows @ x)
     scale = max((abs(row) / speed for row, speed in zip(rows, speeds) if speed > 0.0), default=0.0)
@@ -167,7 +178,7 @@ def from_hopf(family: Family, p: float, x: Array, rate: complex, shape: NDArray[
             size[kind] = np.maximum(size[kind], 1e-3 * size[kind].max())
     size = np.where(size[moving] > 0.0, size[moving], 1.0)
     T = 2.0 * math.pi / rate.imag
-    map = ReturnMap(family, size, T, abs(p) or 1.0)
+    map = ReturnMap(family, size, T, abs(p) or 1.0, others)
     t = np.append(shape.real[moving] / size, [0.0, 0.0])
     t /= np.linalg.norm(t)
     eps = 2.0 * VIRTUAL

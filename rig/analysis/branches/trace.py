@@ -32,6 +32,7 @@ from rig.errors import NumericsError, SceneError
 from rig.stability.linearisation import steady
 
 Met = tuple[int, tuple[str, ...]]
+Name = tuple[str, str, int]
 FIRST, LONGEST, SHORTEST = 0.02, 0.12, 1e-5
 """Steps along a branch, of the size of the motion, of its period and of the parameter."""
 VIRTUAL = 1e-3
@@ -97,14 +98,20 @@ class Place:
         """The rig."""
         return self.map.flow(self.u)
 
-    def distances(self) -> dict[tuple[str, str, int], float]:
+    def distances(self) -> dict[Name, float]:
         """The distances from other events, by name."""
         return {d.name: d.value for d in distances(self.flow, self.run, self.period)}
 
 
+Measure = Callable[[Place], float]
+
+
 @dataclass(frozen=True)
 class Special:
-    """A special point: what it is, place, contact it concerns, accuracy of the parameter, and whether p turns there."""
+    """A special point: what it is, place, contact it concerns, accuracy of the parameter, and whether p turns there.
+
+    `name`: the distance that is zero there, if it is known.
+    """
 
     kind: str
     at: Place
@@ -113,6 +120,7 @@ class Special:
     contact: str = ""
     turns: bool = False
     why: str = ""
+    name: Name | None = None
 
 
 @dataclass
@@ -361,11 +369,12 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
         at = segment.places[-1]
         segment.end = Special("unresolved", at, at.p, math.nan, why=" ".join(str(error).split()))
         return None
-    at, kind, contact, p, accuracy = _nearest(segment)
+    at, kind, name, p, accuracy = _nearest(segment)
+    contact = name[1] if name else ""
     if at is not segment.places[-1]:
         segment.places.append(at)
     if kind == "jump":
-        segment.end = Special(kind, at, p, accuracy, contact)
+        segment.end = Special(kind, at, p, accuracy, contact, name=name)
         return None
     beyond = _switched(at, other)
     if beyond is None:
@@ -373,11 +382,11 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
         return None
     turns = bool(beyond.t[-1] * at.t[-1] < 0.0 and min(abs(beyond.t[-1]), abs(at.t[-1])) > _LEVEL)
     kind = kind if kind in ("grazing",) else _named(at.end, beyond.end, kind)
-    segment.end = Special(kind, at, p, accuracy, contact or _contact(at.end, beyond.end), turns)
+    segment.end = Special(kind, at, p, accuracy, contact or _contact(at.end, beyond.end), turns, name=name)
     return beyond
 
 
-def _nearest(segment: Segment) -> tuple[Place, str, str, float, float]:
+def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
     """The last place before the boundary, what vanishes there, contact, parameter and its accuracy."""
     at = segment.places[-1]
     try:
@@ -391,7 +400,7 @@ def _nearest(segment: Segment) -> tuple[Place, str, str, float, float]:
         u, end = stepped(at, -FIRST * 0.1, at.end.met)
         back, width = place(at.map, u, end, at.t), 0.1 * FIRST
     first, last = back.distances(), ahead.distances()
-    ways: list[tuple[float, tuple[str, str, int]]] = []
+    ways: list[tuple[float, Name]] = []
     for name, value in last.items():
         slope = (value - first[name]) / width if name in first and width else 0.0
         if slope * value < 0.0:
@@ -399,7 +408,7 @@ def _nearest(segment: Segment) -> tuple[Place, str, str, float, float]:
     ways.sort()
     if not ways or ways[0][0] > 0.05:
         best = _halved(ahead)
-        return best, "", "", best.p, abs(best.map.P0) * _EDGE
+        return best, "", None, best.p, abs(best.map.P0) * _EDGE
     near = [name for way, name in ways if way < _GRAZES * ways[0][0] + 10.0 * SHORTEST]
     name = next((n for n in near if n[0] in ("slip", "stick")), near[0])
     kind = {
@@ -410,26 +419,27 @@ def _nearest(segment: Segment) -> tuple[Place, str, str, float, float]:
         "landing": "jump",
         "touch": "landing",
     }[name[0]]
-    return _zero(ahead, width, back, name, kind)
+    best, p, accuracy = zero(ahead, width, back, of_distance(name))
+    return best, kind, name, p, accuracy
 
 
-def _zero(
-    at: Place, width: float, back: Place, name: tuple[str, str, int], kind: str
-) -> tuple[Place, str, str, float, float]:
-    """Go to the zero of a distance by the secant method from one side."""
-    values = [(-width, back.distances()[name], back.p), (0.0, at.distances()[name], at.p)]
-    best = at
+def zero(at: Place, width: float, back: Place, measure: Measure) -> tuple[Place, float, float]:
+    """Go to the zero of a measure by the secant method from one side; `back` lies `width` behind `at`.
+
+    Returns the last place before it, the parameter there, and its accuracy.
+    """
+    values = [(-width, measure(back), back.p), (0.0, measure(at), at.p)]
     for _ in range(_ROUNDS):
         (s0, g0, _p0), (s1, g1, p1) = values[-2:]
         way = -g1 * (s1 - s0) / (g1 - g0) if g1 != g0 else 0.0
         if abs(way) < _EDGE:
             break
-        for share in (0.9, 0.5, 0.1, 0.01):
+        for share in (0.95, 0.5, 0.1, 0.01):
             try:
-                u, end = stepped(at, s1 + share * way, at.end.met)
+                u, end = stepped(at, share * way, at.end.met)
                 new = place(at.map, u, end, at.t)
-                values.append((s1 + share * way, new.distances()[name], new.p))
-                best = new
+                values.append((s1 + share * way, measure(new), new.p))
+                at = new
                 break
             except (*FAILURES, KeyError):
                 continue
@@ -437,7 +447,17 @@ def _zero(
             break
     (s0, g0, p0), (s1, g1, p1) = values[-2:]
     p = p1 - g1 * (p1 - p0) / (g1 - g0) if g1 != g0 else p1
-    return best, kind, name[1], p, abs(p - p1)
+    return at, p, abs(p - p1)
+
+
+def of_distance(name: tuple[str, str, int]) -> Measure:
+    """Return the measure of one distance."""
+    return lambda at: at.distances()[name]
+
+
+def of_turn(at: Place) -> float:
+    """Return the slope of the branch in the parameter: zero at a fold."""
+    return float(at.t[-1])
 
 
 def _halved(at: Place) -> Place:

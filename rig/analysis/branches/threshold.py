@@ -1,0 +1,217 @@
+"""The unstable cycle between sliding and stick-slip as a threshold: least knocks to either side, shares of starts.
+
+With one degree of freedom the cycle is a closed curve in the plane of displacement and velocity. What starts within it
+comes to slide, what starts outside comes to vibrate. In more dimensions, and to confirm a threshold, motions are
+simulated: a motion slides once it is so close to sliding that it can only decay (rig.analysis.cycle.Rest).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.branches.begin import Start, from_start
+from rig.analysis.branches.result import CYCLES, Branch, Branches, Point
+from rig.analysis.branches.trace import Place
+from rig.analysis.cycle import Rest, stuck
+from rig.analysis.return_map import Family, Flow
+from rig.errors import UsageError
+from rig.printable import columns
+from rig.stability.linearisation import Steady, steady
+from rig.units import si
+
+Array = NDArray[np.float64]
+BESIDE = 1e-6
+"""Share of a knock by which a threshold is confirmed from both sides."""
+_PERIODS = 4  # of the unstable cycle in one piece of a simulation
+_MOST = 2000  # pieces
+_NEVER = 1e-3  # of the largest: a knock in another direction than the motion
+_SIGMA = 1.6448536269514722  # of a normal distribution: 90 % lie within
+
+
+@dataclass(frozen=True)
+class Knock:
+    """The least impulse that leads to another motion; `back`: from stick-slip to sliding, at a phase [s]."""
+
+    impulse: float
+    back: bool
+    phase: float
+    confirmed: bool
+
+
+@dataclass(frozen=True)
+class Share:
+    """Share of starts that come to slide, of `count`; with its interval of 90 %. `simulated`: not by the threshold."""
+
+    slides: float
+    low: float
+    high: float
+    count: int
+    simulated: bool
+
+
+class Threshold:
+    """The unstable cycle at a value (SI) of the parameter of `branches`. Raises UsageError if there is none."""
+
+    def __init__(self, branches: Branches, value: float) -> None:
+        axis = branches.axis
+        self.value, self.text_of_value = value, axis.text(value)
+        self.family = Family(branches.scene, [axis], branches.output)
+        self.flow: Flow = self.family.flow((value,))
+        self.sliding: Steady = steady(self.flow.system, self.flow.key)
+        found = [(branch, point) for branch, point in branches.at(value) if branch.kind == CYCLES]
+        unstable = [entry for entry in found if not entry[1].stable]
+        if not unstable or not Rest(self.sliding, stuck(self.flow.system, self.sliding.x)).stable:
+            raise UsageError(
+                f"{branches.scene.name}: there is no unstable cycle at {axis.key} = {self.text_of_value} beside stable "
+                "sliding; branches with dashed lines show where there is one"
+            )
+        self.unstable = self._place(branches, *unstable[0])
+        stable = [entry for entry in found if entry[1].stable]
+        self.stable = self._place(branches, *stable[0]) if stable else None
+        self.rest = Rest(self.sliding, stuck(self.flow.system, self.sliding.x))
+
+    def _place(self, branches: Branches, branch: Branch, near: Point) -> Place:
+        """The cycle at the value, from its neighbours on the branch."""
+        for a, b in zip(branch.points, branch.points[1:]):
+            if min(a.value, b.value) <= self.value <= max(a.value, b.value) and a.value != b.value:
+                closest = min((a, b), key=lambda point: abs(point.value - self.value))
+                return from_start(self.family, Start(closest.value, closest.state, closest.period), self.value)
+        raise UsageError(f"the branch {branch.name} does not reach {near.value}")
+
+    @property
+    def planar(self) -> bool:
+        """Whether the threshold is a closed curve around sliding in a plane."""
+        return len(self.flow.moving) == 2 and not self.unstable.end.events
+
+    @cached_property
+    def curve(self) -> Array:
+        """The unstable cycle [point, moving state], closed."""
+        states = self.unstable.run.states[:, self.flow.moving]
+        return np.vstack([states, states[:1]])
+
+    def inside(self, starts: Array) -> NDArray[np.bool_]:
+        """Return whether starts [n, 2] lie within the closed curve of the unstable cycle."""
+        from matplotlib.path import Path
+
+        return np.asarray(Path(self.curve).contains_points(starts), dtype=np.bool_)
+
+    def distance(self, starts: Array) -> Array:
+        """Return the distance of starts [n, 2] from the closed curve, over its range in each state."""
+        size = np.ptp(self.curve, axis=0)
+        a, b = self.curve[:-1] / size, self.curve[1:] / size
+        out = np.empty(len(starts))
+        for i, start in enumerate(starts / size):
+            share = np.clip(np.sum((start - a) * (b - a), axis=1) / np.sum((b - a) ** 2, axis=1), 0.0, 1.0)
+            out[i] = np.sqrt(np.sum((a + share[:, None] * (b - a) - start) ** 2, axis=1).min())
+        return out
+
+    def slides(self, moving: Array) -> bool:
+        """Return whether the motion from these moving states comes to slide, by simulation."""
+        x = self.flow.settled.copy()
+        x[self.flow.moving] = moving
+        time = _PERIODS * self.unstable.period
+        for _ in range(_MOST):
+            run = self.flow.carried(x, time)
+            if run.events and self.planar:  # outside of the curve for good
+                return self.rest.reached(run.x) or bool(self.inside(run.x[self.flow.moving][None])[0])
+            if self.rest.reached(run.x):
+                return True
+            x = run.x
+        return bool(self.rest.share(x) < self.rest.share(self.flow.settled))
+
+    def knocks(self) -> list[Knock]:
+        """Return the least knocks in both directions, from sliding and back from the stable cycle."""
+        flow, nq = self.flow, len(self.flow.system.coordinates)
+        push = np.zeros(flow.system.n)
+        push[nq : 2 * nq] = np.linalg.solve(flow.system.mass, flow.system.strike)
+        direction = push[flow.moving]
+        if not direction.any():
+            raise UsageError(f"{flow.scene.name}: its plant states no place for a knock")
+        origin = self.sliding.x[flow.moving]
+        found = [self._least(origin, sign * direction, False, 0.0) for sign in (1.0, -1.0)]
+        knocks = [min((k for k in found if k is not None), key=lambda k: abs(k.impulse))] if any(found) else []
+        if self.stable is not None and self.planar:
+            states, step = self.stable.run.states[:: max(len(self.stable.run.states) // 400, 1)], flow.step
+            stride = max(len(self.stable.run.states) // 400, 1)
+            ways = [(self._crossing(x[flow.moving], s * direction), s, i * stride * step, x[flow.moving])
+                    for i, x in enumerate(states) for s in (1.0, -1.0)]  # fmt: skip
+            ways = [way for way in ways if way[0] is not None]
+            if ways:
+                size, sign, phase, x = min(ways, key=lambda way: way[0] or math.inf)
+                assert size is not None
+                beyond = self.slides(x + size * (1.0 + BESIDE) * sign * direction)
+                short = self.slides(x + size * (1.0 - BESIDE) * sign * direction)
+                knocks.append(Knock(sign * size, True, phase, beyond and not short))
+        return knocks
+
+    def _least(self, origin: Array, direction: Array, back: bool, phase: float) -> Knock | None:
+        """The least knock in a direction, confirmed by simulation on both sides of it."""
+        size = self._crossing(origin, direction) if self.planar else self._halved(origin, direction)
+        if size is None:
+            return None
+        below, above = (self.slides(origin + size * (1.0 + s * BESIDE) * direction) for s in (-1.0, 1.0))
+        sign = 1.0 if float(direction[np.abs(direction).argmax()]) > 0.0 else -1.0
+        return Knock(sign * size, back, phase, below != above)
+
+    def _crossing(self, origin: Array, direction: Array) -> float | None:
+        """The least distance along a direction at which it crosses the closed curve."""
+        a, b = self.curve[:-1] - origin, self.curve[1:] - origin
+        normal = np.array([-direction[1], direction[0]])
+        fa, fb = a @ normal, b @ normal
+        cross = np.flatnonzero((fa <= 0.0) != (fb <= 0.0))
+        share = (fa[cross] / (fa[cross] - fb[cross]))[:, None]
+        along = ((1.0 - share) * a[cross] + share * b[cross]) @ direction / (direction @ direction)
+        ahead = along[along > 0.0]
+        return float(ahead.min()) if len(ahead) else None
+
+    def _halved(self, origin: Array, direction: Array) -> float | None:
+        """The same by simulation, in any number of dimensions."""
+        span = np.ptp(self.curve, axis=0)
+        moved = np.abs(direction) > _NEVER * np.abs(direction).max()
+        inside, outside = 0.0, float((span[moved] / np.abs(direction[moved])).min())
+        for _ in range(8):
+            if not self.slides(origin + outside * direction):
+                break
+            inside, outside = outside, 2.0 * outside
+        else:
+            return None
+        while outside - inside > 0.1 * BESIDE * outside:
+            middle = 0.5 * (inside + outside)
+            inside, outside = (middle, outside) if self.slides(origin + middle * direction) else (inside, middle)
+        return 0.5 * (inside + outside)
+
+    def drawn(self, ranges: Mapping[str, tuple[float | str, float | str]], count: int, seed: int = 1) -> Array:
+        """Draw starts [count, moving state], uniform in `ranges` (state -> ends); other states are those of sliding."""
+        names = [self.flow.system.names[i] for i in self.flow.moving]
+        if unknown := [name for name in ranges if name not in names]:
+            raise UsageError(f"start {unknown[0]}: is no state of the rig; known: {', '.join(names)}")
+        starts = np.tile(self.sliding.x[self.flow.moving], (count, 1))
+        draw = np.random.default_rng(seed)
+        for name, ends in ranges.items():
+            low, high = (si(end, "1") if isinstance(end, str) else float(end) for end in ends)
+            starts[:, names.index(name)] = draw.uniform(low, high, count)
+        return starts
+
+    def share(self, ranges: Mapping[str, tuple[float | str, float | str]], count: int = 4000, seed: int = 1) -> Share:
+        """Return the share of starts, drawn as `drawn` does, that come to slide: by the threshold or by simulation."""
+        starts = self.drawn(ranges, count, seed)
+        inside = self.inside(starts) if self.planar else np.array([self.slides(start) for start in starts])
+        p, n = float(inside.mean()), count
+        middle = (p + 0.5 * _SIGMA**2 / n) / (1.0 + _SIGMA**2 / n)  # Wilson
+        half = _SIGMA * math.sqrt(p * (1.0 - p) / n + 0.25 * _SIGMA**2 / n**2) / (1.0 + _SIGMA**2 / n)
+        return Share(p, middle - half, middle + half, n, not self.planar)
+
+    def text(self) -> str:
+        """Return the least knocks as text."""
+        rows = [("least knock at", self.text_of_value, "impulse N s", "confirmed by simulation from both sides")]
+        for knock in self.knocks():
+            what = "from stick-slip to sliding" if knock.back else "from sliding to stick-slip"
+            at = f"{knock.phase:.4g} s into the period" if knock.back else ""
+            rows.append((what, at, f"{knock.impulse:.8g}", "yes" if knock.confirmed else "no"))
+        return "\n".join(columns(rows, "<<><"))
