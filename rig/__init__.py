@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from control import StateSpace
 
-    from rig.analysis.branches import Branches, Start
+    from rig.analysis.branches import Branches, Curves, Start
     from rig.analysis.control_loop import Loop
     from rig.analysis.cycle_report import Cycle
     from rig.analysis.identification.answer import Identified
@@ -280,23 +280,28 @@ def branches(
     output: str | None = None,
     start: Iterable[str | float | Run | Map | Start] = ("hopf", "simulation"),
     points: int = 400,
+    second: str | None = None,
     folder: str | Path = "branches",
-) -> Branches:
+) -> Branches | Curves:
     """Follow stable and unstable motions over a parameter: `rig.branches("belt", "drive.speed=0.05 m/s:0.8 m/s")`.
 
     Steady sliding and cycles with any sequence of events, with Floquet multipliers, and their special points: Hopf,
     fold, grazing, period doubling, torus, lift-off, landing, begin and end of stick, jump. `start`: what branches of
     cycles begin from: "hopf" (the Hopf points of sliding), "simulation" (limit cycles in the middle and at the ends of
     the range), a value at which to simulate, a map, a recording. `output`: plant output of the figure, by default the
-    first. `points`: most points of a branch. Results go to a folder of their own in `folder`; an interrupted
-    computation goes on from its last point. Raises rig.errors.SceneError and UsageError.
+    first. `points`: most points of a branch. `second`: a further parameter, KEY=FROM:TO:COUNT; then the result is the
+    curves of the special points over both, the boundaries of sliding, stick-slip and both. Results go to a folder of
+    their own in `folder`; an interrupted computation goes on from its last point. Raises rig.errors.SceneError and UsageError.
     """
     from pathlib import Path
 
+    from rig.analysis.axis import Axis
     from rig.analysis.branches import branches as follow
-    from rig.analysis.branches import job
+    from rig.analysis.branches import curves, job
 
-    return follow(job(_scene(scene), over, output, tuple(start), points), Path(folder))
+    loaded = _scene(scene)
+    todo = job(loaded, over, output, tuple(start), points)
+    return follow(todo, Path(folder)) if second is None else curves(todo, Axis.parse(second, loaded))
 
 
 def map(

@@ -40,7 +40,7 @@ from rig.solve.records import STICK
 from rig.stability.linearisation import Steady, inputs, linearised, loads, moving_states, own_law, settling
 
 Array = NDArray[np.float64]
-STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state
+STEPS = (1e-5, 1e-6, 1e-4)  # of the size of each state: larger ones are wrong beside grazing
 _MANY, _SHOWN = 10, 6  # more multipliers than the first number are cut down to the second
 RUNS = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
 Complex = NDArray[np.complex128]

@@ -372,6 +372,25 @@ def branches(
         str | None,
         typer.Option(metavar="NAME", help="Plant output of the figure. Default: the first output of the plant."),
     ] = None,
+    second: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KEY=FROM:TO:COUNT", help="Second parameter: curves of the special points over both, not branches."
+        ),
+    ] = None,
+    threshold: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VALUE", help="Least knocks from sliding to stick-slip and back at this value of the parameter."
+        ),
+    ] = None,
+    starts: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help='With --threshold: share of starts that come to slide, "x=-2:2, x\'=0:2" (SI, uniform).',
+        ),
+    ] = None,
     points: Annotated[int, typer.Option(min=2, max=100_000, help="Most points of a branch of cycles.")] = 400,
     out: Results = Path("branches"),
     force: Force = False,
@@ -383,24 +402,36 @@ def branches(
     and landing. Results are kept: after an interruption the same command
     continues. --force draws finished branches again.
     """
+    from rig.analysis.axis import axes
+    from rig.analysis.branches import Threshold, curves, job, store_of
     from rig.analysis.branches import branches as follow
-    from rig.analysis.branches import job, store_of
 
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
     todo = job(loaded, over, output, tuple(separated(start)), points)
+    if second is not None:
+        [along] = axes(loaded, {"--second": second})
+        with printing.status() as show:
+            result = curves(todo, along, show)
+        folder = out / f"{store_of(todo, out).folder.name}-over-{along.key}"
+        refuse(folder, ("curves.csv", "curves.png"), force)
+        written(result, folder, "curves", as_json)
+        return
     store = store_of(todo, out)
     refuse(store.folder, ("branches.csv", "branches.png"), force)
     with printing.kept(store, "branches"), printing.status() as show:
-        result = follow(todo, out, show)
-    written(result, store.folder, "branches", as_json)
+        found = follow(todo, out, show)
+        edge = None if threshold is None else Threshold.parse(found, threshold, starts)
+    written(found, store.folder, "branches", as_json, **({} if edge is None else {"threshold": edge.to_json()}))
+    if edge is not None and not as_json:
+        printing.line(f"\n{edge.text()}")
 
 
-def written(result: Any, folder: Path, name: str, as_json: bool) -> None:
-    """Print a result that has a folder, and write its table and its figure as `name` there."""
+def written(result: Any, folder: Path, name: str, as_json: bool, **more: Any) -> None:
+    """Print a result that has a folder, as JSON with `more`; write its table and its figure as `name` there."""
     from rig.machine.files import write_file
 
-    printing.result(result, as_json, folder=str(folder))
+    printing.result(result, as_json, folder=str(folder), **more)
     if not as_json:
         printing.line(f"\n{folder}/{name}.png, {name}.csv")
     write_file(folder / f"{name}.csv", result.csv().encode())

@@ -2,12 +2,13 @@
 
 import json
 import math
+import time
 
 import numpy as np
 import pytest
 
 import rig as lab
-from rig.analysis.branches import Branches, branches, job
+from rig.analysis.branches import Branches, Threshold, branches, job
 from rig.analysis.stick_speeds import upper_speed
 from rig.errors import SceneError, UsageError
 
@@ -177,3 +178,57 @@ def test_rest_in_stick_is_an_interval(tmp_path):
     [rest] = [branch for branch in result.branches if branch.kind == "rest in stick"]
     for point in rest.points:
         assert np.array([point.low, point.high]) == pytest.approx(np.array([-1.0, 1.0]) * 0.4 * point.value / 2500.0)
+
+
+def test_the_unstable_cycle_divides_the_starts(bstab):
+    """1 start in 100 is simulated, and the nearest to the threshold: only within 1e-6 of it may both differ."""
+    edge = Threshold(bstab, 1.5)
+    starts = edge.drawn({"x": (-2.0, 2.0), "x'": (0.0, 2.0)}, 4000)
+    begin = time.process_time()
+    inside = edge.inside(starts)
+    assert time.process_time() - begin < 2.0
+    far = edge.distance(starts)
+    for i in {*range(0, 4000, 100), *far.argsort()[:8].tolist()}:
+        assert edge.slides(starts[i]) == inside[i] or far[i] < 1e-6
+    there, back = edge.knocks()
+    assert there.confirmed
+    assert back.confirmed
+    assert (there.back, back.back) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("speed", "published"),
+    [(1.175, 0.0126), (1.4, 0.211), (1.5, 0.312), (1.775, 0.5552)],
+)
+def test_shares_of_starts_are_those_of_others(bstab, speed, published):
+    """bSTAB, 4000 starts each: intervals of 99.9 % of the difference of two draws."""
+    share = Threshold(bstab, speed).share({"x": (-2.0, 2.0), "x'": (0.0, 2.0)}, 4000)
+    error = math.sqrt(published * (1.0 - published) / 4000 + share.slides * (1.0 - share.slides) / 4000)
+    assert abs(share.slides - published) < 3.29 * error
+
+
+@pytest.mark.parametrize(("extra", "ratio"), [(40.0, 0.0516059), (10.0, 0.0112147), (5.0, 0.0055443)])
+def test_largest_damping_with_stick_slip_of_an_example_of_others(tmp_path, extra, ratio):
+    """Mass, spring and belt of exudyn's example; damping ratios by independent integration."""
+    changes = {
+        "body.mass": "0.5 kg", "body.stiffness": "400 N/m", "load.force": "40 N", "friction.mu_dynamic": 1.0,
+        "friction.mu_static": 1.0 + extra / 40.0, "friction.speed_scale": "0.1 m/s", "drive.speed": "4 m/s",
+        "start.velocity": "4 m/s",
+    }  # fmt: skip
+    critical = 2.0 * math.sqrt(400.0 * 0.5)
+    low, high = 0.5 * ratio * critical, 2.0 * ratio * critical
+    changes["body.damping"] = f"{low} N*s/m"
+    result = followed(tmp_path, "belt", f"body.damping={low}:{high} N*s/m", (low,), **changes)
+    assert result.special("grazing")[0] / critical == pytest.approx(ratio, abs=1e-6)
+
+
+def test_curves_of_special_points_over_two_parameters(tmp_path):
+    loaded = lab.load("belt", {**BSTAB, "limits": "none"})
+    result = lab.branches(loaded, "drive.speed=0.2 m/s:4 m/s", second="load.force=0.5 N:2 N:4", folder=tmp_path)
+    hopf, grazing = result.curves
+    assert hopf.first == pytest.approx([0.5 * math.log(N / 0.1) for N in hopf.second], abs=1e-10)
+    assert (grazing.first[0], grazing.first[-1]) == pytest.approx((1.06527413, 3.01258884), abs=2e-8)
+    assert "grazing fold" in result.text()
+    assert len(result.plot().get_axes()[0].get_lines()) == 2
+    chart = lab.map(loaded, "drive.speed=1:3:2", "load.force=0.5:2:2", longest=20.0, folder=tmp_path, workers=1)
+    assert "grazing fold (contact)" in {line.get_label() for line in result.over(chart).get_axes()[0].get_lines()}

@@ -4,12 +4,16 @@ compute     what is followed and from where; saved while it is computed
 trace       pseudo-arclength along cycles, special points, boundaries between sequences of events
 distances   how far a cycle is from other events
 begin       the first place of a branch: Hopf points, simulations, maps, recordings, forced motions
+curves      special points over two parameters
+threshold   the unstable cycle as threshold: least knocks, shares of starts
 result      branches as text, JSON, CSV, xarray; figure
 """
 
 from rig.analysis.branches.begin import HOPF, SIMULATION, Start
 from rig.analysis.branches.compute import POINTS, ROOT, Job, branches, job, store_of
+from rig.analysis.branches.curves import Curve, Curves, curves
 from rig.analysis.branches.result import Branch, Branches, Point, SpecialPoint
+from rig.analysis.branches.threshold import Knock, Share, Threshold
 
 __all__ = [
     "HOPF",
@@ -18,11 +22,17 @@ __all__ = [
     "SIMULATION",
     "Branch",
     "Branches",
+    "Curve",
+    "Curves",
     "Job",
+    "Knock",
     "Point",
+    "Share",
     "SpecialPoint",
     "Start",
+    "Threshold",
     "branches",
+    "curves",
     "job",
     "store_of",
 ]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +33,18 @@ from rig.analysis.branches.trace import (
     zero,
 )
 from rig.analysis.cycle import limit_cycle
+from rig.analysis.map import Map
 from rig.analysis.return_map import Carried, Family
 from rig.errors import UsageError
+from rig.machine.files import csv_table
 from rig.printable import columns
 from rig.results import Result
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import steady
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 Array = NDArray[np.float64]
 _BEFORE, _AHEAD = 0.03, 0.003  # along the branch: where a cycle is carried from, and the first step back
@@ -73,6 +79,20 @@ class Curves(Result):
     axis: Axis
     second: Axis
     curves: tuple[Curve, ...]
+
+    def lines(self) -> list[tuple[str, Array, Array]]:
+        """Return name, first and second parameter (SI) of each curve, for a figure."""
+        return [(curve.name, np.array(curve.first), np.array(curve.second)) for curve in self.curves]
+
+    def over(self, map: Map) -> Figure:
+        """Return the figure of a map over the same parameters with these curves."""
+        return map.with_lines(self.lines())
+
+    def csv(self) -> str:
+        """Return every point as a line of a CSV file; parameters in SI."""
+        head = ["curve", self.second.si_label, self.axis.si_label]
+        rows = [[c.name, q, p] for c in self.curves for q, p in zip(c.second, c.first)]
+        return csv_table([head, *rows]).decode()
 
     def text(self) -> str:
         """Return the report as text."""
@@ -162,9 +182,9 @@ def _beginnings(job: Job, family: Family, q: float) -> Iterator[Place]:
         cycle = limit_cycle(job.axis.at(scene, value))
         if cycle.found:
             start = begin.Start(value, cycle.state, cycle.period)
-            at = begin.from_start(family, start, others=(q,))
-            yield at
-            yield replace(at, t=-at.t)
+            first = begin.from_start(family, start, others=(q,))
+            yield first
+            yield replace(first, t=-first.t)
             return
 
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rig.analysis.axis import heading
+from rig.analysis.branches.curves import Curves
 from rig.analysis.branches.result import REST, SLIDING, Branch, Branches, Point
 from rig.view.curves import plain
-from rig.view.palette import ALARM, BARE, BLUE, GREEN, GREY, PURPLE, VERMILION, page
+from rig.view.palette import ALARM, BARE, BLUE, GREEN, GREY, LINES, PURPLE, VERMILION, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,6 +38,18 @@ def branches_figure(result: Branches) -> Figure:
     """Return the figure of branches with their special points."""
     with page(9.6, 6.4, style=BARE, layout="constrained") as figure:
         _draw(figure, result)
+    return figure
+
+
+def curves_figure(result: Curves) -> Figure:
+    """Return the figure of special points over two parameters."""
+    with page(9.6, 6.4, style=BARE, layout="constrained") as figure:
+        axes = figure.add_subplot()
+        for (name, along, up), colour in zip(result.lines(), LINES * len(result.curves)):
+            axes.plot(along / result.axis.scale, up / result.second.scale, "-o", ms=3, color=colour, label=name)
+        axes.set(xlabel=result.axis.title, ylabel=result.second.title)
+        axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
+        heading(figure, result.scene, [result.axis, result.second], f"{result.scene.title}: special points")
     return figure
 
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,7 @@ class Threshold:
     def __init__(self, branches: Branches, value: float) -> None:
         axis = branches.axis
         self.value, self.text_of_value = value, axis.text(value)
+        self.ranges: dict[str, tuple[float | str, float | str]] = {}
         self.family = Family(branches.scene, [axis], branches.output)
         self.flow: Flow = self.family.flow((value,))
         self.sliding: Steady = steady(self.flow.system, self.flow.key)
@@ -207,11 +209,45 @@ class Threshold:
         half = _SIGMA * math.sqrt(p * (1.0 - p) / n + 0.25 * _SIGMA**2 / n**2) / (1.0 + _SIGMA**2 / n)
         return Share(p, middle - half, middle + half, n, not self.planar)
 
+    @classmethod
+    def parse(cls, branches: Branches, value: str, starts: str | None = None) -> Threshold:
+        """Return the threshold at a value with a unit; `starts`: ranges of states. Raises UsageError."""
+        try:
+            at = si(value, branches.axis.unit)
+        except ValueError as fault:
+            raise UsageError(f"--threshold {value}: {fault}") from None
+        made = cls(branches, at)
+        for part in (starts or "").split(","):
+            if part.strip():
+                name, _, ends = part.partition("=")
+                try:
+                    low, high = (float(end) for end in ends.split(":"))
+                except ValueError:
+                    raise UsageError(f'--starts {part.strip()}: expected STATE=FROM:TO, e.g. "x=-2:2"') from None
+                made.ranges[name.strip()] = (low, high)
+        return made
+
+    @cached_property
+    def _found(self) -> tuple[list[Knock], Share | None]:
+        return self.knocks(), self.share(self.ranges) if self.ranges else None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return knocks and share of starts as JSON values."""
+        knocks, share = self._found
+        return {"value": self.value, "planar": self.planar, "knocks": [asdict(k) for k in knocks],
+                "share": share and asdict(share)}  # fmt: skip
+
     def text(self) -> str:
-        """Return the least knocks as text."""
-        rows = [("least knock at", self.text_of_value, "impulse N s", "confirmed by simulation from both sides")]
-        for knock in self.knocks():
+        """Return the least knocks, and the share of starts, as text."""
+        knocks, share = self._found
+        rows = [(f"least knock at {self.text_of_value}", "impulse N s", "", "confirmed by simulation from both sides")]
+        for knock in knocks:
             what = "from stick-slip to sliding" if knock.back else "from sliding to stick-slip"
             at = f"{knock.phase:.4g} s into the period" if knock.back else ""
-            rows.append((what, at, f"{knock.impulse:.8g}", "yes" if knock.confirmed else "no"))
-        return "\n".join(columns(rows, "<<><"))
+            rows.append((what, f"{knock.impulse:.8g}", at, "yes" if knock.confirmed else "no"))
+        lines = [*columns(rows, "<><<")]
+        if share is not None:
+            how = "by simulation" if share.simulated else "by the threshold"
+            interval = f"{100.0 * share.low:.4g} to {100.0 * share.high:.4g} % with 90 %"
+            lines.append(f"{100.0 * share.slides:.4g} % of {share.count} starts come to slide ({interval}; {how})")
+        return "\n".join(lines)

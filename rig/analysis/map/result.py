@@ -8,7 +8,7 @@ A map as a picture: regions over two axes; over one axis a bifurcation diagram.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from rig.machine.files import csv_table
 from rig.printable import columns, counted
 from rig.results import Result
 from rig.view.curves import apart, plain
-from rig.view.palette import AMBER, BARE, BLUE, GREEN, VERMILION, page
+from rig.view.palette import AMBER, BARE, BLUE, GREEN, LINES, VERMILION, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 
 Array = NDArray[np.float64]
+Lines = Sequence[tuple[str, Array, Array]]
 UNKNOWN, ONE, TWO, THREE, REST = range(5)
 REGIONS = ("?", "I", "II", "III", "stuck")
 MEANING = ("undecided", "sliding, no vibration found", "sliding and vibration", "vibration only", "nothing moves")
@@ -105,6 +106,10 @@ class Map(Result):
         near = self.state[RUNS.index("near")]
         slid, left = near == SLIDING, np.isin(near, (STICK_SLIP, VIBRATION))
         return np.asarray((slid & (self.growth > 0.0)) | (left & (self.growth < 0.0)))
+
+    def with_lines(self, lines: Lines) -> Figure:
+        """Return the figure with further lines, (name, x, y) in SI."""
+        return self._drawn(lines)
 
     def text(self) -> str:
         """Return the report as text."""
@@ -250,20 +255,20 @@ RUN_STYLES = {"up": (BLUE, "^"), "down": (VERMILION, "v"), "near": (GREEN, "x"),
 _LABELS = {"up": "run-up", "down": "run-down", "near": "near start", "far": "standing start"}
 
 
-def figure(result: Map | Boundary) -> Figure:
-    """Return the figure of what `rig.map` found."""
+def figure(result: Map | Boundary, lines: Lines = ()) -> Figure:
+    """Return the figure of what `rig.map` found; `lines` over two parameters, (name, x, y) in SI."""
     with page(9.6, 6.4, style=BARE, layout="constrained") as figure:
         if isinstance(result, Boundary):
             _dither(figure.add_subplot(), result)
         elif result.job.y is None:
             _bifurcation(figure, result)
         else:
-            _regions(figure.add_subplot(), result)
+            _regions(figure.add_subplot(), result, lines)
         heading(figure, result.job.scene, [axis for axis in (result.job.x, result.job.y) if axis is not None])
     return figure
 
 
-def _regions(axes: Axes, result: Map) -> None:
+def _regions(axes: Axes, result: Map, lines: Lines) -> None:
     from matplotlib.colors import ListedColormap
 
     job = result.job
@@ -281,7 +286,9 @@ def _regions(axes: Axes, result: Map) -> None:
         if not np.isnan(ends).all():
             colour, marker = RUN_STYLES[run]
             _line(axes, np.column_stack([ends, y]), "-", colour, marker, f"{label} loses vibration")
-    axes.set(xlabel=job.x.title, ylabel=job.y.title)
+    for (name, along, up), colour in zip(lines, LINES * len(lines)):
+        axes.plot(along / scale, up / job.y.scale, color=colour, lw=2.0, label=name)
+    axes.set(xlabel=job.x.title, ylabel=job.y.title, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
     axes.margins(0.0)
     _legend(axes, _there(result))
 
