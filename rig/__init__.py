@@ -291,7 +291,8 @@ def branches(
     the range), a value at which to simulate, a map, a recording. `output`: plant output of the figure, by default the
     first. `points`: most points of a branch. `second`: a further parameter, KEY=FROM:TO:COUNT; then the result is the
     curves of the special points over both, the boundaries of sliding, stick-slip and both. Results go to a folder of
-    their own in `folder`; an interrupted computation goes on from its last point. Raises rig.errors.SceneError and UsageError.
+    their own in `folder`; an interrupted computation goes on from its last point. Raises rig.errors.SceneError and
+    UsageError.
     """
     from pathlib import Path
 

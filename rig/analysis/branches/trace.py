@@ -45,6 +45,7 @@ _INSIDE = 0.25  # of the longest slip: the base is no closer to an event
 _RESCALE = 2.0
 _LEVEL = 1e-6  # slope of a branch in the parameter: below it the branch is upright
 _GROWS = 1e-8  # a multiplier beyond the unit circle by this, and by ten times its error, is unstable
+_LOOSE, _PASSES = 1e-7, 4  # of the parameter: a zero that is not reached; and how often the way to it is halved then
 _SMALL = 0.02  # range of the slip speed over its mean: smaller cycles are those of the Hopf point
 _TRIES = (1.0, 3.0, 10.0, 30.0, 100.0)
 _BEYOND = (1e-3, 1e-2, 3e-4, 0.03)
@@ -420,6 +421,11 @@ def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
         "touch": "landing",
     }[name[0]]
     best, p, accuracy = zero(ahead, width, back, of_distance(name))
+    if accuracy > _LOOSE * abs(at.map.P0):  # beside a steep friction law a distance is not linear: go as far as it goes
+        best = ahead
+        for _ in range(_PASSES):
+            best = _halved(best)
+        p, accuracy = best.p, abs(best.p - segment.places[-3:][0].p)
     return best, kind, name, p, accuracy
 
 
