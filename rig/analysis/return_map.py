@@ -101,10 +101,17 @@ class Flow:
     """One rig with constant parameters, from any state over any time."""
 
     def __init__(
-        self, scene: Scene, assembly: Assembly | None = None, tolerance: float = TIGHT, output: str = ""
+        self,
+        scene: Scene,
+        assembly: Assembly | None = None,
+        tolerance: float = TIGHT,
+        output: str = "",
+        start: Array | None = None,
     ) -> None:
         self.scene, self.assembly = scene, scene.assemble() if assembly is None else assembly
         self.system: System = self.assembly.system()
+        if start is not None:  # driving states as they are there
+            self.system = replace(self.system, start=start)
         self.step = scene.step_ns * 1e-9
         self.key = sliding_key(self.system)
         clock = scene.clock
@@ -271,16 +278,19 @@ class Family:
         self.scene, self.axes, self.output = scene, tuple(axes), output
         self._kept: OrderedDict[tuple[float, ...], Flow] = OrderedDict()
         self._commanded = self._with_commands()
+        self._only: Flow | None = None
 
     @classmethod
     def of(cls, flow: Flow) -> Family:
         """Return the family of one rig without parameters."""
         family = cls(flow.scene)
-        family._kept[()] = flow
+        family._only = flow
         return family
 
     def flow(self, values: tuple[float, ...]) -> Flow:
         """Return the rig with these values. Raises SceneError where the scene refuses them."""
+        if self._only is not None:
+            return self._only
         if values not in self._kept:
             if len(self._kept) >= _KEPT:
                 self._kept.popitem(last=False)
