@@ -90,6 +90,8 @@ GROUPS = {
             _most("rk4.ratio", "rk4", 1.15, TWIN),
             _most("exact.ratio", "exact, stiff shunt (3400 Hz at 1 ms)", 1.5, TWIN),
             _most("film.ratio", "film of 40 points", 1.8, TWIN),
+            _most("points.ratio", "film of 24 points on 40 modes of a structure", 1.5, TWIN),
+            _most("points.s_per_s", "the same at 0.5 us", 1.6, "s of a simulated second"),
             _most("run.ratio", "a whole run in open loop", 2.0, TWIN),
         ),
     ),

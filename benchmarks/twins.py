@@ -2,6 +2,7 @@
 
 quiet, rk4, exact   twins.c: quiet ticks, a run at a fixed step, the exact run of a stiff shunt
 film                film.c: the step of a film of points under a moving slider (rig.solve.film_steps)
+points              points.c: the step of a film of points of a structure with 40 modes, at 0.5 us
 run                 run.c: a whole run in open loop, with events, energy balance, four instruments and all outputs
 """
 
@@ -26,6 +27,7 @@ from benchmarks.kernels import SECONDS, STEP_NS
 from rig.bench.run.runner import PlantRunner
 from rig.compiled.kernel import entry, kernel
 from rig.model.assembly import Assembly
+from rig.model.film import Film
 from rig.model.system import System
 from rig.motion.motion import Motion
 from rig.plants import PLANTS
@@ -60,6 +62,7 @@ def twins() -> dict[str, Any]:
             "rk4": _rk4(system, c),
             "exact": _exact(stack, build("twins.c", {"N": stack.n})),
             "film": film(build),
+            "points": points(build),
             "run": run(build),
         }
 
@@ -96,7 +99,7 @@ def _compared(
     states: Callable[[], tuple[Any, Any]],
 ) -> dict[str, Any]:
     """Run both in turns: ns of each per `unit`, their ratio, and the largest difference of the final `states`."""
-    best = kernels.interleaved({"ours": ours, "theirs": theirs})
+    best = kernels.interleaved({"ours": ours, "theirs": theirs}, clock=time.process_time)
     mine, other = states()
     return {
         f"ns_per_{unit}": best["ours"] / units * 1e9,
@@ -265,7 +268,8 @@ def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS
     own = motion.mode_sets.tables.film
     signals = own.moved.shape[0]
     even, odd = own.symmetric, own.antisymmetric
-    tables = (even.rows, odd.rows, even.which, odd.which, own.kick, own.turn, own.loss, own.column[0], own.push[0],
+    pushed = [np.ascontiguousarray(own.column[:, :, 0]), np.ascontiguousarray(own.push[:, 0])]
+    tables = (even.rows, odd.rows, even.which, odd.which, own.kick, own.turn, own.loss, *pushed,
               own.signal, own.slider_rows, own.advance)  # fmt: skip
     given = _Film(
         *(table.ctypes.data for table in tables),
@@ -299,6 +303,68 @@ def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS
 
     result = _compared(ours, theirs, "step", ticks * substeps, lambda: (motion.state.x[:states], x[:states]))
     return {"coordinates": states // 2, "points": own.points, **result}
+
+
+_POINTS_TABLES = ("now", "back", "kick", "turn", "loss", "column", "push", "signal", "stiffness", "shear", "give", "mu",
+                  "reach")  # fmt: skip
+
+
+class _Points(ctypes.Structure):
+    """The tables in the layout of the twin."""
+
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in _POINTS_TABLES),
+        *((name, ctypes.c_int64) for name in ("slid", "ticks", "substeps", "sums")),
+    ]
+
+
+def squeal(modes: int = 40, points: int = 24) -> System:
+    """Return a structure with random mode shapes at its contact points, which open and close from the start."""
+    random = np.random.default_rng(1)
+    omega = 2.0 * np.pi * np.linspace(800.0, 20_000.0, modes)
+    normal, along = random.normal(size=(2, points, modes))
+    stiffness = 2e7 * np.linspace(0.8, 1.2, points)
+    a = Assembly(title="points")
+    names = tuple(f"q{i + 1}" for i in range(modes))
+    a.block(names, np.eye(modes), np.diag(0.01 * omega), np.diag(omega**2))
+    for name, force in zip(names, (40.0 * normal.sum(axis=0)).tolist()):
+        a.push(name, {"one": force})
+        a.start[f"{name}'"] = 1e-3
+    a.signal("slid", {"one": 5.0}, 0.0, "drive")
+    rows, where = np.stack([normal.T, along.T])[None], np.zeros(points)
+    a.film = Film(
+        rows, "slid", stiffness, stiffness, np.array(0.3), where, where, reach=np.linspace(0.08, 0.12, points)
+    )
+    return a.system()
+
+
+def points(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS) -> dict[str, Any]:
+    """Return the same of a film whose points stay in place, and the processor time of a simulated second."""
+    substeps = 20
+    motion = Motion(squeal(), 10_000, "kick", substeps=substeps, longest=ticks)
+    motion.advance(1)
+    own = motion.mode_sets.tables.film
+    side, count = own.symmetric, own.kick.shape[0]
+    arrays = {name: getattr(side if hasattr(side, name) else own, name) for name in _POINTS_TABLES}
+    signals = own.moved.shape[0]
+    addresses = (array.ctypes.data for array in arrays.values())
+    given = _Points(*addresses, own.slid - own.first + signals, ticks, substeps, len(SUMS))
+    constants = {"NQ": count, "M": signals, "POINTS": own.points, "WIDTH": side.now.shape[1],
+                 "BACK": side.back.shape[1]}  # fmt: skip
+    c = build("points.c", constants)
+    begun, x0 = motion.save(), motion.state.x.copy()
+    x, energy = x0.copy(), np.zeros(4)
+
+    def ours() -> None:
+        motion.go_back(begun)
+        motion.advance(ticks)
+
+    def theirs() -> None:
+        x[:] = x0
+        c.points_run(ctypes.byref(given), x.ctypes, energy.ctypes)
+
+    result = _compared(ours, theirs, "step", ticks * substeps, lambda: (motion.state.x[: 2 * count], x[: 2 * count]))
+    return {"coordinates": count, "points": own.points, **result, "s_per_s": result["ns_per_step"] * 1e-3 / 0.5}
 
 
 OPEN = {

@@ -55,8 +55,9 @@ def no_film() -> FilmTables:
         damped=z(0),
         before=z(0),
         pushed=none,
-        column=z((0, 2, 0)),
+        column=z((2, 0, 0)),
         push=z((0, 0)),
+        pushes=z((3, 0)),
         signal=z((0, 0)),
         whole=z((0, LANE)),
         terms=none,
@@ -105,7 +106,7 @@ class _Uncoupled(NamedTuple):
 
 def _uncoupled(system: System, step: float, first: int, pushed: NDArray[np.int64]) -> _Uncoupled:
     nq, m = len(system.coordinates), first - system.one
-    turn, loss, column = np.zeros((4, nq)), np.zeros((3, nq)), np.zeros((len(pushed), 2, m))
+    turn, loss, column = np.zeros((4, nq)), np.zeros((3, nq)), np.zeros((2, m, len(pushed)))
     mass, force = np.diag(system.mass), system.force[:, system.one : first]
     signals = system.signals[:m, system.one : first]
     for i in range(nq):
@@ -122,7 +123,7 @@ def _uncoupled(system: System, step: float, first: int, pushed: NDArray[np.int64
         ]
         loss[:, i] = taken[0, 0], 2.0 * taken[0, 1], taken[1, 1]
         for p in np.flatnonzero(pushed == i).tolist():
-            column[p] = expm.ladder(A, step)[0][:2, 2:]
+            column[:, :, p] = expm.ladder(A, step)[0][:2, 2:]
     return _Uncoupled(turn, loss, column)
 
 
@@ -166,6 +167,8 @@ def tables_of_film(system: System, modes: ModeSet, step: float, outputs: Array, 
     directions, order, m = film.directions, film.order, first - system.one
     force = system.force[:, system.one : first]
     pushed = np.flatnonzero(force.any(axis=1))
+    if len(pushed) > nq // 4:
+        pushed = np.arange(nq)
     matrices = system.mass, system.damping, system.stiffness
     coupled = len(system.network) > 0 or any(_couples(matrix) for matrix in matrices)
     coupled = coupled or bool(np.any(system.force[:, : system.one]))
@@ -218,7 +221,8 @@ def tables_of_film(system: System, modes: ModeSet, step: float, outputs: Array, 
         before=zeros(_lanes(nq)),
         pushed=pushed,
         column=flow.column,
-        push=np.ascontiguousarray(force[pushed]),
+        push=np.ascontiguousarray(force[pushed].T),
+        pushes=zeros((3, _lanes(len(pushed)))),
         signal=expm.ladder(np.ascontiguousarray(system.signals[:m, system.one : first]), step)[0],
         whole=joint.whole,
         terms=joint.terms,

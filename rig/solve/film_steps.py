@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import inlined, inner
-from rig.solve.column_blocks import BLOCK, across, along, blend, copy
+from rig.solve.column_blocks import BLOCK, LANE, across, along, blend, copy, lanes, total
 from rig.solve.forces import coefficient
 from rig.solve.segment_output import nearly_full
 
@@ -101,9 +101,10 @@ class FilmTables(NamedTuple):
     loss: Array  # [3, coordinate] energy dissipated by the damper over a step: factors of q^2, q v, v^2
     damped: Array  # scratch [coordinate] energy dissipated by the damper since it was last added
     before: Array  # scratch [coordinate]
-    pushed: NDArray[np.int64]  # coordinates on which driving states act
-    column: Array  # [pushed, 2, m] their change of position and velocity in a step
-    push: Array  # [pushed, m] force
+    pushed: NDArray[np.int64]  # coordinates on which driving states act; all, if these are many
+    column: Array  # [2, m, pushed] their change of position and velocity in a step
+    push: Array  # [m, pushed] force
+    pushes: Array  # scratch [3, pushed] changes of position and velocity, force or work; padded with zeros
     signal: Array  # [m, m] propagator of the driving states over a step, minus one
     whole: Array  # [n, n] of a coupled structure: its propagator minus one, transposed, padded; else of length zero
     terms: NDArray[np.int64]  # [form] term of the energy balance
@@ -162,6 +163,31 @@ def _see(side, x):
     along(side.now, values, side.felt)
 
 
+@inner
+def _see_in_place(own, x):
+    """Compute the positions of points that stay in place, without mirror symmetry."""
+    side, points = own.symmetric, own.points
+    along(side.now, x, side.felt)
+    for direction in range(own.seen.shape[0]):
+        seen, last, felt = own.seen[direction], own.last[direction], side.felt[direction * points :]
+        for i in range(points):
+            last[i] = seen[i]
+        for i in range(points):
+            seen[i] = felt[i]
+
+
+@inner
+def _press_in_place(own, x, forces):
+    """The generalised forces of points that stay in place, without mirror symmetry."""
+    side, points = own.symmetric, own.points
+    first, felt = own.first + own.kick.shape[0] + len(SUMS), side.felt
+    for i in range(points):
+        felt[i] = -x[first + i]
+    copy(points * (own.directions - 1), x[first + points :], felt[points:])
+    along(side.back, felt, side.values)
+    copy(forces.shape[0], side.values, forces)
+
+
 @inlined
 def _sum_forces(side, forces):
     """forces[coordinate] of one side = the generalised forces of the values in side.felt."""
@@ -203,6 +229,9 @@ def locate_points(own, x, anew):
     `anew`: interpolate them from the table, as at the begin of every tick, so that they do not depend on the past.
     """
     within = True
+    if own.pitch == 0.0 and not own.mirrored:
+        _see_in_place(own, x)
+        return True
     if own.pitch > 0.0:
         within = _interpolated_rows(own, x, anew)
     else:
@@ -230,6 +259,9 @@ def locate_points(own, x, anew):
 @inlined
 def generalised_forces(own, x, forces):
     """forces[coordinate] = the generalised forces of the pressures and frictions of the points."""
+    if own.pitch == 0.0 and not own.mirrored:
+        _press_in_place(own, x, forces)
+        return
     first, points = own.first + own.kick.shape[0] + len(SUMS), own.points
     lane = own.seen.shape[1]
     if own.mirrored:
@@ -285,9 +317,9 @@ def propagate_coupled(own, x, energy):
         energy[own.terms[form]] += taken
     signals = x[n - m : n]
     for p in range(own.pushed.shape[0]):
-        i, mean, push = own.pushed[p], 0.0, own.push[p]
+        i, mean = own.pushed[p], 0.0
         for j in range(m):
-            mean += push[j] * (signals[j] + 0.5 * changed[n - m + j])
+            mean += own.push[j, p] * (signals[j] + 0.5 * changed[n - m + j])
         energy[3] += mean * changed[i]
     for i in range(n):
         x[i] += changed[i]
@@ -306,8 +338,11 @@ def propagate_structure(own, x, first_signal):
     kick, taken = own.kick, own.damped  # locals: read from the record once, not at every store
     qq, qv, vv = own.loss[0], own.loss[1], own.loss[2]
     by_place, by_speed, turned, slowed = own.turn[0], own.turn[1], own.turn[2], own.turn[3]
-    for p in range(own.pushed.shape[0]):
-        own.held[p] = places[own.pushed[p]]
+    if own.pushed.shape[0] == nq:
+        copy(nq, places, own.held)
+    else:
+        for p in range(own.pushed.shape[0]):
+            own.held[p] = places[own.pushed[p]]
     before = own.before
     for i in range(nq):  # a loop that writes one array is compiled to vectors
         before[i] = speeds[i] + kick[i] * forces[i]
@@ -323,20 +358,54 @@ def propagate_structure(own, x, first_signal):
         for k in range(m):
             s += rate[k] * signals[k]
         moved[j] = s
-    for p in range(own.pushed.shape[0]):
-        i, mean, further, faster = own.pushed[p], 0.0, 0.0, 0.0
-        moves, push = own.column[p], own.push[p]
-        for j in range(m):
-            further += moves[0, j] * signals[j]
-            faster += moves[1, j] * signals[j]
-            mean += push[j] * (signals[j] + 0.5 * moved[j])
-        work += mean * (places[i] + further - own.held[p])
-        places[i] += further
-        speeds[i] += faster
+    if own.pushed.shape[0] == nq:
+        work = _push_all(own, signals, places, speeds)
+    else:
+        for p in range(own.pushed.shape[0]):
+            i, mean, further, faster = own.pushed[p], 0.0, 0.0, 0.0
+            for j in range(m):
+                further += own.column[0, j, p] * signals[j]
+                faster += own.column[1, j, p] * signals[j]
+                mean += own.push[j, p] * (signals[j] + 0.5 * moved[j])
+            work += mean * (places[i] + further - own.held[p])
+            places[i] += further
+            speeds[i] += faster
     for j in range(m):
         signals[j] += moved[j]
         own.begun[1, j] += moved[j]
     return work
+
+
+@inlined
+def _push_all(own, signals, places, speeds):
+    """Move all coordinates by the driving states over a step. Returns the work of these."""
+    further, faster, mean, held = own.pushes[0], own.pushes[1], own.pushes[2], own.held
+    count = places.shape[0]
+    for p in range(count):
+        further[p] = 0.0
+    for p in range(count):
+        faster[p] = 0.0
+    for p in range(count):
+        mean[p] = 0.0
+    for j in range(signals.shape[0]):
+        now, middle = signals[j], signals[j] + 0.5 * own.moved[j]
+        far, fast, push = own.column[0, j], own.column[1, j], own.push[j]
+        for p in range(count):
+            further[p] += far[p] * now
+        for p in range(count):
+            faster[p] += fast[p] * now
+        for p in range(count):
+            mean[p] += push[p] * middle
+    for p in range(count):
+        mean[p] *= places[p] + further[p] - held[p]
+    for p in range(count):
+        places[p] += further[p]
+    for p in range(count):
+        speeds[p] += faster[p]
+    work = lanes(mean)
+    for p in range(LANE, count, LANE):
+        work = work + lanes(mean[p:])
+    return total(work)
 
 
 @inner
