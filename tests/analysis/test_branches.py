@@ -232,3 +232,11 @@ def test_curves_of_special_points_over_two_parameters(tmp_path):
     assert len(result.plot().get_axes()[0].get_lines()) == 2
     chart = lab.map(loaded, "drive.speed=1:3:2", "load.force=0.5:2:2", longest=20.0, folder=tmp_path, workers=1)
     assert "grazing fold (contact)" in {line.get_label() for line in result.over(chart).get_axes()[0].get_lines()}
+
+
+def test_least_knocks_are_confirmed_where_a_tick_is_a_large_part_of_a_period(tmp_path):
+    result = followed(tmp_path, "belt", "drive.speed=0.2 m/s:0.8 m/s")
+    there, back = Threshold(result, 0.4).knocks()
+    assert there.confirmed
+    assert back.confirmed
+    assert abs(there.impulse) == pytest.approx(1.762059, rel=1e-5)

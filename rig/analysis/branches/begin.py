@@ -131,12 +131,9 @@ def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
     return Start(value, dict(zip([names[i] for i in moving], state.tolist())))
 
 
-def from_start(family: Family, start: Start, value: float | None = None, others: tuple[float, ...] = ()) -> Place:
-    """Return the place of the cycle that a motion is near to, at another `value` if one is given.
-
-    Raises NoCycle, NotSmooth.
-    """
-    values = (start.value if value is None else value, *others)
+def from_start(family: Family, start: Start, others: tuple[float, ...] = ()) -> Place:
+    """Return the place of the cycle that a motion is near to. Raises NoCycle, NotSmooth."""
+    values = (start.value, *others)
     flow = family.flow(values)
     x = flow.settled.copy()
     for i in flow.moving:

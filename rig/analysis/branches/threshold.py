@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.branches.begin import Start, from_start
-from rig.analysis.branches.result import CYCLES, Branch, Branches, Point
-from rig.analysis.branches.trace import Place
+from rig.analysis.branches.result import CYCLES, Branch, Branches
+from rig.analysis.branches.trace import Place, follow
 from rig.analysis.cycle import Rest, stuck
 from rig.analysis.return_map import Family, Flow
 from rig.errors import UsageError
@@ -31,6 +31,9 @@ BESIDE = 1e-6
 """Share of a knock by which a threshold is confirmed from both sides."""
 _PERIODS = 4  # of the unstable cycle in one piece of a simulation
 _MOST = 2000  # pieces
+_CLOSE = 1e-9  # of the value: reached
+_CURVE = 20000  # points of the closed curve, at least: its chords are then 1e-8 of it away
+_STEPS = 50  # along the branch to a value
 _NEVER = 1e-3  # of the largest: a knock in another direction than the motion
 _SIGMA = 1.6448536269514722  # of a normal distribution: 90 % lie within
 
@@ -73,18 +76,28 @@ class Threshold:
                 f"{branches.scene.name}: there is no unstable cycle at {axis.key} = {self.text_of_value} beside stable "
                 "sliding; branches with dashed lines show where there is one"
             )
-        self.unstable = self._place(branches, *unstable[0])
+        self.unstable = self._place(unstable[0][0])
         stable = [entry for entry in found if entry[1].stable]
-        self.stable = self._place(branches, *stable[0]) if stable else None
+        self.stable = self._place(stable[0][0]) if stable else None
         self.rest = Rest(self.sliding, stuck(self.flow.system, self.sliding.x))
 
-    def _place(self, branches: Branches, branch: Branch, near: Point) -> Place:
+    def _place(self, branch: Branch) -> Place:
         """The cycle at the value, from its neighbours on the branch."""
         for a, b in zip(branch.points, branch.points[1:]):
             if min(a.value, b.value) <= self.value <= max(a.value, b.value) and a.value != b.value:
                 closest = min((a, b), key=lambda point: abs(point.value - self.value))
-                return from_start(self.family, Start(closest.value, closest.state, closest.period), self.value)
-        raise UsageError(f"the branch {branch.name} does not reach {near.value}")
+                return self._moved(from_start(self.family, Start(closest.value, closest.state, closest.period)))
+        raise UsageError(f"the branch {branch.name} does not reach {self.text_of_value}")
+
+    def _moved(self, at: Place) -> Place:
+        """The cycle at the value, along the branch from a place near it."""
+        if math.isclose(at.p, self.value, rel_tol=_CLOSE):
+            return at
+        towards = at if at.t[-1] * (self.value - at.p) > 0.0 else replace(at, t=-at.t)
+        segment = next(follow(towards, min(at.p, self.value), max(at.p, self.value), _STEPS))
+        if not math.isclose(segment.places[-1].p, self.value, rel_tol=_CLOSE):
+            raise UsageError(f"the cycle at {self.text_of_value} lies beside a special point; take another value")
+        return segment.places[-1]
 
     @property
     def planar(self) -> bool:
@@ -93,9 +106,19 @@ class Threshold:
 
     @cached_property
     def curve(self) -> Array:
-        """The unstable cycle [point, moving state], closed."""
-        states = self.unstable.run.states[:, self.flow.moving]
-        return np.vstack([states, states[:1]])
+        """The unstable cycle [point, moving state], closed; between ticks by cubic Hermite polynomials."""
+        flow, run = self.flow, self.unstable.run
+        ends = np.vstack([run.states, run.states[:1]])
+        rates = np.array([flow.rate(x, run.key) for x in ends])
+        steps = np.full(len(ends) - 1, flow.step)
+        steps[-1] = self.unstable.period - flow.step * (len(run.states) - 1)
+        u = np.linspace(0.0, 1.0, max(math.ceil(_CURVE / len(steps)), 2), endpoint=False)[None, :, None]
+        a, b = ends[:-1, None, flow.moving], ends[1:, None, flow.moving]
+        da, db = (rates[part][:, None, flow.moving] * steps[:, None, None] for part in (slice(-1), slice(1, None)))
+        between = (1.0 + 2.0 * u) * (1.0 - u) ** 2 * a + u * (1.0 - u) ** 2 * da
+        between = between + u**2 * (3.0 - 2.0 * u) * b + u**2 * (u - 1.0) * db
+        points = between.reshape(-1, len(flow.moving))
+        return np.vstack([points, points[:1]])
 
     def inside(self, starts: Array) -> NDArray[np.bool_]:
         """Return whether starts [n, 2] lie within the closed curve of the unstable cycle."""
