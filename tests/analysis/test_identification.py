@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -166,3 +167,26 @@ def test_slips_of_a_known_signal():
     assert stick == pytest.approx(0.3, abs=7e-3)  # the window of the filter has 7 samples
     assert motion == pytest.approx(0.1, abs=7e-3)
     assert drop == pytest.approx(0.015, rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_what_the_measured_paper_runs_tell_and_predict(tmp_path):
+    folder = Path(rig.__file__).parents[1] / "recordings" / "stick_slip_paper"
+    found = rig.identify(folder / "scene.toml", folder / "runs.toml")
+    verdicts = {parameter.key: parameter.verdict for parameter in found.parameters}
+    assert verdicts.pop("body.mass") in (IDENTIFIED, "weak")
+    assert set(verdicts.values()) <= {UNKNOWN, "at bound"}
+    [(what, value, low, high)] = [row for row in found.best.together() if " - " in row[0]]
+    assert what == "friction.mu_static - friction.mu_dynamic"
+    assert 0.015 < low < value < high < 0.035
+    text = found.text()
+    assert "body.mass: the data contradict the stated 0.0307 kg" in text
+    assert "body.stiffness cannot be told beside body.mass" in text
+    runs = (folder / "runs.toml").read_text().replace('file = "', f'file = "{folder}/')
+    for name in ("k168Nm_v4300", "k1002Nm_v1100"):
+        line = f'file = "{folder}/{name}.mat"'
+        (tmp_path / f"{name}.toml").write_text(runs.replace(line, f"fit = false\n{line}"))
+        held = rig.identify(folder / "scene.toml", tmp_path / f"{name}.toml").predict(name)
+        assert all(held.inside.values()), name
+        assert held.band[0] < math.log(1.3), name

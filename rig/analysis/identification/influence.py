@@ -19,7 +19,7 @@ from rig.record.run import Reals
 
 _TABLES = ("start", "noise")
 _MOST = 12
-_ALIKE = 0.005  # of the square of an effect: what is left of one that others have too
+_ALIKE = (0.005, 0.03)  # of the square of an effect: what is left of one that others have too; of one on measures
 _TAKES = 0.05  # share of a coordinate
 
 
@@ -38,11 +38,8 @@ class Influence:
     gain: float
     change: float
     score: float
-
-    @property
-    def told(self) -> bool:
-        """Whether the data could tell it beside the free parameters."""
-        return self.left > _ALIKE
+    told: bool
+    """Whether the data could tell it beside the free parameters."""
 
 
 def candidates(law: Law, runs: Sequence[Measured]) -> tuple[str, ...]:
@@ -87,7 +84,7 @@ def influence(fit: Fit, solution: Solution, evaluator: Evaluator, repeats: bool)
         change = -across / max(float(rest @ rest), 1e-300)
         spread = np.sqrt(max(_spread(rest, r, solution.left), 1e-300))
         made.append(Influence(key, left, alike, across**2 / max(float(rest @ rest) * float(r @ r), 1e-300), change,
-                              abs(across) / spread))  # fmt: skip
+                              abs(across) / spread, left > _ALIKE[0 if repeats else 1]))  # fmt: skip
     return tuple(made)
 
 
