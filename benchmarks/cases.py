@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from benchmarks import (
     absent,
     against,
+    branches,
     kernels,
     loop,
     one_contact,
@@ -181,6 +182,14 @@ GROUPS = {
         f"map of {one_contact.MAP}, run-up and run-down, kernels compiled",
         lambda asked: one_contact.efficiency(24 if asked.quick else 100),
         (Case("efficiency", "map on two cores", 0.95, "of two apart"),),
+    ),
+    "branches": Group(
+        "branches of cycles on one core: 100 points of a belt, 20 points of the lever's boundary over its load",
+        lambda asked: branches.measured(asked.quick),
+        (
+            _most("belt_s", "100 points of a branch of the belt", 10.0, "s"),
+            _most("lever_s", "20 points of the lever's boundary", 60.0, "s"),
+        ),
     ),
     "studies": Group(
         "studies on one worker, two, and two of dask, in turns",

@@ -393,6 +393,7 @@ def branches(
     ] = None,
     points: Annotated[int, typer.Option(min=2, max=100_000, help="Most points of a branch of cycles.")] = 400,
     out: Results = Path("branches"),
+    figure: Figure = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -423,6 +424,7 @@ def branches(
         found = follow(todo, out, show)
         edge = None if threshold is None else Threshold.parse(found, threshold, starts)
     written(found, store.folder, "branches", as_json, **({} if edge is None else {"threshold": edge.to_json()}))
+    draw(found, figure)
     if edge is not None and not as_json:
         printing.line(f"\n{edge.text()}")
 
