@@ -190,3 +190,15 @@ def test_what_the_measured_paper_runs_tell_and_predict(tmp_path):
         held = rig.identify(folder / "scene.toml", tmp_path / f"{name}.toml").predict(name)
         assert all(held.inside.values()), name
         assert held.band[0] < math.log(1.3), name
+
+
+def test_a_transient_is_fitted_as_a_whole_with_the_delay_of_its_instrument():
+    run = rig.simulate("lever_free_cylinder")
+    columns = {"arm_laser": {"reads": "arm_displacement", "offset": "free"}}
+    free = {"cylinder.inertia": "0.01:0.1 kg*m^2", "cylinder.damping": (0.01, 1.0)}
+    start = rig.load("lever_free_cylinder", {"cylinder.damping": 0.16})
+    found = rig.identify(start, [{"run": run, "kind": "transient", "columns": columns}], free, starts=0, workers=1)
+    values = {parameter.key: parameter.value for parameter in found.parameters}
+    assert values["cylinder.inertia"] == pytest.approx(0.035, rel=1e-3)
+    assert values["cylinder.damping"] == pytest.approx(0.12, rel=0.02)
+    assert found.best.runs[0].rms < 2.0

@@ -36,7 +36,8 @@ from rig.scenes.scene import Scene
 PARTS = 20
 WINDOWS = (0.07, 0.15, 0.3, 0.6, 1.0)
 """Shares of a transient that are fitted one after the other."""
-_FIFTHS = 5
+_FIFTHS, _ROUNDS = 5, 4
+_ROUGH = 2.0  # times the noise: largest rms of a transient that fits
 _SETTLED = 0.5  # share of a hold after which its mean is taken
 _SKIP = 3  # samples that are left out of a vibration: the instrument does not yet read it alone
 _NONE = np.full(len(MEASURES), np.nan)
@@ -87,6 +88,8 @@ class FeatureRun:
         rows = []
         for i, (v, error) in enumerate(zip(self.values, self.errors)):
             predicted = self._predicted(i, model)
+            if self.run.kind == "transient":
+                predicted = self._delayed(i, predicted, float(offsets[i]))
             shift = 0.0 if self.run.kind in ("growth", "response") else float(offsets[i])
             apart = np.nan_to_num((v - predicted - shift) / error)
             if self.run.kind == "transient":
@@ -101,6 +104,17 @@ class FeatureRun:
         """The model of the features of a column, one row, and their numbers."""
         return self._predicted(column, model)[None] + offset, np.arange(float(self.values[column].size))[None]
 
+    def _delayed(self, column: int, wave: Reals, offset: float) -> Reals:
+        """A simulated column with the delay [samples] that fits best, as of an instrument."""
+        v, at, delay = self.values[column], np.arange(float(wave.size)), 0.0
+        end = max(int(self.share * v.size), 2)
+        for _ in range(_ROUNDS):
+            late = np.interp(at - delay, at, wave)
+            rate = np.gradient(late)[:end]
+            miss = np.nan_to_num(v - offset - late)[:end]
+            delay -= float(np.clip(rate @ miss / max(float(rate @ rate), 1e-300), -2.0, 2.0))
+        return np.interp(at - delay, at, wave)
+
     def _predicted(self, column: int, model: Response) -> Reals:
         v, wave = self.values[column], model.waves[column]
         return _nearest(v, wave) if self.run.kind == "growth" else wave[: v.size]
@@ -111,6 +125,8 @@ class FeatureRun:
 
         if self.known:
             return float(stats.chi2.sf(float((left**2).sum()), left.size))
+        if self.run.kind == "transient" and float((left**2).mean()) > _ROUGH**2:
+            return 0.0  # one run has no scatter of its own: what exceeds the noise so far is a misfit
         means = left.mean(axis=1)
         return float(stats.ttest_1samp(means, 0.0).pvalue) if np.ptp(means) > 0.0 else math.nan
 
