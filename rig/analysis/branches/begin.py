@@ -230,6 +230,7 @@ def from_forced(family: Family, value: float) -> Place:
     if run.events and min(times[1], T - times[-2]) < _INSIDE * T:  # the base lies beside an event
         phase = 0.5 * (times[widest] + times[widest + 1]) / T
         x = flow.carried(x, phase * T).x
+    size = np.maximum(size, np.abs(run.states[:, flow.moving]).max(axis=0))  # its mean moves by more than it vibrates
     map = ReturnMap(family, size, T, abs(value) or 1.0, (), period_of, phase)
     u = map.unknowns(x, T, value)
     gradient = np.append(np.zeros(len(u) - 1), 1.0)

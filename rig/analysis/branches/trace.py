@@ -607,6 +607,8 @@ def better_base(map: ReturnMap, u: Array, run: Carried, T: float) -> float | Non
 
 def _rescaled(at: Place) -> Place:
     """The place in scales of its own size, if it has grown or shrunk."""
+    if at.map.period is not None:
+        return at
     flow, run, map = at.flow, at.run, at.map
     size = sizes(run.states, flow)
     T0, P0 = at.period, abs(at.p) or map.P0
