@@ -34,6 +34,7 @@ from rig.results import Result
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
+from rig.structure.eigenvalues import DAMPED
 
 _REST = 1e-11  # rounding error of a zero, relative to the sum of its terms or to the largest rate
 Array = NDArray[np.float64]
@@ -194,6 +195,7 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
             _mode(system, 0.0 if abs(rate) <= zero else rate, shape, form)
             for rate, shape in zip(rates, shapes.T)
             if 0.0 <= rate.imag <= 2.0 * math.pi * assembly.up_to
+            and (math.isinf(assembly.up_to) or rate.real > 0.0 or abs(rate.real) <= DAMPED * rate.imag)
         ),
         pulls=int(np.sum(forces < 0.0)) if film else 0,
     )
@@ -274,11 +276,13 @@ class Mode:
 
     @property
     def kind(self) -> str:
-        """The kind of mode, in words."""
+        """The kind of mode, in words; undecided where the growth is smaller than its estimated error."""
         if self.growth == 0.0 == self.frequency:
             return "stays"
         if abs(self.growth) <= 1e-9 * 2.0 * math.pi * self.frequency:
             return "neutral"
+        if self.error is not None and abs(self.growth) <= self.error * 2.0 * math.pi * self.frequency:
+            return "undecided"
         if self.growth > 0.0:
             return "flutter" if self.frequency else "divergence"
         return "decays"
@@ -322,7 +326,7 @@ class Modes(Result):
     why the dither cannot be averaged; `dithered` is then the forced motion, and its modes are Floquet exponents.
     `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: critical coefficients of friction in
     closed form (infinite: never reached). `notes`: what the reduction of a structure leaves open, a sentence each;
-    `up_to` [Hz]: it holds up to this frequency, and modes above are left out. `nodes`: for mode shapes.
+    `up_to` [Hz]: it holds up to it; modes above, and heavily damped ones, are left out. `nodes`: of shapes.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:modes_figure"
@@ -404,7 +408,8 @@ class Modes(Result):
             else:
                 lines += ["", *columns([self.COLUMNS, *rows], "<>>><")]
             if math.isfinite(self.up_to):
-                lines += [f"  the reduction of the structure holds up to {self.up_to:g} Hz; higher modes are left out"]
+                lines += [f"  the reduction of the structure holds up to {self.up_to:g} Hz; "
+                          "higher and heavily damped modes are left out"]  # fmt: skip
         lines += ["", *(f"  warning: {note}" for note in self.notes)] if self.notes else []
         if self.free:
             free = [(name, f"{hertz:.6g}") for name, hertz in self.free.items()]

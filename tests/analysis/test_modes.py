@@ -14,7 +14,7 @@ import rig
 from rig.analysis import map as maps
 from rig.analysis.averaged import mean_friction
 from rig.analysis.axis import Axis, axes
-from rig.analysis.modes import modes
+from rig.analysis.modes import Mode, modes
 from rig.analysis.orbit import Orbit
 from rig.analysis.regions import regions
 from rig.errors import SceneError, UsageError
@@ -45,6 +45,11 @@ def test_growth_of_a_linear_law_is_its_slope_against_the_damper_and_coulomb_fric
     assert mode.growth == pytest.approx(-2.0 / 10.0, rel=1e-12)
     assert mode.damping == pytest.approx(2.0 / (2.0 * math.sqrt(5.0 * 2500.0)), rel=1e-12)
     assert modes(rig.load("belt_c")).sliding.modes[0].kind == "neutral"
+
+
+def test_a_growth_below_its_estimated_error_is_undecided():
+    kinds = [Mode(0.1, 800.0, -2e-5, {}, {}, error).kind for error in (None, 1e-6, 1e-4)]
+    assert kinds == ["flutter", "flutter", "undecided"]
 
 
 def test_what_stays_is_no_divergence():

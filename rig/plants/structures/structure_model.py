@@ -1,0 +1,260 @@
+"""From the tables of a structure scene to its full matrices and its reduced model, kept by content.
+
+A reduced model does not depend on values that are swept: friction, speed, contact stiffness, load, factors.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from rig.errors import SceneError, UsageError
+from rig.plants.structures.structure_tables import Contact, Line, Place, Tables, Turning, numbers
+from rig.structure import basis, model_store, read
+from rig.structure.contacts import Contact as MeshContact
+from rig.structure.contacts import contact_points, contact_rows, node_vector
+from rig.structure.full import FRICTION, Full, Points
+from rig.structure.mesh import Mesh, Selection
+from rig.structure.read import Source
+from rig.structure.reduced import Reduced
+from rig.units import si
+
+Array = NDArray[np.float64]
+_log = logging.getLogger("rig")
+_SILENT = 5.0  # s before a reduction says what it computes, and between two lines
+_UP_TO, _VECTORS = 1e4, 120  # highest frequency [Hz] and number of vectors that a scene does not state
+ALPHA, BETA = "damping.alpha", "damping.beta"
+T = TypeVar("T")
+
+
+def values_of(p: Tables) -> dict[str, float]:
+    """Every number that multiplies matrices or springs, by key: those of the scene, and what follows from them.
+
+    "friction.mu" is the coefficient in steady sliding, below zero for sliding backwards.
+    """
+    values = {key: value for key, (value, _) in numbers(p).items()}
+    values[ALPHA], values[BETA] = p.damping.rayleigh
+    for name, contact in p.contacts.items():
+        values[f"contacts.{name}.stiffness"] = contact.stiffness or contact.spring or 0.0
+    if p.friction is not None and p.drive is not None:
+        radius = max((contact.radius or 0.0 for contact in p.contacts.values()), default=0.0) or 1.0
+        speed = p.drive.speed * (radius if isinstance(p.drive, Turning) else 1.0)
+        values[FRICTION] = math.copysign(p.friction.friction().mu(abs(speed)), speed)
+    return values
+
+
+def reduced(p: Tables) -> Reduced:
+    """The reduced structure: from the recording, the store, or built. Raises SceneError with every fault."""
+    try:
+        return _reduced(Given(p))
+    except UsageError as fault:
+        raise SceneError("reduction", [f"reduction: {line}" for line in str(fault).splitlines()]) from None
+
+
+class Given:
+    """What a reduced structure depends on, as a key: tables and files, without the values that are swept."""
+
+    def __init__(self, p: Tables) -> None:
+        self.parameters = p
+        self.reduction = _reduction(p)
+        contacts = tuple((name, _plain(contact)) for name, contact in p.contacts.items())
+        places = tuple((where, _plain(place)) for where, place in p.places())
+        turning = _plain(p.drive) if isinstance(p.drive, Turning) else ()
+        self.tables = _plain(p.structure), contacts, places, turning, p.damping.table is None
+        try:
+            self.files = tuple((str(path), *_stamp(path)) for path in _files(p))
+        except (SceneError, OSError):  # a recording that is simulated again needs no files
+            self.files = ()
+        self._key = self.tables, repr(self.reduction), self.files
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Given) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+_SWEPT = ("film", "stiffness", "shear", "spring", "opens", "speed", "speed_min", "speed_max", "lag")
+
+
+def _plain(value: Any) -> Any:
+    """A section as nested tuples, without values that can be swept."""
+    if isinstance(value, BaseModel):
+        return tuple(_plain(getattr(value, name)) for name in type(value).model_fields if name not in _SWEPT)
+    if isinstance(value, dict):
+        return tuple((key, _plain(entry)) for key, entry in value.items())
+    return value
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns
+
+
+@lru_cache(maxsize=64)
+def _hash(path: str, *stamp: int) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@model_store.cached
+def _reduced(given: Given) -> Reduced:
+    p = given.parameters
+    contents = [_hash(*file) for file in given.files]
+    tables = hashlib.sha256(repr((given.tables, given.reduction)).encode()).hexdigest()[:32]
+    key = f"{tables} {' '.join(contents)}"
+    return basis.stored(key, lambda: full(p)[0], given.reduction, f"structure {tables}", _Told())
+
+
+class _Told:
+    """Says in the log what takes long: what is computed, every few seconds."""
+
+    def __init__(self) -> None:
+        self._next = time.monotonic() + _SILENT
+
+    def __call__(self, what: str, share: float) -> None:
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + _SILENT
+            _log.warning("reducing the structure: %s (%.0f %%); the result is kept", what, 100.0 * share)
+
+
+def _reduction(p: Tables) -> basis.Reduction:
+    """The reduction of a scene; by default typed matrices stay as they are, and files are reduced to modes."""
+    given, values = p.reduction, values_of(p)
+    kind = given.kind or ("none" if p.structure.typed else "modes")
+    keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"} - {""}
+    if kind == "snapshots":
+        keys |= {part.scaling[0] for part in p.structure.parts.values()} - {""} | {ALPHA, BETA, FRICTION}
+    keys |= {f"contacts.{name}.stiffness" for name in p.contacts}
+    units = {key: unit for key, (_, unit) in numbers(p).items()}
+    over = {key: tuple(si(end, units[key]) for end in ends) for key, ends in given.over.items()}
+    return basis.Reduction(
+        kind=kind,
+        up_to=2.0 * math.pi * (given.up_to or given.modes_up_to or _UP_TO),
+        modes=given.modes or 0,
+        contact=given.contact,
+        residual=given.residual,
+        at={key: values[key] for key in sorted(keys) if key in values},
+        over=over,  # type: ignore[arg-type]
+        vectors=given.vectors or _VECTORS,
+        error=given.error,
+    ).rounded()
+
+
+def _sources(p: Tables) -> list[Source]:
+    return [
+        Source(
+            name, part.of, Path(part.file) if part.file else None, part.values, part.name or "", part.stored, *scaled
+        )
+        for name, part in p.structure.parts.items()
+        for scaled in [(*part.scaling, part.factor)]
+    ]
+
+
+def _beside(p: Tables) -> dict[str, Any]:
+    """The files of a structure that are no parts: job, mesh, node and direction of each row."""
+    given = p.structure
+    return {key: Path(path) if (path := getattr(given, key)) else None for key in ("job", "nodes", "rows")}
+
+
+def _files(p: Tables) -> tuple[Path, ...]:
+    """Every file of the structure and of its contacts. Raises SceneError for one that cannot be read."""
+    own = tuple(Path(contact.rows) for contact in p.contacts.values() if contact.rows is not None)
+    nodes = p.structure.nodes
+    stamp = _stamp(Path(nodes)) if nodes and Path(nodes).exists() else ()
+    return (*_listed(tuple(p.structure.paths), *stamp), *own)
+
+
+@lru_cache(maxsize=8)
+def _listed(paths: tuple[tuple[str, str], ...], *stamp: int) -> tuple[Path, ...]:
+    """The files that a structure reads, those that its mesh includes too. `stamp`: of the mesh."""
+    beside = {key: Path(path) for key, path in paths if not key.startswith("parts.")}
+    parts = [Source(key, "mass", Path(path)) for key, path in paths if key.startswith("parts.")]
+    return read.files_read(parts, **beside) if paths else ()
+
+
+def full(p: Tables) -> tuple[Full, Mesh]:
+    """The full matrices of a structure with the rows of its contacts and places, in SI, and the mesh.
+
+    Raises SceneError with every fault, each with its key or its file and row.
+    """
+    whole, mesh = read.structure(_sources(p), p.structure.units, **_beside(p))
+    names = p.structure.coordinates or tuple(map(str, range(1, whole.rows + 1)))
+    over = {name: i for i, name in enumerate(names)}
+    faults: list[str] = []
+    if len(names) != whole.rows:
+        faults.append(f"structure.coordinates: there are {len(names)} names for matrices of {whole.rows} rows")
+
+    def tried(where: str, make: Callable[[], T], otherwise: T) -> T:
+        try:
+            return make()
+        except SceneError as fault:
+            faults.extend(f"{where}: {line}" for line in fault.faults)
+            return otherwise
+
+    def vector(row: Line) -> Array:
+        out = np.zeros(whole.rows)
+        for name, value in row.items():
+            if name not in over:
+                raise SceneError("", [f"names the row {name!r}; known: {names[0]} to {names[-1]}"])
+            out[over[name]] += value
+        return out
+
+    def of_place(place: Place) -> Array:
+        if place.row is not None:
+            return vector(place.row)
+        nodes = (place.node,) if place.node is not None else place.nodes or ()
+        if len(mesh.ids) or not nodes:
+            nodes = tuple(Selection(place.set or "", nodes, place.box).of(mesh).tolist())
+        return node_vector(whole, nodes, place.direction or ())
+
+    def points(name: str, contact: Contact, finer: int) -> Points:
+        if contact.rows is not None:
+            return contact_rows(name, Path(contact.rows), whole)
+        if contact.gap is not None and contact.along is not None:
+            gap, along = (sp.csr_array(vector(row)[None]) for row in (contact.gap, contact.along))
+            radius = np.array([contact.radius or 1.0])
+            return Points(name, gap, along, np.ones(1), radius, np.zeros((1, 3)), np.zeros((1, 3)))
+        assert contact.slave is not None
+        assert contact.master is not None
+        slave, master = (Selection(s.set or "", s.nodes or (), s.box) for s in (contact.slave, contact.master))
+        turning = p.drive if isinstance(p.drive, Turning) and contact.sliding is None else None
+        turns: dict[str, Any] = {"axis": turning.axis, "centre": turning.centre} if turning else {}
+        cells = contact.points and (finer * contact.points[0], finer * contact.points[1])
+        described = MeshContact(
+            name, slave, master, contact.normal, contact.sliding, points=cells, search=contact.search, **turns
+        )
+        return contact_points(described, whole, mesh)
+
+    none = Points("", *[sp.csr_array((0, whole.rows))] * 2, *[np.zeros(0)] * 2, *[np.zeros((0, 3))] * 2)
+    contacts, finer = (
+        tuple(tried(f"contacts.{name}", partial(points, name, contact, by), none) for name, contact in chosen.items())
+        for by, chosen in ((1, p.contacts), (2, {n: c for n, c in p.contacts.items() if c.slave and c.points}))
+    )
+    vectors = {where: tried(where, partial(of_place, place), np.zeros(whole.rows)) for where, place in p.places()}
+    if faults:
+        raise SceneError("structure", dict.fromkeys(faults))
+    parts = list(whole.parts)
+    if p.damping.table is None:
+        own = [replace(part, of="damping", name=f"Rayleigh {part.name}") for part in parts if not part.key]
+        parts += [replace(part, key=ALPHA) for part, of in zip(own, (q.of for q in parts if not q.key)) if of == "mass"]
+        parts += [
+            replace(part, key=BETA)
+            for part, of in zip(own, (q.of for q in whole.parts if not q.key))
+            if of == "stiffness" and part.symmetric
+        ]
+    if len(finer) < len(contacts):
+        finer = ()
+    return replace(whole, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer), mesh
