@@ -57,7 +57,7 @@ _TURN = 0.02  # of a radian of the fastest mode: a step of the integration of th
 _AFTER_END = 4  # ticks beyond the end: the state between two of them follows from as many on both sides
 _RESOLVED = 0.1  # radians of the fastest mode in a tick: then such an interpolation is exact to 1e-11
 _ITERATIONS = 12
-_FLAT = 1e-13
+FLAT = 1e-13
 
 
 class NoCycle(RigError):
@@ -524,7 +524,7 @@ class ReturnMap:
             elif before is not None or M is None:
                 M = np.vstack([self.matrix(self.derivative(u, end, over_p), along), gradient])
             last, before = size, (u, R)
-            u = self.shifted(u, -np.linalg.lstsq(M, R, rcond=_FLAT)[0])
+            u = self.shifted(u, -np.linalg.lstsq(M, R, rcond=FLAT)[0])
             if not (math.isfinite(size) and 0.05 < u[-2] / reference[-2] < 5.0):
                 raise NoCycle("Newton's method leaves the branch")
         raise NoCycle(f"Newton's method does not converge: {last:.1e}")

@@ -110,6 +110,50 @@ def test_a_linear_rig_lifts_off_lands_and_sticks(tmp_path):
         pytest.fail("no lift-off between 0.9 and 1")
 
 
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recorded") / "belt.mcap"
+    lab.simulate(lab.load("belt", {"limits": "none"}), 2.0).save(path)
+    return path
+
+
+@pytest.mark.parametrize("begin", ["recording", "folder of a map", "map"])
+def test_branches_begin_from_recordings_and_maps(tmp_path, recording, begin):
+    start = recording
+    if begin != "recording":
+        lab_map = lab.map("belt", "drive.speed=0.3:0.4:2", runs=("far",), folder=tmp_path / "maps", workers=1)
+        (lab_map.folder / "map.csv").write_text(lab_map.csv())  # as the command does
+        start = lab_map if begin == "map" else lab_map.folder
+    lowest = "0.06" if begin == "recording" else "0.25"  # the recorded speed is the end of the range
+    result = followed(tmp_path, "belt", f"drive.speed={lowest} m/s:0.8 m/s", (start,))
+    assert result.special("grazing") == [pytest.approx(0.675032752, abs=1e-8)]
+    assert {branch.name for branch in result.branches} == {"sliding", "stick-slip: contact", "slip"}
+    assert not result.notes
+    assert min(len(branch.points) for branch in result.branches) > 2, "a branch leaves the range at once"
+
+
+@pytest.mark.parametrize(
+    ("scene", "changes", "over", "words"),
+    [
+        ("lever", {}, "drive.speed=1:8 rpm", "is of belt with the plant belt, and lever has lever"),
+        ("belt", {"load.force": 15.0}, "drive.speed=0.05:0.8 m/s", "load.force = 20.0 there, 15.0 here"),
+        ("belt", {}, "drive.speed=0.1:0.8 m/s", "outside of the range"),
+    ],
+)
+def test_recordings_of_other_rigs_are_refused(recording, scene, changes, over, words):
+    with pytest.raises(UsageError, match=words):
+        job(lab.load(scene, changes), over, None, (recording,))
+
+
+def test_forced_motions_close_to_their_own_range(tmp_path):
+    """Their mean is far larger than their range."""
+    changes = {"dither.enable": True, "body.damping": 60.0}
+    result = followed(tmp_path, "belt_dither", "drive.speed=0.05 m/s:0.2 m/s", ("simulation",), **changes)
+    assert {branch.kind for branch in result.branches} == {"forced motion"}
+    assert {point.stick > 0.0 for *_, point in result.points()} == {True, False}
+    assert any(abs(p.low) > 100.0 * (p.high - p.low) for *_, p in result.points())
+
+
 def test_an_interrupted_computation_goes_on_from_its_last_point(tmp_path, monkeypatch):
     import rig.analysis.branches.compute as compute
 

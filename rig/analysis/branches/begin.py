@@ -34,6 +34,7 @@ _INSIDE = 0.05
 _WATCHED = 60.0  # periods of the slowest mode in which a recorded motion has to repeat
 _REPEATS = 1e-2
 _VIBRATES = ("stick-slip", "vibration")
+_MAY_DIFFER = ("start", "clock", "sensors", "controllers", "faults", "network", "limits")
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def _of_folder(folder: Path, axis: Axis) -> Iterator[float]:
 
     table = folder / "map.csv"
     if not table.is_file():
-        raise UsageError(f"start {folder}: holds no finished map (map.csv); compute one with rig map")
+        raise UsageError(f"start {folder}: holds no finished map (map.csv); compute one with the command rig map")
     with table.open() as file:
         rows = [{key.split(" [")[0]: value for key, value in row.items()} for row in csv.DictReader(file)]
     yield from _of_records(rows, axis, str(folder))
@@ -99,19 +100,24 @@ def _of_records(rows: Any, axis: Axis, what: str) -> Iterator[float]:
     if not records or axis.key not in records[0]:
         raise UsageError(f"start {what}: is no map over {axis.key}")
     stretch: list[float] = []
+    found: list[float] = []
     low, high = min(axis.values), max(axis.values)
     for record in [*records, {}]:
         if any(str(record.get(name)) in _VIBRATES for name in record if name.endswith("_state")):
             value = float(record[axis.key])
             stretch += [value] if low <= value <= high else []
         elif stretch:
-            yield from dict.fromkeys((stretch[len(stretch) // 2], stretch[0], stretch[-1]))
+            found += stretch[len(stretch) // 2], stretch[0], stretch[-1]
             stretch = []
+    if not found:
+        raise UsageError(f"start {what}: shows no vibration from {axis.text(low)} to {axis.text(high)}")
+    yield from dict.fromkeys(found)  # rows of a second axis name the same values again
 
 
 def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
     """The last recorded state of a run, from the outputs that depend on states alone."""
     recorded = Scene.from_json(run.scene_text())
+    _alike(recorded, scene, axis)
     speed = next(iter(drives(run)), "")
     value = float(recorded.values()[axis.key][0]) if axis.key in recorded.values() else math.nan
     if axis.key == "drive.speed" and speed:
@@ -129,6 +135,22 @@ def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
         )
     state = np.linalg.lstsq(rows[:, moving], measured, rcond=None)[0]
     return Start(value, dict(zip([names[i] for i in moving], state.tolist())))
+
+
+def _alike(recorded: Scene, scene: Scene, axis: Axis) -> None:
+    """Refuse the recording of another rig. Its start, protocol, sensors and clock may differ."""
+    if recorded.plant != scene.plant:
+        raise UsageError(
+            f"the recording is of {recorded.name} with the plant {recorded.plant}, and {scene.name} has {scene.plant}"
+        )
+    was, now = (
+        {k: v for k, (v, _) in s.values().items() if k.split(".")[0] not in _MAY_DIFFER} for s in (recorded, scene)
+    )
+    differ = sorted(k for k in was.keys() | now.keys() if k != axis.key and was.get(k) != now.get(k))
+    if differ:
+        what = "; ".join(f"{k} = {was.get(k, 'none')} there, {now.get(k, 'none')} here" for k in differ[:3])
+        more = f", and {len(differ) - 3} more" if len(differ) > 3 else ""
+        raise UsageError(f"the recording is of a rig with other values (SI): {what}{more}; set them alike with -p")
 
 
 def from_start(family: Family, start: Start, others: tuple[float, ...] = ()) -> Place:
@@ -198,7 +220,7 @@ def from_motion(family: Family, values: tuple[float, ...], x: Array, period: flo
     gradient = np.append(np.zeros(len(u) - 1), 1.0)
     met = map.end(u).met
     u, end = map.newton(u, lambda v, _: (float(v[-1]) - values[0] / map.P0, gradient), u, met)
-    return place(map, u, end, gradient)
+    return place(map, u, end, gradient, held=True)
 
 
 def period_of(flow: Flow) -> float:
@@ -236,4 +258,4 @@ def from_forced(family: Family, value: float) -> Place:
     gradient = np.append(np.zeros(len(u) - 1), 1.0)
     met = map.end(u).met
     u, end = map.newton(u, lambda v, _: (float(v[-1]) - value / map.P0, gradient), u, met)
-    return place(map, u, end, gradient)
+    return place(map, u, end, gradient, held=True)

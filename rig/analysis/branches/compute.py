@@ -30,8 +30,8 @@ from rig.analysis.branches.trace import (
     Segment,
     Special,
     follow,
+    missed,
     place,
-    sizes,
 )
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.modes import at_rest, dithers
@@ -278,12 +278,16 @@ class _Computation:
         for sign in (1.0, -1.0):
 
             def first(sign: float = sign) -> Place | None:
-                if start is None:
+                if start is None or self._leaves(start.value, sign):
                     return None
                 at = begin.from_start(self.family, start)
                 return replace(at, t=sign * at.t)
 
             self._family(first, f"the motion at {self.axis.text(start.value)}" if start else "")
+
+    def _leaves(self, value: float, sign: float) -> bool:
+        """Whether a branch from a value leaves the range at once."""
+        return value >= self.high if sign > 0.0 else value <= self.low
 
     def _forced(self) -> None:
         """Follow forced motions from the middle and the ends of the range."""
@@ -293,7 +297,7 @@ class _Computation:
             for sign in (1.0, -1.0):
 
                 def first(sign: float = sign, value: float = value, known: bool = known) -> Place | None:
-                    if known:
+                    if known or self._leaves(value, sign):
                         return None
                     at = begin.from_forced(self.family, value)
                     return replace(at, t=sign * at.t)
@@ -447,7 +451,6 @@ def _point(at: Place) -> Point:
         for part in intervals(flow, run, at.period)
     ]
     times = [part.end - part.begin for part in intervals(flow, run, at.period)]
-    missed = (run.x[flow.moving] - run.states[0][flow.moving]) / sizes(run.states, flow)
     return Point(
         at.p,
         low,
@@ -456,7 +459,7 @@ def _point(at: Place) -> Point:
         period=at.period,
         stick=sum(t for t, sticks in zip(times, stuck) if sticks) / at.period,
         multipliers=at.multipliers[0],
-        residual=float(np.abs(missed).max()),
+        residual=missed(at),
         state=dict(zip(flow.system.names, at.map.state(at.u).tolist())),
     )
 

@@ -18,6 +18,8 @@ import numpy as np
 
 from rig.analysis.branches.distances import distances, intervals
 from rig.analysis.return_map import (
+    CLOSE,
+    FLAT,
     Array,
     Carried,
     Derivative,
@@ -46,6 +48,7 @@ _RESCALE = 2.0
 _LEVEL = 1e-6  # slope of a branch in the parameter: below it the branch is upright
 _GROWS = 1e-8  # a multiplier beyond the unit circle by this, and by ten times its error, is unstable
 _LOOSE, _PASSES = 1e-7, 4  # of the parameter: a zero that is not reached; and how often the way to it is halved then
+_CLOSINGS = 3  # Newton steps that close a motion which is small in the scales of the map
 _SMALL = 0.02  # range of the slip speed over its mean: smaller cycles are those of the Hopf point
 _TRIES = (1.0, 3.0, 10.0, 30.0, 100.0)
 _BEYOND = (1e-3, 1e-2, 3e-4, 0.03)
@@ -138,10 +141,17 @@ class Segment:
         return word(self.places[0].end.met[1]) if self.places else ()
 
 
-def place(map: ReturnMap, u: Array, end: Carried, forward: Array | None = None, t: Array | None = None) -> Place:
-    """Return the place of a cycle with its derivative and tangent.
+def place(
+    map: ReturnMap,
+    u: Array,
+    end: Carried,
+    forward: Array | None = None,
+    t: Array | None = None,
+    held: bool = False,
+) -> Place:
+    """Return the place of a cycle with its derivative and tangent, closed to the range of each state.
 
-    `forward`: a direction that the tangent follows; `t`: the tangent itself.
+    `forward`: a direction that the tangent follows; `t`: the tangent itself; `held`: the parameter keeps its value.
     """
     d = map.derivative(u, end)
     if t is None:
@@ -149,7 +159,32 @@ def place(map: ReturnMap, u: Array, end: Carried, forward: Array | None = None, 
         t = np.asarray(np.linalg.svd(A)[2][-1])
         if forward is not None and float(t @ forward) < 0.0:
             t = -t
-    return Place(map, u, end, d, t)
+    return _closed(Place(map, u, end, d, t), held)
+
+
+def _closed(at: Place, held: bool) -> Place:
+    """The place with its motion closed to CLOSE of its own range, which may be far below the scales of the map."""
+    map, along = at.map, at.map.along(at.u)
+    A = map.matrix(at.d, along)
+    M = np.vstack([A, np.append(np.zeros(len(at.u) - 1), 1.0) if held else at.t])
+    for _ in range(_CLOSINGS):
+        misses = missed(at)
+        if misses <= CLOSE:
+            break
+        u = map.shifted(
+            at.u, -np.linalg.lstsq(M, np.append(map.residual(at.u, at.end, at.u, along), 0.0), rcond=FLAT)[0]
+        )
+        closer = replace(at, u=u, end=map.end(u))
+        if closer.end.met != at.end.met or not missed(closer) < misses:
+            break
+        at = closer
+    return at
+
+
+def missed(at: Place) -> float:
+    """By how much the motion misses its start, over the range of each state."""
+    moving = at.flow.moving
+    return float(np.abs((at.run.x - at.run.states[0])[moving] / sizes(at.run.states, at.flow)).max())
 
 
 def stepped(at: Place, ds: float, met: Met | None) -> tuple[Array, Carried]:
@@ -173,7 +208,7 @@ def at_value(at: Place, p: float, met: Met | None = None) -> Place:
     u, end = at.map.newton(
         at.map.shifted(guess, 0.0 * guess), lambda v, _: (float(v[-1]) - target, gradient), at.u, met, first=M
     )
-    return place(at.map, u, end, at.t)
+    return place(at.map, u, end, at.t, held=True)
 
 
 def follow(
