@@ -342,12 +342,12 @@ class System:
         """The index of the constant state "one"."""
         return 2 * len(self.coordinates) + len(self.network)
 
-    @property
+    @cached_property
     def inputs(self) -> int:
         """Number of inputs T: patches, products and rates of laws with memory."""
         return self.rates_from + sum(len(patch.memory) for patch in self.patches)
 
-    @property
+    @cached_property
     def rates_from(self) -> int:
         """Number of the inputs before the rates of laws with memory."""
         return len(self.patches) + len(self.products)
@@ -425,15 +425,23 @@ class System:
 
     def modes(self, key: int) -> tuple[list[int], list[int], list[int], list[int], list[int]]:
         """The modes of a mode set, from its key: of patches, normal forces, limiters, sectors, switches."""
-        modes = []
-        for radix in self.radices:
-            modes.append(key % radix)
-            key //= radix
-        out = []
+        if key not in self._decoded:
+            rest, modes = key, []
+            for radix in self.radices:
+                modes.append(rest % radix)
+                rest //= radix
+            self._decoded.clear()  # the same key is asked for many times in a row
+            self._decoded[key] = modes
+        modes, out = self._decoded[key], []
         for parts in (self.patches, self.normals, self.limiters, self.sectors, self.switches):
             out.append(modes[: len(parts)])
             modes = modes[len(parts) :]
         return out[0], out[1], out[2], out[3], out[4]
+
+    @cached_property
+    def _decoded(self) -> dict[int, list[int]]:
+        """The modes of the last key."""
+        return {}
 
     def corresponding_key(self, old: System, key: int, x: Array | None = None) -> int:
         """The key in this system that corresponds to mode set `key` of `old`, a system with the same contacts.

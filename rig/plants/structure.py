@@ -33,7 +33,7 @@ from rig.model.system import Finding, System
 from rig.picture import Plot
 from rig.plants.belt import RAMPED
 from rig.plants.structures.structure_model import Given, full, reduced, values_of
-from rig.plants.structures.structure_tables import Tables, Turning, numbers
+from rig.plants.structures.structure_tables import Tables, Turning
 from rig.solve.film_steps import COUNTED
 from rig.stability.linearisation import sliding_key, steady
 from rig.structure import estimate
@@ -56,7 +56,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     Raises SceneError with every fault of the files.
     """
     whole = reduced(p)
-    model, of_scene, given = whole.model, numbers(p), values_of(p)
+    model, of_scene, given = whole.model, p.numbers, values_of(p)
     typed = p.structure.coordinates if whole.kind == "none" else None
     names = typed or tuple(f"q{i}" for i in range(1, model.rows + 1))
     scaling = {part.scaling[0] for part in p.structure.parts.values()} - {""}

@@ -276,10 +276,13 @@ def sliding_key(system: System, x: Array | None = None) -> int:
 
 def settled(system: System, x: Array) -> Array:
     """`x` at rest, with lags at their steady values and limiters in their range."""
-    stick = system.key([STICK] * len(system.patches), [1] * len(system.normals), [0] * len(system.limiters))
-    A = assembled(system, stick).A
     out = x.copy()
     out[: system.one] = 0.0
+    rates = system.signals[:, system.one :] != 0.0
+    if not (len(system.network) or len(system.limiters) or np.any(rates.any(axis=0) & rates.any(axis=1))):
+        return out  # no driving state has a rate that depends on one with a rate: nothing settles
+    stick = system.key([STICK] * len(system.patches), [1] * len(system.normals), [0] * len(system.limiters))
+    A = assembled(system, stick).A
     free = settling(system, A, moving_states(system, A))
     held = np.setdiff1d(np.arange(system.one, system.n), free)
     if len(free):

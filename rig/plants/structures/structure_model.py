@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from rig.errors import SceneError, UsageError
-from rig.plants.structures.structure_tables import Contact, Line, Place, Tables, Turning, numbers
+from rig.plants.structures.structure_tables import Contact, Line, Place, Tables, Turning
 from rig.structure import basis, model_store, read
 from rig.structure.contacts import Contact as MeshContact
 from rig.structure.contacts import contact_points, contact_rows, node_vector
@@ -44,7 +44,7 @@ def values_of(p: Tables) -> dict[str, float]:
 
     "friction.mu" is the coefficient in steady sliding, below zero for sliding backwards.
     """
-    values = {key: value for key, (value, _) in numbers(p).items()}
+    values = {key: value for key, (value, _) in p.numbers.items()}
     values[ALPHA], values[BETA] = p.damping.rayleigh
     for name, contact in p.contacts.items():
         values[f"contacts.{name}.stiffness"] = contact.stiffness or contact.spring or 0.0
@@ -138,7 +138,7 @@ def _reduction(p: Tables) -> basis.Reduction:
     if kind == "snapshots":
         keys |= {part.scaling[0] for part in p.structure.parts.values()} - {""} | {ALPHA, BETA, FRICTION}
     keys |= {f"contacts.{name}.stiffness" for name in p.contacts}
-    units = {key: unit for key, (_, unit) in numbers(p).items()}
+    units = {key: unit for key, (_, unit) in p.numbers.items()}
     over = {key: tuple(si(end, units[key]) for end in ends) for key, ends in given.over.items()}
     return basis.Reduction(
         kind=kind,

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
+from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -397,7 +398,7 @@ class Tables(WithStack):
             )
 
     def _numbers(self) -> Iterator[tuple[str, str]]:
-        of_scene = numbers(self)
+        of_scene = self.numbers
         known = {key: value for key, (value, _) in of_scene.items() if not key.startswith("structure.")}
         for name, part in self.structure.parts.items():
             key, power = part.scaling
@@ -448,6 +449,11 @@ class Tables(WithStack):
                     yield f"contacts.{name}.{key}", row
         yield from ((f"{where}.row", place.row) for where, place in self.places() if place.row is not None)
 
+    @cached_property
+    def numbers(self) -> dict[str, tuple[float, str]]:
+        """Value and SI unit of every quantity of the scene, by dotted key."""
+        return _numbers(self)
+
     def places(self) -> Iterator[tuple[str, Place]]:
         """Key and place of every load, actuator and output, and of the ends of the stack."""
         if self.load is not None:
@@ -460,7 +466,7 @@ class Tables(WithStack):
                 yield "piezo.second", self.piezo.second
 
 
-def numbers(section: BaseModel, prefix: str = "") -> dict[str, tuple[float, str]]:
+def _numbers(section: BaseModel, prefix: str = "") -> dict[str, tuple[float, str]]:
     """Value and SI unit of every quantity of a section, by dotted key."""
     out: dict[str, tuple[float, str]] = {}
     for name in type(section).model_fields:
@@ -469,7 +475,7 @@ def numbers(section: BaseModel, prefix: str = "") -> dict[str, tuple[float, str]
         for entry, part in value.items() if isinstance(value, dict) else [("", value)]:
             here = f"{key}.{entry}" if entry else key
             if isinstance(part, BaseModel):
-                out |= numbers(part, f"{here}.")
+                out |= _numbers(part, f"{here}.")
             elif unit and isinstance(part, float | int) and not isinstance(part, bool):
                 out[here] = float(part), unit
             elif not unit:
