@@ -89,6 +89,9 @@ MADE = {
     "LoopReport": loop_report,
     "Cycle": lambda folder: rig.limit_cycle("belt"),
     "Branches": lambda folder: rig.branches("belt", "drive.speed=0.1 m/s:0.4 m/s", start=["hopf"], folder=folder),
+    "Curves": lambda folder: rig.branches(
+        "belt", "drive.speed=0.1 m/s:0.8 m/s", start=["hopf"], folder=folder, second="load.force=10 N:20 N:2"
+    ),
     "Map": lambda folder: rig.map("belt", "drive.speed=0.05:0.4:3", folder=folder, workers=1),
     "Boundary": lambda folder: rig.map(
         "two_dof_dither", "dither.frequency=16:32:2", "dither.amplitude=5 N:80 N:2", folder=folder, workers=1

@@ -355,6 +355,19 @@ def draw_brake(ax: Axes) -> None:
     arrow(ax, (2.1, 0.5), (2.1, 1.0), "$z$", (0.0, 0.16))
 
 
+def draw_structure(ax: Axes) -> None:
+    """A mesh with two contact points on a moving surface, pressed by a load."""
+    for i in range(6):
+        for j in range(3):
+            ax.add_patch(Rectangle((0.5 * i, 0.9 + 0.45 * j), 0.5, 0.45, facecolor=BODY, edgecolor=EDGE, lw=0.8))
+    arrow(ax, (1.5, 2.95), (1.5, 2.27), "$p\\,F$", (0.35, 0.3), FORCE)
+    for x, name in ((0.5, "$k_1$"), (2.5, "$k_2$")):
+        spring(ax, (x, 0.9), (x, 0.2), name, (0.33, 0.0))
+    ax.plot([-0.3, 3.3], [0.2, 0.2], color="black", lw=1.6)
+    arrow(ax, (1.1, -0.1), (2.1, -0.1), "$r_c W$", (0.45, 0.0))
+    wall(ax, (0.0, 0.9), (0.0, 2.25))
+
+
 PLANTS: dict[str, Callable[[Axes], None]] = {
     "belt": draw_belt,
     "pendulum": draw_pendulum,
@@ -370,6 +383,7 @@ PLANTS: dict[str, Callable[[Axes], None]] = {
     "tip": draw_tip,
     "tip_beam": draw_tip_beam,
     "brake": draw_brake,
+    "structure": draw_structure,
 }
 
 

@@ -26,7 +26,7 @@ PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
     "reproduce doctor diff sound amplitude recover cost torture new migrate spectrum pressure hysteresis export "
     "portrait response runs note connect disconnect report web bridge pause resume step stop knock lesson study fmu "
-    "optimise loop clean import stick events"
+    "optimise loop clean import stick events branches"
 )
 
 
@@ -279,6 +279,7 @@ ROOT = Path(__file__).parents[2]
 REQUIRED = {
     "map": ["--x", "drive.speed=0:1:5"],
     "fmu": ["--out", "plant.fmu"],
+    "branches": ["--over", "drive.speed=0:1"],
     "optimise": ["--over", "load.force=10:20", "--minimise", "cycle.amplitude"],
 }
 """Options without which a command does not begin."""

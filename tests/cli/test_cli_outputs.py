@@ -60,6 +60,7 @@ FILES = [
     ("events", "log.mcap", "--figure"),
     ("amplitude", "log.mcap", "--figure"),
     ("cycle", "belt", "--figure"),
+    ("branches", "belt", "--over", "drive.speed=0.1:0.4", "--figure"),
     ("loop", "belt_normal_force", "--figure"),
     ("identify", "lever_kinetic_friction", "--figure"),
     ("diff", "log.mcap", "log.mcap", "--figure"),
