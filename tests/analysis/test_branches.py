@@ -251,7 +251,10 @@ def test_shares_of_starts_are_those_of_others(bstab, speed, published):
     assert abs(share.slides - published) < 3.29 * error
 
 
-@pytest.mark.parametrize(("extra", "ratio"), [(40.0, 0.0516059), (10.0, 0.0112147), (5.0, 0.0055443)])
+@pytest.mark.parametrize(
+    ("extra", "ratio"),
+    [pytest.param(40.0, 0.0516059, marks=pytest.mark.slow), (10.0, 0.0112147), (5.0, 0.0055443)],
+)
 def test_largest_damping_with_stick_slip_of_an_example_of_others(tmp_path, extra, ratio):
     """Mass, spring and belt of exudyn's example; damping ratios by independent integration."""
     changes = {
