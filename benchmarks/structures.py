@@ -76,11 +76,16 @@ def measured(elements: tuple[int, int, int]) -> dict[str, Any]:
     lap("matrices_s")
     reduced = build(full, Reduction(modes=72, at=_VALUES))
     lap("basis_s")
-    points = []
+    points, alone = [], []
+    size = 2 * reduced.coordinates
+    matrix = np.random.default_rng(0).standard_normal((size, size))
     for _ in range(30):
         reduced.eigenvalues(_VALUES)
         lap("point_s")
+        np.linalg.eig(matrix)
+        lap("alone_s")
         points.append(seconds.pop("point_s"))
+        alone.append(seconds.pop("alone_s"))
     estimates = Estimator(full, reduced.up_to, _VALUES).at(reduced, _VALUES)
     lap("estimate_s")
     first = float(estimates.values[0].imag)
@@ -94,6 +99,7 @@ def measured(elements: tuple[int, int, int]) -> dict[str, Any]:
         "MB": megabytes,
         "estimated_error": float(estimates.relative.max()),
         "point_ms": 1e3 * min(points),
+        "point_ratio": min(points) / min(alone),
         "true_error": float(np.max(np.abs(near - exact) / np.abs(exact))),
     } | seconds
 
