@@ -202,3 +202,9 @@ def test_a_transient_is_fitted_as_a_whole_with_the_delay_of_its_instrument():
     assert values["cylinder.inertia"] == pytest.approx(0.035, rel=1e-3)
     assert values["cylinder.damping"] == pytest.approx(0.12, rel=0.02)
     assert found.best.runs[0].rms < 2.0
+
+
+def test_a_frequency_response_is_refused():
+    entry = {"run": rig.simulate("belt", 0.1), "kind": "response"}
+    with pytest.raises(UsageError, match="no frequency response is fitted"):
+        rig.identify("belt", [entry], FREE)

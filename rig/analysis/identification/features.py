@@ -1,14 +1,12 @@
-"""Runs that are no cycles: growth and decay of a vibration, frequency responses, stages of a protocol, transients.
+"""Runs that are no cycles: growth and decay of a vibration, stages of a protocol, transients.
 
 growth      the column vibrates about steady sliding: growth rate and frequency, from a fit of x = exp(s t) (A cos w t +
             B sin w t) + C, beside the eigenvalue of the nearest frequency
-response    magnitude and phase from the actuator `input` to each column, beside the linear rig, with the random errors
-            of an estimate over windows (rig.analysis.recorded.response)
 stages      mean, or largest deflection, of each hold of the protocol, which the scene runs too
 transient   the whole column, as of a run-up, beside a simulation of the protocol, in windows that grow: over the whole
             of it a wrong phase would lead to a wrong answer. Its clusters are twenty parts of the time
 
-Errors of growth, response and few stages are known from the data; those of ten stages or more and of a transient follow
+Errors of growth and few stages are known from the data; those of ten stages or more and of a transient follow
 from clusters: holds, or parts of the time.
 """
 
@@ -21,12 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.control_loop import state_space
 from rig.analysis.identification.cycles import LEAST, MEASURES, noise_of
 from rig.analysis.identification.responses import Response, cycle_response
 from rig.analysis.identification.runs import LARGEST, Column, Measured
 from rig.analysis.modes import at_rest
-from rig.analysis.recorded.response import averaged
 from rig.bench.run.simulate import simulate
 from rig.errors import Singular, UsageError
 from rig.record.run import Reals
@@ -63,7 +59,7 @@ class FeatureRun:
         if run.kind == "transient":
             values = tuple(column.v for column in run.columns)
             return cls(run, values, tuple(np.full(v.size, noise_of(v)) for v in values), False)
-        read = {"growth": _growth, "response": _response, "stages": _stages}[run.kind]
+        read = {"growth": _growth, "stages": _stages}[run.kind]
         pairs = [read(run, column, scene) for column in run.columns]
         known = run.kind != "stages" or pairs[0][0].size < LEAST  # holds scatter by more than their noise: drift
         return cls(run, tuple(v for v, _ in pairs), tuple(e for _, e in pairs), known)
@@ -90,7 +86,7 @@ class FeatureRun:
             predicted = self._predicted(i, model)
             if self.run.kind == "transient":
                 predicted = self._delayed(i, predicted, float(offsets[i]))
-            shift = 0.0 if self.run.kind in ("growth", "response") else float(offsets[i])
+            shift = 0.0 if self.run.kind == "growth" else float(offsets[i])
             apart = np.nan_to_num((v - predicted - shift) / error)
             if self.run.kind == "transient":
                 apart[int(self.share * apart.size) :] = 0.0
@@ -196,31 +192,6 @@ def _growth(run: Measured, column: Column, scene: Scene) -> tuple[Reals, Reals]:
     return np.array([s, w]), errors
 
 
-def _lines(run: Measured, column: Column) -> tuple[Reals, Any, Reals]:
-    """Frequencies, response and its random error of a column from the column of the input."""
-    source = next((c for c in run.columns if c.name == run.input), None)
-    if source is None or source.v.size != column.v.size:
-        known = ", ".join(c.name for c in run.columns)
-        raise UsageError(
-            f"{run.name}: input = {run.input!r}: expected the column of the actuator, of {known}, at one rate"
-        )
-    count = max(source.v.size // 16, 16)
-    spectra = averaged(source.v, column.v, column.rate, count, np.empty(0, np.int64))
-    h = spectra.sxy / spectra.sxx
-    coherence = np.clip(np.abs(spectra.sxy) ** 2 / (spectra.sxx * spectra.syy), 1e-12, 1.0 - 1e-12)
-    error = np.abs(h) * np.sqrt((1.0 - coherence) / (2.0 * spectra.independent * coherence))
-    return spectra.f, h, np.asarray(error)
-
-
-def _response(run: Measured, column: Column, scene: Scene) -> tuple[Reals, Reals]:
-    del scene
-    if column.name == run.input:
-        return np.zeros(0), np.ones(0)
-    _, h, error = _lines(run, column)
-    h, error = h[1:-1], error[1:-1]
-    return np.concatenate([h.real, h.imag]), np.concatenate([error, error]) + 1e-12 * float(np.abs(h).max())
-
-
 def holds(protocol: Iterable[Any]) -> list[tuple[float, float]]:
     """Begin and end [s] of each hold of a protocol without waits."""
     made, now = [], 0
@@ -288,31 +259,12 @@ def respond(scene: Scene, run: Measured) -> Response | str:
         if not rates.size:
             return "nothing vibrates about sliding: every eigenvalue is real"
         rows = [np.concatenate([rates.real, rates.imag])] * len(run.columns)
-    elif run.kind == "response":
-        rows = [*_linear(scene, run)]
     else:
         rows = [*_simulated(scene, run)]
     waves = np.zeros((len(rows), max(row.size for row in rows)))
     for wave, row in zip(waves, rows):
         wave[: row.size] = row
     return Response(math.nan, 0.0, np.full(len(rows), math.nan), waves)
-
-
-def _linear(scene: Scene, run: Measured) -> Iterator[Reals]:
-    system = state_space(scene)
-    actuator = next(c.output for c in run.columns if c.name == run.input).replace(".", "_")
-    names = [label for label in system.input_labels if label in (actuator, run.input.replace(".", "_"))]
-    if not names:
-        known = ", ".join(system.input_labels)
-        raise UsageError(f"{run.name}: input = {run.input!r}: no actuator of the rig; actuators: {known}")
-    for column in run.columns:
-        if column.name == run.input:
-            yield np.zeros(0)
-            continue
-        f = _lines(run, column)[0][1:-1]
-        part = system[system.output_labels.index(column.output), system.input_labels.index(names[0])]
-        h = np.asarray(part(2j * math.pi * f)).ravel()
-        yield np.concatenate([h.real, h.imag])
 
 
 def _simulated(scene: Scene, run: Measured) -> Iterator[Reals]:

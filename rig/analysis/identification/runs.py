@@ -48,8 +48,8 @@ from rig.units import brief, conversion, parted, same_unit, si, si_unit, with_un
 
 NONE, FREE, RUN = "none", "free", "run"
 MEAN, LARGEST = "mean", "largest"
-KINDS = ("cycles", "transient", "growth", "response", "stages")
-_RUN = ("file", "name", "time", "rate", "skip", "end", "set", "columns", "fit", "kind", "input")
+KINDS = ("cycles", "transient", "growth", "stages")
+_RUN = ("file", "name", "time", "rate", "skip", "end", "set", "columns", "fit", "kind")
 _COLUMN = ("reads", "scale", "offset", "sensor", "feature")
 _FILE = ("scene", "free", "laws", "per_run", "run", "starts", "seed")
 
@@ -87,8 +87,6 @@ class Measured:
     settings: dict[str, float]
     columns: tuple[Column, ...]
     fitted: bool = True
-    input: str = ""
-    """Column, of a frequency response, of the actuator that drives the rig."""
 
     @property
     def seconds(self) -> float:
@@ -337,6 +335,9 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     kind = entry.get("kind", "cycles")
     if kind not in KINDS:
         faults.found.append(f"{name}: kind = {brief(kind)}: known: {', '.join(KINDS)}")
+    if kind == "response":
+        faults.found.append(f"{name}: no frequency response is fitted, its lines bias stiffness and damping; give "
+                            'a decay, kind = "growth"')  # fmt: skip
     first, last = (_seconds(entry, name, key, default, faults) for key, default in (("skip", 0.0), ("end", math.inf)))
     columns = entry.get("columns") or {}
     run: Run | None = faults(lambda: _recording(given, entry, columns, name), None)
@@ -348,8 +349,7 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     made: list[Column] = [faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
             for c, t in columns.items()]  # fmt: skip
     faults.raise_found()
-    fit, source_ = bool(entry.get("fit", True)), str(entry.get("input", ""))
-    return Measured(name, kind, settings, tuple(made), fit, source_)
+    return Measured(name, kind, settings, tuple(made), bool(entry.get("fit", True)))
 
 
 def _seconds(entry: Mapping[str, Any], name: str, key: str, default: float, faults: Faults) -> float:
