@@ -45,6 +45,7 @@ Array = NDArray[np.float64]
 TIGHT = 1e-11
 """Tolerance of dopri5 and rosenbrock."""
 STEPS = (1e-5, 1e-6, 1e-4)  # of the differences, of the size of each state: the first that is smooth counts
+_STRAIGHT, _SMALLEST = 3e-3, 1e-8  # largest bend over the slope in a difference; and the smallest step that it takes
 _CENTRAL, _AFTER, _BEFORE = ((-1.0, -0.5), (1.0, 0.5)), ((1.0, 2.0), (2.0, -0.5)), ((-1.0, -2.0), (-2.0, 0.5))
 CLOSE = 1e-10
 """Residual of a converged cycle, of the size of each state."""
@@ -444,10 +445,12 @@ class ReturnMap:
         """The derivative of the end over one direction of u."""
         moving = self.flow(u).moving
         other: Carried | None = None
-        for step in steps:
+        left = list(steps)
+        while left:
+            step = left.pop(0)
             for formula in (_CENTRAL, _AFTER, _BEFORE):
-                total = np.zeros(len(moving))
-                for share, weight in formula:
+                ways: list[Array] = []
+                for share, _ in formula:
                     try:
                         displaced = self.end(self.shifted(u, share * step * direction))
                     except NumericsError:
@@ -455,9 +458,14 @@ class ReturnMap:
                     if displaced.met != end.met:
                         other = displaced
                         break
-                    total += weight * (displaced.x[moving] - end.x[moving]) / self.size
+                    ways.append((displaced.x[moving] - end.x[moving]) / self.size)
                 else:
-                    return total / step
+                    slope = sum((weight * way for (_, weight), way in zip(formula, ways)), np.zeros(len(moving))) / step
+                    bend = float(np.abs(formula[1][0] * ways[0] - formula[0][0] * ways[1]).max())
+                    if bend > _STRAIGHT * step * float(np.abs(slope).max()) and step > _SMALLEST:  # too long a step
+                        left = [max(_STRAIGHT * step**2 * float(np.abs(slope).max()) / bend, _SMALLEST), *left]
+                        break
+                    return slope
         raise NotSmooth("displaced runs meet other events", other)
 
     def shifted(self, u: Array, by: Array) -> Array:

@@ -3,12 +3,17 @@
 import json
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import rig as lab
+from rig.analysis.axis import Axis
 from rig.analysis.branches import Branches, Threshold, branches, job
+from rig.analysis.branches.begin import Start, from_start
+from rig.analysis.branches.result import SpecialPoint
+from rig.analysis.return_map import Family
 from rig.analysis.stick_speeds import upper_speed
 from rig.errors import SceneError, UsageError
 
@@ -154,6 +159,19 @@ def test_forced_motions_close_to_their_own_range(tmp_path):
     assert any(abs(p.low) > 100.0 * (p.high - p.low) for *_, p in result.points())
 
 
+def test_differences_are_small_where_the_return_map_bends():
+    """Beside a steep friction law a displacement of 1e-5 of the range gives derivatives that are wrong by percents."""
+    scene = lab.load("seal_p")
+    family = Family(scene, [Axis.parse("drive.speed=3 mm/s:12 mm/s", scene, count=2)])
+    at = from_start(
+        family,
+        Start(0.006396267467964081, {"x": 0.00023809931492880694, "x'": -0.001594241942984271}, 0.02447963387637019),
+    )
+    beside = [np.append(np.zeros(3), sign * 1e-7) for sign in (1.0, -1.0)]
+    ends = [at.map.end(at.u + by).x[at.flow.moving] / at.map.size for by in beside]
+    assert at.map.derivative(at.u, at.end).over_p == pytest.approx((ends[0] - ends[1]) / 2e-7, rel=3e-4)
+
+
 def test_an_interrupted_computation_goes_on_from_its_last_point(tmp_path, monkeypatch):
     import rig.analysis.branches.compute as compute
 
@@ -190,6 +208,21 @@ def test_every_form_of_the_result(bstab):
     legend = {text.get_text() for text in axes.get_legend().get_texts()}
     assert {"stable", "unstable", "Hopf point", "grazing fold"} <= legend
     assert "<img" in bstab._repr_html_()
+
+
+@pytest.mark.parametrize(("kind", "name"), [("jump", "jump (contact)"), ("unresolved", "not followed further")])
+def test_the_end_of_a_branch_is_told_in_every_form(bstab, kind, name):
+    contact, why = ("contact", "") if kind == "jump" else ("", "Newton's method does not converge")
+    end = SpecialPoint(kind, 0.0779, math.nan if why else 1e-10, -1.0, 1.0, 0.28, contact, why=why)
+    result = replace(bstab, branches=(replace(bstab.branches[-1], specials=(), end=end),))
+    text = result.text()
+    assert text.count(name) == 2
+    assert text.count(why) >= 1
+    assert "nan" not in text
+    assert json.loads(json.dumps(result.to_json()))["specials"][0]["name"] == name
+    assert result.csv().splitlines()[-1].endswith(f"{name}, 0.0779 m/s") or f'"{name}, 0.0779 m/s"' in result.csv()
+    data = result.to_xarray()
+    assert (data.special_kind.item(), data.special_why.item()) == (name, why)
 
 
 @pytest.mark.parametrize(

@@ -350,8 +350,6 @@ class _Computation:
             for segment in follow(first, self.low, self.high, max(left, 1), note, self.job.longest):
                 specials = tuple(_special(special) for special in segment.specials)
                 end = _special(segment.end) if segment.end else None
-                if segment.end and segment.end.kind in ("unresolved",):
-                    notes.append(f"followed to {self.axis.text(segment.end.p, 8)}: {segment.end.why}")
                 made.append(Branch(kind, self.unit, segment.names, tuple(points), specials, end))
                 points.clear()
                 continued = False

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 SLIDING, REST, CYCLES, FORCED = "sliding", "rest in stick", "cycles", "forced motion"
 TURNS = {"grazing": "grazing fold"}
+WORDS = {"unresolved": "not followed further"}
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class SpecialPoint:
     @property
     def name(self) -> str:
         """What it is, in words."""
-        what = TURNS.get(self.kind, self.kind) if self.turns else self.kind
+        what = TURNS.get(self.kind, self.kind) if self.turns else WORDS.get(self.kind, self.kind)
         return f"{what} ({self.contact})" if self.contact else what
 
 
@@ -162,7 +163,8 @@ class Branches(Result):
         for special in self.specials:
             period = f"{special.period:.8g}" if special.period == special.period else ""
             at = f"{special.value / axis.scale:.12g}"
-            rows.append((special.name, at, f"{special.accuracy / axis.scale:.0e}", period, special.why))
+            accuracy = f"{special.accuracy / axis.scale:.0e}" if math.isfinite(special.accuracy) else ""
+            rows.append((special.name, at, accuracy, period, special.why))
         lines += columns(rows, "<>>><") if len(rows) > 1 else ["  no special point"]
         rows = [("branch", "points", "from", "to", "stability", "ends at")]
         for branch in self.branches:
@@ -179,7 +181,11 @@ class Branches(Result):
 
     def _end(self, end: SpecialPoint) -> str:
         words = {"range": "end of the range", "most": "largest number of points"}
-        return words.get(end.kind, end.name) + (f": {end.why}" if end.why else "")
+        return words.get(end.kind, end.name)
+
+    def _last(self, branch: Branch) -> str:
+        """Where a branch ends, with the value in SI."""
+        return f"{self._end(branch.end)}, {branch.end.value:.12g} {self.axis.unit}" if branch.end else ""
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; parameters in SI."""
@@ -191,7 +197,7 @@ class Branches(Result):
             "output": self.output,
             "output_unit": self.unit,
             "branches": [branch.to_json() for branch in self.branches],
-            "specials": [asdict(special) for special in self.specials],
+            "specials": [{"name": special.name, **asdict(special)} for special in self.specials],
             "notes": list(self.notes),
             "folder": str(self.folder) if self.folder else None,
         }
@@ -219,6 +225,8 @@ class Branches(Result):
                 "multiplier": ("point", [max(map(abs, p.multipliers), default=math.nan) for *_, p in every]),
                 "motion": ("point", [b.name for _, b, _ in every]),
                 "special_kind": ("special", [s.name for s in specials]),
+                "special_accuracy": ("special", [s.accuracy for s in specials], {"units": self.axis.unit}),
+                "special_why": ("special", [s.why for s in specials]),
                 "special_period": ("special", [s.period for s in specials], {"units": "s"}),
             },
             {
@@ -233,10 +241,10 @@ class Branches(Result):
     def csv(self) -> str:
         """Return every point as a line of a CSV file; the head names the units."""
         head = ["branch", "motion", self.axis.si_label, with_unit("low", self.unit), with_unit("high", self.unit)]
-        head += ["period [s]", "stick share", "stable", "largest multiplier"]
+        head += ["period [s]", "stick share", "stable", "largest multiplier", "branch ends at"]
         rows = [
             [number, b.name, p.value, p.low, p.high, p.period, p.stick, int(p.stable),
-             max(map(abs, p.multipliers), default=math.nan)]
+             max(map(abs, p.multipliers), default=math.nan), self._last(b) if p is b.points[-1] else ""]
             for number, b, p in self.points()
         ]  # fmt: skip
         return csv_table([head, *rows]).decode()

@@ -19,6 +19,7 @@ import numpy as np
 from rig.analysis.branches.distances import distances, intervals
 from rig.analysis.return_map import (
     CLOSE,
+    CLOSED_TO,
     FLAT,
     Array,
     Carried,
@@ -392,7 +393,7 @@ def _located(kind: str, at: Place, new: Place, ds: float, measure: Callable[[Pla
     except FAILURES:
         return [Special(kind, new, new.p, abs(new.p - at.p), turns=kind == "fold")]
     beside = sorted(reached, key=lambda other: abs(other - s))[:2]
-    accuracy = abs(reached[beside[1]].p - reached[s].p)
+    accuracy = max(abs(reached[beside[1]].p - reached[s].p), CLOSED_TO * abs(reached[s].p))
     return [Special(kind, reached[s], reached[s].p, accuracy, turns=kind == "fold")]
 
 
@@ -433,8 +434,11 @@ def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
     except FAILURES:
         ahead, back, width, names = at, at, 0.0, {}
     if len(segment.places) > 1 and not names:
-        u, end = stepped(at, -FIRST * 0.1, at.end.met)
-        back, width = place(at.map, u, end, at.t), 0.1 * FIRST
+        try:
+            u, end = stepped(at, -FIRST * 0.1, at.end.met)
+            back, width = place(at.map, u, end, at.t), 0.1 * FIRST
+        except FAILURES:
+            pass
     first, last = back.distances(), ahead.distances()
     ways: list[tuple[float, Name]] = []
     for name, value in last.items():
@@ -488,7 +492,7 @@ def zero(at: Place, width: float, back: Place, measure: Measure) -> tuple[Place,
             break
     (s0, g0, p0), (s1, g1, p1) = values[-2:]
     p = p1 - g1 * (p1 - p0) / (g1 - g0) if g1 != g0 else p1
-    return at, p, abs(p - p1)
+    return at, p, max(abs(p - p1), CLOSED_TO * abs(p))
 
 
 def of_distance(name: tuple[str, str, int]) -> Measure:
@@ -593,7 +597,8 @@ def _contact(before: Carried, after: Carried) -> str:
 
 
 def _change(before: Carried, after: Carried) -> str:
-    return f"{', '.join(before.met[1]) or 'no event'} becomes {', '.join(after.met[1]) or 'no event'}"
+    was, new = (", ".join(run.met[1]) or "no event" for run in (before, after))
+    return f"a motion beside it has other events in a period: {new}, and not {was}"
 
 
 # the base point and the scales
