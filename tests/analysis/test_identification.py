@@ -206,5 +206,5 @@ def test_a_transient_is_fitted_as_a_whole_with_the_delay_of_its_instrument():
 
 def test_a_frequency_response_is_refused():
     entry = {"run": rig.simulate("belt", 0.1), "kind": "response"}
-    with pytest.raises(UsageError, match="no frequency response is fitted"):
+    with pytest.raises(UsageError, match="a frequency response is not fitted"):
         rig.identify("belt", [entry], FREE)

@@ -336,8 +336,7 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     if kind not in KINDS:
         faults.found.append(f"{name}: kind = {brief(kind)}: known: {', '.join(KINDS)}")
     if kind == "response":
-        faults.found.append(f"{name}: no frequency response is fitted, its lines bias stiffness and damping; give "
-                            'a decay, kind = "growth"')  # fmt: skip
+        faults.found.append(f'{name}: a frequency response is not fitted; record a decay, kind = "growth"')
     first, last = (_seconds(entry, name, key, default, faults) for key, default in (("skip", 0.0), ("end", math.inf)))
     columns = entry.get("columns") or {}
     run: Run | None = faults(lambda: _recording(given, entry, columns, name), None)
