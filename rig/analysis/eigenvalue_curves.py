@@ -44,6 +44,7 @@ ROUNDING = 1e-12  # of the largest |lambda|
 EDGE = 1e-9  # of the gap between two values: tolerance of the end of a stretch
 _DEPTH = 6  # most halvings of a gap in which a rate could reach zero
 _SEARCH = 3  # halvings of a gap without steady sliding at both ends
+_GOLDEN = 0.381966
 _CUSP = 4.0  # a minimum below this multiple of the rise beside it may reach zero: growth has a kink where modes meet
 _LEVEL = 1e-9
 LARGE = 64  # states of a rig: beyond, a step far from zero is not examined in its middle
@@ -364,7 +365,6 @@ def brackets(stretch: Sequence[float], growths: Growths) -> Iterator[Bracket]:
 
 def _islands(x: Sequence[float], k: int, growths: Growths) -> Iterator[float]:
     """Values between those of the grid at which rate number k has another sign than on both sides."""
-    from scipy.optimize import minimize_scalar
 
     def growth(value: float) -> float:
         rates = there(value, growths).clear
@@ -374,15 +374,31 @@ def _islands(x: Sequence[float], k: int, growths: Growths) -> Iterator[float]:
     for i in range(1, len(x) - 1):
         sign = 1.0 if at[i] > 0.0 else -1.0
         left, here, right = (sign * g for g in at[i - 1 : i + 2])
-        least = 0.0 < here < min(left, right) * (1.0 - _LEVEL)
-        if least and here < _CUSP * (max(left, right) - here):  # a bend that could reach zero beside this value
-            ends = sorted((x[i - 1], x[i + 1]))
-            options = {"xatol": 1e-6 * (ends[1] - ends[0])}
-            lowest = minimize_scalar(
-                lambda v, s=sign: s * growth(float(v)), bounds=ends, method="bounded", options=options
-            )
-            if lowest.fun < 0.0:
-                yield float(lowest.x)
+        if 0.0 < here < min(left, right) * (1.0 - _LEVEL):
+            value = _dip(x[i - 1 : i + 2], (left, here, right), lambda v, s=sign: s * growth(v))  # type: ignore[misc]
+            if value is not None:
+                yield value
+
+
+def _dip(x: Sequence[float], f: tuple[float, float, float], of: Callable[[float], float]) -> float | None:
+    """A value at which a function is below zero, from three values `x` with a least one `f` > 0 in the middle; or None.
+
+    The golden section goes on while the bend is one that could reach zero beside the least value, even with a cusp.
+    """
+    (a, m, b), (left, here, right) = x, f
+    close = 1e-6 * abs(b - a)
+    while 0.0 < here < _CUSP * (max(left, right) - here) and abs(b - a) > close:
+        end = b if abs(b - m) > abs(m - a) else a
+        new = m + _GOLDEN * (end - m)
+        value = of(new)
+        if value < here:
+            a, left, b, right = (m, here, b, right) if end == b else (a, left, m, here)
+            m, here = new, value
+        elif end == b:
+            b, right = new, value
+        else:
+            a, left = new, value
+    return m if here < 0.0 else None
 
 
 def _passing(k: int, x: Sequence[float], signs: Sequence[int]) -> Iterator[Bracket]:
