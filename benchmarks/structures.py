@@ -10,14 +10,21 @@ import json
 import resource
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import eig
 
+from rig.analysis.axis import Axis
+from rig.analysis.modes import at_rest
+from rig.analysis.sweep import sweep
 from rig.errors import RigError
 from rig.plants.structures import hexahedra
+from rig.scenes.loader import load
 from rig.structure.basis import Reduction, build
 from rig.structure.eigenvalues import complex_eigenvalues
 from rig.structure.estimate import Estimator
@@ -31,6 +38,24 @@ CAST_IRON = hexahedra.Material(1.1e11, 0.26, 7100.0)
 POINTS = (6, 4)
 DAMPING = 2e-7  # over stiffness [s]
 _VALUES = {"contacts.pad.stiffness": 1e11, FRICTION: 0.4}
+
+
+CHAIN = """
+format = 1
+title = "A chain of masses"
+plant = "structure"
+structure.units = "m-kg-s"
+structure.coordinates = {names}
+structure.parts.M = {{ of = "mass", values = {mass} }}
+structure.parts.K = {{ of = "stiffness", values = {stiffness} }}
+damping = {{ ratio = 0.002, at = "1 kHz" }}
+contacts.pad = {{ gap = {{ x2 = 1.0 }}, along = {{ x1 = 1.0 }}, spring = "1e8 N/m" }}
+drive = {{ speed = "1 m/s" }}
+load = {{ force = "1000 N", at = {{ back = {{ row = {{ x3 = -1.0 }} }} }} }}
+friction = {{ law = "constant", mu = 0.3 }}
+outputs.pad = {{ row = {{ x1 = 1.0 }} }}
+"""
+"""A scene of typed matrices."""
 
 
 def plate(elements: tuple[int, int, int]) -> Full:
@@ -110,6 +135,37 @@ def measured(elements: tuple[int, int, int]) -> dict[str, Any]:
     } | seconds
 
 
+def swept(coordinates: int = 85, values: int = 100) -> dict[str, float]:
+    """A sweep over friction of a chain of typed masses on a belt, its critical values among them; processor time.
+
+    `sweep_ratio`: over the eigenvalues and both vectors of `values` matrices of its size, by scipy alone.
+    """
+    stiffness = 1e8 * (2.0 * np.eye(coordinates) - np.eye(coordinates, k=1) - np.eye(coordinates, k=-1))
+    stiffness += np.diag(np.linspace(0.0, 2e8, coordinates))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "chain.toml"
+        path.write_text(
+            CHAIN.format(
+                names=json.dumps([f"x{i}" for i in range(1, coordinates + 1)]),
+                mass=np.eye(coordinates).tolist(),
+                stiffness=stiffness.tolist(),
+            )
+        )
+        scene = load(path)
+    axis = Axis.parse(f"friction.mu=0:0.6:{values}", scene)
+    sweep(scene, axis)
+    started = time.process_time()
+    sweep(scene, axis)
+    seconds = time.process_time() - started
+    system = at_rest(scene)[1]
+    matrix = system.A[np.ix_(system.moving, system.moving)]
+    started = time.process_time()
+    for _ in range(values):
+        eig(matrix, left=True, right=True)
+    alone = time.process_time() - started
+    return {"sweep_s": seconds, "sweep_ratio": seconds / alone}
+
+
 def measure(quick: bool) -> dict[str, Any]:
     """As `measured`, in a process of its own. Raises RigError if it ends without a result."""
     elements = QUICK if quick else ELEMENTS
@@ -118,4 +174,4 @@ def measure(quick: bool) -> dict[str, Any]:
     if ended.returncode:
         raise RigError(f"the reduction ended with code {ended.returncode}: {ended.stderr.strip()[-500:]}")
     result: dict[str, Any] = json.loads(ended.stdout.splitlines()[-1])
-    return result
+    return result | swept()
