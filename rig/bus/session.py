@@ -136,6 +136,7 @@ class Sender:
             self._thread.join(_SENDER_CLOSING_S)
 
 
+_JOINING = 0.5  # s after which the processes of a run have heard of each other
 _KEYS = 4096  # most keys that a receiver remembers
 _PUT = zenoh.SampleKind.PUT
 
@@ -384,10 +385,15 @@ class ZenohSession(Session):
     def present(self, who: str = "*/*", timeout: float = 2.0) -> set[tuple[str, str]]:
         """See `Session.present`."""
         watcher = _Watch(self.inbound, len(self._prefix))
+        until = time.monotonic() + min(timeout, _JOINING)
         try:
-            for reply in self._zenoh.liveliness().get(f"{self._prefix}*/alive/{who}", timeout=timeout):
-                if reply.ok is not None:
-                    watcher.take(reply.ok)
+            while True:
+                for reply in self._zenoh.liveliness().get(f"{self._prefix}*/alive/{who}", timeout=timeout):
+                    if reply.ok is not None:
+                        watcher.take(reply.ok)
+                if watcher.all_here() or time.monotonic() > until:
+                    break
+                time.sleep(0.02)  # a session that has just joined gets no answer from the others yet
         except zenoh.ZError as fault:
             raise BusError(f"the processes of run {self.run} could not be queried: {fault}") from None
         return watcher.all_here()
