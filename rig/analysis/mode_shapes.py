@@ -69,10 +69,10 @@ def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[flo
     xyz = modes.nodes.xyz
     extent = float(np.ptp(xyz, axis=0).max()) or 1.0
     dots: list[tuple[Shape, Any]] = []
-    found = shapes(modes, most)
-    columns = math.ceil(len(found) / 2) if len(found) > 2 else 1
-    for i, shape in enumerate(found):
-        axes: Any = figure.add_subplot(math.ceil(len(found) / columns), columns, i + 1, projection="3d")
+    shown = shapes(modes, most)
+    columns = math.ceil(len(shown) / 2) if len(shown) > 2 else 1
+    for i, shape in enumerate(shown):
+        axes: Any = figure.add_subplot(math.ceil(len(shown) / columns), columns, i + 1, projection="3d")
         axes.scatter(*xyz.T, s=1.0, color="0.8", depthshade=False)
         points = axes.scatter(*xyz.T, s=5.0, color=[(0.9, 0.9, 0.9)] * len(xyz), depthshade=False)
         dots.append((shape, points))
@@ -140,9 +140,9 @@ def _rerun(modes: Modes, path: Path) -> None:
     assert modes.nodes is not None
     xyz = modes.nodes.xyz
     extent = float(np.ptp(xyz, axis=0).max()) or 1.0
-    found = shapes(modes, MOST)
-    names = [f"mode_{i}" for i in range(1, len(found) + 1)]
-    views = [rrb.Spatial3DView(origin=name, name=shape.title) for name, shape in zip(names, found)]
+    shown = shapes(modes, MOST)
+    names = [f"mode_{i}" for i in range(1, len(shown) + 1)]
+    views = [rrb.Spatial3DView(origin=name, name=shape.title) for name, shape in zip(names, shown)]
     stream = rr.RecordingStream(f"friction-rig mode shapes of {modes.scene}", recording_id=f"shapes {modes.scene}")
     try:
         stream.save(path, default_blueprint=rrb.Blueprint(rrb.Tabs(*views), collapse_panels=True))
@@ -152,7 +152,7 @@ def _rerun(modes: Modes, path: Path) -> None:
         stream.log(f"{name}/rest", rr.Points3D(xyz / extent, colors=[_GREY], radii=[0.002]), static=True)
     for frame in range(_FRAMES * _PERIODS):
         stream.set_time("phase", duration=frame * _FRAME_S)
-        for name, shape in zip(names, found):
+        for name, shape in zip(names, shown):
             displaced = shape.at(2.0 * math.pi * frame / _FRAMES)
             colours = _colours(displaced[:, shape.axis])
             stream.log(f"{name}/moved", rr.Points3D(xyz / extent + _MOVED * displaced, colors=colours, radii=[0.004]))

@@ -144,17 +144,17 @@ def _accuracy(p: Tables, whole: Reduced, jacobian: Array) -> Accuracy:
         )
         return Accuracy(np.zeros(0, np.complex128), np.zeros(0), tuple(notes))
     try:
-        found = _estimator(Given(p), whole.up_to).at(whole, given, added)
+        estimates = _estimator(Given(p), whole.up_to).at(whole, given, added)
     except (SceneError, OSError):
         notes.append("errors of the eigenvalues are not estimated: the files of the matrices are not there")
         return Accuracy(np.zeros(0, np.complex128), np.zeros(0), tuple(notes))
-    if (worst := found.relative.max(initial=0.0)) > p.reduction.error:
-        hertz = found.values[int(found.relative.argmax())].imag / (2.0 * math.pi)
+    if (worst := estimates.relative.max(initial=0.0)) > p.reduction.error:
+        hertz = estimates.values[int(estimates.relative.argmax())].imag / (2.0 * math.pi)
         notes.append(
             f"the estimated error at {hertz:.4g} Hz is {worst:.1e}, above reduction.error {p.reduction.error:g}; "
             "use more modes or vectors, or a lower reduction.up_to"
         )
-    return Accuracy(found.values, found.relative, tuple(notes))
+    return Accuracy(estimates.values, estimates.relative, tuple(notes))
 
 
 @lru_cache(maxsize=1)

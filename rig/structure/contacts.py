@@ -263,9 +263,9 @@ def _met(
     near = [cKDTree(middle).query(places)[1]]  # for a message, where nothing is in reach
     sizes = np.frexp(radius)[1]  # few of a graded mesh are large, and only these have a long reach
     for own in (np.flatnonzero(sizes == size) for size in np.unique(sizes)):
-        found = cKDTree(middle[own]).query_ball_point(places, radius[own].max() + 2.0 * search)
-        slaves.append(np.repeat(np.arange(len(places)), [len(faces) for faces in found]))
-        near.append(own[np.concatenate(found).astype(np.int64)])
+        neighbours = cKDTree(middle[own]).query_ball_point(places, radius[own].max() + 2.0 * search)
+        slaves.append(np.repeat(np.arange(len(places)), [len(faces) for faces in neighbours]))
+        near.append(own[np.concatenate(neighbours).astype(np.int64)])
     slave, face = np.concatenate(slaves), np.concatenate(near)
     # place = a + u (b - a) + v (c - a) + gap * normal
     system = np.stack([(b - a)[face], (c - a)[face], normal[slave]], axis=2)

@@ -143,7 +143,7 @@ def complex_eigenvalues(
     `told` is called with the share of the range that is done. Raises Incomplete.
     """
     pencil = (mass, damping, stiffness)
-    found = _Found()
+    gathered = _Found()
     done, step = max(low, LEAST * up_to), 0.4 * (up_to - low)
     aside = 0.01 * up_to
     number, tries = _NUMBER, 0
@@ -154,7 +154,7 @@ def complex_eigenvalues(
         root = 5 * within**2 - centre**2  # where it cuts abs(Re) = Im / 2
         low_end, high_end = ((2 * centre + side * np.sqrt(max(root, 0.0))) / 2.5 for side in (-1, 1))
         covered = root > 0 and low_end <= done < high_end
-        if covered and found.add(values, right, lefts, complex(aside, centre), radius):
+        if covered and gathered.add(values, right, lefts, complex(aside, centre), radius):
             done, step, tries = high_end, high_end - centre, 0
             told(min(done / up_to, 1.0))
             continue
@@ -166,13 +166,13 @@ def complex_eigenvalues(
                 f"complex eigenvalues near {centre / (2 * np.pi):.6g} Hz could not be computed completely: "
                 f"{number} lie within {radius / (2 * np.pi):.3g} Hz; ask for a narrower range"
             )
-    order = np.argsort([value.imag for value in found.values])
-    values = np.array(found.values, dtype=complex)[order]
+    order = np.argsort([value.imag for value in gathered.values])
+    values = np.array(gathered.values, dtype=complex)[order]
     kept = (values.imag > max(low, LEAST * up_to)) & (values.imag <= up_to)
     kept &= np.abs(values.real) <= DAMPED * values.imag
     order, values = order[kept], values[kept]
-    right = _columns(found.right, order, mass.shape[0])
-    lefts = _columns(found.left, order if left else order[:0], mass.shape[0])
+    right = _columns(gathered.right, order, mass.shape[0])
+    lefts = _columns(gathered.left, order if left else order[:0], mass.shape[0])
     residual = residuals(pencil, values, right)
     if residual.size and residual.max() > RESIDUAL:
         raise Incomplete(

@@ -77,9 +77,9 @@ class Estimator:
         `damping` [n, n] as in `Reduced.eigenvalues`.
         """
         basis = reduced.basis.astype(float)
-        found, rights, lefts = reduced.eigenvalues(values, damping, left=True)
-        kept = in_range(found, reduced.up_to)
-        found, rights, lefts = found[kept], rights[:, kept], lefts[:, kept]
+        rates, rights, lefts = reduced.eigenvalues(values, damping, left=True)
+        kept = in_range(rates, reduced.up_to)
+        rates, rights, lefts = rates[kept], rights[:, kept], lefts[:, kept]
         mass, own, stiffness = pencil = self._full.pencil(values)
         if any(values[c.stiffness_key] > _STIFFER * self._at[c.stiffness_key] for c in self._full.contacts):
             self._at, self._pencil, self._kept = values, pencil, {}
@@ -93,16 +93,16 @@ class Estimator:
 
         right, left = basis @ rights, basis @ lefts
         moved, reached = mass @ right, damped(right, own, damping)
-        residual = found**2 * moved + found * reached + stiffness @ right
-        for inverse, chosen in self._by_shift(found):
-            value, vectors = found[chosen].conj(), left[:, chosen]
+        residual = rates**2 * moved + rates * reached + stiffness @ right
+        for inverse, chosen in self._by_shift(rates):
+            value, vectors = rates[chosen].conj(), left[:, chosen]
             for _ in range(_CORRECTED):
                 adjoint = value * damped(vectors, own.T, None if damping is None else damping.T)
                 adjoint += value**2 * (mass.T @ vectors) + stiffness.T @ vectors
                 vectors = vectors - inverse.solve(adjoint, trans="H")
             left[:, chosen] = vectors
-        slope = np.einsum("ij,ij->j", left.conj(), 2 * found * moved + reached)
-        return Estimates(found, -np.einsum("ij,ij->j", left.conj(), residual) / slope, rights)
+        slope = np.einsum("ij,ij->j", left.conj(), 2 * rates * moved + reached)
+        return Estimates(rates, -np.einsum("ij,ij->j", left.conj(), residual) / slope, rights)
 
     def solved(self, vectors: Complex, values: Complex, trans: str) -> Complex:
         """P(s)^-H (or, with `trans` "N", P(s)^-1) times each column, with the shift s nearest to its eigenvalue."""
@@ -166,10 +166,10 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], damping: Array |
 def growing_without_friction(reduced: Reduced, values: Mapping[str, float], damping: Array | None = None) -> list[str]:
     """Eigenvalues that grow without friction, as sentences: the damping is negative."""
     calm = reduced.model.frictionless(values)
-    found = reduced.eigenvalues(calm, damping)[0]
-    found = found[(found.imag >= 0) & (found.real > _CALM * np.abs(found))]
+    rates = reduced.eigenvalues(calm, damping)[0]
+    rates = rates[(rates.imag >= 0) & (rates.real > _CALM * np.abs(rates))]
     return [
         f"without friction the mode at {value.imag / (2 * np.pi):.4g} Hz grows at {value.real:.3g} 1/s: "
         f"the damping is negative; check the sign and the unit of each damping part"
-        for value in found[np.argsort(found.imag)].tolist()
+        for value in rates[np.argsort(rates.imag)].tolist()
     ]

@@ -100,18 +100,18 @@ def _of_records(rows: Any, axis: Axis, what: str) -> Iterator[float]:
     if not records or axis.key not in records[0]:
         raise UsageError(f"start {what}: is no map over {axis.key}")
     stretch: list[float] = []
-    found: list[float] = []
+    chosen: list[float] = []
     low, high = min(axis.values), max(axis.values)
     for record in [*records, {}]:
         if any(str(record.get(name)) in _VIBRATES for name in record if name.endswith("_state")):
             value = float(record[axis.key])
             stretch += [value] if low <= value <= high else []
         elif stretch:
-            found += stretch[len(stretch) // 2], stretch[0], stretch[-1]
+            chosen += stretch[len(stretch) // 2], stretch[0], stretch[-1]
             stretch = []
-    if not found:
+    if not chosen:
         raise UsageError(f"start {what}: shows no vibration from {axis.text(low)} to {axis.text(high)}")
-    yield from dict.fromkeys(found)  # rows of a second axis name the same values again
+    yield from dict.fromkeys(chosen)  # rows of a second axis name the same values again
 
 
 def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:

@@ -209,11 +209,11 @@ class _Computation:
 
     def _sliding_and_cycles(self) -> None:
         self.watch("sliding")
-        found = sweep(self.job.scene, self.axis)
-        self.branches += _equilibria(self.job, found)
+        swept = sweep(self.job.scene, self.axis)
+        self.branches += _equilibria(self.job, swept)
         for start in self.job.starts:
             if start == HOPF:
-                self._from_hopf_points(found)
+                self._from_hopf_points(swept)
             elif start == SIMULATION:
                 middle = 0.5 * (self.low + self.high)
                 for value in (middle, self.low, self.high):
@@ -223,8 +223,8 @@ class _Computation:
             elif isinstance(start, Start):
                 self._both_ways(start)
 
-    def _from_hopf_points(self, found: Sweep) -> None:
-        for critical in found.critical:
+    def _from_hopf_points(self, swept: Sweep) -> None:
+        for critical in swept.critical:
             if critical.kind != "flutter":
                 what = f"at {self.axis.text(critical.value, 10)} sliding ends by {critical.kind}, where no cycle begins"
                 self.notes.append(what)
@@ -379,9 +379,9 @@ class _Computation:
         self.store.save({self.unit: packed(raw)})
 
 
-def _equilibria(job: Job, found: Sweep) -> Iterator[Branch]:
+def _equilibria(job: Job, swept: Sweep) -> Iterator[Branch]:
     """Steady sliding over the axis, split where there is none; at rest the interval of equilibria in stick."""
-    criticals = [c.value for c in found.critical if min(job.axis.values) < c.value < max(job.axis.values)]
+    criticals = [c.value for c in swept.critical if min(job.axis.values) < c.value < max(job.axis.values)]
     sliding: list[Point] = []
     rest: list[Point] = []
     parts: list[list[Point]] = [sliding]
@@ -402,7 +402,7 @@ def _equilibria(job: Job, found: Sweep) -> Iterator[Branch]:
             continue
         if parts[-1]:
             parts.append([])
-    hopf = [(c.value, c) for c in found.critical]
+    hopf = [(c.value, c) for c in swept.critical]
     for part in parts:
         if part:
             specials = []

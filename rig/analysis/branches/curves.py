@@ -142,8 +142,8 @@ def _hopf_curves(job: Job, second: Axis) -> Iterator[Curve]:
     rows: list[list[float]] = []
     for q in second.values:
         scene = second.at(job.scene, q)
-        found = eigenvalue_curves.roots(job.axis.values, _growths(job, scene))
-        rows.append(sorted(dict.fromkeys(float(f"{value:.12g}") for value in found)))
+        hopf_values = eigenvalue_curves.roots(job.axis.values, _growths(job, scene))
+        rows.append(sorted(dict.fromkeys(float(f"{value:.12g}") for value in hopf_values)))
     for k in range(max(map(len, rows), default=0)):
         there = [(q, row[k]) for q, row in zip(second.values, rows) if len(row) > k]
         yield Curve("hopf", "", tuple(q for q, _ in there), tuple(p for _, p in there))

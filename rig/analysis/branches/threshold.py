@@ -69,15 +69,15 @@ class Threshold:
         self.family = Family(branches.scene, [axis], branches.output)
         self.flow: Flow = self.family.flow((value,))
         self.sliding: Steady = steady(self.flow.system, self.flow.key)
-        found = [(branch, point) for branch, point in branches.at(value) if branch.kind == CYCLES]
-        unstable = [entry for entry in found if not entry[1].stable]
+        candidates = [(branch, point) for branch, point in branches.at(value) if branch.kind == CYCLES]
+        unstable = [entry for entry in candidates if not entry[1].stable]
         if not unstable or not Rest(self.sliding, stuck(self.flow.system, self.sliding.x)).stable:
             raise UsageError(
                 f"{branches.scene.name}: there is no unstable cycle at {axis.key} = {self.text_of_value} beside stable "
                 "sliding; branches with dashed lines show where there is one"
             )
         self.unstable = self._place(unstable[0][0])
-        stable = [entry for entry in found if entry[1].stable]
+        stable = [entry for entry in candidates if entry[1].stable]
         self.stable = self._place(stable[0][0]) if stable else None
         self.rest = Rest(self.sliding, stuck(self.flow.system, self.sliding.x))
 
@@ -159,8 +159,10 @@ class Threshold:
         if not direction.any():
             raise UsageError(f"{flow.scene.name}: its plant states no place for a knock")
         origin = self.sliding.x[flow.moving]
-        found = [self._least(origin, sign * direction, False, 0.0) for sign in (1.0, -1.0)]
-        knocks = [min((k for k in found if k is not None), key=lambda k: abs(k.impulse))] if any(found) else []
+        candidates = [self._least(origin, sign * direction, False, 0.0) for sign in (1.0, -1.0)]
+        knocks = (
+            [min((k for k in candidates if k is not None), key=lambda k: abs(k.impulse))] if any(candidates) else []
+        )
         if self.stable is not None and self.planar:
             states, step = self.stable.run.states[:: max(len(self.stable.run.states) // 400, 1)], flow.step
             stride = max(len(self.stable.run.states) // 400, 1)

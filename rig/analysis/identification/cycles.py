@@ -160,25 +160,25 @@ class CycleRun:
         n = window(sigma, column.rate, 0.0 if math.isnan(slope) else slope, motion)
         if n >= v.size:
             raise UsageError(f"{run.name}: {column.name} has {v.size} samples; record at least {LEAST} cycles")
-        found = slips(v, column.rate, column.start, slope, column.unit.endswith("/s"), n)
-        count = 0 if found is None else len(found.begins)
-        if found is None or count < LEAST:
+        detected = slips(v, column.rate, column.start, slope, column.unit.endswith("/s"), n)
+        count = 0 if detected is None else len(detected.begins)
+        if detected is None or count < LEAST:
             stated = f" of {model.period:.3g} s" if count else ""
             raise UsageError(
                 f"{run.name}: {count} cycles{stated} in {run.seconds:.4g} s of {column.name}; at least {LEAST} are "
                 "needed: record longer, or leave the run out"
             )
-        kept = _usable(found.measures)
+        kept = _usable(detected.measures)
         for a, b in zip(*_gaps(lost)):
-            times = found.begins
-            kept &= ~((times > column.start + (a / column.rate)) & (times - np.exp(found.measures[:, 0]) < column.start
-                      + b / column.rate))  # fmt: skip
+            times = detected.begins
+            before, after = column.start + a / column.rate, column.start + b / column.rate
+            kept &= ~((times > before) & (times - np.exp(detected.measures[:, 0]) < after))
         if kept.sum() < LEAST:
             raise UsageError(
                 f"{run.name}: {int(kept.sum())} of {count} cycles can be used; at least {LEAST} are needed: record "
                 "longer, or leave the run out"
             )
-        begins, T = found.begins, float(np.exp(np.median(found.measures[kept, 0])))
+        begins, T = detected.begins, float(np.exp(np.median(detected.measures[kept, 0])))
         samples, times_, whole = [], [], kept.copy()
         for each in run.columns:
             first = np.rint((begins - _BEFORE * T - each.start) * each.rate).astype(np.int64)
@@ -191,7 +191,7 @@ class CycleRun:
             times_.append(each.start + index / each.rate - begins[whole, None])
         fine = np.all([np.isfinite(s).all(axis=1) for s in samples], axis=0)
         sigmas = np.array([noise_of(each.v) for each in run.columns])
-        return cls(run, slope, n, sigmas, begins[whole][fine], found.measures[whole][fine], count - int(fine.sum()),
+        return cls(run, slope, n, sigmas, begins[whole][fine], detected.measures[whole][fine], count - int(fine.sum()),
                    tuple(s[fine] for s in samples), tuple(t[fine] for t in times_))  # fmt: skip
 
     @property
@@ -227,10 +227,10 @@ class CycleRun:
         v = model.at(0, np.arange(count) / (column.rate * model.period))
         if noise:
             v = v + noise * np.random.default_rng(seed).standard_normal(count)
-        found = slips(v, column.rate, 0.0, self.slope, column.unit.endswith("/s"), self.n)
-        if found is None:
+        detected = slips(v, column.rate, 0.0, self.slope, column.unit.endswith("/s"), self.n)
+        if detected is None:
             return None
-        made = np.asarray(np.median(found.measures, axis=0))
+        made = np.asarray(np.median(detected.measures, axis=0))
         return made if np.isfinite(made).all() else None
 
     def bias(self, model: Response, seed: int = 7) -> Reals:

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 _MOST = 6  # runs that are drawn
 
 
-def identified_figure(found: Identified) -> Figure:
+def identified_figure(identified: Identified) -> Figure:
     """Return the figure of an identification by its best law."""
-    best = found.best
+    best = identified.best
     runs = best.runs[:_MOST]
     rows = 2 if best.repeats else 1
     with page(3.6 * max(len(runs), 2), 3.0 * (rows + 1), layout="constrained") as figure:
         law = f", law {best.law.name}" if best.law.name else ""
         state = "" if best.fits else ": does not fit"
-        figure.suptitle(f"{found.task.scene.name}: {len(best.runs)} runs{law}{state}", ha="center")
+        figure.suptitle(f"{identified.task.scene.name}: {len(best.runs)} runs{law}{state}", ha="center")
         grid = figure.add_gridspec(rows + 1, len(runs))
         for i, run in enumerate(runs):
             mean = figure.add_subplot(grid[0, i])
@@ -34,7 +34,7 @@ def identified_figure(found: Identified) -> Figure:
             if best.repeats and isinstance(run.evidence, CycleRun):
                 _residual(figure.add_subplot(grid[1, i], sharex=mean), run)
         if any(isinstance(run.evidence, CycleRun) for run in best.runs):
-            _measures(figure.add_subplot(grid[rows, :]), [*best.runs, *best.predicted], found)
+            _measures(figure.add_subplot(grid[rows, :]), [*best.runs, *best.predicted], identified)
     return figure
 
 
@@ -83,23 +83,23 @@ def _residual(axes: Axes, run: RunFit) -> None:
     axes.set(xlabel="phase [1]", ylabel="residual over noise [1]")
 
 
-def _measures(axes: Axes, runs: list[RunFit], found: Identified) -> None:
+def _measures(axes: Axes, runs: list[RunFit], identified: Identified) -> None:
     """Measured over modelled measures of each run; with bars of 95 % where a run is predicted or deviates."""
-    names, deviation = MEASURES[:4], found.best.deviation
+    names, deviation = MEASURES[:4], identified.best.deviation
     marks = "osD^"
     for k, name in enumerate(names):
         for i, run in enumerate(runs):
             if run.response is None or not isinstance(run.evidence, CycleRun):
                 continue
             ratio = math.exp(float(run.measures[k] - run.model[k]))
-            predicted = i >= len(found.best.runs)
+            predicted = i >= len(identified.best.runs)
             half = float(run.band[k]) if predicted else 1.96 * math.sqrt(
-                float(deviation[k]) ** 2 + float(run.evidence.covariance(found.task.seed)[k, k]))  # fmt: skip
+                float(deviation[k]) ** 2 + float(run.evidence.covariance(identified.task.seed)[k, k]))  # fmt: skip
             bar = [[ratio - ratio * math.exp(-half)], [ratio * math.exp(half) - ratio]]
             axes.errorbar([i + 0.15 * (k - 1.5)], [ratio], bar, fmt=marks[k], markersize=4, capsize=2,
                           color=VERMILION if predicted else BLUE, label=name if i == 0 else None)  # fmt: skip
     axes.axhline(1.0, color=GREY, lw=0.8)
-    labels = [run.name + (" (not fitted)" if i >= len(found.best.runs) else "") for i, run in enumerate(runs)]
+    labels = [run.name + (" (not fitted)" if i >= len(identified.best.runs) else "") for i, run in enumerate(runs)]
     axes.set_xticks(range(len(runs)), labels, fontsize=8)
     axes.set_ylabel("measured over model [1]")
     if axes.get_legend_handles_labels()[0]:

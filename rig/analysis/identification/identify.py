@@ -107,11 +107,11 @@ class _Attempt:
             notes.append("the fit has not converged: its intervals are not to be trusted; state values nearer to it")
         reports = [self._report(each, r, response, repeats) for each, r, response
                    in zip(evidence, solution.left, solution.responses)]  # fmt: skip
-        found = influence(fit, solution, self.evaluator, repeats)
+        effects = influence(fit, solution, self.evaluator, repeats)
         predicted = self._predicted(fit, solution, deviation, offsets)
         return LawFit(
             self.law, solution.z, solution.covariance, offsets, repeats, solution.converged, p, solution.cost,
-            reports, predicted, deviation, found, tuple(notes), self.evaluator.count, solution.jacobian,
+            reports, predicted, deviation, effects, tuple(notes), self.evaluator.count, solution.jacobian,
         )  # fmt: skip
 
     def _evidence(self, run: int, response: Response) -> CycleRun | FeatureRun:

@@ -82,11 +82,11 @@ def asked(text: str) -> dict[str, str]:
     return made
 
 
-def propose(found: Identified, over: Mapping[str, Any], workers: int | None = None,
+def propose(identified: Identified, over: Mapping[str, Any], workers: int | None = None,
             progress: Callable[[int, int], object] = lambda done, total: None) -> Identified:  # fmt: skip
     """The result with proposals, the best first. Raises UsageError for settings that are none, or without a fit."""
-    best = found.best
-    if not found.fitting:
+    best = identified.best
+    if not identified.fitting:
         raise UsageError("no next experiment is proposed: no law fits, so that no interval can be predicted")
     if not all(isinstance(run.evidence, CycleRun) for run in best.runs):
         raise UsageError("no next experiment is proposed: this is done for runs of cycles only")
@@ -110,7 +110,7 @@ def propose(found: Identified, over: Mapping[str, Any], workers: int | None = No
     if not made:
         raise UsageError(f"--next: the rig has no limit cycle at any of these settings: {rows[0]['why']}")
     made.sort(key=lambda proposal: proposal.determinant)
-    return replace(found, proposals=tuple(made[:_SHOWN]))
+    return replace(identified, proposals=tuple(made[:_SHOWN]))
 
 
 def widths(fit: LawFit, covariance: Reals) -> dict[str, float]:

@@ -22,12 +22,12 @@ from rig.scenes.scene import Scene
 ENDING = ".covariance.json"
 
 
-def write(found: Identified, out: Path, based_on: str) -> tuple[Path, Path]:
+def write(identified: Identified, out: Path, based_on: str) -> tuple[Path, Path]:
     """Write the scene `out` and its covariance; return both paths. `based_on`: name or file of the old scene.
 
     Raises UsageError if nothing is identified, OutputError if a file cannot be written.
     """
-    if not found.told:
+    if not identified.told:
         raise UsageError(f"{out} is not written: no parameter is identified")
     base = Path(based_on)
     if based_on.endswith(".toml"):
@@ -35,32 +35,32 @@ def write(found: Identified, out: Path, based_on: str) -> tuple[Path, Path]:
         near = base.resolve().is_relative_to(folder)
         based_on = base.resolve().relative_to(folder).as_posix() if near else base.resolve().as_posix()
     beside = out.with_name(f"{out.stem}{ENDING}")
-    write_file(out, scene_text(found, based_on).encode())
-    write_file(beside, (json.dumps(covariance(found), indent=1) + "\n").encode())
+    write_file(out, scene_text(identified, based_on).encode())
+    write_file(beside, (json.dumps(covariance(identified), indent=1) + "\n").encode())
     return out, beside
 
 
-def scene_text(found: Identified, based_on: str) -> str:
+def scene_text(identified: Identified, based_on: str) -> str:
     """The text of the scene."""
     today = datetime.now(UTC).date().isoformat()
-    scene, runs = found.task.scene, len(found.best.runs)
+    scene, runs = identified.task.scene, len(identified.best.runs)
     lines = [
-        f"# Parameters that rig identify found in {found.task.where} on {today}: {runs} runs.",
+        f"# Parameters that rig identify found in {identified.task.where} on {today}: {runs} runs.",
         "# Keys that it could not identify keep the values of the scene that this one is based on.",
         f"format = {migration.newest()}",
         f"based_on = {json.dumps(based_on)}",
         f"title = {json.dumps(f'{scene.title}, identified', ensure_ascii=False)}",
     ]
     tables: dict[str, list[str]] = {}
-    for key, unit, value in _law_keys(found):
+    for key, unit, value in _law_keys(identified):
         table, _, field = key.rpartition(".")
         needed = (
             f"{field} = {value}" if unit is None else _line(field, value, unit, "chosen", "of the law, not identified")
         )
         tables.setdefault(table, []).append(needed)
-    for p in found.told:
+    for p in identified.told:
         table, _, field = p.key.rpartition(".")
-        note = f"{Path(found.task.where).name}, {today}, {runs} runs, 90 % {p.low:.6g} to {p.high:.6g}"
+        note = f"{Path(identified.task.where).name}, {today}, {runs} runs, 90 % {p.low:.6g} to {p.high:.6g}"
         tables.setdefault(table, []).append(_line(field, f"{p.value:.9g}", p.unit, "identified", note))
     for table, rows in tables.items():
         lines += ["", f"[{table}]", *rows]
@@ -72,14 +72,14 @@ def _line(field: str, value: str, unit: str, origin: str, note: str) -> str:
     return f"{field} = [{text}, {json.dumps(origin)}, {json.dumps(note)}]"
 
 
-def _law_keys(found: Identified) -> list[tuple[str, str | None, str]]:
+def _law_keys(identified: Identified) -> list[tuple[str, str | None, str]]:
     """Keys of another law than that of the scene: its name, what it needs, and "none" for those that it lacks."""
-    old, new = found.task.scene, found.best.law.scene
+    old, new = identified.task.scene, identified.best.law.scene
     if _friction(old).get("law") == _friction(new).get("law"):
         return []
-    told = {p.key for p in found.told}
-    made: list[tuple[str, str | None, str]] = [("friction.law", None, json.dumps(found.best.law.name))]
-    values = {p.key: p for p in found.parameters}
+    told = {p.key for p in identified.told}
+    made: list[tuple[str, str | None, str]] = [("friction.law", None, json.dumps(identified.best.law.name))]
+    values = {p.key: p for p in identified.parameters}
     made += [(f"friction.{key}", None, '"none"') for key in _friction(old) if key not in _friction(new)]
     for key, value in _friction(new).items():
         whole = f"friction.{key}"
@@ -94,13 +94,13 @@ def _friction(scene: Scene) -> dict[str, Any]:
     return dict(friction.model_dump(exclude_none=True)) if friction is not None else {}
 
 
-def covariance(found: Identified) -> dict[str, Any]:
+def covariance(identified: Identified) -> dict[str, Any]:
     """The covariance of the identified parameters as JSON values, with what it is of."""
-    best = found.best
-    told = {p.key: p for p in found.told}
+    best = identified.best
+    told = {p.key: p for p in identified.told}
     index = [i for i, free in enumerate(best.law.free) if free.key in told]
     return {
-        "scene": found.task.scene.name,
+        "scene": identified.task.scene.name,
         "law": best.law.name,
         "runs": [run.name for run in best.runs],
         "parameters": [
