@@ -109,7 +109,7 @@ def test_intervals_hold_and_are_not_biased():
         say(number, base.name, np.round(row, 2), f"p {found.best.p:.2g}", found.best.evaluations)
     inside = float(np.mean(np.abs(z) < 1.645))
     say(f"{len(z)} intervals, {100 * inside:.1f} % hold, mean {np.mean(z):.2f}, {misfits} misfits, refused: {refused}")
-    assert len(z) >= 180 * COUNT / 48 * 0.8
+    assert len(z) >= 180 * COUNT / 48
     assert 0.84 <= inside <= 0.97
     assert abs(np.mean(z)) < 0.33
     assert misfits <= math.ceil(5 * COUNT / 48)
