@@ -11,8 +11,8 @@ import os
 import statistics
 import subprocess
 import sys
-import tarfile
 import tempfile
+import zipfile
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -100,9 +100,9 @@ def unpacked(commit: str) -> Path:
         own_folder(place.parent)
         with (
             tempfile.TemporaryDirectory(dir=place.parent) as draft,
-            tarfile.open(fileobj=BytesIO(_git("archive", name))) as archive,
+            zipfile.ZipFile(BytesIO(_git("archive", "--format=zip", name))) as archive,
         ):
-            archive.extractall(Path(draft, name), filter="data")
+            archive.extractall(Path(draft, name))
             Path(draft, name).rename(place)
     return place
 
