@@ -1,27 +1,25 @@
 """Floquet multipliers of a periodic motion: the growth of a small disturbance over one period.
 
-The motion is restarted from a state in slip, displaced to both sides along each moving state, and simulated for one
-period. Central differences (fourth order) of the final states give the monodromy matrix. The events of every run are
-located, so that the matrix contains their jumps (saltation). One multiplier equals one: it belongs to the shift along
-the motion itself. It is left out, and its deviation from one is the error estimate for the others. A contact that
-sticks erases the disturbance: its multiplier is zero. Where a displaced run meets other events, the return map is not
-smooth, and smaller displacements are tried.
+They are the eigenvalues of the derivative of the return map (rig.analysis.return_map), without the one that belongs to
+the shift along the motion. Its deviation from one is the error estimate for the others. A contact that sticks erases
+the disturbance: its multiplier is zero.
 
 The forced motion under dither that is not fast, and the growth of a small disturbance of it (Floquet exponents).
 
     x(t + tau) = x(t) with the period tau of the dither,   dx(t + tau) = P dx(t),   exponents  ln(eigenvalue of P) / tau
 
-While every contact stays closed and slips in its direction, the motion and P follow from the equations of that mode set
-and their variational equation. With constant coefficients P = exp(A tau), so that the exponents are the eigenvalues of
-sliding without dither; they then count also where a contact would have to pull, as those of an equilibrium do. Where
-the slip reverses, the motion is simulated with its events (rig.analysis.floquet). The imaginary part of an exponent is
-known up to multiples of the dither's frequency: that nearest to an eigenvalue without dither is taken.
+With constant coefficients, and while every contact slips in its direction, P = exp(A tau): the exponents are the
+eigenvalues of sliding without dither. They count also where a contact would have to pull, as those of an equilibrium
+do. Any other motion is the fixed point of the return map (rig.analysis.return_map), with its events. The imaginary part
+of an exponent is known up to multiples of the frequency of the dither: the one nearest to an eigenvalue without dither
+is taken.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,29 +28,20 @@ from numpy.typing import NDArray
 
 from rig.analysis.averaged import averaged, fast_motion
 from rig.analysis.orbit import OnePeriod, Orbit
-from rig.analysis.return_map import Family, Flow, NotSmooth, ReturnMap
-from rig.analysis.return_map import multipliers as floquet_multipliers
+from rig.analysis.return_map import Carried, Family, Flow, NoCycle, NotSmooth, ReturnMap, multipliers, parameter, sizes
 from rig.bench.run.rig_variants import with_values
 from rig.errors import NumericsError, Singular
 from rig.model.assembly import Assembly
-from rig.model.method import chosen
-from rig.model.singular import assembled
 from rig.scenes.scene import Scene
-from rig.solve.records import STICK
-from rig.stability.linearisation import Steady, inputs, linearised, loads, moving_states, own_law, settling
+from rig.stability.linearisation import Steady, linearised, loads, own_law, settling
 
 Array = NDArray[np.float64]
-STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state: of the way of Newton's method, not of its result
 _MANY, _SHOWN = 10, 6  # more multipliers than the first number are cut down to the second
-RUNS = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
 Complex = NDArray[np.complex128]
 _SLOWEST = 30.0  # oscillations of the rig in a period of the dither: longer ones take minutes
-_ROUNDS = 30  # of Newton's method
-_FIRST = 2  # of them may reverse the slip on the way to a motion that does not
-_CLOSED = 1e-9  # of the range of each state: a motion that returns so closely is periodic
 _ERASED = 1e-6  # a smaller multiplier is zero: a contact sticks, and the rest is the error of the differences
+_HALVINGS = 6  # of a step of Newton's method
 _POINTS = 256  # of a period, at which the contacts are looked at
-_TIGHT = 1e-11
 _NONE = np.zeros((0, 0), dtype=np.complex128)
 
 
@@ -87,74 +76,23 @@ class Floquet:
         return f"{', '.join(shown)} (to {self.error:.1e})" if math.isfinite(self.error) else ", ".join(shown)
 
 
-@dataclass(frozen=True)
-class Return:
-    """The return map of one period near `x`, in small steps along `basis` [moving state, i], each over its `size`.
-
-    `matrix` [i, i]: the monodromy matrix. `miss` [i]: distance of the end of `x` from its start. `flow` [i]: its rate
-    [1/s]. `met`: events on the way.
+def around(orbit: Orbit, turn: OnePeriod, period: float) -> tuple[ReturnMap, Array, bool]:
+    """Return the return map at the cycle `turn`, which repeats after `period` [s], its unknowns in the middle of the
+    longest slip, and whether it is driven.
     """
-
-    x: Array
-    matrix: Array
-    miss: Array
-    flow: Array
-    met: list[str]
-    basis: Array
-    moving: NDArray[np.int64]
-    size: Array
-
-    def shifted(self, by: Array) -> Array:
-        """Return the state x displaced by `by` [i]."""
-        x = self.x.copy()
-        x[self.moving] += self.size[self.moving] * (self.basis @ by)
-        return x
-
-    def apart(self, end: Array, start: Array) -> Array:
-        """Return the difference of two states [i]."""
-        return np.asarray(self.basis.T @ ((end - start)[self.moving] / self.size[self.moving]))
-
-
-def returned(orbit: Orbit, x: Array, period: float, span: Array, steps: Sequence[float] = STEPS) -> Return | None:
-    """Compute the return map of `x` over `period` [s]; `span`: range of each state in it. None if it is not smooth.
-
-    `steps`: of the differences, of the size of each state; the first with which the map is smooth counts.
-    """
-    system = orbit.system
-    modes = assembled(system, orbit.aside(x, orbit.scene.step_ns).key)
-    moving = moving_states(system, modes.A)
-    moving = moving[np.any(modes.landing[:, moving] != 0.0, axis=0)]  # not the current of an open circuit: it is zero
-    size = _sizes(span, len(system.coordinates))
-    rows = [p for p, mode in enumerate(system.modes(modes.key)[0]) if mode == STICK]
-    basis = _free(system.slip_rows[rows][:, moving] * size[moving])
-    rate = modes.A @ x + modes.b @ inputs(system, modes, x, own_law(system, modes))[0]
-    whole, met = orbit.carried(x, period)
-    none = np.zeros(basis.shape[1])
-    return_map = Return(x, np.eye(len(none)), none, none, met, basis, moving, size)
-    for step in steps:
-        columns = []
-        for unit in np.eye(len(none)):
-            ends = [orbit.carried(return_map.shifted(share * step * unit), period) for share, _ in RUNS]
-            if any(events != met for _, events in ends):
-                break
-            slope = np.sum([weight * (end - whole) for (end, _), (_, weight) in zip(ends, RUNS)], axis=0) / step
-            columns.append(return_map.apart(slope, np.zeros(system.n)))
-        if len(columns) == len(none):
-            flow = return_map.apart(rate, np.zeros(system.n))
-            return replace(return_map, matrix=np.array(columns).T, miss=return_map.apart(whole, x), flow=flow)
-    return None
-
-
-def floquet(orbit: Orbit, around: OnePeriod, period: float) -> Floquet:
-    """Compute the multipliers of the cycle `around`, which repeats after `period` [s]."""
-    x, span = around.states[middle(orbit, around)], np.ptp(around.states, axis=0)
+    x, span = turn.states[middle(orbit, turn)], np.ptp(turn.states, axis=0)
     flow = Flow(orbit.scene, start=x)
     driven = bool(np.any(np.delete(span, flow.moving) > 0.0))
-    size = _sizes(span, len(flow.system.coordinates))[flow.moving]
-    returns = ReturnMap(Family.of(flow), size, period, 1.0, period=(lambda _: period) if driven else None)
+    returns = ReturnMap(Family.of(flow), sizes(span, flow), period, 1.0, period=(lambda _: period) if driven else None)
     returns.key = flow.carried(x, 0.0).first
+    return returns, returns.unknowns(x, period, 0.0), driven
+
+
+def floquet(orbit: Orbit, turn: OnePeriod, period: float) -> Floquet:
+    """Compute the multipliers of the cycle `turn`, which repeats after `period` [s]."""
+    returns, u, driven = around(orbit, turn, period)
     try:
-        return Floquet(*floquet_multipliers(_quietest(returns, returns.unknowns(x, period, 0.0)), driven))
+        return Floquet(*multipliers(_quietest(returns, u), driven))
     except NotSmooth:
         return Floquet(why="the return map is not smooth: displaced runs meet other events")
 
@@ -173,11 +111,6 @@ def _quietest(returns: ReturnMap, u: Array) -> Array:
     return large if np.abs(small - middle).max() > np.abs(large - middle).max() else middle
 
 
-def multipliers(matrix: Array, driven: bool) -> Floquet:
-    """Return the multipliers of a monodromy matrix; `driven`: it contains no shift along the motion."""
-    return Floquet(*floquet_multipliers(matrix, driven))
-
-
 def middle(orbit: Orbit, around: OnePeriod) -> int:
     """Return the tick in the middle of the longest time between events with the fewest stuck contacts."""
     step, ticks = orbit.scene.step_ns * 1e-9, len(around.states) - 1
@@ -190,24 +123,6 @@ def middle(orbit: Orbit, around: OnePeriod) -> int:
     ]
     *_, middle = min(stretches)
     return min(round(middle / step), ticks)
-
-
-def _sizes(span: Array, nq: int) -> Array:
-    """The unit displacement of each state: its range, or a small part of the largest range of its kind."""
-    out = span.copy()
-    for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):  # metres, metres per second, volts and the like
-        if span[kind].size:
-            out[kind] = np.maximum(span[kind], 1e-3 * span[kind].max())
-    return np.where(out > 0.0, out, 1.0)
-
-
-def _free(rows: Array) -> Array:
-    """Orthonormal directions [state, i] that do not change the slip speed of stuck contacts."""
-    if not len(rows):
-        return np.eye(rows.shape[1])
-    _, values, directions = np.linalg.svd(rows)
-    rank = int(np.count_nonzero(values > 1e-12 * values.max()))
-    return np.asarray(directions[rank:].T)
 
 
 @dataclass(frozen=True)
@@ -235,69 +150,33 @@ def forced(scene: Scene, assembly: Assembly, at: Steady, sine: int, cosine: int,
     if turns > _SLOWEST:
         what = f"in a period of the dither the rig oscillates {turns:.0f} times, and at most {_SLOWEST:g} are computed"
         return _unknown(f"{what}; for so slow a change use the eigenvalues at constant values (rig modes --sweep)")
-    closed = _closed(at, sine, cosine, amplitude, omega)
-    if closed.exists or closed.counts:
-        return closed
-    return _with_events(scene, assembly, at, sine, cosine, amplitude, omega, closed.why)
+    unit = amplitude * np.array([-1j, 1.0])  # as in rig.analysis.averaged.fast_motion
+    moved = np.union1d(at.moving, settling(at.system, at.modes.A, at.moving))
+    pushed = at.A[np.ix_(moved, np.array([sine, cosine]))] @ unit
+    response = np.zeros(at.system.n, dtype=np.complex128)
+    response[[sine, cosine]] = unit
+    response[moved] = np.linalg.solve(1j * omega * np.eye(len(moved)) - at.A[np.ix_(moved, moved)], pushed)
+    turn = np.exp(2j * np.pi * np.arange(_POINTS) / _POINTS)
+    states = at.x + np.outer(turn, response).real
+    reverses = _reverses(at, states @ at.system.slip_rows.T)
+    if not (reverses or at.modes.nonlinear.any() or at.system.products or at.system.remembers):
+        why = _pulls(at, states @ at.modes.normal.T + at.modes.normal_t @ at.T)
+        rates, shapes = at.eigenvectors()
+        over_x, over_t = loads(at.system, at.modes)
+        friction = at.modes.friction @ at.x + at.modes.friction_t @ at.T
+        means = at.x, at.T, friction, over_x @ at.x + over_t @ at.T
+        return _least_stable_first(rates, at, shapes, Forced(_NONE.diagonal(), _NONE, not why, True, why, means))
+    slow = [at.x + response.real]
+    with suppress(NumericsError, Singular):
+        slow.append(
+            averaged(at.system, sine, cosine, amplitude).x + fast_motion(at.system, sine, cosine, amplitude).real
+        )
+    why = reverses or "no forced motion is found in which every contact slips in its direction"
+    return _returning(scene, assembly, at, slow, 2.0 * np.abs(response), 2.0 * math.pi / omega, why)
 
 
 def _unknown(why: str) -> Forced:
     return Forced(_NONE.diagonal(), _NONE, False, False, why)
-
-
-def _closed(at: Steady, sine: int, cosine: int, amplitude: float, omega: float) -> Forced:
-    """The forced motion in the mode set of sliding."""
-    from scipy.integrate import solve_ivp
-
-    none = _unknown("no forced motion is found in which every contact slips in its direction")
-    system, modes, tau = at.system, at.modes, 2.0 * math.pi / omega
-    law = own_law(system, modes)
-    moved = np.union1d(at.moving, settling(system, modes.A, at.moving))
-    n, m = system.n, len(moved)
-    unit = amplitude * np.array([-1j, 1.0])  # as in rig.analysis.averaged.fast_motion
-    pushed = at.A[np.ix_(moved, np.array([sine, cosine]))] @ unit
-    response = np.linalg.solve(1j * omega * np.eye(m) - at.A[np.ix_(moved, moved)], pushed)
-    x = at.x.copy()
-    x[[sine, cosine]] = unit.real
-    x[moved] += response.real
-    size = np.where(np.abs(response) > 0.0, np.abs(response), 1.0)
-
-    def rates(_: float, y: Array) -> Array:
-        state, change = y[:n], y[n:].reshape(n, m)
-        J, T, _load = linearised(system, modes, state, law)
-        return np.concatenate([modes.A @ state + modes.b @ T, (J @ change).ravel()])
-
-    begin = np.zeros((n, m))
-    begin[moved, np.arange(m)] = 1.0
-    for rounds in range(_ROUNDS):
-        scale = np.concatenate([np.maximum(np.abs(x), np.abs(x).max() * 1e-6), np.ones(n * m)])
-        run = solve_ivp(rates, (0.0, tau), np.concatenate([x, begin.ravel()]), method="DOP853", rtol=_TIGHT,
-                        atol=_TIGHT * scale, t_eval=np.linspace(0.0, tau, _POINTS + 1))  # fmt: skip
-        if not run.success or not np.isfinite(run.y).all():
-            return none
-        P = run.y[n:, -1].reshape(n, m)[moved]
-        miss = run.y[:n, -1][moved] - x[moved]
-        if np.all(np.abs(miss) <= _CLOSED * size):
-            break
-        if rounds > _FIRST and (why := _reverses(at, run.y[:n].T @ system.slip_rows.T)):
-            return _unknown(why)
-        x[moved] += np.linalg.solve(np.eye(m) - P, miss)
-    else:
-        return none
-    states = run.y[:n, :-1].T
-    T = np.array([linearised(system, modes, state_at, law)[1] for state_at in states])
-    over_x, over_t = loads(system, modes)
-    load = states @ over_x.T + T @ over_t.T
-    friction = states @ modes.friction.T + T @ modes.friction_t.T
-    reverses = _reverses(at, states @ system.slip_rows.T)
-    why = reverses or _pulls(at, states @ modes.normal.T + T @ modes.normal_t.T)
-    vibrates = np.isin(moved, at.moving)  # lags settle by themselves, whatever vibrates
-    values, vectors = np.linalg.eig(P[np.ix_(vibrates, vibrates)])
-    shapes = np.zeros((n, len(at.moving)), dtype=np.complex128)
-    shapes[moved[vibrates]] = vectors
-    counts = not why or not (reverses or modes.nonlinear.any() or system.products)
-    means = states.mean(axis=0), T.mean(axis=0), friction.mean(axis=0), load.mean(axis=0)
-    return _least_stable_first(values, tau, at, shapes, Forced(_NONE.diagonal(), _NONE, not why, counts, why, means))
 
 
 def _reverses(at: Steady, speed: Array) -> str:
@@ -314,50 +193,64 @@ def _pulls(at: Steady, normal: Array) -> str:
     return f"in the forced motion {name} would have to pull, with up to {-N:.4g} N" if N <= 0.0 else ""
 
 
-def _with_events(
-    scene: Scene, assembly: Assembly, at: Steady, sine: int, cosine: int, amplitude: float, omega: float, why: str
+def _returning(
+    scene: Scene, assembly: Assembly, at: Steady, starts: Sequence[Array], span: Array, tau: float, why: str
 ) -> Forced:
-    """The forced motion with its events, found by Newton's method from the averaged motion."""
-    tau = 2.0 * math.pi / omega
+    """The forced motion by Newton's method on the return map, from the first start from which it has no event."""
+    shaking = replace(scene, parameters=with_values(scene.parameters, {"dither.enable": True}), controllers={})
+    last: tuple[ReturnMap, Array, Carried] | None = None
+    for x in starts:
+        flow = Flow(shaking, assembly, start=x)
+        returns = ReturnMap(Family.of(flow), sizes(span, flow), tau, 1.0, period=lambda _: tau)
+        u = returns.unknowns(x, tau, 0.0)
+        try:
+            u, end = returns.newton(u, parameter(0.0, len(u)), u, over_p=False, halvings=_HALVINGS)
+            last = returns, u, end
+        except (NoCycle, NumericsError) as error:
+            ends = f"{why}, and {' '.join(str(error).split())}"
+            continue
+        if not end.events:
+            break
+    if last is None:
+        return _unknown(ends)
+    returns, u, end = last
     try:
-        fast = fast_motion(at.system, sine, cosine, amplitude)
-        x = averaged(at.system, sine, cosine, amplitude).x + fast.real
-        shaking = replace(scene, parameters=with_values(scene.parameters, {"dither.enable": True}), controllers={})
-        orbit = Orbit(shaking, assembly, x, chosen(scene.clock.method, at.system), _TIGHT)
-        for _ in range(_ROUNDS):
-            return_map = returned(
-                orbit, x, tau, 2.0 * np.abs(fast), STEPS[1:]
-            )  # with the first an erased one may be 1e-4
-            if return_map is None:
-                return _unknown(f"{why}, and displaced motions meet other events")
-            if np.abs(return_map.miss).max(initial=0.0) <= _CLOSED:
-                break
-            step = np.linalg.lstsq(np.eye(len(return_map.miss)) - return_map.matrix, return_map.miss, rcond=None)[0]
-            x = return_map.shifted(np.asarray(step, dtype=np.float64))
-        else:
-            return _unknown(f"{why}, and Newton's method finds no motion that repeats with the dither")
-    except (NumericsError, Singular) as error:
-        return _unknown(f"{why}, and its simulation ends: {' '.join(str(error).split())}")
-    values, vectors = np.linalg.eig(return_map.matrix)
-    left = np.abs(values) > _ERASED
+        values, vectors = np.linalg.eig(returns.derivative(u, end, over_p=False).P)
+    except NotSmooth as error:
+        return _unknown(f"{why}, and {error}")
+    flow, x = returns.flow(u), returns.state(u)
+    left = (np.abs(values) > _ERASED) | (not end.events)
     why = "" if left.any() else "a contact sticks in every period, which ends every disturbance"
     shapes = np.zeros((at.system.n, int(left.sum())), dtype=np.complex128)
-    shapes[return_map.moving] = return_map.size[return_map.moving, None] * (return_map.basis @ vectors[:, left])
-    return _least_stable_first(values[left], tau, at, shapes, Forced(_NONE.diagonal(), _NONE, True, True, why))
+    shapes[flow.moving] = returns.size[:, None] * vectors[:, left]
+    motion = Forced(_NONE.diagonal(), _NONE, True, True, why, None if end.events else _means(flow, x, end.first, tau))
+    return _least_stable_first(np.log(values[left].astype(np.complex128)) / tau, at, shapes, motion, tau)
 
 
-def _least_stable_first(multipliers: Complex, tau: float, at: Steady, shapes: Complex, motion: Forced) -> Forced:
-    """The motion with the exponents [1/s] of its multipliers: of their frequencies the one nearest to an eigenvalue of
-    sliding without dither.
+def _means(flow: Flow, x: Array, key: int, tau: float) -> tuple[Array, Array, Array, Array]:
+    """The means of `Forced` of a motion from x on that stays in one mode set."""
+    modes, system, states = flow.modes(key), flow.system, [x]
+    for _ in range(_POINTS - 1):
+        states.append(flow.within(states[-1], key, tau / _POINTS))
+    law, X = own_law(system, modes), np.array(states)
+    T = np.array([linearised(system, modes, state, law)[1] for state in states])
+    over_x, over_t = loads(system, modes)
+    friction = X @ modes.friction.T + T @ modes.friction_t.T
+    return X.mean(axis=0), T.mean(axis=0), friction.mean(axis=0), (X @ over_x.T + T @ over_t.T).mean(axis=0)
+
+
+def _least_stable_first(main: Complex, at: Steady, shapes: Complex, motion: Forced, tau: float = 0.0) -> Forced:
+    """The motion with its exponents [1/s], `main`.
+
+    Those of a return after `tau` [s] are known up to multiples of its frequency: of them the one nearest to an
+    eigenvalue of sliding without dither counts.
     """
-    still = at.eigenvalues()
-    main = np.log(multipliers.astype(np.complex128)) / tau
-    turn = 2.0 * math.pi / tau
-    most = int(np.abs(still.imag).max(initial=0.0) / turn) + 1
-    ways = main[:, None] + 1j * turn * np.arange(-most, most + 1)
-    nearest = np.abs(ways[:, :, None] - still).min(axis=2).argmin(axis=1)
-    exponents = np.where(
-        np.isreal(multipliers), main, ways[np.arange(len(main)), nearest]
-    )  # real: no beat, or half of it
-    order = np.lexsort((-exponents.imag, -exponents.real))
-    return replace(motion, exponents=exponents[order], shapes=shapes[:, order])
+    if tau:
+        still, turn = at.eigenvalues(), 2.0 * math.pi / tau
+        most = int(np.abs(still.imag).max(initial=0.0) / turn) + 1
+        ways = main[:, None] + 1j * turn * np.arange(-most, most + 1)
+        nearest = np.abs(ways[:, :, None] - still).min(axis=2).argmin(axis=1)
+        beat = np.abs(np.sin(main.imag * tau)) > 1e-14  # a real multiplier has none, or half of one
+        main = np.where(beat, ways[np.arange(len(main)), nearest], main)
+    order = np.lexsort((-main.imag, -main.real))
+    return replace(motion, exponents=main[order], shapes=shapes[:, order])

@@ -113,6 +113,7 @@ class Flow:
         self.system: System = self.assembly.system()
         if start is not None:  # driving states as they are there
             self.system = replace(self.system, start=start)
+            self.__dict__["settled"] = _at_rest(self.system, start)
         self.step = scene.step_ns * 1e-9
         self.key = sliding_key(self.system)
         clock = scene.clock
@@ -360,6 +361,12 @@ Closing = Callable[[Array, Carried], tuple[float, Array]]
 """(unknowns, run) -> value and gradient of the closing equation."""
 
 
+def parameter(value: float, unknowns: int) -> Closing:
+    """Return the closing equation that fixes the parameter, over its scale, at a value."""
+    gradient = np.append(np.zeros(unknowns - 1), 1.0)
+    return lambda u, _: (float(u[-1]) - value, gradient)
+
+
 class ReturnMap:
     """The return map of a family of rigs over its first parameter; the unknowns are u = (x / size, T / T0, p / P0).
 
@@ -380,7 +387,7 @@ class ReturnMap:
     ) -> None:
         self.family, self.size, self.T0, self.P0, self.others = family, size, T0, P0, others
         self.period, self.phase, self.key = period, phase, key
-        self.runs = 0
+        self.runs = self.steps = 0  # of the map, of Newton's method
 
     def flow(self, u: Array) -> Flow:
         """Return the rig at the parameter of u."""
@@ -508,22 +515,29 @@ class ReturnMap:
         met: tuple[int, tuple[str, ...]] | None = None,
         first: Array | None = None,
         over_p: bool = True,
+        halvings: int = 0,
     ) -> tuple[Array, Carried]:
         """Solve for a cycle near u; `met`: the events that every iterate has to meet.
 
         `first`: derivative of all equations for the first step. Broyden's formula improves it; where that does not lead
-        on, derivatives are computed. Raises NotSmooth and NoCycle.
+        on, derivatives are computed. `halvings`: of a step that meets other events or comes no closer, from a guess
+        that may be far away. Raises NotSmooth and NoCycle.
         """
         along = self.along(reference)
-        M, last = first, math.inf
+        M, last, left = first, math.inf, halvings
         before: tuple[Array, Array] | None = None
-        for _ in range(_ITERATIONS):
+        for _ in range(_ITERATIONS + 2 * halvings):
             end = self.end(u)
-            if met is not None and end.met != met:
+            other = met is not None and end.met != met
+            if other and (not left or before is None):
                 raise NotSmooth("the motion meets other events", end)
             value, gradient = closing(u, end)
             R = np.append(self.residual(u, end, reference, along), value)
             size = float(np.linalg.norm(R))
+            if before is not None and left and (other or size >= max(last, CLOSED_TO)):
+                u, left = self.shifted(before[0], 0.5 * (u - before[0])), left - 1
+                continue
+            left, self.steps = halvings, self.steps + 1
             if size <= CLOSE or (size <= CLOSED_TO and size > 0.3 * last):
                 return u, end
             if before is not None and M is not None and size <= 0.5 * last:
@@ -545,6 +559,16 @@ def driven(flow: Flow, later: float) -> Array:
         s, c = math.sin(rate * later), math.cos(rate * later)
         x[a], x[b] = c * start[a] + s * start[b], c * start[b] - s * start[a]
     return x
+
+
+def sizes(span: Array, flow: Flow) -> Array:
+    """The unit of each moving state: its range `span`, or a small part of the largest range of its kind."""
+    out, nq = span.copy(), len(flow.system.coordinates)
+    for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):  # metres, metres per second, volts and the like
+        if span[kind].size:
+            out[kind] = np.maximum(span[kind], 1e-3 * span[kind].max())
+    out = out[flow.moving]
+    return np.asarray(np.where(out > 0.0, out, 1.0))
 
 
 def multipliers(P: Array, driven: bool) -> tuple[tuple[complex, ...], float]:

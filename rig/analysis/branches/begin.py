@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.axis import Axis
-from rig.analysis.branches.trace import VIRTUAL, Place, better_base, place, sizes
+from rig.analysis.branches.trace import VIRTUAL, Place, better_base, place
 from rig.analysis.map import Map
 from rig.analysis.orbit import repeating
-from rig.analysis.return_map import Array, Family, Flow, NoCycle, ReturnMap, driven
+from rig.analysis.return_map import Array, Family, Flow, NoCycle, ReturnMap, driven, parameter, sizes
 from rig.errors import UsageError
 from rig.record import reader
 from rig.record.run import Run
@@ -190,12 +190,7 @@ def from_hopf(
     scale = max((abs(row) / speed for row, speed in zip(rows, speeds) if speed > 0.0), default=0.0)
     shape = shape / (scale or float(np.abs(shape).max()))
     shape = shape / np.exp(1j * np.angle(shape[moving[np.abs(shape[moving]).argmax()]]))
-    nq = len(system.coordinates)
-    size = np.abs(shape)
-    for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):
-        if size[kind].size:
-            size[kind] = np.maximum(size[kind], 1e-3 * size[kind].max())
-    size = np.where(size[moving] > 0.0, size[moving], 1.0)
+    size = sizes(np.abs(shape), flow)
     T = 2.0 * math.pi / rate.imag
     map = ReturnMap(family, size, T, abs(p) or 1.0, others)
     t = np.append(shape.real[moving] / size, [0.0, 0.0])
@@ -211,16 +206,15 @@ def from_motion(family: Family, values: tuple[float, ...], x: Array, period: flo
     """The place of the cycle that passes near state x of the rig with these values. Raises NoCycle and NotSmooth."""
     flow = family.flow(values)
     run = flow.carried(x, period, keep=True)
-    map = ReturnMap(family, sizes(run.states, flow), period, abs(values[0]) or 1.0, values[1:])
+    map = ReturnMap(family, sizes(np.ptp(run.states, axis=0), flow), period, abs(values[0]) or 1.0, values[1:])
     u = map.unknowns(x, period, values[0])
     if (later := better_base(map, u, run, period)) is not None:
         base = flow.carried(x, later)
         map.key = base.key
         u = map.unknowns(base.x, period, values[0])
-    gradient = np.append(np.zeros(len(u) - 1), 1.0)
-    met = map.end(u).met
-    u, end = map.newton(u, lambda v, _: (float(v[-1]) - values[0] / map.P0, gradient), u, met)
-    return place(map, u, end, gradient, held=True)
+    closing = parameter(values[0] / map.P0, len(u))
+    u, end = map.newton(u, closing, u, map.end(u).met)
+    return place(map, u, end, closing(u, end)[1], held=True)
 
 
 def period_of(flow: Flow) -> float:
@@ -242,7 +236,7 @@ def from_forced(family: Family, value: float) -> Place:
         x = generator.copy()
         x[flow.moving] = run.x[flow.moving]
         run = flow.carried(x, T, keep=True)
-        size = sizes(run.states, flow)
+        size = sizes(np.ptp(run.states, axis=0), flow)
         if np.abs((x - last)[flow.moving] / size).max() < _DECAYS:
             break
         last = x
@@ -255,7 +249,6 @@ def from_forced(family: Family, value: float) -> Place:
     size = np.maximum(size, np.abs(run.states[:, flow.moving]).max(axis=0))  # its mean moves by more than it vibrates
     map = ReturnMap(family, size, T, abs(value) or 1.0, (), period_of, phase)
     u = map.unknowns(x, T, value)
-    gradient = np.append(np.zeros(len(u) - 1), 1.0)
-    met = map.end(u).met
-    u, end = map.newton(u, lambda v, _: (float(v[-1]) - value / map.P0, gradient), u, met)
-    return place(map, u, end, gradient, held=True)
+    closing = parameter(value / map.P0, len(u))
+    u, end = map.newton(u, closing, u, map.end(u).met)
+    return place(map, u, end, closing(u, end)[1], held=True)

@@ -29,6 +29,8 @@ from rig.analysis.return_map import (
     NotSmooth,
     ReturnMap,
     multipliers,
+    parameter,
+    sizes,
     word,
 )
 from rig.errors import NumericsError, SceneError
@@ -185,7 +187,7 @@ def _closed(at: Place, held: bool) -> Place:
 def missed(at: Place) -> float:
     """By how much the motion misses its start, over the range of each state."""
     moving = at.flow.moving
-    return float(np.abs((at.run.x - at.run.states[0])[moving] / sizes(at.run.states, at.flow)).max())
+    return float(np.abs((at.run.x - at.run.states[0])[moving] / sizes(np.ptp(at.run.states, axis=0), at.flow)).max())
 
 
 def stepped(at: Place, ds: float, met: Met | None) -> tuple[Array, Carried]:
@@ -201,14 +203,13 @@ def stepped(at: Place, ds: float, met: Met | None) -> tuple[Array, Carried]:
 
 def at_value(at: Place, p: float, met: Met | None = None) -> Place:
     """Solve for the cycle at the parameter p, near a place."""
-    target, gradient = p / at.map.P0, np.append(np.zeros(len(at.u) - 1), 1.0)
+    target = p / at.map.P0
+    closing = parameter(target, len(at.u))
     share = (target - at.u[-1]) / at.t[-1] if at.t[-1] else 0.0
     guess = at.u + share * at.t
     guess[-1] = target
-    M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), gradient])
-    u, end = at.map.newton(
-        at.map.shifted(guess, 0.0 * guess), lambda v, _: (float(v[-1]) - target, gradient), at.u, met, first=M
-    )
+    M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), closing(guess, at.end)[1]])
+    u, end = at.map.newton(at.map.shifted(guess, 0.0 * guess), closing, at.u, met, first=M)
     return place(at.map, u, end, at.t, held=True)
 
 
@@ -650,7 +651,7 @@ def _rescaled(at: Place) -> Place:
     if at.map.period is not None:
         return at
     flow, run, map = at.flow, at.run, at.map
-    size = sizes(run.states, flow)
+    size = sizes(np.ptp(run.states, axis=0), flow)
     T0, P0 = at.period, abs(at.p) or map.P0
     ratio = np.concatenate([map.size / size, [map.T0 / T0, map.P0 / P0]])
     if np.all((ratio < _RESCALE) & (ratio > 1.0 / _RESCALE)):
@@ -665,14 +666,3 @@ def _rescaled(at: Place) -> Place:
     )
     t = at.t * ratio
     return Place(new, at.u * ratio, at.end, d, t / np.linalg.norm(t))
-
-
-def sizes(states: Array, flow: Flow) -> Array:
-    """The unit of each moving state: its range, or a small part of the largest range of its kind."""
-    system = flow.system
-    span, nq = np.ptp(states, axis=0), len(system.coordinates)
-    for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):
-        if span[kind].size:
-            span[kind] = np.maximum(span[kind], 1e-3 * span[kind].max())
-    out = span[flow.moving]
-    return np.asarray(np.where(out > 0.0, out, 1.0))
