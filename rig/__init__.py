@@ -302,7 +302,8 @@ def branches(
 
     loaded = _scene(scene)
     todo = job(loaded, over, output, tuple(start), points)
-    return follow(todo, Path(folder)) if second is None else curves(todo, Axis.parse(second, loaded))
+    root = Path(folder)
+    return follow(todo, root) if second is None else curves(todo, Axis.parse(second, loaded), root)
 
 
 def map(

@@ -327,6 +327,10 @@ def map_(
             "--eigenvalues", help="Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."
         ),
     ] = False,
+    boundaries: Annotated[
+        bool,
+        typer.Option("--curves", help="Draw the curves of Hopf, fold and grazing points over the map (rig branches)."),
+    ] = False,
     out: Results = Path("maps"),
     force: Force = False,
     as_json: Json = False,
@@ -336,7 +340,8 @@ def map_(
     One axis gives a bifurcation diagram. Results are kept: after an
     interruption the same command continues. --force draws a finished map again.
     """
-    from rig.analysis.map import chart, job, regions_job, store_of
+    from rig.analysis import branches
+    from rig.analysis.map import Map, chart, job, regions_job, store_of
 
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
@@ -349,8 +354,24 @@ def map_(
         idle(loaded, todo.x, todo.y)
     store = store_of(todo, out)
     refuse(store.folder, (f"{name}.csv", f"{name}.png"), force)
+    if boundaries and (todo.y is None or todo.dithered or eigenvalues):
+        raise UsageError("--curves: needs a simulated map over two parameters, --x and --y")
     with printing.kept(store, "parts", len(todo.units)), printing.bar("rows" if y else "parts") as progress:
-        written(chart(todo, out, workers, progress), store.folder, name, as_json)
+        result = chart(todo, out, workers, progress)
+    if not boundaries:
+        written(result, store.folder, name, as_json)
+        return
+    assert isinstance(result, Map)
+    assert todo.y is not None
+    along = branches.job(loaded, f"{x.rpartition(':')[0]}", output)
+    with (
+        printing.kept(branches.curves_store(along, todo.y, out), "parts of curves"),
+        printing.bar("points") as progress,
+    ):
+        lines = branches.curves(along, todo.y, out, progress)
+    written(result, store.folder, name, as_json, lines.over(result), curves=lines.to_json()["curves"])
+    if not as_json:
+        printing.line(f"\n{lines.text()}")
 
 
 def branches(
@@ -404,7 +425,7 @@ def branches(
     continues. --force draws finished branches again.
     """
     from rig.analysis.axis import axes
-    from rig.analysis.branches import Threshold, curves, job, store_of
+    from rig.analysis.branches import Threshold, curves, curves_store, job, store_of
     from rig.analysis.branches import branches as follow
 
     loaded = the_scene(scene, changes(p))
@@ -412,11 +433,10 @@ def branches(
     todo = job(loaded, over, output, tuple(separated(start)), points)
     if second is not None:
         [along] = axes(loaded, {"--second": second})
-        with printing.status() as show:
-            result = curves(todo, along, show)
-        folder = out / f"{store_of(todo, out).folder.name}-over-{along.key}"
-        refuse(folder, ("curves.csv", "curves.png"), force)
-        written(result, folder, "curves", as_json)
+        store = curves_store(todo, along, out)
+        refuse(store.folder, ("curves.csv", "curves.png"), force)
+        with printing.kept(store, "parts of curves"), printing.bar("points") as progress:
+            written(curves(todo, along, out, progress), store.folder, "curves", as_json)
         return
     store = store_of(todo, out)
     refuse(store.folder, ("branches.csv", "branches.png"), force)
@@ -429,15 +449,16 @@ def branches(
         printing.line(f"\n{edge.text()}")
 
 
-def written(result: Any, folder: Path, name: str, as_json: bool, **more: Any) -> None:
+def written(result: Any, folder: Path, name: str, as_json: bool, figure: Any = None, **more: Any) -> None:
     """Print a result that has a folder, as JSON with `more`; write its table and its figure as `name` there."""
     from rig.machine.files import write_file
+    from rig.view.palette import put
 
     printing.result(result, as_json, folder=str(folder), **more)
     if not as_json:
         printing.line(f"\n{folder}/{name}.png, {name}.csv")
     write_file(folder / f"{name}.csv", result.csv().encode())
-    draw(result, folder / f"{name}.png")
+    put(figure or result.plot(), folder / f"{name}.png")
 
 
 def idle(scene: Scene, *axes: Axis | None) -> None:

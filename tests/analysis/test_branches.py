@@ -10,7 +10,7 @@ import pytest
 
 import rig as lab
 from rig.analysis.axis import Axis
-from rig.analysis.branches import Branches, Threshold, branches, job
+from rig.analysis.branches import Branches, Threshold, branches, curves, job
 from rig.analysis.branches.begin import Start, from_start
 from rig.analysis.branches.result import SpecialPoint
 from rig.analysis.return_map import Family
@@ -155,6 +155,7 @@ def test_forced_motions_close_to_their_own_range(tmp_path):
     changes = {"dither.enable": True, "body.damping": 60.0}
     result = followed(tmp_path, "belt_dither", "drive.speed=0.05 m/s:0.2 m/s", ("simulation",), **changes)
     assert {branch.kind for branch in result.branches} == {"forced motion"}
+    assert {branch.name for branch in result.branches} <= {"slip", "reversal: contact", "stick-slip: contact"}
     assert {point.stick > 0.0 for *_, point in result.points()} == {True, False}
     assert any(abs(p.low) > 100.0 * (p.high - p.low) for *_, p in result.points())
 
@@ -206,7 +207,8 @@ def test_every_form_of_the_result(bstab):
     assert bool((data.low <= data.high).all())
     axes = bstab.plot().get_axes()[0]
     legend = {text.get_text() for text in axes.get_legend().get_texts()}
-    assert {"stable", "unstable", "Hopf point", "grazing fold"} <= legend
+    assert {"stable", "unstable", "steady sliding", "cycle without stick"} <= legend
+    assert {"Hopf point: 1.1513 m/s", "grazing fold: 1.8366 m/s"} <= legend
     assert "<img" in bstab._repr_html_()
 
 
@@ -304,14 +306,27 @@ def test_largest_damping_with_stick_slip_of_an_example_of_others(tmp_path, extra
 
 def test_curves_of_special_points_over_two_parameters(tmp_path):
     loaded = lab.load("belt", {**BSTAB, "limits": "none"})
-    result = lab.branches(loaded, "drive.speed=0.2 m/s:4 m/s", second="load.force=0.5 N:2 N:4", folder=tmp_path)
+    over, loads = "drive.speed=0.2 m/s:4 m/s", "load.force=0.5 N:2 N:4"
+    todo, second = job(loaded, over), Axis.parse(loads, loaded)
+
+    def stop(done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        curves(todo, second, tmp_path, stop)
+    again: list[int] = []
+    curves(todo, second, tmp_path, lambda done, total: again.append(done))
+    assert (min(again), max(again)) == (3, 4)
+    result = lab.branches(loaded, over, second=loads, folder=tmp_path)
     hopf, grazing = result.curves
     assert hopf.first == pytest.approx([0.5 * math.log(N / 0.1) for N in hopf.second], abs=1e-10)
     assert (grazing.first[0], grazing.first[-1]) == pytest.approx((1.06527413, 3.01258884), abs=2e-8)
     assert "grazing fold" in result.text()
     assert len(result.plot().get_axes()[0].get_lines()) == 2
     chart = lab.map(loaded, "drive.speed=1:3:2", "load.force=0.5:2:2", longest=20.0, folder=tmp_path, workers=1)
-    assert "grazing fold (contact)" in {line.get_label() for line in result.over(chart).get_axes()[0].get_lines()}
+    labels = {line.get_label() for line in result.over(chart).get_axes()[0].get_lines()}
+    assert {"Hopf point", "grazing fold (contact)"} <= labels
 
 
 def test_least_knocks_are_confirmed_where_a_tick_is_a_large_part_of_a_period(tmp_path):

@@ -101,6 +101,7 @@ def test_explain_shows_effects_and_origins(rig):
         (("run", "belt", "--pace", "fast"), "--pace is 'fast'; expected a number, or \"max\""),
         (("simulate", "belt", "-p", "load.force=1,500 N"), "-p load.force = 1,500 N may be 1.500 or 1500"),
         (("map", "belt", "--eigenvalues", "--x", "drive.speed=0.1:0.2:3"), "--eigenvalues: needs --y as well"),
+        (("map", "belt", "--curves", "--x", "drive.speed=0.1:0.2:3"), "--curves: needs a simulated map over two"),
         (("sim", "belt"), "has no command 'sim': did you mean simulate?"),
         (("topic", "ech"), "topic has no command 'ech': did you mean echo?"),
     ],
@@ -187,6 +188,19 @@ def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):
     )
     rows = (folder / "map.csv").read_text().splitlines()[1:]
     assert [row.split(",")[4] for row in rows] == ["stick-slip", "sliding"]
+
+
+def test_curves_of_special_points_are_written_alone_and_over_a_map(rig, tmp_path):
+    range_, loads = "drive.speed=0.1 m/s:0.8 m/s", "load.force=15 N:20 N:2"
+    code, out, _ = rig("branches", "belt", "--over", range_, "--second", loads, "--out", tmp_path / "a", "--json")
+    assert code == 0
+    alone = json.loads(out)
+    assert {"curves.csv", "curves.png"} <= {path.name for path in Path(alone["folder"]).iterdir()}
+    chart = ("map", "belt", "--x", f"{range_}:2", "--y", loads, "--runs", "near", "--workers", "1")
+    code, out, _ = rig(*chart, "--curves", "--out", tmp_path / "b", "--json")
+    assert code == 0
+    assert [(c["kind"], c["contact"]) for c in json.loads(out)["curves"]] == [("hopf", ""), ("grazing fold", "contact")]
+    assert json.loads(out)["curves"][1]["first"] == pytest.approx(alone["curves"][1]["first"], rel=1e-8)
 
 
 def test_amplitude_of_the_golden_recording(rig, tmp_path):

@@ -11,7 +11,7 @@ result      branches as text, JSON, CSV, xarray; figure
 
 from rig.analysis.branches.begin import HOPF, SIMULATION, Start
 from rig.analysis.branches.compute import POINTS, ROOT, Job, branches, job, store_of
-from rig.analysis.branches.curves import Curve, Curves, curves
+from rig.analysis.branches.curves import Curve, Curves, curves, curves_store
 from rig.analysis.branches.result import Branch, Branches, Point, SpecialPoint
 from rig.analysis.branches.threshold import Knock, Share, Threshold
 
@@ -33,6 +33,7 @@ __all__ = [
     "Threshold",
     "branches",
     "curves",
+    "curves_store",
     "job",
     "store_of",
 ]

@@ -313,7 +313,7 @@ class _Computation:
         notes = list(saved["notes"])
         if not saved["done"]:
             try:
-                first = _rebuilt(self.family, saved["last"]) if saved["last"] else make()
+                first = rebuilt(self.family, saved["last"]) if saved["last"] else make()
             except FAILURES as error:
                 first = None
                 notes.append(f"{what}: not followed: {' '.join(str(error).split())}")
@@ -370,7 +370,7 @@ class _Computation:
     def _save(self, made: Sequence[Branch], last: Place | None, done: bool, notes: Sequence[str]) -> None:
         raw: dict[str, Any] = {
             "branches": [branch.to_json() for branch in made],
-            "last": _raw(last),
+            "last": raw_of(last),
             "done": done,
             "notes": list(notes),
         }
@@ -478,8 +478,8 @@ def _special(special: Special) -> SpecialPoint:
                         special.turns, special.why)  # fmt: skip
 
 
-def _raw(at: Place | None) -> dict[str, Any] | None:
-    """A place as JSON values."""
+def raw_of(at: Place | None) -> dict[str, Any] | None:
+    """Return a place as JSON values."""
     if at is None:
         return None
     return {
@@ -488,6 +488,7 @@ def _raw(at: Place | None) -> dict[str, Any] | None:
         "size": at.map.size.tolist(),
         "T0": at.map.T0,
         "P0": at.map.P0,
+        "others": at.map.others,
         "key": at.map.key,
         "forced": at.map.period is not None,
         "phase": at.map.phase,
@@ -495,9 +496,10 @@ def _raw(at: Place | None) -> dict[str, Any] | None:
     }
 
 
-def _rebuilt(family: Family, raw: Mapping[str, Any]) -> Place:
-    """The place of `_raw`."""
+def rebuilt(family: Family, raw: Mapping[str, Any]) -> Place:
+    """Return the place of `raw_of`."""
     period = begin.period_of if raw["forced"] else None
-    map = ReturnMap(family, np.array(raw["size"]), raw["T0"], raw["P0"], (), period, raw["phase"], raw["key"])
+    others = tuple(raw.get("others", ()))
+    map = ReturnMap(family, np.array(raw["size"]), raw["T0"], raw["P0"], others, period, raw["phase"], raw["key"])
     u = np.array(raw["u"])
     return replace(place(map, u, map.end(u), t=np.array(raw["t"])), step=raw["step"])

@@ -2,14 +2,16 @@
 
 Hopf points are roots of growth rates at each value of the second parameter. Every other special point is followed from
 the value of the scene in both directions: the cycle a little before it is carried to the next value of the second
-parameter, and from there along its branch to the zero of the same distance.
+parameter, and from there along its branch to the zero of the same distance. Each is saved while it is computed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -18,8 +20,8 @@ from numpy.typing import NDArray
 from rig.analysis import eigenvalue_curves
 from rig.analysis.axis import Axis
 from rig.analysis.branches import begin
-from rig.analysis.branches.compute import Job
-from rig.analysis.branches.result import TURNS
+from rig.analysis.branches.compute import ROOT, SAVE, Job, raw_of, rebuilt
+from rig.analysis.branches.result import TURNS, named
 from rig.analysis.branches.trace import (
     FAILURES,
     Measure,
@@ -34,6 +36,7 @@ from rig.analysis.branches.trace import (
 )
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.map import Map
+from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
 from rig.analysis.return_map import Carried, Family
 from rig.errors import UsageError
 from rig.machine.files import csv_table
@@ -66,7 +69,7 @@ class Curve:
     @property
     def name(self) -> str:
         """What the points are, in words."""
-        return f"{self.kind} ({self.contact})" if self.contact else self.kind
+        return named(self.kind, self.contact)
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,7 @@ class Curves(Result):
     axis: Axis
     second: Axis
     curves: tuple[Curve, ...]
+    folder: Path | None = None
 
     def lines(self) -> list[tuple[str, Array, Array]]:
         """Return name, first and second parameter (SI) of each curve, for a figure."""
@@ -112,29 +116,73 @@ class Curves(Result):
             "key": self.axis.key,
             "second": self.second.key,
             "curves": [asdict(curve) for curve in self.curves],
+            "folder": str(self.folder) if self.folder else None,
         }
 
 
-def curves(job: Job, second: Axis, watch: Callable[[str], object] = lambda text: None) -> Curves:
-    """Compute the curves of a job over a second parameter. Raises UsageError if there is no special point to follow."""
-    scene, axis = job.scene, job.axis
-    at_scene = scene.values()[second.key][0]
-    own = float(np.clip(at_scene, min(second.values), max(second.values)))
-    watch("Hopf points")
-    out = list(_hopf_curves(job, second))
-    family = Family(scene, [axis, second])
-    for special in _specials(job, family, own):
-        parts: dict[float, float] = {}
-        whys = []
-        for values in (sorted(v for v in second.values if v >= own), sorted(v for v in second.values if v < own)[::-1]):
-            whys.append(_followed(special, own, values, parts, watch))
-        kind = TURNS.get(special.kind, special.kind) if special.turns else special.kind
-        ordered = sorted(parts)
-        why = "; ".join(why for why in whys if why)
-        out.append(Curve(kind, special.contact, tuple(ordered), tuple(parts[v] for v in ordered), why))
+def curves(job: Job, second: Axis, root: Path = ROOT, progress: Progress = lambda done, total: None) -> Curves:
+    """Compute the curves of a job over a second parameter; what their folder under `root` holds is not computed again.
+
+    Raises UsageError if there is no special point to follow, and if the folder cannot be used. After an interruption
+    the same call continues.
+    """
+    store = curves_store(job, second, root)
+    work, family = _work(job, second), Family(job.scene, [job.axis, second])
+    with store.open(work):
+        saved = {unit: unpacked(arrays) for unit, arrays in store.load().items()}
+        own = float(np.clip(job.scene.values()[second.key][0], min(second.values), max(second.values)))
+        if 0 not in saved:
+            saved[0] = {
+                "hopf": [list(zip(curve.second, curve.first)) for curve in _hopf_curves(job, second)],
+                "specials": [_saved(special) for special in _specials(job, family, own)],
+            }
+            store.save({0: packed(saved[0])})
+        out = [
+            Curve("hopf", "", tuple(q for q, _ in points), tuple(p for _, p in points)) for points in saved[0]["hopf"]
+        ]
+        specials, done = saved[0]["specials"], 0
+        for number, special in enumerate(specials):
+            parts: dict[float, float] = {}
+            whys: list[str] = []
+            above = sorted(v for v in second.values if v >= own)
+            for way, values in enumerate((above, sorted(v for v in second.values if v < own)[::-1])):
+                unit = 1 + 2 * number + way
+                follower = _Follower(special, family, own, values, saved.get(unit))
+                last_saved = time.monotonic()
+                try:
+                    for _ in follower.run():
+                        progress(done + len(follower.points), len(specials) * len(second.values))
+                        if time.monotonic() - last_saved > SAVE:
+                            store.save({unit: packed(follower.raw())})
+                            last_saved = time.monotonic()
+                finally:
+                    store.save({unit: packed(follower.raw())})
+                done += len(values)
+                parts |= follower.points
+                whys += [follower.why] if follower.why else []
+            ordered = sorted(parts)
+            out.append(Curve(special["kind"], special["contact"], tuple(ordered), tuple(parts[v] for v in ordered),
+                             "; ".join(whys)))  # fmt: skip
     if not out:
-        raise UsageError(f"{scene.name}: no special point lies in this range of {axis.key}")
-    return Curves(scene, axis, second, tuple(out))
+        raise UsageError(f"{job.scene.name}: no special point lies in this range of {job.axis.key}")
+    return Curves(job.scene, job.axis, second, tuple(out), store.folder)
+
+
+def curves_store(job: Job, second: Axis, root: Path = ROOT) -> Store:
+    """Return the store of the curves of a job under `root`."""
+    return Store.of(_work(job, second), root)
+
+
+def _work(job: Job, second: Axis) -> Work:
+    identity = repr([job.work.digest, second.key, second.values])
+    about = {**job.work.about, "second": second.key}
+    return replace(job.work, name=f"{job.scene.name}-curves", digest=digest(job.scene, identity), about=about)
+
+
+def _saved(special: Special) -> dict[str, Any]:
+    """A special point as JSON values, with the cycle a little before it."""
+    kind = TURNS.get(special.kind, special.kind) if special.turns else special.kind
+    return {"kind": kind, "contact": special.contact, "name": special.name, "last": raw_of(_back(special.at))}
 
 
 def _hopf_curves(job: Job, second: Axis) -> Iterator[Curve]:
@@ -201,35 +249,51 @@ def _growths(job: Job, scene: Scene) -> eigenvalue_curves.Growths:
     return growths
 
 
-def _followed(
-    special: Special, own: float, values: list[float], parts: dict[float, float], watch: Callable[[str], object]
-) -> str:
-    """Follow a special point over values of the second parameter, into `parts`; return why it ends."""
-    measure = of_turn if special.name is None else of_distance(special.name)
-    q = own
-    try:
-        last = _back(special.at)
-        for value in values:
-            watch(f"{special.kind} at {value:.6g}")
-            step = value - q
-            while q != value or value not in parts:
-                target = value if abs(step) >= abs(value - q) else q + step
-                try:
-                    at = _carried(last, q, target, measure) if target != q else last
-                    u, end = stepped(at, _AHEAD, at.end.met)
-                    best, p, _ = zero(place(at.map, u, end, at.t), _AHEAD, at, measure)
-                    last = _back(best)
-                except (*FAILURES, KeyError):
-                    step *= 0.5
-                    if abs(step) < _LEAST * abs(values[-1] - own):
-                        raise
-                    continue
-                q, step = target, 2.0 * step
-                if q == value:
-                    parts[value] = p
-    except (*FAILURES, KeyError) as error:
-        return f"not followed beyond {q:.6g}: {' '.join(str(error).split())}"
-    return ""
+class _Follower:
+    """A special point followed over values of the second parameter in one direction; `why` it ends before the last."""
+
+    def __init__(
+        self, special: dict[str, Any], family: Family, own: float, values: list[float], saved: dict[str, Any] | None
+    ) -> None:
+        name = special["name"]
+        self.measure: Measure = of_turn if name is None else of_distance((name[0], name[1], name[2]))
+        self.values, self.least = values, _LEAST * abs((values or [own])[-1] - own)
+        saved = saved or {"points": [], "q": own, "last": special["last"], "why": ""}
+        self.points: dict[float, float] = dict(saved["points"])
+        self.q: float = saved["q"]
+        self.why: str = saved["why"]
+        self.last = rebuilt(family, saved["last"])
+
+    def raw(self) -> dict[str, Any]:
+        """Return what is computed as JSON values."""
+        return {"points": list(self.points.items()), "q": self.q, "last": raw_of(self.last), "why": self.why}
+
+    def run(self) -> Iterator[None]:
+        """Compute the points, with a stop after each step."""
+        try:
+            for value in () if self.why else self.values:
+                step = value - self.q
+                while value not in self.points:
+                    step = self._step(value, step)
+                    yield
+        except (*FAILURES, KeyError) as error:
+            self.why = f"not followed beyond {self.q:.6g}: {' '.join(str(error).split())}"
+
+    def _step(self, value: float, step: float) -> float:
+        """Go on to a value, or by a step towards it; return the next step."""
+        target = value if abs(step) >= abs(value - self.q) else self.q + step
+        try:
+            at = _carried(self.last, self.q, target, self.measure) if target != self.q else self.last
+            u, end = stepped(at, _AHEAD, at.end.met)
+            best, p, _ = zero(place(at.map, u, end, at.t), _AHEAD, at, self.measure)
+            self.last, self.q = _back(best), target
+        except (*FAILURES, KeyError):
+            if abs(step) < 2.0 * self.least:
+                raise
+            return 0.5 * step
+        if target == value:
+            self.points[value] = p
+        return 2.0 * step
 
 
 def _back(at: Place) -> Place:

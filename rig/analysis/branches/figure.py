@@ -10,14 +10,17 @@ import numpy as np
 
 from rig.analysis.axis import heading
 from rig.analysis.branches.curves import Curves
-from rig.analysis.branches.result import REST, SLIDING, Branch, Branches, Point
+from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, Branch, Branches, Point
 from rig.view.curves import plain
 from rig.view.palette import ALARM, BARE, BLUE, GREEN, GREY, LINES, PURPLE, VERMILION, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
+THIN, THICK = 1.1, 2.0
+DASHED = ((0, (2.2, 1.8)), "unstable")
 SYMBOLS = {
     "hopf": ("o", "Hopf point", ALARM),
     "fold": ("D", "fold", BLUE),
@@ -46,49 +49,64 @@ def curves_figure(result: Curves) -> Figure:
     with page(9.6, 6.4, style=BARE, layout="constrained") as figure:
         axes = figure.add_subplot()
         for (name, along, up), colour in zip(result.lines(), LINES * len(result.curves)):
-            axes.plot(along / result.axis.scale, up / result.second.scale, "-o", ms=3, color=colour, label=name)
-        axes.set(xlabel=result.axis.title, ylabel=result.second.title)
+            axes.plot(along / result.axis.scale, up / result.second.scale, "-o", ms=3.5, color=colour, label=name,
+                      clip_on=False)  # fmt: skip
+        ends = result.second.shown_values[[0, -1]]
+        axes.set(xlabel=result.axis.title, ylabel=result.second.title, ylim=sorted(ends))
         axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
         heading(figure, result.scene, [result.axis, result.second], f"{result.scene.title}: special points")
     return figure
 
 
 def _draw(figure: Figure, result: Branches) -> None:
+    from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.lines import Line2D
 
-    axes = figure.add_subplot()
-    colours = Normalize(0.0, max((p.stick for *_, p in result.points()), default=0.0) or 1.0)
+    axes, scale, kinds = figure.add_subplot(), result.axis.scale, {branch.kind for branch in result.branches}
+    most = max((p.stick for b in result.branches if b.kind != REST for p in b.points), default=0.0)
+    colours: Any = ScalarMappable(Normalize(0.0, most or 1.0), _colours())
     for branch in result.branches:
-        _curve(axes, branch, result.axis.scale, colours)
-    handles = [
-        Line2D([], [], color="black", ls=style, label=label)
-        for style, label in (("-", "stable"), ((0, (4, 2)), "unstable"))
+        _curve(axes, branch, scale, colours)
+    axes.autoscale_view()
+    handles: list[Any] = [
+        Line2D([], [], color=GREY, ls=style, label=label) for style, label in (("-", "stable"), DASHED)
     ]
-    seen: dict[str, Any] = {}
+    if SLIDING in kinds:
+        handles.append(Line2D([], [], color="black", lw=THIN, label="steady sliding"))
+    if any(p.stick == 0.0 for b in result.branches if b.kind in (CYCLES, FORCED) for p in b.points):
+        handles.append(Line2D([], [], color=colours.to_rgba(0.0), lw=THICK, label="cycle without stick"))
+    values: dict[str, list[float]] = {}
     for special in result.specials:
         marker, label, colour = SYMBOLS.get(special.kind, ("*", special.kind, GREY))
         label = f"{label} fold" if special.turns and special.kind == "grazing" else label
-        x = special.value / result.axis.scale
-        (drawn_at,) = axes.plot(
-            [x, x], [special.low, special.high], marker, color=colour, ms=6.5, mfc="white", mew=1.4, zorder=5
-        )
-        seen.setdefault(label, drawn_at)
-    for label, line in seen.items():
-        handles.append(
-            Line2D([], [], marker=line.get_marker(), color=line.get_color(), mfc="white", mew=1.4, ls="", label=label)
-        )
-    axes.set(xlabel=result.axis.title, ylabel=f"{plain(result.output)} [{result.unit}], extremes")
-    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.13), ncols=4)
-    if any(point.stick for *_, point in result.points()):
-        from matplotlib.cm import ScalarMappable
-
-        figure.colorbar(ScalarMappable(colours, "viridis"), ax=axes, label="share of the period in stick", pad=0.02)
+        style: dict[str, Any] = {"marker": marker, "color": colour, "mfc": "white", "mew": 1.4, "ls": ""}
+        axes.plot([special.value / scale] * 2, [special.low, special.high], ms=7.0, zorder=5, **style)
+        if label not in values:
+            handles.append(Line2D([], [], label=label, **style))
+        values.setdefault(label, []).append(special.value)
+    for handle in handles:
+        if 0 < len(at := values.get(str(handle.get_label()), [])) <= 3:
+            texts = [result.axis.text(value, 5) for value in at]
+            handle.set_label(f"{handle.get_label()}: {', '.join(dict.fromkeys(texts))}")
+    if REST in kinds:
+        handles.append(axes.collections[0])
+    axes.set(xlabel=result.axis.title, ylabel=f"lowest and highest {plain(result.output)} [{result.unit}]")
+    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
+    if most:
+        figure.colorbar(colours, ax=axes, label="share of the period in stick", pad=0.02)
     heading(figure, result.scene, [result.axis], f"{result.scene.title}: stable and unstable motions")
 
 
-def _curve(axes: Axes, branch: Branch, scale: float, colours: Any) -> None:
+def _colours() -> Colormap:
+    """Viridis without its ends, which are hard to tell from black and from white."""
     from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["viridis"](np.linspace(0.1, 0.93, 256)))
+
+
+def _curve(axes: Axes, branch: Branch, scale: float, colours: Any) -> None:
     from matplotlib.collections import LineCollection
 
     points = branch.points
@@ -96,19 +114,18 @@ def _curve(axes: Axes, branch: Branch, scale: float, colours: Any) -> None:
         axes.fill_between([p.value / scale for p in points], [p.low for p in points], [p.high for p in points],
                           color=GREY, alpha=0.3, lw=0, label=REST)  # fmt: skip
         return
+    width, equilibrium = (THIN, True) if branch.kind == SLIDING else (THICK, False)
     for begin, last, stable in _runs(points):
         part = points[begin : last + 1]
-        for name in ("low", "high"):
+        share = np.array([0.5 * (a.stick + b.stick) for a, b in pairwise(part)])
+        for name in ("low",) if equilibrium else ("low", "high"):
             xy = np.array([(point.value / scale, getattr(point, name)) for point in part])
-            share = np.array([0.5 * (a.stick + b.stick) for a, b in pairwise(part)])
-            if not stable:  # dashes need one line
-                xy, share = xy[None], share.mean(keepdims=True)
-            else:
-                xy = np.stack([xy[:-1], xy[1:]], axis=1)
-            style = "solid" if stable else (0, (4, 2))
-            colour = "black" if branch.kind == SLIDING else colormaps["viridis"](colours(share))
-            axes.add_collection(LineCollection(list(xy), linestyles=[style], linewidths=1.6, colors=colour))
-    axes.autoscale_view()
+            colour: Any = "black" if equilibrium else colours.to_rgba(share)
+            lines = LineCollection(list(np.stack([xy[:-1], xy[1:]], axis=1)), linewidths=width, colors=colour,
+                                   capstyle="round", zorder=3 if stable else 2)  # fmt: skip
+            axes.add_collection(lines)
+            if not stable:  # gaps over the line, which keeps its colours
+                axes.plot(*xy.T, color="white", lw=width + 0.8, ls=DASHED[0], dash_capstyle="butt", zorder=2)
 
 
 def _runs(points: Sequence[Point]) -> Iterator[tuple[int, int, bool]]:

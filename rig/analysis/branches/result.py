@@ -21,7 +21,13 @@ if TYPE_CHECKING:
 
 SLIDING, REST, CYCLES, FORCED = "sliding", "rest in stick", "cycles", "forced motion"
 TURNS = {"grazing": "grazing fold"}
-WORDS = {"unresolved": "not followed further"}
+WORDS = {"unresolved": "not followed further", "hopf": "Hopf point"}
+
+
+def named(kind: str, contact: str) -> str:
+    """Return what a special point is, in words."""
+    what = WORDS.get(kind, kind)
+    return f"{what} ({contact})" if contact else what
 
 
 @dataclass(frozen=True)
@@ -71,8 +77,7 @@ class SpecialPoint:
     @property
     def name(self) -> str:
         """What it is, in words."""
-        what = TURNS.get(self.kind, self.kind) if self.turns else WORDS.get(self.kind, self.kind)
-        return f"{what} ({self.contact})" if self.contact else what
+        return named(TURNS.get(self.kind, self.kind) if self.turns else self.kind, self.contact)
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,8 @@ class Branch:
             return self.kind
         opened = dict.fromkeys(event[: -len(" opens")] for event in self.events if event.endswith(" opens"))
         stuck = dict.fromkeys(event[: -len(" slip ends")] for event in self.events if event.endswith(" slip ends"))
-        parts = [f"stick-slip: {', '.join(stuck)}"] if stuck and any(p.stick for p in self.points) else []
+        how = "stick-slip" if any(p.stick for p in self.points) else "reversal"
+        parts = [f"{how}: {', '.join(stuck)}"] if stuck else []
         parts += [f"lift-off: {', '.join(opened)}"] if opened else []
         return "; ".join(parts) or ("slip" if not self.events else ", ".join(self.events))
 

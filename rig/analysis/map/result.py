@@ -277,7 +277,9 @@ def _regions(axes: Axes, result: Map, lines: Lines) -> None:
     mesh = axes.pcolormesh(x, y, result.regions, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=4.5, shading="nearest")
     mesh.set_rasterized(True)
     scale = job.x.scale
-    if any(map(len, result.onsets)):
+    for (name, along, up), colour in zip(lines, LINES * len(lines)):
+        axes.plot(along / scale, up / job.y.scale, color=colour, lw=2.0, label=name)
+    if any(map(len, result.onsets)) and not lines:
         rows = [values if len(values) else [np.nan] for values in result.onsets]  # no line leads over an empty row
         onsets = np.array([(value / scale, y[row]) for row, values in enumerate(rows) for value in values])
         _line(axes, onsets, "-", "black", "", "sliding loses stability (eigenvalue)")
@@ -285,9 +287,8 @@ def _regions(axes: Axes, result: Map, lines: Lines) -> None:
         ends = result.ends[number].mean(axis=1) / scale
         if not np.isnan(ends).all():
             colour, marker = RUN_STYLES[run]
-            _line(axes, np.column_stack([ends, y]), "-", colour, marker, f"{label} loses vibration")
-    for (name, along, up), colour in zip(lines, LINES * len(lines)):
-        axes.plot(along / scale, up / job.y.scale, color=colour, lw=2.0, label=name)
+            style = (" ", "black") if lines else ("-", colour)  # simulated points beside computed curves
+            _line(axes, np.column_stack([ends, y]), *style, marker, f"{label} loses vibration")
     axes.set(xlabel=job.x.title, ylabel=job.y.title, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
     axes.margins(0.0)
     _legend(axes, _there(result))
