@@ -190,9 +190,9 @@ class Film:
         P, f = (np.array([states[at(kind, point)] for point in range(self.points)]) for kind in "Pf")
         return states | {on(name): value for name, value in zip(coordinates, (along @ f - normal @ P).tolist())}
 
-    def creep(self, force: float) -> float:
-        """The largest displacement [m] of a point under `force` [N] before it slips: the error of its stick."""
-        return float((self.mu / self.shear).max()) * force
+    def creep(self, pressed: float | Array) -> float:
+        """The largest displacement [m] of a point before it slips: the error of its stick. `pressed` [N, point]."""
+        return float((self.mu / self.shear * pressed).max())
 
     def states(self, coordinates: list[str]) -> list[str]:
         """The names of the states that the film adds to a rig with these coordinates."""

@@ -250,11 +250,6 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], law: La
         law=law,
         tells=True,
     )  # fmt: skip
-    load = p.load.force if p.load is not None else 0.0
-    creep = (
-        f"; it is held by its shear stiffness, {own.creep(load / own.points) * 1e9:.2g} nm at the most before it slips"
-    )
-    a.about |= {f"friction at {patch}": creep for patch, *_ in a.patches}
     first = 0
     for points, _ in of_points:
         each = range(first, first + len(points.area))
@@ -309,7 +304,7 @@ def _begin(
 ) -> None:
     """Write the start: steady sliding with every point closed, and the velocity of a blow on the point of the knock."""
     q = np.zeros(len(a.coordinates))
-    if p.start.at == "sliding" and p.load is not None:
+    if p.load is not None:
         held = stiffness.copy()
         speed, law = (p.drive.speed if p.drive else 0.0), p.friction.friction() if p.friction else None
         for points, own in zip(model.contacts, springs):
@@ -317,7 +312,14 @@ def _begin(
                 slip = radius * speed
                 mu = math.copysign(law.mu(abs(slip)), slip) if law is not None else 0.0
                 held += k * np.outer(normal + mu * along, normal)
-        q = np.linalg.lstsq(held, pressing * p.load.force, rcond=None)[0]
+        sliding = np.linalg.lstsq(held, pressing * p.load.force, rcond=None)[0]
+        q = sliding if p.start.at == "sliding" else q
+        if a.film is not None:
+            creep = a.film.creep(a.film.stiffness * (sliding @ a.film.rows[0, 0]))
+            a.about["film"] = (
+                "points that open, stick and slip one by one; a stuck one is held by its shear stiffness, "
+                f"{creep * 1e6:.2g} um at the most at steady sliding before it slips"
+            )
     struck = np.array([a.strike.get(name, 0.0) for name in a.coordinates])
     blow = np.linalg.solve(mass, struck) if p.start.velocity else struck
     v = blow * (p.start.velocity / float(struck @ blow) if p.start.velocity else 0.0)

@@ -108,7 +108,8 @@ def _effects(scene: Scene) -> Iterator[Effect]:
     for name in names:
         owned.setdefault(assembly.owners.get(name, "structure"), []).append(name)
     yield Effect("structure", True, tuple(owned.pop("structure", ())), "mass, damping, stiffness")
-    for patch, *_ in assembly.patches:
+    patches = [name for name, *_ in assembly.patches]
+    for patch in patches if len(patches) <= _SINGLE else [f"{len(patches)} points"]:
         law = getattr(scene.parameters, "friction", None)
         code = code_of(type(law))
         source = f" (SHA-256 {code.short}...)" if code is not None else ""
@@ -136,7 +137,7 @@ def _effects(scene: Scene) -> Iterator[Effect]:
         yield Effect(name, False, (), text)
 
 
-_SINGLE = 8  # contacts that open, listed one by one
+_SINGLE = 8  # contacts that are listed one by one
 
 
 def _unit(assembly: Any, table: str) -> str:

@@ -21,6 +21,8 @@ from rig.bench.again.verify import verify
 from rig.bench.run.before import findings
 from rig.errors import SceneError, UsageError
 from rig.model.assembly import Assembly
+from rig.record.compare import compare
+from rig.scenes.explain import explain
 from rig.structure import model_store
 from rig.structure.contacts import node_vector
 
@@ -443,11 +445,114 @@ def test_many_contacts_run_as_a_film_with_outputs_of_each_point(disc, tmp_path):
     assert verify(log).passed
 
 
-def test_the_contact_of_three_masses_moves_alike_as_a_film(tmp_path):
-    film = THREE | {"structure": THREE["structure"] | {"film": True}, "clock": {"rk4_step": "100 us"}}
-    runs = [rig.simulate(scenes.load(written(tmp_path, tables)), 1.0) for tables in (THREE, film)]
-    exact, film = (run.signals["body_velocity"] for run in runs)
-    assert film == pytest.approx(exact, abs=1e-3 * np.abs(exact).max())
+def three(folder, contacts, step=None, **tables):
+    """The scene of three masses, unsymmetric in damping and stiffness; its contacts are a film with this step."""
+    film = {"structure": THREE["structure"] | {"film": step is not None}, "knock": {"at": "body"}}
+    clock = {"clock": {"rk4_step": step}} if step else {}
+    return scenes.load(written(folder, THREE | {"contacts": contacts} | film | clock | tables))
+
+
+def pads(folder, points, step, **tables):
+    """The scene of a disc with two pads on points of a film, with two sensors."""
+    contacts = {name: contact | {"points": points} for name, contact in FE["contacts"].items()}
+    sensors = {
+        "laser": {"kind": "laser_vibrometer", "reads": "pad_velocity", "rate": "50 kHz"},
+        "force": {"kind": "normal_force", "reads": "normal_force_pad_up", "rate": "10 kHz"},
+    }
+    film = {"structure": FE["structure"] | {"film": step is not None}, "clock": {"rk4_step": step or "1 us"}}
+    return scenes.load(written(folder, MANY | film | {"contacts": contacts, "sensors": sensors} | tables, "pads"))
+
+
+@pytest.mark.parametrize(("speed", "openings"), [(2.0, 0), (3.0, 2)])
+def test_a_film_of_one_point_moves_like_an_exact_contact(tmp_path, speed, openings):
+    changes = {"drive": {"speed": speed}, "start": {"velocity": speed}}
+    exact, film = (rig.simulate(three(tmp_path, THREE["contacts"], step, **changes), 1.0) for step in (None, "25 us"))
+    assert [event["text"] for event in exact.events] == ["pad opens", "pad closes"] * openings
+    assert film.signals["openings"][-1] == openings
+    for name in ("body_displacement", "body_velocity", "normal_force"):
+        assert film.signals[name] == pytest.approx(exact.signals[name], abs=1e-6 * np.abs(exact.signals[name]).max())
+
+
+THREE_PADS = THREE["contacts"] | {
+    "edge": {"gap": {"y": 1.0, "u": -0.6}, "along": {"x": 1.0, "u": 0.2}, "spring": 200.0},
+    "rim": {"gap": {"y": 0.7, "x": 0.2}, "along": {"x": 0.8, "u": -0.3}, "spring": 100.0},
+}
+
+
+def masses_in_flutter(folder, _):
+    return three(folder, THREE_PADS, "200 us", factors={"soft": 20.0}, start={"velocity": 1e-8}), "body_velocity", 70.0
+
+
+def pads_in_flutter(_, folder):
+    turning = {"drive": FE["drive"], "start": {"velocity": 1e-9}}
+    return pads(folder, [2, 2], "0.5 us", **turning), "pad_velocity", 0.18
+
+
+@pytest.mark.parametrize("scene", [masses_in_flutter, pads_in_flutter])
+def test_small_motions_of_a_film_grow_as_rig_modes_says(disc, tmp_path, scene):
+    """Masses: gyroscopic and circulatory matrices; pads: the flexibility that free modes lack, in series."""
+    scene, name, duration = scene(tmp_path, disc)
+    expected = rig.modes(scene).sliding.modes[0]
+    assert expected.growth > 0.1
+    run = rig.simulate(scene, duration)
+    assert run.signals["openings"][-1] == 0
+    last = slice(2 * len(run.time) // 3, None)  # the other modes have decayed
+    t, v = run.time[last], run.signals[name][last]
+    weight = np.exp(-expected.growth * t[:-2])
+    before = np.stack([v[1:-1], v[:-2]], axis=1) * weight[:, None]
+    turn = np.roots([1.0, *-np.linalg.lstsq(before, v[2:] * weight, rcond=None)[0]])
+    assert np.log(np.abs(turn[0])) / (t[1] - t[0]) == pytest.approx(expected.growth, rel=1e-3)
+
+
+def masses_that_open(folder, _, finer):
+    rig = {"factors": {"soft": 20.0}, "drive": {"speed": 0.2}, "start": {"velocity": 2.0}}
+    return three(folder, THREE_PADS, f"{200 / finer} us", **rig)
+
+
+def pads_that_open(_, folder, finer):
+    return pads(folder, [3, 4], f"{1 / finer} us")
+
+
+@pytest.mark.parametrize("scene", [masses_that_open, pads_that_open])
+def test_the_energy_of_a_film_closes_with_the_square_of_the_step(disc, tmp_path, scene):
+    """In each tenth of a second, relative to the work of friction in it; the masses have an unsymmetric stiffness."""
+    worst = []
+    for finer in (1, 2):
+        before, shares = np.zeros(2), []
+        for tenth in (1, 2):
+            run = rig.simulate(scene(tmp_path, disc, finer), 0.1 * tenth)
+            largest = max(abs(value) for name, value in run.energy.items() if name != "error")
+            now = np.array([run.energy["error"] * largest, run.energy["friction"]])
+            shares.append(abs(np.divide(*(now - before))))
+            before = now
+        states = [run.signals[name] for name in run.signals if name.startswith("state_of")]
+        assert set(np.unique(states)) == {0.0, 1.0, 2.0}
+        worst.append(max(shares))
+    assert worst[0] < 1e-3
+    assert 3.0 < worst[0] / worst[1] < 6.0
+
+
+def test_a_film_is_continued_studied_and_explained(disc, tmp_path):
+    """Points open within the first 10 ms."""
+    scene = pads(disc, [2, 2], "1 us", start={"velocity": 1.0})
+    whole, log = rig.simulate(scene, 0.03), tmp_path / "run.mcap"
+    recorded = rig.simulate(scene, 0.02)
+    assert recorded.signals["openings"][recorded.time < 0.01][-1] > 0
+    recorded.save(log)
+    continued = rig.fork(log, duration=0.01)
+    assert compare(whole, continued).identical
+    changed_run = rig.fork(log, 0.01, {"load.force": "2 kN"}, duration=0.01)
+    changed_run.save(tmp_path / "changed.mcap")
+    assert verify(tmp_path / "changed.mcap").passed
+    forces = [np.mean(run.signals["normal_force_pad_up"][run.time > 0.015]) for run in (changed_run, whole)]
+    assert forces[0] == pytest.approx(2.0 * forces[1], rel=0.3)
+    study = rig.study(scene, {"friction.mu": [0.1, 0.3]}, ["run.rms"], duration=0.01, folder=tmp_path, workers=1)
+    assert (study.values > 0.0).all()
+    effects = {effect.name: effect.about for effect in explain(scene).effects}
+    shear, pressed = scene.assemble().film.shear[0], rig.modes(scene).sliding.equilibrium["normal_force_of_pad_up_1"]
+    creep = 0.3 * pressed / shear
+    largest = float(re.search(r"shear stiffness, (\S+) um at the most", effects["film"])[1])
+    assert 0.5 * largest < 1e6 * creep <= 1.05 * largest
 
 
 def test_points_of_a_film_that_would_have_to_pull_are_named_before_a_run(disc):

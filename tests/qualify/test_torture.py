@@ -134,7 +134,7 @@ def test_wrong_contact_forces_are_caught_at_every_step(case, way, reason):
 
 
 def test_a_film_keeps_its_energy_and_forces_that_are_held_are_caught():
-    names = ["film_felt_late", "film_step_beyond"]
+    names = ["film_felt_late", "film_on_matrices", "film_step_beyond"]
     found = torture.matrix(names, quick=True)
     default = [cell for cell in found if cell.default]
     assert [cell for cell in default if cell.result.colour == "red" or cell.result.reason not in ("", "overrun")] == []
