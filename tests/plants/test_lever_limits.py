@@ -78,7 +78,7 @@ def lost(scene, low, high, count, folder):
     """Speed [rpm] at which a run-up from `low` to `high` [rpm] loses stick-slip."""
     asked = job(scene, f"drive.speed={low} rpm:{high} rpm:{count}", runs=("up",))
     last, gone = chart(asked, folder, 1).ends[0, 0] / RPM
-    assert gone - last < 0.02
+    assert gone - last < 1e-6
     return 0.5 * (last + gone)
 
 
@@ -87,10 +87,10 @@ def lost(scene, low, high, count, folder):
 @pytest.mark.parametrize("key", LAWS)
 @pytest.mark.parametrize("expected", LIU["critical_speeds_V2_continuation_rpm"], ids=by_load)
 def test_carried_up_in_speed_stick_slip_ends_at_the_speed_of_the_reference(expected, key, tmp_path):
-    """The reference leaps up by 0.02 rpm, which throws the rig off its cycle up to two leaps before that ends."""
+    """The reference leaps up by 0.02 rpm, which throws the rig off its cycle up to three leaps before that ends."""
     scene = rig.load("lever", {"load.force": expected["N0"], **LAWS[key]})
     found = lost(scene, round(expected[key] - 0.75, 2), round(expected[key] + 0.35, 2), 12, tmp_path)
-    assert -0.02 < found - expected[key] < 0.04
+    assert 0.0 < found - expected[key] < 0.06
 
 
 @slow

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.axis import Axis
-from rig.analysis.branches.trace import VIRTUAL, Place, better_base, place
-from rig.analysis.map import Map
+from rig.analysis.branches.trace import VIRTUAL, Place, Special, better_base, follow, place
 from rig.analysis.orbit import repeating
 from rig.analysis.return_map import Array, Family, Flow, NoCycle, ReturnMap, driven, parameter, sizes
 from rig.errors import UsageError
 from rig.record import reader
 from rig.record.run import Run
 from rig.record.run_list import drives
+from rig.results import Result
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import steady
 from rig.units import si
 
 HOPF, SIMULATION = "hopf", "simulation"
+_FOLLOWED = 300  # places of a branch whose end is wanted
 _PERIODS = 2000  # of the dither, at most, that the start is simulated
 _DECAYS = 1e-4
 _INSIDE = 0.05
@@ -57,8 +58,8 @@ def starts(given: object, scene: Scene, axis: Axis) -> Iterator[str | float | St
         yield given
     elif isinstance(given, Run):
         yield _of_run(given, scene, axis)
-    elif isinstance(given, Map):
-        yield from _of_records(given.points(), axis, "the map")
+    elif isinstance(given, Result):  # a map
+        yield from _of_records(given.points() if hasattr(given, "points") else [], axis, "the map")
     elif isinstance(given, int | float):
         yield _inside(float(given), axis)
     elif isinstance(given, Path) or (isinstance(given, str) and Path(given).exists()):
@@ -170,6 +171,22 @@ def from_start(family: Family, start: Start, others: tuple[float, ...] = ()) -> 
         times = [time for time, _ in run.events]
         period, x = times[-1] - times[-1 - count], run.x
     return from_motion(family, values, x, period)
+
+
+def ends(family: Family, start: Start, to: float, others: tuple[float, ...] = ()) -> Special | None:
+    """Where a stable motion that is carried from its value towards another one ends: a fold, a jump; None if it lives.
+
+    Raises NoCycle, NotSmooth where it cannot be followed.
+    """
+    at = from_start(family, start, others)
+    at = replace(at, t=-at.t) if to < start.value else at
+    for segment in follow(at, min(start.value, to), max(start.value, to), _FOLLOWED):
+        for special in (*segment.specials, *([segment.end] if segment.end else [])):
+            if special.turns or special.kind in ("jump", "hopf"):
+                return special
+            if special.kind in ("unresolved", "most"):
+                raise NoCycle(f"not followed beyond {special.p:.6g}: {special.why}")
+    return None
 
 
 def from_hopf(

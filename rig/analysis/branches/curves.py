@@ -35,7 +35,6 @@ from rig.analysis.branches.trace import (
     zero,
 )
 from rig.analysis.cycle import limit_cycle
-from rig.analysis.map import Map
 from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
 from rig.analysis.return_map import Carried, Family
 from rig.errors import UsageError
@@ -88,9 +87,10 @@ class Curves(Result):
         """Return name, first and second parameter (SI) of each curve, for a figure."""
         return [(curve.name, np.array(curve.first), np.array(curve.second)) for curve in self.curves]
 
-    def over(self, map: Map) -> Figure:
+    def over(self, map: Any) -> Figure:
         """Return the figure of a map over the same parameters with these curves."""
-        return map.with_lines(self.lines())
+        figure: Figure = map.with_lines(self.lines())
+        return figure
 
     def csv(self) -> str:
         """Return every point as a line of a CSV file; parameters in SI."""

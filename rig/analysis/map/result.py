@@ -47,6 +47,7 @@ _STARTS = {
 _UNITS = {"growth": "1/s", "frequency": "Hz", "period": "s", "spent": "s"} | dict.fromkeys(
     ("amplitude", "low", "high", "rms"), "output"
 )
+_LOCATED = 1e-6  # of its value: the end of a vibration that is known so well is one number
 _ROWS = 12  # of boundaries, on the screen
 
 
@@ -164,6 +165,8 @@ class Map(Result):
 
     def _end(self, end: Array) -> str:
         x = self.job.x
+        if end[1] - end[0] <= _LOCATED * abs(end[1]):
+            return x.text(float(end.mean()), 9)
         return "-" if np.isnan(end[0]) else f"{end[0] / x.scale:.6g} to {x.text(end[1])}"
 
     def to_json(self) -> dict[str, Any]:

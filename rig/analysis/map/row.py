@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from rig.analysis import kernel_shapes
 from rig.analysis.axis import Axis
+from rig.analysis.branches.begin import Start, ends
 from rig.analysis.cycle import stuck
 from rig.analysis.eigenvalue_curves import Growth, none, roots
 from rig.analysis.map.dither import boundary
@@ -48,8 +49,9 @@ from rig.analysis.map.steady_state import (
 )
 from rig.analysis.pool import Arrays, Work
 from rig.analysis.regions import along
+from rig.analysis.return_map import Family
 from rig.analysis.stick_speeds import sticks
-from rig.errors import NumericsError, SceneError, Singular, WorkerError
+from rig.errors import NumericsError, RigError, SceneError, Singular, WorkerError
 from rig.model.assembly import Assembly
 from rig.model.method import chosen
 from rig.model.system import System
@@ -143,6 +145,11 @@ class Track:
             with_energy=False,
             longest=self._short,
         )
+
+    def start(self) -> Start | None:
+        """Return the present motion as the start of a branch; None over sectors, where none is a cycle."""
+        known = zip(self._system.names, self._motion.x.tolist())
+        return None if self._system.sectors else Start(self.value, dict(known))
 
     def compile(self) -> None:
         """Compile the kernels that a rig of this shape needs."""
@@ -341,6 +348,7 @@ class Row:
         self._singular: dict[int, Singular] = {}
         self._sliding = [self._steady(i, value) for i, value in enumerate(self._next)]
         self._near: dict[int, tuple[Point, Place | None, Array]] = {}
+        self.branch: Family | None = None  # on which lost vibrations are followed
         count, runs = len(self.x), len(RUNS)
         self.tables: Arrays = {
             "state": np.full((runs, count), NONE, dtype=np.int8),
@@ -446,15 +454,19 @@ class Row:
         return point._replace(spent=0.0), maxima
 
     def _step(self, name: str, start: float, to: float, alive: bool) -> tuple[Point, Array]:
-        """Move to the next point. A vibration that is lost on the way is carried there again in ever smaller steps.
+        """Move to the next point. The branch of a vibration that is lost on the way is followed to its end.
 
-        It may be lost because the step was too large, and not because the cycle ends.
+        Where that cannot be followed, the vibration is carried there again in ever smaller steps: it may be lost
+        because the step was too large, and not because it ends.
         """
         place = self.track.here()
         first, maxima = self._tried(lambda: self.track.move(to))
         if not alive or first.state in ALIVE or first.state == STOPPED:
             return first, maxima
         lost, dead = self.track.here(), to
+        if (end := self._followed(place, to)) is not None:
+            self.tables["end"][RUNS.index(name)] = end
+            return first, maxima
         gap, least = 0.5 * (to - start), abs(to - start) * 0.5**self.settings.refine
         while abs(gap) > 0.75 * least:
             value = place.value + gap
@@ -471,6 +483,22 @@ class Row:
         self.tables["end"][RUNS.index(name)] = place.value, dead
         self.track.back(lost)
         return first, maxima
+
+    def _followed(self, place: Place, to: float) -> tuple[float, float] | None:
+        """The value at which the branch of a vibration ends before `to`, to both sides of its accuracy.
+
+        None where the vibration is no cycle that can be followed, or goes on beyond.
+        """
+        lost = self.track.here()
+        self.track.back(place)
+        start = self.track.start()
+        self.track.back(lost)
+        try:
+            self.branch = self.branch or Family(self.track.scene, [self.track.axis])
+            end = None if start is None else ends(self.branch, start, to)
+        except RigError:
+            return None
+        return None if end is None else (end.p - end.accuracy, end.p + end.accuracy)
 
     def _none(self) -> Array:
         return np.full(self.settings.section, np.nan)
