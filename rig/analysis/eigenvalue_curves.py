@@ -29,7 +29,7 @@ from rig.analysis.modes import Slow, at_rest, missing, under_dither
 from rig.design.linearised import energy_form
 from rig.errors import Singular
 from rig.scenes.scene import Scene
-from rig.stability.linearisation import Steady
+from rig.stability.linearisation import Steady, free
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -179,7 +179,8 @@ class Growth(NamedTuple):
 def none(rates: NDArray[np.complex128]) -> Array:
     """Return the growth rate [1/s] of each mode below which it is zero: rounding error of an undamped mode."""
     size = np.abs(rates)
-    return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
+    small = np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0))
+    return np.where(free(rates), size, small)
 
 
 Growths = Callable[[float], Growth | None]

@@ -43,7 +43,7 @@ from rig.model.singular import assembled
 from rig.model.system import Finding, Level, Normal, Patch, Sector, System
 from rig.quantities import at_most
 from rig.solve.records import CLOSED, LINEAR, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
-from rig.stability.linearisation import Steady, linearised, moving_states, own_law, steady
+from rig.stability.linearisation import Steady, free, linearised, moving_states, own_law, steady
 
 
 def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
@@ -111,9 +111,9 @@ def _returns(at: Steady, value: complex, shape: NDArray[np.complex128], guard: i
     """
     rates, left = np.linalg.eig(at.A[np.ix_(at.moving, at.moving)].T)
     own = left[:, int(np.abs(rates - value).argmin())]
-    away = own @ (at.system.start - at.x)[at.moving] / (own @ shape[at.moving])
+    away, along = own @ (at.system.start - at.x)[at.moving], own @ shape[at.moving]
     row = at.modes.guards[guard]
-    return bool(row @ at.x > 0.0 and float((away * (row @ shape)).real) < 0.0)
+    return bool(row @ at.x > 0.0 and float((away * (row @ shape) * along.conjugate()).real) < 0.0)
 
 
 def _undriven(at: Steady) -> Steady:
@@ -140,7 +140,7 @@ def _flat(at: Steady) -> Steady:
 
 
 def _largest(values: NDArray[Any]) -> float:
-    return float(values.real.max()) if len(values) else 0.0
+    return float(values.real[~free(values)].max(initial=0.0))
 
 
 _ZERO = 1e-6  # share of the largest eigenvalue: zero eigenvalues of a stuck contact come out this large
@@ -272,8 +272,8 @@ def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
         return  # a transient mode set without an equilibrium: nothing to linearise about
     values, shapes = at.eigenvectors()
     least = (_ZERO if stuck else _NEUTRAL) * fastest
-    for value, shape in zip(values, shapes.T):
-        if value.real <= least or value.imag < 0.0:
+    for value, shape, neutral in zip(values, shapes.T, free(values)):
+        if neutral or value.real <= least or value.imag < 0.0:
             continue
         kind = "flutter" if value.imag > 0.0 else "divergence"
         text = f"{kind} in {name}{_at(value)}"

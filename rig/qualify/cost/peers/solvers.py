@@ -149,6 +149,28 @@ def _compiled(o: Oscillator) -> Any:
     return slip_of
 
 
+def by_heyoka(o: Oscillator, setting: Rung) -> Run:
+    """Heyoka: Taylor series, compiled at the first run, with a terminal event."""
+    import heyoka as hy
+
+    x, v = hy.make_vars("x", "v")
+    mu = o.kinetic + ((o.static - o.kinetic) * hy.exp((v - o.speed) / o.scale) if o.scale else 0.0)
+    rate = (mu * o.load - o.stiffness * x - o.damping * v) / o.mass
+    sticks = hy.t_event(o.speed - v, direction=hy.event_direction.negative)
+    solver = hy.taylor_adaptive([(x, v), (v, rate)], [0.0, 0.0], tol=setting[1], t_events=[sticks])
+
+    def slip(t: float, x: float, v: float, samples: Array) -> tuple[float, float] | None:
+        later, *state = o.begun(x, v)
+        solver.state[:] = state
+        solver.time = t + later
+        samples = samples[np.searchsorted(samples, solver.time, side="right") :]
+        outcome = solver.propagate_grid(np.concatenate([[solver.time], samples]))[0]
+        met = int(outcome) == -1  # the first terminal event
+        return (float(solver.time), float(solver.state[0])) if met else None
+
+    return lambda: o.run(slip)
+
+
 def by_pathsim(o: Oscillator, setting: Rung) -> Run:
     """PathSim: an ODE block, a zero crossing and a scope that samples. It integrates stick as well."""
     from pathsim import Connection, Simulation
@@ -245,6 +267,7 @@ PEERS = (
     Peer("scipy", "scipy", by_scipy, _ladder(("RK45", "DOP853", "LSODA"), 11)),
     Peer("SUNDIALS", "sksundae", by_sundials, _ladder(("Adams", "BDF"), 12)),
     Peer("diffrax", "diffrax", by_diffrax, _ladder(("Tsit5",), 12)),
+    Peer("heyoka", "heyoka", by_heyoka, _ladder(("Taylor",), 13)),
     Peer("PathSim", "pathsim", by_pathsim, _ladder(("RKDP54",), 9)),
     Peer("MuJoCo", "mujoco", by_mujoco, (("implicitfast", 1e-3), ("implicitfast", 1e-4)), _CREEPS),
 )
