@@ -43,6 +43,7 @@ CASES = {
     "rk4, bare": Case("pendulum", "rk4", 1000, 100, {"with_energy": False, "substeps": 10}),
     "rk4": Case("pendulum", "rk4", 1000, 60, {"substeps": 10}),
     "rk4, constant friction, bare": Case("belt_c", "rk4", 1000, 100, {"with_energy": False, "substeps": 10}),
+    "film, 96 points": Case("plate_96", "kick", 4000, 1, {"substeps": 5}),
     "run pendulum": Case("pendulum", "", 1000, 6),
     "run belt": Case("belt", "", 1000, 10),
     "run brake_3400": Case("brake_3400", "", 100, 2),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
+from scipy.stats import t as student
 
 import rig
 from rig import scenes
@@ -553,6 +554,26 @@ def test_a_film_is_continued_studied_and_explained(disc, tmp_path):
     creep = 0.3 * pressed / shear
     largest = float(re.search(r"shear stiffness, (\S+) um at the most", effects["film"])[1])
     assert 0.5 * largest < 1e6 * creep <= 1.05 * largest
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_a_film_vibrates_like_exact_contacts_and_like_itself_with_half_the_step(disc):
+    """The mean of the RMS over the second half of 8 starts of 1 s: within 10 %, or within the interval of both."""
+    means, variances = [], []
+    for step in ("1 us", "0.5 us", None):  # None: mode sets, method exact
+        rms = []
+        for start in range(8):
+            changes = {"drive": FE["drive"], "start": {"velocity": f"{10 + start} mm/s"}}
+            run = rig.simulate(pads(disc, [2, 2], step, **changes), 1.0)
+            v = run.signals["pad_velocity"]
+            rms.append(np.std(v[len(v) // 2 :]))
+        means.append(np.mean(rms))
+        variances.append(np.var(rms, ddof=1) / len(rms))
+    for other in (1, 2):
+        interval = student.ppf(0.975, 7) * np.sqrt(variances[0] + variances[other])
+        assert abs(means[0] - means[other]) < max(0.1 * means[other], interval)
+        assert interval < 0.15 * means[other]
 
 
 def test_points_of_a_film_that_would_have_to_pull_are_named_before_a_run(disc):
