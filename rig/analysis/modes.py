@@ -41,7 +41,6 @@ Array = NDArray[np.float64]
 GENERATOR = ("dither.sin", "dither.cos")
 _LEAST = 0.01  # of the energy: smallest share shown of a long shape, and how many at most
 _LONG, _MOST = 4, 6
-_SAME = 1e-6  # relative distance of an eigenvalue computed in two ways
 
 
 class Slow(RigError):
@@ -95,7 +94,7 @@ def modes(scene: Scene) -> Modes:
         raise SceneError(scene.name, [error.why]) from None
     system = at.system
     rests = bool(at.exists and len(at.speed) and not at.speed.any())
-    accuracy = assembly.accuracy(at.A) if assembly.accuracy is not None else None
+    accuracy = assembly.accuracy(at.A[np.ix_(at.moving, at.moving)], False) if assembly.accuracy is not None else None
     result = Modes(
         scene=scene.name,
         mode=system.describe(at.modes.key) + ", at rest on its bristles" * rests,
@@ -127,14 +126,9 @@ def modes(scene: Scene) -> Modes:
 
 def _estimated(sliding: Sliding, accuracy: Accuracy) -> Sliding:
     """The same with the estimated error of each eigenvalue that has one."""
-    found: list[Mode] = []
-    for mode in sliding.modes:
-        rate = complex(mode.growth, 2.0 * math.pi * mode.frequency)
-        far = np.abs(accuracy.rates - rate)
-        near = int(far.argmin()) if len(far) else -1
-        known = near >= 0 and far[near] <= _SAME * abs(rate)
-        found.append(replace(mode, error=float(accuracy.errors[near])) if known else mode)
-    return replace(sliding, modes=tuple(found))
+    rates = np.array([complex(mode.growth, 2.0 * math.pi * mode.frequency) for mode in sliding.modes])
+    errors = [None if math.isnan(error) else error for error in accuracy.of(rates).tolist()]
+    return replace(sliding, modes=tuple(replace(mode, error=e) for mode, e in zip(sliding.modes, errors)))
 
 
 def _forced(assembly: Assembly, at: Steady, motion: Forced) -> Sliding:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -199,8 +199,9 @@ class Sweep(Result):
     steadily, and `notes` [value] what makes the eigenvalues invalid. `gaps`: ranges without steady sliding, and why.
     `resolution`: critical values closer together than this may be missed. `loop`: the controller whose loop is closed,
     "" for none. `fixed`: the main parameters that the sweep holds constant, in words.
-    `friction`: how a scene with dither is analysed, in words. `outside`: ends of the axis beyond the range that the
-    reduction of a structure holds for, a sentence each.
+    `friction`: how a scene with dither is analysed, in words. Of a reduced structure: `errors` [value, branch], the
+    estimated relative error of each rate, NaN where there is none; `outside` [value]: in which numbers a value lies
+    outside of the range that the reduction holds for, in words. Both are empty for other rigs.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:sweep_figure"
@@ -218,6 +219,7 @@ class Sweep(Result):
     loop: str = ""
     fixed: str = ""
     friction: str = ""
+    errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
     outside: tuple[str, ...] = ()
 
     @property
@@ -241,7 +243,7 @@ class Sweep(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; a number that is not there is null."""
-        growth, frequency = self.growth, self.frequency
+        growth, frequency, errors = self.growth, self.frequency, self.errors.T.tolist()
         return {
             "scene": self.scene,
             "loop": self.loop or None,
@@ -253,8 +255,8 @@ class Sweep(Result):
             "notes": list(self.notes),
             "largest": self.largest.tolist(),
             "branches": [
-                {"growth": g.tolist(), "frequency": f.tolist()}
-                for g, f in zip(growth.T, frequency.T)
+                {"growth": g.tolist(), "frequency": f.tolist(), **({"error": errors[k]} if errors else {})}
+                for k, (g, f) in enumerate(zip(growth.T, frequency.T))
                 if np.isfinite(g).any()
             ],
             "critical": [
@@ -263,7 +265,7 @@ class Sweep(Result):
             ],
             "gaps": [gap._asdict() for gap in self.gaps],
             "resolution": self.resolution,
-            **({"outside": list(self.outside)} if self.outside else {}),
+            **({"outside": list(self.outside)} if any(self.outside) else {}),
         }
 
     def text(self) -> str:
@@ -281,19 +283,34 @@ class Sweep(Result):
         if not self.critical:
             lines += [f"  no critical value {'where the rig slides steadily' if self.gaps else 'between these ends'}"]
         lines += [f"  {gap.note} {self._span(gap)}{f': {gap.why}' * bool(gap.why)}" for gap in self.gaps]
-        lines += [f"  warning: {sentence}" for sentence in self.outside]
+        lines += self._estimated()
         lines += [f"  sampled every {axis.text(self.resolution, 3)}; critical values closer together may be missed"]
-        rows = [(axis.label, "largest growth 1/s", "frequency Hz", "growing modes", "")]
-        for value, row, note in zip(axis.values, self.rates, self.notes):
+        rows = [(axis.label, "largest growth 1/s", "frequency Hz", "growing modes", "largest error", "")]
+        for i, (value, row, note) in enumerate(zip(axis.values, self.rates, self.notes)):
+            note = ", ".join(filter(None, (note, "outside of the trained range" * any(self.outside[i : i + 1]))))
             if not np.isfinite(row).any():
-                rows += [(axis.text(value), "", "", "", note)]
+                rows += [(axis.text(value), "", "", "", "", note)]
                 continue
             top = row[int(np.nanargmax(row.real))]
             there = row[np.isfinite(row)]
             count = int(np.count_nonzero((there.real > curves.none(there)) & (there.imag >= 0.0)))
             hertz = abs(top.imag) / (2.0 * math.pi)
-            rows += [(axis.text(value), f"{top.real:.6g}", f"{hertz:.6g}", f"{count or ''}", note)]
-        return "\n".join([*lines, "", *columns(rows, "<>>><")])
+            error = max(self.errors[i][np.isfinite(self.errors[i])], default=math.nan) if self.errors.size else math.nan
+            cells = f"{top.real:.6g}", f"{hertz:.6g}", f"{count or ''}", "" if math.isnan(error) else f"{error:.1e}"
+            rows += [(axis.text(value), *cells, note)]
+        shown = [0, 1, 2, 3, *([4] if self.errors.size else []), 5]
+        lines += ["", *columns([[row[i] for i in shown] for row in rows], "<>>>" + ">" * (len(shown) - 5) + "<")]
+        return "\n".join(lines)
+
+    def _estimated(self) -> Iterator[str]:
+        """The largest estimated error with its place, and what lies outside of the trained range."""
+        if np.isfinite(self.errors).any():
+            i, k = np.unravel_index(int(np.nanargmax(self.errors)), self.errors.shape)
+            hertz, at = abs(self.rates[i, k].imag) / (2.0 * math.pi), self.axis.text(self.axis.values[int(i)])
+            yield f"  largest estimated error of an eigenvalue: {self.errors[i, k]:.1e} at {at}, {hertz:.6g} Hz"
+        elif self.errors.size:
+            yield "  warning: errors of the eigenvalues are not estimated: the files of the matrices are not there"
+        yield from [f"  warning: {sentence}" for sentence in self.outside if sentence][-1:]
 
     def _span(self, gap: Gap) -> str:
         start, end = (self.axis.text(value) for value in gap[:2])
@@ -305,15 +322,12 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
     ends. With a key of the dither, or if the scene switches its dither on, the friction is averaged over it.
     """
     dithered = dithers(scene, axis.key)
-    outside: tuple[str, ...] = ()
 
     def spectrum(value: float) -> curves.Spectrum:
         return curves.equilibrium(axis.at(scene, value), bool(dithered))
 
-    for value in (axis.values[0], axis.values[-1]):
-        outside = outside or axis.at(scene, value).assemble().outside
     how = {None: "", True: "friction averaged over the dither", False: "without the dither"}[dithered]
-    return replace(along(scene.name, axis, spectrum, fixed=fixed(scene, [axis])), friction=how, outside=outside)
+    return replace(along(scene.name, axis, spectrum, fixed=fixed(scene, [axis])), friction=how)
 
 
 def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fixed: str = "") -> Sweep:
@@ -328,6 +342,11 @@ def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fi
         columns = [at[state] for state in spectrum.names]
         for i, place in places.items():
             row[place, columns] = spectrum.right[:, i]
+    errors = np.full(rates.shape if any(s.errors for s in spectra_at) else (0, 0), math.nan)
+    for row, spectrum, places in zip(errors, spectra_at, order):
+        known = spectrum.errors() if spectrum.errors is not None and places else ()
+        for i, place in places.items() if len(known) else ():
+            row[place] = known[i]
     return Sweep(
         scene=name,
         axis=axis,
@@ -341,6 +360,8 @@ def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fi
         resolution=critical.resolution,
         loop=loop,
         fixed=fixed,
+        errors=errors,
+        outside=tuple(spectrum.outside for spectrum in spectra_at) if errors.size else (),
     )
 
 

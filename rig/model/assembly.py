@@ -36,6 +36,7 @@ from rig.picture import Plot
 from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, VERSINE
 
 Array = NDArray[np.float64]
+_SAME = 1e-6  # relative distance of an eigenvalue computed in two ways
 _EXAMINED = 9  # number of examined positions of the slider
 
 
@@ -337,6 +338,14 @@ class Accuracy(NamedTuple):
     errors: Array
     notes: tuple[str, ...] = ()
 
+    def of(self, rates: NDArray[np.complex128]) -> Array:
+        """The error of each of these `rates` (or of its conjugate), NaN where it is not known."""
+        upper = rates.real + 1j * np.abs(rates.imag)
+        far = np.abs(upper[:, None] - np.append(self.rates, np.inf)[None, :])
+        nearest = far.argmin(axis=1)
+        known = far[np.arange(rates.size), nearest] <= _SAME * np.abs(rates)
+        return np.where(known, np.append(self.errors, np.nan)[nearest], np.nan)
+
 
 @dataclass
 class Assembly(Rows):
@@ -344,9 +353,10 @@ class Assembly(Rows):
 
     `free`: natural frequencies [Hz] of a part of the rig on its own, listed beside those of the rig. `limits`: friction
     coefficients at which the rig reaches a limit of its own, by name. `bounds`: the scene's limits of outputs, by name.
-    `accuracy`: of a reduced structure, from the Jacobian [state, state] about an equilibrium; `outside`: numbers beyond
-    the range that its reduction holds for, a sentence each; `up_to`: frequency [Hz] up to which it holds. `nodes`: of
-    its mesh, for mode shapes.
+    `accuracy`: of a reduced structure, from the Jacobian [state, state] of its moving states about an equilibrium, and
+    whether only errors are wanted, without checks of contact points and damping; `outside`: numbers beyond the range
+    that its reduction holds for, a sentence each; `up_to`: frequency [Hz] up to which it holds. `nodes`: of its mesh,
+    for mode shapes.
     """
 
     outputs: dict[str, Output] = field(default_factory=dict)
@@ -354,7 +364,7 @@ class Assembly(Rows):
     free: dict[str, float] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=dict)
     bounds: Mapping[str, float] = field(default_factory=dict)
-    accuracy: Callable[[Array], Accuracy] | None = None
+    accuracy: Callable[[Array, bool], Accuracy] | None = None
     outside: tuple[str, ...] = ()
     up_to: float = math.inf
     nodes: Callable[[], Nodes] | None = None

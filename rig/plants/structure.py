@@ -43,7 +43,6 @@ from rig.structure.reduced import Reduced
 Array = NDArray[np.float64]
 _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong to one contact
 _DRAWN = 4000  # nodes that mode shapes are drawn on, at most
-_ROUNDING = 1e-9  # of the largest entry
 
 
 class Parameters(Tables):
@@ -90,8 +89,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     if p.friction is not None:
         _add_contacts(a, p, model, springs, speed, row)
     if p.piezo is not None:
-        ends = [model.vectors[f"piezo.{end}"] for end in ("first", "second") if f"piezo.{end}" in model.vectors]
-        piezo.add(a, p, row(ends[0] - ends[1] if len(ends) > 1 else ends[0]), moved)
+        piezo.add(a, p, row(model.forces[1][-1]), moved)
     for name in p.outputs:
         seen = model.vectors[f"outputs.{name}"]
         first = name == next(iter(p.outputs))
@@ -126,25 +124,17 @@ def _nodes(whole: Reduced, names: tuple[str, ...]) -> Nodes:
     return Nodes(model.xyz[places[::step]], rows[::step], names)
 
 
-def _accuracy(p: Tables, whole: Reduced, jacobian: Array) -> Accuracy:
+def _accuracy(p: Tables, whole: Reduced, jacobian: Array, errors_only: bool) -> Accuracy:
     """The estimated errors of the eigenvalues of a reduced structure, and what they do not tell."""
-    given, count = values_of(p), whole.coordinates
-    mass, damping, stiffness = whole.pencil(given)
-    own = -mass @ jacobian[count : 2 * count, count : 2 * count] - damping  # of a table, of a law that falls
-    added = own if np.abs(own).max() > _ROUNDING * np.abs(damping).max(initial=1e-300) else None
-    notes = [*whole.outside(given), *estimate.weaker_modes(whole, given, added)]
-    tabled = (whole.model.matrix(of, given) for of in ("mass", "stiffness"))
-    notes += estimate.growing_without_friction(
-        whole, given, None if p.damping.table is None else _modal(p.damping.table, *tabled)
-    )
-    held = np.abs(mass @ jacobian[count : 2 * count, :count] + stiffness).max() <= 1e-6 * np.abs(stiffness).max()
-    if not held or p.piezo is not None:
-        notes.append(
-            "errors of the eigenvalues are not estimated beside a piezo stack, or where friction depends on more"
-        )
-        return Accuracy(np.zeros(0, np.complex128), np.zeros(0), tuple(notes))
+    given, notes = values_of(p), list(whole.outside(values_of(p)))
+    damping = None
+    if p.damping.table is not None:
+        damping = _modal(p.damping.table, *(whole.model.matrix(of, given) for of in ("mass", "stiffness")))
+    if not errors_only:
+        notes += estimate.weaker_modes(whole, given, jacobian)
+        notes += estimate.growing_without_friction(whole, given, damping)
     try:
-        estimates = _estimator(Given(p), whole.up_to).at(whole, given, added)
+        estimates = _estimator(Given(p), whole.up_to).at(whole, given, damping, jacobian)
     except (SceneError, OSError):
         notes.append("errors of the eigenvalues are not estimated: the files of the matrices are not there")
         return Accuracy(np.zeros(0, np.complex128), np.zeros(0), tuple(notes))

@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg import eig
 from scipy.sparse.linalg import SuperLU
 
 from rig.structure import eigenvalues
@@ -28,6 +30,7 @@ ALIKE = (0.02, 0.07)
 """Relative change of frequency and of growth that more contact points may make, without a warning [chosen]."""
 _STIFFER = 10.0  # contacts a hundred times as stiff as those that were factorised: 0.35 times the true error
 _LARGE = 30_000  # rows: a factorisation of more is not kept
+_ROUNDING = 1e-12  # of the largest entry
 _CALM = 1e-5  # growth over size of an eigenvalue that may be rounding of the data
 _CORRECTED = 2  # once: 0.25 to 2.0 times the true error; twice: 0.7 to 1.2 times
 
@@ -57,62 +60,151 @@ def in_range(values: Complex, up_to: float) -> NDArray[np.int64]:
     return chosen[np.argsort(values[chosen].imag, kind="stable")]
 
 
+class _Operator:
+    """P(l) of the full structure with what a rig adds to its matrices, over its rows and the states of a network.
+
+        [ P(l) + a^T (c_q + l c_v) b + W (r_q + l r_v) W^T     -F    ]
+        [ -(G_q + l G_v)                                      l - E  ]
+
+    a, b: `Full.forces`. `jacobian` [state, state] of the reduced rig: displacements, velocities, network; what it adds
+    there decides all of these. W = M V carries modal damping [n, n] and what no force of a and b explains.
+    """
+
+    def __init__(
+        self,
+        full: Full,
+        reduced: Reduced,
+        values: Mapping[str, float],
+        jacobian: Array | None,
+        damping: Array | None,
+    ) -> None:
+        n, (mass, own, stiffness) = reduced.coordinates, reduced.pencil(values)
+        self.mass, self.own, self.stiffness = self.pencil = full.pencil(values)
+        self._rests = [np.zeros((n, n)), np.zeros((n, n)) if damping is None else damping]
+        network = np.zeros((0, 0)) if jacobian is None else jacobian[2 * n :, 2 * n :]
+        self.network, self._force = network, np.zeros((full.rows, len(network)))
+        self._from = [np.zeros((len(network), full.rows))] * 2
+        if jacobian is not None:
+            a, b = reduced.model.forces
+            on_a, on_b = full.forces
+            rows = -mass @ jacobian[n : 2 * n]
+            overlap = (a @ a.T) * (b @ b.T)
+            size = np.sqrt(overlap.diagonal()) + np.finfo(float).tiny
+            inverse = np.linalg.pinv(overlap / np.outer(size, size), rcond=_ROUNDING, hermitian=True)
+            for k, known in enumerate((stiffness, own + self._rests[1])):
+                added = rows[:, k * n : (k + 1) * n] - known
+                added[np.abs(added) <= _ROUNDING * np.abs(known).max()] = 0.0
+                c = inverse @ (((a @ added) * b).sum(axis=1) / size) / size
+                self._rests[k] = self._rests[k] + added - (a.T * c) @ b
+                if c.any():
+                    lifted = on_a.T @ sp.diags_array(c) @ on_b
+                    self.own, self.stiffness = self.own + k * lifted, self.stiffness + (1 - k) * lifted
+            if len(network):
+                self._force = on_b.T @ np.linalg.lstsq(b.T, -rows[:, 2 * n :])[0]
+                parts = jacobian[2 * n :, :n], jacobian[2 * n :, n : 2 * n]
+                self._from = [(on_b.T @ np.linalg.lstsq(b.T, part.T)[0]).T for part in parts]
+        self._weighed = self.mass @ reduced.basis.astype(float) if any(rest.any() for rest in self._rests) else None
+
+    def _rest(self, which: int, vectors: Complex, adjoint: bool) -> Complex | float:
+        if self._weighed is None:
+            return 0.0
+        rest = self._rests[which].T if adjoint else self._rests[which]
+        return np.asarray(self._weighed @ (rest @ (self._weighed.T @ vectors)))
+
+    def times(self, rates: Complex, right: Complex, states: Complex, slope: bool = False) -> tuple[Complex, Complex]:
+        """P(l), or its derivative, times columns over the rows and over the network."""
+        damped = self.own @ right + self._rest(1, right, False)
+        if slope:
+            return 2 * rates * (self.mass @ right) + damped, states - self._from[1] @ right
+        moved: Any = rates**2 * (self.mass @ right) + rates * damped + self.stiffness @ right
+        moved = moved + self._rest(0, right, False) - self._force @ states
+        return moved, rates * states - self.network @ states - self._from[0] @ right - rates * (self._from[1] @ right)
+
+    def adjoint(self, rates: Complex, left: Complex, states: Complex) -> tuple[Complex, Complex]:
+        """P(l)^H times columns."""
+        conj = rates.conj()
+        moved = conj * (self.own.T @ left + self._rest(1, left, True)) + conj**2 * (self.mass.T @ left)
+        moved += self.stiffness.T @ left + self._rest(0, left, True) - self._from[0].T @ states
+        moved -= conj * (self._from[1].T @ states)
+        return moved, conj * states - self.network.T @ states - self._force.T @ left
+
+    def solved(self, inverse: SuperLU, shift: complex, left: Complex, states: Complex) -> tuple[Complex, Complex]:
+        """P(s)^-H times columns; `inverse`: of its first block."""
+        direct: Any = inverse.solve(left, trans="H")
+        if not len(self.network):
+            return direct, states
+        through = inverse.solve((self._from[0] + shift * self._from[1]).conj().T.astype(complex), trans="H")
+        small = (shift * np.eye(len(self.network)) - self.network).conj().T - self._force.T @ through
+        current: Any = np.linalg.solve(small, states + self._force.T @ direct)
+        return direct + through @ current, current
+
+
 class Estimator:
     """Estimates for one structure and any basis, at any point, with factorisations made at the point `at`.
 
-    They are kept for the next point, except those of large structures, which take gigabytes. Points with a contact that
-    is much stiffer need others.
+    They are kept for the next point, except those of large structures, which take gigabytes. Points at which a contact
+    or what a rig adds is much stiffer need others.
     """
 
     def __init__(self, full: Full, up_to: float, at: Mapping[str, float]) -> None:
         """`up_to` [rad/s]: the highest frequency; `at`: the numbers of the scene at which to factorise."""
-        self._full = full
-        self._at, self._pencil = at, full.pencil(at)
+        self._full, self._pencil = full, full.pencil(at)
         self._shifts = 1j * up_to * (np.arange(SHIFTS) + 0.5) / SHIFTS
         self._kept: dict[int, SuperLU] = {}
 
-    def at(self, reduced: Reduced, values: Mapping[str, float], damping: Array | None = None) -> Estimates:
+    def at(
+        self,
+        reduced: Reduced,
+        values: Mapping[str, float],
+        damping: Array | None = None,
+        jacobian: Array | None = None,
+    ) -> Estimates:
         """Estimates for the eigenvalues of `reduced` up to its `up_to`, for these `values` by key.
 
-        `damping` [n, n] as in `Reduced.eigenvalues`.
+        `damping` [n, n] as in `Reduced.eigenvalues`. `jacobian` [state, state]: eigenvalues of a rig that has more than
+        these matrices: friction that depends on speed, a stack with its network; displacements and velocities first.
         """
-        basis = reduced.basis.astype(float)
-        rates, rights, lefts = reduced.eigenvalues(values, damping, left=True)
+        n, basis = reduced.coordinates, reduced.basis.astype(float)
+        if jacobian is None:
+            rates, rights, lefts = reduced.eigenvalues(values, damping, left=True)
+            states = left_states = np.zeros((0, rates.size), dtype=complex)
+        else:
+            if not jacobian[n : 2 * n, 2 * n :].any():
+                jacobian = jacobian[: 2 * n, : 2 * n]  # a network that does not act on the structure
+            rates, lefts, rights = eig(jacobian, left=True, right=True)
+            states, left_states = rights[2 * n :], lefts[2 * n :]
+            rights, lefts = rights[:n], np.linalg.solve(reduced.pencil(values)[0].T, lefts[n : 2 * n])
         kept = in_range(rates, reduced.up_to)
-        rates, rights, lefts = rates[kept], rights[:, kept], lefts[:, kept]
-        mass, own, stiffness = pencil = self._full.pencil(values)
-        if any(values[c.stiffness_key] > _STIFFER * self._at[c.stiffness_key] for c in self._full.contacts):
-            self._at, self._pencil, self._kept = values, pencil, {}
-        modal = None if damping is None else mass @ basis  # modal damping of the full structure: M V C V^T M
-
-        def damped(vectors: Complex, matrix: Any, added: Array | None) -> Complex:
-            total = matrix @ vectors
-            if modal is not None and added is not None:
-                total = total + modal @ (added @ (modal.T @ vectors))
-            return np.asarray(total)
-
+        rates, rights, lefts, states, left_states = (
+            rates[kept], rights[:, kept], lefts[:, kept], states[:, kept], left_states[:, kept])  # fmt: skip
+        operator = _Operator(self._full, reduced, values, jacobian, damping)
+        stiffer = operator.stiffness.diagonal() > _STIFFER * abs(self._pencil[2].diagonal())
+        if stiffer.any():
+            self._pencil, self._kept = (operator.mass, operator.own, operator.stiffness), {}
         right, left = basis @ rights, basis @ lefts
-        moved, reached = mass @ right, damped(right, own, damping)
-        residual = rates**2 * moved + rates * reached + stiffness @ right
-        for inverse, chosen in self._by_shift(rates):
-            value, vectors = rates[chosen].conj(), left[:, chosen]
+        for shift, inverse, chosen in self._by_shift(rates):
+            vectors, currents = left[:, chosen], left_states[:, chosen]
             for _ in range(_CORRECTED):
-                adjoint = value * damped(vectors, own.T, None if damping is None else damping.T)
-                adjoint += value**2 * (mass.T @ vectors) + stiffness.T @ vectors
-                vectors = vectors - inverse.solve(adjoint, trans="H")
-            left[:, chosen] = vectors
-        slope = np.einsum("ij,ij->j", left.conj(), 2 * rates * moved + reached)
-        return Estimates(rates, -np.einsum("ij,ij->j", left.conj(), residual) / slope, rights)
+                adjoint = operator.solved(inverse, shift, *operator.adjoint(rates[chosen], vectors, currents))
+                vectors, currents = vectors - adjoint[0], currents - adjoint[1]
+            left[:, chosen], left_states[:, chosen] = vectors, currents
+
+        def weighed(columns: tuple[Complex, Complex]) -> Complex:
+            both = np.einsum("ij,ij->j", left.conj(), columns[0])
+            return np.asarray(both + np.einsum("ij,ij->j", left_states.conj(), columns[1]))
+
+        slope = weighed(operator.times(rates, right, states, slope=True))
+        return Estimates(rates, -weighed(operator.times(rates, right, states)) / slope, rights)
 
     def solved(self, vectors: Complex, values: Complex, trans: str) -> Complex:
         """P(s)^-H (or, with `trans` "N", P(s)^-1) times each column, with the shift s nearest to its eigenvalue."""
         solved = np.empty_like(vectors)
-        for inverse, chosen in self._by_shift(values):
+        for _, inverse, chosen in self._by_shift(values):
             solved[:, chosen] = inverse.solve(np.ascontiguousarray(vectors[:, chosen]), trans=trans)
         return solved
 
-    def _by_shift(self, values: Complex) -> Iterator[tuple[SuperLU, NDArray[np.int64]]]:
-        """Each factorisation that is needed, and the eigenvalues that are nearest to its shift."""
+    def _by_shift(self, values: Complex) -> Iterator[tuple[complex, SuperLU, NDArray[np.int64]]]:
+        """Each shift that is needed, its factorisation, and the eigenvalues that are nearest to it."""
         mass, damping, stiffness = self._pencil
         nearest = np.argmin(np.abs(values[:, None] - self._shifts[None, :]), axis=1)
         for number, shift in enumerate(self._shifts.tolist()):
@@ -122,19 +214,26 @@ class Estimator:
             inverse = self._kept.get(number) or eigenvalues.factor(shift**2 * mass + shift * damping + stiffness)
             if self._full.rows <= _LARGE:
                 self._kept[number] = inverse
-            yield inverse, chosen
+            yield shift, inverse, chosen
 
 
-def weaker_modes(reduced: Reduced, values: Mapping[str, float], damping: Array | None = None) -> list[str]:
+def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array | None = None) -> list[str]:
     """What more contact points would change, as sentences; empty if nothing, or if `reduced` has no finer contacts.
 
-    Eigenvalues with the finer contacts on the same basis are compared with those of the contacts.
+    Eigenvalues with the finer contacts on the same basis are compared with those of the contacts. `jacobian` as in
+    `Estimator.at`.
     """
     if not reduced.model.finer:
         return []
     finer = replace(reduced, model=replace(reduced.model, contacts=reduced.model.finer))
     count, more = (sum(points.area.size for points in each.model.contacts) for each in (reduced, finer))
-    near, exact = (each.eigenvalues(values, damping)[0] for each in (reduced, finer))
+    if jacobian is None:
+        near, exact = (each.eigenvalues(values)[0] for each in (reduced, finer))
+    else:
+        (mass, _, few), (_, _, many), n = reduced.pencil(values), finer.pencil(values), reduced.coordinates
+        changed = jacobian.copy()
+        changed[n : 2 * n, :n] -= np.linalg.solve(mass, many - few)
+        near, exact = (np.linalg.eigvals(matrix).astype(complex) for matrix in (jacobian, changed))
     near, exact = near[in_range(near, reduced.up_to)], exact[in_range(exact, reduced.up_to)]
     left = near.tolist()
     sentences = []

@@ -23,6 +23,8 @@ Matrix = Any
 Of = Literal["mass", "damping", "stiffness"]
 FRICTION = "friction.mu"
 """The number of the scene that is the coefficient of friction of all points."""
+STACK = ("piezo.first", "piezo.second")
+"""Names of the vectors of the ends of a piezo stack; the second may be missing: the stack stands on the ground."""
 SYMMETRIC = 1e-9
 """Largest difference between a matrix and its transpose, over its largest entry, that counts as rounding [chosen]."""
 
@@ -135,6 +137,20 @@ class Full:
         for points in self.contacts:
             stiffness = stiffness + points.stiffness(values)
         return self.matrix("mass", values), self.matrix("damping", values), stiffness
+
+    @property
+    def forces(self) -> tuple[Matrix, Matrix]:
+        """Rows a, b [i, row] of what a rig adds to the matrices, forces a_i c_i(l) b_i^T x at the eigenvalue l.
+
+        Friction at a point depends on its slip and on its gap; a stack and its network on the extension, the last row.
+        """
+        ends = [self.vectors[end] for end in STACK if end in self.vectors]
+        stack = (ends[0] - ends[-1] if len(ends) > 1 else ends[0])[None] if ends else np.zeros((0, self.rows))
+        along, gaps = ([getattr(points, name) for points in self.contacts] for name in ("along", "normal"))
+        if not sp.issparse(self.parts[0].matrix):
+            return np.vstack([*along, *along, stack]), np.vstack([*along, *gaps, stack])
+        last = sp.csr_array(stack)
+        return sp.vstack([*along, *along, last]), sp.vstack([*along, *gaps, last])
 
     def symmetric_stiffness(self, values: Mapping[str, float], closed: bool) -> Matrix:
         """The symmetric parts of K, and if `closed` the springs of the contacts, without friction."""

@@ -303,10 +303,15 @@ def test_ranges_of_a_training_are_read_and_values_outside_are_named(tmp_path, mo
     assert 2 * np.pi * near.frequency == pytest.approx(known.imag, rel=1e-2)
     assert near.error is not None
     assert modes.notes == ()
-    outside = rig.modes(changed(scene, {"factors.friction": 4.0})).text()
-    assert "factors.friction = 4 lies outside of the range that the basis was trained for, 0 to 3" in outside
-    axis = Axis.parse("factors.friction=2:4:3", scene)
-    assert "lies outside" in sweep(scene, axis).text()
+    sentence = "factors.friction = 4 lies outside of the range that the basis was trained for, 0 to 3"
+    assert sentence in rig.modes(changed(scene, {"factors.friction": 4.0})).text()
+    along = sweep(scene, Axis.parse("factors.friction=2:4:3", scene))
+    assert [bool(outside) for outside in along.outside] == [False, False, True]
+    assert along.outside[2] == sentence
+    lines = along.text().splitlines()
+    assert f"  warning: {sentence}" in lines
+    assert [line.endswith("outside of the trained range") for line in lines[-3:]] == [False, False, True]
+    assert np.nanmax(along.errors[2]) > np.nanmax(along.errors[0])
 
 
 def test_points_that_would_have_to_pull_are_named_before_a_run(tmp_path):
@@ -368,6 +373,25 @@ def test_a_job_of_calculix_with_contacts_slides_and_states_its_errors(disc):
     for mu in (0.0, 0.6):  # the basis holds for every friction
         rig.modes(changed(scene, {"friction.mu": mu, "drive.speed": 1.0, "load.force": 10.0}))
     assert len(list((disc / "models").iterdir())) == files
+
+
+def test_every_eigenvalue_of_a_sweep_has_its_error_beside_a_stack_with_a_shunt_too(disc):
+    ends = {"first": {"set": "BACK_UP", "direction": "z"}, "second": {"set": "BACK_DOWN", "direction": "z"}}
+    stack = {"piezo": ends | {"capacitance": 2e-6, "d33": 6e-10, "stiffness": 5e7}}
+    shunt = {"shunt": {"kind": "series", "resistance": 20.0, "inductance": 5e-3}}
+    scene = scenes.load(written(disc, FE | stack | shunt, "stack"))
+    modes = rig.modes(scene)
+    assert any(mode.energy.get("shunt.voltage", 0.0) > 0.4 for mode in modes.sliding.modes)
+    assert all(mode.error is not None and mode.error < 1e-4 for mode in modes.sliding.modes)
+    along = sweep(scene, Axis.parse("shunt.resistance=20:200:3", scene))
+    upper = np.isfinite(along.growth) & (along.frequency > 0.0)
+    assert np.isfinite(along.errors[upper]).all()
+    assert np.sort(along.errors[0][upper[0]]) == pytest.approx(sorted(mode.error for mode in modes.sliding.modes))
+    text, table = along.text(), along.to_json()
+    at, worst = int(np.nanmax(along.errors, axis=1).argmax()), np.nanmax(along.errors)
+    assert f"largest estimated error of an eigenvalue: {worst:.1e} at {along.axis.text(along.axis.values[at])}" in text
+    assert text.splitlines()[-1].split()[-1] == f"{np.nanmax(along.errors[-1]):.1e}"
+    assert worst in [branch["error"][at] for branch in table["branches"]]
 
 
 def test_mode_shapes_move_on_the_nodes(disc, tmp_path):

@@ -199,6 +199,42 @@ def test_the_estimated_error_is_the_true_one_with_modal_damping_too():
     assert np.all((np.abs(true - estimates.errors) < 0.5 * np.abs(true))[told])
 
 
+@pytest.mark.parametrize("beside", ["stack", "falling friction", "both"])
+def test_the_estimated_error_is_the_true_one_beside_a_stack_with_its_network_and_friction_over_speed(beside):
+    """Truth: the full matrices with the same forces and the same network."""
+    end = np.zeros(180)
+    end[[80, 170]] = 1.0, -1.0
+    full = structure(2)
+    full = replace(full, vectors={**full.vectors, "piezo.first": end})
+    reduced = build(replace(full, vectors={}), Reduction(modes=10, at=values(), residual="none", up_to=6000.0))
+    given, slopes = values(0.4), 0.3 * np.array([1.0, 1.2, 0.8, 1.1]) * ("stack" != beside)
+    spring, coupling, capacitance, inductance, ohms = 3e5 * (beside != "falling friction"), 0.3, 1e-6, 0.05, 100.0
+
+    def rig_of(pencil, along, end):
+        mass, damping, stiffness = (np.asarray(m.toarray() if sp.issparse(m) else m) for m in pencil)
+        n = len(mass)
+        jacobian = np.zeros((2 * n + 2, 2 * n + 2))  # voltage of the stack, current through a coil and a resistor
+        jacobian[:n, n : 2 * n] = np.eye(n)
+        rows = np.linalg.inv(mass)
+        jacobian[n : 2 * n, :n] = -rows @ (stiffness + spring * np.outer(end, end))
+        jacobian[n : 2 * n, n : 2 * n] = -rows @ (damping - along.T @ (slopes[:, None] * along))
+        jacobian[n : 2 * n, 2 * n] = -coupling * bool(spring) * rows @ end
+        jacobian[2 * n, n : 2 * n] = coupling / capacitance * end
+        jacobian[2 * n, 2 * n + 1] = -1.0 / capacitance
+        jacobian[2 * n + 1, 2 * n :] = 1.0 / inductance, -ohms / inductance
+        return jacobian
+
+    basis = reduced.basis.astype(float)
+    reduced = replace(reduced, model=replace(reduced.model, vectors={"piezo.first": end @ basis}))
+    exact = np.linalg.eigvals(rig_of(full.pencil(given), full.contacts[0].along.toarray(), end))
+    own = rig_of(reduced.pencil(given), reduced.model.contacts[0].along, end @ basis)
+    estimates = Estimator(full, reduced.up_to, values()).at(reduced, given, jacobian=own)
+    true = exact[np.argmin(np.abs(exact - estimates.values[:, None]), axis=1)] - estimates.values
+    told = np.abs(true) > 1e-8 * np.abs(estimates.values)
+    assert np.sum(told) >= 4
+    assert np.all((np.abs(true - estimates.errors) < 0.2 * np.abs(true))[told])
+
+
 def test_a_basis_is_trained_where_its_error_is_largest_until_it_is_small():
     full = structure(4)
     foundation = np.random.default_rng(1).uniform(0.0, 2e5, full.rows)
