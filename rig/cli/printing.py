@@ -153,11 +153,14 @@ def number(value: object) -> str:
 
 @contextmanager
 def status(text: str = "") -> Iterator[Callable[[str], None]]:
-    """A line of progress on a terminal, replaced by each text that it gets; nothing is written without a terminal."""
-    terminal, width = sys.stderr.isatty(), 0
+    """A line of progress on a terminal, replaced by each text that it gets; without a terminal a line now and then."""
+    terminal, width, last = sys.stderr.isatty(), 0, time.monotonic()
 
     def show(text: str) -> None:
-        nonlocal width
+        nonlocal width, last
+        if not terminal and text and time.monotonic() - last >= PROGRESS_S:
+            last = time.monotonic()
+            note(text)
         if terminal:
             sys.stderr.write(f"\r{printable(text).ljust(width)}")
             sys.stderr.flush()

@@ -12,8 +12,9 @@
     POST /api/run/follow          {run} -> follows one of them;  /api/run/leave: no longer
     GET  /api/recordings          the recordings of the folder;  GET /recordings/NAME: one of them, to keep
     POST /api/recordings/work     {what, name, other} -> a job that verifies, reports, exports, compares or views
-    GET  /api/studies             maps and cost tables;  GET /studies/KIND/NAME/FILE: a figure or a table of one
-    POST /api/studies/work        {what, scene, changes, x, y} -> a job: eigenvalues, a map or a cost table
+    GET  /api/studies             maps, cost tables, branches;  GET /studies/KIND/NAME/FILE: a figure or a table of one
+    POST /api/studies/work        {what, scene, changes, x, y} -> a job: eigenvalues, a map, a cost table, branches
+    POST /api/branches            {scene, changes} -> the finished branches of this scene
     GET  /api/lessons             the lessons;  GET /lessons/NAME: a figure of one
     POST /api/lesson              {number} -> the text of a lesson as HTML
     GET  /api/jobs                jobs, the newest first;  GET /jobs/NUMBER: the result of one
@@ -163,6 +164,7 @@ def app(bench: Bench) -> Starlette:
         Route("/recordings/{name:path}", _file(lambda given: bench.recordings.path(given["name"]))),
         Route("/api/studies", _answers(lambda _: bench.studies.all())),
         Route("/api/studies/work", _answers(bench.studies.work), methods=["POST"]),
+        Route("/api/branches", _answers(bench.studies.branches), methods=["POST"]),
         Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
         Route("/api/lessons", _answers(lists.listed)),
         Route("/api/lesson", _answers(lists.text), methods=["POST"]),

@@ -1,9 +1,10 @@
 """Lists on the page: lessons, recordings, maps and cost tables, with the jobs that make new ones.
 
 Of lessons the list, the text as HTML, the figures; of the recordings of a folder jobs that check, report, export,
-compare and view them; maps and cost tables are those in the folders `maps` and `cost`.
+compare and view them; maps, cost tables and branches are those in the folders `maps`, `cost` and `branches`.
 
-Every study has a folder of its own, as `rig map` and `rig cost` write it; the page is given its figures and tables.
+Every study has a folder of its own, as `rig map`, `rig cost` and `rig branches` write it; the page is given its figures
+and tables.
 """
 
 from __future__ import annotations
@@ -108,10 +109,14 @@ class Recordings:
         return self._jobs.start(title.format(path.name, other.name), [*command, option, str(made)], made)
 
 
-FINISHED = {"maps": ("map.png", "regions.png"), "cost": ("cost.png", "peers.png")}
+FINISHED = {
+    "maps": ("map.png", "regions.png"),
+    "cost": ("cost.png", "peers.png"),
+    "branches": ("branches.png", "curves.png"),
+}
 """Folder -> the figures of which one is there when a study is finished."""
 SHOWN = (".png", ".csv", ".parquet")
-OF_SCENES = ("modes", "map", "regions", "cost")
+OF_SCENES = ("modes", "map", "regions", "cost", "branches")
 
 
 class Studies:
@@ -139,8 +144,25 @@ class Studies:
                     return path
         raise UsageError(f"{kind}/{name}/{file}: there is no such file; the list of the page shows them all")
 
+    def branches(self, body: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Finished branches of a scene with `changes`, the newest first, each with the points of its figure (SI)."""
+        from rig.analysis.branches import FILE, values_of
+
+        scene = self._catalogue.scene(body.get("scene"), body.get("changes"))
+        now: dict[str, Any] = json.loads(json.dumps(values_of(scene)))
+        out = []
+        for row in self.all():
+            try:
+                told = json.loads(contents(self._folder / row["kind"] / row["name"] / FILE, DATA))
+                differ = {k for k in {*told["values"], *now} if told["values"].get(k) != now.get(k)}
+                if told["plant"] == scene.plant and differ <= {told["key"]}:
+                    out.append({"name": row["name"], **_drawn(told)})
+            except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+                continue  # no branches, not finished, or damaged
+        return out
+
     def work(self, body: Mapping[str, Any]) -> dict[str, Any]:
-        """Start a job: `what` (`WORK`), `scene`, `changes`, and for maps the axes `x` and `y`, as `rig map` reads them.
+        """Start a job: `what` (`WORK`), `scene`, `changes`, and the axes `x` and `y`, as `rig map` reads them.
 
         Raises SceneError for values that the scene refuses, UsageError for anything else.
         """
@@ -153,6 +175,14 @@ class Studies:
             shapes = self._jobs.folder() / "mode_shapes.gif" if scene.assemble().nodes is not None else None
             options += ["--shapes", str(shapes)] if shapes is not None else []
             return self._jobs.start(f"eigenvalues of {scene.name}", ["modes", *options, "--", str(given)], shapes)
+        if what == "branches":
+            from rig.analysis.branches import job
+
+            todo = job(scene, str(body.get("x") or ""))
+            options += [f"--over={body['x']}", "--out", str(self._folder / "branches"), "--force"]
+            return self._jobs.start(
+                f"branches of {scene.name} over {todo.axis.key}", [what, *options, "--", str(given)]
+            )
         title = f"cost of {scene.name}"
         if what != "cost":
             over = _axes(scene, body, what == "regions")
@@ -177,14 +207,28 @@ def _axes(scene: Scene, body: Mapping[str, Any], both: bool) -> dict[str, str]:
     return named
 
 
+def _drawn(told: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page draws of branches."""
+    lines = [
+        {
+            "kind": branch["kind"],
+            "points": [[p[name] for name in ("value", "low", "high", "stick", "stable")] for p in branch["points"]],
+        }
+        for branch in told["branches"]
+    ]
+    specials = [[special[name] for name in ("name", "value", "low", "high")] for special in told["specials"]]
+    kept = {name: told[name] for name in ("key", "unit", "range", "output", "output_unit", "values")}
+    return {**kept, "branches": lines, "specials": specials}
+
+
 def _about(folder: Path) -> str:
-    """Scene and axes of a map; the scene of a cost table; "" if that cannot be read."""
+    """Scene and axes of a map or of branches; the scene of a cost table; "" if that cannot be read."""
     try:
         job = json.loads(contents(folder / "job.json", DATA))
         shown = [Axis(axis["key"], axis["unit"], tuple(axis["values"]), axis["shown"]) for axis in job["axes"] if axis]
         ends = [(axis, *axis.shown_values[[0, -1]]) for axis in shown]
         over = [f"{a.key} from {low:.4g} to {high:.4g} {a.shown}, {len(a.values)} values" for a, low, high in ends]
-        how = "stable and unstable regions, " if job["settings"]["eigenvalues"] else ""
+        how = "stable and unstable regions, " if job["settings"].get("eigenvalues") else ""
         return f"{job['scene']['title']}: {how}{'; '.join(over)}"
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, ZeroDivisionError, RecursionError):
         return ""

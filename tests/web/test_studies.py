@@ -28,6 +28,22 @@ def test_eigenvalues_are_those_of_the_changed_values(client, rig):
     assert [line for line in printed.splitlines() if line] == [line for line in made["lines"] if line]
 
 
+def test_branches_are_those_of_the_chosen_values(client):
+    over = "drive.speed=0.1 m/s:0.8 m/s"
+    made = client.job(WORK, what="branches", scene="belt", changes={"load.force": "15 N"}, x=over)
+    assert made["code"] == 0, made
+    (row,) = client.get("/api/studies").json()
+    assert (row["kind"], row["finished"]) == ("branches", True)
+    assert "drive.speed from 0.1 to 0.8 m/s" in row["about"]
+    (found,) = client.post("/api/branches", scene="belt", changes={"load.force": 15.0, "drive.speed": 0.3}).json()
+    assert {name for name, *_ in found["specials"]} >= {"Hopf point", "grazing fold (contact)"}
+    assert {branch["kind"] for branch in found["branches"]} == {"sliding", "cycles"}
+    assert (found["key"], found["output"], found["values"]["load.force"]) == ("drive.speed", "displacement", 15.0)
+    assert client.post("/api/branches", scene="belt", changes={}).json() == []
+    assert client.post("/api/branches", scene="belt_c", changes={"load.force": 15.0}).json() == []
+    assert "the ends are the same" in client.refused(WORK, what="branches", scene="belt", x="drive.speed=1:1")
+
+
 def test_a_map_that_was_stopped_is_listed_as_unfinished(client, folder):
     number = client.post(WORK, what="map", scene="belt", x="drive.speed=0.05 m/s:0.8 m/s:9000").json()["number"]
     store = store_of(job(scenes.load("belt"), "drive.speed=0.05 m/s:0.8 m/s:9000"), folder / "maps")
@@ -49,7 +65,7 @@ def test_nothing_but_figures_and_tables_is_given(client, folder):
 
 def test_what_cannot_be_computed_is_refused_before_a_job_starts(client):
     for body, told in (
-        ({"what": "fly", "scene": "belt"}, "'fly': expected modes, map, regions, cost"),
+        ({"what": "fly", "scene": "belt"}, "'fly': expected modes, map, regions, cost, branches"),
         ({"what": "cost", "scene": "nothing"}, "no scene is called 'nothing'"),
         ({"what": "map", "scene": "belt"}, "the map needs a first axis"),
         ({"what": "regions", "scene": "belt", "x": X}, "the map needs two axes"),

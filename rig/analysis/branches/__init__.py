@@ -9,13 +9,14 @@ threshold   the unstable cycle as threshold: least knocks, shares of starts
 result      branches as text, JSON, CSV, xarray; figure
 """
 
-from rig.analysis.branches.begin import HOPF, SIMULATION, Start
-from rig.analysis.branches.compute import POINTS, ROOT, Job, branches, job, store_of
+from rig.analysis.branches.begin import HOPF, SIMULATION, Start, values_of
+from rig.analysis.branches.compute import FILE, POINTS, ROOT, Job, branches, job, store_of
 from rig.analysis.branches.curves import Curve, Curves, curves, curves_store
 from rig.analysis.branches.result import Branch, Branches, Point, SpecialPoint
 from rig.analysis.branches.threshold import Knock, Share, Threshold
 
 __all__ = [
+    "FILE",
     "HOPF",
     "POINTS",
     "ROOT",
@@ -36,4 +37,5 @@ __all__ = [
     "curves_store",
     "job",
     "store_of",
+    "values_of",
 ]

@@ -138,15 +138,18 @@ def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
     return Start(value, dict(zip([names[i] for i in moving], state.tolist())))
 
 
+def values_of(scene: Scene) -> dict[str, Any]:
+    """Return the values (SI) on which the motions of a rig depend; not its start, sensors, controllers and clock."""
+    return {k: v for k, (v, _) in scene.values().items() if k.split(".")[0] not in _MAY_DIFFER}
+
+
 def _alike(recorded: Scene, scene: Scene, axis: Axis) -> None:
     """Refuse the recording of another rig. Its start, protocol, sensors and clock may differ."""
     if recorded.plant != scene.plant:
         raise UsageError(
             f"the recording is of {recorded.name} with the plant {recorded.plant}, and {scene.name} has {scene.plant}"
         )
-    was, now = (
-        {k: v for k, (v, _) in s.values().items() if k.split(".")[0] not in _MAY_DIFFER} for s in (recorded, scene)
-    )
+    was, now = values_of(recorded), values_of(scene)
     differ = sorted(k for k in was.keys() | now.keys() if k != axis.key and was.get(k) != now.get(k))
     if differ:
         what = "; ".join(f"{k} = {was.get(k, 'none')} there, {now.get(k, 'none')} here" for k in differ[:3])

@@ -6,6 +6,7 @@ Every family of cycles is saved while it is computed. An interrupted computation
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -40,6 +41,7 @@ from rig.analysis.pool import Store, Work, digest, packed, unpacked
 from rig.analysis.return_map import Family, ReturnMap
 from rig.analysis.sweep import Sweep, sweep
 from rig.errors import RigError, UsageError
+from rig.machine.files import write_file
 from rig.model.formulation import signal_rows
 from rig.model.friction_law import coulomb
 from rig.model.method import chosen
@@ -54,6 +56,8 @@ Array = NDArray[np.float64]
 Shape = NDArray[np.complex128]
 Watch = Callable[[str], object]
 ROOT = Path("branches")
+FILE = "branches.json"
+"""The file of finished branches: `Branches.to_json`, with the plant and the values of the scene."""
 VALUES = 41
 """Values of the parameter at which sliding is computed, if the range names no number."""
 POINTS = 400
@@ -80,7 +84,8 @@ class Job:
         """Name and identity of the folder of the results."""
         axis = (self.axis.key, self.axis.values)
         identity = repr([axis, self.output, self.starts, self.most, self.longest])
-        about = {"key": self.axis.key, "range": [min(self.axis.values), max(self.axis.values)], "output": self.output}
+        shown = {name: getattr(self.axis, name) for name in ("key", "unit", "values", "shown")}
+        about = {"scene": json.loads(self.scene.to_json()), "axes": [shown], "output": self.output, "settings": {}}
         return Work(dict, range(0), f"{self.scene.name}", digest(self.scene, identity), about=about)
 
 
@@ -175,7 +180,10 @@ def branches(job: Job, root: Path = ROOT, watch: Watch = lambda text: None) -> B
     work = job.work
     store = Store.of(work, root)
     with store.open(work):
-        return _Computation(job, store, watch).run()
+        result = _Computation(job, store, watch).run()
+        told = result.to_json() | {"plant": job.scene.plant, "values": begin.values_of(job.scene)}
+        write_file(store.folder / FILE, json.dumps(told).encode())
+        return result
 
 
 def store_of(job: Job, root: Path = ROOT) -> Store:

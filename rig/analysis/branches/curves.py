@@ -175,7 +175,8 @@ def curves_store(job: Job, second: Axis, root: Path = ROOT) -> Store:
 
 def _work(job: Job, second: Axis) -> Work:
     identity = repr([job.work.digest, second.key, second.values])
-    about = {**job.work.about, "second": second.key}
+    shown = {name: getattr(second, name) for name in ("key", "unit", "values", "shown")}
+    about = {**job.work.about, "axes": [*job.work.about["axes"], shown]}
     return replace(job.work, name=f"{job.scene.name}-curves", digest=digest(job.scene, identity), about=about)
 
 

@@ -13,6 +13,7 @@ import { Store } from "/page/store.js";
 import { h } from "/page/dom.js";
 import * as head from "/page/panes/head.js";
 import * as choose from "/page/panes/choose.js";
+import * as branches from "/page/panes/branches.js";
 import * as touch from "/page/panes/touch.js";
 import * as rig from "/page/panes/rig.js";
 import * as signals from "/page/panes/signals.js";
@@ -26,7 +27,7 @@ import * as recordings from "/page/panes/recordings.js";
 import * as studies from "/page/panes/studies.js";
 import * as lessons from "/page/panes/lessons.js";
 
-const COLUMNS = [[choose, touch], [rig, strip, signals, studies, lessons], [protocol, trust, portrait, hear, events, recordings]];
+const COLUMNS = [[choose, branches, touch], [rig, strip, signals, studies, lessons], [protocol, trust, portrait, hear, events, recordings]];
 
 const LIVE = new Set([touch, strip, signals, protocol, trust, portrait, events]); // panes that show nothing before a run is described
 

@@ -99,6 +99,35 @@ def test_a_slider_reaches_its_ends_and_zero_and_comes_back(page, slider):
     assert (0.0 in values) == (slider["low"] <= 0.0 <= slider["high"])
 
 
+def test_branches_are_computed_and_show_the_present_state(page):
+    page.choose("belt")
+    page.show("branches-note")
+    page.until(lambda: page.text("branches-note") == "none computed yet for these values")
+    page.run("document.getElementById('branches-compute').closest('details').open = true")
+    page.write("branches-from", "0.1")
+    page.write("branches-to", "0.8")
+    page.press("branches-compute")
+    page.until(lambda: "grazing fold (contact) at 0.67503 m/s" in page.text("branches-note"), 120.0)
+    page.picture("branches-rest")
+    page.write("duration", "300")
+    page.press("start")
+    page.until_phase("running")
+    page.show("branches-picture")
+    page.until(lambda: "dot: the run at" in page.text("branches-note"))
+    page.write("live-drive.speed", "0.3")
+    page.picture("branches-slider")
+    page.show("branches-picture")
+    page.until(lambda: "dot: the run at 0.3 m/s" in page.text("branches-note"))
+    assert page.text("branches-differ") == ""
+    page.write("live-load.force", "15")
+    page.show("branches-picture")
+    page.until(lambda: "load.force 15, not 20" in page.text("branches-differ"))
+    page.show("branches-picture")
+    page.picture("branches")
+    page.press("stop")
+    page.until_phase("ended")
+
+
 def test_a_lesson_is_read_and_its_scene_chosen(page):
     page.run("document.getElementById('lessons').closest('details').open = true")
     page.until(lambda: page.run("return document.querySelectorAll('#lessons option').length") == len(lessons()))

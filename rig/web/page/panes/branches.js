@@ -1,0 +1,134 @@
+// Branches of the chosen scene: stable and unstable motions over one value, and a dot for the present state.
+
+import { post } from "/page/api.js";
+import { h, number, pane, quantity } from "/page/dom.js";
+import { jobs as jobsOf } from "/page/jobs.js";
+import { ink, sized, ticks } from "/page/plot.js";
+
+const LATELY = 1; // [s] of the run of which the extremes are shown
+const WIDE = 4; // the range that is proposed, as a multiple of the present value
+
+export function create(bench) {
+  const { store } = bench;
+  const canvas = h("canvas", { id: "branches-picture", "aria-label": "branches and the present state", hidden: true });
+  const list = h("select", { id: "branches-list", "aria-label": "branches over", hidden: true, onchange: () => bench.redraw() });
+  const note = h("div", { class: "small faint", id: "branches-note" }), differs = h("div", { class: "small warn", id: "branches-differ" });
+  const fault = h("div", { class: "fault pre", id: "branches-fault", role: "alert" });
+  const field = (name, wide) => h("input", { type: "text", class: `value ${wide}`, id: `branches-${name}`, "aria-label": `branches: ${name}` });
+  const key = field("over", "wide"), from = field("from", ""), to = field("to", "");
+  let found = [], asked = "", named = "";
+
+  async function attempt(action) {
+    try {
+      fault.textContent = "";
+      await action();
+    } catch (error) {
+      fault.textContent = error.message;
+    }
+  }
+
+  const valueOf = (name) => bench.chosen().form?.sections.flatMap(({ values }) => values).find((one) => one.key === name)?.value;
+  const jobs = jobsOf(["branches"], attempt, fill);
+  jobs.element.id = "branches-jobs";
+  const compute = () => attempt(async () => {
+    const { scene, changes } = bench.chosen();
+    await post("/api/studies/work", { what: "branches", scene, changes, x: `${key.value.trim()}=${from.value.trim()}:${to.value.trim()}` });
+    jobs.look();
+  });
+
+  /** The branches that are there for the chosen scene with its values. */
+  async function fill() {
+    const { scene, changes } = bench.chosen();
+    if (!scene) return;
+    await attempt(async () => {
+      found = await post("/api/branches", { scene, changes });
+      list.replaceChildren(...found.map(({ key: over, output }, i) => h("option", { value: i }, `${output.replaceAll("_", " ")} over ${over}`)));
+      list.hidden = canvas.hidden = !found.length;
+      note.textContent = found.length ? "" : "none computed yet for these values";
+    });
+    if (scene !== named) { // propose a range about the present value
+      named = scene;
+      const now = valueOf("drive.speed");
+      key.value = now === undefined ? "" : "drive.speed";
+      [from.value, to.value] = now > 0 ? [number(now / WIDE), number(now * WIDE)] : ["", ""];
+    }
+    bench.redraw();
+  }
+
+  /** Value of the parameter, extremes and latest value of the output, as far as they are known. */
+  function present({ key: over, output }) {
+    const live = store.active ? store.values.find((one) => one.key === over) : undefined;
+    const at = live?.value ?? valueOf(over), curve = store.outputs[output];
+    if (!live || !curve) return { at };
+    let low = Infinity, high = -Infinity;
+    for (let i = curve.t.length - 1; i >= 0 && curve.t[i] > store.t - LATELY; i -= 1) {
+      if (curve.low[i] === null) continue;
+      [low, high] = [Math.min(low, curve.low[i]), Math.max(high, curve.high[i])];
+    }
+    return { at, low, high, now: store.latest.v[store.setup.outputs.findIndex(({ name }) => name === output)] };
+  }
+
+  function draw() {
+    const { scene, changes, form } = bench.chosen?.() ?? {}, text = JSON.stringify([scene, changes]);
+    if (form && text !== asked) { asked = text; fill(); }
+    const shown = found[list.value];
+    if (!shown) { differs.textContent = ""; return; }
+    const { pen, width, height } = sized(canvas, 210);
+    const left = 54, bottom = 18, edge = 6, here = present(shown);
+    const points = shown.branches.flatMap((one) => one.points), ends = points.flatMap(([, low, high]) => [low, high]);
+    if (here.low <= here.high) ends.push(here.low, here.high);
+    const low = Math.min(...ends), high = Math.max(...ends), most = Math.max(...points.map(([, , , stick]) => stick)) || 1, [a, b] = shown.range;
+    const x = (value) => left + ((value - a) / (b - a)) * (width - left - edge);
+    const y = (value) => edge + ((high - value) / (high - low || 1)) * (height - edge - bottom);
+    pen.font = "11px system-ui, sans-serif";
+    [pen.fillStyle, pen.strokeStyle, pen.textAlign, pen.textBaseline] = [ink().faint, ink().line, "right", "middle"];
+    pen.beginPath();
+    for (const tick of ticks(low, high, 4)) { pen.moveTo(left, y(tick)); pen.lineTo(width - edge, y(tick)); pen.fillText(number(tick, 3), left - 4, y(tick)); }
+    pen.textAlign = "center";
+    for (const tick of ticks(a, b, width / 90)) { pen.moveTo(x(tick), edge); pen.lineTo(x(tick), height - bottom); pen.fillText(number(tick, 4), x(tick), height - 8); }
+    pen.stroke();
+    for (const { kind, points: line } of shown.branches) {
+      for (const side of [1, 2]) {
+        let way = 0;
+        for (let i = 1; i < line.length; i += 1) {
+          const [p, q] = [line[i - 1], line[i]], stable = p[4] && q[4];
+          pen.strokeStyle = kind === "sliding" ? ink().text : `hsl(${265 - (195 * (p[3] + q[3])) / 2 / most} 65% 58%)`;
+          pen.lineWidth = kind === "sliding" ? 1.2 : 2;
+          pen.setLineDash(stable ? [] : [5, 4]);
+          pen.lineDashOffset = way; // the dashes go on over the points
+          pen.beginPath();
+          pen.moveTo(x(p[0]), y(p[side])); pen.lineTo(x(q[0]), y(q[side]));
+          pen.stroke();
+          way += Math.hypot(x(q[0]) - x(p[0]), y(q[side]) - y(p[side]));
+        }
+      }
+    }
+    pen.setLineDash([]);
+    [pen.strokeStyle, pen.lineWidth] = [ink().text, 1.3];
+    for (const [, value, ...pair] of shown.specials) {
+      for (const one of pair) { pen.strokeRect(x(value) - 3, y(one) - 3, 6, 6); }
+    }
+    if (a <= here.at && here.at <= b) {
+      pen.strokeStyle = pen.fillStyle = "#d55e00";
+      pen.beginPath();
+      if (here.low <= here.high) { pen.moveTo(x(here.at), y(here.low)); pen.lineTo(x(here.at), y(here.high)); }
+      else { pen.moveTo(x(here.at), edge); pen.lineTo(x(here.at), height - bottom); }
+      pen.stroke();
+      if (Number.isFinite(here.now)) { pen.beginPath(); pen.arc(x(here.at), y(here.now), 4.5, 0, 2 * Math.PI); pen.fill(); }
+    }
+    const specials = shown.specials.map(([name, value]) => `${name} at ${quantity(value, shown.unit, 5)}`).join(", ");
+    const state = here.low <= here.high ? `dot: the run at ${quantity(here.at, shown.unit)}, with its extremes of the last second` : `line: ${quantity(here.at, shown.unit)}`;
+    note.textContent = `${[specials, "full: stable, dashed: unstable, from violet (slip) to yellow (stick)", state].filter(Boolean).join("; ")} [${shown.output_unit}]`;
+    const other = store.active ? store.values.filter(({ key: name, value }) => name !== shown.key && typeof shown.values[name] === "number"
+      && Math.abs(value - shown.values[name]) > 1e-9 * Math.abs(value)) : [];
+    differs.textContent = other.length ? `the run has other values: ${other.map((one) => `${one.key} ${number(one.value)}, not ${number(shown.values[one.key])}`).join("; ")}` : "";
+  }
+
+  return {
+    element: pane("Branches", list, canvas, note, differs, h("details", {}, h("summary", {}, "Compute branches of the chosen scene"),
+      h("div", { class: "row small" }, key, "from ", from, "to ", to, h("button", { onclick: compute, id: "branches-compute",
+        title: "stable and unstable motions; most rigs take seconds" }, "Compute"))), fault, jobs.element),
+    draw,
+    state: () => bench.redraw(),
+  };
+}
