@@ -11,11 +11,12 @@ import pytest
 import rig
 from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
 from rig.errors import UsageError
-from rig.qualify.cost import Row, cost, folder_of, recommended, reference
+from rig.qualify.cost import Row, Table, cost, folder_of, recommended, reference
 from rig.qualify.cost.measuring import trials
 from rig.qualify.cost.report import CostReport, notes
 from rig.qualify.cost.table import front
 from rig.qualify.cost.timing import QUIET, Cost, Spread, spread
+from rig.scenes.protocol import Hold
 
 
 def row(error, p99, share=0.0, method="rk4", floor=0.0):
@@ -244,3 +245,20 @@ def test_what_is_recommended_holds_when_it_is_judged_anew():
     found = judged(scene, target, rounds=1)
     assert found.error <= found.target
     assert found.ratio >= 1.0
+
+
+def test_a_film_of_points_is_measured_by_statistics_of_several_runs(tmp_path):
+    changes = {"structure.film": True, "start.velocity": 0.3, "drive.speed": 1.0, "sensors.vibrometer.rate": "10 kHz"}
+    scene = replace(rig.load("structure", changes), protocol=(Hold(step="hold", time="300 ms"),))
+    table = cost(scene, tmp_path, rounds=1)
+    assert table.statistical
+    assert {"first opening", "mean contact_fraction", "rms pad_velocity"} <= set(table.values)
+    steps = [row.setting.step_ns for row in table.rows]
+    assert steps == sorted(steps, reverse=True)
+    assert len(steps) == 3
+    for row in table.rows:
+        assert row.timed
+        assert all(0.0 <= row.floors[name] <= error < 0.3 for name, error in row.errors.items())
+    assert recommended(table.rows, "worst", 0.3, None) in table.rows
+    assert "half of the 95 % interval" in "\n".join(notes(table, "worst"))
+    assert Table.read(folder_of(scene, tmp_path)).rows == table.rows

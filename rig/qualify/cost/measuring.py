@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,19 +23,27 @@ from rig.analysis.motion_measures import (
     observe,
     problem,
 )
-from rig.analysis.orbit import refuse
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
+from rig.analysis.repeat import ONSET, Repeats, repeat
+from rig.analysis.studies.runs import random_parts
+from rig.effects.noise import Noise
 from rig.errors import NumericsError, UsageError
+from rig.model import assembly
 from rig.qualify.cost import timing
 from rig.qualify.cost.reference import references
 from rig.qualify.cost.table import WORST, Row, Table, orders, recommended
 from rig.qualify.cost.timing import UNKNOWN, Contender, Cost
 from rig.record.provenance import provenance
+from rig.record.statistics import FRACTION
 from rig.scenes.scene import Scene
-from rig.stability.report import fastest_eigenvalue
+from rig.stability.report import FILM_LIMIT, RK4_LIMIT, fastest_eigenvalue
 
 FOLDER = Path("cost")
 _MACHINE = ("host", "processor", "cores", "python", "numba")
+STARTS = 8
+"""Runs of each step of a film; the means of their numbers are compared."""
+_STEPS = 4  # of a film; the last one is the reference
+_NOISE = 1e-6  # N/Hz^0.5: makes the runs of a film differ
 
 
 def trials(
@@ -67,11 +76,11 @@ def cost(
     """Measure error against compute time of `scene` on this machine.
 
     `root`: parent of its folder; None keeps nothing. Results are written as they come: an interrupted measurement keeps
-    its errors, and its references are used again. Raises rig.errors.NumericsError if the first run stops, UsageError
-    for a film of points.
+    its errors, and its references are used again. Raises rig.errors.NumericsError if the first run stops.
     """
-    refuse(scene, "the error of single runs")
     say = report or (lambda done, total: None)
+    if scene.assemble().film is not None:
+        return _of_film(scene, root, say, rounds)
     asked = problem(scene)
     folder = None if root is None else folder_of(scene, root)
     if folder is not None:
@@ -111,6 +120,64 @@ def cost(
     if folder is not None:
         cost_table.write(folder)
     return cost_table
+
+
+def _of_film(scene: Scene, root: Path | None, say: Progress, rounds: int) -> Table:
+    """The table of a film of points: steps of kick, by the means of the numbers of `STARTS` runs.
+
+    After the first opening two runs diverge. The error of a step is therefore the difference of its means from those of
+    the finest step and half the 95 % interval of this difference, which is the smallest error that can be resolved.
+    """
+    given = scene
+    if all(key.startswith("sensors.") for key in random_parts(scene)):
+        scene = replace(scene, parameters=scene.parameters.model_copy(update={"noise": Noise(force=_NOISE)}))
+    built, step_ns = scene.assemble(), scene.step_ns
+    system, length = built.system(), max((scene.duration_ns or 10**9) // step_ns, 1)
+    rate = assembly.fastest(system, float(scene.clock.rk4_step) * 1e-9) * RK4_LIMIT / FILM_LIMIT
+    settings = ladder("kick", scene, rate)[:_STEPS]
+    asked = Problem(scene, built, system, {}, f"statistics of {STARTS} runs of a film", length, length, 0)
+    wanted = {ONSET, f"mean {FRACTION}", *(f"rms {name}" for name in asked.quantities)}
+    total, timings = STARTS * len(settings) + 1 + rounds * (len(settings) - 1), itertools.count(STARTS * len(settings))
+    runs: list[Repeats] = []
+    for setting in settings:
+
+        def watched(done: int, _: int) -> None:
+            say(STARTS * len(runs) + done, total)
+
+        runs.append(repeat(setting.applied(scene), STARTS, asked.seconds, progress=watched))
+    known = [name for name in (spread.name for spread in runs[-1].spreads) if name in wanted]
+    truths = {name: _mean(runs[-1], name) for name in known}
+    rows = []
+    for setting, repeats in zip(settings[:-1], runs):
+        fault, off, floors = next((seen.fault for seen in repeats.seen if seen.fault), ""), {}, {}
+        for name, (truth, spread) in truths.items():
+            mean, own = _mean(repeats, name)
+            floors[name] = _STUDENT * math.hypot(spread, own) / abs(truth)
+            off[name] = abs(mean - truth) / abs(truth) + floors[name]
+        rows.append(Row(setting, {} if fault else off, floors, Cost(*4 * [UNKNOWN]), math.nan, 0, fault))
+    cost_table = Table(
+        scene=scene.name, title=scene.title, digest=digest(given), kind=asked.kind, seconds=asked.seconds,
+        frame=scene.frame_ns * 1e-9, step=asked.step, machine=provenance(scene.seed),
+        left_out={method: why for method, why in eligible(system).items() if method != "kick"},
+        values={name: truth for name, (truth, _) in truths.items()},
+        rows=timed(asked, rows, rounds, lambda: say(next(timings), total)),
+    )  # fmt: skip
+    if root is not None:
+        folder = folder_of(given, root)
+        folder.mkdir(parents=True, exist_ok=True)
+        cost_table.write(folder)
+    return cost_table
+
+
+_STUDENT = 2.145  # 97.5 % of Student's t with 14 degrees of freedom: the means of two times 8 runs
+
+
+def _mean(repeats: Repeats, name: str) -> tuple[float, float]:
+    """Mean of a number over the runs, and its standard error; infinite if not every run has the number."""
+    values = repeats.values(name)
+    if len(values) < len(repeats.seen):
+        return math.inf, math.inf
+    return statistics.fmean(values), statistics.stdev(values) / math.sqrt(len(values))
 
 
 def timed(

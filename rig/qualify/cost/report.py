@@ -63,9 +63,12 @@ def lines(table: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
     return rows
 
 
-def _agreement(row: Row, metric: str) -> str:
-    """The difference of the references, in words."""
+def _agreement(table: Table, metric: str) -> str:
+    """The difference of the references, or the interval of statistics, in words."""
+    row = table.rows[0]
     apart = row.floor(metric)
+    if table.statistical:
+        return f"errors contain half of the 95 % interval of the means, {apart:.0e}"
     if math.isfinite(apart):
         return f"the references agree to {apart:.0e}"
     measures = [name for name, floor in row.floors.items() if name and math.isinf(floor)]
@@ -74,9 +77,9 @@ def _agreement(row: Row, metric: str) -> str:
 
 def notes(table: Table, metric: str) -> list[str]:
     """Return the notes on the table."""
-    out = [f"{table.kind}, {table.seconds:.4g} s simulated; {_agreement(table.rows[0], metric)}"]
+    out = [f"{table.kind}, {table.seconds:.4g} s simulated; {_agreement(table, metric)}"]
     out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in table.orders.items()]
-    if any(row.setting.method == "kick" for row in table.rows):
+    if any(row.setting.method == "kick" for row in table.rows) and not table.statistical:
         out.append(
             "kick does not locate opening and closing of contacts: slip and stick are compared, also of open contacts"
         )

@@ -200,6 +200,11 @@ class Table:
     rows: list[Row] = field(default_factory=list)
 
     @property
+    def statistical(self) -> bool:
+        """Whether the errors are those of statistics of a film, with their interval."""
+        return self.kind.startswith("statistics")
+
+    @property
     def metrics(self) -> list[str]:
         """The measures that have errors."""
         return list(dict.fromkeys(name for row in self.rows for name in row.errors))
