@@ -62,7 +62,7 @@ def too_many(system: System) -> str:
 def chosen(method: str, system: System) -> str:
     """The method that "auto" selects.
 
-    kick if very many contacts open and close or a film travels; otherwise exact if every mode set is linear; otherwise
+    kick for a film, or if very many contacts open and close; otherwise exact if every mode set is linear; otherwise
     rosenbrock if a law has memory, because its bristles are stiff; otherwise dopri5.
     """
     if method != "auto":
@@ -85,7 +85,7 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
         raise ValueError(f"{why}: {FILM_HELPS}; eigenvalues (rig modes) need no run")
     if system.film is not None:
         if method != "kick":
-            raise ValueError(f"method {method} does not support a film of travelling contact points: use kick")
+            raise ValueError(f"method {method} does not support a film of contact points: use kick")
         why = assembly.refusal(system)
         if why:
             raise ValueError(f"kick: {why}")

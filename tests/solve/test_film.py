@@ -131,14 +131,19 @@ def disc(
     return structure(np.eye(modes), D, K, where, speed, film, load, start, **rig), held, D
 
 
-def test_mirror_symmetry_is_found_and_changes_nothing():
-    a, *_ = disc(mirrored=True)
+@pytest.mark.parametrize("points", [6, 200])
+def test_mirror_symmetry_is_found_and_changes_nothing(points):
+    a, *_ = disc(points, mirrored=True, firm=6e7 / points)
     film = a.film
     assert film.mirror is not None
-    assert sorted(film.mirror.order.tolist()) == list(range(6))
-    assert disc()[0].film.mirror is None
+    assert sorted(film.mirror.order.tolist()) == list(range(points))
+    assert disc(points)[0].film.mirror is None
+    each = ("stiffness", "shear", "damping", "mu", "reach", "x", "y")
+    more = {name: np.append(getattr(film, name), getattr(film, name)[0]) for name in each}
+    plane = np.where(film.mirror.parity > 0.0, 0.5, 0.0)[None, None, :, None] * np.ones((1, 2, 1, 1))
+    assert replace(film, rows=np.concatenate([film.rows, plane], axis=3), **more).mirror is None  # a point on the plane
     system = a.system()
-    broken = replace(film, rows=film.rows * np.linspace(1.0, 1.0 + 1e-7, 6))
+    broken = replace(film, rows=film.rows * np.linspace(1.0, 1.0 + 1e-7, points))
     assert broken.mirror is None
     other = replace(system, film=broken)
     motions = [Motion(one, 10_000, "kick", substeps=10, longest=100) for one in (system, other)]
