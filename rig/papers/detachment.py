@@ -350,8 +350,7 @@ def maps(figure: Figure) -> Compared:
     assert points is not None
     for k, (i, title) in enumerate(zip(shown, titles)):
         axis = figure.add_subplot(grid[k // 4, k % 4])
-        centred = [float(made.signals[f"pressure_centre_{way}"][i]) for way in "xy"]
-        draw_map(axis, points, 1e6 * pressure[i], points.scale, centred)
+        draw_map(axis, points.surfaces, [1e6 * pressure[i]], points.scale)
         axis.set_title(f"{title}\n{made.time[i]:.4f} s", fontsize=9)
         axis.tick_params(labelsize=8)
         axis.set_xlabel("along [mm]" if k >= 4 else "", fontsize=8)

@@ -29,6 +29,7 @@ from rig.model.named_rows import Row
 from rig.picture import Own
 from rig.plants.belt import RAMPED
 from rig.plants.structures import film_slider, plate_model
+from rig.plants.structures.contact_map import Surface
 from rig.plants.structures.film_slider import Film, Slider, SliderTables
 from rig.plants.structures.plate_elements import Foam, Plate
 from rig.plants.structures.plate_model import Grid, Reduced
@@ -114,6 +115,11 @@ class Parameters(Noisy):
     def film_points(self) -> Grid | None:
         """The points whose pressures are outputs; None without a slider, and where the film is bonded."""
         return self.grid() if self.slid is not None and self.slid.film.opens else None
+
+    @property
+    def contact_surfaces(self) -> tuple[Surface, ...]:
+        """The contact on a map of pressures."""
+        return (points.surface,) if (points := self.film_points) is not None else ()
 
     def grid(self) -> Grid:
         """The contact points; of a plate alone any will do."""

@@ -30,23 +30,50 @@ from rig.model.friction_law import Law
 from rig.model.method import MANY
 from rig.model.named_rows import Row
 from rig.model.system import Finding, System
-from rig.picture import Plot
+from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED
+from rig.plants.structures.contact_map import Surface, surface_of
 from rig.plants.structures.structure_model import Given, full, reduced, values_of
 from rig.plants.structures.structure_tables import Tables, Turning
 from rig.solve.film_steps import COUNTED
 from rig.stability.linearisation import sliding_key, steady
 from rig.structure import estimate
-from rig.structure.full import Full, Part
+from rig.structure.full import Full, Part, Points
 from rig.structure.reduced import Reduced
 
 Array = NDArray[np.float64]
 _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong to one contact
 _DRAWN = 4000  # nodes that mode shapes are drawn on, at most
+_OF_POINTS = Plot("normal force of points"), Plot("slip speed of points"), Plot("0 open, 1 stick, 2 slip")
+
+PICTURES = (Own("rig.view.surfaces:Surfaces", ("normal_force", "friction_force", "surface_speed")),)
 
 
 class Parameters(Tables):
     """The tables of a structure scene; their module tells the plant."""
+
+    @property
+    def contact_surfaces(self) -> Iterator[Surface]:
+        """The contacts on maps of pressures, in order; without those of typed rows, which have no places."""
+        meshed = [contact for contact in reduced(self).model.contacts if self.contacts[contact.name].gap is None]
+        for points in meshed if self.friction is not None else ():
+            given = self.contacts[points.name]
+            turning = self.drive if isinstance(self.drive, Turning) and given.sliding is None else None
+            surface = surface_of(
+                points,
+                tuple(f"normal_force_of_{name}" for name in _names(points)),
+                None if isinstance(given.normal, str) or given.rows is not None else np.array(given.normal),
+                np.array(turning.axis) if turning else None,
+                np.array(turning.centre if turning else (0.0, 0.0, 0.0)),
+            )
+            if surface is not None:
+                yield surface
+
+
+def _names(points: Points) -> list[str]:
+    """The names of the points of a contact."""
+    count = len(points.area)
+    return [points.name] if count == 1 else [f"{points.name}_{i}" for i in range(1, count + 1)]
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
@@ -170,10 +197,10 @@ def _add_contacts(
     assert p.friction is not None
     law = p.friction.friction()
     patches: list[tuple[str, Array, float]] = []
+    of_points: dict[str, Output] = {}
     for points, stiffness in zip(model.contacts, springs):
-        contact, single = p.contacts[points.name], len(points.area) == 1
-        for i, (normal, along) in enumerate(zip(points.normal, points.along)):
-            name = points.name if single else f"{points.name}_{i + 1}"
+        contact = p.contacts[points.name]
+        for i, (name, normal, along) in enumerate(zip(_names(points), points.normal, points.along)):
             radius = float(points.radius[i])
             same = (
                 patch
@@ -185,12 +212,17 @@ def _add_contacts(
                 patches.append((patch, along, radius))
                 a.patch(patch, row(along), {state: radius * value for state, value in speed.items()}, law)
             a.normal(name, patch, row(normal, factor=-float(stiffness[i])), row(normal), opens=contact.opens)
+            of_points |= {
+                f"normal_force_of_{name}": Output({f"N:{name}": 1.0}, "N", _OF_POINTS[0]),
+                f"slip_speed_of_{name}": Output({f"w:{patch}": 1.0}, "m/s", _OF_POINTS[1]),
+            }
         of_contact = [entry[0] for entry in a.normals[-len(points.area) :]]
         a.outputs[f"normal_force_{points.name}"] = Output({f"N:{name}": 1.0 for name in of_contact}, "N", Plot())
     if _as_film(a, p):
         _add_film(a, p, model, springs, law, speed)
         return
     first = patches[0][0]
+    a.outputs |= of_points
     a.outputs |= {
         "normal_force": Output({f"N:{name}": 1.0 for name, *_ in a.normals}, "N"),
         "friction_force": Output({f"T:{name}": 1.0 for name, *_ in a.patches}, "N"),
@@ -246,9 +278,9 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], law: La
         a.outputs[f"normal_force_{points.name}"] = Output({film.at("P", i): 1.0 for i in each}, "N", Plot())
         first += len(points.area)
     for i, name in enumerate(names):
-        a.outputs[f"normal_force_of_{name}"] = Output({film.at("P", i): 1.0}, "N", Plot("normal force of points"))
-        a.outputs[f"slip_speed_of_{name}"] = Output({film.at("w", i): 1.0}, "m/s", Plot("slip speed of points"))
-        a.outputs[f"state_of_{name}"] = Output({film.at("s", i): 1.0}, "1", Plot("0 open, 1 stick, 2 slip"))
+        a.outputs[f"normal_force_of_{name}"] = Output({film.at("P", i): 1.0}, "N", _OF_POINTS[0])
+        a.outputs[f"slip_speed_of_{name}"] = Output({film.at("w", i): 1.0}, "m/s", _OF_POINTS[1])
+        a.outputs[f"state_of_{name}"] = Output({film.at("s", i): 1.0}, "1", _OF_POINTS[2])
     a.outputs |= {
         "normal_force": Output({film.over("normal"): 1.0}, "N"),
         "friction_force": Output({film.over("friction"): 1.0}, "N"),

@@ -1,6 +1,6 @@
-"""Outputs of a film's points in a run: the scale of their pressures, and how they are listed.
+"""Outputs of contact points in a run: the scale of their pressures, and how they are listed.
 
-A film has a point for every few square millimetres, and an output for the pressure at each point. They form a group:
+A film or a structure has many points, and an output for the pressure or the normal force of each. They form a group:
 lists and figures of single outputs replace them by one entry, or show them as one map.
 """
 
@@ -12,34 +12,42 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from rig.errors import PartError, SceneError
-from rig.plants.structures.plate_model import Grid
 
 if TYPE_CHECKING:
+    from rig.plants.structures.contact_map import Surface
     from rig.scenes.scene import Scene
 
-_PLACE = re.compile(r"_\d+_\d+$")  # indices of a point, along and across
+_PLACE = re.compile(r"_\d+_\d+$|(?<=^state_of)_.+|(?<=^slip_speed_of)_.+|(?<=^normal_force_of)_.+")
+"""What differs among the outputs of points: the indices along and across, or the name of the point."""
 _ABOVE_MEAN = 5.0
 """Upper end of the pressure scale over the mean pressure; during detachment of the shipped scene 99.8 % are below."""
 
 
 @dataclass(frozen=True)
-class Points(Grid):
-    """The points of a scene's film. `load` [N]: the largest load of the scene."""
+class Points:
+    """The contact points of a scene that a map shows, by contact. `load` [N]: the largest load of the scene."""
 
+    surfaces: tuple[Surface, ...]
     load: float
 
     @classmethod
     def of(cls, scene: Scene) -> Self | None:
-        """Return the points of a scene's film; None if it has no film, or a bonded one."""
-        points: Grid | None = getattr(scene.parameters, "film_points", None)
-        if points is None:
+        """Return the points of a scene; None if it has none with places, or a bonded film."""
+        try:
+            surfaces = tuple(getattr(scene.parameters, "contact_surfaces", ()))
+        except SceneError:  # the files of the structure are gone
             return None
-        return cls(points.length, points.width, points.along, points.across, largest_load(scene))
+        return cls(surfaces, largest_load(scene)) if surfaces else None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The outputs of all points."""
+        return tuple(name for surface in self.surfaces for name in surface.outputs)
 
     @property
     def scale(self) -> float:
-        """Upper end of a scale for their pressures [Pa]: five times the mean under the largest load, rounded."""
-        mean = (self.load or 100.0) / (self.length * self.width)
+        """Upper end of a scale for their pressures [Pa]: five times the mean of the load on a contact, rounded."""
+        mean = (self.load or 100.0) / max(float(surface.area.sum()) for surface in self.surfaces)
         return float(f"{_ABOVE_MEAN * mean:.1g}")
 
 

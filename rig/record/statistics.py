@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rig.record.film_points import grouped
+from rig.record.film_points import Points, grouped
 from rig.record.run import Reals, Run, Samples
 
 FRACTION, OPENINGS, CENTRE = "contact_fraction", "openings", "pressure_centre_"
@@ -50,9 +50,13 @@ def first_opening(run: Run) -> float | None:
     """
     if OPENINGS not in run.signals or FRACTION not in run.signals:
         return None
-    count, closed = run.signals[OPENINGS], run.signals[FRACTION]
+    return _first(run.time, run.signals[OPENINGS], run.signals[FRACTION])
+
+
+def _first(time: Reals, count: Reals, closed: Reals) -> float | None:
+    """The first opening; `count`: openings so far, `closed`: share of the points."""
     here = np.isfinite(count) & np.isfinite(closed)
-    time, count, closed = run.time[here], count[here], closed[here]
+    time, count, closed = time[here], count[here], closed[here]
     if time.size < 2:
         return None
     opens = np.diff(count) > 0.0
@@ -141,33 +145,47 @@ class Instant(NamedTuple):
 
 def first_open(run: Run) -> int | None:
     """Return the first sample with an open point from the first opening on; None without an opening."""
-    opened = first_opening(run)
-    if opened is None:
-        return None
-    begin = int(np.searchsorted(run.time, opened))
-    return begin + int(np.argmax(run.signals[FRACTION][begin:] < 1.0))
+    return None if FRACTION not in run.signals else _opened(run, first_opening(run), run.signals[FRACTION])
 
 
-def characteristic(run: Run) -> list[Instant]:
+def _opened(run: Run, opened: float | None, closed: Reals) -> int | None:
+    begin = int(np.searchsorted(run.time, opened)) if opened is not None else 0
+    return None if opened is None else begin + int(np.argmax(closed[begin:] < 1.0))
+
+
+def characteristic(run: Run, points: Points | None = None) -> list[Instant]:
     """Return the characteristic instants in order of time: around the first opening, at extremes, at the end.
 
-    They are: before the first opening, at it, with the pressure most at either edge, with the fewest points in contact,
-    at the end. Without any opening: four instants at equal distances. The moment of the pressure about the slider's
-    middle decides where the pressure is most at an edge, so that a single last point with little load does not count.
+    They are: before the first opening, at it, with the pressure most at either edge of a slider or, without one, with
+    the largest pressure at a point, with the fewest points in contact, at the end. Without any opening: four instants
+    at equal distances. The moment of the pressure about the slider's middle decides where the pressure is most at an
+    edge, so that a single last point with little load does not count. `points`: those of a rig with few contacts, which
+    has no output for the share of closed points.
     """
     count = run.time.size
-    opening = first_open(run)
-    if opening is None:
-        why = "all in contact" if FRACTION in run.signals else ""
+    pressed = {name: run.output(name) for name in points.names} if points is not None else {}
+    if FRACTION in run.signals or not pressed:
+        opening, closed = first_open(run), run.signals.get(FRACTION)
+    else:
+        open_now = np.stack([force <= 0.0 for force in pressed.values()], axis=1)
+        closed = np.where(np.isnan(np.sum(list(pressed.values()), axis=0)), np.nan, 1.0 - open_now.mean(axis=1))
+        opens = np.cumsum(np.diff(open_now.astype(int), axis=0, prepend=open_now[:1]) > 0, axis=0).sum(axis=1)
+        opening = _opened(run, _first(run.time, opens.astype(np.float64), closed), closed)
+    if opening is None or closed is None:
+        why = "all in contact" if closed is not None else ""
         return [Instant(i, why) for i in np.linspace(count / 4, count - 1, 4).astype(int).tolist()]
-    fraction = np.nan_to_num(run.signals[FRACTION][opening:], nan=1.0)
-    moment = np.nan_to_num((run.output("normal_force") * run.output("pressure_centre_x"))[opening:])
+    fraction = np.nan_to_num(closed[opening:], nan=1.0)
     instants = [
         Instant(math.floor((1.0 - _BEFORE) * opening), "before the first opening"),
         Instant(opening, "first opening"),
-        Instant(opening + int(moment.argmin()), "most at the rear edge"),
-        Instant(opening + int(moment.argmax()), "most at the front edge"),
         Instant(opening + int(fraction.argmin()), "fewest in contact"),
         Instant(count - 1, "at the end"),
     ]
+    if f"{CENTRE}x" in run.signals:
+        moment = np.nan_to_num((run.output("normal_force") * run.output(f"{CENTRE}x"))[opening:])
+        instants.append(Instant(opening + int(moment.argmin()), "most at the rear edge"))
+        instants.append(Instant(opening + int(moment.argmax()), "most at the front edge"))
+    elif points is not None:
+        largest = np.max([surface.maps(pressed).max(axis=1) for surface in points.surfaces], axis=0)
+        instants.append(Instant(opening + int(np.nan_to_num(largest[opening:]).argmax()), "largest pressure"))
     return sorted(instants)

@@ -148,6 +148,8 @@ class Picture:
     """Name of the output that is the speed of the surface."""
     forces = "friction_force", "normal_force"
     """Names of the outputs that are drawn as arrows: friction and normal force."""
+    above = False
+    """Whether a second view shows the entities `film` from straight above."""
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
 

@@ -16,7 +16,7 @@ from rig.machine.files import write_file
 from rig.record.curves import topic_of
 from rig.view.channels import Panel
 from rig.view.drawing import TIMELINE, Drawing
-from rig.view.plate import Cells
+from rig.view.surfaces import Cells
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
@@ -140,7 +140,7 @@ def _map(drawing: Drawing) -> rrb.Spatial3DView | None:
     """The map of the film's pressure from straight above, with the front of the slider to the right."""
     import rerun.blueprint as rrb
 
-    if not drawing.points or drawing.picture is None:
+    if drawing.picture is None or not drawing.picture.above:
         return None
     eye = rrb.EyeControls3D(position=Cells.eye, look_target=Cells.target, eye_up=(0.0, 1.0, 0.0))
     name = "pressure of the film from above; dot: its centre"

@@ -140,7 +140,7 @@ class Drawing:
         self.channels = Channels(scene_and_rig, outputs, sensors)
         self.curves = [name for name in outputs if name not in self.channels.at_points]
         """Outputs that are drawn as curves. A quantity at many points is drawn as a map instead."""
-        self.points = bool(self.channels.at_points)
+        self.points = bool(self.channels.at_points) and (system is None or system.film is not None)
         """Whether the contact is a film of points."""
         self.worded = bool(outputs) and not self.points and (system is None or bool(system.patches))
         """Whether there is a strip of the contact state: not for a film of points, nor for a bonded contact."""

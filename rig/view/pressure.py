@@ -1,18 +1,14 @@
-"""The pressure of a film in figures: colours, maps, and the figure of a run of the plate rig.
+"""Contact pressure in figures: colours, maps, and the figure of a run with maps.
 
-Colours of pressure: dark violet at zero to yellow at the upper end of the scale; white for open points.
+Colours of pressure: dark violet at zero to yellow at the upper end of the scale; white for open points. A point that
+just touches is dark and an open point is bright, so that they cannot be confused. One scale serves all maps.
 
-A point that just touches is dark and an open point is bright, so that they cannot be confused.
+The figure of a run of a film, or of a structure with contact points:
 
-Maps of the pressure of a film for figures: x along, y across, one scale for all maps, open points white.
-
-The figure of a run of the plate rig.
-
-phases and marks of the protocol                        maps of the film's pressure at selected instants,
-acceleration of the slider                              which thin lines mark in the curves
-normal and friction force
+phases and marks of the protocol                        maps of the contact pressure at selected instants,
+motion, forces                                          which thin lines mark in the curves
 contact fraction
-pressure centre                                         what the run was, and how it went
+pressure centre, of a slider on a film                  what the run was, and how it went
 
 A plate without a slider, or bonded to it, has no maps, and panels only for the outputs that it has.
 """
@@ -52,6 +48,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.gridspec import SubplotSpec
 
+    from rig.plants.structures.contact_map import Surface
+
 
 OPEN = "#f4f4f4"
 _STOPS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725")
@@ -76,26 +74,48 @@ def colours(pressures: NDArray[np.float64], scale: float) -> NDArray[np.uint8]:
 
 
 _CENTRE = "#e4322b"
+_BETWEEN = 0.3  # gap between two contacts on a map, over the width of the first
 
 
-def draw_map(axes: Axes, points: Points, pressures: Reals, scale: float, centre: Sequence[float]) -> None:
-    """Draw `pressures` [along, across] in Pa on a scale from 0 to `scale`, with its `centre` [m]; axes in mm."""
-    half_x, half_y = 500.0 * points.length, 500.0 * points.width
-    axes.imshow(
-        colours(pressures.T, scale), origin="lower", extent=(-half_x, half_x, -half_y, half_y),
-        aspect="equal", interpolation="nearest",
-    )  # fmt: skip
+def draw_map(axes: Axes, surfaces: Sequence[Surface], maps: Sequence[Reals], scale: float) -> None:
+    """Draw the pressures in Pa of each contact, on a scale from 0 to `scale`, with their centres; axes in mm.
+
+    Several contacts lie side by side, over their names and shares of closed points.
+    """
+    from matplotlib.collections import PolyCollection
+
+    begin, middles = 0.0, list[float]()
+    for surface, pressures in zip(surfaces, maps):
+        cells, pressed = 1e3 * surface.corners, pressures.ravel()
+        left, right = float(cells[:, :, 0].min()), float(cells[:, :, 0].max())
+        by = begin - left if len(surfaces) > 1 else 0.0
+        cells = cells + np.array([by, 0.0])
+        begin, middles = by + right + _BETWEEN * (right - left), [*middles, by + 0.5 * (left + right)]
+        shades = colours(pressed, scale) / 255.0
+        axes.add_collection(PolyCollection(list(cells), facecolors=shades, edgecolors=shades, linewidths=0.3))
+        for cell in cells[~(pressed > 0.0)]:  # a diagonal line, visible in black and white too
+            axes.plot(*cell[[0, 2]].T, color="#b0b0b0", lw=0.5)
+        x, y = surface.centre(pressures)
+        if np.isfinite((x, y)).all():
+            axes.plot(1e3 * x + by, 1e3 * y, "o", ms=5.0, mfc=_CENTRE, mec="white", mew=0.9)
     axes.grid(visible=False)
-    dx, dy = 2.0 * half_x / points.along, 2.0 * half_y / points.across
-    for i, j in np.argwhere(~(pressures > 0.0)).tolist():  # a diagonal line, visible in black and white too
-        x, y = -half_x + i * dx, -half_y + j * dy
-        axes.plot([x, x + dx], [y, y + dy], color="#b0b0b0", lw=0.5)
-    if np.isfinite(centre).all() and (pressures > 0.0).any():
-        axes.plot(1e3 * centre[0], 1e3 * centre[1], "o", ms=5.0, mfc=_CENTRE, mec="white", mew=0.9)
-    axes.set(xlim=(-half_x, half_x), ylim=(-half_y, half_y))
+    axes.autoscale_view()
+    axes.margins(0.0)
+    axes.set_aspect("equal")
+    if len(surfaces) > 1:
+        names = [f"{s.name}\n{100 * (pressed > 0.0).mean():.0f} %" for s, pressed in zip(surfaces, maps)]
+        axes.set_xticks(middles, names)
+        axes.tick_params(axis="x", length=0.0)
     for side in axes.spines.values():
-        side.set_visible(True)
+        side.set_visible(len(surfaces) == 1)
         side.set_color("#9a9a9a")
+
+
+def where(surfaces: Sequence[Surface]) -> tuple[str, str]:
+    """The titles of the axes of a map."""
+    x, y = surfaces[0].axes
+    of = " on the slider" if surfaces[0].name == "film" else ""
+    return f"{x}{of} [mm]" if len(surfaces) == 1 else "", f"{y}{of} [mm]"
 
 
 def draw_scale(axes: Axes, scale: float, beyond: bool, **placed: Any) -> None:
@@ -138,13 +158,17 @@ def compose(figure: Figure, run: Run) -> None:
     points = points_of(run.scene)
     if points is not None and run.signals.keys().isdisjoint(points.names):
         points = None
+    channels = channels_of(run)
     panels = [p for p in (*_PANELS, *_ALONE) if _recorded(run, p) and (points is None or p not in _ALONE)]
+    if points is not None and points.surfaces[0].name != "film":
+        motion = [Panel(p.title.partition(" [")[0], p.outputs) for p in channels.panels if p.outputs and p.place <= 1]
+        panels = [*motion, *panels]
     outputs = [name for panel in panels for name in _recorded(run, panel)]
-    sheet = Sheet.of(run, channels_of(run), outputs, {"m": 0.01} if points is not None else None)  # the maps are in mm
+    sheet = Sheet.of(run, channels, outputs, {"m": 0.01} if points is not None else None)  # the maps are in mm
     split = LEFT + (RIGHT - LEFT) * 0.64
     header = Header(figure, run, (split - LEFT) * figure.bbox.width)
     drawn, top = stacked(figure, run, header, len(panels), (LEFT, split, BOTTOM))
-    instants = characteristic(run) if points is not None and run.time.size else []
+    instants = characteristic(run, points) if points is not None and run.time.size else []
     for axes, panel in zip(drawn, panels):
         _panel(axes, sheet, panel)
         shade(axes, run, [])
@@ -194,21 +218,26 @@ def _means(v: Reals, size: int) -> Reals:
 
 
 def _maps(figure: Figure, place: SubplotSpec, run: Run, points: Points, instants: list[Instant]) -> None:
-    grid = place.subgridspec(len(instants) // 2, 2, hspace=0.62, wspace=0.1)
+    several = len(points.surfaces) > 1
+    rows = -(-len(instants) // 2)
+    grid = place.subgridspec(rows, 2, hspace=0.75 if several else 0.62, wspace=0.1)
     at = [instant.sample for instant in instants]
-    maps = points.maps({name: run.output(name)[at] for name in points.names})
+    picked = {name: run.output(name)[at] for name in points.names}
+    maps = [surface.maps(picked) for surface in points.surfaces]
+    x, y = where(points.surfaces)
     drawn = []
-    for number, (instant, pressures) in enumerate(zip(instants, maps)):
+    for number, instant in enumerate(instants):
         axes = figure.add_subplot(grid[number // 2, number % 2])
         drawn.append(axes)
-        centre = [float(run.output(f"pressure_centre_{axis}")[instant.sample]) for axis in "xy"]
-        draw_map(axes, points, pressures, points.scale, centre)
-        share = run.output("contact_fraction")[instant.sample]
+        now = [pressures[number] for pressures in maps]
+        draw_map(axes, points.surfaces, now, points.scale)
+        share = float(np.mean(np.concatenate([pressures.ravel() for pressures in now]) > 0.0))
         axes.set_title(f"{run.time[instant.sample]:.5g} s, {100 * share:.0f} % in contact\n{instant.why}", fontsize=9)
-        axes.tick_params(labelsize=8.5, labelbottom=number >= len(instants) - 2, labelleft=number % 2 == 0)
-        if number >= len(instants) - 2:
-            axes.set_xlabel("x on the slider [mm]", fontsize=9)
+        last = number >= len(instants) - 2
+        axes.tick_params(labelsize=8.5, labelbottom=last or several, labelleft=number % 2 == 0)
+        if last:
+            axes.set_xlabel(x, fontsize=9)
         if number % 2 == 0:
-            axes.set_ylabel("y on the slider [mm]", fontsize=9)
-    beyond = bool(np.nanmax(maps) > points.scale)
+            axes.set_ylabel(y, fontsize=9)
+    beyond = any(bool(np.nanmax(pressures) > points.scale) for pressures in maps)
     draw_scale(drawn[0], points.scale, beyond, ax=drawn, location="bottom", pad=0.13, aspect=40, fraction=0.05)

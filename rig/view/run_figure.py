@@ -20,11 +20,11 @@ import numpy as np
 from rig.errors import UsageError
 from rig.picture import IN_FIGURE
 from rig.record import reader, run_data
-from rig.record.film_points import read
+from rig.record.film_points import Points, read
 from rig.record.run import Integers, Reals, Run
 from rig.scenes.rooms import plant_of
 from rig.stability.linearisation import sliding_key, steady
-from rig.view import contact
+from rig.view import contact, pressure
 from rig.view.channels import Channels, Panel
 from rig.view.curves import (
     BOTTOM,
@@ -87,11 +87,14 @@ def figure_of_import(made: Imported) -> Figure:
 
 
 def _composer(run: Run) -> Callable[[Figure, Run], None]:
-    """The figure that the plant declares, if the run has its outputs; else the common one."""
+    """The figure that the plant declares or that of contact points, if the run has the outputs; else the common one."""
     if run.measured:
         return _compose_measured
     scene = read(run.scene)
     own = getattr(plant_of(scene.parameters), "FIGURE", None) if scene else None
+    points = Points.of(scene) if scene and own is None else None
+    if points is not None and run.signals.keys() >= set(points.names):
+        return pressure.compose
     if scene is None or own is None or not run.signals.keys() >= set(own.outputs):
         return _compose
     composer: Callable[[Figure, Run], None] = drawer_of(own, scene)

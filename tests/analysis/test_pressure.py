@@ -1,4 +1,4 @@
-"""Maps of the pressure of a film: which instants, what is told of them, what is refused."""
+"""Maps of the contact pressure: which instants, what is told of them, what is refused."""
 
 import csv
 import json
@@ -72,7 +72,7 @@ def test_times_that_the_recording_has_not_are_refused(run, at, says):
 
 def test_a_run_without_a_film_is_refused(run):
     for other in (replace(run, scene=laboratory.load("belt").to_json()), replace(run, scene="{}", signals={})):
-        with pytest.raises(UsageError, match="no film whose points open"):
+        with pytest.raises(UsageError, match="no contact points with places"):
             pressure(other)
 
 
@@ -88,7 +88,7 @@ def test_the_command(tmp_path, rig, run):
     with table.open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 3 * ALONG * ACROSS
-    assert [float(rows[0][name]) for name in rows[0]] == pytest.approx([0.1, -0.016125, -0.006325, 1e5])
+    assert [float(v) for v in list(rows[0].values())[:4]] == pytest.approx([0.1, -0.016125, -0.006325, 1e5])
     code, _, err = rig("pressure", log, "--at", "0.1,soon")
     assert (code, "--at" in err) == (2, True)
 

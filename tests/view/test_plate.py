@@ -37,7 +37,7 @@ def run(scene, units):
     """Made up: loaded within 0.1 s, open at some points from 0.3 s on, and wandering from edge to edge."""
     time = np.arange(0.0, 0.5, 1e-3)
     signals = {name: np.zeros(time.size) for name in units}
-    points = Points.of(scene)
+    points = scene.parameters.film_points
     lean = np.where(time >= 0.3, 2.0 * np.sin(200.0 * time), 0.2)
     shape = 1.0 + lean[:, None] * points.x / points.x[-1]
     pressed = 1e5 * np.minimum(time / 0.1, 1.0)[:, None] * np.maximum(shape, 0.0)
@@ -60,14 +60,17 @@ def column(columns, path, component):
 
 
 def test_pressures_are_where_the_film_has_its_points(scene, run):
-    points, film = Points.of(scene), scene.assemble().film
-    at = film_slider.places(scene.parameters.film_points, film)
+    points, film = scene.parameters.film_points, scene.assemble().film
+    at = film_slider.places(points, film)
     assert list(at) == list(points.names)
     x, y = np.meshgrid(points.x, points.y, indexing="ij")
     order = list(at.values())
     assert film.x[order] == pytest.approx(x.ravel(), abs=1e-12)
     assert film.y[order] == pytest.approx(y.ravel(), abs=1e-12)
-    maps = points.maps(run.signals)
+    (surface,) = Points.of(scene).surfaces
+    assert surface.x == pytest.approx(x, abs=1e-12)
+    assert surface.y == pytest.approx(y, abs=1e-12)
+    maps = surface.maps(run.signals)
     assert maps.shape == (run.time.size, 5, 4)
     assert np.array_equal(maps[400, 2, 3], run.signals["pressure_3_4"][400])
 
@@ -146,8 +149,11 @@ def test_a_live_film_is_a_map_and_no_curve_for_each_point(scene, run, units):
 
 def test_outputs_of_one_quantity_at_many_points_are_told_together():
     names = {"force": "N", "pressure_1_1": "Pa", "pressure_1_2": "Pa", "pressure_12_8": "Pa", "q_1": ""}
-    assert numbered(names) == {"pressure": ["pressure_1_1", "pressure_1_2", "pressure_12_8"]}
-    assert listed(names) == ["force [N]", "pressure_1_1 to pressure_12_8 [Pa]", "q_1"]
+    names |= {"normal_force": "N", "normal_force_pad": "N", "normal_force_of_pad_1": "N", "normal_force_of_lever": "N"}
+    points = ["normal_force_of_pad_1", "normal_force_of_lever"]
+    assert numbered(names) == {"pressure": ["pressure_1_1", "pressure_1_2", "pressure_12_8"], "normal_force_of": points}
+    told = ["force [N]", "pressure_1_1 to pressure_12_8 [Pa]", "q_1", "normal_force [N]", "normal_force_pad [N]"]
+    assert listed(names) == [*told, "normal_force_of_pad_1 to normal_force_of_lever [N]"]
 
 
 @pytest.mark.parametrize("kind", ["film", "bonded"])

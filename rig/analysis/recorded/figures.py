@@ -33,7 +33,7 @@ from rig.record.statistics import whole_signals
 from rig.view import curves
 from rig.view.curves import plain, thinned
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, SKY, VERMILION, page
-from rig.view.pressure import draw_map, draw_scale
+from rig.view.pressure import draw_map, draw_scale, where
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -131,27 +131,31 @@ def _levels(axes: Axes, t: Reals, f: Reals, levels: Floats, best: float, unit: s
 
 
 def pressure_figure(pressure: Pressure) -> Figure:
-    """Draw the maps, all on one scale."""
-    across = 3 if len(pressure.maps) in (3, 5, 6, 9) else min(len(pressure.maps), 4)
-    down = -(-len(pressure.maps) // across)
+    """Draw the maps, all on one scale; the contacts of an instant side by side."""
+    surfaces = pressure.points.surfaces
+    instants = [pressure.maps[at : at + len(surfaces)] for at in range(0, len(pressure.maps), len(surfaces))]
+    across = 3 if len(instants) in (3, 5, 6, 9) else min(len(instants), 4)
+    down = -(-len(instants) // across)
     with page(
-        1.2 + 3.0 * across, 1.9 + 2.4 * down, f"{pressure.scene}: pressure of the film", layout="constrained"
+        1.2 + 3.0 * across, 1.9 + 2.4 * down, f"{pressure.scene}: contact pressure", layout="constrained"
     ) as figure:
         drawn = figure.subplots(down, across, squeeze=False)
         largest = max(shown.largest for shown in pressure.maps)
         scale = pressure.points.scale
+        x, y = where(surfaces)
         for number, axes in enumerate(drawn.flat):
-            if number >= len(pressure.maps):
+            if number >= len(instants):
                 axes.set_axis_off()
                 continue
-            shown = pressure.maps[number]
-            draw_map(axes, pressure.points, shown.pressures, scale, shown.centre)
-            head = f"({chr(ord('a') + number)}) {shown.time:.5g} s, {100 * shown.fraction:.0f} % in contact"
-            axes.set_title("\n".join(filter(None, (head, shown.why))), fontsize=9.5)
-            if number + across >= len(pressure.maps):
-                axes.set_xlabel("x on the slider [mm]")
+            now = instants[number]
+            draw_map(axes, surfaces, [shown.pressures for shown in now], scale)
+            share = sum(shown.fraction * shown.pressures.size for shown in now) / sum(m.pressures.size for m in now)
+            head = f"({chr(ord('a') + number)}) {now[0].time:.5g} s, {100 * share:.0f} % in contact"
+            axes.set_title("\n".join(filter(None, (head, now[0].why))), fontsize=9.5)
+            if number + across >= len(instants):
+                axes.set_xlabel(x)
             if number % across == 0:
-                axes.set_ylabel("y on the slider [mm]")
+                axes.set_ylabel(y)
         draw_scale(drawn[0, 0], scale, largest > scale, ax=drawn, location="bottom", aspect=45, shrink=0.7)
     return figure
 

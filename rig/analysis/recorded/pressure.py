@@ -1,4 +1,4 @@
-"""Maps of the pressure of a film at chosen instants of a recording.
+"""Maps of the contact pressure at chosen instants of a recording: of a film, or of the contacts of a structure.
 
 Pressures belong to the samples nearest to the given times: a simulated run has one at every sample step, a live
 recording 200 per second. The vibration is faster, so that a map shows one instant, not a mean.
@@ -21,15 +21,17 @@ from rig.record.statistics import Instant, characteristic
 from rig.results import Result, csv_text
 
 MOST = 20
-"""Largest number of maps in a figure."""
+"""Largest number of instants in a figure."""
+WHERE = "x along the travel and y across it count from the slider's middle"
 
 
 class Map(NamedTuple):
-    """The film at `time` [s]: `pressures` [along, across] in Pa, `centre` (x, y) [m] on the slider, `force` [N].
+    """A contact at `time` [s]: `pressures` in Pa in the shape of its points, `centre` (x, y) [m], `force` [N].
 
     `fraction`: share of the points in contact. `why` this instant was chosen, "" if the user named it.
     """
 
+    contact: str
     time: float
     why: str
     fraction: float
@@ -45,7 +47,7 @@ class Map(NamedTuple):
 
 @dataclass(frozen=True)
 class Pressure(Result):
-    """The result of `pressure`: the points of the film, and a map for each instant."""
+    """The result of `pressure`: the points, and for each instant a map of each contact."""
 
     FIGURE: ClassVar = "rig.analysis.recorded.figures:pressure_figure"
 
@@ -57,64 +59,88 @@ class Pressure(Result):
 
     def text(self) -> str:
         """Return the report as text."""
-        p = self.points
+        surfaces = {surface.name: surface for surface in self.points.surfaces}
+        sizes = []
+        for name, s in surfaces.items():
+            (low_x, low_y), (high_x, high_y) = s.corners.min(axis=(0, 1)), s.corners.max(axis=(0, 1))
+            size = f"{1e3 * (high_x - low_x):.4g} x {1e3 * (high_y - low_y):.4g} mm"
+            sizes.append(
+                f"{' x '.join(map(str, s.shape))} points on {size}" + (f" ({name})" if len(surfaces) > 1 else "")
+            )
         lines = [
-            f"{self.scene}: pressure of the film, {p.along} x {p.across} points on {1e3 * p.length:g} x "
-            f"{1e3 * p.width:g} mm, recorded every {1e3 * self.spacing:.3g} ms",
-            "  x along the travel and y across it count from the slider's middle; a map is one instant, not a mean",
+            f"{self.scene}: contact pressure, {', '.join(sizes)}, recorded every {1e3 * self.spacing:.3g} ms",
+            f"  {WHERE if 'film' in surfaces else 'coordinates of the mesh'}; a map is one instant, not a mean",
             "",
         ]
-        head = ("time s", "in contact", "centre x mm", "y mm", "force N", "largest MPa", "at x mm", "y mm", "")
-        rows: list[tuple[str, ...]] = [head]
+        x, y = (f"{axis} mm" for axis in self.points.surfaces[0].axes)
+        rows: list[tuple[str, ...]] = [
+            ("time s", "in contact", f"centre {x}", y, "force N", "largest MPa", f"at {x}", y, "")
+        ]
         for shown in self.maps:
-            i, j = np.unravel_index(int(np.nanargmax(shown.pressures)), shown.pressures.shape)
+            at = surfaces[shown.contact].places[int(np.nanargmax(shown.pressures))]
             pressed = shown.largest > 0.0
-            places = [1e3 * shown.centre[0], 1e3 * shown.centre[1]], [1e3 * float(p.x[i]), 1e3 * float(p.y[j])]
-            centre, at = ([f"{round(v, 1) + 0.0:.1f}" if pressed else "-" for v in place] for place in places)
-            rows.append((f"{shown.time:.5f}", f"{100 * shown.fraction:.0f} %", *centre, f"{shown.force:.1f}",
-                         f"{1e-6 * shown.largest:.3f}", *at, shown.why))  # fmt: skip
+            centre, place = (
+                [f"{round(1e3 * float(v), 1) + 0.0:.1f}" if pressed else "-" for v in xy] for xy in (shown.centre, at)
+            )
+            why = ", ".join(filter(None, (shown.contact if len(surfaces) > 1 else "", shown.why)))
+            rows.append((f"{shown.time:.5f}", f"{100 * shown.fraction:.0f} %", *centre,
+                         f"{shown.force:.1f}", f"{1e-6 * shown.largest:.3f}", *place, why))  # fmt: skip
         return "\n".join([*lines, *columns(rows, ">>>>>>>><")])
 
     def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values in SI; pressures by lines across, from the rear."""
+        """Return the fields as JSON values in SI; pressures of a film by lines across, from the rear."""
         maps = [
             {**shown._asdict(), "pressures": shown.pressures.tolist(), "largest": shown.largest} for shown in self.maps
         ]
-        p = self.points
-        size = {"length": p.length, "width": p.width, "x": p.x.tolist(), "y": p.y.tolist()}
-        return {"scene": self.scene, **size, "spacing": self.spacing, "maps": maps}
+        contacts = {
+            surface.name: {axis: v.tolist() for axis, v in zip(surface.axes, (surface.x, surface.y))}
+            | {"area": surface.area.reshape(surface.shape).tolist()}
+            for surface in self.points.surfaces
+        }
+        return {"scene": self.scene, "contacts": contacts, "spacing": self.spacing, "maps": maps}
 
     def csv(self) -> str:
-        """Return a line for each point of each map: time [s], x, y [m], pressure [Pa]."""
-        places = [(x, y) for x in self.points.x.tolist() for y in self.points.y.tolist()]
-        rows = ((m.time, x, y, p) for m in self.maps for (x, y), p in zip(places, m.pressures.ravel().tolist()))
-        return csv_text(("time [s]", "x [m]", "y [m]", "pressure [Pa]"), rows)
+        """Return a line for each point of each map: time [s], coordinates [m], pressure [Pa], contact."""
+        places = {surface.name: surface.places.tolist() for surface in self.points.surfaces}
+        rows = (
+            (m.time, x, y, p, m.contact)
+            for m in self.maps
+            for (x, y), p in zip(places[m.contact], m.pressures.ravel().tolist())
+        )
+        x, y = self.points.surfaces[0].axes
+        return csv_text(("time [s]", f"{x} [m]", f"{y} [m]", "pressure [Pa]", "contact"), rows)
 
 
 def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
-    """Return maps of the film's pressure in `run` at the times `at` [s], by default at characteristic instants.
+    """Return maps of the contact pressure in `run` at the times `at` [s], by default at characteristic instants.
 
-    These are: before the first opening, at it, with the pressure most at the rear and at the front edge, with the
-    fewest points in contact, at the end. Raises UsageError for a recording without pressures, for times outside of it
-    or in a gap, and for more than 20 times.
+    These are: before the first opening, at it, with the pressure most at the rear and at the front edge (or with the
+    largest pressure), with the fewest points in contact, at the end. Raises UsageError for a recording without
+    pressures, for times outside of it or in a gap, and for more than 20 times.
     """
     points = points_of(run.scene)
     if points is None or run.signals.keys().isdisjoint(points.names):
-        raise UsageError(f"{scene_name(run)}: this recording has no film whose points open; rig pressure reads runs of "
-                         f"the plant plate with a slider and film.opens = true, as of the scene plate")  # fmt: skip
-    instants = _asked(run, at) if at else characteristic(run)
+        raise UsageError(f"{scene_name(run)}: this recording has no contact points with places; rig pressure reads "
+                         f"runs of the plant plate with a slider and film.opens = true, and of the plant structure "
+                         f"with contacts of a mesh")  # fmt: skip
+    instants = _asked(run, at) if at else characteristic(run, points)
     rows = [instant.sample for instant in instants]
-    names = (*points.names, "contact_fraction", "pressure_centre_x", "pressure_centre_y", "normal_force")
-    picked = {name: run.output(name)[rows] for name in names}
-    pressures = points.maps(picked)
-    lost = [float(run.time[row]) for row, pressed in zip(rows, pressures) if np.isnan(pressed).any()]
+    picked = {name: run.output(name)[rows] for name in points.names}
+    pressures = {surface.name: surface.maps(picked) for surface in points.surfaces}
+    lost = [
+        float(run.time[row])
+        for k, row in enumerate(rows)
+        if any(np.isnan(pressed[k]).any() for pressed in pressures.values())
+    ]
     if lost:
         raise UsageError(f"the recording has lost the pressures at {', '.join(f'{t:g} s' for t in lost)}; name others")
-    fraction, x, y, force = (picked[name].tolist() for name in names[-4:])
     maps = tuple(
-        Map(float(run.time[instant.sample]), instant.why, fraction[k], (x[k], y[k]), force[k], pressures[k])
+        Map(surface.name, float(run.time[instant.sample]), instant.why, float((pressed > 0.0).mean()),
+            surface.centre(pressed), float(pressed.ravel() @ surface.area), pressed)
         for k, instant in enumerate(instants)
-    )
+        for surface in points.surfaces
+        for pressed in (pressures[surface.name][k],)
+    )  # fmt: skip
     gaps = np.diff(run.time)
     return Pressure(scene_name(run), points, maps, float(np.median(gaps)) if gaps.size else 0.0)
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -25,7 +24,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from rig.plants.structures import plate_elements
+from rig.plants.structures import contact_map, plate_elements
 from rig.plants.structures.plate_elements import Foam, Plate
 from rig.plants.structures.plate_surface import Array, Surface
 from rig.structure import model_store
@@ -62,10 +61,15 @@ class Grid:
         """Names of the pressure outputs, in order of the lines across the slider from the rear."""
         return tuple(f"pressure_{i}_{j}" for i in range(1, self.along + 1) for j in range(1, self.across + 1))
 
-    def maps(self, signals: Mapping[str, Array]) -> Array:
-        """Pressures [instant, along, across] in Pa; 0 where a point is open."""
-        table = np.stack([signals[name] for name in self.names], axis=-1)
-        return table.reshape(*table.shape[:-1], self.along, self.across)
+    @property
+    def surface(self) -> contact_map.Surface:
+        """The points on a map: x, y on the slider."""
+        half = 0.5 * np.array([self.length / self.along, self.width / self.across])
+        middles = np.stack([m.ravel() for m in np.meshgrid(self.x, self.y, indexing="ij")], axis=1)
+        corners = middles[:, None] + half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+        area = np.full(len(middles), self.length * self.width / len(middles))
+        shape = self.along, self.across
+        return contact_map.Surface("film", self.names, np.ones(1), area, corners, ("x", "y"), shape)
 
     @property
     def stride(self) -> int:
