@@ -36,9 +36,11 @@ from numpy.typing import NDArray
 
 from rig.controllers.blocks.design import Feedback, Linear
 from rig.errors import PartError
+from rig.model import film
 from rig.model.assembly import Assembly
 from rig.model.energy_forms import store
 from rig.model.formulation import signal_rows
+from rig.model.named_rows import Row
 from rig.parts import calling, file_of
 from rig.sensors.chain.front_end import FrontEnd
 from rig.stability.linearisation import Steady, inputs, own_law
@@ -123,7 +125,9 @@ def linear(assembly: Assembly, at: Steady) -> Plant:
         kept |= np.any(at.A[:, kept] != 0.0, axis=1)
     kept[given] = kept[system.one] = False
     x = np.flatnonzero(kept)
-    over_x, over_t = signal_rows(system, at.modes, [output.row for output in assembly.outputs.values()])
+    closed = _closed(assembly)
+    rows = [_over(output.row, closed) for output in assembly.outputs.values()]
+    over_x, over_t = signal_rows(system, at.modes, rows)
     _, slopes = inputs(system, at.modes, at.x, own_law(system, at.modes))
     out = over_x + over_t @ slopes
     return Plant(
@@ -137,6 +141,28 @@ def linear(assembly: Assembly, at: Steady) -> Plant:
         equilibrium=at.x[x],
         energy=energy_form(at)[np.ix_(x, x)],
     )
+
+
+def _closed(assembly: Assembly) -> dict[str, Row]:
+    """The states of a film as rows over its contacts while every point is closed and slips; counts do not change."""
+    if assembly.film is None:
+        return {}
+    normals = {name: patch for name, patch, *_ in assembly.normals}
+    rows: dict[str, Row] = dict.fromkeys(assembly.film.states(list(assembly.coordinates)), {})
+    rows |= {film.at("P", i): {f"N:{name}": 1.0} for i, name in enumerate(normals)}
+    rows |= {film.at("w", i): {f"w:{patch}": 1.0} for i, patch in enumerate(normals.values())}
+    rows[film.over("normal")] = {f"N:{name}": 1.0 for name in normals}
+    rows[film.over("friction")] = {f"T:{patch}": 1.0 for patch in normals.values()}
+    return rows
+
+
+def _over(row: Row, closed: dict[str, Row]) -> Row:
+    """A row with the states of a film replaced."""
+    out: Row = {}
+    for name, value in row.items():
+        for part, factor in closed.get(name, {name: 1.0}).items():
+            out[part] = out.get(part, 0.0) + value * factor
+    return out
 
 
 def energy_form(at: Steady) -> Array:
