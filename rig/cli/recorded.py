@@ -248,7 +248,7 @@ ANALYSES = {
     ),
     "pressure": Analysis(
         "pressure",
-        "Draw maps of the contact pressure under a slider at chosen instants.",
+        "Draw maps of the contact pressure, of a slider or of a structure, at chosen instants.",
         {
             "at": _option(
                 "--at",

@@ -124,6 +124,8 @@ def linear(assembly: Assembly, at: Steady) -> Plant:
     for _ in range(system.n):
         kept |= np.any(at.A[:, kept] != 0.0, axis=1)
     kept[given] = kept[system.one] = False
+    if assembly.film is not None and not assembly.film.travel:  # nothing depends on how far the surface has slid
+        kept[system.names.index(assembly.film.slid)] = False
     x = np.flatnonzero(kept)
     closed = _closed(assembly)
     rows = [_over(output.row, closed) for output in assembly.outputs.values()]
@@ -148,7 +150,7 @@ def _closed(assembly: Assembly) -> dict[str, Row]:
     if assembly.film is None:
         return {}
     normals = {name: patch for name, patch, *_ in assembly.normals}
-    rows: dict[str, Row] = dict.fromkeys(assembly.film.states(list(assembly.coordinates)), {})
+    rows: dict[str, Row] = {state: {} for state in assembly.film.states(list(assembly.coordinates))}
     rows |= {film.at("P", i): {f"N:{name}": 1.0} for i, name in enumerate(normals)}
     rows |= {film.at("w", i): {f"w:{patch}": 1.0} for i, patch in enumerate(normals.values())}
     rows[film.over("normal")] = {f"N:{name}": 1.0 for name in normals}

@@ -114,8 +114,9 @@ def draw_map(axes: Axes, surfaces: Sequence[Surface], maps: Sequence[Reals], sca
 def where(surfaces: Sequence[Surface]) -> tuple[str, str]:
     """The titles of the axes of a map."""
     x, y = surfaces[0].axes
-    of = " on the slider" if surfaces[0].name == "film" else ""
-    return f"{x}{of} [mm]" if len(surfaces) == 1 else "", f"{y}{of} [mm]"
+    if surfaces[0].name == "film":
+        return f"{x} on the slider [mm]", f"{y} on the slider [mm]"
+    return f"position {x} [mm]" if len(surfaces) == 1 else "", f"position {y} [mm]"
 
 
 def draw_scale(axes: Axes, scale: float, beyond: bool, **placed: Any) -> None:

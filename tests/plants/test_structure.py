@@ -9,13 +9,15 @@ import disc_with_pads
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from matplotlib.image import imread
 from scipy.sparse.linalg import splu
 from scipy.stats import t as student
 
 import rig
 from rig import scenes
-from rig.analysis import mode_shapes
+from rig.analysis import mode_shapes, recorded
 from rig.analysis.axis import Axis, changed
+from rig.analysis.control_loop import loop
 from rig.analysis.modes import at_rest
 from rig.analysis.sweep import sweep
 from rig.bench.again.verify import verify
@@ -26,6 +28,9 @@ from rig.record.compare import compare
 from rig.scenes.explain import explain
 from rig.structure import model_store
 from rig.structure.contacts import node_vector
+from rig.view import contact, pressure
+from rig.view.drawing import Drawing
+from rig.view.palette import put
 
 
 def text(value):
@@ -598,6 +603,49 @@ def test_a_film_vibrates_like_exact_contacts_and_like_itself_with_half_the_step(
         interval = student.ppf(0.975, 7) * np.sqrt(variances[0] + variances[other])
         assert abs(means[0] - means[other]) < max(0.1 * means[other], interval)
         assert interval < 0.15 * means[other]
+
+
+@pytest.mark.parametrize("points", [(2, 6), (1, 2)], ids=["film", "mode sets"])
+def test_contacts_of_a_mesh_are_shown_as_maps_of_their_pressure(disc, tmp_path, points):
+    contacts = {name: contact | {"points": list(points)} for name, contact in FE["contacts"].items()}
+    reduction = {"modes": 40, "contact": "open", "residual": "spring"}
+    own = {"contacts": contacts, "knock": {"at": "pad"}, "start": {"velocity": "0.3 m/s"}, "reduction": reduction}
+    scene = scenes.load(written(disc, FE | own | {"clock": {"rk4_step": "1 us"}}, "maps"))
+    run = rig.simulate(scene, 0.01)
+    count = points[0] * points[1]
+    names = [f"{pad}_{i + 1}" for pad in ("pad_up", "pad_down") for i in range(count)]
+    assert {f"{kind}_of_{name}" for kind in ("normal_force", "slip_speed") for name in names} <= run.signals.keys()
+    maps = recorded.pressure(run, [0.0, 0.005])
+    up, _ = maps.points.surfaces
+    assert (up.name, up.axes, up.shape) == ("pad_up", ("x", "y"), (count,))
+    x, y = up.corners[:, :, 0], up.corners[:, :, 1]
+    cells = 0.5 * np.abs(np.sum(x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y, axis=1))
+    assert cells.sum() == pytest.approx(up.area.sum(), rel=0.15)
+    assert [shown.contact for shown in maps.maps] == ["pad_up", "pad_down"] * 2
+    for shown in maps.maps:
+        row = int(np.abs(run.time - shown.time).argmin())
+        assert shown.force == pytest.approx(run.signals[f"normal_force_{shown.contact}"][row], rel=1e-9, abs=1e-9)
+    assert any(shown.fraction < 1.0 for shown in recorded.pressure(run).maps)
+    drawing = Drawing(scene.to_json(), run.units, {})
+    t_ns = np.round(run.time * 1e9).astype(np.int64)
+    columns = drawing.picture.frames(t_ns, run.signals, run.mode, np.arange(len(t_ns)))
+    assert {"rig/contacts/map", "rig/contacts/centre", "rig/word/pad_up"} <= {entry.path for entry in columns}
+    assert drawing.worded == (count == 2)
+    for name, figure in (("run", run.plot()), ("maps", maps.plot())):
+        put(figure, tmp_path / f"{name}.png")
+        drawn = imread(tmp_path / f"{name}.png")[..., :3]
+        assert (np.abs(drawn - np.array(contact.rgb(pressure.OPEN)) / 255.0).max(axis=2) < 0.01).mean() > 1e-4
+
+
+def test_a_rig_with_a_film_is_linearised_for_a_loop_like_its_contacts(disc):
+    law = {"kind": "lti", "reads": ["vibrometer"], "drives": ["load.force"], "D": [[1.0]], "gain": 100.0}
+    sensor = {"kind": "laser_vibrometer", "reads": "pad_velocity", "rate": "10 kHz", "span": "5 m/s"}
+    tables = FE | {"sensors": {"vibrometer": sensor}, "controllers": {"pressing": law}}
+    films = (FE["structure"] | {"film": film} for film in (False, True))
+    growths = [
+        loop(scenes.load(written(disc, tables | {"structure": film}, "loop")), "pressing").growth for film in films
+    ]
+    assert growths[1] == pytest.approx(growths[0], rel=1e-9)
 
 
 def test_points_of_a_film_that_would_have_to_pull_are_named_before_a_run(disc):

@@ -137,7 +137,7 @@ def pressure_figure(pressure: Pressure) -> Figure:
     across = 3 if len(instants) in (3, 5, 6, 9) else min(len(instants), 4)
     down = -(-len(instants) // across)
     with page(
-        1.2 + 3.0 * across, 1.9 + 2.4 * down, f"{pressure.scene}: contact pressure", layout="constrained"
+        1.2 + 3.0 * across, 1.9 + 2.9 * down, f"{pressure.scene}: contact pressure", layout="constrained"
     ) as figure:
         drawn = figure.subplots(down, across, squeeze=False)
         largest = max(shown.largest for shown in pressure.maps)
