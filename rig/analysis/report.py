@@ -35,6 +35,7 @@ from rig.record.run import Commands, Integers, Reals, Run
 from rig.record.run_data import period
 from rig.record.statistics import FRACTION
 from rig.record.user_notes import Notes
+from rig.results import Result
 from rig.scenes.explain import explain
 from rig.scenes.scene import Scene
 from rig.scenes.sections import values_of
@@ -549,6 +550,17 @@ def page(run: Run, log: Path) -> str:
         element("section", element("h2", name, id=key), what, aria_labelledby=key)
         for key, (name, what) in shown.items()
     ]
+    skip = element("a", "Skip to the content", href="#part-1", class_="skip")
+    nav = element("nav", *links, aria_label="Parts")
+    return _document(title, skip, _header(run, log, title), nav, element("main", *parts))
+
+
+def result_page(result: Result, title: str) -> str:
+    """Return the page of a result: its text as tables, and its figure."""
+    return _document(title, element("main", element("h1", title), Html(result._repr_html_())))
+
+
+def _document(title: str, *body: Html) -> str:
     head = element(
         "head",
         element("meta", charset="utf-8"),
@@ -557,11 +569,7 @@ def page(run: Run, log: Path) -> str:
         element("title", f"{title}: report"),
         element("style", Html(STYLE)),
     )
-    skip = element("a", "Skip to the content", href="#part-1", class_="skip")
-    body = element(
-        "body", skip, _header(run, log, title), element("nav", *links, aria_label="Parts"), element("main", *parts)
-    )
-    return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n"
+    return f"<!DOCTYPE html>\n{element('html', head, element('body', *body), lang='en')}\n"
 
 
 def _header(run: Run, log: Path, title: str) -> Html:

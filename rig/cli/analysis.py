@@ -31,6 +31,7 @@ from rig.errors import ExitCode, SceneError, UsageError
 if TYPE_CHECKING:
     from rig.analysis.axis import Axis
     from rig.analysis.control_loop import Loop
+    from rig.analysis.identification.answer import Identified
     from rig.analysis.modes import Modes
     from rig.analysis.sweep import Sweep
     from rig.model.system import Finding
@@ -182,6 +183,10 @@ def identify(
         Path | None,
         typer.Option("--out", metavar="FILE", callback=new, help="Write a scene (TOML) and its covariance (JSON)."),
     ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option("--page", metavar="FILE", callback=new, help="Write the report with its figure as a page (HTML)."),
+    ] = None,
     keep: Annotated[
         Path, typer.Option("--folder", metavar="FOLDER", help="Folder in which evaluations are kept for a repetition.")
     ] = Path("fits"),
@@ -202,14 +207,16 @@ def identify(
     1: no law fits, or a parameter cannot be identified.
     """
     loaded = the_scene(scene, changes(p))
+    if page is not None and page.suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"--page {page}: the name of a page ends in .html")
     if runs is None:
         from rig.analysis.identification.lever import experiment as run
 
         if following is not None or out is not None:
             raise UsageError("--next and --out need recordings: --runs FILE")
         found = run(loaded)
-        printing.result(found, as_json, figure=figure)
-        draw(found, figure)
+        printing.result(found, as_json, figure=figure, page=page)
+        _put(found, loaded, figure, page)
         printing.passed(found.complete)
         return
     from rig.analysis.identification.identify import identify as fit
@@ -228,15 +235,25 @@ def identify(
     except KeyboardInterrupt:
         printing.note(f"interrupted: finished cycles are kept in {keep}; the same command continues from there")
         raise
-    more = {"figure": figure}
+    more = {"figure": figure, "page": page}
     if out is not None and found.told:
         written_, beside = write(found, out, scene)
         more |= {"scene_file": written_, "covariance": beside}
     printing.result(found, as_json, **more)
-    draw(found, figure)
+    _put(found, loaded, figure, page)
     if out is not None and not as_json:
         printing.line(f"\n{out}, {beside}" if found.told else f"\n{out} is not written: no parameter is identified")
     printing.passed(found.complete)
+
+
+def _put(found: Identified, scene: Scene, figure: Path | None, page: Path | None) -> None:
+    """Write the figure and the page of an identification."""
+    draw(found, figure)
+    if page is not None:
+        from rig.analysis.report import result_page
+        from rig.machine.files import write_file
+
+        write_file(page, result_page(found, f"Parameters of {scene.title or scene.name}").encode())
 
 
 Measure = Annotated[

@@ -36,12 +36,14 @@ def test_an_experiment_gives_back_the_parameters_of_its_scene(name):
             assert one.low < one.value < one.high
 
 
-def test_the_command_draws_the_fit(rig, tmp_path):
-    path = tmp_path / "fit.svg"
-    code, out, _ = rig("identify", "lever_static_friction", "--figure", path, "--json")
+def test_the_command_draws_the_fit_and_writes_a_page(rig, tmp_path):
+    path, page = tmp_path / "fit.svg", tmp_path / "fit.html"
+    code, out, _ = rig("identify", "lever_static_friction", "--figure", path, "--page", page, "--json")
     assert code == 0
-    assert json.loads(out)["figure"] == str(path)
+    assert (json.loads(out)["figure"], json.loads(out)["page"]) == (str(path), str(page))
     assert path.read_text().startswith("<?xml")
+    assert "identified</td>" in page.read_text()
+    assert "data:image/png" in page.read_text()
 
 
 def test_a_whole_rig_is_no_experiment():

@@ -63,6 +63,7 @@ FILES = [
     ("branches", "belt", "--over", "drive.speed=0.1:0.4", "--figure"),
     ("loop", "belt_normal_force", "--figure"),
     ("identify", "lever_kinetic_friction", "--figure"),
+    ("identify", "lever_kinetic_friction", "--page"),
     ("diff", "log.mcap", "log.mcap", "--figure"),
     ("hysteresis", "log.mcap", "--figure"),
     ("spectrum", "log.mcap", "--figure"),
@@ -79,7 +80,7 @@ FILES = [
 
 def suffix(command):
     """That of the file that the command writes, or one that the command has no opinion about."""
-    if command[0] == "report":
+    if command[0] == "report" or command[-1] == "--page":
         return ".html"
     return ".mcap" if command[-1] == "--out" and command[0] in ("simulate", "run", "record", "recover") else ".png"
 

@@ -34,6 +34,7 @@ MISFIT = 0.01
 _WEAK = 0.3
 _FACTOR = 10.0
 _ALIKE = 0.9  # correlation that is named
+_ONE = (0.995, 0.95)  # correlation with an offset above which both are one number; of a wide interval
 _AT_END = 1e-6
 _HELD = 0.4  # of the deviation that the range alone gives
 _CONTRADICTS = 1.96  # standard deviations: 95 %
@@ -129,18 +130,18 @@ class LawFit:
         value, a, b = free.value(z), free.value(low), free.value(high)
         if min(z - free.ends[0], free.ends[1] - z) < _AT_END:
             verdict = BOUND
-        elif b > _FACTOR * max(a, 0.0) or sd > _HELD * 0.5 * (free.ends[1] - free.ends[0]) or self._aliased(i):
+        elif b > _FACTOR * max(a, 0.0) or sd > _HELD * 0.5 * (free.ends[1] - free.ends[0]):
             verdict = UNKNOWN
         else:
-            verdict = IDENTIFIED if max(b - value, value - a) <= _WEAK * abs(value) else WEAK
+            wide = max(b - value, value - a) > _WEAK * abs(value)
+            verdict = UNKNOWN if self._aliased(i) > _ONE[wide] else WEAK if wide else IDENTIFIED
         told = self.fits and self.converged
         return Parameter(free.key, free.unit, value, a if told else math.nan, b if told else math.nan, free.stated,
                          verdict)  # fmt: skip
 
-    def _aliased(self, i: int) -> bool:
-        """Whether an offset takes up the effect of a parameter: both are one number."""
-        p = len(self.law.free)
-        return any(abs(self.correlation(i, k)) > 0.995 for k in range(p, len(self.z)))
+    def _aliased(self, i: int) -> float:
+        """The largest correlation of a parameter with an offset, which may take up its effect."""
+        return max((abs(self.correlation(i, k)) for k in range(len(self.law.free), len(self.z))), default=0.0)
 
     def correlation(self, i: int, k: int) -> float:
         """The correlation of two entries of z."""
@@ -184,13 +185,7 @@ class LawFit:
         if not self.fits:
             yield (f"law {self.law.name} does not fit (p = {self.p:.1e}): its parameters have no interval; try another "
                    "law, or free a fixed value")  # fmt: skip
-        p = len(self.law.free)
-        names = [free.key for free in self.law.free] + list(self.offsets.names)
-        for i, k in combinations(range(len(names)), 2):
-            if abs(self.correlation(i, k)) > _ALIKE and i < p:
-                ask = "offset and level: vary the load" if k >= p else "vary what separates them"
-                if k < p or "friction" in names[i]:
-                    yield f"{names[i]} and {names[k]} have the correlation {self.correlation(i, k):.2f}: {ask}"
+        yield from self._alike()
         for text, value, low, high in self.together():
             yield f"together: {text} = {value:.4g}, 90 % from {low:.4g} to {high:.4g}"
         for i, parameter in enumerate(self.parameters):
@@ -202,12 +197,31 @@ class LawFit:
                 yield f"{parameter.key}: the data contradict the stated {stated}"
         for each in self.influence:
             if not each.told and each.others:
-                yield _alike(each)
+                yield _alike(each, [q.key for q in self.parameters if q.verdict == IDENTIFIED])
         if self.runs and not self.repeats:
             shares = ", ".join(f"{100.0 * self.deviation[i]:.2g} % in {MEASURES[i]}" for i in (0, 2, 3))
             yield f"deviation between runs beyond the errors of their means: {shares}; it widens every interval"
         if helps := self.help():
             yield helps
+
+    def _alike(self) -> Iterator[str]:
+        """Pairs of parameters that act alike, and parameters of friction that act as offsets do."""
+        keys, offsets = [free.key for free in self.law.free], self.offsets.names
+        for i, k in combinations(range(len(keys)), 2):
+            if abs(self.correlation(i, k)) > _ALIKE:
+                yield (f"{keys[i]} and {keys[k]} have the correlation {self.correlation(i, k):.2f}: vary what "
+                       "separates them")  # fmt: skip
+        levels: dict[tuple[int, ...], list[int]] = {}
+        for i in (i for i, key in enumerate(keys) if "friction" in key):
+            beside = tuple(k for k in range(len(keys), len(self.z)) if abs(self.correlation(i, k)) > _ALIKE)
+            levels.setdefault(beside, []).append(i)
+        for beside, those in levels.items():
+            if beside:
+                weakest = min((self.correlation(i, k) for i in those for k in beside), key=abs)
+                named = offsets[beside[0] - len(keys)] if len(beside) == 1 else f"{len(beside)} offsets"
+                only = "only one level of each record can be told; " if len(beside) == len(self.runs) > 1 else ""
+                yield (f"{' and '.join(keys[i] for i in those)} act as {named} (correlation {weakest:.2f}): {only}"
+                       "offset and level: vary the load")  # fmt: skip
 
     def help(self) -> str:
         """The fixed value that would help most if it were free; "" if none would."""
@@ -219,14 +233,15 @@ class LawFit:
                 f"changed by {100.0 * best.change:+.3g} %")  # fmt: skip
 
 
-def _alike(each: Influence) -> str:
-    [*others] = each.others
-    strong = [name for name, c in others if abs(abs(c) - 1.0) < 0.25]
+def _alike(each: Influence, identified: Sequence[str]) -> str:
+    strong = [name for name, c in each.others if name in identified and abs(abs(c) - 1.0) < 0.25]
     if strong:
         name = strong[0]
-        way = "ratio" if dict(others)[name] > 0.0 else "product"
-        return f"{each.key} cannot be told beside {', '.join(n for n, _ in others)}: only its {way} with {name} can"
-    return f"{each.key} cannot be told beside {', '.join(name for name, _ in others)}"
+        way = "ratio" if dict(each.others)[name] > 0.0 else "product"
+        return (
+            f"{each.key} cannot be told beside {', '.join(n for n, _ in each.others)}: only its {way} with {name} can"
+        )
+    return f"{each.key} cannot be told beside {', '.join(name for name, _ in each.others)}"
 
 
 def _plain(unit: str) -> str:

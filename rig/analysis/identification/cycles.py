@@ -166,7 +166,7 @@ class CycleRun:
             stated = f" of {model.period:.3g} s" if count else ""
             raise UsageError(
                 f"{run.name}: {count} cycles{stated} in {run.seconds:.4g} s of {column.name}; at least {LEAST} are "
-                "needed: record longer, or leave the run out"
+                "needed: record longer, or check its speed, load and scale, or leave the run out"
             )
         kept = _usable(detected.measures)
         for a, b in zip(*_gaps(lost)):

@@ -208,7 +208,7 @@ class Fit:
                 to[:p] = np.clip(to[:p], self.low, self.high)
                 reached = self.responses([to])[0]
                 if not isinstance(reached, str):
-                    to = self._levelled(to, reached)
+                    to = self.levelled(to, reached)
                     after, there = self.left(to, reached), reached
                     new = self.cost(after, to, z0)
                     if new < cost:
@@ -246,7 +246,7 @@ class Fit:
         small = np.linalg.norm(size * more) < most * np.linalg.norm(size * step)
         return step + 0.5 * more if small else step
 
-    def _levelled(self, z: Reals, responses: Sequence[Response]) -> Reals:
+    def levelled(self, z: Reals, responses: Sequence[Response]) -> Reals:
         """The point with the best offsets: no response changes with them, and the rest is nearly linear in them."""
         p = len(self.free)
         if len(z) == p:

@@ -27,11 +27,11 @@ from rig.analysis.identification.cycles import (
     combined,
     measure_blocks,
     measure_weights,
-    shifted,
 )
 from rig.analysis.identification.features import WINDOWS, FeatureRun, respond
 from rig.analysis.identification.fit import Fit, Offsets, Solution, inverse, whole
 from rig.analysis.identification.influence import candidates, influence
+from rig.analysis.identification.posterior import START, Posterior
 from rig.analysis.identification.responses import Evaluator, Responder, Response
 from rig.analysis.identification.runs import RUN, Law, Task
 from rig.errors import UsageError
@@ -42,7 +42,7 @@ MISFIT = 0.01
 _SCREENED = 0.01  # of a measure: what the screening may miss, since a fit of the cycles follows
 _NEAR = 2.0  # factor about the values of the scene in which other starts lie
 _OUTLIER = 5.0  # times the median of the rms of the cycles
-_RENEWED, _ROUNDS = 3, 6
+_RENEWED, _ROUNDS = 2, 6
 _FLAT = 3e-3  # of the sum of squares of measures: a smaller gain ends a fit
 Progress = Callable[[int], object]
 
@@ -90,25 +90,26 @@ class _Attempt:
         runs = [each.run for each in evidence]
         offsets = Offsets.of(runs, [0.01 * self._sizes(each) for each in evidence])
         ranked = self._screen(starts, evidence, offsets, fitted)
-        best: tuple[Fit, Solution, Reals] | None = None
+        best: tuple[Fit, Solution, Posterior | None] | None = None
         for z in ranked[:2]:
-            fit, solution, deviation = (self._cycles if repeats else self._measures)(z, evidence, offsets, fitted)
+            fit, solution, posterior = (self._cycles if repeats else self._measures)(z, evidence, offsets, fitted)
             if best is None or solution.cost < best[1].cost:
-                best = fit, solution, deviation
-            if not repeats or _p(evidence, best[1], repeats, best[2]) >= MISFIT:
+                best = fit, solution, posterior
+            if not repeats or _p(evidence, best[1], repeats) >= MISFIT:
                 break
         assert best is not None
-        fit, solution, deviation = best
+        fit, solution, posterior = best
         if repeats and (worst_ := _without_outliers(evidence, solution)) is not None:
             evidence = worst_
-            fit, solution, deviation = self._cycles(solution.z, evidence, offsets, fitted)
-        p = _p(evidence, solution, repeats, deviation)
+            fit, solution, posterior = self._cycles(solution.z, evidence, offsets, fitted)
+        p = _p(evidence, solution, repeats)
         if not solution.converged:
             notes.append("the fit has not converged: its intervals are not to be trusted; state values nearer to it")
         reports = [self._report(each, r, response, repeats) for each, r, response
                    in zip(evidence, solution.left, solution.responses)]  # fmt: skip
         effects = influence(fit, solution, self.evaluator, repeats)
-        predicted = self._predicted(fit, solution, deviation, offsets)
+        predicted = self._predicted(fit, solution, posterior)
+        deviation = np.zeros(len(MEASURES)) if posterior is None else posterior.deviation
         return LawFit(
             self.law, solution.z, solution.covariance, offsets, repeats, solution.converged, p, solution.cost,
             reports, predicted, deviation, effects, tuple(notes), self.evaluator.count, solution.jacobian,
@@ -184,7 +185,7 @@ class _Attempt:
 
     def _cycles(
         self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int]
-    ) -> tuple[Fit, Solution, Reals]:
+    ) -> tuple[Fit, Solution, None]:
         """The fit cycle by cycle."""
         known = [isinstance(each, FeatureRun) and each.known for each in evidence]
         transient = any(each.run.kind == "transient" for each in evidence)
@@ -198,43 +199,42 @@ class _Attempt:
         if all(known):
             free = max(sum(r.size for r in solution.left) - len(solution.z), 1)
             solution.covariance = solution.covariance * max(1.0, solution.cost / free)
-        return fit, solution, np.zeros(len(MEASURES))
+        return fit, solution, None
 
     def _measures(
         self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int]
-    ) -> tuple[Fit, Solution, Reals]:
-        """The fit of measures; also the deviation between runs of each measure."""
-        deviation, solution, fit = np.zeros(len(MEASURES)), None, None
+    ) -> tuple[Fit, Solution, Posterior]:
+        """The fit of measures, and what draws about it tell: mean, covariance, and deviation between runs."""
         own = [each.covariance(self.task.seed) for each in evidence]
+        weights = [_weights(each, C + np.diag(START**2), LASTING, EXACT) for each, C in zip(evidence, own)]
         for _ in range(_RENEWED):
             [row] = self.evaluator.responses([self._si(z[: len(self.law.free)])], fitted)
             responses = whole(row)
             if isinstance(responses, str):
                 raise UsageError(f"{self.law.scene.name}: {responses}")
             biases = [each.bias(response) for each, response in zip(evidence, responses)]
-            weights = [_weights(each, C + np.diag(deviation**2), LASTING, EXACT) for each, C in zip(evidence, own)]
             blocks = partial(measure_blocks, evidence, weights, biases, LASTING)
             fit = Fit(self.law.free, self.evaluator, fitted, offsets, blocks)
-            ended = fit.run(z, _ROUNDS, _FLAT)
-            if isinstance(ended, str):
-                raise UsageError(f"{self.law.scene.name}: {ended}")
-            solution, z = ended, ended.z
-            J = np.concatenate([j.reshape(-1, j.shape[-1]) for j in solution.jacobian])
-            solution.covariance = inverse(J.T @ J + np.diag(solution.prior))
-            used = float(np.trace(J @ solution.covariance @ J.T))
-            levels = [offsets.values(i, z[len(self.law.free) :]) for i in range(len(evidence))]
-            models = [shifted(*given) for given in zip(evidence, solution.responses, levels)]
-            apart = np.array([each.medians - bias - m for each, bias, m in zip(evidence, biases, models)])
-            apart = apart[[isinstance(each, CycleRun) for each in evidence]]
-            count = len(J) - len(offsets.names)  # each level has an offset of its own
-            share = max(1.0 - (used - len(offsets.names)) / count, 0.2)
-            square = np.maximum((apart**2).mean(axis=0) / share - np.mean([np.diag(C) for C in own], axis=0), 0.0)
-            square[[0, 2, 3]] = 0.5 * (square[[0, 2, 3]] + square[[0, 2, 3]].mean())  # else one measure fits itself
-            square[4] = 0.0  # an offset of each record takes up its level
-            deviation = np.asarray(np.sqrt(square))
-        assert fit is not None
-        assert solution is not None
-        return fit, solution, deviation
+            solution = fit.run(z, _ROUNDS, _FLAT)
+            if isinstance(solution, str):
+                raise UsageError(f"{self.law.scene.name}: {solution}")
+            ended, z = solution, solution.z
+        J = np.concatenate([j.reshape(-1, j.shape[-1]) for j in ended.jacobian])
+        ended.covariance = inverse(J.T @ J + np.diag(ended.prior))
+        others = [i for i in range(len(self.task.runs)) if i not in fitted]
+        posterior = Posterior.of(fit, ended, evidence, biases, own, others, self.task.seed)
+        mean = posterior.mean
+        [middle] = fit.responses([mean])
+        if not isinstance(middle, str):
+            weights = [_weights(each, C + np.diag(posterior.deviation**2), LASTING, EXACT)
+                       for each, C in zip(evidence, own)]  # fmt: skip
+            fit.blocks = partial(measure_blocks, evidence, weights, biases, LASTING)
+            mean = fit.levelled(mean, middle)
+            left = fit.left(mean, middle)
+            ended = Solution(mean, fit.cost(left, mean, mean), left, fit.jacobian(mean, left, middle), ended.prior,
+                             middle, ended.converged)  # fmt: skip
+        ended.covariance = posterior.covariance
+        return fit, ended, posterior
 
     def _report(self, each: CycleRun, left: Reals, response: Response, repeats: bool) -> RunFit:
         """What a run says of the fit."""
@@ -244,31 +244,29 @@ class _Attempt:
         model = np.full(len(MEASURES), np.nan) if plain is None else plain + each.bias(response)
         return RunFit(each.run.name, len(each.begins), each.dropped, rms, p, each, response, each.medians, model, left)
 
-    def _predicted(self, fit: Fit, solution: Solution, deviation: Reals, offsets: Offsets) -> list[RunFit]:
+    def _predicted(self, fit: Fit, solution: Solution, posterior: Posterior | None) -> list[RunFit]:
         """The runs that are not fitted beside the bands in which 95 % of them are expected."""
         others = [i for i, run in enumerate(self.task.runs) if not run.fitted]
+        if posterior is None and others:
+            posterior = Posterior.of(fit, solution, [], [], [], others, self.task.seed)
         made = []
-        p = len(self.law.free)
         for i in others:
-            points = [solution.z[:p] + 1e-3 * (np.arange(p) == k) for k in range(-1, p)]
-            rows = self.evaluator.responses([self._si(z) for z in points], [i])
-            base = rows[0][0]
-            if isinstance(base, str):
-                made.append(RunFit.without(self.task.runs[i].name, base))
+            assert posterior is not None
+            run, about = self.task.runs[i], posterior.responses[i]
+            [[base]] = self.evaluator.responses([self._si(solution.z[: len(self.law.free)])], [i])
+            if isinstance(base, str) or run.kind != "cycles":
+                why = base if isinstance(base, str) else "only runs of cycles are predicted"
+                made.append(RunFit.without(run.name, why))
                 continue
-            if self.task.runs[i].kind != "cycles":
-                made.append(RunFit.without(self.task.runs[i].name, "only runs of cycles are predicted"))
-                continue
-            each = CycleRun.of(self.task.runs[i], base)
-            bias = each.bias(base)
-            read = [None if isinstance(row[0], str) else each.model_measures(row[0]) for row in rows]
-            if read[0] is None:
+            each = CycleRun.of(run, base)
+            predicted = posterior.predicted(about, each)
+            if predicted is None:
                 made.append(RunFit.without(each.run.name, "the detector reads no slips in the model"))
                 continue
-            J = np.array([np.zeros(len(MEASURES)) if m is None else (m - read[0]) / 1e-3 for m in read[1:]])
-            C = J.T @ solution.covariance[:p, :p] @ J + np.diag(deviation**2) + each.covariance(self.task.seed)
+            middle, square = predicted
+            band = 1.96 * np.sqrt(square + posterior.deviation**2 + np.diag(each.covariance(self.task.seed)))
             made.append(RunFit(each.run.name, len(each.begins), each.dropped, float("nan"), float("nan"), each, base,
-                               each.medians, read[0] + bias, np.zeros((0, 0)), 1.96 * np.sqrt(np.diag(C))))  # fmt: skip
+                               each.medians, middle + each.bias(base), np.zeros((0, 0)), band))  # fmt: skip
         return made
 
 
@@ -283,7 +281,7 @@ def _first_offsets(evidence: Sequence[Any], responses: Sequence[Response], offse
     return np.asarray(sums[0] / np.maximum(sums[1], 1.0) / np.array(offsets.sizes))
 
 
-def _p(evidence: Sequence[Any], solution: Solution, repeats: bool, deviation: Reals) -> float:
+def _p(evidence: Sequence[Any], solution: Solution, repeats: bool) -> float:
     """The probability of the misfit, if the law is right."""
     if repeats:
         return combined([each.misfit(left) for each, left in zip(evidence, solution.left)])

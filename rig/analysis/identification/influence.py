@@ -19,7 +19,7 @@ from rig.record.run import Reals
 
 _TABLES = ("start", "noise")
 _MOST = 12
-_ALIKE = (0.005, 0.03)  # of the square of an effect: what is left of one that others have too; of one on measures
+_ALIKE = (0.005, 0.1)  # of the square of an effect: what is left of one that others have too; of one on measures
 _TAKES = 0.05  # share of a coordinate
 
 
@@ -78,14 +78,27 @@ def influence(fit: Fit, solution: Solution, evaluator: Evaluator, repeats: bool)
             continue  # of no influence at all
         by = H @ (J.T @ effect)
         rest = effect - J @ by
-        left = float(rest @ rest) / square
+        left, most = float(rest @ rest) / square, _ALIKE[0 if repeats else 1]
+        if left <= most and not repeats:  # measures are few: many changes explain an effect
+            by = _simplest(J, effect, min(1.2 * left, most) * square, len(fit.free))
         alike = tuple((name, float(-c)) for name, c in zip(names, by) if abs(c) > _TAKES and "offset" not in name)
         across = float(rest @ r)
         change = -across / max(float(rest @ rest), 1e-300)
         spread = np.sqrt(max(_spread(rest, r, solution.left), 1e-300))
         made.append(Influence(key, left, alike, across**2 / max(float(rest @ rest) * float(r @ r), 1e-300), change,
-                              abs(across) / spread, left > _ALIKE[0 if repeats else 1]))  # fmt: skip
+                              abs(across) / spread, left > most))  # fmt: skip
     return tuple(made)
+
+
+def _simplest(J: Reals, effect: Reals, most: float, free: int) -> Reals:
+    """The smallest changes of the `free` parameters that leave at most the square `most` of an effect."""
+    information, by = J.T @ J, np.zeros(J.shape[1])
+    held = np.diag((np.arange(len(information)) < free).astype(float))
+    for size in float(np.trace(information[:free, :free])) * 10.0 ** np.arange(0.0, -12.0, -0.5):
+        by = inverse(information + size * held + 1e-12 * np.eye(len(information))) @ (J.T @ effect)
+        if float(((effect - J @ by) ** 2).sum()) <= most:
+            break
+    return np.asarray(by)
 
 
 def _spread(rest: Reals, r: Reals, left: Sequence[Reals]) -> float:

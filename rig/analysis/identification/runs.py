@@ -23,9 +23,11 @@ offset is that of the plant (none), "free" (one value for all runs), or "run" (o
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -156,16 +158,22 @@ def read(path: Path) -> dict[str, Any]:
     """The tables of a runs file, with files relative to its folder. Raises SceneError, UsageError with every fault."""
     raw = source.tree(path)
     faults = [f"{path}: {key}: unknown; {near(key, _FILE)}" for key in raw if key not in _FILE]
-    if not isinstance(raw.get("run"), list):
+    entries = raw.get("run")
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         faults.append(f"{path}: no [[run]]: each recording is a table [[run]] with file, set and columns")
-    for entry in raw.get("run", []) if not faults else []:
+    laws = raw.get("laws", {})
+    if not isinstance(raw.get("free", {}), dict):
+        faults.append(f'{path}: free: expected a table [free] with "KEY" = "FROM:TO"')
+    if not isinstance(laws, dict | list) or (
+        isinstance(laws, dict) and not all(isinstance(k, dict) for k in laws.values())
+    ):
+        faults.append(f'{path}: laws: expected names, ["coulomb", "stribeck"], or tables [laws.NAME] "KEY" = "FROM:TO"')
+    for entry in raw["run"] if not faults else []:
         if isinstance(entry.get("file"), str) and not Path(entry["file"]).is_absolute():
             entry["file"] = str(path.parent / entry["file"])
-    for name in ("free",):
-        if isinstance(raw.get(name), dict):
-            raw[name] = dict(source.dotted(raw[name]))
-    if isinstance(raw.get("laws"), dict):
-        raw["laws"] = {law: dict(source.dotted(keys)) for law, keys in raw["laws"].items() if isinstance(keys, dict)}
+    if not faults:
+        raw["free"] = dict(source.dotted(raw.get("free", {})))
+        raw["laws"] = {k: dict(source.dotted(v)) for k, v in laws.items()} if isinstance(laws, dict) else laws
     if isinstance(scene := raw.get("scene"), str) and scene.endswith(".toml") and not Path(scene).is_absolute():
         raw["scene"] = str(path.parent / scene)
     if faults:
@@ -214,11 +222,12 @@ def task(
         made = tuple(faults(lambda n=n, k=k: _law(scene, n, {**free, **k}, bool(k)), None) for n, k in given.items())  # type: ignore[misc]
     else:
         made = (faults(lambda: Law(_law_name(scene), scene, _free(scene, free)), None),)
-    level = "level" in per_run
-    if unknown_ := [name for name in per_run if name != "level"]:
-        faults.found.append(f'per_run = {unknown_}: only "level" is known, an offset of each record')
+    level = [*per_run] == ["level"]
+    if per_run and not level:
+        faults.found.append(f'per_run = {brief(per_run)}: only ["level"] is known, an offset of each record')
     measured = [faults(lambda i=i, e=e: _measured(scene, i, e, level), None) for i, e in enumerate(runs)]  # type: ignore[misc]
     _known_beside_free(made, measured, faults)
+    _told_apart([run for run in measured if run is not None], runs, faults)
     faults.raise_found()
     known = [run for run in measured if run is not None]
     if not any(run.fitted for run in known):
@@ -237,6 +246,23 @@ def _known_beside_free(laws: Sequence[Law | None], runs: Sequence[Measured | Non
                 "mass, stiffness and load are all free: only their ratios act on a cycle; state one of them (weigh the "
                 "body, or measure the spring)"
             )
+
+
+def _told_apart(runs: Sequence[Measured], entries: Sequence[Mapping[str, Any]], faults: Faults) -> None:
+    """Names are unique, and no sample counts twice: intervals would be too narrow."""
+    if len(runs) < len(entries):
+        return
+    for (a, of), (b, other) in combinations(zip(runs, entries), 2):
+        given, again = (each.get("file", each.get("run")) for each in (of, other))
+        same = given is again or (isinstance(given, str | Path) and isinstance(again, str | Path)
+                                  and Path(given).resolve() == Path(again).resolve())  # fmt: skip
+        if same and a.columns[0].t[0] < b.columns[0].t[-1] and b.columns[0].t[0] < a.columns[0].t[-1]:
+            faults.found.append(
+                f"{a.name}, {b.name}: are the same part of {a.name if isinstance(given, Run) else given}, which would "
+                "count twice; leave one out, or use other parts of it (skip, end)"
+            )
+        elif a.name == b.name:
+            faults.found.append(f'{a.name}: is the name of two runs; give each its own, name = "..."')
 
 
 def _law_name(scene: Scene) -> str:
@@ -338,9 +364,14 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     if kind == "response":
         faults.found.append(f'{name}: a frequency response is not fitted; record a decay, kind = "growth"')
     first, last = (_seconds(entry, name, key, default, faults) for key, default in (("skip", 0.0), ("end", math.inf)))
-    columns = entry.get("columns") or {}
+    columns, settings_ = entry.get("columns") or {}, entry.get("set") or {}
+    for key, table in (("columns", columns), ("set", settings_)):
+        if not isinstance(table, Mapping):
+            raise UsageError(f"{name}: {key} = {brief(table)}: expected a table, {key} = {{...}}")
+    if not isinstance(entry.get("fit", True), bool):
+        faults.found.append(f"{name}: fit = {brief(entry['fit'])}: expected true or false")
     run: Run | None = faults(lambda: _recording(given, entry, columns, name), None)
-    settings: dict[str, float] = faults(lambda: _settings(scene, entry.get("set", {}), name), {})
+    settings: dict[str, float] = faults(lambda: _settings(scene, settings_, name), {})
     faults.raise_found()
     assert run is not None
     columns = columns or _of_sensors(run, name)
@@ -348,7 +379,7 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     made: list[Column] = [faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
             for c, t in columns.items()]  # fmt: skip
     faults.raise_found()
-    return Measured(name, kind, settings, tuple(made), bool(entry.get("fit", True)))
+    return Measured(name, kind, settings, tuple(made), entry.get("fit", True))
 
 
 def _seconds(entry: Mapping[str, Any], name: str, key: str, default: float, faults: Faults) -> float:
@@ -364,7 +395,8 @@ def _settings(scene: Scene, given: Mapping[str, Any], name: str) -> dict[str, fl
     for key, value in dict(source.dotted(dict(given))).items() if given else ():
         try:
             if key not in known:
-                raise ValueError(unknown(key, known, scene))
+                faults.append(f"{name}: set {unknown(key, known, scene)}")
+                continue
             values[key] = si(value, known[key])
         except ValueError as fault:
             faults.append(f"{name}: set {key}: {fault}")
@@ -393,7 +425,14 @@ def _recording(given: Any, entry: Mapping[str, Any], columns: Mapping[str, Any],
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
         out = Path(folder) / "measured.mcap"
         given_map = ChannelMap(texts, str(entry.get("time", "")), str(entry.get("rate", "")))
-        import_files([path], out, given_map, skip_missing=True)
+        try:
+            import_files([path], out, given_map, skip_missing=True)
+        except UsageError as fault:  # in the words of this file, not in those of rig import
+            text = re.sub(r" = c\d+(, [^:]*)?:", ":", str(fault))
+            text = re.sub(r'; add it, such as "c\d.*', '; add scale = "1 mm", that of one unit of it', text)
+            raise UsageError(
+                text.replace('add --time "COLUMN, s" or --rate', 'add time = "COLUMN, s" or rate =')
+            ) from None
         run = read_recording(out)
     for column, plain in names.items():
         run.measurements[column] = run.measurements.pop(plain)
@@ -430,7 +469,13 @@ def _column(
     sensor = str(table.get("sensor", ""))
     if sensor and sensor not in scene.sensors:
         raise UsageError(f"{where}: {name}: the scene has no sensor {sensor}; {near(sensor, scene.sensors)}")
-    samples: Series = series(run, name, first, last)
+    try:
+        samples: Series = series(run, name, first, last)
+    except UsageError as fault:
+        raise UsageError(f"{where}: {fault}") from None
+    kept = samples.v[np.isfinite(samples.v)]
+    if kept.size < 2 or not np.ptp(kept):
+        raise UsageError(f"{where}: {name}: {f'is {kept[0]:g} throughout' if kept.size else 'has no finite sample'}")
     unit, v = rig.outputs[output].unit, samples.v
     if not same_unit(samples.unit or "1", unit):
         text = str(table.get("scale", ""))
