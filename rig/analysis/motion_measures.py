@@ -54,6 +54,7 @@ from rig.model.system import System
 from rig.motion.motion import SEGMENTS, Event
 from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
+from rig.solve.film_steps import GROUP
 from rig.stability.linearisation import sliding_key, steady
 from rig.stability.report import RK4_LIMIT
 
@@ -135,7 +136,8 @@ def ladder(method: str, scene: Scene, rate: float) -> list[Setting]:
     if method in ADAPTIVE:
         return [Setting(method, 10.0**-p) for p in range(2, 12)]
     if method in ("rk4", "kick"):
-        shortest = scene.frame_ns / (SEGMENTS // 2)  # finer ones would exceed the room of a frame
+        together = GROUP if scene.assemble().film is not None else 1  # steps in a segment
+        shortest = scene.frame_ns / (SEGMENTS // 2 * together)  # finer ones would exceed the room of a frame
         return [Setting(method, step_ns=h) for h in _steps(scene.step_ns, rate, _FINE) if h >= shortest]
     return [Setting(method)]
 

@@ -252,6 +252,7 @@ def test_a_film_of_points_is_measured_by_statistics_of_several_runs(tmp_path):
     scene = replace(rig.load("structure", changes), protocol=(Hold(step="hold", time="300 ms"),))
     table = cost(scene, tmp_path, rounds=1)
     assert table.statistical
+    assert len(ladder("kick", rig.load("plate"), 8e5)) >= 3  # a segment of a film covers several steps
     assert {"first opening", "mean contact_fraction", "rms pad_velocity"} <= set(table.values)
     steps = [row.setting.step_ns for row in table.rows]
     assert steps == sorted(steps, reverse=True)

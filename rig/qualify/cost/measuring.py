@@ -135,6 +135,11 @@ def _of_film(scene: Scene, root: Path | None, say: Progress, rounds: int) -> Tab
     system, length = built.system(), max((scene.duration_ns or 10**9) // step_ns, 1)
     rate = assembly.fastest(system, float(scene.clock.rk4_step) * 1e-9) * RK4_LIMIT / FILM_LIMIT
     settings = ladder("kick", scene, rate)[:_STEPS]
+    if len(settings) < 2:
+        raise UsageError(
+            f"{scene.name}: no two steps to compare: with all points stuck the film needs steps of at most "
+            f"{RK4_LIMIT / rate:.2g} s, which fill a frame of {scene.frame_ns * 1e-9:g} s; use a shorter clock.frame"
+        )
     asked = Problem(scene, built, system, {}, f"statistics of {STARTS} runs of a film", length, length, 0)
     wanted = {ONSET, f"mean {FRACTION}", *(f"rms {name}" for name in asked.quantities)}
     total, timings = STARTS * len(settings) + 1 + rounds * (len(settings) - 1), itertools.count(STARTS * len(settings))
@@ -146,7 +151,7 @@ def _of_film(scene: Scene, root: Path | None, say: Progress, rounds: int) -> Tab
 
         runs.append(repeat(setting.applied(scene), STARTS, asked.seconds, progress=watched))
     known = [name for name in (spread.name for spread in runs[-1].spreads) if name in wanted]
-    truths = {name: _mean(runs[-1], name) for name in known}
+    truths = {name: finest for name in known if (finest := _mean(runs[-1], name))[0] not in (0.0, math.inf)}
     rows = []
     for setting, repeats in zip(settings[:-1], runs):
         fault, off, floors = next((seen.fault for seen in repeats.seen if seen.fault), ""), {}, {}
