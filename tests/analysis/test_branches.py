@@ -277,13 +277,37 @@ def test_the_unstable_cycle_divides_the_starts(bstab):
 
 @pytest.mark.parametrize(
     ("speed", "published"),
-    [(1.175, 0.0126), (1.4, 0.211), (1.5, 0.312), (1.775, 0.5552)],
+    [
+        (1.175, 0.0126),
+        (1.25, 0.0838),
+        (1.325, 0.1378),
+        (1.4, 0.211),
+        (1.475, 0.2824),
+        (1.5, 0.312),
+        (1.55, 0.3636),
+        (1.625, 0.4336),
+        (1.7, 0.4912),
+        (1.775, 0.5552),
+    ],
 )
 def test_shares_of_starts_are_those_of_others(bstab, speed, published):
     """bSTAB, 4000 starts each: intervals of 99.9 % of the difference of two draws."""
     share = Threshold(bstab, speed).share({"x": (-2.0, 2.0), "x'": (0.0, 2.0)}, 4000)
     error = math.sqrt(published * (1.0 - published) / 4000 + share.slides * (1.0 - share.slides) / 4000)
     assert abs(share.slides - published) < 3.29 * error
+
+
+def test_a_study_of_random_starts_gives_the_share_that_comes_to_slide(bstab, tmp_path):
+    """Start by start as the threshold says; all at the speeds at which only one motion attracts."""
+    over = {"start.displacement": lab.uniform(-2.0, 2.0), "start.velocity": lab.uniform(0.0, 2.0)}
+    for speed, least, most in ((1.1, 0.0, 0.0), (1.5, 0.1, 0.6), (1.85, 1.0, 1.0)):
+        scene = lab.load("belt", {**BSTAB, "drive.speed": speed})
+        study = lab.study(scene, over, ["motion.slides"], samples=30, folder=tmp_path, workers=1)
+        slides = study.values_of("motion.slides")
+        assert least <= slides.mean() <= most
+        assert f"{100.0 * slides.mean():.4g} % of 30 points come to slide" in study.text()
+        if speed == 1.5:
+            assert Threshold(bstab, 1.5).inside(study.points).tolist() == slides.astype(bool).tolist()
 
 
 @pytest.mark.parametrize(

@@ -20,9 +20,11 @@ from rig.analysis.branches.begin import Start, from_start
 from rig.analysis.branches.result import CYCLES, Branch, Branches
 from rig.analysis.branches.trace import Place, follow
 from rig.analysis.cycle import Rest, stuck
+from rig.analysis.orbit import repeating
 from rig.analysis.return_map import Family, Flow
 from rig.errors import UsageError
 from rig.printable import columns
+from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, steady
 from rig.units import si
 
@@ -35,6 +37,7 @@ _CLOSE = 1e-9  # of the value: reached
 _CURVE = 20000  # points of the closed curve, at least: its chords are then 1e-8 of it away
 _STEPS = 50  # along the branch to a value
 _NEVER = 1e-3  # of the largest: a knock in another direction than the motion
+_REPEATS = 1e-7  # of a period: a vibration with stick repeats
 _SIGMA = 1.6448536269514722  # of a normal distribution: 90 % lie within
 
 
@@ -57,6 +60,35 @@ class Share:
     high: float
     count: int
     simulated: bool
+
+
+def interval(share: float, count: int) -> tuple[float, float]:
+    """Return the interval of 90 % (Wilson) of a share of `count` random starts."""
+    p, n = share, count
+    middle = (p + 0.5 * _SIGMA**2 / n) / (1.0 + _SIGMA**2 / n)
+    half = _SIGMA * math.sqrt(p * (1.0 - p) / n + 0.25 * _SIGMA**2 / n**2) / (1.0 + _SIGMA**2 / n)
+    return middle - half, middle + half
+
+
+def slides(scene: Scene) -> tuple[bool | None, str]:
+    """Return whether the plant comes to slide from the start of its scene, by simulation; None, and why: undecided."""
+    flow = Family(scene).flow(())
+    sliding = steady(flow.system, flow.key)
+    rest = Rest(sliding, stuck(flow.system, sliding.x))
+    if not rest.stable:
+        return False, ""
+    x = flow.settled.copy()
+    x[flow.moving] = flow.system.start[flow.moving]
+    time = _PERIODS * 2.0 * math.pi / abs(rest.least)
+    for _ in range(_MOST):
+        run = flow.carried(x, time)
+        if not run.events and rest.reached(run.x):
+            return True, ""
+        count, drift = repeating([event for _, event in run.events], flow.step, _REPEATS)
+        if count and drift <= _REPEATS:
+            return False, ""
+        x = run.x
+    return None, f"neither sliding nor a vibration that repeats after {_MOST * time:.4g} s"
 
 
 class Threshold:
@@ -229,10 +261,8 @@ class Threshold:
         """Return the share of starts, drawn as `drawn` does, that come to slide: by the threshold or by simulation."""
         starts = self.drawn(ranges, count, seed)
         inside = self.inside(starts) if self.planar else np.array([self.slides(start) for start in starts])
-        p, n = float(inside.mean()), count
-        middle = (p + 0.5 * _SIGMA**2 / n) / (1.0 + _SIGMA**2 / n)  # Wilson
-        half = _SIGMA * math.sqrt(p * (1.0 - p) / n + 0.25 * _SIGMA**2 / n**2) / (1.0 + _SIGMA**2 / n)
-        return Share(p, middle - half, middle + half, n, not self.planar)
+        p = float(inside.mean())
+        return Share(p, *interval(p, count), count, not self.planar)
 
     @classmethod
     def parse(cls, branches: Branches, value: str, starts: str | None = None) -> Threshold:

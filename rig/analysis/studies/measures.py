@@ -3,7 +3,8 @@
 cycle.NAME      period, frequency, multiplier, energy; amplitude, lowest, highest of an output; stick_share, stick_time
                 of a contact: the limit cycle of the plant with actuators held
 motion.NAME     period, frequency, growth_rate, friction_power, energy_per_cycle; amplitude, rms of an output;
-                stick_share of a contact: the plant from its start with actuators held (rig.analysis.motion_measures)
+                stick_share of a contact: the plant from its start with actuators held (rig.analysis.motion_measures);
+                slides: 1 if it comes to slide from its start, 0 if it vibrates
 run.NAME        rms, mean, lowest, highest, final, amplitude, frequency of an output or sensor; first_opening: the run
                 of the scene with its sensors, controllers and protocol
 FILE.py:NAME    a function of the Run: returns a number, or a number and its unit
@@ -34,6 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.branches.threshold import slides
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.motion_measures import observe, of, problem
 from rig.analysis.pool import Arrays
@@ -67,6 +69,7 @@ _HOW: dict[str, Callable[[NDArray[Any]], Any]] = {
     "final": lambda v: v[-1],
 }
 _OF_RUN = (*_HOW, "amplitude", "frequency")
+SLIDES = "slides"
 _LONG = 300  # characters of a reason
 
 
@@ -128,6 +131,8 @@ def _known(scene: Scene) -> Iterator[Measure]:
         yield Measure(f"cycle.{kind}", "cycle", kind, unit=unit)
     for kind, unit in _MOTION.items():
         yield Measure(f"motion.{kind.replace(' ', '_')}", "motion", kind, unit=unit)
+    if contacts:
+        yield Measure("motion.slides", "motion", SLIDES, unit="1")
     parts: list[tuple[str, str, dict[str, str], str]] = [("cycle", kind, units, lead) for kind in _OF_OUTPUT]
     parts += [("motion", kind, units, lead) for kind in ("amplitude", "rms")]
     parts += [("run", kind, {**sensors, **units}, lead) for kind in _OF_RUN]
@@ -206,8 +211,12 @@ def _of_cycle(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, st
 
 def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
     asked = problem(scene, patience=math.inf)
-    seen = observe(asked, of(asked.scene, asked.system))
+    seen = observe(asked, of(asked.scene, asked.system)) if any(m.kind != SLIDES for m in some) else None
     for measure in some:
+        if seen is None or measure.kind == SLIDES:
+            ends, why = slides(scene)
+            yield math.nan if ends is None else float(ends), measure.unit, why
+            continue
         value = seen.values.get(f"{measure.kind} {measure.of}".strip(), math.nan)
         missing = "" if math.isfinite(value) else f"a motion of kind {asked.kind} has no {measure.name}"
         yield value, measure.unit, seen.fault or missing

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.axis import with_unit
+from rig.analysis.branches.threshold import interval
 from rig.analysis.pool import Arrays
 from rig.analysis.studies.measures import one_unit
 from rig.analysis.studies.runs import REPEAT, SAMPLE, StudyRuns
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 COLUMNS = ("seed", "reason", "scene_json")
 """Names in the results beside those of parameters, dimensions and measures."""
+SLIDES = "motion.slides"
 _FEW = 24  # points that the report lists one by one
 _REASONS = 6  # different reasons in it
 _COLOUR, _BAND, _LIGHT, _BEST = "#1d4f91", "#b9cce4", "#d1802f", "#c03a76"
@@ -378,6 +380,8 @@ class StudyResult(Result):
             numbers = (f"{np.median(v):.5g}", f"{v.min():.5g}", f"{v.max():.5g}") if v.size else ("-", "-", "-")
             rows.append((name, *numbers, unit, f"{len(self.values) - v.size or ''}"))
         yield from columns(rows, "<>>><>")
+        if SLIDES in self.names:
+            yield from self._share(self.values[:, self.names.index(SLIDES)])
         if (shares := self.indices) is not None:
             yield from ["", *self._index_table(shares)]
         if computed := self.provenance.get("processors"):
@@ -388,6 +392,14 @@ class StudyResult(Result):
             yield f"  {count} of {len(self.reasons)} points have missing values: {why}; first at {at}"
         if len(counts) > _REASONS:
             yield f"  and {len(counts) - _REASONS} more reasons, in study.csv"
+
+    @staticmethod
+    def _share(slides: Array) -> Iterator[str]:
+        decided = slides[np.isfinite(slides)]
+        if count := len(decided):
+            low, high = (100.0 * end for end in interval(float(decided.mean()), count))
+            share = f"{100.0 * decided.mean():.4g} % of {count} points come to slide"
+            yield f"  {share} ({low:.4g} to {high:.4g} % with 90 %, if their starts are random)"
 
     def _at(self, point: int) -> str:
         texts = [
