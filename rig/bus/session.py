@@ -95,6 +95,7 @@ class Inbox(Generic[T]):
             return None
 
 
+_WHOLE = zenoh.CongestionControl.BLOCK  # the models of a structure have megabytes, which DROP never delivers
 _MOST = 64
 """Number of waiting functions beyond which the plant waits too: one without a pace could outrun the sender."""
 _SENDER_CLOSING_S = 1.0
@@ -413,7 +414,7 @@ class ZenohSession(Session):
                 f"{self._prefix}{self._user_of(topic)}/{topic}/{self.user}",
                 payload=text,
                 timeout=timeout,
-                congestion_control=zenoh.CongestionControl.DROP,  # the answer inherits this setting
+                congestion_control=_WHOLE if topic == "scene" else zenoh.CongestionControl.DROP,  # also of the answer
             )
             for reply in replies:
                 if reply.ok is not None:

@@ -122,6 +122,13 @@ def test_questions_are_answered_in_the_thread_that_polls(wire):
     thread.join()
 
 
+def test_a_description_with_a_large_model_arrives_whole(wire):
+    model = "m" * 6_000_000  # the reduced model of a structure; the bus drops other answers of this length
+    thread = wire.serving("scene", lambda body: {"models": [model]})
+    assert wire.join().ask("scene", {}, 20.0, patient=True) == {"models": [model]}
+    thread.join()
+
+
 def test_nobody_answers_is_said(wire):
     one = wire.join()
     with pytest.raises(BusError, match="no process answered cmd/plant") as told:
