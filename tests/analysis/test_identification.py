@@ -10,6 +10,7 @@ import pytest
 import rig
 from rig.analysis.identification.answer import IDENTIFIED, UNKNOWN
 from rig.analysis.identification.cycles import noise_of, slips
+from rig.analysis.identification.runs import prepared
 from rig.analysis.identification.written import write
 from rig.errors import RigError, UsageError
 
@@ -155,6 +156,25 @@ def test_a_file_of_runs_that_is_wrong(tmp_path, wrong):
     with pytest.raises(RigError) as refused:
         rig.identify("belt", tmp_path / "runs.toml", FREE, workers=1)
     assert message in str(refused.value)
+
+
+COULOMB = {"friction.mu_static": "0.1:1", "friction.mu_kinetic": "0.05:1"}
+
+
+def test_each_law_takes_its_keys_of_what_is_free(twin):
+    belt, entry = rig.load("belt"), twin[1][:1]
+    task = prepared(belt, entry, FREE | COULOMB, laws=["coulomb", "stribeck"])
+    assert [{f.key for f in law.free} for law in task.laws] == [{*COULOMB, "body.damping"}, set(KEYS)]
+    task = prepared(belt, entry, FREE, laws={"coulomb": COULOMB, "stribeck": {}})
+    assert [{f.key for f in law.free} for law in task.laws] == [{*COULOMB, "body.damping"}, set(KEYS)]
+    for free, laws, message in (
+        (FREE, ["coulomb"], "law coulomb: needs friction.mu_kinetic"),
+        (FREE | {"friction.mu_statc": "0.1:1"}, ["stribeck"], "friction.mu_statc: none of the laws stribeck has it"),
+        (FREE, {"stribeck": {"friction.mu_statc": "0.1:1"}}, "did you mean friction.mu_static"),
+        (FREE, ["stribck"], "law stribck: "),
+    ):
+        with pytest.raises(RigError, match=message):
+            prepared(belt, entry, free, laws=laws)
 
 
 def test_a_part_of_a_recording_counts_once(twin):

@@ -219,9 +219,13 @@ def task(
     scene = replace(scene, limits={}, protocol=scene.protocol)
     given = laws if isinstance(laws, Mapping) else {name: {} for name in laws}
     if given:
-        made = tuple(faults(lambda n=n, k=k: _law(scene, n, {**free, **k}, bool(k)), None) for n, k in given.items())  # type: ignore[misc]
+        made = tuple(faults(lambda n=n, k=k: _law(scene, n, free, k), None) for n, k in given.items())  # type: ignore[misc]
     else:
         made = (faults(lambda: Law(_law_name(scene), scene, _free(scene, free)), None),)
+    if given and None not in made:
+        used = {f.key for law in made if law is not None for f in law.free}
+        lost = [key for key in free if key.startswith("friction.") and key not in used]
+        faults.found += [f"{key}: none of the laws {', '.join(given)} has it" for key in lost]
     level = [*per_run] == ["level"]
     if per_run and not level:
         faults.found.append(f'per_run = {brief(per_run)}: only ["level"] is known, an offset of each record')
@@ -269,13 +273,14 @@ def _law_name(scene: Scene) -> str:
     return str(getattr(getattr(scene.parameters, "friction", None), "law", ""))
 
 
-def _law(scene: Scene, name: str, ranges: Mapping[str, Any], own: bool) -> Law:
-    """A law of the scene's plant. Keys of another law are left out, unless they are given for this one."""
+def _law(scene: Scene, name: str, free: Mapping[str, Any], own: Mapping[str, Any]) -> Law:
+    """A law of the scene's plant. Keys of another law in `free` are left out; those of `own` are given for it."""
+    ranges = {**free, **own}
     kept = {key: text for key, text in ranges.items() if not key.startswith("friction.")}
     here = {key: text for key, text in ranges.items() if key.startswith("friction.")}
     if name == _law_name(scene):
         known = numbers(scene)
-        return Law(name, scene, _free(scene, kept | {k: t for k, t in here.items() if not own or k in known}))
+        return Law(name, scene, _free(scene, kept | {k: t for k, t in here.items() if k in known or k in own}))
     values: dict[str, Any] = {"law": name}
     for key, text in here.items():
         low, high = _ends(key, text, "")
@@ -290,7 +295,7 @@ def _law(scene: Scene, name: str, ranges: Mapping[str, Any], own: bool) -> Law:
             break
         except ValidationError as error:
             extra = [e["loc"][-1] for e in error.errors() if e["type"] == "extra_forbidden" and e["loc"][-1] in values]
-            if not extra or own:
+            if not extra or any(f"friction.{key}" in own for key in extra):
                 missing = ", ".join(f"friction.{e['loc'][-1]}" for e in error.errors() if e["type"] == "missing")
                 what = f"needs {missing}" if missing else str(error.errors()[0]["msg"])
                 raise UsageError(
