@@ -34,11 +34,11 @@ PLANTS = {
         ("start.angular_velocity", 0.1),
     ),
     "seal_l": (
-        {"friction.mixed_force": 9.7, "friction.decay": 620.0, "body.damping": 3.17},
+        {"friction.mixed_force": 9.7, "friction.decay": 620.0, "body.damping": 3.17, "body.mass": 0.2},
         ((0.003, 10.0), (0.0045, 10.0)), "displacement", 4e-7, 0.0005, 3.0, None,
     ),
     "seal_p": (
-        {"friction.mixed_force": 9.7, "friction.decay": 700.0, "friction.film": 37.9},
+        {"friction.mixed_force": 9.7, "friction.decay": 700.0, "friction.film": 37.9, "body.mass": 0.2},
         ((0.003, 10.0), (0.0045, 10.0)), "displacement", 4e-7, 0.0005, 3.0, None,
     ),
     "belt_c": (
@@ -64,7 +64,11 @@ def drawn(number, law=None, runs=None, spread=0.25, plants=tuple(PLANTS)):
     chance = np.random.default_rng(1000 + number)
     base = rig.load(scene, {"limits": "none"})
     assert set(free) <= base.values().keys()
-    truth = {key: value * chance.uniform(1.0 - spread, 1.0 + spread) for key, value in free.items()}
+    made = [{"drive.speed": speed, "load.force": load, "limits": "none"} for speed, load in runs or settings]
+    for _ in range(20):  # of some seals sliding is stable at the speeds of the runs: nobody records them
+        truth = {key: value * chance.uniform(1.0 - spread, 1.0 + spread) for key, value in free.items()}
+        if start or all(rig.limit_cycle(rig.load(scene, truth | values)).found for values in made):
+            break
     offset, delay = 100.0 * noise * chance.uniform(-1.0, 1.0), chance.uniform(0.0, 5e-3)
     entries = []
     for k, (speed, load) in enumerate(runs or settings):

@@ -106,6 +106,8 @@ class LawFit:
     notes: tuple[str, ...]
     evaluations: int
     jacobian: list[Reals]
+    density: float = 0.0
+    """Of a random force with which simulated cycles scatter as the measured ones do [N/Hz^0.5]."""
 
     @property
     def fits(self) -> bool:

@@ -142,6 +142,10 @@ class CycleRun:
     """Of each column [cycle, sample]."""
     times: tuple[Reals, ...]
     """Times of the samples from the begin of the cycle [s]."""
+    expected: Reals | float = 0.0
+    """What the right law leaves of the mean cycle, over the noise of the columns: process noise moves it."""
+    share: float = 0.0
+    """Variance of the error of `expected` over that of the mean cycle."""
 
     @classmethod
     def of(cls, run: Measured, model: Response) -> CycleRun:
@@ -164,6 +168,12 @@ class CycleRun:
         count = 0 if detected is None else len(detected.begins)
         if detected is None or count < LEAST:
             stated = f" of {model.period:.3g} s" if count else ""
+            if detected is None:
+                raise UsageError(
+                    f"{run.name}: {column.name} shows no cycles of stick and slip in {run.seconds:.4g} s: it slides "
+                    f"steadily, or stays at rest; at least {LEAST} are needed: choose a speed at which the rig "
+                    "vibrates, or leave the run out"
+                )
             raise UsageError(
                 f"{run.name}: {count} cycles{stated} in {run.seconds:.4g} s of {column.name}; at least {LEAST} are "
                 "needed: record longer, or check its speed, load and scale, or leave the run out"
@@ -241,9 +251,8 @@ class CycleRun:
 
     def left(self, model: Response, offsets: Reals) -> Reals:
         """What a model leaves of the cycles over the noise, [cycle, samples of all columns], at the best shifts."""
-        return np.concatenate(
-            [self._left(i, model, float(offset)) / self.sigma[i] for i, offset in enumerate(offsets)], axis=1
-        )
+        rows = [self._left(i, model, float(offset)) / self.sigma[i] for i, offset in enumerate(offsets)]
+        return np.asarray(np.concatenate(rows, axis=1) - self.expected)
 
     def fitted(self, column: int, model: Response, offset: float) -> tuple[Reals, Reals]:
         """The model at the samples of a column [cycle, sample], and the phases in periods of the model."""
@@ -252,11 +261,9 @@ class CycleRun:
         trial = np.arange(96) / 96.0
         apart = model.at(column, at[None, :] / T - trial[:, None]) - goal
         shift = np.full(len(y), float(trial[np.argmin((apart**2).sum(axis=1))]))
-        step = 1.5 / model.waves.shape[1]
         for _ in range(_ROUNDS):
-            phase = t / T - shift[:, None]
-            rate = (model.at(column, phase + step) - model.at(column, phase - step)) / (2.0 * step)
-            miss = y - offset - model.at(column, phase)
+            w, rate = model.with_rate(column, t / T - shift[:, None])
+            miss = y - offset - w
             by = -(rate * miss).sum(axis=1) / np.maximum((rate**2).sum(axis=1), 1e-300)
             shift += np.clip(by, -0.1, 0.1)
         phase = t / T - shift[:, None]
@@ -279,7 +286,7 @@ class CycleRun:
         if n <= p + 2:
             return math.nan
         mean, S = R.mean(axis=0), np.cov(R.T)
-        T2 = n * float(mean @ np.linalg.pinv(S, rcond=1e-12, hermitian=True) @ mean)
+        T2 = n * float(mean @ np.linalg.pinv(S, rcond=1e-12, hermitian=True) @ mean) / (1.0 + self.share)
         return float(stats.f.sf((n - p) / (p * (n - 1)) * T2, p, n - p))
 
 

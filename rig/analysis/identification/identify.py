@@ -34,6 +34,8 @@ from rig.analysis.identification.influence import candidates, influence
 from rig.analysis.identification.posterior import START, Posterior
 from rig.analysis.identification.responses import Evaluator, Responder, Response
 from rig.analysis.identification.runs import RUN, Law, Task
+from rig.analysis.identification.twins import SEED, expecting, mean_left
+from rig.analysis.pool import Arrays
 from rig.errors import UsageError
 from rig.record.run import Reals
 
@@ -43,6 +45,7 @@ _SCREENED = 0.01  # of a measure: what the screening may miss, since a fit of th
 _NEAR = 2.0  # factor about the values of the scene in which other starts lie
 _OUTLIER = 5.0  # times the median of the rms of the cycles
 _RENEWED, _ROUNDS = 2, 6
+_NOISY, _MOVED = 2, 0.5  # fits with what noise adds at the end of the one before; standard deviations that need another
 _FLAT = 3e-3  # of the sum of squares of measures: a smaller gain ends a fit
 Progress = Callable[[int], object]
 
@@ -59,7 +62,7 @@ def identify(
 
 
 def _law(task: Task, law: Law, folder: Path | None, workers: int | None, progress: Progress) -> LawFit:
-    responder = Responder(law, task.runs, respond, task.seed, candidates(law, task.runs))
+    responder = Responder(law, task.runs, respond, task.seed, candidates(law, task.runs), mean_left)
     with Evaluator(responder, folder, workers) as evaluator:
         evaluator.progress = progress
         return _Attempt(task, law, evaluator).run()
@@ -102,6 +105,9 @@ class _Attempt:
         if repeats and (worst_ := _without_outliers(evidence, solution)) is not None:
             evidence = worst_
             fit, solution, posterior = self._cycles(solution.z, evidence, offsets, fitted)
+        density = 0.0
+        if repeats and all(isinstance(each, CycleRun) for each in evidence):
+            evidence, fit, solution, density = self._expecting(evidence, fit, solution, offsets, fitted, notes)
         p = _p(evidence, solution, repeats)
         if not solution.converged:
             notes.append("the fit has not converged: its intervals are not to be trusted; state values nearer to it")
@@ -113,6 +119,7 @@ class _Attempt:
         return LawFit(
             self.law, solution.z, solution.covariance, offsets, repeats, solution.converged, p, solution.cost,
             reports, predicted, deviation, effects, tuple(notes), self.evaluator.count, solution.jacobian,
+            density,
         )  # fmt: skip
 
     def _evidence(self, run: int, response: Response) -> CycleRun | FeatureRun:
@@ -200,6 +207,36 @@ class _Attempt:
             free = max(sum(r.size for r in solution.left) - len(solution.z), 1)
             solution.covariance = solution.covariance * max(1.0, solution.cost / free)
         return fit, solution, None
+
+    def _expecting(
+        self, evidence: list[CycleRun], fit: Fit, solution: Solution, offsets: Offsets, fitted: Sequence[int],
+        notes: list[str],
+    ) -> tuple[list[CycleRun], Fit, Solution, float]:  # fmt: skip
+        """The fit with what process noise adds to the mean of each cycle, and the density of the noise."""
+        density = 0.0
+        for seed in range(_NOISY):
+            twins = partial(self._twins, evidence, self._si(solution.z[: len(self.law.free)]), fitted, seed)
+            made = expecting(evidence, solution.left, twins, density)
+            if isinstance(made, str):
+                notes.append(f"what process noise adds to the mean cycle is not taken into account: {made}")
+                break
+            evidence, density = made
+            if not density:
+                break
+            before = solution.z
+            fit, solution, _ = self._cycles(before, evidence, offsets, fitted)
+            solution.covariance = solution.covariance * (1.0 + max(each.share for each in evidence))
+            if np.all(np.abs(solution.z - before) < _MOVED * np.sqrt(np.diag(solution.covariance))):
+                break
+        return evidence, fit, solution, density
+
+    def _twins(
+        self, evidence: Sequence[CycleRun], values: Sequence[float], fitted: Sequence[int], seed: int,
+        density: float, seconds: Sequence[float],
+    ) -> list[Arrays | str]:  # fmt: skip
+        """The twins of the runs; see `mean_left`."""
+        given = [(density, s, SEED + 100 * seed + i, *each.sigma) for i, (s, each) in enumerate(zip(seconds, evidence))]
+        return self.evaluator.twins(fitted, values, given)
 
     def _measures(
         self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int]

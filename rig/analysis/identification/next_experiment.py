@@ -30,20 +30,16 @@ from rig.analysis.identification.cycles import (
 )
 from rig.analysis.identification.fit import NORMAL, Fit, Offsets, inverse
 from rig.analysis.identification.responses import Evaluator, Responder, Response, cycle_response
-from rig.analysis.identification.runs import Measured
+from rig.analysis.identification.twins import SEED, on_cycle, simulated
 from rig.analysis.pool import Arrays, Work, carry_out, temporary
 from rig.analysis.studies.factors import factors
-from rig.bench.run.simulate import simulate
 from rig.errors import NumericsError, RigError, UsageError
 from rig.printable import columns
 from rig.record.run import Reals
-from rig.scenes.scene import Scene
 
 _LONGER = 4.0
 """Duration of the simulation of a candidate, over that of the runs: its scores are means over more cycles."""
-_TRIAL = 1e-3  # of the load: a first density of process noise [N/Hz^0.5]
 _SHOWN = 5
-_SEED = 4711
 
 
 @dataclass(frozen=True)
@@ -95,7 +91,7 @@ def propose(identified: Identified, over: Mapping[str, Any], workers: int | None
         raise UsageError(f"--next {drawn[0]}: expected values or FROM:TO:COUNT, no distribution")
     settings = [dict(zip((f.key for f in axes), v)) for v in product(*(f.axis.values for f in axes))]
     units = {factor.key: factor.axis.unit for factor in axes}
-    prediction = Prediction(best, process_noise(best))
+    prediction = Prediction(best)
     work = Work(prediction.compute, settings, best.law.scene.name)
     with temporary(work) as store:
         rows = carry_out(work, store, workers, progress)
@@ -123,67 +119,11 @@ def widths(fit: LawFit, covariance: Reals) -> dict[str, float]:
     return made
 
 
-def process_noise(fit: LawFit) -> float:
-    """The density of a random force [N/Hz^0.5] with which simulated runs leave as much as the measured ones do."""
-    if not fit.repeats:
-        return 0.0
-    ratios = []
-    for number, run in enumerate(fit.runs):
-        scene = _scene(fit, run.evidence.run.settings)
-        trial = _TRIAL * _load(scene)
-        left = [_left(fit, run, density, number) for density in (0.0, trial)]
-        if all(math.isfinite(v) for v in left) and left[1] > left[0]:
-            ratios.append(max(run.rms**2 - left[0], 0.0) / (left[1] - left[0]) * trial**2)
-    return math.sqrt(float(np.median(ratios))) if ratios else 0.0
-
-
-def _load(scene: Scene) -> float:
-    return float(scene.values().get("load.force", (1.0, "N"))[0] or 1.0)
-
-
-def _scene(fit: LawFit, settings: Mapping[str, float]) -> Scene:
-    values = dict(settings) | {f.key: f.value(c) for f, c in zip(fit.law.free, fit.z.tolist())}
-    return changed(fit.law.scene, values)
-
-
-def _left(fit: LawFit, run: Any, density: float, number: int) -> float:
-    """The mean square that the model leaves of a simulated twin of a run."""
-    evidence: CycleRun = run.evidence
-    try:
-        twin = simulated(fit, evidence.run.settings, evidence, density, _LONGER * evidence.run.seconds, number)
-        made = replace(CycleRun.of(twin, run.response), sigma=evidence.sigma)
-    except RigError:
-        return math.nan
-    left = made.left(run.response, fit.offsets.values(number, fit.z[len(fit.law.free) :]))
-    return float((left**2).mean())
-
-
-def simulated(fit: LawFit, settings: Mapping[str, float], like: CycleRun, density: float, seconds: float,
-              seed: int) -> Measured:  # fmt: skip
-    """A run of the fitted rig as the columns of another one would measure it."""
-    scene = _scene(fit, settings)
-    noise = {"noise": {"force": density}} if density and "noise" in type(scene.parameters).model_fields else {}
-    parameters = type(scene.parameters).model_validate({**scene.parameters.model_dump(exclude_none=True), **noise})
-    bare = replace(scene, parameters=parameters, sensors={}, controllers={}, protocol=(), seed=_SEED + seed)
-    run = simulate(bare, duration_ns=round(1.3 * seconds * 1e9))
-    made = []
-    chance = np.random.default_rng(_SEED + seed)
-    for column, sigma in zip(like.run.columns, like.sigma):
-        t = np.arange(0.3 * seconds, float(run.time[-1]), 1.0 / column.rate)
-        v = np.interp(t, run.time, run.signals[column.output]) + sigma * chance.standard_normal(t.size)
-        number = fit.runs.index(next(r for r in fit.runs if r.evidence is like))
-        place = fit.offsets.place[number][like.run.columns.index(column)]
-        v = v + (float(fit.z[len(fit.law.free) + place]) * fit.offsets.sizes[place] if place >= 0 else 0.0)
-        made.append(replace(column, start=float(t[0]), v=v))
-    return Measured("next", "cycles", dict(settings), tuple(made))
-
-
 @dataclass(frozen=True)
 class Prediction:
     """The covariance with a further run at settings, by the method that fits."""
 
     fit: LawFit
-    density: float
 
     @property
     def seconds(self) -> float:
@@ -195,8 +135,10 @@ class Prediction:
         fit, p = self.fit, len(self.fit.law.free)
         like: CycleRun = fit.runs[0].evidence
         whole = like.run.settings | dict(settings)
+        free = {f.key: f.value(c) for f, c in zip(fit.law.free, fit.z.tolist())}
         try:
-            twin = simulated(fit, whole, like, self.density, _LONGER * self.seconds, len(fit.runs))
+            scene, run = changed(fit.law.scene, whole | free), replace(like.run, settings=whole)
+            twin = simulated(on_cycle(scene), run, like.sigma, fit.density, _LONGER * self.seconds, SEED)
             responder = Responder(fit.law, (twin,), cycle_response)
             with Evaluator(responder, None, 1) as evaluator:
                 values = [f.value(c) for f, c in zip(fit.law.free, fit.z.tolist())]
@@ -214,12 +156,13 @@ class Prediction:
         fit = self.fit
         own = Offsets.of([evidence.run], [np.array(fit.offsets.sizes[:1] or (1.0,))])
         names = list(fit.offsets.names)
-        z_own = np.concatenate([fit.z[:p], [fit.z[p + names.index(n)] if n in names else 0.0 for n in own.names]])
+        z_own = np.concatenate([fit.z[:p], np.zeros(len(own.names))])  # a twin has none
         if fit.repeats:
             problem = Fit(fit.law.free, evaluator, [0], own, lambda i, w, o: evidence.left(w, o))
         else:
             problem = self._measures(evidence, response, evaluator, own)
         left = problem.left(z_own, [response])
+        left = [r - r.mean(axis=0) for r in left] if fit.repeats else left  # a fit expects their mean
         [J] = problem.jacobian(z_own, left, [response], central=True)
         total = len(fit.z) + sum(n not in names for n in own.names)
         place = [*range(p)]
@@ -241,7 +184,7 @@ class Prediction:
 
     def _measures(self, evidence: CycleRun, response: Response, evaluator: Evaluator, own: Offsets) -> Fit:
         """The fit of measures, with the deviation between runs and the mean error of the fitted runs."""
-        C = np.mean([run.evidence.covariance(_SEED) for run in self.fit.runs], axis=0) + np.diag(self.fit.deviation**2)
+        C = np.mean([run.evidence.covariance(SEED) for run in self.fit.runs], axis=0) + np.diag(self.fit.deviation**2)
         read = evidence.model_measures(response)
         evidence = evidence if read is None else replace(evidence, measures=np.tile(read, (LEAST, 1)))
         weights = [measure_weights(evidence, C, LASTING, EXACT)]

@@ -10,6 +10,7 @@ import hashlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +27,11 @@ from rig.record.run import Reals
 from rig.scenes.scene import Scene
 
 POINTS = 2048
-"""Points of a period."""
+"""Points of a period, a power of two."""
 ACCURACY = 1e-8
 """Relative tolerance of adaptive methods in a fit: differences over a thousandth of a parameter need no more."""
-_LONGEST = 25.0  # s within which a motion settles during a fit
+LONGEST_SETTLING = 25.0
+"""Time within which a motion settles during a fit [s]."""
 _MOST = 1_000_000
 
 
@@ -47,12 +49,25 @@ class Response:
 
     def at(self, column: int, phase: Reals) -> Reals:
         """The column at phases in periods (any real numbers), by lines between the points."""
-        wave = self.waves[column]
-        place = np.mod(phase, 1.0) * POINTS
-        i = place.astype(np.int64)
-        share = place - i
-        i %= POINTS
-        return np.asarray(wave[i] * (1.0 - share) + wave[(i + 1) % POINTS] * share)
+        return self.with_rate(column, phase)[0]
+
+    def with_rate(self, column: int, phase: Reals) -> tuple[Reals, Reals]:
+        """The column at phases in periods, by lines between the points, and its derivative by the phase."""
+        wave, rise, rate, bend = self._tables[column]
+        place = phase * POINTS
+        whole = np.floor(place)
+        share = place - whole
+        i = whole.astype(np.int64) & (POINTS - 1)
+        return wave[i] + share * rise[i], rate[i] + share * bend[i]
+
+    @cached_property
+    def _tables(self) -> list[tuple[Reals, Reals, Reals, Reals]]:
+        made = []
+        for wave in self.waves:
+            after = np.roll(wave, -1)
+            rate = 0.5 * POINTS * (after - np.roll(wave, 1))
+            made.append((wave, after - wave, rate, np.roll(rate, -1) - rate))
+        return made
 
 
 @dataclass(frozen=True)
@@ -66,6 +81,8 @@ class Responder:
     seed: int = 1
     candidates: tuple[str, ...] = ()
     """Keys with a fixed value, whose factors may be given behind the values of the free ones."""
+    twin: Callable[..., Arrays] | None = None
+    """Of a scene, a run and what follows the values: what noise does to a fit (rig.analysis.identification.twins)."""
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -81,8 +98,10 @@ class Responder:
         return changed(self.law.scene, settings)
 
     def compute(self, unit: int, run: float, *values: float) -> Arrays:
-        """The response of run number `run`; `why` tells why there is none."""
+        """The response of run number `run`, or for -1 - run its twin; `why` tells why there is none."""
         del unit
+        if run < 0.0:
+            return self._twin(int(-1.0 - run), values)
         measured = self.runs[int(run)]
         try:
             scene = self.scene(int(run), values)
@@ -93,6 +112,15 @@ class Responder:
             return {"why": np.array(response[:500])}
         shape = np.array([response.period, response.stick])
         return {"why": np.array(""), "shape": shape, "slopes": response.slopes, "waves": response.waves}
+
+    def _twin(self, run: int, values: Sequence[float]) -> Arrays:
+        assert self.twin is not None
+        count = len(self.keys)
+        try:
+            scene = self.scene(run, values[:count])
+            return {"why": np.array(""), **self.twin(scene, self.runs[run], *values[count:])}
+        except RigError as fault:
+            return {"why": np.array(str(fault)[:500])}
 
     def prepare(self) -> None:
         """Compile the kernels."""
@@ -116,7 +144,7 @@ class Responder:
 
 def cycle_response(scene: Scene, measured: Measured) -> Response | str:
     """The limit cycle of `scene` as the columns see it; the reason, if there is none."""
-    cycle = limit_cycle(scene, ACCURACY, _LONGEST)
+    cycle = limit_cycle(scene, ACCURACY, LONGEST_SETTLING)
     if not cycle.found:
         return cycle.why
     return sampled(cycle, scene, measured)
@@ -172,6 +200,7 @@ class Evaluator:
     def __init__(self, responder: Responder, folder: Path | None, workers: int | None) -> None:
         self.responder, self._folder, self._workers = responder, folder, workers
         self.count = 0
+        self._known: dict[tuple[float, ...], Response | str] = {}
         self.progress: Callable[[int], object] = lambda done: None
 
     def __enter__(self) -> Evaluator:
@@ -203,16 +232,28 @@ class Evaluator:
     def responses(self, points: Sequence[Sequence[float]], runs: Sequence[int]) -> list[list[Response | str]]:
         """The responses [point, run] at points (SI) of the free parameters; a text where there is none."""
         asked = [(run, *point) for point in points for run in runs]
+        new = [*dict.fromkeys(given for given in asked if given not in self._known)]
+        self._known |= zip(new, map(_response, self._computed(new)))
+        made = [self._known[given] for given in asked]
+        return [made[i : i + len(runs)] for i in range(0, len(made), len(runs))]
+
+    def twins(
+        self, runs: Sequence[int], values: Sequence[float], given: Sequence[Sequence[float]]
+    ) -> list[Arrays | str]:
+        """The twins of runs at `values` (SI) of the free parameters, with what is `given` for each; see `Responder`."""
+        rows = self._computed([(-1 - run, *values, *each) for run, each in zip(runs, given)])
+        return [str(row["why"]) or row for row in rows]
+
+    def _computed(self, asked: Sequence[tuple[float, ...]]) -> list[Arrays]:
         units = range(self.count, self.count + len(asked))
         todo = {u: given for u, given in zip(units, asked) if u not in self._rows}
         if todo:
             self._pool.compute(todo, lambda done: self.progress(self.count + done))
-            self._rows |= {u: row for u, row in self.store.load().items() if u in todo}
+            self._rows |= {u: row for u, row in self.store.load(min(todo)).items() if u in todo}
             self._rows |= {u: self.responder.failed(u, why) for u, why in self._pool.failed.items() if u in todo}
         self.count += len(asked)
         self.progress(self.count)
-        made = [_response(self._rows.pop(u)) for u in units]
-        return [made[i : i + len(runs)] for i in range(0, len(made), len(runs))]
+        return [self._rows.pop(u) for u in units]
 
 
 def _response(row: Arrays) -> Response | str:

@@ -269,10 +269,14 @@ class Store:
             file.flush()
             os.fsync(file.fileno())
 
-    def load(self) -> dict[int, Arrays]:
-        """Return the results of every finished unit; unreadable files are skipped."""
+    def load(self, first: int = 0) -> dict[int, Arrays]:
+        """Return the results of finished units, of batches that begin with `first` or later; unreadable files are
+        skipped.
+        """
         rows: dict[int, Arrays] = {}
         for path in sorted(self._at.glob("*.npz")):
+            if path.stem.isdecimal() and int(path.stem) < first:
+                continue
             try:
                 regular(path)
                 with io.BytesIO(path.read_bytes()) as data, np.load(data) as file:  # numpy leaves a damaged file open
