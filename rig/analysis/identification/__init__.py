@@ -5,6 +5,7 @@ responses   what the rig does at values of its parameters, computed in the pool
 cycles      measured cycles, their measures, and what a model leaves of them
 fit         least squares, and the covariance clustered by cycle
 identify    the way from start to answer
+twins       simulated runs, which tell what process noise does to a fit
 influence   what the data cannot tell apart, and which fixed value would help
 answer      value, interval and verdict; the report
 
