@@ -256,7 +256,7 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], law: La
     names = [name for name, *_ in a.normals]
     of_points = list(zip(model.contacts, springs, strict=True))
     shears = [
-        stiffness if (shear := p.contacts[points.name].shear) is None else shear * points.area
+        stiffness if (shear := p.of_stiffness(points.name).shear) is None else shear * points.area
         for points, stiffness in of_points
     ]
     a.film = own = Film(

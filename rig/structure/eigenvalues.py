@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -281,8 +281,10 @@ def _nearest(
     return values, vectors
 
 
-def dense(mass: Array, damping: Array, stiffness: Array, left: bool = False) -> tuple[Complex, Complex, Complex]:
-    """All eigenvalues l of dense M l^2 + D l + K [2 n], right and left vectors [n, 2 n]; `left` empty if not wanted.
+def dense(
+    mass: Array, damping: Array, stiffness: Array, vectors: Literal["none", "right", "both"] = "right"
+) -> tuple[Complex, Complex, Complex]:
+    """All eigenvalues l of dense M l^2 + D l + K [2 n], right and left vectors [n, 2 n]; empty those not wanted.
 
     The companion form counts time in periods of a frequency of the matrices, so that its halves are of one size.
     """
@@ -294,9 +296,12 @@ def dense(mass: Array, damping: Array, stiffness: Array, left: bool = False) -> 
     companion[:rows, rows:] = np.eye(rows)
     companion[rows:, :rows] = -stiffness / scale**2
     companion[rows:, rows:] = -damping / scale
-    if not left:
+    none = np.zeros((rows, 0), dtype=complex)
+    if vectors == "none":
+        return (scale * np.linalg.eigvals(companion)).astype(complex), none, none
+    if vectors == "right":
         values, states = np.linalg.eig(companion)
-        return (scale * values).astype(complex), states[:rows].astype(complex), np.zeros((rows, 0), dtype=complex)
+        return (scale * values).astype(complex), states[:rows].astype(complex), none
     import scipy.linalg  # only for reports
 
     values, lefts, states = scipy.linalg.eig(companion, left=True, right=True)

@@ -166,7 +166,7 @@ class Estimator:
         """
         n, basis = reduced.coordinates, reduced.basis.astype(float)
         if jacobian is None:
-            rates, rights, lefts = reduced.eigenvalues(values, damping, left=True)
+            rates, rights, lefts = reduced.eigenvalues(values, damping, "both")
             states = left_states = np.zeros((0, rates.size), dtype=complex)
         else:
             if not jacobian[n : 2 * n, 2 * n :].any():
@@ -228,7 +228,7 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array 
     finer = replace(reduced, model=replace(reduced.model, contacts=reduced.model.finer))
     count, more = (sum(points.area.size for points in each.model.contacts) for each in (reduced, finer))
     if jacobian is None:
-        near, exact = (each.eigenvalues(values)[0] for each in (reduced, finer))
+        near, exact = (each.eigenvalues(values, vectors="none")[0] for each in (reduced, finer))
     else:
         (mass, _, few), (_, _, many), n = reduced.pencil(values), finer.pencil(values), reduced.coordinates
         changed = jacobian.copy()
@@ -265,7 +265,7 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array 
 def growing_without_friction(reduced: Reduced, values: Mapping[str, float], damping: Array | None = None) -> list[str]:
     """Eigenvalues that grow without friction, as sentences: the damping is negative."""
     calm = reduced.model.frictionless(values)
-    rates = reduced.eigenvalues(calm, damping)[0]
+    rates = reduced.eigenvalues(calm, damping, "none")[0]
     rates = rates[(rates.imag >= 0) & (rates.real > _CALM * np.abs(rates))]
     return [
         f"without friction the mode at {value.imag / (2 * np.pi):.4g} Hz grows at {value.real:.3g} 1/s: "

@@ -55,14 +55,17 @@ class Reduced:
         return self.model.rows
 
     def eigenvalues(
-        self, values: Mapping[str, float], damping: Array | None = None, left: bool = False
+        self,
+        values: Mapping[str, float],
+        damping: Array | None = None,
+        vectors: Literal["none", "right", "both"] = "right",
     ) -> tuple[Complex, Complex, Complex]:
-        """All eigenvalues [2 n] in rad/s, right and (if wanted) left vectors [n, 2 n], for these `values` by key.
+        """All eigenvalues [2 n] in rad/s, right and left vectors [n, 2 n], for these `values` by key.
 
-        `damping` [n, n] is added: modal damping.
+        `damping` [n, n] is added: modal damping. Without `vectors` a point takes three quarters of the time.
         """
         mass, own, stiffness = self.pencil(values)
-        return eigenvalues.dense(mass, own if damping is None else own + damping, stiffness, left)
+        return eigenvalues.dense(mass, own if damping is None else own + damping, stiffness, vectors)
 
     def pencil(self, values: Mapping[str, float]) -> tuple[Array, Array, Array]:
         """Dense M, D and K with the springs of all points, for these `values` by key."""

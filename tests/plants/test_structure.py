@@ -380,6 +380,22 @@ def test_a_job_of_calculix_with_contacts_slides_and_states_its_errors(disc):
     assert len(list((disc / "models").iterdir())) == files
 
 
+def test_one_key_moves_the_stiffness_of_several_contacts(disc):
+    up, down = (FE["contacts"][f"pad_{side}"] for side in ("up", "down"))
+    shared = {key: value for key, value in down.items() if key != "stiffness"} | {"stiffness_of": "pad_up"}
+    one = scenes.load(written(disc, FE | {"contacts": {"pad_up": up, "pad_down": shared}}, "shared"))
+    two = changed(scenes.load(written(disc, FE)), {f"contacts.pad_{side}.stiffness": 3e10 for side in ("up", "down")})
+    along = sweep(one, Axis.parse("contacts.pad_up.stiffness=1e10:3e10:2", one))
+    rates = along.rates[-1][np.isfinite(along.rates[-1])]
+    for mode in rig.modes(two).sliding.modes:
+        rate = complex(mode.growth, 2 * np.pi * mode.frequency)
+        assert np.abs(rates - rate).min() <= 1e-9 * abs(rate)
+    for other, fault in (("pad", "no such contact has a stiffness of its own; known: pad_up"), ("pad_up", "")):
+        tables = {"pad_up": up, "pad_down": shared | {"stiffness_of": other} | ({} if fault else {"shear": 1.0})}
+        with pytest.raises(SceneError, match=fault or "does not belong beside stiffness_of"):
+            scenes.load(written(disc, FE | {"contacts": tables}, "shared"))
+
+
 def test_every_eigenvalue_of_a_sweep_has_its_error_beside_a_stack_with_a_shunt_too(disc):
     ends = {"first": {"set": "BACK_UP", "direction": "z"}, "second": {"set": "BACK_DOWN", "direction": "z"}}
     stack = {"piezo": ends | {"capacitance": 2e-6, "d33": 6e-10, "stiffness": 5e7}}

@@ -121,7 +121,7 @@ def test_outside_of_the_trained_range_the_estimate_says_what_is_lost(trained):
 
 @pytest.mark.slow
 @pytest.mark.alone
-def test_a_point_takes_little_more_than_the_eigenvalue_problem_itself(trained):
+def test_a_point_takes_less_than_eigenvalues_and_vectors_of_its_size(trained):
     reduced = trained[0]
     companion = np.random.default_rng(0).standard_normal((2 * reduced.coordinates,) * 2)
 
@@ -131,11 +131,11 @@ def test_a_point_takes_little_more_than_the_eigenvalue_problem_itself(trained):
         return time.process_time() - started
 
     turns = [
-        (seconds(lambda: reduced.eigenvalues(numbers(3, 1))), seconds(lambda: np.linalg.eig(companion)))
+        (seconds(lambda: reduced.eigenvalues(numbers(3, 1), vectors="none")), seconds(lambda: np.linalg.eig(companion)))
         for _ in range(12)
     ]
     point, alone = np.min(turns, axis=0)
-    assert point < 1.3 * alone
+    assert point < 0.95 * alone
 
 
 @pytest.mark.slow

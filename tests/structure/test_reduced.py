@@ -173,7 +173,9 @@ def test_matrices_of_few_rows_stay_as_they_are():
     full = structure(2)
     reduced = build(full, Reduction("none"))
     exact = eigenvalues.dense(*(matrix.toarray() for matrix in full.pencil(values(0.3))))[0]
-    assert np.allclose(np.sort_complex(reduced.eigenvalues(values(0.3))[0]), np.sort_complex(exact))
+    for vectors in ("none", "right", "both"):
+        near = reduced.eigenvalues(values(0.3), vectors=vectors)[0]
+        assert np.allclose(np.sort_complex(near), np.sort_complex(exact))
     with pytest.raises(UsageError, match="have 1620 rows; at most 300"):
         build(structure(), Reduction("none"))
 

@@ -46,7 +46,8 @@ def values_of(p: Tables) -> dict[str, float]:
     """
     values = {key: value for key, (value, _) in p.numbers.items()}
     values[ALPHA], values[BETA] = p.damping.rayleigh
-    for name, contact in p.contacts.items():
+    for name in p.contacts:
+        contact = p.of_stiffness(name)
         values[f"contacts.{name}.stiffness"] = contact.stiffness or contact.spring or 0.0
     if p.friction is not None and p.drive is not None:
         radius = max((contact.radius or 0.0 for contact in p.contacts.values()), default=0.0) or 1.0
@@ -86,7 +87,7 @@ class Given:
         return hash(self._key)
 
 
-_SWEPT = ("film", "stiffness", "shear", "spring", "opens", "speed", "speed_min", "speed_max", "lag")
+_SWEPT = ("film", "stiffness", "stiffness_of", "shear", "spring", "opens", "speed", "speed_min", "speed_max", "lag")
 
 
 def _plain(value: Any) -> Any:

@@ -189,8 +189,9 @@ class Surface(Section):
 class Contact(Section):
     """A contact between two surfaces of the mesh, grouped into `points`; or of rows: a file, or `gap` and `along`.
 
-    `stiffness`, `shear`: normal and along, per area. `gap`, `along`: rows over typed coordinates, with
-    the `spring` of the contact [N/m] and the `radius` at which it slides on a turning surface. `opens`: it lifts off.
+    `stiffness`, `shear`: normal and along, per area; with `stiffness_of` those of another contact. `gap`, `along`: rows
+    over typed coordinates, with the `spring` of the contact [N/m] and the `radius` at which it slides on a turning
+    surface. `opens`: it lifts off.
     """
 
     slave: Surface | None = None
@@ -201,6 +202,7 @@ class Contact(Section):
     search: PositiveMetre = 1e-3
     stiffness: Annotated[PerArea | None, Unit("N/m^3")] = None
     shear: Annotated[PerArea | None, Unit("N/m^3")] = None
+    stiffness_of: str | None = None
     rows: str | None = None
     gap: Line | None = None
     along: Line | None = None
@@ -223,10 +225,15 @@ class Contact(Section):
             if getattr(self, key) is None and getattr(self, other) is not None and len(given) == 1:
                 wrong.append((key, f"is missing beside {other}"))
         needed, beside = ("spring", "stiffness") if self.gap is not None else ("stiffness", "spring")
-        if getattr(self, needed) is None:
+        if self.stiffness_of is not None:
+            of_own = [key for key in ("stiffness", "shear", "spring") if getattr(self, key) is not None]
+            wrong += [
+                (key, f"does not belong beside stiffness_of: it is that of {self.stiffness_of}") for key in of_own
+            ]
+        elif getattr(self, needed) is None:
             unit = "N/m" if needed == "spring" else "N/m^3, per area"
             wrong.append((needed, f"is missing; expected the stiffness of the contact [{unit}]"))
-        if getattr(self, beside) is not None:
+        if getattr(self, beside) is not None and self.stiffness_of is None:
             wrong.append((beside, f"does not belong to {given[0] if given else 'it'}: give {needed}"))
         if wrong:
             raise refused(wrong)
@@ -389,6 +396,20 @@ class Tables(WithStack):
                     f"contacts.{name}.sliding",
                     "give the direction of the sliding, or drive.axis for a turning surface",
                 )
+            if contact.stiffness_of is not None:
+                alike = [
+                    n
+                    for n, c in self.contacts.items()
+                    if not c.stiffness_of and (c.gap is None) == (contact.gap is None)
+                ]
+                if contact.stiffness_of not in alike:
+                    known = ", ".join(alike) or "none"
+                    yield f"contacts.{name}.stiffness_of", f"no such contact has a stiffness of its own; known: {known}"
+                elif f"contacts.{contact.stiffness_of}.stiffness" in self.reduction.over:
+                    yield (
+                        f"contacts.{name}.stiffness_of",
+                        "a range of reduction.over is that of one contact; leave it out",
+                    )
         if self.knock.at is not None and self.knock.at not in self.outputs:
             yield "knock.at", f"no output has this name; known: {', '.join(self.outputs) or 'none'}"
         if self.reduction.kind == "snapshots" and not self.reduction.over:
@@ -448,6 +469,10 @@ class Tables(WithStack):
                 if (row := getattr(contact, key)) is not None:
                     yield f"contacts.{name}.{key}", row
         yield from ((f"{where}.row", place.row) for where, place in self.places() if place.row is not None)
+
+    def of_stiffness(self, name: str) -> Contact:
+        """The contact whose stiffness and shear the contact `name` has: its own, or that of `stiffness_of`."""
+        return self.contacts[self.contacts[name].stiffness_of or name]
 
     @cached_property
     def numbers(self) -> dict[str, tuple[float, str]]:
