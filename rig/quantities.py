@@ -24,7 +24,15 @@ from numbers import Integral
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, PlainSerializer, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    PlainSerializer,
+    ValidationError,
+)
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from rig.about import About
@@ -243,6 +251,14 @@ def duration(least: int = 1, most: int = LONGEST) -> Any:
     ]
 
 
+def _rising(rows: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    """A table of damping ratios. Raises ValueError for one that cannot be interpolated."""
+    hertz = [row[0] for row in rows]
+    if not hertz or sorted(set(hertz)) != hertz or not all(0.0 <= value < math.inf for row in rows for value in row):
+        raise ValueError("expected rows [Hz, ratio] with rising frequencies and ratios from 0 on")
+    return rows
+
+
 def unit_of(section: type[BaseModel], field: str) -> str:
     """SI unit of a field of a section; "" if it has none."""
     return next((str(m) for m in section.model_fields[field].metadata if isinstance(m, Unit)), "")
@@ -291,6 +307,8 @@ PositiveHenry = quantity("H", Gt(0.0))
 Volt = quantity("V")
 PositiveVolt = quantity("V", Gt(0.0))
 Nanoseconds = duration()
+Ratios = Annotated[tuple[tuple[float, float], ...], AfterValidator(_rising)]
+"""Damping ratios over frequency, [[Hz, ratio], ...], linear in between."""
 
 
 def at_most(value: float, digits: int = 2) -> str:

@@ -490,8 +490,10 @@ ENTRIES = (
         ("plate",),
         normal,
         "Steady sliding, then growth, then a vibration that the opening of the contact limits, as in the paper. The "
-        "onset is not converged: it depends on the number of modes of the plate (table in docs/plate.md), and "
-        "on a little noise, which excites the modes with roll of the slider. The reference has as many modes, so "
+        "onset is not converged: it depends on the number of modes of the plate, and "
+        "on a little noise, which excites the modes with roll of the slider. That of scene plate_converged does not "
+        "depend on the modes, but on damping that nobody has measured (docs/plate.md). The reference has as many "
+        "modes, so "
         "that its agreement checks the program only. The line is heave of plate and slider, at 9.25 kHz (8.7 in "
         "the paper). The foam was chosen to "
         "have shear modes at 5.4 and 5.5 kHz, which do not stand out. Nearly all power lies at 20 to 50 kHz, above "

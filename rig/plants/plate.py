@@ -4,8 +4,9 @@
 
 P, f: normal and friction force of point p of the film (rig.plants.structures.film_slider). The plate's modes are those
 of finite elements (rig.plants.structures.plate_model). The scene gives the damping ratio of the highest mode; the
-ratios of the others are proportional to their frequencies. A scene may have a plate without a slider, on foam or free,
-for example to excite it by a knock.
+ratios of the others are proportional to their frequencies. Or it gives a table of ratios over frequency, and may then
+add the flexibility that the modes lack, as further coordinates q at the band limit. A scene may have a plate without a
+slider, on foam or free, for example to excite it by a knock.
 
 Source: paper 002, "A new mechanism of friction-induced vibration: detachment and reattachment", section 3.2.
 """
@@ -16,6 +17,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import model_validator
 
 from rig.about import About
@@ -98,6 +100,8 @@ class Parameters(Noisy):
             yield f"the slider's way of {longest:g} m is too long for points so close: at most {most:.3g} m"
         if not slid.film.opens and slid.slider.travels:
             yield "film.opens false (bonded) needs slider.travels false: only points that open can travel"
+        if slid.film.completed and plate.damping is None:
+            yield "film.completed needs plate.damping: its last frequency is the band limit of what the modes lack"
         if slid.film.lateral and not slid.film.opens:
             yield "film.lateral needs film.opens: bonded points slide along the travel alone"
         for name in ("drive", "load"):
@@ -131,7 +135,8 @@ class Parameters(Noisy):
     def reduced(self) -> Reduced:
         """The plate's modes. Raises SceneError where its elements cannot give them."""
         try:
-            return reduced_model(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
+            completed = self.slid is not None and self.slid.film.completed
+            return reduced_model(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y), completed)
         except ValueError as fault:
             raise SceneError("the plate's elements", [str(fault)]) from None
 
@@ -144,11 +149,14 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     model = p.reduced()
     a = Assembly(title="plate")
     names = [f"q{i}" for i in range(1, len(model.frequencies) + 1)]
-    for name, frequency in zip(names, model.frequencies.tolist()):
-        omega = 2.0 * math.pi * frequency
-        ratio = p.plate.damping_ratio * frequency / float(model.frequencies[-1])
-        a.coordinate(name, 1.0, 2.0 * ratio * omega, omega**2)
     seen: Row = dict(zip(names, model.probe[:, film_slider.Z].tolist()))
+    frequencies = model.frequencies
+    if model.rest is not None:
+        names += [f"rest{i}" for i in range(1, len(model.rest.parity) + 1)]
+        frequencies = np.append(frequencies, np.full(len(model.rest.parity), model.rest.frequency))
+    for name, frequency, ratio in zip(names, frequencies.tolist(), p.plate.ratios(frequencies).tolist()):
+        omega = 2.0 * math.pi * frequency
+        a.coordinate(name, 1.0, 2.0 * ratio * omega, omega**2)
     a.struck = seen
     a.outputs |= film_slider.motion_of("plate", seen, "m", film_slider.TOGETHER)
     a.free = {f"plate, mode {i}": f for i, f in enumerate(model.frequencies.tolist(), 1) if f and i <= 12}

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from reference import numbers
 
-from rig.plants.structures.plate_elements import surface
-from rig.plants.structures.plate_model import Foam, Grid, Plate, Surface, build
+import rig
+from rig.plants.structures.plate_elements import left_out, surface
+from rig.plants.structures.plate_model import Foam, Grid, Plate, Rest, Surface, build
 from rig.plants.structures.plate_surface import framed
 
 REFERENCE = numbers("plate")
@@ -66,6 +67,41 @@ def test_what_modes_leave_out_is_in_the_residual():
     assert 1e9 * pressure * many.compliance == pytest.approx(REFERENCE["deflection_nm"], rel=0.01)
     assert 1e9 * pressure * many.residual == pytest.approx(REFERENCE["residual_nm"], rel=0.05)
     assert few.residual > many.residual
+
+
+def test_what_modes_leave_out_under_points_sums_up_to_that_of_an_even_pressure():
+    """At mid-travel; the residual comes from another solution, without cells."""
+    steel, soft, middle = plate((6, 5, 1), modes=12), foam(through=1), np.array([0.5 * (0.0867 - GRID.length)])
+    kept = surface(steel, soft, SIZE)
+    [yields] = left_out(steel, soft, kept, SIZE, (GRID.along, GRID.across), middle, 1.0)
+    assert yields == pytest.approx(yields.T, abs=1e-9 * yields.max())
+    assert np.linalg.eigvalsh(yields).min() > -1e-12 * yields.max()
+    half = GRID.along * GRID.across // 2
+    even = yields[:half, :half].sum() * SIZE[0] * SIZE[1] / (2 * half) ** 2
+    assert even == pytest.approx(kept.residual, rel=1e-6)
+
+
+COARSE = {"plate.elements_along": 6, "plate.elements_across": 6, "plate.elements_through": 1, "film.along": 6,
+          "film.across": 4, "foam.elements_through": 1, "slider.position": 0.0047, "slider.travels": False}  # fmt: skip
+
+
+def pressures(scene, **changes):
+    """Least and largest pressure of steady sliding [Pa], and growth and frequency of each mode that flutters."""
+    loaded = rig.load(scene, {key.replace("__", "."): value for key, value in changes.items()})
+    sliding = rig.modes(loaded).sliding
+    found = [
+        value for name, value in sliding.equilibrium.items() if name.startswith("pressure_") and "centre" not in name
+    ]
+    return min(found), max(found), [(m.growth, m.frequency) for m in sliding.modes if m.growth > 0.0]
+
+
+def test_pressures_of_a_completed_plate_do_not_depend_on_the_number_of_its_modes():
+    changes = {key.replace(".", "__"): value for key, value in COARSE.items()}
+    completed = [pressures("plate_converged", **changes, plate__modes=n)[:2] for n in (12, 40)]
+    assert completed[0] == pytest.approx(completed[1], rel=0.05)
+    few, more = (pressures("plate", **changes, plate__modes=n)[0] for n in (12, 40))
+    assert few > 1.2 * completed[1][0]  # 12 modes leave the plate rigid
+    assert more < 0.7 * completed[1][0]
 
 
 def test_shapes_at_places_are_those_of_the_surface(soft):
@@ -122,6 +158,19 @@ def test_what_cannot_be_built_is_refused(given, message):
     whole = {"plate": plate((4, 4, 1)), "foam": foam(), "grid": GRID, "point": (0.01, 0.0)} | given
     with pytest.raises(ValueError, match=message):
         build(**whole)
+
+
+def test_what_modes_lack_travels_as_bytes():
+    rest = Rest(np.arange(48.0).reshape(2, 3, 2, 4), np.array([1.0, 1.0, -1.0]), 1e5)
+    again = Rest.from_bytes(rest.to_bytes())
+    assert (again.rows == rest.rows).all()
+    assert (again.parity == rest.parity).all()
+    assert rest.at(np.array([0.0, 0.25, 2.0])) / (2e5 * np.pi) == pytest.approx(
+        np.stack([rest.rows[0], rest.rows[0] + 6.0, rest.rows[1]])
+    )
+    for harmed in (rest.to_bytes()[:-1], framed({"shape": [2, 3, 2, 4], "parity": [1.0]}, rest.rows.tobytes())):
+        with pytest.raises(ValueError, match=r"is (not|damaged)"):
+            Rest.from_bytes(harmed)
 
 
 def test_the_surface_travels_as_bytes(soft):

@@ -65,7 +65,8 @@ class Film(Section):
     Its normal stiffness follows from the modulus at zero lateral strain, its shear stiffness from the shear modulus, by
     default that of an isotropic material. `retardation`: viscous stress over the rate of the elastic stress [s].
     `opens`: false bonds the film to the plate; then all points slide and also carry tension. `lateral`: friction also
-    across the travel. `completed`: the deflection that the plate's modes lack acts in series with the film.
+    across the travel. `completed`: with the flexibility of the plate that its modes lack, up to the band limit, the
+    last frequency of `plate.damping`.
     """
 
     declares: ClassVar = About(
@@ -182,28 +183,32 @@ def _film(p: SliderTables, grid: Grid, model: Reduced) -> film.Film:
     components = (Z, X, Y)[: 3 if p.film.lateral else 2]
     h = p.slider.thickness + p.film.thickness
     pairs_x, pairs_y = np.repeat(grid.x, len(lines)), np.tile(grid.y[lines], grid.along)
-    modes, half = len(model.frequencies), len(pairs_x)
+    own, half = len(model.frequencies), len(pairs_x)
+    modes = own + (0 if model.rest is None else len(model.rest.parity))
     rows = np.zeros((count, len(components), modes + len(SLIDER), 2 * half))
     at = np.arange(count)[:, None] + np.arange(grid.along) * grid.stride
     for direction, component in enumerate(components):
         shapes = model.shapes[:, component][:, lines][:, :, at]  # mode, line, place, point along
-        rows[:, direction, :modes, :half] = shapes.transpose(2, 0, 3, 1).reshape(count, modes, -1)
+        rows[:, direction, :own, :half] = shapes.transpose(2, 0, 3, 1).reshape(count, own, -1)
+    longest = float(model.surface.x[-1] - model.surface.x[0]) - grid.length
+    parity = _parity(model)
+    if model.rest is not None:
+        rows[:, :2, own:modes, :half] = model.rest.at(grid.pitch * np.arange(count) / longest).swapaxes(1, 2)
+        parity = np.concatenate([parity, model.rest.parity])
     rows[:, 0, modes:, :half] = -np.ones_like(pairs_x), pairs_x, -pairs_y
     rows[:, 1, modes + SLIDER.index("theta"), :half] = h
     if p.film.lateral:
         rows[:, 2, modes + SLIDER.index("psi"), :half] = -h
-    rows[..., half:] = rows[..., :half] * np.append(_parity(model), [1.0, 1.0, -1.0])[:, None]
+    rows[..., half:] = rows[..., :half] * np.append(parity, [1.0, 1.0, -1.0])[:, None]
     rows[:, 2:, :, half:] *= -1.0
     area = p.slider.length * p.slider.width / (2 * half)
     stiffness = p.film.normal
-    if p.film.completed:
-        stiffness = 1.0 / (1.0 / stiffness + model.surface.residual)
     return film.Film(
         rows=rows,
         pitch=grid.pitch,
         travel="position",
         slid="position" if p.slider.travels else "slid",
-        longest=float(model.surface.x[-1] - model.surface.x[0]) - grid.length,
+        longest=longest,
         stiffness=np.array(stiffness * area),
         damping=np.array(stiffness * p.film.retardation * area),
         shear=np.array(p.film.shear * area),

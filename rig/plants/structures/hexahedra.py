@@ -216,6 +216,28 @@ def left_out(structure: Structure, kept: Modes, load: Array) -> Array:
     return symmetric.basis @ (moved - vectors @ (vectors.T @ (symmetric.mass @ moved)))  # type: ignore[no-any-return]
 
 
+def compliances(structure: Structure, loads: Array, across: float, groups: NDArray[np.int64]) -> Array:
+    """Work of the static displacements under each load on the others of its group [group, load, load].
+
+    The structure is held; `loads` [unknown, load] N have the symmetry `across` about the middle across.
+    """
+    total = np.zeros((len(groups), groups.shape[1], groups.shape[1]))
+    for signs in CLASSES:
+        if signs[1] == across:
+            basis = _symmetric(structure, signs)
+            pushed = np.asarray(basis.T @ loads)
+            moved = _factored(basis.T @ structure.stiffness @ basis)(pushed)
+            total += np.array([pushed[:, columns].T @ moved[:, columns] for columns in groups])
+    return total
+
+
+def _factored(matrix: Any) -> Any:
+    """The solution of equations with a symmetric positive definite matrix, as a function of their right sides."""
+    return splu(
+        matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    ).solve
+
+
 class _Class:
     """The part of a structure with one symmetry: `basis` [unknown, own unknown] has orthonormal columns."""
 
@@ -226,9 +248,7 @@ class _Class:
         rigid = self.basis.T @ structure.rigid
         self._rigid = rigid[:, np.abs(rigid).max(axis=0) > 0.0]
         self._shift = structure.shift
-        how = {"SymmetricMode": True}
-        shifted = (self.stiffness + structure.shift * self.mass).tocsc()
-        self.solve = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=how).solve
+        self.solve = _factored(self.stiffness + structure.shift * self.mass)
 
     def elastic(self, count: int) -> tuple[Array, Array]:
         """Squares of the `count` lowest angular frequencies above zero, ascending; vectors [own unknown, mode]."""

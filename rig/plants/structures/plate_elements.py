@@ -8,25 +8,41 @@ Source: sizes and materials of "A new mechanism for friction-induced vibration a
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 from annotated_types import Ge, Le
+from pydantic import model_validator
 
 from rig.plants.structures.plate_surface import Array, Surface, element_at
-from rig.quantities import KilogramPerCubicMetre, NonNegativeMetre, Pascal, PoissonRatio, PositiveMetre, Ratio, Section
+from rig.quantities import (
+    KilogramPerCubicMetre,
+    NonNegativeMetre,
+    Pascal,
+    PoissonRatio,
+    PositiveMetre,
+    Ratio,
+    Ratios,
+    Section,
+    refused,
+)
 
 if TYPE_CHECKING:
     from rig.plants.structures.hexahedra import Structure
 
 Elements = Annotated[int, Ge(1), Le(64)]
-Count = Annotated[int, Ge(1), Le(200)]
+Count = Annotated[int, Ge(1), Le(600)]
 LARGEST = 60_000
 """Largest number of unknowns; building such a structure takes less than a minute and 2 GB."""
 
 
 class Plate(Section):
-    """The plate; number of modes; damping ratio of the highest mode, those of the others in proportion to frequency."""
+    """The plate; number of modes; damping ratio of the highest mode, those of the others in proportion to frequency.
+
+    `damping`, instead of `damping_ratio`: damping ratios over frequency, [[Hz, ratio], ...], linear in between. Its
+    last frequency is the band limit, above which the model tells nothing (`film.completed`).
+    """
 
     length: PositiveMetre
     width: PositiveMetre
@@ -39,6 +55,19 @@ class Plate(Section):
     elements_along: Elements = 10
     elements_across: Elements = 8
     elements_through: Elements = 2
+    damping: Ratios | None = None
+
+    @model_validator(mode="after")
+    def _damped(self) -> Self:
+        if self.damping is not None and self.damping_ratio:
+            raise refused([("damping_ratio", "must be 0 beside damping, which has a ratio at each frequency")])
+        return self
+
+    def ratios(self, frequencies: Array) -> Array:
+        """The damping ratio of the mode at each of ascending frequencies [Hz]."""
+        if self.damping is None:
+            return np.asarray(self.damping_ratio * frequencies / float(frequencies[-1]))
+        return np.asarray(np.interp(frequencies, *np.array(self.damping).T))
 
 
 class Foam(Section):
@@ -94,6 +123,45 @@ def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> 
         residual + float(given @ given) / (length * width),
         residual,
     )
+
+
+def left_out(plate: Plate, foam: Foam, kept: Surface, footprint: tuple[float, float], points: tuple[int, int],
+             positions: Array, side: float) -> Array:  # fmt: skip
+    """What the modes of `kept` leave out of the flexibility between the cells of a slider's footprint, per position.
+
+    [position, 2 cells, 2 cells] in m/N: mean displacements along z, then along x, of the `points` (along, across) cells
+    on the left half, in order along first, under forces spread evenly over these cells, with `side` 1 and equal forces
+    on their images on the right, with -1 and opposite ones.
+    """
+    from rig.plants.structures import hexahedra
+
+    structure, first = _structure(plate, foam)
+    (length, width), (along, across) = footprint, points
+    x, y, z = structure.axes
+    inside = [np.arange(2 * n, len(axis) - 2 * n) for axis, n in zip((x, y), first)]
+    number = np.full((len(y), len(x)), -1)
+    top = np.flatnonzero(structure.lattice[:, 2] == len(z) - 1)
+    number[structure.lattice[top, 1], structure.lattice[top, 0]] = top
+    of_plate = number[np.ix_(inside[1], inside[0])].ravel()
+    ends = width * (np.arange(across + 1) / across - 0.5)
+    strips = np.array([_integrals(kept.y, low, high) for low, high in pairwise(ends)])
+    strips = (strips + side * strips[::-1])[across // 2 :]
+    cells = [
+        np.array(
+            [_integrals(kept.x, low, high) for low, high in pairwise(place + length * np.arange(along + 1) / along)]
+        )
+        for place in positions.tolist()
+    ]
+    spread = np.array([np.multiply.outer(strip, line).ravel() for lines in cells for line in lines for strip in strips])
+    spread *= along * across / (length * width)
+    count, nodes = len(spread), len(structure.lattice)
+    loads = np.zeros((3 * nodes, 2 * count))
+    loads[2 * nodes + of_plate, :count] = loads[of_plate, count:] = spread.T
+    given = np.concatenate([kept.shapes[:, c].reshape(len(kept.shapes), -1) @ spread.T for c in (2, 0)], axis=1)
+    given /= 2.0 * math.pi * kept.frequencies[:, None]
+    own = np.arange(2 * count).reshape(2, len(positions), -1).transpose(1, 0, 2).reshape(len(positions), -1)
+    whole = hexahedra.compliances(structure, loads[structure.free], side, own)
+    return np.asarray(whole - np.array([given[:, columns].T @ given[:, columns] for columns in own]))
 
 
 def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, int]]:
