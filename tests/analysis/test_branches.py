@@ -13,9 +13,11 @@ from rig.analysis.axis import Axis
 from rig.analysis.branches import Branches, Threshold, branches, curves, job
 from rig.analysis.branches.begin import Start, from_start
 from rig.analysis.branches.result import SpecialPoint
+from rig.analysis.cycle import stuck
 from rig.analysis.return_map import Family
 from rig.analysis.stick_speeds import upper_speed
 from rig.errors import SceneError, UsageError
+from rig.stability.linearisation import steady
 
 BSTAB = {
     "body.mass": "1 kg", "body.stiffness": "1 N/m", "body.damping": "0.1 N*s/m", "load.force": "1 N",
@@ -100,11 +102,11 @@ def test_the_jump_of_a_tip_is_its_upper_critical_speed(tmp_path):
     assert result.special("jump") == [pytest.approx(upper_speed(scene.parameters), rel=1e-9)]
 
 
-def test_a_linear_rig_lifts_off_lands_and_sticks(tmp_path):
+def test_a_linear_rig_lifts_off_lands_and_reverses(tmp_path):
     result = followed(tmp_path, "two_dof", "friction.mu=0.3:1.5", ("hopf", 0.58))
     [hopf] = result.special("hopf")
     assert result.special("lift-off") == [pytest.approx(hopf, abs=1e-8)]
-    assert result.special("begin of stick") == [pytest.approx(1.115035365, abs=1e-8)]
+    assert result.special("begin of reversal") == [pytest.approx(1.115035365, abs=1e-8)]
     assert {event for b in result.branches for event in b.events} >= {"load opens", "load closes", "contact slip ends"}
     for _, branch, point in result.points():  # what simulation settles to
         if branch.events and 0.9 < point.value < 1.0:
@@ -359,3 +361,67 @@ def test_least_knocks_are_confirmed_where_a_tick_is_a_large_part_of_a_period(tmp
     assert there.confirmed
     assert back.confirmed
     assert abs(there.impulse) == pytest.approx(1.762059, rel=1e-5)
+
+
+def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):
+    """At three points the motion from a standing start comes to the same cycle."""
+    scene = lab.load("brake", {"limits": "none"})
+    family = Family(scene, [Axis.parse("drive.speed=0.97 rpm:0.98 rpm", scene, count=2)])
+
+    def settled(value):
+        flow = family.flow((value,))
+        x = stuck(flow.system, steady(flow.system, flow.key).x)
+        return flow, flow.carried(x, 1.0).x
+
+    flow, x = settled(0.98 * RPM)
+    start = Start(0.98 * RPM, dict(zip(flow.system.names, x.tolist())), 0.00048058)
+    result = followed(tmp_path, "brake", "drive.speed=0.97 rpm:0.98 rpm", (start,))
+    assert result.special("end of lift-off") == [pytest.approx(0.97248035 * RPM, rel=1e-8)]
+    points = sorted((p for b, _, p in result.points() if p.period == p.period), key=lambda p: p.value)
+    assert {"inner_pad slip ends", "outer_pad slip ends"} <= {event for b in result.branches for event in b.events}
+    for point in (points[0], points[len(points) // 2], points[-1]):
+        flow, x = settled(point.value)
+        on_cycle = np.array([point.state[name] for name in flow.system.names])
+        ranges = [
+            np.ptp(
+                flow.carried(start, 40.0 * point.period, keep=True).states[:, : len(flow.system.coordinates)], axis=0
+            )
+            for start in (x, on_cycle)
+        ]
+        assert np.abs(ranges[0] - ranges[1]).max() < 0.01 * ranges[1].max()
+        ends = [t for t, event in flow.carried(x, 40.5 * point.period).events if event.what == "inner_pad slip ends"]
+        assert (ends[-1] - ends[0]) / (len(ends) - 1) == pytest.approx(point.period, rel=1e-6)
+
+
+def test_boundaries_of_a_forced_motion_are_the_same_from_both_sides(tmp_path):
+    """A stick, a reversal and a grazing, passed upwards and downwards."""
+    found = [
+        followed(
+            tmp_path, "belt_dither", f"drive.speed={low} m/s:{high} m/s", ("simulation",), **{"dither.enable": True}
+        )
+        for low, high in (("0.05", "0.17"), ("0.05", "0.0999"), ("0.0999", "0.09999"))
+    ]
+    expected = {"stick": 0.0998224704, "reversal": 0.0999534565, "grazing": 0.0999973793}
+    for number, kind in ((0, "end of stick"), (0, "begin of reversal"), (0, "grazing"), (1, "begin of stick"),
+                         (2, "end of reversal")):  # fmt: skip
+        assert found[number].special(kind) == [pytest.approx(expected[kind.split()[-1]], abs=1e-9)], (number, kind)
+
+
+@pytest.mark.parametrize(
+    ("scene", "over"),
+    [
+        ("seal_l", "drive.speed=4 mm/s:12 mm/s"),
+        ("seal_p", "drive.speed=4 mm/s:12 mm/s"),
+        ("tread", "friction.mu=0.02:1.5"),
+    ],
+)
+def test_critical_values_are_those_of_the_eigenvalues(tmp_path, scene, over):
+    loaded = lab.load(scene, {"limits": "none"})
+    result = followed(tmp_path, scene, over, ())
+    hopf = [c.value for c in lab.sweep(loaded, result.axis.key, result.axis.values).critical]
+    assert hopf
+    assert result.special("hopf") == pytest.approx(hopf, rel=1e-12)
+    for value in hopf:
+        axis = result.axis
+        growth = [lab.modes(axis.at(loaded, value * (1.0 + s * 1e-6))).sliding.modes[0].growth for s in (-1.0, 1.0)]
+        assert min(growth) < 0.0 < max(growth)

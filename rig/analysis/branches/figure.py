@@ -33,6 +33,7 @@ SYMBOLS = {
     "landing": ("v", "landing", GREEN),
     "begin of stick": ("<", "begin or end of stick", GREY),
     "end of stick": ("<", "begin or end of stick", GREY),
+    **{f"{way} of reversal": (">", "begin or end of reversal", GREY) for way in ("begin", "end")},
     "unresolved": ("x", "not followed further", GREY),
 }
 

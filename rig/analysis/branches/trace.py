@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -53,6 +54,8 @@ _GROWS = 1e-8  # a multiplier beyond the unit circle by this, and by ten times i
 _LOOSE, _PASSES = 1e-7, 4  # of the parameter: a zero that is not reached; and how often the way to it is halved then
 _CLOSINGS = 3  # Newton steps that close a motion which is small in the scales of the map
 _SMALL = 0.02  # range of the slip speed over its mean: smaller cycles are those of the Hopf point
+_ULPS = 16  # rounding of a state after a period, in units of its last digit
+_NOISE = 1e-9  # of a multiplier
 _TRIES = (1.0, 3.0, 10.0, 30.0, 100.0)
 _BEYOND = (1e-3, 1e-2, 3e-4, 0.03)
 _SHORT_OF = 1e-3  # of the largest cycle of a linear rig: where the branch is followed from
@@ -185,9 +188,11 @@ def _closed(at: Place, held: bool) -> Place:
 
 
 def missed(at: Place) -> float:
-    """By how much the motion misses its start, over the range of each state."""
-    moving = at.flow.moving
-    return float(np.abs((at.run.x - at.run.states[0])[moving] / sizes(np.ptp(at.run.states, axis=0), at.flow)).max())
+    """By how much the motion misses its start, beyond the rounding of its states, over the range of each state."""
+    moving, states = at.flow.moving, at.run.states
+    rounding = _ULPS * np.finfo(float).eps * np.abs(states).max(axis=0)
+    far = np.maximum(np.abs(at.run.x - states[0]) - rounding, 0.0)
+    return float((far[moving] / sizes(np.ptp(states, axis=0), at.flow)).max())
 
 
 def stepped(at: Place, ds: float, met: Met | None) -> tuple[Array, Carried]:
@@ -395,6 +400,8 @@ def _located(kind: str, at: Place, new: Place, ds: float, measure: Callable[[Pla
         return [Special(kind, new, new.p, abs(new.p - at.p), turns=kind == "fold")]
     beside = sorted(reached, key=lambda other: abs(other - s))[:2]
     accuracy = max(abs(reached[beside[1]].p - reached[s].p), CLOSED_TO * abs(reached[s].p))
+    if kind != "fold" and (steep := abs(measure(new) - measure(at)) / (abs(new.p - at.p) or math.inf)):
+        accuracy = max(accuracy, _NOISE / steep)
     return [Special(kind, reached[s], reached[s].p, accuracy, turns=kind == "fold")]
 
 
@@ -419,7 +426,7 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
         segment.end = Special(kind or "unresolved", at, p, accuracy, contact, why=_change(at.end, other))
         return None
     turns = bool(beyond.t[-1] * at.t[-1] < 0.0 and min(abs(beyond.t[-1]), abs(at.t[-1])) > _LEVEL)
-    kind = kind if kind in ("grazing",) else _named(at.end, beyond.end, kind)
+    kind = _named(at.flow, at.end, beyond.end, kind)
     segment.end = Special(kind, at, p, accuracy, contact or _contact(at.end, beyond.end), turns, name=name)
     return beyond
 
@@ -449,7 +456,7 @@ def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
     ways.sort()
     if not ways or ways[0][0] > 0.05:
         best = _halved(ahead)
-        return best, "", None, best.p, abs(best.map.P0) * _EDGE
+        return best, "", None, best.p, 10.0 * CLOSED_TO * abs(best.p)
     near = [name for way, name in ways if way < _GRAZES * ways[0][0] + 10.0 * SHORTEST]
     name = next((n for n in near if n[0] in ("slip", "stick")), near[0])
     kind = {
@@ -574,17 +581,29 @@ def _beyond(at: Place, end: Carried, d: Derivative, f: Array) -> Place | None:
     return None
 
 
-def _named(before: Carried, after: Carried, kind: str) -> str:
-    """What happens at a boundary, from the events on both sides."""
-    a, b = before.met[1], after.met[1]
-    for event, begins, ends in (
-        ("opens", "lift-off", "end of lift-off"),
-        ("slip ends", "begin of stick", "end of stick"),
-    ):
-        counts = [sum(name.endswith(event) for name in names) for names in (a, b)]
-        if counts[0] != counts[1]:
-            return begins if counts[1] > counts[0] else ends
+def _named(flow: Flow, before: Carried, after: Carried, kind: str) -> str:
+    """What happens at a boundary, from the events on both sides; `kind`: from the distance that vanishes."""
+
+    def more(event: str) -> int:
+        a, b = (sum(name.endswith(event) for name in run.met[1]) for run in (before, after))
+        return b - a
+
+    if kind == "grazing" and more(" slip ends"):
+        return kind
+    if opens := more(" opens"):
+        return "lift-off" if opens > 0 else "end of lift-off"
+    sticks = _sticks(flow, after) - _sticks(flow, before)
+    for count, what in ((sticks, "stick"), (more(" slip ends"), "reversal")):
+        if count:
+            return f"{'begin' if count > 0 else 'end'} of {what}"
     return kind or "other order of events"
+
+
+def _sticks(flow: Flow, run: Carried) -> int:
+    """How often a contact begins to stick in a period."""
+    keys = [*(event.before for _, event in run.events), run.key]
+    patches = range(len(flow.system.patches))
+    return sum(flow.stuck(b, p) and not flow.stuck(a, p) for a, b in pairwise(keys) for p in patches)
 
 
 def _contact(before: Carried, after: Carried) -> str:
