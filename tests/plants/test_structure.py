@@ -688,6 +688,19 @@ def test_many_contacts_are_refused_before_a_run_with_the_reason(disc):
     assert finding.level == "warning"
 
 
+def test_the_disc_squeals_and_is_quiet_with_a_shunt_as_the_page_says(disc):
+    docs = Path(__file__).parents[2] / "docs"
+    page = (docs / "structure.md").read_text()
+    for name in ("with_pads", "squeal", "shunted"):
+        (disc / f"disc_{name}.toml").write_text((docs / f"disc_{name}.toml").read_text())
+    squeal, quiet = (rig.modes(scenes.load(str(disc / f"disc_{name}.toml"))).sliding for name in ("squeal", "shunted"))
+    growing = [mode for mode in squeal.modes if mode.growth > 0.0]
+    assert [f"{mode.frequency:.1f} Hz, {mode.growth:.1f} 1/s" for mode in growing] == ["1561.1 Hz, 75.9 1/s"]
+    slowest = max(quiet.modes, key=lambda mode: mode.growth)
+    assert f"with {-slowest.growth:.1f} 1/s at {slowest.frequency:.0f} Hz" in page
+    assert "1561.1 Hz, 75.9 1/s" in page
+
+
 def test_the_numbers_of_the_page_are_those_of_its_scene(disc):
     docs = Path(__file__).parents[2] / "docs"
     page, text = (docs / "structure.md").read_text(), (docs / "disc_with_pads.toml").read_text()
