@@ -1,9 +1,9 @@
 """The nodes, node sets and outer faces of a mesh, from an input file of CalculiX or Abaqus, or from a CSV file.
 
-    *NODE   *NSET (with GENERATE, with ELSET)   *ELEMENT   *ELSET   *INCLUDE
+    *NODE   *NSET (with GENERATE, with ELSET)   *ELEMENT   *ELSET   *SURFACE   *INCLUDE
 
-A CSV file has the columns node, x, y, z. Other keywords are skipped. The outer faces are those that belong to one
-element only. Shell elements are faces themselves.
+A surface serves as the set of its nodes. A CSV file has the columns node, x, y, z. Other keywords are skipped. The
+outer faces are those that belong to one element only. Shell elements are faces themselves.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def read_mesh(path: Path, length: float) -> Mesh:
         deck.faults.append(f"{path.name}: has no nodes (*NODE)")
     ids = np.array(sorted(deck.nodes), dtype=np.int64)
     sets: dict[str, Numbers] = {}
-    for name, members in deck.sets.items():
+    for name, members in {**deck.surfaces, **deck.sets}.items():
         sets[name] = np.unique(np.array(sorted(members), dtype=np.int64))
         if missing := sorted(members - deck.nodes.keys()):
             deck.faults.append(f"{path.name}: set {name} contains node {missing[0]}, which is not in the mesh")
@@ -155,6 +155,7 @@ class _Deck:
         self.nodes: dict[int, tuple[float, float, float]] = {}
         self.sets: dict[str, set[int]] = {}
         self.groups: dict[str, set[int]] = {}  # elements
+        self.surfaces: dict[str, set[int]] = {}
         self.elements: dict[int, tuple[bool, tuple[int, ...]]] = {}
         self.faults: list[str] = []
         self.tied = ""
@@ -185,6 +186,8 @@ class _Deck:
                 self._kept(path, number, line, lambda w=words, o=options: self._node(w, 1, o.get("NSET", "")))
             elif keyword in ("NSET", "ELSET"):
                 self._kept(path, number, line, lambda w=words, k=keyword, o=options: self._set(k, w, o))
+            elif keyword == "SURFACE":
+                self._kept(path, number, line, lambda w=words, o=options: self._surface(w, o))
             elif keyword == "ELEMENT" and (kind := _kind(options.get("TYPE", ""))):
                 pending += words
                 if len(pending) > kind[1]:
@@ -229,7 +232,9 @@ class _Deck:
 
     def _set(self, keyword: str, words: list[str], options: Mapping[str, str]) -> None:
         known = self.sets if keyword == "NSET" else self.groups
-        members = known.setdefault(options[keyword].upper(), set()) if keyword in options else set[int]()
+        if keyword not in options:
+            raise _Wrong(f"*{keyword} has no name, {keyword}=...")
+        members = known.setdefault(options[keyword].upper(), set())
         if "GENERATE" in options:
             first, last, step = [int(word) for word in (*words, "1")[:3]]
             if not (step > 0 and 0 <= last - first <= 100_000_000):
@@ -243,6 +248,37 @@ class _Deck:
                 members.update(known[word.upper()])
             else:
                 raise _Wrong(f"set {word} is not defined before")
+
+    def _surface(self, words: list[str], options: Mapping[str, str]) -> None:
+        """Nodes, or faces of elements: the set of that name, unless there is a node set of this name."""
+        if not options.get("NAME") or options.get("TYPE", "ELEMENT").upper() not in ("NODE", "ELEMENT"):
+            raise _Wrong("expected *SURFACE, NAME=..., TYPE=NODE or TYPE=ELEMENT; or write a node set")
+        first, face = (*words, "")[:2]
+        members = self.surfaces.setdefault(options["NAME"].upper(), set())
+        numbers = {int(first)} if first.isdigit() else None
+        if options.get("TYPE", "").upper() == "NODE":
+            numbers = self.sets.get(first.upper()) if numbers is None else numbers
+            members.update(numbers or ())
+        else:
+            numbers = self.groups.get(first.upper()) if numbers is None else numbers
+            for number in numbers or ():
+                members.update(self._face(number, face.upper()))
+        if numbers is None:
+            raise _Wrong(f"set {first} is not defined before")
+
+    def _face(self, number: int, face: str) -> list[int]:
+        """The nodes of a face of an element, S1 to S6, or of a side of a shell."""
+        if number not in self.elements:
+            raise _Wrong(f"element {number} is not defined before, or has no faces")
+        shell, nodes = self.elements[number]
+        corners = () if shell else _CORNERS[len(nodes)]
+        if shell and face in ("SPOS", "SNEG"):
+            return list(nodes)
+        if face not in (names := [f"S{k}" for k in range(1, len(corners) + 1)]):
+            raise _Wrong(f"a face of element {number} is {'SPOS or SNEG' if shell else ', '.join(names)}")
+        own, edges = corners[int(face[1:]) - 1], _EDGES.get(len(nodes), {})
+        middles = [middle for ends, middle in edges.items() if {*ends} <= {*own}]
+        return [nodes[k] for k in (*own, *middles)]
 
     def _element(self, words: list[str], kind: tuple[bool, int], options: Mapping[str, str]) -> None:
         number, *nodes = [int(word) for word in words]

@@ -376,7 +376,24 @@ def test_the_keywords_of_an_input_file(tmp_path):
     assert [path.name for path in read] == ["mesh.inp", "more.inp"]
 
 
+def test_a_surface_is_the_set_of_its_nodes(tmp_path):
+    lines = ["*NODE", *[f"{k + 1}, {k % 2}, {k // 2 % 2}, {k // 4}" for k in range(8)], "9,0.5,0,0"]
+    lines += ["*ELEMENT, TYPE=C3D8, ELSET=BODY", "1, 1,2,4,3, 5,6,8,7", "*ELEMENT, TYPE=S3, ELSET=SKIN", "2, 1,2,9"]
+    lines += ["*SURFACE, NAME=top", "BODY, S2", "*SURFACE, NAME=side, TYPE=ELEMENT", "1, S3", "*SURFACE, NAME=Skin"]
+    lines += ["SKIN, SPOS", "*NSET, NSET=pair", "2, 3", "*SURFACE, NAME=both, TYPE=NODE", "PAIR, 1.", "8,"]
+    lines += ["*ELEMENT, TYPE=C3D10", "3, 1,2,3,5, 9,6,7,8,4,2", "*SURFACE, NAME=pair", "3, S2"]
+    sets = {name: nodes.tolist() for name, nodes in read_mesh(text(tmp_path / "m.inp", lines), 1.0).sets.items()}
+    expected = {"TOP": [5, 6, 7, 8], "SIDE": [1, 2, 5, 6], "SKIN": [1, 2, 9], "BOTH": [2, 3, 8], "PAIR": [2, 3]}
+    assert sets == expected
+    lines[-2] = "*SURFACE, NAME=face"
+    assert read_mesh(text(tmp_path / "m.inp", lines), 1.0).sets["FACE"].tolist() == [1, 2, 4, 5, 8, 9]
+
+
 MESHES = [
+    (["*NODE", "1,0,0,0", "*NSET", "1"], r"line 4: .* \*NSET has no name, NSET="),
+    (["*NODE", "1,0,0,0", "*SURFACE, NAME=s", "pads, S1"], "line 4: .* set pads is not defined before"),
+    (["*NODE", "1,0,0,0", "*SURFACE, NAME=s", "7, S1"], "line 4: .* element 7 is not defined before"),
+    (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=C3D4", "1,1,1,1,1", "*SURFACE, NAME=s", "1, S5"], "is S1, S2, S3, S4"),
     (["*NODE", "1,0,0,0", "1,0,0,1"], "line 3: .* node 1 has another place before"),
     (["*NODE", "1,0,0,nan"], "line 2: .* a coordinate is not finite"),
     (["*NODE", "1,0,0,0", "*NSET, NSET=a", "b"], "line 4: .* set b is not defined before"),
