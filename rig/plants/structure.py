@@ -146,7 +146,7 @@ def _nodes(whole: Reduced, names: tuple[str, ...]) -> Nodes:
     free = np.flatnonzero(np.isin(model.node, model.ids) & (model.direction >= 0) & (model.direction < 3))
     places, of = np.unique(np.searchsorted(model.ids, model.node[free]), return_inverse=True)
     rows = np.zeros((len(places), 3, len(names)))
-    rows[of, model.direction[free]] = whole.basis[free]
+    np.add.at(rows, (of, model.direction[free]), model.share[free, None] * whole.basis[free])
     step = -(-len(places) // _DRAWN)
     return Nodes(model.xyz[places[::step]], rows[::step], names)
 

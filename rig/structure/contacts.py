@@ -170,7 +170,7 @@ def _rows(full: Full, mesh: Mesh, pairs: sp.csr_array, directions: Array) -> sp.
     for k in range(3):
         rows = free[full.direction[free] == k]
         nodes = at[full.direction[free] == k]
-        place = sp.csr_array((np.ones(len(rows)), (nodes, rows)), shape=(len(mesh.ids), full.rows))
+        place = sp.csr_array((full.share[rows], (nodes, rows)), shape=(len(mesh.ids), full.rows))
         total = total + sp.diags_array(directions[:, k]) @ (pairs @ place)
     total.eliminate_zeros()
     return sp.csr_array(total)
@@ -344,7 +344,7 @@ def node_vector(full: Full, nodes: Sequence[int], direction: Sequence[float]) ->
     along = _unit(np.array(direction, dtype=float))
     vector = np.zeros(full.rows)
     chosen = np.isin(full.node, nodes) & (full.direction >= 0) & (full.direction < 3)
-    vector[chosen] = along[full.direction[chosen]] / len(nodes)
+    vector[chosen] = along[full.direction[chosen]] * full.share[chosen] / len(nodes)
     free = np.unique(full.node[chosen & (along[np.clip(full.direction, 0, 2)] != 0.0)])
     if len(held := np.setdiff1d(nodes, free)):
         more = f" and {len(held) - 1} others" if len(held) > 1 else ""

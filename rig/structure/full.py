@@ -112,6 +112,16 @@ class Full:
         return int(self.parts[0].matrix.shape[0])
 
     @property
+    def share(self) -> Array:
+        """What the motion of a row is of that of its node [row]: CalculiX writes several rows of a node of a shell.
+
+        They lie behind each other in the thickness; the node moves with their mean.
+        """
+        label = np.where(self.direction >= 0, 8 * self.node + self.direction, -1 - np.arange(len(self.node)))
+        _, of, count = np.unique(label, return_inverse=True, return_counts=True)
+        return np.asarray(1.0 / count[of])
+
+    @property
     def keys(self) -> tuple[str, ...]:
         """The numbers of the scene that multiply parts, in order of appearance."""
         return tuple(dict.fromkeys(part.key for part in self.parts if part.key))

@@ -114,6 +114,39 @@ def test_rigid_motions_open_no_gap(points):
         assert len(side.area) == (45 if points is None else points[0] * points[1])
 
 
+def test_a_node_of_a_shell_moves_with_the_mean_of_its_rows():
+    """CalculiX expands shells and writes the rows of the nodes above each other under one number."""
+    full, mesh = disc()
+    again = np.flatnonzero(np.isin(full.node, mesh.sets["DISC_UP"]))
+    twice = np.r_[np.arange(full.rows), again]
+    parts = tuple(replace(part, matrix=part.matrix[twice][:, twice]) for part in full.parts)
+    shell = replace(full, parts=parts, node=full.node[twice], direction=full.direction[twice])
+    side = contact_points(contacts((4, 6))[0], shell, mesh)
+    assert abs(opened(side, shell)).max() < 1e-12
+    row = node_vector(shell, [full.node[again[0]]], [0.0, 0.0, 1.0])
+    assert row[row != 0.0].tolist() == [0.5, 0.5]
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="needs CalculiX")
+def test_a_force_on_a_shell_moves_it_as_in_calculix(tmp_path):
+    """A strip of two elements S4, held at one end: the displacement of a node under one newton."""
+    lines = ["*NODE", *[f"{3 * j + i + 1}, {0.1 * i}, {0.1 * j}, 0." for j in range(2) for i in range(3)]]
+    lines += ["*ELEMENT, TYPE=S4, ELSET=ALL", "1, 1, 2, 5, 4", "2, 2, 3, 6, 5", "*NSET, NSET=END", "6"]
+    lines += ["*MATERIAL, NAME=M", "*ELASTIC", "2e11, 0.3", "*DENSITY", "7800."]
+    lines += ["*SHELL SECTION, ELSET=ALL, MATERIAL=M", "0.01", "*BOUNDARY", "1, 1, 6", "4, 1, 6"]
+    steps = {
+        "matrices": ["*FREQUENCY, SOLVER=MATRIXSTORAGE", "1"],
+        "static": ["*STATIC", "*CLOAD", "6, 3, 1.", "*NODE PRINT, NSET=END", "U"],
+    }
+    for name, step in steps.items():
+        (tmp_path / f"{name}.inp").write_text("\n".join([*lines, "*STEP", *step, "*END STEP", ""]))
+        subprocess.run(["ccx", "-i", name], cwd=tmp_path, check=True, timeout=60, stdout=subprocess.DEVNULL)
+    full, _ = structure([], "m-kg-s", job=tmp_path / "matrices", nodes=tmp_path / "static.inp")
+    row = node_vector(full, [6], [0.0, 0.0, 1.0])
+    moved = row @ sl.spsolve(full.matrix("stiffness", {}).tocsc(), row)
+    assert moved == pytest.approx(float((tmp_path / "static.dat").read_text().split()[-1]), rel=1e-6)
+
+
 def exported(side, path):
     """Write the rows of a contact as a CSV file."""
     full, _ = disc()
