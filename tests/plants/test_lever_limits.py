@@ -74,11 +74,14 @@ def test_under_other_loads_it_ends_at_the_speed_of_the_reference(expected, key):
     standing(expected, key)
 
 
-def lost(scene, low, high, count, folder):
-    """Speed [rpm] at which a run-up from `low` to `high` [rpm] loses stick-slip."""
+def lost(scene, low, high, count, folder, within=0.01):
+    """Speed [rpm] at which a run-up from `low` to `high` [rpm] loses stick-slip, known to `within`.
+
+    Sectors have no branch: there the last steps are halved.
+    """
     asked = job(scene, f"drive.speed={low} rpm:{high} rpm:{count}", runs=("up",))
     last, gone = chart(asked, folder, 1).ends[0, 0] / RPM
-    assert gone - last < 1e-6
+    assert gone - last < within
     return 0.5 * (last + gone)
 
 
@@ -89,7 +92,7 @@ def lost(scene, low, high, count, folder):
 def test_carried_up_in_speed_stick_slip_ends_at_the_speed_of_the_reference(expected, key, tmp_path):
     """The reference leaps up by 0.02 rpm, which throws the rig off its cycle up to three leaps before that ends."""
     scene = rig.load("lever", {"load.force": expected["N0"], **LAWS[key]})
-    found = lost(scene, round(expected[key] - 0.75, 2), round(expected[key] + 0.35, 2), 12, tmp_path)
+    found = lost(scene, round(expected[key] - 0.75, 2), round(expected[key] + 0.35, 2), 12, tmp_path, 1e-6)
     assert 0.0 < found - expected[key] < 0.06
 
 
