@@ -16,8 +16,10 @@ import io
 import logging
 import os
 import stat
+import struct
 import zipfile
-from collections.abc import Iterable, Iterator
+import zlib
+from collections.abc import Iterable, Iterator, Set
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
@@ -34,6 +36,10 @@ except ImportError:
 
 _log = logging.getLogger("rig")
 _warned: set[Path] = set()  # folders for which this process has warned
+_NUMBERS, _MATRIX, _COMPRESSED = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}, 14, 15
+"""Types of the elements of a MATLAB file of format 5."""
+_NESTED = {1, 2, 3, 16, 17}
+"""Classes of MATLAB that contain other matrices: cells, structures, objects."""
 _OTHERS = 0o022
 """The bits of a mode that let others write."""
 
@@ -227,6 +233,37 @@ def unpacked(archive: zipfile.ZipFile, most: int) -> None:
         raise OSError(errno.EFBIG, f"its files take {size / (1 << 20):.0f} MiB unpacked; at most {most >> 20} MiB")
     if len(parts) > FILES:
         raise OSError(errno.EFBIG, f"it contains {len(parts)} files; at most {FILES}")
+
+
+def matlab_checked(data: bytes, most: int) -> None:
+    """Check the elements of a MATLAB file of format 5: scipy's reader ends the process at some damaged ones.
+
+    Raises ValueError for an element that cannot be, and for more than `most` bytes unpacked.
+    """
+    order, unpacked_bytes = "<" if data[126:128] == b"IM" else ">", 0
+
+    def elements(data: bytes, at: int, end: int, allowed: Set[int]) -> None:
+        nonlocal unpacked_bytes
+        while at + 8 <= end:
+            kind, length = struct.unpack_from(f"{order}II", data, at)
+            start, padded = at + 8, length + -length % 8 * (kind != _COMPRESSED)
+            if kind >> 16:  # a short element, with its data in the tag
+                kind, length, start, padded = kind & 0xFFFF, kind >> 16, at + 4, 4
+            if kind not in allowed or length > min(padded, end - start):
+                raise ValueError(f"the element at byte {at} has the type {kind} and {length} bytes")
+            if kind == _COMPRESSED:
+                inner = zlib.decompressobj().decompress(data[start : start + length], most + 1 - unpacked_bytes)
+                unpacked_bytes += len(inner)
+                if unpacked_bytes > most:
+                    raise ValueError(f"its variables take more than {most >> 20} MiB unpacked")
+                elements(inner, 0, len(inner), {_MATRIX})
+            elif kind == _MATRIX and length:
+                of = struct.unpack_from(f"{order}I", data, start + 8)[0] & 0xFF if length >= 16 else 0
+                elements(data, start, start + length, (_NUMBERS | {_MATRIX}) if of in _NESTED else _NUMBERS)
+            at = start + padded
+
+    if 0 not in data[:4]:  # as it is in format 4
+        elements(data, 128, len(data), {_MATRIX, _COMPRESSED})
 
 
 def recording_name(path: Path) -> None:

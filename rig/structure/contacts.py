@@ -380,6 +380,8 @@ def contact_rows(name: str, path: Path, full: Full) -> Points:
             size = float(value)
             if not np.isfinite(size) or (size <= 0.0 and what in ("area", "radius")):
                 raise ValueError
+            if (point, row) in values[what]:
+                faults.append(f"{path.name}, line {number}: point {point} has this {what} in a line before too")
             values[what][point, row] = size
         except (ValueError, KeyError):
             expected = "POINT, WHAT, NODE, DIRECTION, VALUE with normal, along, area or radius"

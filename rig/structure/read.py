@@ -10,6 +10,7 @@ Abaqus .mtx     with FORMAT=MATRIX INPUT: node, direction, node, direction, valu
 
 from __future__ import annotations
 
+import io
 import itertools
 import re
 import zipfile
@@ -242,7 +243,10 @@ def _file(path: Path, variable: str) -> _Matrix:
 
 
 def _matlab(path: Path) -> dict[str, Any]:
-    return {name: value for name, value in scipy.io.loadmat(path).items() if not name.startswith("__")}
+    data = path.read_bytes()
+    if b"MATLAB 7.3" not in data[:128]:
+        files.matlab_checked(data, LIMIT)
+    return {name: value for name, value in scipy.io.loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
 
 
 def _npz(path: Path) -> dict[str, Any]:
@@ -470,9 +474,9 @@ def _one_order(
             known = np.flatnonzero(to >= 0)
             place = sp.csr_array((np.ones(len(known)), (to[known], known)), shape=(len(labels), len(to)))
             matrix = _Matrix(sp.csr_array(place @ matrix.values @ place.T), labels)
-        elif matrix.values.shape[0] != len(labels):
+        elif matrix.values.shape[0] != (count := len(labels) if labelled else read[0][1].values.shape[0]):
             first = _named(read[0][0])
-            faults.append(f"{_named(source)}: has {matrix.values.shape[0]} rows, but {first} has {len(labels)}")
+            faults.append(f"{_named(source)}: has {matrix.values.shape[0]} rows, but {first} has {count}")
         ordered.append((source, matrix))
     return ordered, labels
 

@@ -176,12 +176,12 @@ def test_rows_of_a_file_are_the_contact_that_was_written(tmp_path):
 def test_rows_of_a_file_are_refused_all_at_once(tmp_path):
     path = exported(paired((2, 2))[0], tmp_path / "rows.csv")
     good = path.read_text().splitlines()
-    bad = ["9,normal,1,z,1", "9,along,77777,x,1", "9,area,,,-1", "9,normal,1600,q,1", "9,normal"]
+    bad = ["9,normal,1,z,1", good[1], "9,area,,,-1", "9,normal,1600,q,1", "9,normal"]
     path.write_text("\n".join(good + bad))
     with pytest.raises(SceneError) as refusal:
         contact_rows("up", path, disc()[0])
     first = len(good)
-    words = ["no row of 1 z", "no row of 77777 x", "-1", "1600,q", "expected POINT"]
+    words = ["no row of 1 z", "in a line before too", "-1", "1600,q", "expected POINT"]
     for number, word in enumerate(words, 1):
         assert any(f"rows.csv, line {first + number}: " in fault and word in fault for fault in refusal.value.faults)
     assert len(refusal.value.faults) >= len(bad)

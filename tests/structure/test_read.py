@@ -163,7 +163,7 @@ MATRICES = [
     ("mass", 1e-7 * M, r"total mass along x is 3.25e-07 kg"),
     ("stiffness", changed(K, (4, 4, np.nan)), "1 entries that are not finite: row 5, column 5"),
     ("stiffness", K[:4], "has 4 rows and 5 columns; expected a square matrix"),
-    ("stiffness", K[:4, :4], r"has 4 rows, but stiffness.mtx|has 5 rows, but stiffness.mtx \(stiffness\) has 4"),
+    ("stiffness", K[:4, :4], r"mass.mtx \(mass\): has 5 rows, but stiffness.mtx \(stiffness\) has 4"),
     ("stiffness", K + 1j * K, "stiffness.mtx: is complex; write the real and the imaginary part as two parts"),
 ]
 
@@ -265,6 +265,7 @@ FILES = [
     ("stiffness.mtx", line(1, "%%MatrixMarket matrix coordinate pattern general"), "its first line says .*pattern"),
     ("stiffness.mtx", line(3, "5 x 15"), "stiffness.mtx: cannot be read"),
     ("stiffness.mat", lambda content: content[: len(content) // 2], "stiffness.mat: cannot be read"),
+    ("stiffness.mat", lambda content: content[:177] + b"\x80" + content[178:], "byte 176 has the type 32777"),
     ("stiffness.mat", lambda content: b"not from MATLAB", "stiffness.mat: cannot be read"),
     ("stiffness.mat", lambda content: content[:124] + b"\x00\x02" + content[126:], "MATLAB v7.3 file; write it with"),
     ("stiffness.npz", lambda content: content[: len(content) // 2], "stiffness.npz: cannot be read"),

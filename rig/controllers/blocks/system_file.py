@@ -28,18 +28,15 @@ from __future__ import annotations
 import io
 import json
 import math
-import struct
 import zipfile
-import zlib
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.machine.files import contents, unpacked
+from rig.machine.files import contents, matlab_checked, unpacked
 from rig.units import brief
 
 Matrix = NDArray[np.float64]
@@ -129,7 +126,6 @@ def _anti_windup(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Matrix:
 STATES, SIGNALS = 100, 16
 """Most states, and most inputs or outputs, of a controller. # chosen"""
 _LARGEST = 1 << 24  # bytes
-_COMPRESSED = 15  # type of a compressed variable in a MATLAB file of format 5
 _KEYS = ("A", "B", "C", "D", "num", "den", "dt", "inputs", "outputs")
 _AS_MATRICES = "save its matrices: [A, B, C, D] = ssdata(K); dt = K.Ts; save('K.mat', 'A', 'B', 'C', 'D', 'dt', '-v7')"
 
@@ -184,7 +180,7 @@ def _mat(data: bytes) -> dict[str, Any]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabFunction, MatlabOpaque
 
-    _check_unpacked(data)
+    matlab_checked(data, _LARGEST)
     variables = {name: value for name, value in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
     if any(isinstance(value, MatlabFunction | MatlabOpaque) for value in variables.values()) or "None" in variables:
         raise ValueError(f"it holds an object of MATLAB; {_AS_MATRICES}")
@@ -193,20 +189,6 @@ def _mat(data: bytes) -> dict[str, Any]:
         if np.ndim(read[name]) == 2 and len(read[name]) == 1:  # MATLAB has no vectors
             read[name] = read[name][0]
     return read
-
-
-def _check_unpacked(data: bytes) -> None:
-    """Raise ValueError if the compressed variables of a MATLAB file are larger than a file that is read may be."""
-    order, at, size = "<" if data[126:128] == b"IM" else ">", 128, 0
-    with suppress(zlib.error):  # damaged, or of format 4, which is not compressed
-        while at + 8 <= len(data) and size <= _LARGEST:
-            kind, length = struct.unpack_from(f"{order}II", data, at)
-            at += 8
-            if kind == _COMPRESSED:
-                size += len(zlib.decompressobj().decompress(data[at : at + length], _LARGEST + 1 - size))
-            at += length
-    if size > _LARGEST:
-        raise ValueError(f"its variables take more than {_LARGEST >> 20} MiB unpacked")
 
 
 def _plain(value: Any) -> Any:

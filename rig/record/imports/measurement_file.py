@@ -6,6 +6,7 @@ A unit or a rate is only what the file states: nothing is guessed.
 
 from __future__ import annotations
 
+import io
 import re
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -19,9 +20,11 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.extras import needed
+from rig.machine import files
 from rig.record.imports.text_table import TextTable
 from rig.record.run_data import Reals
 
+_LARGEST = 1 << 31  # bytes of a MATLAB file, unpacked
 Block = Mapping[str, Reals]
 """Column -> its next values; columns of one length have equally many."""
 
@@ -208,11 +211,12 @@ def _seconds(column: Any, begins: dict[str, int], name: str) -> Reals:
 def _mat(path: Path) -> MeasurementFile:
     from scipy.io import loadmat
 
-    with path.open("rb") as file:
-        if b"MATLAB 7.3" in file.read(128):
-            return _hdf5(path)
+    data = path.read_bytes()
+    if b"MATLAB 7.3" in data[:128]:
+        return _hdf5(path)
+    files.matlab_checked(data, _LARGEST)
     arrays = _Arrays(path)
-    for name, value in loadmat(path, simplify_cells=True).items():
+    for name, value in loadmat(io.BytesIO(data), simplify_cells=True).items():
         if not name.startswith("__"):
             _of_struct(arrays, name, value)
     return arrays.file()
