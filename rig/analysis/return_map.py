@@ -57,6 +57,8 @@ _NEAR = 2.5  # ticks: a period that differs by less is advanced with the same nu
 _TURN = 0.02  # of a radian of the fastest mode: a step of the integration of the rest of a tick
 _AFTER_END = 4  # ticks beyond the end: the state between two of them follows from as many on both sides
 _RESOLVED = 0.1  # radians of the fastest mode in a tick: then such an interpolation is exact to 1e-11
+_NODES = np.arange(2.0 * _AFTER_END)
+_APART = _NODES[:, None] - _NODES + np.eye(2 * _AFTER_END)
 _ITERATIONS = 12
 FLAT = 1e-13
 
@@ -192,8 +194,7 @@ class Flow:
         modes = self.modes(key)
         if not modes.nonlinear.any() and not self.system.products and not self.system.remembers:
             return np.asarray(expm(modes.A * time) @ x)
-        fastest = float(np.abs(np.linalg.eigvals(modes.A)).max())
-        pieces = max(math.ceil(abs(time) * fastest / _TURN), 1)
+        pieces = max(math.ceil(abs(time) * self._fastest_of(key) / _TURN), 1)
         h = time / pieces
         for _ in range(pieces):
             a = self.rate(x, key)
@@ -242,9 +243,13 @@ class Flow:
 
     def _slow(self, key: int) -> bool:
         """Whether eight ticks resolve every mode of a mode set."""
+        return self._fastest_of(key) * self.step < _RESOLVED
+
+    def _fastest_of(self, key: int) -> float:
+        """The largest rate [1/s] of a mode set."""
         if key not in self._fastest:
             self._fastest[key] = float(np.abs(np.linalg.eigvals(self.modes(key).A)).max())
-        return self._fastest[key] * self.step < _RESOLVED
+        return self._fastest[key]
 
     def stuck(self, key: int, p: int) -> bool:
         """Whether contact p sticks in mode set `key`."""
@@ -266,8 +271,9 @@ def _at_rest(system: System, x: Array) -> Array:
 
 def _interpolation(place: float) -> Array:
     """Weights of equidistant values 0, 1, 2, ... for the value at a place between them (Lagrange)."""
-    nodes = np.arange(2 * _AFTER_END)
-    return np.array([np.prod([(place - m) / (k - m) for m in nodes if m != k]) for k in nodes])
+    away = np.tile(place - _NODES, (len(_NODES), 1))
+    np.fill_diagonal(away, 1.0)
+    return np.asarray(np.prod(away / _APART, axis=1))
 
 
 class Family:
@@ -470,7 +476,7 @@ class ReturnMap:
                     slope = sum((weight * way for (_, weight), way in zip(formula, ways)), np.zeros(len(moving))) / step
                     bend = float(np.abs(formula[1][0] * ways[0] - formula[0][0] * ways[1]).max())
                     if bend > _STRAIGHT * step * float(np.abs(slope).max()) and step > _SMALLEST:  # too long a step
-                        left = [max(_STRAIGHT * step**2 * float(np.abs(slope).max()) / bend, _SMALLEST), *left]
+                        left = [max(0.5 * _STRAIGHT * step**2 * float(np.abs(slope).max()) / bend, _SMALLEST), *left]
                         break
                     return slope
         raise NotSmooth("displaced runs meet other events", other)

@@ -2,6 +2,8 @@
 
 import json
 import math
+import shutil
+import subprocess
 import time
 from dataclasses import replace
 
@@ -425,3 +427,159 @@ def test_critical_values_are_those_of_the_eigenvalues(tmp_path, scene, over):
         axis = result.axis
         growth = [lab.modes(axis.at(loaded, value * (1.0 + s * 1e-6))).sliding.modes[0].growth for s in (-1.0, 1.0)]
         assert min(growth) < 0.0 < max(growth)
+
+
+# smooth special points of forced motions, beside other programs
+
+ESCAPE_PLANT = """
+from rig.effects import dither, drive, load
+from rig.effects.dither import MassDither
+from rig.effects.drive import BeltDrive
+from rig.effects.load import Load
+from rig.laws import Friction
+from rig.model.assembly import Assembly
+from rig.plants.belt import Body, contact_outputs
+from rig.quantities import Section
+
+
+class Parameters(Section):
+    body: Body
+    drive: BeltDrive
+    load: Load
+    friction: Friction
+    dither: MassDither
+
+
+def assemble(p, moved=None):
+    a = Assembly(title="mass on a softening spring")
+    a.coordinate("x", p.body.mass, p.body.damping, p.body.stiffness)
+    a.product("xx", "x", "x")
+    a.push("x", {"xx": p.body.stiffness})
+    a.patch("contact", {"x": 1.0}, drive.add(a, p.drive, "m/s", moved or {}), p.friction.friction())
+    a.normal("load", "contact", load.add(a, p.load, moved or {}))
+    dither.add(a, p.dither, "contact", "load", "x")
+    a.outputs |= contact_outputs({"x": 1.0}, a)
+    return a
+"""
+ESCAPE = """
+title = "A forced mass on a softening spring; its friction is constant"
+plant = "./escape.py"
+body = { mass = "1 kg", stiffness = "1 N/m", damping = "0.1 N*s/m" }
+drive = { speed = "10 m/s" }
+load = { force = "0.1 N" }
+friction = { law = "coulomb", mu_static = 0.1, mu_kinetic = 0.1 }
+dither = { on = "mass", amplitude = "0.06 N", frequency = "0.135 Hz" }
+clock = { frame = "10 ms" }
+"""
+OMEGA = 2.0 * math.pi * 0.135
+
+
+@pytest.fixture(scope="module")
+def escape(tmp_path_factory) -> Branches:
+    folder = tmp_path_factory.mktemp("escape")
+    (folder / "escape.py").write_text(ESCAPE_PLANT)
+    (folder / "escape.toml").write_text(ESCAPE)
+    return branches(job(lab.load(folder / "escape.toml"), "dither.amplitude=0.02 N:0.11 N"), folder)
+
+
+def critical(rate, omega, start, p, measure):
+    """Newton's method for x(T) = x(0) and measure(dx(T)/dx(0)) = 0 by an independent integrator; the parameter."""
+    from scipy.integrate import solve_ivp
+    from scipy.optimize import root
+
+    def end(x, p):
+        span = (0.0, 2.0 * math.pi / omega)
+        return solve_ivp(rate, span, x, method="DOP853", args=(p,), rtol=1e-12, atol=1e-14).y[:, -1]
+
+    def missed(z):
+        x, p, h, weights = z[:2], z[2], 1e-5, ((1, 8.0 / 12.0), (2, -1.0 / 12.0))
+        J = np.array(
+            [sum(w * (end(x + k * h * e, p) - end(x - k * h * e, p)) for k, w in weights) / h for e in np.eye(2)]
+        ).T
+        return [*(end(x, p) - x), measure(J)]
+
+    solution = root(missed, [*start, p], tol=1e-11)
+    assert solution.success
+    return solution.x[2]
+
+
+def test_folds_and_a_period_doubling_of_an_own_plant(escape):
+    """Nothing else: in a rig with positive damping no torus begins."""
+
+    def rate(t, y, F):
+        return [y[1], -y[0] - 0.1 * y[1] + y[0] ** 2 + 0.01 + F * math.sin(OMEGA * t)]
+
+    for kind, starts, sign in (
+        ("fold", (((-0.3869, 0.1070), 0.045), ((-0.055, 0.265), 0.0617)), -1.0),
+        ("period doubling", (((-0.0293, -0.5453), 0.1006),), 1.0),
+    ):
+        values = [
+            critical(rate, OMEGA, start, p, lambda J, sign=sign: np.linalg.det(J + sign * np.eye(2)))
+            for start, p in starts
+        ]
+        assert sorted(escape.special(kind)) == pytest.approx(values, abs=1e-9)
+    assert {special.kind for special in escape.specials} == {"fold", "period doubling"}
+    assert max(point.residual for *_, point in escape.points()) <= CLOSED
+
+
+def test_a_torus_point_of_a_forced_slip_with_falling_friction(tmp_path):
+    changes = {
+        "dither.on": "mass", "dither.amplitude": "2 N", "dither.frequency": "7 Hz", "dither.enable": True,
+    }  # fmt: skip
+    result = followed(tmp_path, "belt_dither", "drive.speed=0.15 m/s:0.3 m/s", ("simulation",), **changes)
+    omega = 14.0 * math.pi
+
+    def rate(t, y, V):
+        mu = 0.18 + 0.32 * math.exp(-(V - y[1]) / 0.05)
+        return [y[1], (20.0 * mu - 2.0 * y[1] - 2500.0 * y[0] + 2.0 * math.sin(omega * t)) / 5.0]
+
+    value = critical(rate, omega, (0.00146, -0.01226), 0.21, lambda J: np.linalg.det(J) - 1.0)
+    assert result.special("torus") == [pytest.approx(value, abs=1e-9)]
+
+
+AUTO_EQUATIONS = """
+      SUBROUTINE FUNC(NDIM,U,ICP,PAR,IJAC,F,DFDU,DFDP)
+      INTEGER, INTENT(IN) :: NDIM, ICP(*), IJAC
+      DOUBLE PRECISION, INTENT(IN) :: U(NDIM), PAR(*)
+      DOUBLE PRECISION, INTENT(OUT) :: F(NDIM)
+      DOUBLE PRECISION, INTENT(INOUT) :: DFDU(NDIM,NDIM), DFDP(NDIM,*)
+      DOUBLE PRECISION R
+      R = U(3)**2 + U(4)**2
+      F(1) = U(2)
+      F(2) = -0.1D0*U(2) - U(1) + U(1)**2 + 0.01D0 + PAR(1)*U(3)
+      F(3) = U(3) + PAR(2)*U(4) - U(3)*R
+      F(4) = U(4) - PAR(2)*U(3) - U(4)*R
+      END
+      SUBROUTINE STPNT(NDIM,U,PAR,T)
+      INTEGER, INTENT(IN) :: NDIM
+      DOUBLE PRECISION, INTENT(INOUT) :: U(NDIM), PAR(*)
+      DOUBLE PRECISION, INTENT(IN) :: T
+      DOUBLE PRECISION TURN
+      TURN = 8*ATAN(1.0D0)
+      PAR(1) = 0.0D0
+      PAR(2) = TURN*0.135D0
+      PAR(11) = TURN/PAR(2)
+      U(1) = 0.5D0*(1.0D0 - SQRT(1.0D0 - 0.04D0))
+      U(2) = 0.0D0
+      U(3) = SIN(TURN*T)
+      U(4) = COS(TURN*T)
+      END
+""" + "".join(f"      SUBROUTINE {name}\n      END\n" for name in ("BCND", "ICND", "FOPT", "PVLS"))
+AUTO_CONSTANTS = """
+NDIM=4, IPS=2, IRS=0, ILP=1, ISP=2, ISW=1, ICP=[1, 11], NTST=40, NCOL=4, IAD=3, NMX=60, NPR=60, MXBF=0, IID=0
+ITMX=12, ITNW=7, NWTN=3, EPSL=1e-10, EPSU=1e-10, EPSS=1e-8, DS=0.01, DSMIN=1e-6, DSMAX=0.03, UZSTOP={1: 0.2}
+"""
+
+
+@pytest.mark.skipif(not (shutil.which("auto-07p") and shutil.which("gfortran")), reason="needs auto-07p and gfortran")
+def test_smooth_special_points_are_those_of_auto(escape, tmp_path):
+    (tmp_path / "escape.f90").write_text(AUTO_EQUATIONS)
+    (tmp_path / "c.escape").write_text(AUTO_CONSTANTS)
+    (tmp_path / "escape.auto").write_text("run('escape')\n")
+    subprocess.run(["auto-07p", "escape.auto"], cwd=tmp_path, check=True, capture_output=True, timeout=120)
+    rows = [line.split() for line in (tmp_path / "fort.7").read_text().splitlines()]
+    values = {kind: sorted(float(row[4]) for row in rows if row[0] != "0" and row[2] == code)
+              for kind, code in (("fold", "5"), ("period doubling", "7"))}  # fmt: skip
+    assert (len(values["fold"]), len(values["period doubling"])) == (2, 1)
+    for kind, expected in values.items():
+        assert sorted(escape.special(kind)) == pytest.approx(expected, rel=1e-8), kind

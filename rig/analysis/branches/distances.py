@@ -64,15 +64,23 @@ def intervals(flow: Flow, run: Carried, period: float) -> list[Interval]:
     return out
 
 
-def distances(flow: Flow, run: Carried, period: float) -> list[Distance]:
-    """Return all distances of a cycle from other events, each over the largest value of its kind in the period."""
+def distances(flow: Flow, run: Carried, period: float, what: str = "", only: int = -1) -> list[Distance]:
+    """Return all distances of a cycle from other events, each over the largest value of its kind in the period.
+
+    `what`, `only`: no more than those of one kind (and of kinds that are computed with it), in one interval.
+    """
     out: list[Distance] = []
     parts = intervals(flow, run, period)
     for number, part in enumerate(parts):
-        out += _of_slip(flow, part, number)
-        out += _of_normals(flow, part, number)
-        if number:
+        if only not in (-1, number):
+            continue
+        if what in ("", "slip"):
+            out += _of_slip(flow, part, number)
+        if what in ("", "closed", "open"):
+            out += _of_normals(flow, part, number)
+        if number and what in ("", "touch"):
             out += _of_touches(flow, part, parts[number - 1], number)
+        if number and what in ("", "stick", "landing"):
             out += _of_sticks(flow, part, parts[number - 1], number)
     return out
 

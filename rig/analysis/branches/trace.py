@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -47,6 +47,7 @@ _BENDS = 0.9  # cosine of two tangents: below it a step is too long
 _GROWTH, _EASY = 1.5, 6  # of the step, after a Newton iteration of at most so many runs
 _EDGE = 1e-11  # of the same size: how closely a boundary is located
 _ROUNDS = 40
+_BESIDE = 1e-6  # along the branch: the derivative of the return map is still the same
 _INSIDE = 0.25  # of the longest slip: the base is no closer to an event
 _RESCALE = 2.0
 _LEVEL = 1e-6  # slope of a branch in the parameter: below it the branch is upright
@@ -56,6 +57,7 @@ _CLOSINGS = 3  # Newton steps that close a motion which is small in the scales o
 _SMALL = 0.02  # range of the slip speed over its mean: smaller cycles are those of the Hopf point
 _ULPS = 16  # rounding of a state after a period, in units of its last digit
 _NOISE = 1e-9  # of a multiplier
+_PAIR = 1e-3  # how near to the unit circle the multipliers of a torus point lie
 _TRIES = (1.0, 3.0, 10.0, 30.0, 100.0)
 _BEYOND = (1e-3, 1e-2, 3e-4, 0.03)
 _SHORT_OF = 1e-3  # of the largest cycle of a linear rig: where the branch is followed from
@@ -366,7 +368,9 @@ def _between(at: Place, new: Place, ds: float) -> list[Special]:
         for kind, measure in (("period doubling", _doubling), ("torus", _torus)):
             if measure(a) * measure(b) < 0.0:
                 out += _located(kind, at, new, ds, partial(_measured, measure))
-    return out
+    return [
+        s for s in out if s.kind != "torus" or any(abs(abs(v) - 1.0) < _PAIR and v.imag for v in s.at.multipliers[0])
+    ]
 
 
 def _measured(measure: Callable[[Sequence[complex]], float], at: Place) -> float:
@@ -374,11 +378,12 @@ def _measured(measure: Callable[[Sequence[complex]], float], at: Place) -> float
 
 
 def _doubling(values: Sequence[complex]) -> float:
-    return math.prod(float(v.real) + 1.0 for v in values if v.imag == 0.0)
+    return float(np.prod([v + 1.0 for v in values]).real)
 
 
 def _torus(values: Sequence[complex]) -> float:
-    return math.prod(abs(v) ** 2 - 1.0 for v in values if v.imag > 0.0) if any(v.imag > 0.0 for v in values) else 1.0
+    """Zero where two multipliers have the product 1: a pair on the unit circle, or two real ones (no torus)."""
+    return float(np.prod([a * b - 1.0 for a, b in combinations(values, 2)]).real)
 
 
 def _located(kind: str, at: Place, new: Place, ds: float, measure: Callable[[Place], float]) -> list[Special]:
@@ -481,7 +486,7 @@ def zero(at: Place, width: float, back: Place, measure: Measure) -> tuple[Place,
 
     Returns the last place before it, the parameter there, and its accuracy.
     """
-    values = [(-width, measure(back), back.p), (0.0, measure(at), at.p)]
+    values, turn = [(-width, measure(back), back.p), (0.0, measure(at), at.p)], measure is of_turn
     for _ in range(_ROUNDS):
         (s0, g0, _p0), (s1, g1, p1) = values[-2:]
         way = -g1 * (s1 - s0) / (g1 - g0) if g1 != g0 else 0.0
@@ -490,7 +495,11 @@ def zero(at: Place, width: float, back: Place, measure: Measure) -> tuple[Place,
         for share in (0.95, 0.5, 0.1, 0.01):
             try:
                 u, end = stepped(at, share * way, at.end.met)
-                new = place(at.map, u, end, at.t)
+                new = (
+                    place(at.map, u, end, at.t)
+                    if turn or abs(way) > _BESIDE
+                    else _closed(replace(at, u=u, end=end), False)
+                )
                 values.append((s1 + share * way, measure(new), new.p))
                 at = new
                 break
@@ -500,12 +509,17 @@ def zero(at: Place, width: float, back: Place, measure: Measure) -> tuple[Place,
             break
     (s0, g0, p0), (s1, g1, p1) = values[-2:]
     p = p1 - g1 * (p1 - p0) / (g1 - g0) if g1 != g0 else p1
+    try:
+        at = place(at.map, at.u, at.end, at.t)
+    except FAILURES:  # the derivative is that of a place beside it
+        pass
     return at, p, max(abs(p - p1), CLOSED_TO * abs(p))
 
 
 def of_distance(name: tuple[str, str, int]) -> Measure:
     """Return the measure of one distance."""
-    return lambda at: at.distances()[name]
+    what, _, number = name
+    return lambda at: {d.name: d.value for d in distances(at.flow, at.run, at.period, what, number)}[name]
 
 
 def of_turn(at: Place) -> float:
