@@ -429,6 +429,31 @@ def test_critical_values_are_those_of_the_eigenvalues(tmp_path, scene, over):
         assert min(growth) < 0.0 < max(growth)
 
 
+@pytest.mark.parametrize(
+    ("scene", "changes", "over", "start", "kind", "within"),
+    [
+        ("tip", {"waviness": "none"}, "drive.speed=0.11 m/s:0.14 m/s", 0.115, "jump", -1e-3),
+        ("tread", {}, "friction.mu=0.9:1.2", "hopf", "fold", 1e-3),
+    ],
+)
+def test_the_end_of_stick_slip_lies_between_two_simulations(tmp_path, scene, changes, over, start, kind, within):
+    """From the cycle beside it, 0.1 % to its one side stick-slip lives on, and 0.1 % to the other one it dies."""
+    result = followed(tmp_path, scene, over, (start,), **changes)
+    [end] = result.special(kind)
+    family = Family(lab.load(scene, {"limits": "none", **changes}), [result.axis])
+    cycle = min(
+        (p for *_, p in result.points() if p.stick and p.stable and (p.value - end) * within > 0.0),
+        key=lambda p: abs(p.value / end - 1.0 - within),
+    )
+    lives = []
+    for value in (end * (1.0 + within), end * (1.0 - within)):
+        flow = family.flow((value,))
+        x = flow.settled.copy()
+        x[flow.moving] = [cycle.state[flow.system.names[i]] for i in flow.moving]
+        lives.append(bool(flow.carried(flow.carried(x, 500.0 * cycle.period).x, 20.0 * cycle.period).events))
+    assert lives == [True, False]
+
+
 # smooth special points of forced motions, beside other programs
 
 ESCAPE_PLANT = """
