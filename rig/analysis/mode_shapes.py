@@ -1,4 +1,6 @@
-"""Mode shapes on the nodes of a structure: panels of a figure, a moving picture (GIF), and a recording for rerun.
+"""Mode shapes of a structure: panels of a figure, a moving picture (GIF), and a recording for rerun.
+
+They are drawn on the outer faces of the mesh where these are known, otherwise on its nodes.
 
 A complex mode shape moves as Re(shape exp(i phase)): nodes do not reach their largest displacement at the same time.
 Panels show the phase with the largest displacement. Colours are the displacement along the axis that moves most.
@@ -30,6 +32,7 @@ SHOWN, MOST = 4, 8
 """Mode shapes in a moving picture, and in a recording for rerun, the least stable first."""
 _FRAMES, _FRAME_S, _PERIODS = 24, 0.06, 2  # of a period of the moving picture; periods in a recording
 _MOVED = 0.12  # largest displacement in the picture, of the largest extent
+_OPAQUE = 0.8  # of a surface in a figure
 _GREY = (176, 182, 192)
 
 
@@ -66,16 +69,14 @@ def _shape(modes: Modes, mode: Mode) -> Shape:
 def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[float], None]:
     """Draw the least stable modes, one in each panel; returns a function that moves them to a phase."""
     assert modes.nodes is not None
-    xyz = modes.nodes.xyz
+    xyz, faces = modes.nodes.xyz, modes.nodes.faces
     extent = float(np.ptp(xyz, axis=0).max()) or 1.0
-    dots: list[tuple[Shape, Any]] = []
+    movers: list[tuple[Shape, Callable[[Array, Array], None]]] = []
     shown = shapes(modes, most)
     columns = math.ceil(len(shown) / 2) if len(shown) > 2 else 1
     for i, shape in enumerate(shown):
         axes: Any = figure.add_subplot(math.ceil(len(shown) / columns), columns, i + 1, projection="3d")
-        axes.scatter(*xyz.T, s=1.0, color="0.8", depthshade=False)
-        points = axes.scatter(*xyz.T, s=5.0, color=[(0.9, 0.9, 0.9)] * len(xyz), depthshade=False)
-        dots.append((shape, points))
+        movers.append((shape, _surface(axes, xyz, faces) if len(faces) else _cloud(axes, xyz)))
         middle = 0.5 * (xyz.min(axis=0) + xyz.max(axis=0))
         for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle.tolist()):
             set_limits(centre - 0.55 * extent, centre + 0.55 * extent)
@@ -84,14 +85,48 @@ def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[flo
         axes.set_title(shape.title, fontsize=10, y=0.98)
 
     def move(phase: float) -> None:
-        for shape, points in dots:
+        for shape, draw in movers:
             displaced = shape.at(phase)
-            points._offsets3d = tuple((xyz + _MOVED * extent * displaced).T)  # noqa: SLF001 (there is no other way)
-            points.set_color(_colours(displaced[:, shape.axis]) / 255.0)
+            draw(xyz + _MOVED * extent * displaced, displaced[:, shape.axis])
 
     figure.text(0.5, 0.01, "red and blue: to and fro along the axis that moves most", ha="center", fontsize=9)
     move(0.0)
     return move
+
+
+def _cloud(axes: Any, xyz: Array) -> Callable[[Array, Array], None]:
+    """Draw the nodes at rest; returns a function that moves them to places, coloured by values from -1 to 1."""
+    axes.scatter(*xyz.T, s=1.0, color="0.8", depthshade=False)
+    points = axes.scatter(*xyz.T, s=5.0, color=[(0.9, 0.9, 0.9)] * len(xyz), depthshade=False)
+
+    def draw(places: Array, values: Array) -> None:
+        points._offsets3d = tuple(places.T)  # noqa: SLF001 (there is no other way)
+        points.set_color(_colours(values) / 255.0)
+
+    return draw
+
+
+def _surface(axes: Any, xyz: Array, faces: NDArray[np.int32]) -> Callable[[Array, Array], None]:
+    """The same as `_cloud` for the outer faces; at rest their edges."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+    axes.add_collection3d(Line3DCollection(xyz[_edges(faces)], colors="0.6", linewidths=0.3, alpha=0.4))
+    surface = Poly3DCollection(xyz[faces], linewidths=0.15)
+    axes.add_collection3d(surface)
+
+    def draw(places: Array, values: Array) -> None:
+        colours = _colours(values[faces].mean(axis=1)) / 255.0
+        surface.set_verts(places[faces])
+        surface.set_facecolor(np.column_stack([colours, np.full(len(colours), _OPAQUE)]))
+        surface.set_edgecolor(np.column_stack([0.6 * colours, np.full(len(colours), _OPAQUE)]))
+
+    return draw
+
+
+def _edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The edges [edge, 2] of faces, each once."""
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    return np.unique(edges[edges[:, 0] < edges[:, 1]], axis=0)
 
 
 def write(modes: Modes, path: Path) -> None:
@@ -138,8 +173,10 @@ def _rerun(modes: Modes, path: Path) -> None:
     import rerun.blueprint as rrb
 
     assert modes.nodes is not None
-    xyz = modes.nodes.xyz
-    extent = float(np.ptp(xyz, axis=0).max()) or 1.0
+    extent = float(np.ptp(modes.nodes.xyz, axis=0).max()) or 1.0
+    xyz, faces = modes.nodes.xyz / extent, modes.nodes.faces
+    triangles = np.vstack([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+    triangles = triangles[(np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)]
     shown = shapes(modes, MOST)
     names = [f"mode_{i}" for i in range(1, len(shown) + 1)]
     views = [rrb.Spatial3DView(origin=name, name=shape.title) for name, shape in zip(names, shown)]
@@ -148,14 +185,21 @@ def _rerun(modes: Modes, path: Path) -> None:
         stream.save(path, default_blueprint=rrb.Blueprint(rrb.Tabs(*views), collapse_panels=True))
     except Exception as fault:  # rerun raises its own kinds
         raise OutputError(f"{path} cannot be written: {fault}") from None
+    lines = rr.LineStrips3D(np.asarray(xyz[_edges(faces)], dtype=np.float32), colors=[(*_GREY, 90)], radii=[0.0005])
+    rest = lines if len(faces) else rr.Points3D(xyz, colors=[_GREY], radii=[0.002])
     for name in names:
-        stream.log(f"{name}/rest", rr.Points3D(xyz / extent, colors=[_GREY], radii=[0.002]), static=True)
+        stream.log(f"{name}/rest", rest, static=True)
+        if len(faces):
+            stream.log(f"{name}/moved", rr.Mesh3D.from_fields(triangle_indices=triangles), static=True)
     for frame in range(_FRAMES * _PERIODS):
         stream.set_time("phase", duration=frame * _FRAME_S)
         for name, shape in zip(names, shown):
             displaced = shape.at(2.0 * math.pi * frame / _FRAMES)
             colours = _colours(displaced[:, shape.axis])
-            stream.log(f"{name}/moved", rr.Points3D(xyz / extent + _MOVED * displaced, colors=colours, radii=[0.004]))
+            places = xyz + _MOVED * displaced
+            surface = rr.Mesh3D.from_fields(vertex_positions=places, vertex_colors=colours)
+            moved = surface if len(faces) else rr.Points3D(places, colors=colours, radii=[0.004])
+            stream.log(f"{name}/moved", moved)
     stream.flush()
     stream.disconnect()
 

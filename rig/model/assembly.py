@@ -324,11 +324,15 @@ class Input:
 
 
 class Nodes(NamedTuple):
-    """Nodes of a mesh at `xyz` [node, 3] m, and their displacements as `rows` [node, 3, coordinate]."""
+    """Nodes of a mesh at `xyz` [node, 3] m, and their displacements as `rows` [node, 3, coordinate].
+
+    `faces` [face, 4]: the corners of the outer faces, where they are known; a triangle has one corner twice.
+    """
 
     xyz: Array
     rows: Array
     coordinates: tuple[str, ...]
+    faces: NDArray[np.int32]
 
 
 class Accuracy(NamedTuple):

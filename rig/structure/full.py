@@ -92,8 +92,9 @@ class Points:
 class Full:
     """A structure: its parts, the node and direction of each row, its contacts, and other rows by name.
 
-    `node`, `direction` [row]; `ids` [node number], `xyz` [node, 3] in m. `vectors` [row]: directions of loads, sensors
-    and actuators by name: the force of one newton, or the row of a displacement. `finer`: the same contacts with more
+    `node`, `direction` [row]; `ids` [node number], `xyz` [node, 3] in m; `faces` [face, 4]: the corners of outer faces,
+    places in `ids`, the last one twice for a triangle. `vectors` [row]: directions of loads, sensors and
+    actuators by name: the force of one newton, or the row of a displacement. `finer`: the same contacts with more
     points, for a check of their number.
     """
 
@@ -105,6 +106,7 @@ class Full:
     contacts: tuple[Points, ...] = ()
     vectors: Mapping[str, Array] = field(default_factory=dict)
     finer: tuple[Points, ...] = ()
+    faces: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int32))
 
     @property
     def rows(self) -> int:

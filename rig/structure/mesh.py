@@ -68,6 +68,16 @@ class Mesh:
         """The places in `ids` of node numbers that the mesh has."""
         return np.searchsorted(self.ids, nodes).astype(np.int64)
 
+    def corners(self, moving: Numbers) -> NDArray[np.int32]:
+        """The corners [face, 4] of faces with nodes among the numbers `moving`: places, the last twice for a triangle.
+
+        A node without rows is held, unless it can follow others: then all nodes of a face must be `moving`.
+        """
+        three = np.isin((self.faces >= 0).sum(axis=1), (3, 6))
+        corners = np.where(np.arange(4) < np.where(three, 3, 4)[:, None], self.faces[:, :4], self.faces[:, 2:3])
+        known = np.isin(self.ids, moving)[corners]
+        return corners[known.all(axis=1) if self.tied else known.any(axis=1)].astype(np.int32)
+
     def unknown(self, nodes: Numbers) -> Numbers:
         """Those of these node numbers that the mesh does not have."""
         return nodes[~np.isin(nodes, self.ids)]

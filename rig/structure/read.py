@@ -149,7 +149,8 @@ def structure(
         Part(source.name, source.of, _si(matrix.values, turning, length), source.key, source.power, source.factor)
         for source, matrix in read
     )
-    return Full(parts, node=labels[:, 0], direction=direction, ids=mesh.ids, xyz=mesh.xyz), mesh
+    node, faces = labels[:, 0], mesh.corners(labels[~inner, 0])
+    return Full(parts, node=node, direction=direction, ids=mesh.ids, xyz=mesh.xyz, faces=faces), mesh
 
 
 def files_read(

@@ -33,11 +33,11 @@ class Reduced:
     """A reduced structure.
 
     `model`: parts [coordinate, coordinate], contact rows [point, coordinate] and vectors [coordinate] are dense arrays
-    in it; its `node`, `direction`, `ids` and `xyz` are those of the full structure. `basis` [row, coordinate] in single
-    precision gives shapes on the nodes, x = basis q. `up_to` [rad/s]: highest frequency that the basis is made for, 0
-    for all. `trained`: the range of each number of the scene that the basis is made for, empty for kinds that hold for
-    every number; `points`: where snapshots were taken; `error`: the largest relative error that was estimated
-    over the range. `rigid`: the number of modes at frequency zero.
+    in it; its `node`, `direction`, `ids`, `xyz` and `faces` are those of the full structure. `basis` [row, coordinate]
+    in single precision gives shapes on the nodes, x = basis q. `up_to` [rad/s]: highest frequency that the basis is
+    made for, 0 for all. `trained`: the range of each number of the scene that the basis is made for, empty for kinds
+    that hold for every number; `points`: where snapshots were taken; `error`: the largest relative error that was
+    estimated over the range. `rigid`: the number of modes at frequency zero.
     """
 
     kind: Kind
@@ -82,7 +82,7 @@ class Reduced:
     def to_bytes(self) -> bytes:
         """The model as bytes of an NPZ file; equal models give equal bytes."""
         arrays: dict[str, Any] = {"basis": self.basis}
-        arrays |= {name: getattr(self.model, name) for name in ("node", "direction", "ids", "xyz")}
+        arrays |= {name: getattr(self.model, name) for name in ("node", "direction", "ids", "xyz", "faces")}
         arrays |= {f"part{i}": part.matrix for i, part in enumerate(self.model.parts)}
         arrays |= {f"vector{i}": vector for i, vector in enumerate(self.model.vectors.values())}
         for title, contacts in (("contact", self.model.contacts), ("finer", self.model.finer)):
@@ -126,7 +126,10 @@ class Reduced:
             )
             vectors = {name: arrays[f"vector{i}"] for i, name in enumerate(head["vectors"])}
             node, direction, ids, xyz = (arrays[name] for name in ("node", "direction", "ids", "xyz"))
-            model = Full(parts, node, direction, ids, xyz, contacts, vectors, finer)
+            faces = arrays.get("faces", np.zeros((0, 4), dtype=np.int32))  # earlier models have none
+            if faces.dtype != np.int32 or faces.shape[1:] != (4,) or not np.isin(faces, np.arange(len(ids))).all():
+                raise ValueError
+            model = Full(parts, node, direction, ids, xyz, contacts, vectors, finer, faces)
             trained = {key: (float(low), float(high)) for key, (low, high) in head["trained"].items()}
             points, error, rigid = tuple(head["points"]), head["error"], head["rigid"]
             reduced = cls(head["kind"], model, arrays["basis"], head["up_to"], trained, points, error, rigid)

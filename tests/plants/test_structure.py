@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import brake_fe
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from matplotlib.image import imread
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from scipy.sparse import csgraph
 from scipy.sparse.linalg import splu
 from scipy.stats import t as student
 
@@ -18,12 +21,14 @@ from rig import scenes
 from rig.analysis import mode_shapes, recorded
 from rig.analysis.axis import Axis, changed
 from rig.analysis.control_loop import loop
+from rig.analysis.figures import modes_figure
 from rig.analysis.modes import at_rest
 from rig.analysis.sweep import sweep
 from rig.bench.again.verify import verify
 from rig.bench.run.before import findings
 from rig.errors import SceneError, UsageError
 from rig.model.assembly import Assembly
+from rig.plants import structure as of_matrices
 from rig.record.compare import compare
 from rig.scenes.explain import explain
 from rig.structure import model_store
@@ -415,7 +420,15 @@ def test_every_eigenvalue_of_a_sweep_has_its_error_beside_a_stack_with_a_shunt_t
     assert worst in [branch["error"][at] for branch in table["branches"]]
 
 
-def test_mode_shapes_move_on_the_nodes(disc, tmp_path):
+def connected(nodes):
+    """The number of bodies."""
+    ends = nodes.faces.ravel(), np.roll(nodes.faces, 1, axis=1).ravel()
+    return csgraph.connected_components(
+        sp.csr_array((np.ones(nodes.faces.size), ends), shape=(len(nodes.xyz),) * 2), False
+    )[0]
+
+
+def test_mode_shapes_move_on_the_faces_of_the_mesh(disc, tmp_path, monkeypatch):
     modes = rig.modes(scenes.load(written(disc, FE)))
     shape = mode_shapes.shapes(modes, 1)[0]
     assert np.abs(shape.moved).max() == pytest.approx(1.0)
@@ -424,6 +437,20 @@ def test_mode_shapes_move_on_the_nodes(disc, tmp_path):
     for suffix in mode_shapes.SUFFIXES:
         mode_shapes.write(modes, tmp_path / f"shapes{suffix}")
         assert (tmp_path / f"shapes{suffix}").stat().st_size > 10_000
+    monkeypatch.setattr(of_matrices, "_DRAWN", 300)
+    whole, thinned = modes.nodes, scenes.load(written(disc, FE)).assemble().nodes()
+    assert np.hypot(*whole.xyz[:, :2].T).min() == pytest.approx(0.060)  # the bore is held, and is seen
+    assert whole.rows[np.hypot(*whole.xyz[:, :2].T) < 0.061].max() == 0.0
+    assert 100 < len(thinned.xyz) <= 300 < len(whole.xyz)
+    for nodes in (whole, thinned):
+        sides = nodes.xyz[np.roll(nodes.faces, -1, axis=1)] - nodes.xyz[nodes.faces]
+        assert np.linalg.norm(sides, axis=2).max() < (0.02 if nodes is whole else 0.06)
+        assert set(nodes.faces.ravel()) == set(range(len(nodes.xyz)))
+    there, kept = ({*map(bytes, np.column_stack([n.xyz, n.rows.reshape(len(n.xyz), -1)]))} for n in (whole, thinned))
+    assert kept <= there
+    assert connected(thinned) == connected(whole) == 3  # nodes of a pad and of the disc lie at one place
+    cloud = replace(modes, nodes=whole._replace(faces=whole.faces[:0]))
+    assert [len(modes_figure(of).findobj(Poly3DCollection)) for of in (modes, cloud)] == [4, 0]
     with pytest.raises(UsageError, match="three has no nodes"):
         mode_shapes.write(rig.modes(scenes.load(written(disc, THREE, "three"))), tmp_path / "other.gif")
 

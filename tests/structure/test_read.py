@@ -390,6 +390,18 @@ def test_a_surface_is_the_set_of_its_nodes(tmp_path):
     assert read_mesh(text(tmp_path / "m.inp", lines), 1.0).sets["FACE"].tolist() == [1, 2, 4, 5, 8, 9]
 
 
+def test_faces_are_drawn_by_their_corners_where_they_move(tmp_path):
+    lines = ["*NODE", *[f"{k}, {k}, {k * k % 5}, 0" for k in range(1, 11)]]
+    lines += ["*ELEMENT, TYPE=S4", "1, 1,2,3,4", "*ELEMENT, TYPE=S3", "2, 3,4,5", "*ELEMENT, TYPE=S6"]
+    lines += ["3, 5,6,7, 8,9,10", "*ELEMENT, TYPE=S8R", "4, 1,3,5,7, 2,4,6,8"]
+    corners = [[0, 1, 2, 3], [2, 3, 4, 4], [4, 5, 6, 6], [0, 2, 4, 6]]
+    mesh = read_mesh(text(tmp_path / "m.inp", lines), 1.0)
+    assert mesh.corners(mesh.ids).tolist() == corners
+    assert mesh.corners(np.array([1, 2, 3])).tolist() == [corners[0], corners[1], corners[3]]  # the others are held
+    tied = read_mesh(text(tmp_path / "m.inp", [*lines, "*TIE, NAME=t"]), 1.0)
+    assert tied.corners(np.array([1, 2, 3, 4])).tolist() == [corners[0]]  # node 5 may follow others
+
+
 MESHES = [
     (["*NODE", "1,0,0,0", "*NSET", "1"], r"line 4: .* \*NSET has no name, NSET="),
     (["*NODE", "1,0,0,0", "*SURFACE, NAME=s", "pads, S1"], "line 4: .* set pads is not defined before"),

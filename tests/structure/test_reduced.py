@@ -1,5 +1,6 @@
 """Reduced structures against their full matrices."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
@@ -167,6 +168,25 @@ def test_a_reduced_structure_is_the_same_after_it_was_stored(tmp_path, monkeypat
     assert len(calls) == 1
     with pytest.raises(ValueError, match="is not a reduced structure of this version"):
         Reduced.from_bytes(first.to_bytes()[:-2000])
+
+
+def test_the_faces_are_kept_and_a_model_without_them_is_read():
+    corner = np.array([[0, 1, 2, 2]], dtype=np.int32)
+    full = replace(structure(4), ids=np.arange(3), xyz=np.eye(3), faces=corner)
+    content = build(full, Reduction(modes=10, at=values())).to_bytes()
+    assert Reduced.from_bytes(content).model.faces.tolist() == corner.tolist()
+    with np.load(io.BytesIO(content)) as file:
+        arrays = dict(file)
+    for faces in (None, corner + 1, corner - 1, corner[:, :3], corner.astype(float)):
+        file = io.BytesIO()
+        np.savez(
+            file, **{k: v for k, v in arrays.items() if k != "faces"}, **({} if faces is None else {"faces": faces})
+        )
+        if faces is None:
+            assert Reduced.from_bytes(file.getvalue()).model.faces.shape == (0, 4)
+        else:
+            with pytest.raises(ValueError, match="is not a reduced structure"):
+                Reduced.from_bytes(file.getvalue())
 
 
 def test_matrices_of_few_rows_stay_as_they_are():
