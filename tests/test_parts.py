@@ -28,6 +28,7 @@ KNOWN = {
     "rig/analysis/map/job.py": {"dither"},
     "rig/analysis/modes.py": {"dither"},  # a key of its JSON
     "rig/analysis/regions.py": {"dither"},
+    "rig/structure/full.py": {"piezo"},  # the places of a stack on a mesh, as the scene names them
     "rig/view/lever.py": {"lever"},  # drawers that a plant names
     "rig/view/plate.py": {"plate", "foam"},
 }

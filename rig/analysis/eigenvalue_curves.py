@@ -31,7 +31,7 @@ from rig.design.linearised import energy_form
 from rig.errors import Singular
 from rig.model.assembly import Accuracy
 from rig.scenes.scene import Scene
-from rig.stability.linearisation import Steady, free
+from rig.stability.linearisation import Steady
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -194,8 +194,7 @@ class Growth(NamedTuple):
 def none(rates: NDArray[np.complex128]) -> Array:
     """Return the growth rate [1/s] of each mode below which it is zero: rounding error of an undamped mode."""
     size = np.abs(rates)
-    small = np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0))
-    return np.where(free(rates), size, small)
+    return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
 
 
 Growths = Callable[[float], Growth | None]

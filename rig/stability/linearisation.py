@@ -181,7 +181,7 @@ _TOLERANCE = 1e-12  # residual over the largest term at which the search ends
 _REST = 1e-9  # the same up to which all forces count as balanced
 _LEAST = 1e-3  # shortest share of a step
 _ROUNDING = 2.0**-52
-_FREE = 1e-7  # share of the largest eigenvalue: the two zeros of a body that moves freely come out this large
+_FREE = 2e-8  # share of the largest eigenvalue: the two zeros of a body that moves freely come out this large
 _LOOSE = 1e-12  # share of the largest stiffness below which nothing is held
 
 

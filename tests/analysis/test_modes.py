@@ -19,7 +19,6 @@ from rig.analysis.orbit import Orbit
 from rig.analysis.regions import regions
 from rig.errors import SceneError, UsageError
 from rig.model import friction_law
-from rig.qualify.cost import cost
 
 COULOMB = friction_law.coulomb(0.4, 0.25)
 STRIBECK = friction_law.stribeck(0.5, 0.18, 0.05)
@@ -309,10 +308,7 @@ def test_flutter_by_position() -> None:
     assert {finding.level for finding in there[1].findings} <= {"info", "warning"}
 
 
-@pytest.mark.parametrize(
-    "study",
-    [rig.limit_cycle, lambda scene: maps.job(scene, "drive.speed=0.001:0.01:3"), lambda scene: cost(scene, None)],
-)
+@pytest.mark.parametrize("study", [rig.limit_cycle, lambda scene: maps.job(scene, "drive.speed=0.001:0.01:3")])
 def test_studies_of_single_motions_are_refused(study) -> None:
     with pytest.raises(UsageError, match=r"plate: .* film of points: after the first opening motion is chaotic"):
         study(rig.load("plate"))

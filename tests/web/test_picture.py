@@ -37,7 +37,7 @@ def frames_of(scene):
 def test_every_rig_is_shown_before_a_run_and_moves_in_it(shipped, plant):
     scene = next(scene for scene in shipped if scene.plant == plant)
     still = picture(scene, scene.assemble())
-    if not PLANTS[plant].__dict__.get("PICTURES"):
+    if not PLANTS[plant].__dict__.get("PICTURES") or plant == "structure":  # its three masses have no places
         assert still is None
         return
     json.dumps(still, allow_nan=False)

@@ -10,11 +10,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.structure.full import Points
+if TYPE_CHECKING:  # it loads scipy.sparse, which a finished model does not need
+    from rig.structure.full import Points
 
 Array = NDArray[np.float64]
 _ROUND = 0.7  # cosine between axis and normal above which the contact is seen as a sector of a disc
