@@ -43,7 +43,7 @@ from rig.structure.reduced import Reduced
 
 Array = NDArray[np.float64]
 _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong to one contact
-_DRAWN = 4000  # nodes that mode shapes are drawn on, at most [chosen]
+DRAWN = 4000  # nodes that mode shapes are drawn on, at most [chosen]
 _OF_POINTS = Plot("normal force of points"), Plot("slip speed of points"), Plot("0 open, 1 stick, 2 slip")
 
 PICTURES = (Own("rig.view.surfaces:Surfaces", ("normal_force", "friction_force", "surface_speed")),)
@@ -141,13 +141,13 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
 
 
 def _nodes(whole: Reduced, names: tuple[str, ...]) -> Nodes:
-    """At most `_DRAWN` nodes of the mesh: those of its outer faces, or without faces those that have rows."""
+    """At most `DRAWN` nodes of the mesh: those of its outer faces, or without faces those that have rows."""
     model = whole.model
     free = np.flatnonzero(np.isin(model.node, model.ids) & (model.direction >= 0) & (model.direction < 3))
     at = np.searchsorted(model.ids, model.node[free])
     faces = _coarser(model.xyz, model.faces)
     places = np.unique(faces if len(faces) else at)
-    places = places[:: 1 if len(faces) else -(-len(places) // _DRAWN)]
+    places = places[:: 1 if len(faces) else -(-len(places) // DRAWN)]
     seen = np.isin(at, places)
     free, of = free[seen], np.searchsorted(places, at[seen])
     rows = np.zeros((len(places), 3, len(names)))
@@ -156,20 +156,20 @@ def _nodes(whole: Reduced, names: tuple[str, ...]) -> Nodes:
 
 
 def _coarser(xyz: Array, faces: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Faces of at most `_DRAWN` nodes: beyond, one node stands for all nodes of one body in a cube."""
+    """Faces of at most `DRAWN` nodes: beyond, one node stands for all nodes of one body in a cube."""
     import scipy.sparse as sp  # only where shapes are drawn
     from scipy.sparse import csgraph
 
     used, at = np.unique(faces, return_inverse=True)
     at = at.reshape(faces.shape)
-    if len(used) <= _DRAWN:
+    if len(used) <= DRAWN:
         return faces
     sides = (np.ones(faces.size), (at.ravel(), np.roll(at, 1, axis=1).ravel()))
     bodies, body = csgraph.connected_components(sp.csr_array(sides, shape=(len(used),) * 2), directed=False)
-    body = body if bodies <= _DRAWN else np.zeros_like(body)
+    body = body if bodies <= DRAWN else np.zeros_like(body)
     places = xyz[used] - xyz[used].min(axis=0)
     joined, width = faces, (places.max() or 1.0) / 200.0
-    while len(np.unique(joined)) > _DRAWN:
+    while len(np.unique(joined)) > DRAWN:
         cubes = np.column_stack([np.floor(places / width), body])
         _, first, of = np.unique(cubes, axis=0, return_index=True, return_inverse=True)
         joined, width = used[first[of.ravel()]][at], 1.2 * width

@@ -247,6 +247,8 @@ def _walk(model: Any, loc: Loc, raw: Any) -> tuple[Loc, Any, Any, str]:
                 path.append(part)
             annotation = Any
             continue
+        if not holder.__pydantic_complete__:  # its fields name sections that are defined after it
+            holder.model_rebuild()
         owner, info = holder, holder.model_fields[str(part)]
         annotation, unit = info.annotation, unit_of(info)
         path.append(part)

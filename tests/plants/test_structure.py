@@ -437,7 +437,7 @@ def test_mode_shapes_move_on_the_faces_of_the_mesh(disc, tmp_path, monkeypatch):
     for suffix in mode_shapes.SUFFIXES:
         mode_shapes.write(modes, tmp_path / f"shapes{suffix}")
         assert (tmp_path / f"shapes{suffix}").stat().st_size > 10_000
-    monkeypatch.setattr(of_matrices, "_DRAWN", 300)
+    monkeypatch.setattr(of_matrices, "DRAWN", 300)
     whole, thinned = modes.nodes, scenes.load(written(disc, FE)).assemble().nodes()
     assert np.hypot(*whole.xyz[:, :2].T).min() == pytest.approx(0.060)  # the bore is held, and is seen
     assert whole.rows[np.hypot(*whole.xyz[:, :2].T) < 0.061].max() == 0.0
