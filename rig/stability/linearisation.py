@@ -133,16 +133,6 @@ def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> t
     return scale * values[:-1], (scale * slopes[:, 0] * sign * moves, over_load, over_x)
 
 
-def free(rates: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Which eigenvalues are the zeros of a body that moves freely [i].
-
-    Its two zeros have one shape, so that rounding separates them by its square root; a single zero is exact.
-    """
-    size = np.abs(rates)
-    small = size <= _FREE * size.max(initial=0.0)
-    return np.asarray(small & (np.count_nonzero(small) > 1))
-
-
 def moving_states(system: System, A: Array) -> NDArray[np.int64]:
     """The states of structure and network, and every driving state that depends on them."""
     moving = np.zeros(system.n, dtype=bool)
@@ -181,7 +171,6 @@ _TOLERANCE = 1e-12  # residual over the largest term at which the search ends
 _REST = 1e-9  # the same up to which all forces count as balanced
 _LEAST = 1e-3  # shortest share of a step
 _ROUNDING = 2.0**-52
-_FREE = 2e-8  # share of the largest eigenvalue: the two zeros of a body that moves freely come out this large
 _LOOSE = 1e-12  # share of the largest stiffness below which nothing is held
 
 

@@ -43,7 +43,7 @@ from rig.model.singular import assembled
 from rig.model.system import Finding, Level, Normal, Patch, Sector, System
 from rig.quantities import at_most
 from rig.solve.records import CLOSED, LINEAR, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
-from rig.stability.linearisation import Steady, free, linearised, moving_states, own_law, steady
+from rig.stability.linearisation import Steady, linearised, moving_states, own_law, steady
 
 
 def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
@@ -139,11 +139,22 @@ def _flat(at: Steady) -> Steady:
     return steady(system, system.key(patch_modes, normal_modes, limiter_modes, where, thrown))
 
 
+def _free(rates: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Which eigenvalues are the zeros of a body that moves freely [i].
+
+    Its two zeros have one shape, so that rounding separates them by its square root; a single zero is exact.
+    """
+    size = np.abs(rates)
+    small = size <= _FREE * size.max(initial=0.0)
+    return np.asarray(small & (np.count_nonzero(small) > 1))
+
+
 def _largest(values: NDArray[Any]) -> float:
-    return float(values.real[~free(values)].max(initial=0.0))
+    return float(values.real[~_free(values)].max(initial=0.0))
 
 
 _ZERO = 1e-6  # share of the largest eigenvalue: zero eigenvalues of a stuck contact come out this large
+_FREE = 2e-8  # share of the largest eigenvalue: the two zeros of a body that moves freely come out this large
 _NEUTRAL = 1e-10  # share of the largest eigenvalue: growth up to this is rounding
 _FAST = 10.0  # times the surface speed: the fastest slip expected
 _SPEEDS = 41  # slip speeds at which jamming is examined
@@ -272,7 +283,7 @@ def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
         return  # a transient mode set without an equilibrium: nothing to linearise about
     values, shapes = at.eigenvectors()
     least = (_ZERO if stuck else _NEUTRAL) * fastest
-    for value, shape, neutral in zip(values, shapes.T, free(values)):
+    for value, shape, neutral in zip(values, shapes.T, _free(values)):
         if neutral or value.real <= least or value.imag < 0.0:
             continue
         kind = "flutter" if value.imag > 0.0 else "divergence"

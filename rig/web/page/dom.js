@@ -36,3 +36,13 @@ export function typed(text) {
   const plain = /^[-+]?\d*,\d+$/.test(trimmed) ? trimmed.replace(",", ".") : trimmed;
   return plain !== "" && Number.isFinite(Number(plain)) ? Number(plain) : plain;
 }
+
+/** Runs actions; what one of them throws stands in the element `fault`. */
+export const attempting = (fault) => async (action) => {
+  try {
+    fault.textContent = "";
+    await action();
+  } catch (error) {
+    fault.textContent = error.message;
+  }
+};

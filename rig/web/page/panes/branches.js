@@ -1,7 +1,7 @@
 // Branches of the chosen scene: stable and unstable motions over one value, and a dot for the present state.
 
 import { post } from "/page/api.js";
-import { h, number, pane, quantity } from "/page/dom.js";
+import { attempting, h, number, pane, quantity } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { ink, sized, ticks } from "/page/plot.js";
 
@@ -14,18 +14,10 @@ export function create(bench) {
   const list = h("select", { id: "branches-list", "aria-label": "branches over", hidden: true, onchange: () => bench.redraw() });
   const note = h("div", { class: "small faint", id: "branches-note" }), differs = h("div", { class: "small warn", id: "branches-differ" });
   const fault = h("div", { class: "fault pre", id: "branches-fault", role: "alert" });
+  const attempt = attempting(fault);
   const field = (name, wide) => h("input", { type: "text", class: `value ${wide}`, id: `branches-${name}`, "aria-label": `branches: ${name}` });
   const key = field("over", "wide"), from = field("from", ""), to = field("to", "");
   let found = [], asked = "", named = "";
-
-  async function attempt(action) {
-    try {
-      fault.textContent = "";
-      await action();
-    } catch (error) {
-      fault.textContent = error.message;
-    }
-  }
 
   const valueOf = (name) => bench.chosen().form?.sections.flatMap(({ values }) => values).find((one) => one.key === name)?.value;
   const jobs = jobsOf(["branches"], attempt, fill);

@@ -1,24 +1,16 @@
 // Lessons: a list, the text of one, and a button that chooses its scene. The server makes the HTML from its own pages.
 
 import { get, post } from "/page/api.js";
-import { h, pane } from "/page/dom.js";
+import { attempting, h, pane } from "/page/dom.js";
 
 export function create(bench) {
   const fault = h("div", { class: "fault", role: "alert" });
+  const attempt = attempting(fault);
   const text = h("div", { id: "lesson", class: "small scroll lesson" });
   const take = h("button", { id: "lesson-scene", disabled: true, onclick: () => bench.choose(chosen().scene) }, "Choose its scene");
   const list = h("select", { id: "lessons", "aria-label": "lesson", onchange: show });
   let all = [];
   const chosen = () => all.find(({ number }) => String(number) === list.value);
-
-  async function attempt(action) {
-    try {
-      fault.textContent = "";
-      await action();
-    } catch (error) {
-      fault.textContent = error.message;
-    }
-  }
 
   function show() {
     return attempt(async () => {

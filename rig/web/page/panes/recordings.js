@@ -1,25 +1,17 @@
 // The recordings of the folder: verify, report, view, download, compare; the jobs that do so, with their output.
 
 import { get, post } from "/page/api.js";
-import { h, number, pane } from "/page/dom.js";
+import { attempting, h, number, pane } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 
 export function create(bench) {
   const { store } = bench;
   const fault = h("div", { class: "fault", id: "recordings-fault", role: "alert" });
+  const attempt = attempting(fault);
   const list = h("table", { id: "recordings" });
   const box = h("details", { ontoggle: () => box.open && fill() }, h("summary", {}, "Show recordings"),
     h("div", { class: "scroll" }, list));
   let chosen = null; // the first recording of a comparison
-
-  async function attempt(action) {
-    try {
-      fault.textContent = "";
-      await action();
-    } catch (error) {
-      fault.textContent = error.message;
-    }
-  }
 
   const work = (body) => () => attempt(async () => { await post("/api/recordings/work", body); jobs.look(); });
 

@@ -1,28 +1,20 @@
 // Maps and cost tables: those of the folder, with their figures, and new ones of the scene that is chosen.
 
 import { get, post } from "/page/api.js";
-import { h, pane } from "/page/dom.js";
+import { attempting, h, pane } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 
 const COUNT = 20; // values of an axis at first
 
 export function create(bench) {
   const fault = h("div", { class: "fault pre", id: "studies-fault", role: "alert" });
+  const attempt = attempting(fault);
   const list = h("div", { id: "studies" });
   const keys = h("datalist", { id: "axis-keys" });
   const note = h("p", { class: "small faint" });
   const jobs = jobsOf(["modes", "map", "cost"], attempt, fill);
   jobs.element.id = "studies-jobs";
   const field = (label, properties) => h("label", { class: "small" }, `${label} `, h("input", { type: "text", class: "value", "aria-label": label, ...properties }));
-
-  async function attempt(action) {
-    try {
-      fault.textContent = "";
-      await action();
-    } catch (error) {
-      fault.textContent = error.message;
-    }
-  }
 
   /** The fields of an axis; `text()` is that of rig map, "" if no value has been named. */
   function axis(name) {
