@@ -69,11 +69,11 @@ def test_a_recorder_that_hangs_is_not_waited_for_for_long(scene, monkeypatch):
     monkeypatch.setattr(housekeeping, "MOST_WAITING", 5)
     monkeypatch.setattr(housekeeping, "PATIENCE_S", 0.2)
     monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.2)
-    lines = []
-    with Bench(scene, pace=None, duration=3.0, expect=(("recorder", "recorder"),)) as bench:
+    lines, seconds = [], 60.0  # many looks of the plant at its recorders, on the fastest machine too
+    with Bench(scene, pace=None, duration=seconds, expect=(("recorder", "recorder"),)) as bench:
         bench.twin.open("recorder", "recorder").announce()
         bench.begin(lines.append)
         bench.finish()
-    assert bench.summary["seconds"] == 3.0
+    assert bench.summary["seconds"] == seconds
     assert sum("has written nothing for" in line for line in lines) == 1
     assert bench.summary["unknown"] == ["recorder recorder"]
