@@ -1,26 +1,29 @@
 """A controller that is compiled from C, or from any language that can make a library with C functions.
 
-The header rig/controllers/rig_controller.h documents what the library defines. The library is called in the process of
-its controller; a run in one process (`rig simulate`, studies) calls it through a helper process, so that a crash is
-only the controller's. With where = "plant" the plant's process calls it, in every kind of run, and a crash is that of
-the plant. State in, state out: the bits of all runs are the same.
+The header rig/controllers/rig_controller.h documents what the library defines. The process of the controller calls it: in
+a live run a process of its own, in `rig simulate` and studies that of the simulation. A crash, or a step that does not
+return, ends this process. With where = "plant" it is the plant's process in every kind of run. State in, state out: the
+bits of all runs are the same.
 """
 
 from __future__ import annotations
 
 import signal
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
 from rig.controllers.blocks.base import Numbers, Values
 from rig.controllers.blocks.compiled import CompiledSection, Parameter, Signal
 from rig.controllers.runtime import c_library
-from rig.controllers.runtime.c_process import LONGEST_S, helper
 from rig.errors import ControllerLost, PartError, UsageError
 from rig.parts import Binary
 
+LONGEST_S = 2.0
+"""Longest time of a step [s]; then the timer of the system ends the process (SIGALRM). # chosen"""
 OPENED: dict[str, c_library.Library] = {}
 """SHA-256 -> library that this process has loaded."""
+_TIMER: Any = getattr(signal, "setitimer", lambda *_: None)
+_REAL = getattr(signal, "ITIMER_REAL", 0)
 
 
 class CompiledC(CompiledSection):
@@ -32,8 +35,8 @@ class CompiledC(CompiledSection):
 
     @classmethod
     def describe(cls, file: Binary) -> dict[str, Any]:
-        """See `CompiledSection.describe`; the library is loaded in the helper process."""
-        return helper(file).about
+        """See `CompiledSection.describe`."""
+        return opened(file).about
 
     @classmethod
     def keys(cls, file: Binary) -> tuple[Sequence[Signal], Sequence[Signal], Sequence[Parameter], int | None]:
@@ -46,7 +49,7 @@ class CompiledC(CompiledSection):
 
 
 class CompiledController:
-    """The controller; it calls the library in this process if `numbers` say "direct", or where = "plant"."""
+    """The controller; the process that works with it loads the library at the first call."""
 
     def __init__(self, section: CompiledC, numbers: Numbers) -> None:
         if faults := section.faults():
@@ -54,57 +57,38 @@ class CompiledController:
         self.section, self.numbers = section, numbers
         self.reads, self.drives = section.connected_sensors, section.connected_actuators
         self.period_ns = section.period
-        self._alone = "direct" in numbers
         self._parameters = section.values()
-        self._library: Any = None
-
-    def in_own_process(self) -> Self:
-        """The same controller for a process that runs nothing else: it calls the library itself.
-
-        If a step does not return within `LONGEST_S`, the timer of the system ends the process.
-        """
-        return type(self)(self.section, {**self.numbers, "direct": True})
+        self._library: c_library.Library | None = None
 
     def start(self) -> Values:
         """The state before the first sample."""
-        code, state = self._opened().init(self._parameters)
-        return tuple(self._checked("init", code, state))
+        self._library = opened(self.section.file)
+        code, state = self._library.init(self._parameters)
+        self._check("init", code)
+        return tuple(state)
 
     def update(self, state: Values, t_ns: int, values: Values) -> tuple[Values, Values]:
         """Next state, and the commands [unit of each output]."""
-        library = self._library or self._opened()
-        if self._alone:
-            signal.setitimer(signal.ITIMER_REAL, LONGEST_S)  # SIGALRM ends a process, in whose code it may be
+        library = self._library or opened(self.section.file)
+        _TIMER(_REAL, LONGEST_S)
         try:
             code, after, commands = library.step(self._parameters, state, t_ns, values)
-        except ControllerLost:
-            self._library = None
-            raise
         finally:
-            if self._alone:
-                signal.setitimer(signal.ITIMER_REAL, 0.0)
-        if code:
-            self._checked("step", code, after)
+            _TIMER(_REAL, 0.0)
+        self._check("step", code)
         return tuple(after), tuple(commands)
 
-    def _opened(self) -> Any:
-        """The library, in this process or in its helper."""
-        direct = self._alone or self.section.where == "plant"
-        self._library = (_opened if direct else helper)(self.section.file)
-        return self._library
-
-    def _checked(self, function: str, code: int, numbers: Sequence[float]) -> Sequence[float]:
+    def _check(self, function: str, code: int) -> None:
         if code:
             raise ControllerLost(f"{self.section.file}: rig_controller_{function} returned {code}")
-        return numbers
 
 
-def _opened(file: Binary) -> c_library.Library:
+def opened(file: Binary) -> c_library.Library:
     """The library in this process."""
     if file.sha256 not in OPENED:
         with file.unpacked() as path:
             try:
                 OPENED[file.sha256] = c_library.Library(str(path))
-            except c_library.LibraryFault as fault:
+            except PartError as fault:
                 raise PartError(f"{file}: {fault}") from None
     return OPENED[file.sha256]

@@ -137,9 +137,8 @@ def foreign(key: str, section: Any) -> Iterator[source.Fault]:
         made = controller_class(section)
         if isinstance(section, compiled.CompiledSection):
             lines = section.faults()  # the right numbers of sensors and actuators
-            if not lines:  # a crash is that of its helper process
-                own = section.model_copy(update={"where": "process"})
-                lines = [f"file: {line}" for line in section_faults(own, {})]
+            if not lines:
+                lines = [f"file: {line}" for line in section_faults(section, {})]
             yield from ((f"{key}.{line.partition(':')[0]}", f"{key}.{line}") for line in lines)
             return
         if not hasattr(made, "design"):  # one with a design step needs numbers: rig.design tries it

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import twin
+from compile_c import controller
 from twin import Twin
 
 from rig import scenes
@@ -163,6 +164,15 @@ def test_a_controller_that_crashes_in_the_rehearsal_is_named(runs, tmp_path):
     scene = scenes.load("belt", {"controllers.mine.kind": str(tmp_path / "crashes.py")})
     with pytest.raises(UsageError, match=r"the plant was killed by SIGSEGV.* called the controller mine"):
         supervise.run(scene, duration=0.5, record=False, say=lambda _: None)
+
+
+def test_a_library_in_c_that_crashes_ends_its_own_process_only(runs, tmp_path):
+    library = controller(tmp_path / "crashes.so", more="if (t >= 50000000) *(volatile int *)0 = 1;")
+    scene = scenes.load("belt", {"controllers.mine.kind": "c", "controllers.mine.file": str(library)})
+    outcome = supervise.run(scene, duration=0.5, record=False, say=lambda _: None)
+    assert outcome.died == ("controller mine was killed by SIGSEGV",)
+    assert outcome.summary["seconds"] == 0.5
+    assert outcome.summary["loop"]["mine"]["safe"] == 1
 
 
 def test_a_controller_that_does_not_return_in_the_rehearsal_is_named(runs, tmp_path, monkeypatch):

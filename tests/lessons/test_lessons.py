@@ -135,7 +135,7 @@ def test_ctrl_c_waits_until_a_command_has_kept_what_it_has_done(tmp_path, monkey
         wait_for((tmp_path / "begun").exists)
         os.kill(os.getpid(), signal.SIGINT)
 
-    before = set(psutil.Process().children())  # helpers of C libraries, which earlier tests have loaded
+    before = set(psutil.Process().children())
     watch = threading.Thread(target=interrupt)
     watch.start()
     with pytest.raises(KeyboardInterrupt):

@@ -30,8 +30,10 @@ from rig.errors import ControllerFailed, ExitCode, RigError
 from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
 
-FATAL = [signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL]
-"""Signals of code that crashes, on every system."""
+FATAL = [
+    getattr(signal, name) for name in ("SIGSEGV", "SIGABRT", "SIGFPE", "SIGILL", "SIGALRM") if hasattr(signal, name)
+]
+"""Signals of code that crashes, and of a library in C that does not return (rig.controllers.c)."""
 LONGEST_S = 3.0
 """Longest duration of a rehearsal [s]. # chosen: all but one of the shipped scenes need less"""
 
@@ -76,7 +78,8 @@ def _last_words(calling: Callable[[], str]) -> Iterator[None]:
     def fatal(number: int) -> None:  # a second such signal within it kills this process
         name = signal.Signals(number).name
         who = f"the code of controller {calling()}" if calling() else "a library"
-        os.write(2, f"{who} has crashed, which ends this process ({name})\n".encode())
+        what = "does not return" if name == "SIGALRM" else "has crashed"
+        os.write(2, f"{who} {what}, which ends this process ({name})\n".encode())
         os._exit(ExitCode.FAILED)
 
     kept = ctypes.CFUNCTYPE(None, ctypes.c_int)(fatal)  # as long as it may be called
@@ -97,6 +100,8 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
     """
     working = {}
     for name, description in design.described(scene).items():
+        if name not in scene.in_plant and getattr(scene.controllers[name], "kind", "") == "c":
+            continue  # a crash is that of its own process
         with suppress(RigError):  # a controller that cannot start says why in its own process; the run does not need it
             working[name] = controllers.restored(description)
             if name in scene.in_plant and length(scene, job.pace) > 1:

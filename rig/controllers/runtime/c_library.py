@@ -1,36 +1,15 @@
-"""A compiled controller (rig/controllers/rig_controller.h), called in this process; and its helper process.
-
-The helper is this file, run alone (`python -I -S c_library.py LIBRARY DESCRIPTOR`): it imports nothing of the project,
-so that it starts within 30 ms. It answers over a socket and ends when the other end is closed:
-
-    at the start   length, then JSON: {"about": {...}} or {"fault": "..."}
-    request        code, time, parameters, state, measurements
-    answer         what the function returned, next state, commands
-"""
+"""A compiled controller (rig/controllers/rig_controller.h), called in this process."""
 
 from __future__ import annotations
 
 import ctypes
-import json
-import os
-import socket
-import struct
-import sys
-import threading
-import time
 from collections.abc import Sequence
 from typing import Any
 
+from rig.errors import PartError
+
 VERSION = 1
-INIT, STEP = 1, 2
 _MOST = 1000  # signals, parameters, states
-_HEAD = struct.Struct("<I")
-LOOK_S = 0.5
-"""Time [s] between two looks of a helper at whether its parent process lives."""
-
-
-class LibraryFault(Exception):
-    """A library that cannot be used."""
 
 
 class _Signal(ctypes.Structure):
@@ -56,18 +35,18 @@ class _About(ctypes.Structure):
 
 
 def _about_of(library: ctypes.CDLL) -> dict[str, Any]:
-    """What the library says of itself, as plain values. Raises LibraryFault."""
+    """What the library says of itself, as plain values. Raises PartError."""
     try:
         stated = _About.in_dll(library, "rig_controller_about")
     except ValueError:
-        raise LibraryFault("defines no rig_controller_about (see rig_controller.h)") from None
+        raise PartError("defines no rig_controller_about (see rig_controller.h)") from None
     if stated.version != VERSION:
-        raise LibraryFault(
+        raise PartError(
             f"was compiled with version {stated.version} of rig_controller.h, this rig needs version {VERSION}: "
             "compile it again with the header of this rig"
         )
     if stated.size != ctypes.sizeof(_About):
-        raise LibraryFault(
+        raise PartError(
             f"states a size of {stated.size} bytes for struct rig_controller, which has {ctypes.sizeof(_About)}: "
             "compile it again with the header of this rig, for this machine"
         )
@@ -75,10 +54,10 @@ def _about_of(library: ctypes.CDLL) -> dict[str, Any]:
     for count, name, least in (("inputs", "input", 0), ("outputs", "output", 1), ("parameters", "parameter", 0)):
         number, first = getattr(stated, count), getattr(stated, name)
         if not least <= number <= _MOST or (number and not first):
-            raise LibraryFault(f"states {number} {count}; possible are {least} to {_MOST}, with a list of them")
+            raise PartError(f"states {number} {count}; possible are {least} to {_MOST}, with a list of them")
         lists[count] = [first[i] for i in range(number)]
     if not 0 <= stated.states <= _MOST:
-        raise LibraryFault(f"states {stated.states} states; possible are 0 to {_MOST}")
+        raise PartError(f"states {stated.states} states; possible are 0 to {_MOST}")
     return {
         "period_ns": stated.period_ns,
         "states": stated.states,
@@ -96,13 +75,13 @@ def _text(raw: bytes | None) -> str:
 
 
 class Library:
-    """The compiled controller in the file `path`. Raises LibraryFault, with the reason, if it cannot be used."""
+    """The compiled controller in the file `path`. Raises PartError, with the reason, if it cannot be used."""
 
     def __init__(self, path: str) -> None:
         try:
             self._library = ctypes.CDLL(path)
         except OSError as error:
-            raise LibraryFault(f"cannot be loaded: {str(error).removeprefix(f'{path}: ')}") from None
+            raise PartError(f"cannot be loaded: {str(error).removeprefix(f'{path}: ')}") from None
         self.about = about = _about_of(self._library)
         inputs, outputs, parameters = (len(about[name]) for name in ("inputs", "outputs", "parameters"))
         states = about["states"]
@@ -119,7 +98,7 @@ class Library:
         try:
             function = getattr(self._library, f"rig_controller_{name}")
         except AttributeError:
-            raise LibraryFault(f"defines no rig_controller_{name} (see rig_controller.h)") from None
+            raise PartError(f"defines no rig_controller_{name} (see rig_controller.h)") from None
         function.argtypes, function.restype = kinds, ctypes.c_int32
         return function
 
@@ -143,65 +122,3 @@ class Library:
         p, s, after, heard, given = self._at
         code = self._step(p, s, after, t_ns, heard, given)
         return code, self._next[:], self._output[:]
-
-
-def formats(about: dict[str, Any]) -> tuple[struct.Struct, struct.Struct]:
-    """The formats of requests and answers for a library."""
-    inputs, outputs, parameters = (len(about[name]) for name in ("inputs", "outputs", "parameters"))
-    states = about["states"]
-    return struct.Struct(f"<Bq{parameters + states + inputs}d"), struct.Struct(f"<i{states + outputs}d")
-
-
-def received(link: socket.socket, size: int) -> bytes:
-    """Exactly `size` bytes; none if the other end has closed."""
-    data = b""
-    while len(data) < size and (more := link.recv(size - len(data))):
-        data += more
-    return data if len(data) == size else b""
-
-
-def _serve(path: str, link: socket.socket) -> None:
-    try:
-        library = Library(path)
-    except LibraryFault as fault:
-        _tell(link, {"fault": str(fault)})
-        return
-    _tell(link, {"about": library.about})
-    request, answer = formats(library.about)
-    parameters, states = len(library.about["parameters"]), library.about["states"]
-    given: tuple[float, ...] = ()
-    while raw := received(link, request.size):
-        what, t_ns, *numbers = request.unpack(raw)
-        if (fresh := tuple(numbers[:parameters])) != given:
-            given = fresh
-        if what == INIT:
-            code, after = library.init(given)
-            commands = [0.0] * len(library.about["outputs"])
-        else:
-            state, values = numbers[parameters : parameters + states], numbers[parameters + states :]
-            code, after, commands = library.step(given, state, t_ns, values)
-        link.sendall(answer.pack(code, *after, *commands))
-
-
-def _tell(link: socket.socket, content: dict[str, Any]) -> None:
-    raw = json.dumps(content).encode()
-    link.sendall(_HEAD.pack(len(raw)) + raw)
-
-
-def start_report(link: socket.socket) -> dict[str, Any]:
-    """What the helper says at its start; empty if it has ended."""
-    head = received(link, _HEAD.size)
-    raw = received(link, _HEAD.unpack(head)[0]) if head else b""
-    return dict(json.loads(raw)) if raw else {}
-
-
-def _end_with(parent: int) -> None:
-    """End this process when its parent has ended: a step that hangs would never notice it."""
-    while os.getppid() == parent:
-        time.sleep(LOOK_S)
-    os._exit(1)
-
-
-if __name__ == "__main__":
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
-    _serve(sys.argv[1], socket.socket(fileno=int(sys.argv[2])))

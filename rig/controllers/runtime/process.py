@@ -142,14 +142,11 @@ def made(
 ) -> Controller:
     """The controller `name` of the scene, or the one in a user's own file. Raises UsageError for an unknown name."""
     if file is not None:
-        controller = load_file(file, keys)
-    elif name in described.controllers:
-        controller = controllers.restored(described.controllers[name])
-    else:
-        known = ", ".join(described.controllers) or "none"
-        raise UsageError(f"the scene has no controller called {name}; it has {known}. A file has a suffix, such as .py")
-    alone = getattr(controller, "in_own_process", None)  # of compiled code, which elsewhere runs in a helper process
-    return alone() if alone else controller  # type: ignore[no-any-return]
+        return load_file(file, keys)
+    if name in described.controllers:
+        return controllers.restored(described.controllers[name])
+    known = ", ".join(described.controllers) or "none"
+    raise UsageError(f"the scene has no controller called {name}; it has {known}. A file has a suffix, such as .py")
 
 
 def run(
