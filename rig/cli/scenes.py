@@ -13,7 +13,7 @@ import typer
 from rig.cli import printing
 from rig.cli.options import Changes, Figure, Force, Json, SceneName, changes, the_scene
 from rig.cli.printing import new, writable
-from rig.errors import LogError, SceneError, UsageError
+from rig.errors import LogError, UsageError
 from rig.machine.files import write_file
 from rig.printable import counted
 
@@ -110,30 +110,17 @@ def new_scene(
 
 
 def migrate(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="Scene file (TOML) to rewrite.")], as_json: Json = False
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Scene file (TOML).")], as_json: Json = False
 ) -> None:
-    """Rewrite a scene file in the newest format. Comments and layout stay; only renamed keys change.
-
-    An older file can be used as it is too: it is then migrated as it is read, with a note.
-    """
-    from rig.scenes import migration, shipped, source
+    """Rewrite a scene file in the newest format. So far there is one format, so that nothing changes."""
+    from rig.scenes import shipped
+    from rig.scenes.inherit import layers
+    from rig.scenes.source import FORMAT
 
     path = shipped.path(file)
-    text = source.text(path)
-    raw = source.parsed(path, text)
-    try:
-        since = migration.written(raw)
-        if not raw.keys() & {"plant", "based_on"}:
-            raise ValueError("is no scene: it has neither plant nor based_on; only scene files state a format")
-        made, renamed = migration.rewritten(text)
-    except ValueError as fault:
-        raise SceneError(file, [str(fault)]) from None
-    if made != text:
-        write_file(path, made.encode())
-    done = f"rewritten from format {since} to {migration.newest()}"
-    told = f"is in format {since}, the newest; nothing to change" if made == text else done
-    report = {"file": str(path), "from": since, "to": migration.newest(), "renamed": renamed}
-    printing.either(as_json, report, f"{file}: {told}", *(f"  {line}" for line in renamed))
+    layers(path)
+    told = f"{file}: is in format {FORMAT}, the newest; nothing to change"
+    printing.either(as_json, {"file": str(path), "from": FORMAT, "to": FORMAT, "renamed": []}, told)
 
 
 def explain(

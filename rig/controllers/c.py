@@ -1,9 +1,9 @@
 """A controller that is compiled from C, or from any language that can make a library with C functions.
 
-The header rig/controllers/rig_controller.h documents what the library defines. The process of the controller calls it: in
-a live run a process of its own, in `rig simulate` and studies that of the simulation. A crash, or a step that does not
-return, ends this process. With where = "plant" it is the plant's process in every kind of run. State in, state out: the
-bits of all runs are the same.
+The header rig/controllers/rig_controller.h documents what the library defines. The process of the controller calls
+it: in a live run a process of its own, in `rig simulate` and studies that of the simulation. A crash, or a step that
+does not return, ends this process. With where = "plant" it is the plant's process in every kind of run. State in, state
+out: the bits of all runs are the same.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@
 loader    tables of a scene, checked        checks    what must hold between its sections
 merged    tables of files merged            inherit   files based on one another
 source    TOML, changes, origins            places    line of each key in a file
-faults    messages                          migration formats of scene files
+faults    messages
 scene     the checked scene, and as JSON    sections  values by key, wiring of controllers
 network   impaired links                    protocol  the clock and the steps of an experiment
 rooms     the parts that a scene names      variants  scenes with one effect less or more

@@ -6,7 +6,8 @@ import json
 import shlex
 from collections.abc import Iterator
 
-from rig.scenes import explain, migration, scene, sections
+from rig.scenes import explain, scene, sections
+from rig.scenes.source import FORMAT
 
 FIRST = ("drive", "load", "friction")
 """Tables that come first, because experiments vary them."""
@@ -29,9 +30,7 @@ title = {title}
 def draft(base: scene.Scene, based_on: str, file: str) -> str:
     """The text of a scene file called `file`; `based_on`: the value of this key for its base, `base`."""
     name, title = _text(based_on), _text(f"{base.title}, changed")
-    head = _HEAD.format(
-        base=_plain(based_on), file=shlex.quote(_plain(file)), format=migration.newest(), name=name, title=title
-    )
+    head = _HEAD.format(base=_plain(based_on), file=shlex.quote(_plain(file)), format=FORMAT, name=name, title=title)
     return "\n".join([head, *(line for table in _tables(base) for line in table)])
 
 

@@ -18,7 +18,6 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from rig.quantities import BOUNDS, Unit, in_words
-from rig.scenes import migration
 from rig.units import brief
 
 TAGS = ("law", "kind", "on", "step", "direction")
@@ -78,9 +77,6 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
     """The line for an unknown key."""
     parent, _, last = key.rpartition(".")
     names = sorted(known)
-    now = migration.successor(key)
-    if now.rpartition(".")[2] in names:
-        return f"{shortened(key)}: is now called {now}"
     likely = close(last, names)
     key = shortened(key)
     full = [f"{parent}.{name}" if parent else name for name in (likely or names)]
@@ -100,8 +96,6 @@ def unknown_choice(key: str, given: Any, known: Iterable[str]) -> str:
 def near(what: str, known: Iterable[str], lists: str = "rig explain SCENE --all") -> str:
     """The end of a message: the near names, or all of them, or the command that `lists` them."""
     names = sorted(known)
-    if (now := migration.successor(what)) in names:
-        return f"it is now called {now}"
     likely = close(what, names)
     if likely:
         return f"did you mean {' or '.join(likely)}?"

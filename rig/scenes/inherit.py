@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import SceneError
-from rig.scenes import migration, places, shipped, source
+from rig.scenes import places, shipped, source
 from rig.scenes.faults import shown
 
 OWN = ("title", "about")
@@ -32,34 +31,22 @@ _NAME = re.compile(r"[^.\[\]]+|\[\d+\]")
 
 @dataclass(frozen=True)
 class Layer:
-    """One file of a scene: its tables with the newest names, and `name`, which messages use."""
+    """One file of a scene: its tables, and `name`, which messages use."""
 
     path: Path
     name: str
     text: str
     raw: dict[str, Any]
-    format: int
     based_on: Any = None
 
     @cached_property
     def lines(self) -> dict[str, int]:
         """Dotted key -> its line in the file."""
-        return {migration.called(key, self.format): line for key, line in places.lines(self.text).items()}
+        return places.lines(self.text)
 
     def place(self, key: str) -> places.Place:
         """The place in the file."""
         return places.Place(self.name, self.lines.get(key, 1))
-
-    @property
-    def note(self) -> str:
-        """The keys that were renamed when the file was read, in words; "" if none."""
-        if self.format == migration.newest():
-            return ""
-        renames = migration.renamed((part.key for part in places.parts(self.text)), self.format)
-        if not renames:
-            return ""
-        command = f"rig migrate {shlex.quote(str(self.path))}"
-        return f"{self.name} is in format {self.format}: {'; '.join(renames)} ({command} rewrites it)"
 
 
 class Places:
@@ -173,15 +160,10 @@ def _layer(path: Path, folder: Path) -> Layer:
     raw = source.parsed(path, text)
     name = f"scene {path.stem}" if path.parent == shipped.HERE else os.path.relpath(path, folder)
     try:
-        since = migration.written(raw)
+        source.check_format(raw.pop("format", source.FORMAT))
     except ValueError as fault:
         raise SceneError(str(path), [f"{fault} ({name}, line {places.lines(text)['format']})"]) from None
-    raw.pop("format", None)
-    try:
-        tables = migration.migrated(raw, since) if since < migration.newest() else raw
-    except ValueError as fault:
-        raise SceneError(str(path), [f"{fault} ({name})"]) from None
-    return Layer(path, name, text, tables, since, tables.pop("based_on", None))
+    return Layer(path, name, text, raw, raw.pop("based_on", None))
 
 
 def _same(path: Path) -> str:

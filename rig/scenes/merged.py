@@ -41,7 +41,7 @@ class Merged:
         self.faults: list[str] = []
         self.origins: dict[str, places.Origin] = {}
         self.raw: dict[str, Any] = {}
-        self.notes = [note for layer in layers if (note := layer.note)]
+        self.notes: list[str] = []
         self.places = inherit.Places(layers, {**dict.fromkeys(overrides, places.IN_THE_CALL), **given}, self.raw)
         self.recast: dict[str, tuple[str, Any]] = {}
         """Tables whose kind changed after the protocol was written -> key of the kind, former kind."""

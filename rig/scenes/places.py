@@ -42,22 +42,9 @@ class Place(NamedTuple):
 IN_THE_CALL = Place("in the call", 0)
 
 
-class Part(NamedTuple):
-    """One part of a key in a text: the dotted key up to it, and its begin and end as numbers of characters."""
-
-    key: str
-    begin: int
-    end: int
-
-
 def lines(text: str) -> dict[str, int]:
     """Dotted key -> its line, counted from 1. Entries of a list of tables are counted from one: `protocol[2].time`."""
     return _Text(text).found
-
-
-def parts(text: str) -> list[Part]:
-    """Every part of every key, in the order of the text; `a.b = 1` has the parts `a` and `a.b`."""
-    return _Text(text).parts
 
 
 class _Text:
@@ -67,7 +54,6 @@ class _Text:
         self._entries: dict[str, int] = {}
         """Array of tables -> its entries so far."""
         self.found: dict[str, int] = {}
-        self.parts: list[Part] = []
         at, table = self._blank(0), ""
         while at < len(self._text):
             if self._text[at] == "[":
@@ -96,7 +82,6 @@ class _Text:
             begin, at, name = part.start(), part.end(), part[0]
             name = tomllib.loads(f"name = {name}")["name"] if name[0] in "\"'" else name
             key = f"{key}.{name}" if key else name
-            self.parts.append(Part(key, begin, at))
             dot = _DOT.match(self._text, at)
             if dot is not None:
                 at = dot.end()

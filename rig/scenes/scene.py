@@ -18,11 +18,12 @@ from rig.errors import SceneError
 from rig.parts import Parts, trust_scene
 from rig.quantities import Section, faults_of
 from rig.results import Result
-from rig.scenes import migration, part_faults, rooms, sections
+from rig.scenes import part_faults, rooms, sections
 from rig.scenes.faults import shown
 from rig.scenes.network import Link, Network
 from rig.scenes.places import Origin, Place
 from rig.scenes.protocol import STEPS, Clock, Step, flat, knock_durations, moves, targets
+from rig.scenes.source import FORMAT
 from rig.sensors.chain.instants import common_step
 from rig.structure import model_store
 
@@ -172,7 +173,7 @@ class Scene(Result):
         made |= {"faults": {name: sections.dump(fault) for name, fault in self.faults.items()}} if self.faults else {}
         return json.dumps(
             {
-                "format": 1 + migration.newest(),
+                "format": 1 + FORMAT,
                 "name": self.name,
                 "title": self.title,
                 "about": self.about,
@@ -215,11 +216,9 @@ class Scene(Result):
         if isinstance(written, bool) or not isinstance(written, int) or written < 1:
             raise ValueError(f"format = {shown(written)}: expected a whole number, at least 1")
         since = max(1, written - 1)
-        if since > migration.newest():
+        if since > FORMAT:
             reason = f"recorded by a newer version, whose scene files have format {since}; this one reads format"
-            raise SceneError(raw["name"], [f"{reason} {migration.newest()}; install a newer version of friction-rig"])
-        if since < migration.newest():
-            raw = migration.recorded(raw, since)
+            raise SceneError(raw["name"], [f"{reason} {FORMAT}; install a newer version of friction-rig"])
         parts = rooms.given(raw)
         model = rooms.parameters_of(raw["plant"], raw["parameters"], parts)
         return cls(

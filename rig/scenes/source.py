@@ -17,6 +17,8 @@ from rig.scenes.faults import TAGS, close, shown, unknown_choice
 from rig.units import brief
 
 FIXED = ("format", "based_on", "title", "plant", "about", "protocol")
+FORMAT = 1
+"""Format of scene files: `format = 1` at the top of a file, and of one that states none."""
 _POSITION = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 _BARE = re.compile(r"[^=#\"']*=\s*[-+\u2212]?\d[\d.]*(?:[eE][-+]?\d+)?+(?:(,)\d|\s*[A-Za-z%\u00b5])")
 """A number with a decimal comma, or one with a unit, which is not in quotes."""
@@ -39,6 +41,15 @@ _DIGITS = 18  # of a whole number: 64 bits hold them
 def tree(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises SceneError with line and column of a syntax error."""
     return parsed(path, text(path))
+
+
+def check_format(stated: object) -> None:
+    """Raise ValueError for a format that this version does not know."""
+    if stated is True or stated != FORMAT:
+        newer = "; install a newer version" if isinstance(stated, int) and stated > FORMAT else ""
+        raise ValueError(
+            f"format = {brief(stated)}: this version of friction-rig reads scene files of format {FORMAT}{newer}"
+        )
 
 
 def text(path: Path) -> str:

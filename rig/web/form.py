@@ -23,7 +23,7 @@ from rig.controllers import controller_drives
 from rig.errors import UsageError
 from rig.model.assembly import Assembly
 from rig.quantities import Range, finite
-from rig.scenes import load, migration, names
+from rig.scenes import load, names
 from rig.scenes.explain import Value, explain
 from rig.scenes.inherit import cards
 from rig.scenes.places import Place
@@ -31,6 +31,7 @@ from rig.scenes.protocol import Mark, Repeat
 from rig.scenes.scene import Scene
 from rig.scenes.sections import field_of, known, range_of
 from rig.scenes.shipped import card
+from rig.scenes.source import FORMAT
 from rig.units import with_point
 from rig.view.channels import Channels
 from rig.web.picture import MovingPicture
@@ -260,7 +261,7 @@ class Catalogue:
 
 def scene_file(base: str, title: str, changes: Mapping[str, Any]) -> str:
     """The text of a scene file with these changes; its values are those that the user gave."""
-    head = [f"format = {migration.newest()}", f"based_on = {_toml(base)}", f"title = {_toml(title)}"]
+    head = [f"format = {FORMAT}", f"based_on = {_toml(base)}", f"title = {_toml(title)}"]
     tables: dict[str, list[str]] = {}
     for key, value in changes.items():
         table, _, name = key.rpartition(".")

@@ -16,8 +16,8 @@ import numpy as np
 from rig.analysis.identification.answer import Identified, Parameter
 from rig.errors import UsageError
 from rig.machine.files import write_file
-from rig.scenes import migration
 from rig.scenes.scene import Scene
+from rig.scenes.source import FORMAT
 
 ENDING = ".covariance.json"
 
@@ -47,7 +47,7 @@ def scene_text(identified: Identified, based_on: str) -> str:
     lines = [
         f"# Parameters that rig identify found in {identified.task.where} on {today}: {runs} runs.",
         "# Keys that it could not identify keep the values of the scene that this one is based on.",
-        f"format = {migration.newest()}",
+        f"format = {FORMAT}",
         f"based_on = {json.dumps(based_on)}",
         f"title = {json.dumps(f'{scene.title}, identified', ensure_ascii=False)}",
     ]
