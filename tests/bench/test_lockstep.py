@@ -4,6 +4,7 @@ import math
 import threading
 from itertools import groupby
 
+from patience import PATIENCE_S
 from plant_in_thread import Bench, ran, same_bits, samples
 
 from rig.bench.run.simulate import simulate
@@ -48,7 +49,7 @@ def played(scene, values, duration=0.4):
     with Bench(scene, pace=None, duration=duration, expect=(("controller", "nf"),)) as bench:
         controller = Played(bench, values)
         plant = bench.begin()
-        plant.join(20.0)
+        plant.join(PATIENCE_S)
         controller.gone.set()
         return bench, bench.finish()
 
@@ -106,7 +107,7 @@ def test_a_controller_that_leaves_is_missed_from_that_tick_on(scene):
             return (20.0,)
 
         controller = Played(bench, values)
-        bench.begin().join(20.0)
+        bench.begin().join(PATIENCE_S)
         heard = bench.finish()
     events = {event.kind: event.tick for event in heard["event/plant"]}
     assert events["left"] == 303
@@ -124,7 +125,7 @@ def test_a_run_that_is_stopped_does_not_wait_for_an_answer(scene):
             return (20.0,)
 
         controller = Played(bench, values)
-        bench.begin().join(20.0)
+        bench.begin().join(PATIENCE_S)
         controller.gone.set()
         heard = bench.finish()
     assert bench.summary["ended"] == "stopped by the test"
@@ -139,7 +140,7 @@ def test_an_operator_is_heard_while_controllers_answer(scene):
         bench.begin()
 
         def ask(do, **more):
-            return bench.me.ask("cmd/plant", {"do": do, **more}, 2.0)["tick"]
+            return bench.me.ask("cmd/plant", {"do": do, **more}, 20.0)["tick"]
 
         while ask("status") < 50:
             pass

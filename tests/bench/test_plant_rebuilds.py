@@ -26,7 +26,7 @@ def test_a_controller_that_joins_builds_the_rig_once(monkeypatch, pace):
     replaced = Motion.replace
     monkeypatch.setattr(Motion, "replace", lambda motion, ready: built.append(motion) or replaced(motion, ready))
     here = () if pace else (("controller", "example_controller"),)  # in lockstep it joins before the first frame
-    with Bench(scene, duration=None if pace else 0.5, pace=pace, expect=here) as bench:
+    with Bench(scene, duration=60.0 if pace else 0.5, pace=pace, expect=here) as bench:
         session, gone = bench.twin.open("controller", "example_controller"), threading.Event()
 
         def work():
@@ -38,7 +38,9 @@ def test_a_controller_that_joins_builds_the_rig_once(monkeypatch, pace):
         bench.thread(work)
         while pace and not built:
             time.sleep(0.01)
-        time.sleep(0.3 if pace else 0.0)
+        queues = bench.plant.experiment.exchange.queues
+        while pace and queues["example_controller"].counts.taken < 700:  # two cycles of the belt
+            time.sleep(0.01)
         bench.stopped = "by the test" if pace else ""
         heard = bench.finish()
     assert built == [bench.plant.runner.motion]
@@ -129,7 +131,7 @@ def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_fo
     steps = [put("friction.mu_static", 0.45), put("shunt.delta", -0.6), put("body.mass", 1.1)]
     mine = {"mine": {"kind": "shunt_schedule", "drive": "shunt.resistance"}}
     monkeypatch.setattr("rig.bench.run.builds.PAUSE_S", 0.0)
-    with Shunt(monkeypatch, hold(0.7), *steps, hold(60.0), controllers=mine) as bench:
+    with Shunt(monkeypatch, hold(1.5), *steps, hold(60.0), controllers=mine) as bench:
         runner, over, answers = bench.plant.runner, threading.Event(), []
         bench.begun()
         act = bench.twin.open("controller", "mine").publisher("act/mine")
@@ -142,7 +144,7 @@ def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_fo
         bench.thread(command)
         bench.reach(lambda: runner.tick > 600)
         bench.gate.open.clear()
-        bench.reach(lambda: runner.tick > 710)
+        bench.reach(lambda: runner.tick > 1510)
         asking = bench.thread(lambda: answers.append(bench.ask("param/plant", set={"friction.mu_kinetic": 0.2})))
         time.sleep(0.1)
         bench.gate.open.set()
@@ -153,9 +155,9 @@ def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_fo
         bench.ask("cmd/plant", do="stop")
         events = bench.ended()
     assert (runner.values["shunt.delta"], runner.parameter("friction.mu_static")) == (-0.6, 0.45)
-    assert [e["tick"] for e in events["waits"]] == [700] * 3
+    assert [e["tick"] for e in events["waits"]] == [1500] * 3
     [tick] = {e["tick"] for e in events["goes on"]}
-    assert 700 < tick < answers[0]["tick"]
-    longest = 1e-3 * (tick - 700)
+    assert 1500 < tick < answers[0]["tick"]
+    longest = 1e-3 * (tick - 1500)
     assert bench.summary["postponed"] == {"waited": 3, "longest_s": pytest.approx(longest), "never": 0}
     assert f"3 steps waited for new matrices, the longest {longest:.3g} s" in summary(bench.summary)

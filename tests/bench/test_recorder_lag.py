@@ -4,6 +4,7 @@ import threading
 import time
 
 import pytest
+from patience import wait_for
 from plant_in_thread import Bench
 
 import rig
@@ -18,14 +19,6 @@ SECONDS = 6.0
 @pytest.fixture(scope="module")
 def scene():
     return scenes.load("belt", {"sensors.laser": "none", "sensors.accelerometer": "none"})
-
-
-class SlowDisk(Writer):
-    """A writer that is much slower than the plant."""
-
-    def flush_if_due(self):
-        time.sleep(0.02)
-        super().flush_if_due()
 
 
 def recorded(bench, path, writer):
@@ -48,11 +41,20 @@ def recorded(bench, path, writer):
 
 
 def test_a_free_run_waits_for_a_recorder_with_a_slow_disk(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(housekeeping, "WAITING", 20)
+    monkeypatch.setattr(housekeeping, "WAITING", 100)
     monkeypatch.setattr(housekeeping, "MOST_WAITING", 8)
     monkeypatch.setattr(recorders, "TURN", 200)
     monkeypatch.setattr(recorders, "TELL_S", 0.02)
     lines = []
+
+    class SlowDisk(Writer):
+        """It hangs until the plant waits for it, and is slow from then on."""
+
+        def flush_if_due(self):
+            wait_for(lambda: lines)
+            time.sleep(0.02)
+            super().flush_if_due()
+
     with Bench(scene, pace=None, duration=SECONDS, expect=(("recorder", "recorder"),)) as bench:
         told = recorded(bench, tmp_path / "run.mcap", SlowDisk)
         bench.begin(lines.append)

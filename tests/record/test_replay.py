@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from patience import PATIENCE_S
 from recorded_loop import FEEDBACK, FRAMES, TUNED, TUNED_AFTER, answer, closing
 from twin import Twin
 
@@ -36,7 +37,7 @@ def stage(request, runs):
     yield hub, start
     hub.close()
     for thread in threads:
-        thread.join(5.0)
+        thread.join(PATIENCE_S)
         assert not thread.is_alive()
 
 
@@ -112,10 +113,8 @@ def test_a_controller_that_hangs_ends_the_replay(stage, loops, monkeypatch):
     monkeypatch.setattr("rig.record.replay.PATIENCE_S", 0.5)
     hub, start = stage
     start(silent_from=100)
-    begun = time.monotonic()
     with pytest.raises(BusError, match=r"feedback did not answer the step of tick 100, t = 0\.1 s within 0\.5 s"):
         replay(hub, loops / "recorded.mcap", into=FEEDBACK)
-    assert 0.5 < time.monotonic() - begun < 10.0
 
 
 def test_a_controller_that_never_comes_is_told(stage, loops):
@@ -167,7 +166,7 @@ def replayed(path, **how):
     with twin.open("plant", "plant") as hub:
         found = replay(hub, path, FEEDBACK, processes=threads, **how)
     for thread in threads.started:
-        thread.join(5.0)
+        thread.join(PATIENCE_S)
     return found, threads
 
 
@@ -205,14 +204,14 @@ def test_steps_that_a_controller_lost_are_told_and_show(loops, tmp_path):
 
 
 def test_a_recording_that_begins_late_begins_at_once_and_lacks_the_memory_of_its_controllers(loops, tmp_path):
-    path = again(loops, tmp_path / "late.mcap", begin_ns=300_000_000)
+    path = again(loops, tmp_path / "late.mcap", begin_ns=390_000_000)
     begun = time.monotonic()
-    found = replay(Twin("replay").open("plant", "plant"), path, pace=0.1)
-    assert found.steps == FRAMES - 300
-    assert 0.98 < time.monotonic() - begun < 3.9  # 0.099 s of simulated time; with the 0.3 s before it, 4 s
+    found = replay(Twin("replay").open("plant", "plant"), path, pace=0.01)
+    assert found.steps == FRAMES - 390
+    assert 0.88 < time.monotonic() - begun < 20.0  # 9 ms of simulated time; with the 390 ms before them, 40 s
     found, _ = replayed(path)
     assert found.unknown_memory == ("feedback",)
-    assert found.divergence.tick == 300
+    assert found.divergence.tick == 390
     assert "feedback ran before the recording began" in found.text()
 
 

@@ -4,6 +4,7 @@ import json
 import threading
 
 import numpy as np
+from patience import PATIENCE_S
 from twin import Twin
 
 from rig import controllers
@@ -28,7 +29,7 @@ class Bench:
     def __init__(self, scene, **job):
         self.twin = Twin("test")
         self.stopped = ""
-        self.job = Job(scene.to_json(), **{"wait": 5.0, **job})
+        self.job = Job(scene.to_json(), **{"wait": 20.0, **job})
         self.session = self.twin.open("plant", "plant")
         self.plant = Plant(self.session, self.job, lambda: self.stopped)
         self.me = self.twin.open("operator", "test")
@@ -43,7 +44,7 @@ class Bench:
     def __exit__(self, *_):
         self.stopped = "by the test"
         for thread in self.threads:
-            thread.join(20.0)
+            thread.join(PATIENCE_S)
         assert not any(thread.is_alive() for thread in self.threads)
 
     def thread(self, function, *arguments):
@@ -77,7 +78,7 @@ class Bench:
     def finish(self):
         """The messages of all topics, decoded if their type is known, when all threads have ended."""
         for thread in self.threads:
-            thread.join(20.0)
+            thread.join(PATIENCE_S)
         heard = {}
         for message in self.heard.drain():
             heard.setdefault(message.topic, []).append(message.payload if message.said is None else message.said)
