@@ -62,10 +62,3 @@ def test_ctrl_c_in_the_terminal_does_not_reach_it(module):
     assert os.getsid(one.process.pid) == one.process.pid
     end([one], 0.0)
     assert one.code is not None
-
-
-def test_lines_that_nobody_shows_are_counted(module):
-    one = Child("child", module("for i in range(3000): print(i)"))
-    assert one.wait(20.0)
-    assert one.new_lines(2) == ["(2998 lines left out)", "2998", "2999"]
-    assert one.new_lines() == []

@@ -5,7 +5,6 @@ import pickle
 import shutil
 import subprocess
 import sys
-import time
 import tomllib
 import zlib
 from concurrent.futures import ThreadPoolExecutor
@@ -52,15 +51,6 @@ def test_compiling_is_told_once_and_only_when_it_happens(tmp_path):
     assert (warm.stdout, warm.stderr) == ("2.0 2\n", "")
 
 
-def test_a_place_that_cannot_be_written_costs_time_only(tmp_path):
-    (tmp_path / "file").write_text("")
-    kept = tmp_path / "file" / "kept"
-    found = run(tmp_path, RIG_KERNELS=str(kept))
-    assert found.stdout == "2.0\n", found.stderr
-    assert f"at every start, because {kept} cannot be written; set RIG_KERNELS=/some/folder" in found.stderr
-    assert not list(tmp_path.rglob("*.nbi"))  # nothing that an edit elsewhere would not renew
-
-
 READ_ONLY = """
 import os, sys
 
@@ -87,43 +77,6 @@ def test_kernels_in_a_place_that_cannot_be_written_are_loaded(tmp_path):
     assert found.stdout == "2.0 2\n"
     assert f"at every start, because {kept} cannot be written" in found.stderr
     assert {*kept.rglob("*")} == before
-
-
-PART = """
-import numpy as np
-from rig.compiled.kernel import kernel
-
-@kernel
-def powers(x, n):
-    found = np.ones(n)
-    for k in range(1, n):
-        found[k] = found[k - 1] * x
-    return found
-"""
-CALLED = """
-import sys
-import part
-print(part.powers({}, 4).sum(), "numba.np.arraymath" in sys.modules)
-"""
-LINKED = """
-from rig.compiled.kernel import kernel
-
-@kernel
-def whole(x):
-    return part.powers(x, 4).sum()
-
-print(whole(2.0))
-"""
-
-
-def test_a_kept_kernel_is_called_without_what_numba_compiles_with_and_linked_into_another(tmp_path, monkeypatch):
-    (tmp_path / "part.py").write_text(PART)
-    kept = str(tmp_path / "kept")
-    monkeypatch.setitem(globals(), "CODE", CALLED)
-    assert run(tmp_path, "2.0", RIG_KERNELS=kept).stdout == "15.0 True\n"
-    monkeypatch.setitem(globals(), "CODE", CALLED + LINKED)
-    found = run(tmp_path, "3.0", RIG_KERNELS=kept)
-    assert found.stdout == "40.0 False\n15.0\n", found.stderr
 
 
 def test_kernels_that_many_compile_at_once_are_all_kept(tmp_path):
@@ -274,33 +227,6 @@ def test_the_same_sources_elsewhere_find_the_same_kernels(checkout, tmp_path):
     assert kernel_store.key(folder, tmp_path / "file" / "sources.json", "0", "") == before
 
 
-STEPS = "\n".join(f"        s = s * 0.5 + x / (s + {k}.5) - (s * x) / ({k}.25 + s * s)" for k in range(25))
-COPIES = f"""
-def part(x):
-    s = x
-    for _ in range(5):  # long enough not to be written into its caller
-{STEPS}
-    return s
-
-def whole(x):
-    return part(x) + part(x + 1.0) * part(x + 2.0) - part(x + 3.0) / part(x + 4.0)
-"""
-
-
-def test_compiled_code_calls_its_own_copies_of_our_functions():
-    """Else the first copy in a process serves all, and last bits depend on what else was loaded."""
-    space = {"__name__": "rig.copies"}
-    exec(COPIES, space)
-    part = space["part"]
-    space["part"] = kernel.as_python(part)
-    whole = kernel.as_python(space["whole"])
-    assert whole(1.5) == pytest.approx(part(1.5) + part(2.5) * part(3.5) - part(4.5) / part(5.5))
-    (code,) = whole.overloads.values()
-    copies = [line for line in code.library.get_llvm_str().splitlines() if "define" in line and "copies4part" in line]
-    assert copies
-    assert all("internal" in line for line in copies)
-
-
 def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     monkeypatch.setenv("RIG_KERNELS", str(tmp_path))
     monkeypatch.setattr(kernel_store, "LIMIT", 3500)
@@ -311,25 +237,6 @@ def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     folder = kernel_store.Folder("old")  # in use again
     folder.prune()
     assert {one.name for one in tmp_path.iterdir()} == {"old", "new", "older"}
-
-
-def test_what_one_process_compiles_no_other_does(tmp_path, monkeypatch):
-    """Until it has ended, or for so long that it counts as hung."""
-    monkeypatch.setenv("RIG_KERNELS", str(tmp_path))
-    folder = kernel_store.Folder("key")
-    assert not folder.noted("part")
-    with folder.claimed("part") as first:
-        assert first
-        with folder.claimed("part") as second, folder.claimed("other") as other:
-            assert not second
-            assert other
-        begin = time.monotonic()
-        with folder.claimed("part", 0.2) as patient:
-            assert patient
-        assert 0.2 <= time.monotonic() - begin < 5.0
-    assert folder.noted("part")
-    with folder.claimed("part") as again:
-        assert again
 
 
 def test_the_next_minor_version_of_numba_is_not_allowed():

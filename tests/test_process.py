@@ -82,30 +82,6 @@ def test_signals_to_stop_are_heard(number, first, heard):
     assert process.communicate(timeout=20)[0] == f"{heard}\n"
 
 
-def test_a_signal_whose_handler_outlasts_a_wait_does_not_make_it_endless():
-    code = """
-import queue, signal, time
-from rig.bus.session import patiently
-signal.signal(signal.SIGALRM, lambda *_: time.sleep(0.05))
-signal.signal(signal.SIGTERM, lambda *_: time.sleep(0.05))
-import os, threading
-waiting = queue.SimpleQueue()
-def strike():
-    for _ in range(40):
-        time.sleep(0.013)
-        os.kill(os.getpid(), signal.SIGTERM)
-threading.Thread(target=strike, daemon=True).start()
-for _ in range(40):
-    try:
-        patiently(waiting, 0.02)
-    except queue.Empty:
-        pass
-print("done")
-"""
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert found.stdout == "done\n", found.stderr
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_process_that_is_told_to_end_at_its_start_clears_away(tmp_path, number):
     code = """

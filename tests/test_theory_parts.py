@@ -2,7 +2,6 @@
 program. Those of filters, noise and echoes are in tests/solve/test_pole_response.py and tests/sensors.
 """
 
-import cmath
 import math
 
 import numpy as np
@@ -16,7 +15,6 @@ from scipy.special import i0, i1
 import rig
 from rig.analysis.averaged import mean_friction
 from rig.analysis.control_loop import loop
-from rig.controllers.blocks.resonator import Resonator
 from rig.model.mode_sets import ModeSets, guard_bounds
 from rig.papers.kroeger_brake import CAPACITANCE, stack, transfer
 from rig.qualify.cost.delay import IDEAL, with_delay
@@ -72,15 +70,6 @@ def test_damping_of_normal_force_feedback(gain):
     damping = p.body.damping + p.load.force * law.slope(v) + law.mu(v) * gain
     found = loop(with_delay(scene, "nf", IDEAL, 0), "nf").growth
     assert found == pytest.approx(-damping / (2.0 * p.body.mass), rel=0.02)
-
-
-def test_a_narrow_band_settles_on_amplitude_and_phase():
-    """eq-resonator."""
-    centre, band, period, a, phase = 100.0, 2.0, 1e-3, 0.7, 0.4
-    one = Resonator(centre, band, period)
-    times = period * np.arange(4001)
-    z, _, _ = one.run(0j, (a * np.cos(2.0 * math.pi * centre * times + phase)).tolist())
-    assert z == pytest.approx(a * cmath.exp(1j * (2.0 * math.pi * centre * times[-1] + phase)), abs=a * band / centre)
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3])

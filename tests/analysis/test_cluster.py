@@ -185,12 +185,3 @@ def test_a_scheduler_that_is_killed_is_told_and_the_same_call_continues(processe
     processes.worker()
     assert squares(done(work, tmp_path, processes.address)) == {unit: unit**2 for unit in range(24)}
     assert {unit: counts(tmp_path)[unit] for unit in saved} == saved
-
-
-@pytest.mark.slow
-def test_a_unit_that_ends_its_worker_is_a_row_with_its_reason(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(SUPPORT))
-    work = trial(str(tmp_path), total=8, does={"5": "kill"})
-    found = done(work, tmp_path, "local", workers=2)
-    assert {unit: v for unit, v in squares(found).items() if unit != 5} == {u: u**2 for u in range(8) if u != 5}
-    assert str(found[5]["name"]) == "ended every worker that dask gave it to"

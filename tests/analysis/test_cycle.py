@@ -17,10 +17,7 @@ from scipy.optimize import brentq
 
 import rig
 from rig.analysis.cycle import limit_cycle
-from rig.analysis.orbit import Orbit, repeating
-from rig.errors import Chatter
 from rig.model.formulation import assemble
-from rig.motion.motion import SEGMENTS, Event
 
 ORACLE = {  # period, time in stick, lowest velocity, highest and lowest displacement, displacement where stick starts
     "belt": (0.32160366413722946, 0.10286728739274346, -0.10129890351933808, 0.006212858222975551,
@@ -56,36 +53,6 @@ def test_many_events_in_a_frame_are_not_too_many_for_a_block_of_frames(tmp_path)
     assert limit_cycle(scene).period == pytest.approx(period, rel=1e-9)
     chart = rig.map(scene, "drive.speed=0.05:0.07:2", runs=("near",), longest=0.01, folder=tmp_path, workers=1)
     assert not chart.why.any()
-
-
-@pytest.mark.parametrize(
-    ("name", "speed", "cycles"),
-    [("belt", 0.67, True), ("belt", 0.68, False), ("belt_c_damped", 0.0775, True), ("belt_c_damped", 0.0782, False)],
-)
-def test_stick_slip_lives_beside_stable_sliding_up_to_a_speed(name, speed, cycles):
-    found = limit_cycle(rig.load(name, {"drive.speed": speed}))
-    assert found.found is cycles
-    assert cycles or found.why.startswith("no limit cycle found from a standing start: sliding is stable")
-    assert found.decided
-
-
-def _events(times, names):
-    return [Event(int(t // 1.0), t % 1.0, what, 0) for t, what in zip(times, names)]
-
-
-def test_a_cycle_repeats_when_three_of_them_agree():
-    names = ["a", "b", "c"] * 3
-    even = _events([0.1, 0.2, 0.7, 1.1, 1.2, 1.7, 2.1, 2.2, 2.7], names)
-    count, drift = repeating(even, 1.0)
-    assert count == 3
-    assert drift < 1e-12
-    late = _events([0.1, 0.2, 0.7, 1.1, 1.2, 1.7, 2.1, 2.3, 2.7], names)
-    assert repeating(late, 1.0)[1] == pytest.approx(0.1)
-    assert repeating(even[:6], 1.0) == (0, math.inf)
-    swapped = _events([t + e for t in (0.2, 0.7, 1.2, 1.7, 2.2, 2.7, 3.2) for e in (0.0, 1e-14)], "abcdbadcabdcab")
-    for begin, end in ((0, 14), (1, 13), (1, 14)):
-        count, drift = repeating(swapped[begin:end], 1.0)
-        assert (count, drift < 1e-12) == (4, True), (begin, end)
 
 
 def test_a_belt_that_runs_backwards_mirrors_the_cycle():
@@ -265,38 +232,6 @@ def test_the_speed_up_to_which_stick_slip_lives_is_the_closed_form_that_the_scen
     assert float(re.search(r"up to a belt speed of (\S+) m/s", about)[1]) == pytest.approx(limit, abs=5e-6)
     assert limit_cycle(rig.load("belt_c_damped", {"drive.speed": 0.9999 * limit})).found
     assert not limit_cycle(rig.load("belt_c_damped", {"drive.speed": 1.0001 * limit})).found
-
-
-def dithered(**changes):
-    scene = rig.load("belt_dither", {"dither.enable": "true", **changes})
-    assembly = scene.assemble()
-    return Orbit(scene, assembly, assembly.system().start, "dopri5", 1e-12)
-
-
-def test_a_call_of_more_steps_than_there_is_room_for_gets_more_room_and_leaves_no_gap():
-    found, single = dithered(), dithered()
-    single.longest = 1
-    whole = found.round(0.2)
-    start, length, _ = whole.dense.segments(0)
-    each = []
-    while single.motion.tick < found.motion.tick:
-        each += single.block()
-    assert len(found.motion.segments.start) > SEGMENTS == len(single.motion.segments.start)
-    assert [event.what for _, event in whole.events] == [event.what for event in each]
-    times = [t for t, _ in whole.events]
-    assert times == pytest.approx([(event.tick + event.place) * 1e-3 for event in each], abs=1e-11)
-    assert times == sorted(times)
-    assert found.motion.x == pytest.approx(single.motion.x, rel=1e-9, abs=1e-12)
-    assert found.motion.terms() == pytest.approx(single.motion.terms(), rel=1e-9, abs=1e-12)
-    assert np.append(start[1:], 0.2) == pytest.approx(start + length, abs=1e-12)
-    assert len(whole.states) == 201
-
-
-def test_what_stops_a_run_for_another_reason_stops_it():
-    """A dither of 150 Hz meets more than one event in a frame of 10 ms, and none or one in each of 1 ms."""
-    dithered(**{"clock.events_per_frame": "1"}).round(0.2)
-    with pytest.raises(Chatter):
-        dithered(**{"clock.events_per_frame": "1", "clock.frame": "10 ms"}).round(0.2)
 
 
 @pytest.fixture(scope="module", params=["belt", "pin"])

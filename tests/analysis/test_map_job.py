@@ -13,7 +13,7 @@ from rig.analysis.axis import Axis
 from rig.analysis.map.job import RUNS, Job, Settings, Unit
 from rig.analysis.map.result import REGIONS
 from rig.analysis.map.row import Row, Track, units
-from rig.analysis.map.steady_state import NAMES, Judge, Window, extremes, sticking
+from rig.analysis.map.steady_state import NAMES, Judge, Window
 from rig.analysis.pool import Store
 
 FEW = "drive.speed=0.05:0.45:3"
@@ -132,22 +132,6 @@ def test_over_sectors_a_cycle_must_live_through_five_turns():
     assert over_sectors([sticks] * 5) == ["undecided"] * 4 + ["stick-slip"]
     assert over_sectors([sticks, sticks, slides, slides])[-1] == "sliding"
     assert over_sectors([window(1.0, slip=0.1), window(1.0, slip=0.2)])[-1] == "undecided"
-
-
-def test_extremes_are_read_between_samples_but_not_beside_a_corner():
-    t = np.arange(0.0, 3.0, 0.01)
-    assert extremes(np.sin(2.0 * np.pi * (t + 0.0031))) == pytest.approx((-1.0, 1.0), abs=1e-6)
-    corner = np.minimum(np.abs(np.mod(t + 0.0031, 1.0) - 0.5), 0.3)
-    assert extremes(corner)[1] == 0.3
-    assert 0.0 <= extremes(corner)[0] <= 0.01
-
-
-def test_the_share_of_sticking_is_that_of_whole_cycles():
-    times = np.array([0.5, 1.0, 2.5, 3.0, 4.5, 5.0])  # sticks from 0.5 to 1, 2.5 to 3, 4.5 to 5
-    stuck = np.array([False, True, False, True, False, True])
-    found = sticking(times, stuck, after=False, span=5.2)
-    assert (found.share, found.begins, found.period) == (0.25, 3, 2.0)
-    assert sticking(np.zeros(0), np.zeros(0, dtype=bool), after=True, span=2.0).share == 1.0
 
 
 RPM = math.pi / 30.0

@@ -111,14 +111,6 @@ class TooFew(Still):
         return None, ()
 
 
-class Blind(Still):
-    reads = ("laser", "camera")
-
-
-class Pressing(Still):
-    drives = ("load.force",)
-
-
 NAMED = {"inputs": "vibrometer", "outputs": "load_force"}
 
 
@@ -130,13 +122,8 @@ def system(step, **names):
     ("given", "kind", "told"),
     [({"x": Feedback}, UsageError, r"x: is the class Feedback; give an object of it, Feedback\(\)"),
      ({"x": TooFew()}, UsageError, "expected a tuple with one number for each of drive.speed"),
-     ({"x": Blind()}, UsageError, "x reads laser, camera; the sensors are vibrometer"),
-     ({"x": Pressing()}, UsageError, "load.force: is driven by nf already"),
      ({"nf": "./nf.json"}, UsageError, "nf: ./nf.json is a file, and the scene is loaded already"),
      ({"nf": control.tf([1.0], [1.0, 1.0], **NAMED)}, UsageError, r"nf: is continuous; control.c2d\(system, period"),
-     ({"nf": control.frd([1.0, 2.0], [1.0, 2.0])}, UsageError, "nf: a FrequencyResponseData .* is not a linear"),
-     ({"x": lambda t: t}, UsageError, "x: Controller has no reads"),
-     ({"nf": control.ss(0.5, 1.0, 1.0, 0.0, 1e-3)}, UsageError, "does not name its 1 inputs; drives: is missing"),
      ({"nf": system(1e-3, inputs="laser")}, SceneError, 'reads.1. = "laser": unknown sensor'),
      ({"b": system(1e-3)}, SceneError, "controllers.nf and controllers.b: both drive load.force")],
 )  # fmt: skip

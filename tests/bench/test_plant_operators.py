@@ -6,7 +6,7 @@ import pytest
 from plant_in_thread import Bench, same_again
 
 from rig.bench.run.experiment import RUN_DOWN_NS
-from rig.errors import BusError, ExitCode, UsageError
+from rig.errors import BusError, ExitCode
 
 LONG = "x" * 5000
 ADMIT = {"do": "admit", "controller": "x", "drives": [], "period_ns": 10**6}
@@ -14,14 +14,9 @@ WRONG = [
     ("param/plant", {"set": {"friction.mu_statc": 0.4}}, "did you mean friction.mu_static"),
     ("param/plant", {"set": {"load.force": 5.0, "friction.mu_static": -1.0}}, "mu_static"),
     ("param/plant", {"set": {"load.force": "3 m"}}, "load.force"),
-    ("param/plant", {"set": {"body.mass": LONG}}, "expected a number and a unit in kg"),
     ("param/plant", {"set": {LONG: 1.0}}, "unknown key"),
-    ("param/plant", {"set": 5}, '"set" is 5; expected the keys to change'),
-    ("param/plant", {"get": [LONG], "set": {"load.force": 5.0}}, "is not a parameter of this rig"),
     ("param/plant", {"sett": {}}, "has 'sett'; it can have"),
-    ("cmd/plant", {"do": "knock", "impulse": 10**400}, r"it must be a finite number, -1e\+06 to 1e\+06 N\*s"),
     ("cmd/plant", {"do": "knock"}, "needs 'impulse'"),
-    ("cmd/plant", {"do": LONG}, "it can: begin"),
     ("cmd/plant", {"do": "connect", "controller": "fn"}, "no controller is called fn; there are: nf"),
     ("cmd/plant", {"do": "step"}, "the run is not paused; pause it first"),
     ("cmd/plant", {"do": "admit", "controller": 5, "drives": "x"}, "controller: .*\n.*drives: .*\n.*period_ns: "),
@@ -29,7 +24,6 @@ WRONG = [
         ({"drives": ["load.force"]}, "by nf"), ({"controller": "../../evil x"}, "'../../evil x': is not a name"),
         ({"controller": "plant"}, "'plant' is taken"), ({"period_ns": 10**18}, "between 1 ms and 3600 s"),
         ({"period_ns": 1500}, "is no whole number of"), ({"drives": ["drive.speed"] * 2}, "is named twice"),
-        ({LONG: 1}, "unknown key"),
         ({"reads": ["y"], "hears": True}, "no sensor y; the sensors are vibrometer"),
     ]],
 ]  # fmt: skip
@@ -78,22 +72,6 @@ def test_operators_stop_pause_and_are_told_what_is_wrong_and_what_is_allowed(sce
     events = heard["event/plant"]
     assert [e.kind for e in events if e.kind in ("paused", "resumed", "stop")] == ["paused", "resumed", "stop"]
     assert [e.text for e in events if e.kind == "single_step"] == ["3 single steps", "1 single step"]
-
-
-def test_what_cannot_be_tuned_is_refused_with_what_can(scene):
-    with Bench(scene, pace=None) as bench:
-        operator, experiment = bench.plant.operator, bench.plant.experiment
-        for key, value in (("start.velocity", 1.0), ("friction.law", "coulomb")):
-            with pytest.raises(UsageError, match=f"{key}: is fixed while the rig runs\n.*tuned: .*load.force") as told:
-                operator.parameters({"set": {key: value}})
-            assert "start." not in str(told.value).partition("\n")[2]
-        with pytest.raises(UsageError, match=r"load\.force: is .2 kp.; expected a number in N, because a running loop"):
-            operator.parameters({"set": {"load.force": "2 kp"}})
-        assert not experiment.journal.events
-        assert operator.parameters({"set": {"load.force": "0.02 kN"}})["values"] == {"load.force": 20.0}
-        with pytest.raises(UsageError, match="known: ") as told:
-            operator.parameters({"set": {"zzz": 1.0}})
-        assert str(told.value).count("drive.speed,") == str(told.value).count("load.force,") == 1
 
 
 def test_an_emergency_stop_goes_to_the_safe_values_also_out_of_a_pause_and_simulates_again(scene):

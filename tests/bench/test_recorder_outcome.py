@@ -1,11 +1,7 @@
 """What becomes of the recorder is part of what becomes of the run: dead, out of room, or unable to tell."""
 
-import json
-import os
 import resource
 import shutil
-import signal
-from pathlib import Path
 
 import pytest
 
@@ -26,74 +22,6 @@ def scene():
     loaded = scenes.load(SCENE)
     warm(loaded)
     return loaded
-
-
-@pytest.fixture(scope="module")
-def good(tmp_path_factory, scene):
-    """The outcome of a run whose recording is whole, and what its recorder told."""
-    folder, told = tmp_path_factory.mktemp("g"), {}
-
-    class Heard(Child):
-        def new_words(self):
-            words = super().new_words()
-            told.update(words if self.name == "recorder" else ())
-            return words
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        patch.setenv("XDG_STATE_HOME", str(folder))
-        patch.setattr(supervise, "Child", Heard)
-        outcome = supervise.run(scene, pace=None, duration=0.2, out=folder / "run.mcap", say=lambda _: None)
-    assert outcome.exit_code == 0, outcome.text()
-    return outcome, told
-
-
-@pytest.mark.parametrize(
-    ("lies", "told"),
-    [
-        ({}, ""),
-        ({"seconds": 0.044}, "it ends at t = 0.044 s, the run at 0.2 s"),
-        ({"files": ["elsewhere.mcap"]}, "elsewhere.mcap was removed or replaced"),
-        ({"files": [os.devnull]}, ""),
-        ({"totals": False}, "was told to stop before"),
-        (None, "recorder ended with code 0"),
-        (-signal.SIGKILL, "recorder was killed by SIGKILL"),
-    ],
-)
-def test_file_and_account_of_the_recorder_are_compared_with_the_run(runs, good, scene, monkeypatch, lies, told):
-    """No process runs: what plant and recorder told in the run of `good` is told again, or changed by lies."""
-    outcome, words = good
-
-    class Told(Child):
-        code = -9 if lies == -9 else 0
-
-        def __init__(self, name, arguments):
-            self.name, self.fault, self.tail = name, "", []
-            self.words = [("run", outcome.summary["run"])] if name == "the plant" else []
-            if name == "the plant":
-                Path(arguments[2]).write_text(json.dumps(dict(outcome.summary)))
-            elif name == "recorder":
-                said = {"recording": words["recording"] | lies} if isinstance(lies, dict) else {}
-                self.words = [("file", words["file"]), *said.items()]
-
-        def wait(self, seconds):
-            return not self.words or self.name != "the plant"
-
-        def new_lines(self, most=0):
-            return []
-
-        def new_words(self):
-            words, self.words = self.words, []
-            return words
-
-    monkeypatch.setattr(supervise, "Child", Told)
-    again = supervise.run(scene, pace=None, duration=0.2, out=runs / "run.mcap", say=lambda _: None)
-    assert again.exit_code == (1 if told else 0)
-    assert told in again.text()
-    assert bool(told) == any("recording is not complete" in reason for reason in again.summary["reasons"])
-    assert again.summary["verdict"] == again.to_json()["verdict"] == ("DEGRADED" if told else "VALID")
-    assert ("nothing lost" in again.summary["reasons"]) == (not told)
-    assert ("rig recover" in again.text()) == (not isinstance(lies, dict))
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from rig.bench.live.outcome import Job, keeps_up
 from rig.bench.live.plant import Plant
 from rig.bench.live.plant_process import carry_out
 from rig.bench.live.rehearsal import visited
-from rig.bench.run.simulate import begun, simulate
+from rig.bench.run.simulate import begun
 from rig.errors import Interrupted, UsageError
 from rig.motion.motion import Motion
 
@@ -55,14 +55,6 @@ def job_of(scene, **more):
 @pytest.fixture(scope="module")
 def scene():
     return scenes.load("belt_shunt")
-
-
-def test_the_mode_sets_of_a_run_are_known_before_it(scene):
-    job = job_of(scene)
-    run = simulate(scene)
-    found = visited(scene, job)
-    assert len(found) == run.summary["plant"]["mode_sets"] > 2
-    assert set(np.unique(run.mode)) <= set(found)
 
 
 def test_a_paced_run_builds_no_mode_set_after_its_first_frame(scene):

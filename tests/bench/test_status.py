@@ -87,9 +87,3 @@ def test_the_live_line_stays_in_its_place_and_lines_stay_above():
     assert written.count("\n") == 1
     assert written.index("hold 3/7") < written.index("mark: here") < written.index("done")
     assert written.endswith("\r")
-
-
-def test_a_balance_that_does_not_close_names_the_step_of_the_method():
-    for method, key in (("rosenbrock", "clock.tolerance"), ("rk4", "clock.rk4_step")):
-        assert f"use a smaller {key}" in status.plant({"method": method, "events": 0}, 0.04)
-        assert "smaller" not in status.plant({"method": method, "events": 0}, 1e-6)

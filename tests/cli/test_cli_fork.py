@@ -47,9 +47,7 @@ def test_a_value_that_a_controller_overrules_is_reported(rig, log):
     [
         (("--from", "{log}@7s"), 2, "has no instant 7 s; name one after 0 s, up to its end at 1 s"),
         (("belt", "--from", "{log}"), 2, "SCENE cannot be given with it"),
-        ((), 2, "name a scene"),
         (("--from", "{log}", "-p", "clock.frame=2", "--duration", "1"), 2, "clock.frame: is fixed while the rig runs"),
-        (("--from", "{log}", "--out", "{log}", "--force", "--duration", "1"), 2, "is also the input file"),
     ],
 )
 def test_what_cannot_be_continued_is_refused(rig, log, given, code, words):

@@ -77,8 +77,6 @@ def test_a_changed_gain_differs_where_it_first_acts_and_the_timing_error_is_stat
         (["-p", "drive.speed=1"], "-p drive.speed: the plant is recorded"),
         (["--into", "nf", "-p", "controllers.nf.gian=1"], "gian: no such parameter; near: gain"),
         (["--into", "nf", "--into", "nf"], "two controllers have the same name"),
-        (["--into", "fn"], "nf"),
-        (["--into", "{reads}"], "reads nothing_like_it; the recorded sensors are vibrometer, normal_force"),
         (["--into", "{drives}"], "drives drive.speed, the recorded nf drives load.force: their commands cannot be"),
         (["--into", "{half}"], "has a period of 500000 ns; the recording has frames of 1000000 ns"),
     ],
@@ -86,7 +84,6 @@ def test_a_changed_gain_differs_where_it_first_acts_and_the_timing_error_is_stat
 @pytest.mark.usefixtures("runs")
 def test_what_a_replay_cannot_do_is_told_before_it_begins(rig, log, tmp_path, given, told):
     changes = {
-        "reads": ("vibrometer", "nothing_like_it"),
         "drives": ("load.force", "drive.speed"),
         "half": ("1_000_000", "500_000"),
     }

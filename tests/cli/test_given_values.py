@@ -121,13 +121,6 @@ def test_a_study_names_its_lines(rig, tmp_path):
     assert (code, err.splitlines()[1:]) == (2, [MASS.format("given with -p"), SPEED.format(f"{file}, line 8")])
 
 
-def test_a_torture_case_names_its_lines(rig, tmp_path):
-    file = tmp_path / "case.toml"
-    file.write_text(f'title = "x"\nabout = "y"\nscene = "belt"\nduration = "1 ms"\n{SET}')
-    code, _, err = rig("torture", "--case", file, "--out", tmp_path / "out")
-    assert (code, err.splitlines()[1:]) == (2, [MASS.format(f"{file}, line 7"), SPEED.format(f"{file}, line 9")])
-
-
 def test_a_call_is_named():
     with pytest.raises(SceneError) as found:
         package.load("belt", {"body.mas": 3.0, "drive.speed": "3 kg"})

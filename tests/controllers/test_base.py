@@ -1,7 +1,7 @@
 import pytest
 
 from rig import controllers
-from rig.controllers.blocks.base import Controller, gets_every_sample, parameters, retune
+from rig.controllers.blocks.base import Controller, gets_every_sample, retune
 from rig.controllers.blocks.compiled import CompiledSection
 from rig.controllers.normal_force import NormalForce
 from rig.errors import UsageError
@@ -77,12 +77,3 @@ def test_what_decides_the_observer_is_fixed():
     for key, value in (("sensor", "x"), ("velocity", "observed"), ("drive", "drive.speed"), ("kind", "dither")):
         with pytest.raises(UsageError, match=f"{key}: is fixed"):
             retune(feedback(), {key: value})
-
-
-def test_a_controller_without_a_section_says_so():
-    class Bare:
-        reads, drives, period_ns = (), (), 1
-
-    with pytest.raises(UsageError, match="Bare has no parameters"):
-        retune(Bare(), {"gain": 1})
-    assert parameters(Bare()) == {}

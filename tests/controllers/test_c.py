@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from compile_c import compiled, controller
+from compile_c import InPython, compiled, controller, each_once, same
 
 from rig import controllers, design, scenes
 from rig.bench.run.simulate import Recorded, simulate
@@ -28,15 +28,7 @@ LATE = "if (t >= 50000000) "
 @pytest.fixture(scope="module")
 def libraries(tmp_path_factory):
     """Compiles variants of the controller, each once."""
-    folder, made = tmp_path_factory.mktemp("libraries"), {}
-
-    def make(**changes):
-        key = json.dumps(changes, sort_keys=True)
-        if key not in made:
-            made[key] = controller(folder / f"nf{len(made)}.so", **changes)
-        return made[key]
-
-    return make
+    return each_once(controller, tmp_path_factory.mktemp("libraries"), ".so")
 
 
 def scene(library, base="belt", **more):
@@ -48,27 +40,9 @@ def made(scene):
     return controllers.restored(design.described(scene)["nf"])
 
 
-class InPython:
-    """The controller of the library, in Python."""
-
-    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000
-
-    def start(self):
-        return 0.0
-
-    def update(self, state, t_ns, values):
-        v = 0.5 * state + 0.5 * values[0]
-        return v, (min(max(20.0 - 300.0 * v, 0.0), 100.0),)
-
-
 @pytest.fixture
 def sound(libraries):
     return scene(libraries(), gain="0.3 N*s/mm")
-
-
-def same(one, other):
-    for name, samples in one.measurements.items():
-        assert samples.v.tobytes() == other.measurements[name].v.tobytes()
 
 
 def test_a_run_has_the_bits_of_the_same_controller_in_python(libraries, sound):
@@ -93,7 +67,7 @@ def test_a_recording_contains_the_library_but_no_path_and_is_verified_without_it
     run, log = simulate(sound, duration_ns=100_000_000), tmp_path / "log.mcap"
     run.provenance = {}
     save(run, log)
-    assert str(sound.controllers["nf"].file) == "nf0.so"
+    assert str(sound.controllers["nf"].file) == "nf.so"
     assert b"libraries" not in sound.to_json().encode()
     monkeypatch.setenv("RIG_TRUSTED", "")
     again = opened(log)
@@ -101,7 +75,7 @@ def test_a_recording_contains_the_library_but_no_path_and_is_verified_without_it
     assert recorded == sound
     same(simulate(recorded, {}, 100_000_000, Recorded(again.commands, again.events)), run)
     c.OPENED.clear()
-    with pytest.raises(Untrusted, match=r"nf0\.so \(SHA-256 "):
+    with pytest.raises(Untrusted, match=r"nf\.so \(SHA-256 "):
         simulate(recorded, duration_ns=100_000_000)
     trust_scene(again.scene)
     same(simulate(recorded, duration_ns=100_000_000), run)
@@ -153,7 +127,7 @@ def test_a_symbol_that_is_missing_is_named(libraries, tmp_path):
         ({"reads": ["laser"]}, 'controllers.nf.reads = "laser": the sensor is in m, '),
         (
             {"reads": ["vibrometer", "laser"]},
-            "controllers.nf.reads: names 2, but nf0.so has 1 inputs: vibrometer [m/s]",
+            "controllers.nf.reads: names 2, but nf.so has 1 inputs: vibrometer [m/s]",
         ),
         ({"gian": 3.0}, "controllers.nf.gian: unknown key; did you mean controllers.nf.gain?"),
         ({"file": __file__}, "test_c.py: cannot be loaded: invalid ELF header"),

@@ -2,7 +2,6 @@
 
 import builtins
 import json
-import tempfile
 import zipfile
 
 import pytest
@@ -10,14 +9,12 @@ import pytest
 from rig import controllers, design, scenes
 from rig.bench.run.simulate import Recorded, simulate
 from rig.controllers.blocks.base import tunable
-from rig.controllers.runtime import fmi
 from rig.controllers.runtime.loop import Loop
-from rig.errors import ControllerLost, SceneError, UsageError
-from rig.machine import files as user_files
-from rig.parts import Binary
+from rig.errors import SceneError, UsageError
 from rig.scenes.scene import Scene
 
 pytest.importorskip("fmpy", reason="fmpy is not installed")
+from compile_c import InPython, each_once, same
 from compile_fmu import UNITS, unit
 
 LATE = "if (t > 0.0495) "
@@ -26,15 +23,7 @@ LATE = "if (t > 0.0495) "
 @pytest.fixture(scope="module")
 def units(tmp_path_factory):
     """Builds variants of the FMU, each once."""
-    folder, made = tmp_path_factory.mktemp("units"), {}
-
-    def make(**changes):
-        key = json.dumps(changes, sort_keys=True)
-        if key not in made:
-            made[key] = unit(folder / f"nf{len(made)}.fmu", **changes)
-        return made[key]
-
-    return make
+    return each_once(unit, tmp_path_factory.mktemp("units"), ".fmu")
 
 
 def scene(file, base="belt", **more):
@@ -44,24 +33,6 @@ def scene(file, base="belt", **more):
 
 def made(scene):
     return controllers.restored(json.loads(json.dumps(design.described(scene)["nf"])))
-
-
-class InPython:
-    """The controller of the FMU, in Python."""
-
-    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000
-
-    def start(self):
-        return 0.0
-
-    def update(self, state, t_ns, values):
-        v = 0.5 * state + 0.5 * values[0]
-        return v, (min(max(20.0 - 300.0 * v, 0.0), 100.0),)
-
-
-def same(one, other):
-    for name, samples in one.measurements.items():
-        assert samples.v.tobytes() == other.measurements[name].v.tobytes()
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -168,25 +139,6 @@ def _rewrite(file, change):
             archive.writestr(name, data)
 
 
-@pytest.mark.parametrize(
-    ("files", "told"), [({"x": bytes(3 << 20)}, "unpacked; at most 2 MiB"), (dict.fromkeys("abcdef", b""), "contains")]
-)
-def test_an_fmu_that_becomes_too_large_is_refused_before_it_is_unpacked(units, tmp_path, monkeypatch, files, told):
-    monkeypatch.setattr(fmi, "LARGEST", 2 << 20)
-    monkeypatch.setattr(user_files, "FILES", 6)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    file = tmp_path / "large.fmu"
-    file.write_bytes(units().read_bytes())
-    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in files.items():
-            archive.writestr(f"resources/{name}", content)
-    with pytest.raises(SceneError, match=f"large.fmu: is not usable: .*{told}"):
-        scene(file)
-    with pytest.raises(ControllerLost, match=f"large.fmu: cannot be unpacked: .*{told}"):  # of a recording, say
-        fmi.Unit(Binary.read(file, lambda _: {"fmi": 2}), (), (), (), ())
-    assert [path.name for path in tmp_path.iterdir()] == ["large.fmu"]
-
-
 def test_an_algebraic_loop_is_named_and_a_delay_or_a_declared_dependency_breaks_it(units):
     force = UNITS.replace('<Unit name="meter/sec"><BaseUnit m="1" s="-1"/></Unit>',
                           '<Unit name="meter/sec"><BaseUnit kg="1" m="1" s="-2"/></Unit>')  # fmt: skip
@@ -198,13 +150,6 @@ def test_an_algebraic_loop_is_named_and_a_delay_or_a_declared_dependency_breaks_
     scenes.load("belt", given | {"controllers.nf.delay": "1 ms"})
     scenes.load("belt", given | {"controllers.nf.file": str(units(units=force, depends=' dependencies=""'))})
     scenes.load("belt", given | {"sensors.cell.ideal": False})
-
-
-def test_without_fmpy_the_line_that_installs_it_is_named(units, monkeypatch):
-    file = Binary.of("nf.fmu", units().read_bytes())
-    monkeypatch.setitem(__import__("sys").modules, "fmpy", None)
-    with pytest.raises(UsageError, match=r"fmpy cannot be loaded .*pip install .*\[fmi\]"):
-        fmi.described(file)
 
 
 def test_what_is_no_fmu_is_named(tmp_path):

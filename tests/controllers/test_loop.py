@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from rig import controllers
 from rig.controllers.normal_force import NormalForce
 from rig.controllers.runtime.loop import Loop
-from rig.errors import PartError, UsageError
+from rig.errors import UsageError
 
 NAN = math.nan
 
@@ -88,23 +88,3 @@ def test_a_retune_that_breaks_something_is_a_refusal(gain, fault):
     assert (loop.answer(1_000_000, (0.0,)), loop.state) == ((1.0 / 199.0,), 2)
     loop.retune({"gain": 3.0})
     assert loop.answer(2_000_000, (0.0,)) == (0.5,)
-
-
-@pytest.mark.parametrize(
-    ("answer", "said"),
-    [
-        (None, "Faulty.update returns None; expected"),
-        ((0, (1.0, 2.0)), r"Faulty.update commands \(1.0, 2.0\); expected a tuple"),
-        ((0, ("20 N",)), r"Faulty.update commands \('20 N',\); expected a tuple"),
-    ],
-)
-def test_an_answer_of_another_kind_is_named(answer, said):
-    class Late(Faulty):
-        def update(self, state, t_ns, values):
-            return answer if t_ns else (state, (20.0,))
-
-    Late.__name__ = "Faulty"
-    loop = Loop(Late())
-    loop.answer(0, (0.0,))
-    with pytest.raises(PartError, match=said):
-        loop.answer(1_000_000, (0.0,))

@@ -11,7 +11,7 @@ import pytest
 
 import rig
 from rig import controllers
-from rig.controllers.blocks.base import mapped, retune
+from rig.controllers.blocks.base import mapped
 from rig.controllers.lti import LTI
 from rig.controllers.runtime.native import Native, Uncompiled
 from rig.design import numbers
@@ -53,25 +53,6 @@ def test_a_linear_system_gives_the_bits_of_python_at_its_limits_too():
     matrices["A"] = (0.95 * a / abs(np.linalg.eigvals(a)).max()).tolist()
     keys = {"reads": ["a", "b"], "drives": ["u", "v"], "lowest": -0.05, "highest": 0.1}
     assert compared(controllers.build(LTI.model_validate({"kind": "lti", **matrices, **keys}), {})) == 500
-
-
-def test_it_goes_on_as_a_retuned_controller():
-    old = of_scene("belt_normal_force")
-    state, _ = old.update(old.start(), 0, (0.01,))
-    native, new = Native(old, state), retune(old, {"gain": 50.0, "enable_at": 0.0})
-    for controller in (old, new, old):
-        assert native.resume(controller, state)
-        after, command = controller.update(state, 10**7, (0.02,))
-        assert native.reproduces(10**7, (0.02,), command, after)
-
-
-def test_it_does_not_go_on_with_another_law_or_layout():
-    old = of_scene("belt_normal_force")
-    state, _ = old.update(old.start(), 0, (0.01,))
-    native = Native(old, state)
-    observing = of_scene("belt_normal_force_displacement")  # the same class, with an observer where there was none
-    assert not native.resume(observing, observing.update(observing.start(), 0, (0.01,))[0])
-    assert not native.resume(old, ((1.0, 2.0, 3.0), 0, 0.0, 0.0))  # nor from a state that is laid out in another way
 
 
 class Kept(NamedTuple):

@@ -20,7 +20,7 @@ from patience import PATIENCE_S, wait_for
 from rig import scenes
 from rig.cli.lesson import for_a_terminal
 from rig.lessons import FOLDER, attempt, compare, lesson, lessons, renew, renewed
-from rig.lessons.page import Command, at, read
+from rig.lessons.page import Command, read
 
 ROOT = Path(__file__).parents[2]
 ALL = lessons()
@@ -278,10 +278,3 @@ def test_in_a_terminal_commands_are_run_and_compared(tmp_path):
     assert str(FOLDER / "falling_friction.png") in "".join(seen.split())
     assert seen.index("Solutions") > seen.index("3.65529 1/s")
     assert "What to try next" in seen
-
-
-def test_a_place_that_is_not_there_is_nothing():
-    report = {"a": [{"b": 1.0}], "c": None}
-    assert at(report, "a.0.b") == 1.0
-    assert at(report, "a.-1.b") == 1.0
-    assert [at(report, place) for place in ("a.1.b", "a.x", "d", "c.e", "a.0.b.c")] == [None] * 5

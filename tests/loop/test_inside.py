@@ -12,11 +12,10 @@ import pytest
 
 import rig
 from rig import controllers
-from rig.bench.run import exchange, local_controllers, simulate
+from rig.bench.run import local_controllers, simulate
 from rig.bench.run.local_controllers import CompiledControllers
 from rig.design import numbers
 from rig.scenes.scene import Scene
-from rig.solve import control_loop
 
 WAYS = ("outside", "called", "compiled")
 
@@ -86,20 +85,6 @@ def test_a_recording_is_simulated_again_with_the_same_bits(name, changes, durati
             assert told(again)[0] == told(first)[0]
             found.append(told(again))
     assert found[0] == found[1]
-
-
-def test_more_commands_than_the_compiled_loop_has_room_for(monkeypatch):
-    monkeypatch.setattr(local_controllers, "ROWS", 64)
-    monkeypatch.setattr(exchange, "ROWS", 64)
-    monkeypatch.setattr(control_loop, "ROWS", 64)
-    scene = rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.0})
-    first = rig.simulate(scene, 0.5)
-    again = simulate.simulate(scene, {}, 5 * 10**8, simulate.Recorded(first.commands, first.events))
-    with pytest.MonkeyPatch.context() as patch:
-        way(patch, "outside")
-        outside = rig.simulate(scene, 0.5)
-    assert told(first) == told(outside)
-    assert told(again)[0] == told(outside)[0]
 
 
 def test_the_protocol_acts_between():

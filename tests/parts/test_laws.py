@@ -189,32 +189,13 @@ def test_values_are_changed_by_option_and_while_the_rig_runs(own):
 MU, SLOPE, FIRST = "p.mu_slow + p.rise", "* math.exp(1.0 - u) / p.peak", "    mu_slow:"
 WRONG = [
     ("def mu(p, w):", "def mew(p, w):", r"friction\.law: example_law\.py: Rubber defines no mu\(p, w\): the coeff"),
-    ("def slope(p, w):", "def slop(p, w):", r"Rubber defines no slope\(p, w\): .* which rig modes .* need"),
     ("def mu(p, w):", "def mu(p, w, N, z):", r"Rubber\.mu takes other arguments; .* without .* mu\(p, w\)"),
-    ("    @staticmethod\n    def mu", "    def mu", r"Rubber\.mu is no static method; write @staticmethod above"),
     (MU, "p.raise_ * w + p.rise", r"example_law\.py: AttributeError: .*raise_.* \(line \d+\)"),
-    (MU, "{}[w] + p.rise", r"example_law\.py: KeyError: .* \(line \d+\)"),
     (MU, "str(w) and p.rise", r"example_law\.py: numba cannot compile a formula: .*"),
     (MU, f"-{MU}", r"mu is -0\.2 at w = .*: friction would drive the slip"),
-    (MU, "p.mu_slow / w + p.rise", r"mu is inf at w = 0 m/s; it must be finite"),
     (SLOPE, "* math.exp(1.0 - u)", r"slope gives .* s/m at w = .*, differences of mu .*; correct"),
     (MU, "p.mu_slow * (0.5 if w > 0.1 else 1.0) + p.rise", r"mu jumps at w = 0\.1 m/s; make it continuous"),
-    (MU, "(2.0 if w == 0.0 else 1.0) * p.mu_slow + p.rise", r"mu jumps at w = 0 m/s; return the static"),
     (FIRST, f"    def static(self):\n        return 0.1\n\n{FIRST}", r"static coefficient is 0\.1, below mu = 0\.2 in"),
-    (FIRST, f"    def numbers(self):\n        return {{}}\n\n{FIRST}", r"numbers\(\) contains {}; expected a tuple"),
-    (FIRST, f"    def static(self):\n        return 'a'\n\n{FIRST}", r"example_law\.py: ValueError: could not convert"),
-    (
-        FIRST,
-        f"    def static(self):\n        return math.nan\n\n{FIRST}",
-        r"static coefficient is nan; it must be finite",
-    ),
-    (
-        FIRST,
-        f"    def friction(self):\n        return 3\n\n{FIRST}",
-        r"friction\(\) gives 3; expected a rig\.model\.fric",
-    ),
-    (FIRST, f"    jumps = 0.1,None\n\n{FIRST}", r"example_law\.py: TypeError"),
-    (FIRST, f"    states = 3\n\n{FIRST}", r"Rubber\.states is 3; expected a tuple of rig\.laws\.InternalState"),
     ("(FrictionLaw)", "(object)", r"defines no class derived from rig\.laws\.FrictionLaw"),
 ]
 
@@ -232,7 +213,6 @@ LESS_SPRING = "return p.stiffness * z[0] - 100.0 * w * (1.0 - share(p, z))\n"
 MEMORY = [
     ("def slopes(p, w, N, z, d):", "def slope(p, w):", r"defines no slopes\(p, w, N, z, d\): .* implicit steps need"),
     ("def stored(p, N, z):", "def stored(p, z):", r"Bristles\.stored takes other arguments; .* stored\(p, N, z\)"),
-    ("dz[0] = w *", "dz[3] = w *", r"bristles\.py: IndexError: .* \(line \d+\)"),
     ("dz[0] = w * (1.0 - share(p, z))", "dz[0] = w", r"there is no steady slip at w = .*, N = .* N: deflection' = "),
     (SPRING, f"return -{SPRING[7:]}", r"mu is -0\.4 in steady slip at w = .*friction would drive"),
     (
@@ -241,7 +221,6 @@ MEMORY = [
         r"slopes: d\[1, 0\], the derivative of the rate of deflection with .* to w, is",
     ),
     (SPRING, LESS_SPRING, r"a closed loop of slip, .* gives"),
-    ("sticks = False", "sticks = 0", r"Bristles\.sticks is 0; expected True or False"),
 ]
 
 

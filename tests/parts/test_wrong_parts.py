@@ -47,7 +47,6 @@ def test_they_are_right_as_they_are(toys):
     assert abs(run.energy["error"]) < 1e-9
 
 
-ODD = "odd: object = object()\n    "
 LAMP = "    from rig.model.assembly import Input\n    a.inputs['lamp'] = Input({})\n    return a\n"
 BACK, CLASS = "    return a\n", "class Mass("
 
@@ -57,24 +56,15 @@ BACK, CLASS = "    return a\n", "class Mass("
     ("twin.py", CLASS, f"import sys\nsys.exit(3)\n{CLASS}", r"plant: .*SystemExit: 3 \(line \d+\)"),
     ("twin.py", COUPLING, f"{COUPLING}\n    clock: quantity('s') = 1.0", "Parameters declares clock, which every"),
     ("twin.py", X_LEFT, 'Output({"zz": 1.0}, "m")', "twin.py: output 'x_left' names 'zz', which does not exist"),
-    ("twin.py", X_LEFT, 'Output({"l": 1.0}, "furlong")', "twin.py: unit of output 'x_left': 'furlong' is not SI"),
     ("twin.py", COUPLING, f"{COUPLING}\n    odd: object = object()", "odd: twin.py: Parameters.odd holds <object"),
-    ("twin.py", "mass:", f"{ODD}mass:", r"left.odd: twin.py: Mass.odd .*no recording can"),
     ("lead.py", "gain:", "period: int = -5\n    gain:", "lead.period: lead.py declares -5; expected whole nano"),
-    ("twin.py", CLASS, f"from rig.picture import Own\n\nFIGURE = Own(':nope', ('v_left',))\n\n\n{CLASS}",
-     "twin.py: names ':nope' as what draws it, and defines no nope"),
     ("twin.py", BACK, "    return Assembly(title='nothing')\n", "twin.py: the rig has no coordinate; expected one at"),
     ("twin.py", BACK, LAMP.format("'N', 0, 3, 5, 0"), "twin.py: input 'lamp' begins with 5, outside its range 0 to 3"),
-    ("twin.py", "= -c", '= float("nan")', r"stiffness\['l', 'r'\] contains nan"),
     ("twin.py", 'a.coordinate("r"', 'a.coordinate("l"', r"the rig has a state 'l' already.* \(line \d+\)"),
-    ("twin.py", 'a.normal("nr", "right"', 'a.normal("nr", "wrong"', "normal force 'nr' is of contact 'wrong'"),
     ("eddy.py", "section, frame, moved)", "section, frame)", r"eddy.py: TypeError: add\(\) takes 3 positional"),
     ("eddy.py", '"eddy_force"', '"v_left"', "eddy.py: the rig has an output 'v_left' already"),
-    ("eddy.py", "    lag:", "    declares = 3\n    lag:", "eddy.effect: eddy.py: declares is 3; expected"),
     ("scene.toml", '"eddy.py"', '"drive"', "eddy.effect: drive does not act on any plant; plants that have this"),
     ("coil.py", "return self.gain_at", 'return float("nan")', "sensors.coil.kind: gain is nan; expected a finite"),
-    ("coil.py", "return FrontEnd(", "return (", "sensors.coil.kind: .*coil.py"),
-    ("lead.py", "def update", "def updat", "defines no class Controller; LeadController has no update"),
 ])  # fmt: skip
 def test_what_is_wrong_is_a_fault_of_the_scene(toys, file, old, new, told):
     scene = changed(toys, file, old, new)
@@ -90,9 +80,6 @@ DESIGN = "        return rig.comm"
     (WIRED, f"{WIRED}; 1 / 0", r"lead.py: ZeroDivisionError: division by zero \(line \d+\)"),
     (WIRED, WIRED.replace("section.sensor", "'nope'"), "Controller.reads has nope; the sensors are v, coil"),
     (COMMAND, "return y, (f, f)", r"Controller.update commands .*expected a tuple with one number for each"),
-    (COMMAND, "return f", r"Controller.update returns .*; expected \(state, commands\)"),
-    (DESIGN, f"        raise KeyError('q')\n{DESIGN}", r"lead.py: KeyError: 'q' \(line"),
-    ("        return rig.comm", "        return {'a': {1}} or rig.comm", "design gives values that are not plain JSON"),
     (DESIGN, f"        raise ValueError('sensor: deaf')\n{DESIGN}", r"lead\.sensor: deaf"),
 ])  # fmt: skip
 def test_what_is_wrong_with_a_designed_controller_is_told_as_the_run_begins(toys, old, new, told):

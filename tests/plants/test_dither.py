@@ -37,13 +37,6 @@ def growth_by_quadrature(speed, amplitude):
     return -(D + F0 * averaged_friction(speed, amplitude)[1]) / (2.0 * M)
 
 
-@pytest.mark.parametrize("amplitude", [0.03, 0.08, 0.1, 0.15, 0.2, 0.3])
-def test_averaged_friction_is_the_quadrature_of_the_law(kroger, amplitude):
-    expected = kroger["dither"]["averaged"][repr(amplitude)]
-    assert averaged_friction(0.06, amplitude)[0] == pytest.approx(expected["mu_eff"], rel=1e-4)
-    assert -growth_by_quadrature(0.06, amplitude) * 2.0 * M == pytest.approx(expected["d_eff"], rel=1e-3)
-
-
 @pytest.mark.parametrize(
     ("speed", "amplitude"), [(0.06, 0.03), (0.06, 0.08), (0.06, 0.1), (0.215, 0.1), (0.06, 0.3), (0.215, 0.25)]
 )

@@ -14,8 +14,7 @@ from reference import numbers
 
 import rig
 from rig.plants.structures.plate_elements import left_out, surface
-from rig.plants.structures.plate_model import Foam, Grid, Plate, Rest, Surface, build
-from rig.plants.structures.plate_surface import framed
+from rig.plants.structures.plate_model import Foam, Grid, Plate, build
 
 REFERENCE = numbers("plate")
 GRID = Grid(0.043, 0.0253, 12, 8)
@@ -158,31 +157,6 @@ def test_what_cannot_be_built_is_refused(given, message):
     whole = {"plate": plate((4, 4, 1)), "foam": foam(), "grid": GRID, "point": (0.01, 0.0)} | given
     with pytest.raises(ValueError, match=message):
         build(**whole)
-
-
-def test_what_modes_lack_travels_as_bytes():
-    rest = Rest(np.arange(48.0).reshape(2, 3, 2, 4), np.array([1.0, 1.0, -1.0]), 1e5)
-    again = Rest.from_bytes(rest.to_bytes())
-    assert (again.rows == rest.rows).all()
-    assert (again.parity == rest.parity).all()
-    assert rest.at(np.array([0.0, 0.25, 2.0])) / (2e5 * np.pi) == pytest.approx(
-        np.stack([rest.rows[0], rest.rows[0] + 6.0, rest.rows[1]])
-    )
-    for harmed in (rest.to_bytes()[:-1], framed({"shape": [2, 3, 2, 4], "parity": [1.0]}, rest.rows.tobytes())):
-        with pytest.raises(ValueError, match=r"is (not|damaged)"):
-            Rest.from_bytes(harmed)
-
-
-def test_the_surface_travels_as_bytes(soft):
-    content = soft.surface.to_bytes()
-    again = Surface.from_bytes(content)
-    assert again.to_bytes() == content
-    assert (again.shapes == soft.surface.shapes).all()
-    assert (again.compliance, again.residual) == (soft.surface.compliance, soft.surface.residual)
-    for harmed in (b"", content[:-1], content[:100_000] + b"\x00" + content[100_001:], framed({"modes": 12}, b""),
-                   content.replace(b'"modes": 40', b'"modes": 41')):  # fmt: skip
-        with pytest.raises(ValueError, match=r"is (no|damaged)"):
-            Surface.from_bytes(harmed)
 
 
 BUILD = """

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 import rig
@@ -60,17 +59,6 @@ def timed(own, less, disturb, rounds=9):
     return Paired("less", **module.cost_of(ticks, "less"))
 
 
-def test_a_cost_is_told_above_the_noise_of_the_machine_and_bounded_below_it():
-    draw = np.random.default_rng(1)
-    quiet = timed(100.0, 80.0, lambda: draw.exponential(1.0))
-    assert quiet.measurable
-    assert quiet.tick.value == pytest.approx(20.0, abs=3.0)
-    assert quiet.cost().startswith("+")
-    same = timed(100.0, 100.0, lambda: draw.exponential(1.0))
-    assert same.cost().startswith("< ")
-    assert abs(same.tick.value) <= same.noise < 5.0
-
-
 def test_no_change_is_larger_than_the_whole(shunted):
     sizes = [one.size for paired in shunted.values() for one in paired.changes if one.measure != "growth rate"]
     assert sizes
@@ -105,18 +93,6 @@ def test_a_plant_that_leaves_its_limits_or_stops_is_told_so():
     whole = problem(scene)
     assert "displacement exceeds its limit of 0.001 m" in whole.leaves
     assert "with it displacement exceeds" in changed(whole, problem(bare(rig.load("belt"))))[1]
-
-
-def test_an_irregular_motion_differs_from_itself_and_that_much_is_no_change(monkeypatch):
-    from rig.qualify.cost import effects as own
-
-    monkeypatch.setattr(own, "irregular", lambda asked, seen: dict.fromkeys(seen.values, 0.8))
-    one = problem(bare(rig.load("belt")))
-    other = problem(bare(rig.load("belt", {"body.mass": "6 kg"})))
-    found, _ = changed(own.replace(one, kind="vibration"), own.replace(other, kind="vibration"))
-    assert max(c.size for c in found) > 0.0
-    assert not any(c.significant for c in found)
-    assert "irregular" in Paired("mass", changes=found).change()
 
 
 @pytest.mark.slow

@@ -11,13 +11,10 @@ import pytest
 import rig
 from rig.analysis import kernel_shapes
 from rig.bench.run.experiment import Experiment
-from rig.bench.run.runner import PlantRunner
 from rig.compiled import kernel
 from rig.controllers import narrow_band
-from rig.errors import SceneError
 from rig.qualify import bug_report
-from rig.qualify import doctor as examination
-from rig.qualify.doctor import LEAST, Spread, costs, doctor, judge
+from rig.qualify.doctor import Spread, costs, doctor, judge
 from rig.scenes.protocol import STEPS
 
 SCENES = ("belt", "brake_active", "north")
@@ -85,22 +82,6 @@ def test_a_controller_in_the_plants_process_is_part_of_its_frames(monkeypatch):
     assert here > 500_000 > there
 
 
-@pytest.mark.parametrize("name", ["north", "lever_free_cylinder"])  # 200 frames, and 5000
-def test_frames_are_measured_over_the_whole_protocol(name, monkeypatch):
-    scene, ticks = rig.load(name), []
-    whole, frame = scene.duration_ns // scene.frame_ns, PlantRunner.frame
-
-    def noted(runner):
-        ticks.append(runner.tick)
-        frame(runner)
-
-    monkeypatch.setattr(PlantRunner, "frame", noted)
-    assert len(costs(scene)) == len(ticks) >= LEAST
-    assert min(ticks) == 0
-    assert max(ticks) >= 0.95 * whole - 1
-    assert np.histogram(ticks, 5, (0, whole))[0].min() >= 0.9 * len(ticks) / 5
-
-
 def test_what_others_do_costs_a_plant_in_real_time_nothing(monkeypatch):
     """A wait stands for the time that others have the processor."""
     begin = Experiment.begin
@@ -108,26 +89,6 @@ def test_what_others_do_costs_a_plant_in_real_time_nothing(monkeypatch):
     scene = rig.load("north")
     among, alone = (np.median(costs(scene, least=100, clock=c)) for c in (time.perf_counter_ns, time.thread_time_ns))
     assert among > 1_000_000 > 2 * alone > 0
-
-
-def test_a_scene_that_cannot_run_is_a_row_and_the_others_are_judged(monkeypatch):
-    load = examination.scenes.load
-
-    def costly(scene, clock):
-        if scene.name == "belt":
-            raise SceneError("belt", ["it runs away", "really"])
-        return np.zeros(0, np.int64) if scene.name == "north" else PUNCTUAL
-
-    monkeypatch.setattr(examination, "costs", costly)
-    monkeypatch.setattr(kernel_shapes, "ready", lambda: {kernel_shapes.shape(load(name)) for name in SCENES})
-    found = doctor(0.2, names=SCENES)
-    rows = {one.scene: one for one in found.scenes}
-    assert (rows["belt"].verdict, rows["belt"].reason) == ("refused", "it runs away; really")
-    assert rows["north"].verdict == "refused"
-    assert rows["brake_active"].verdict in ("VALID", "DEGRADED", "INVALID")
-    assert not found.ok
-    assert found.warm
-    assert "it runs away; really" in found.text()
 
 
 def test_a_scene_without_kernels_is_not_judged():

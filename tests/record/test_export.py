@@ -19,9 +19,9 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 from rig.errors import UsageError
-from rig.record.export import FORMATS, export, tables
-from rig.record.export.files import LONGEST, description, files, valid
-from rig.record.run import Commands, Run, Samples
+from rig.record.export import export, tables
+from rig.record.export.files import description, files
+from rig.record.run import Run, Samples
 
 TABLES = {
     "outputs": (7001, ["displacement", "velocity", "mode"]),
@@ -234,29 +234,6 @@ def test_sensors_of_one_rate_share_a_table_where_they_share_their_instants():
     assert np.flatnonzero(np.isnan(lossy.values)).tolist() == [3, 50]
     assert np.array_equal(np.delete(lossy.values, [3, 50]), np.delete(v, [3, 50]))
     assert [one.name for one in found["sensors_1000_Hz_2"].columns] == ["beside"]
-
-
-def test_odd_names_make_valid_files(tmp_path):
-    """Names of a recording that somebody else made."""
-    t_ns = np.arange(3, dtype=np.int64) * 1000
-    names = {"a/b": np.arange(3.0), "a_b": np.arange(3.0), "time": np.arange(3.0), 'x, "y"': np.arange(3.0)}
-    events = [{"t_ns": 0, "tick": 0, "source": "p", "kind": "k", "text": 'a\0b\n"c",\ud55c', "data": {"s": "\ud800"}}]
-    at = np.arange(3)
-    run = Run(scene="no scene", step_ns=1, frame_ns=1, time=t_ns * 1e-9, signals=names, units={},
-              commands={"../up": Commands(at, at, at, np.zeros((3, 1)))}, events=events)  # fmt: skip
-    wanted = ["a_b", "a_b_2", "time_2", 'x, "y"']
-    for to in sorted(FORMATS):
-        export(tables(run), to, tmp_path / to, description(run))
-    assert pd.read_csv(tmp_path / "csv" / "outputs.csv").columns.tolist() == ["time [s]", *wanted]
-    assert pd.read_csv(tmp_path / "csv" / "events.csv")["text"].tolist() == ['a\ufffdb\n"c",\ud55c']
-    assert pd.read_csv(tmp_path / "csv" / "commands____up.csv").shape == (3, 5)
-    with h5py.File(tmp_path / "hdf5") as file:
-        assert set(file["outputs"]) == {"time", *wanted}
-    assert [valid(name, ()) for name in ("end", "2nd", "ä", "a" * 100)] == ["xend", "x2nd", "x_", "a" * LONGEST]
-    fields = loadmat(tmp_path / "mat", simplify_cells=True)
-    assert [*fields["outputs"]] == ["time", "a_b", "a_b_2", "time_2", "x___y_"]
-    assert [*fields["names"]["outputs"].values()] == ["time", *wanted]
-    assert {one.name for one in tmp_path.iterdir()} == set(FORMATS)
 
 
 def test_a_library_that_is_missing_is_named(run, tmp_path, monkeypatch):

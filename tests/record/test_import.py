@@ -1,6 +1,5 @@
 """Measurements of any bench become recordings, to the last bit of their files, or are refused with every fault."""
 
-import json
 from pathlib import Path
 
 import h5py
@@ -133,15 +132,6 @@ def test_times_of_day_become_seconds(tmp_path, form, began):
     assert file.began_ns == (began and began * 1_000_000_000)
 
 
-def test_a_table_of_thousands_of_columns(tmp_path):
-    path, values = tmp_path / "x.csv", np.random.default_rng(1).standard_normal((20, 4000))
-    pd.DataFrame(values, columns=[f"gauge number {i} [N]" for i in range(4000)]).to_csv(path, sep=";", decimal=",")
-    file = opened(path)
-    assert (len(file.columns), file.columns[-1][:2]) == (4001, ("gauge number 3999", "N"))
-    (block,) = file.blocks([column.name for column in file.columns])
-    assert np.array_equal(np.transpose([*block.values()][1:]), values)
-
-
 def matlab_73(path, **values):
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, value in values.items():
@@ -213,16 +203,11 @@ FAULTS = [
      "the file ends in the middle of it"]),
     (GOOD + "0,1,1\n1,x,3\n2,,3\n2,1,1\n1,1,1\n5,6\n", {}, ["row 3: column v: 'x'", "row 4, column v: there is no",
      "row 5, column t: the time 2 s is that", "row 6, column t: the time 1 s falls", "row 7: 2 values"]),
-    (GOOD + "0,1,1\n1,,1\n\n2,nan,1\n3,1,1\n", {}, ["row 3, column v: there is no value", "row 5, column v",
-     "--skip-m"]),
     (GOOD + "0,1,1\n1,2,2\n1,3,3\n0.5,4,4\n2,1,1\n", {}, ["row 4, column t: the time 1 s is that of the row before",
      "row 5, column t: the time 0.5 s falls", "--rate"]),
     (GOOD + "0,1,1\n1,1,1\n", {"texts": ["w = a", "x = b", "v = c, 3 N/V"]}, ["states no unit for w",
      "there is no column 'x'", "the column is in m/s"]),
-    (GOOD + "0,1,1\n1,1,1\n", {"time": ""}, ["no time for v: add --time"]),
-    (GOOD + "0,1,1\n1,1,1\n", {"time": "w"}, ["column w states no unit"]),
     (GOOD + "0,1,1\n1,1,1\n", {"texts": ["v = a, mm/s"]}, ["the file says that v is in m/s"]),
-    ("only words\nhere\n", {}, ["there is no table of numbers"]),
     (GOOD + "0,1,1\n1;2;2\n2,3,3\n3,4,4\n4,5,5\n", {}, ["row 3: 1 values, the other rows have 3; with ';' in place"]),
 ]  # fmt: skip
 
@@ -350,15 +335,6 @@ def test_the_command_imports_with_the_map_beside_the_files_and_what_works_on_a_r
     for command in (("simulate", "--from", log), ("explain", log)):
         code, _, err = rig(*command)
         assert (code, "it is a measurement: it contains no rig" in err) == (2, True), (command, err)
-
-
-def test_the_report_of_an_import_as_json(tmp_path, rig):
-    frame().to_csv(tmp_path / "x.csv", index=False)
-    code, out, _ = rig("import", tmp_path / "x.csv", "--map", "v = v", "--time", "t", "--json")
-    report = json.loads(out)
-    assert code == 0
-    assert report["channels"] == {"v": "x.csv, v"}
-    assert report["time"][0]["samples"] == T.size
 
 
 PAPER = Path(__file__).parents[2] / "recordings" / "stick_slip_paper"

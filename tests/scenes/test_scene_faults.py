@@ -63,14 +63,10 @@ KIND, SENSOR = 'kind = "laser_vibrometer"', 'sensor = "vibrometer"'
     ('force = "20 N"', 'force = "-3 N"', 'load.force = "-3 N": must be at least 0 N'),
     ("speed = 0.06", "sped = 0.06\nspeed = 1", "drive.sped: unknown key; did you mean drive.speed?"),
     ("stiffness = 2500", 'stiffness = "2500 kg"', 'body.stiffness = "2500 kg": expected a unit that converts to N/m'),
-    ("stiffness = 2500", "stiffness = nan", "body.stiffness = NaN: must be a finite number"),
     ("stiffness = 2500", "", "body.stiffness: is missing; expected a value in N/m"),
     ('"5 kg"', '["5 kg", "papr"]', 'body.mass: origin = "papr": unknown; did you mean paper? known: '),
-    ("controllers.nf", f"controllers.{'n' * 65}", f"controllers.{'n' * 65}: a name is at most 64 letters"),
     ('plant = "belt"', 'plant = "blet"', 'plant = "blet": unknown; did you mean belt? known: belt, '),
-    ("_vibrometer", "_vibrometr", 'sensors.vibrometer.kind = "laser_vibrometr": unknown; did you mean laser_vibr'),
     (SENSOR, 'sensor = "vibromter"', 'controllers.nf.sensor = "vibromter": unknown sensor; did you mean vibrometer?'),
-    (SENSOR, f'{SENSOR}\ndrive = "load.frce"', 'controllers.nf.drive = "load.frce": belt has no such actuator; did '),
     (KIND, f'{KIND}\nreads = "displacement"', 'sensors.vibrometer.reads = "displacement": is in m, a laser_vibrometer '
      "reads m/s; outputs in this unit: velocity, "),
 ])  # fmt: skip
@@ -87,8 +83,6 @@ def step(kind, **values):
     ('[limits]\ndisplacment = "1 m"', "limits.displacment: this rig has no such output; did you mean displacement?"),
     ('[clock]\nmethod = "rk4"\nrk4_step = "0.3 ms"', 'clock.rk4_step = "0.3 ms": 0.3 ms is not a whole part of the '
      "sample step (1 ms); nearest: 0.25 ms"),
-    (step("hld"), 'protocol[1].step = "hld": unknown; did you mean hold? known: connect, '),
-    (step("ramp", target='"drive.spd"', to=1, over=1), 'protocol[1].target = "drive.spd": unknown actuator; did you '),
     (step("ramp", target='"load.force"', to=2, over=1), "protocol[1].ramp: load.force is driven by controllers.nf at "),
     (step("wait", sensor='"vibrometer"'), "protocol[1]: needs one of above, below, quiet, settled; given: none"),
     (step("repeat", times='"forever"', steps='[{step = "mark", text = "x"}]'),
@@ -104,7 +98,6 @@ def test_faults_between_the_parts(faults, more, told):
 
 
 @pytest.mark.parametrize(("scene", "key", "value", "told"), [
-    ("brake_disc_modes", "linings.radius", "0.06 m", "inside of the clamp: more than inner_radius 0.07 m"),
     ("plate", "probe.y", "1 m", "beside the plate"),
     ("brake_shunt_sound", "sensors.microphone.distance", "2 m", "no longer than the direct way of 2 m"),
 ])  # fmt: skip
@@ -115,7 +108,6 @@ def test_geometry_that_cannot_be_is_refused(scene, key, value, told):
 
 @pytest.mark.parametrize(("text", "told"), [
     ("a = 1\nb = [1,", r"line 2, column \d"),
-    ("format = 1\nspeed = \u22120,1 m/s\n", "line 2, column .*a number has a decimal point"),
     ("format = 1\nmass = 2kg # light\n", 'line 2, column .*a value with a unit is in quotes, "2 rpm"'),
     ('format = 1\ntitle = "a" 0,1\n', "line 2, column .*statement$"),
 ])  # fmt: skip
@@ -127,12 +119,10 @@ def test_broken_toml_is_named_with_line_and_column(mine, text, told):
 
 def test_files_that_cannot_be_read(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "mine.toml").write_text("")
     text = scenes.load("belt").to_json()
     for name, told in (
         ("none.toml", "there is no such file"),
-        ("binary.toml", "not text in UTF-8"),
         (text, r"is the text of a scene; rig\.scenes\.scene\.Scene\.from_json reads it"),
         ("pendulm", r"no scene has this name; did you mean pendulum\?"),
         ("mine", r"no scene has this name; the file is called mine\.toml"),
@@ -177,8 +167,6 @@ def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path):
 @pytest.mark.parametrize(("name", "changes", "told"), [
     ("belt", {"friction.law": "coulomb", "friction.mu_kinetic": "0.25"},
      ["friction.law = coulomb: dropped mu_dynamic, speed_scale of stribeck; kept mu_static"]),
-    ("belt", {"friction.law": "table", "friction.speeds": "[0, 1]", "friction.values": "[0.4, 0.3]"},
-     ["friction.law = table: dropped mu_static, mu_dynamic, speed_scale of stribeck"]),
     ("brake_shunt", {"shunt.kind": "open"}, [
         "shunt.kind = open: dropped connected, resistance, inductance, delta of series",
         "protocol[2]: left out, there is no shunt.connected any more",
@@ -186,8 +174,6 @@ def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path):
     ]),
     ("belt_normal_force", {"controllers.nf.kind": "belt_velocity"},
      ["controllers.nf.kind = belt_velocity: dropped gain of normal_force; kept sensor, enable_at"]),
-    ("belt", {"sensors.laser.kind": "accelerometer", "sensors.laser.noise": "none"},
-     ["sensors.laser.kind = accelerometer: dropped reads, span of displacement_laser; kept rate"]),
 ])  # fmt: skip
 def test_a_changed_kind_drops_the_values_of_the_old_one_and_says_so(name, changes, told):
     scene = scenes.load(name, changes)

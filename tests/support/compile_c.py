@@ -1,5 +1,6 @@
 """Compiles C for tests; without a compiler these tests are skipped with a message."""
 
+import json
 import shutil
 import subprocess
 
@@ -32,6 +33,38 @@ SOUND = {
     "unit": "m/s",
     "more": "",
 }
+
+
+class InPython:
+    """The controller of the library, in Python."""
+
+    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000
+
+    def start(self):
+        return 0.0
+
+    def update(self, state, t_ns, values):
+        v = 0.5 * state + 0.5 * values[0]
+        return v, (min(max(20.0 - 300.0 * v, 0.0), 100.0),)
+
+
+def same(one, other):
+    """Two runs have the bits of each other."""
+    for name, samples in one.measurements.items():
+        assert samples.v.tobytes() == other.measurements[name].v.tobytes()
+
+
+def each_once(build, folder, suffix):
+    """A function that builds variants of a controller, each once."""
+    made = {}
+
+    def make(**changes):
+        key = json.dumps(changes, sort_keys=True)
+        if key not in made:
+            made[key] = build(folder / f"nf{len(made) if changes else ''}{suffix}", **changes)
+        return made[key]
+
+    return make
 
 
 def compiled(path, source, *options):
