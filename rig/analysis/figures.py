@@ -262,6 +262,10 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
     bar = figure.colorbar(dots, ax=locus, pad=0.02, label=sweep.axis.title)
     bar.outline.set_visible(False)  # type: ignore[operator]
     _critical(sweep, growth, frequency, locus)
+    light = rates[rates > -_LIGHT * 2.0 * np.pi * hertz]
+    if sweep.errors.size and light.size:  # else the many damped modes of a structure hide those that begin to grow
+        growth.set_ylim(1.1 * light.min(), 1.1 * light.max())
+        locus.set_xlim(growth.get_ylim())
     for axes in (growth, locus):
         _zero(axes, upright=axes is locus)
     growth.set_ylabel("growth [1/s]")
@@ -324,6 +328,7 @@ def _zero(axes: Axes, upright: bool) -> None:
         axes.set_ylim(low, high)
 
 
+_LIGHT = 0.02  # largest damping ratio of the modes for which the axes of a structure have room
 _MOST = 24  # numbers in the picture
 _BAND = "#b9cce4"
 

@@ -390,7 +390,6 @@ class Modes(Result):
             lines += self._outputs()
         if self.sliding.pulls:
             lines += [f"  {self.sliding.pulls} points would have to pull; the modes below count all points as closed"]
-            lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
         if self.sliding.exists or self.sliding.counts:
             rows = [(k, f"{g:.6g}", f"{f:.6g}", f"{d:.4g}", s) for k, g, f, d, s in self.table()]
             errors = [mode.error for mode in self.sliding.modes]
@@ -440,7 +439,8 @@ class Modes(Result):
             if len(names) == 1:
                 yield f"  {names[0]} = {values[0]:.6g} {unit}"
             else:
-                yield f"  {common} of {len(names)} points: {min(values):.6g} to {max(values):.6g} {unit}"
+                span = f"{min(values):.6g} to {max(values):.6g} {unit}"
+                yield f"  {common.removesuffix('_of')} of {len(names)} points: {span}"
 
 
 def shape_text(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str:

@@ -24,6 +24,7 @@ from rig.analysis.modes import dithers, motion, shape_text
 from rig.printable import columns
 from rig.results import Result
 from rig.scenes.scene import Scene
+from rig.structure.eigenvalues import DAMPED
 
 Complex = NDArray[np.complex128]
 JUMP = 1e-3  # of the growth beside it: the residual at a root of a continuous function is far smaller
@@ -60,6 +61,8 @@ class Critical:
         """Stability of the whole rig on both sides of the value, in words."""
         if self.kind == "jamming":
             return f"jams {'above' if self.becomes == 'unstable' else 'below'}"
+        if self.below == self.above == 0:
+            return "the growth stays below rounding on both sides"
         if self.below and self.above:
             grow = "eigenvalue grows" if self.below == 1 else "eigenvalues grow"
             return f"unstable on both sides: {self.below} {grow} below, {self.above} above"
@@ -201,7 +204,8 @@ class Sweep(Result):
     "" for none. `fixed`: the main parameters that the sweep holds constant, in words.
     `friction`: how a scene with dither is analysed, in words. Of a reduced structure: `errors` [value, branch], the
     estimated relative error of each rate, NaN where there is none; `outside` [value]: in which numbers a value lies
-    outside of the range that the reduction holds for, in words. Both are empty for other rigs.
+    outside of the range that the reduction holds for, in words. Both are empty for other rigs. Its heavily damped
+    rates are left out.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:sweep_figure"
@@ -347,6 +351,8 @@ def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fi
         known = spectrum.errors() if spectrum.errors is not None and places else ()
         for i, place in places.items() if len(known) else ():
             row[place] = known[i]
+    if errors.size:  # a reduction does not hold for heavily damped modes
+        rates[(rates.real < 0.0) & (np.abs(rates.real) > DAMPED * np.abs(rates.imag))] = complex(math.nan, math.nan)
     return Sweep(
         scene=name,
         axis=axis,

@@ -45,8 +45,10 @@ _WEDGE = ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0))
 _CORNERS = {4: _TETRAHEDRON, 6: _WEDGE, 8: _BRICK, 10: _TETRAHEDRON, 15: _WEDGE, 20: _BRICK}
 _MOVED = ("PART", "INSTANCE", "SYSTEM", "TRANSFORM", "NGEN", "NCOPY", "NFILL", "NMAP", "ELGEN", "ELCOPY")
 _TIED = ("EQUATION", "MPC", "TIE", "RIGID BODY", "COUPLING", "KINEMATIC COUPLING", "CYCLIC SYMMETRY MODEL")
-_SOLID = re.compile(r"C3D(4|6|8|10|15|20)(?!\d)")
-_SHELL = re.compile(r"(?:S|STRI|M3D|SFM3D)(3|4|6|8)(?!\d)")
+_SOLID = re.compile(r"(?:C3D|SC)(4|6|8|10|15|20)(?!\d)")
+_SHELL = re.compile(r"(?:S|STRI|M3D|SFM3D)(3|4|6|8)(?!\d)|STRI(6)5")
+_FACELESS = re.compile(r"[BT][23]|PIPE|ELBOW|CP[ES]|CAX|SPRING|DASHPOT|MASS|ROTARYI|GAP|CONN|DCOUP|COH|R|[DFA]C?3D|D|U")
+_LAYERED = re.compile(r"S\d|STRI|M3D|[BT][23]|C[PA]")  # CalculiX makes solids of them, with several rows of a node
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ class Mesh:
 
     `faces` [face, 8]: places in `ids`, corners first, then midside nodes; -1 beyond the last. `within` [face, 3]: the
     middle of the element, which is not a number for shells. `tied`: a keyword that makes nodes follow others.
+    `layered`: it has elements that CalculiX expands to solids, with several rows of one node and direction.
     """
 
     ids: Numbers
@@ -63,6 +66,7 @@ class Mesh:
     faces: Numbers = field(default_factory=lambda: np.zeros((0, 8), dtype=np.int64))
     within: Array = field(default_factory=lambda: np.zeros((0, 3)))
     tied: str = ""
+    layered: bool = False
 
     def at(self, nodes: Numbers) -> Numbers:
         """The places in `ids` of node numbers that the mesh has."""
@@ -155,7 +159,7 @@ def read_mesh(path: Path, length: float) -> Mesh:
     if deck.faults:
         raise SceneError("", few(deck.faults, path.name))
     xyz = np.array([deck.nodes[number] for number in ids.tolist()]) * length
-    return Mesh(ids, xyz, sets, *_faces(deck.elements, ids, xyz), deck.tied)
+    return Mesh(ids, xyz, sets, *_faces(deck.elements, ids, xyz), deck.tied, deck.layered)
 
 
 class _Deck:
@@ -169,6 +173,8 @@ class _Deck:
         self.elements: dict[int, tuple[bool, tuple[int, ...]]] = {}
         self.faults: list[str] = []
         self.tied = ""
+        self.kind: tuple[bool, int] | None = None  # of the elements that follow
+        self.layered = False
 
     def read_csv(self, path: Path) -> None:
         for number, line in enumerate(lines_of(path), 1):
@@ -198,10 +204,10 @@ class _Deck:
                 self._kept(path, number, line, lambda w=words, k=keyword, o=options: self._set(k, w, o))
             elif keyword == "SURFACE":
                 self._kept(path, number, line, lambda w=words, o=options: self._surface(w, o))
-            elif keyword == "ELEMENT" and (kind := _kind(options.get("TYPE", ""))):
+            elif keyword == "ELEMENT" and self.kind:
                 pending += words
-                if len(pending) > kind[1]:
-                    self._kept(path, number, line, lambda w=pending, o=options, k=kind: self._element(w, k, o))
+                if len(pending) > self.kind[1]:
+                    self._kept(path, number, line, lambda w=pending, o=options, k=self.kind: self._element(w, k, o))
                     pending = []
 
     def _kept(self, path: Path, number: int, line: str, action: object) -> None:
@@ -221,6 +227,9 @@ class _Deck:
             self.read(path.parent / options["INPUT"] if "INPUT" in options else Path(), depth + 1)
         elif keyword in _MOVED:
             raise _Wrong(f"*{keyword} makes or moves nodes; write a flat input file with every node and element")
+        elif keyword == "ELEMENT":
+            self.kind = _kind(options.get("TYPE", "").upper())
+            self.layered |= bool(_LAYERED.match(options["TYPE"].upper()))
         elif keyword in _TIED:
             self.tied = f"*{keyword}"
         elif keyword == "NSET" and "ELSET" in options:
@@ -313,10 +322,12 @@ def _keyword(line: str) -> tuple[str, dict[str, str]]:
 
 
 def _kind(element: str) -> tuple[bool, int] | None:
-    """Whether an element type is a shell, and its number of nodes; None for one without faces."""
+    """Whether an element type is a shell, and its number of nodes; None for one without faces. Raises _Wrong."""
     for pattern, shell in ((_SOLID, False), (_SHELL, True)):
-        if match := pattern.match(element.upper()):
-            return shell, int(match[1])
+        if match := pattern.match(element):
+            return shell, int(match[match.lastindex or 0])
+    if not _FACELESS.match(element):
+        raise _Wrong("this element type is not known; use others, or leave its elements out of the file of the mesh")
     return None
 
 

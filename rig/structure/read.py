@@ -128,6 +128,8 @@ def structure(
     if faults:
         raise SceneError(where, faults)
     read, labels = _one_order(read, table, faults)
+    if job is not None and len(mesh.ids) and not mesh.tied:
+        faults += [f"{job.name}.dof, {fault}" for fault in _mislabelled(labels, read[1][1].values, mesh)]
     inner = labels[:, 0] <= 0
     if len(mesh.ids):
         inner |= ~np.isin(labels[:, 0], mesh.ids)
@@ -485,6 +487,30 @@ def _one_order(
 def _among(labels: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Whether each pair of node and direction is one of `chosen`."""
     return np.isin(labels @ [8, 1], chosen @ [8, 1])
+
+
+def _mislabelled(labels: NDArray[np.int64], mass: sp.csr_array, mesh: Mesh) -> list[str]:
+    """Lines of a .dof file that name the wrong row: given twice, or of another direction than the rows beside it.
+
+    The mass of an element couples motions of its nodes along one direction only.
+    """
+
+    def named(row: int) -> str:
+        return f"line {row + 1}: node {labels[row, 0]}, direction {DIRECTIONS[labels[row, 1] - 1]}"
+
+    _, first, of = np.unique(labels, axis=0, return_index=True, return_inverse=True)
+    twice = [] if mesh.layered else np.flatnonzero(first[of] != np.arange(len(labels))).tolist()
+    if twice:
+        advice = "one of the two stands for another row; let CalculiX write the file again"
+        return few([f"{named(row)} is in line {first[of[row]] + 1} too; {advice}" for row in twice], "the file")
+    entries = mass.tocoo()
+    i, j = entries.coords
+    other = (i != j) & np.isin(labels[i, 0], mesh.ids) & np.isin(labels[j, 0], mesh.ids)
+    sizes = np.where(other, np.abs(entries.data), 0.0)
+    total, same = (np.bincount(i, weight, len(labels)) for weight in (sizes, sizes * (labels[i, 1] == labels[j, 1])))
+    wrong = np.flatnonzero(same < 0.5 * total).tolist()
+    what = "has mass in common with rows of other directions; the line stands for another row"
+    return few([f"{named(row)} {what}" for row in wrong], "the file")
 
 
 def _flawed(

@@ -18,7 +18,7 @@ from rig.analysis.studies.runs import StudyRuns
 from rig.errors import SceneError, UsageError
 
 OVER = {"load.force": [10.0, 20.0], "drive.speed": "0.05 m/s:0.1 m/s:2"}
-WANTED = ["cycle.amplitude", "cycle.period", "motion.period", "run.rms.velocity"]
+WANTED = ["cycle.amplitude", "cycle.period", "motion.period", "modes.growth", "run.rms.velocity"]
 
 
 def fastest(run):
@@ -49,9 +49,10 @@ def test_each_value_is_what_the_other_commands_find(belt, grid):
         run = lab.simulate(scene, 0.7)
         expected = [cycle.amplitude["displacement"], cycle.period, run.signals["velocity"].std(),
                     run.signals["velocity"].max()]  # fmt: skip
-        assert grid.values[k, [0, 1, 3, 4]].tolist() == expected
+        assert grid.values[k, [0, 1, 4, 5]].tolist() == expected
+        assert grid.values[k, 3] == pytest.approx(lab.modes(scene).sliding.growth, rel=1e-9)
     assert grid.values[:, 2] == pytest.approx(grid.values[:, 1], rel=1e-8)
-    assert grid.units == ("m", "s", "s", "m/s", "m/s")
+    assert grid.units == ("m", "s", "s", "1/s", "m/s", "m/s")
     assert set(grid.reasons) == {""}
 
 

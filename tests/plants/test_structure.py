@@ -322,6 +322,17 @@ def test_ranges_of_a_training_are_read_and_values_outside_are_named(tmp_path, mo
     assert f"  warning: {sentence}" in lines
     assert [line.endswith("outside of the trained range") for line in lines[-3:]] == [False, False, True]
     assert np.nanmax(along.errors[2]) > np.nanmax(along.errors[0])
+    lightly = np.isfinite(along.growth) & (along.frequency > 0.0)
+    assert (
+        along.growth[lightly] > -0.5 * 2.0 * np.pi * along.frequency[lightly]
+    ).all()  # the reduction holds for these
+    study = rig.study(scene, {"factors.friction": [2.0, 4.0]}, "modes.growth", folder=tmp_path / "studies", workers=1)
+    assert study.names == ["modes.growth", "modes.error", "modes.outside"]
+    worst = np.nanmax(along.errors, axis=1)
+    assert study.values == pytest.approx(np.array([along.largest, worst, [0, 0, 1]])[:, ::2].T, rel=1e-6)
+    assert "warning: 1 of 2 points lie outside of the trained range" in study.text()
+    assert study.csv().splitlines()[2].split(",")[-2] == "1.0"
+    assert study.to_xarray()["modes.error"].values == pytest.approx(worst[::2], rel=1e-6)
 
 
 def test_points_that_would_have_to_pull_are_named_before_a_run(tmp_path):

@@ -288,6 +288,24 @@ def test_a_damaged_file_is_refused_with_its_line(tmp_path, name, change, fault):
     assert re.search(fault, "\n".join(spoiled(tmp_path, name, change)))
 
 
+WRONG_LINES = [
+    (4000, [3999], "4000: .* is in line 3999 too"),
+    (4001, [4002], "4002: .* is in line 4001 too"),
+    (4001, [4002, 4001], "4001: .* mass in common with rows of other"),
+]
+
+
+@pytest.mark.parametrize(("line", "by", "fault"), WRONG_LINES)
+def test_a_line_of_a_dof_file_that_stands_for_another_row_is_refused(tmp_path, line, by, fault):
+    disc_with_pads.unpacked(tmp_path)
+    path = tmp_path / "disc_matrices.dof"
+    lines = path.read_text().splitlines()
+    lines[line - 1 : line - 1 + len(by)] = [lines[number - 1] for number in by]
+    text(path, lines)
+    faults = refused([], job=tmp_path / "disc_matrices", nodes=tmp_path / "disc.inp")
+    assert re.search(f"^disc_matrices.dof, line {fault}", "\n".join(faults), re.MULTILINE)
+
+
 def test_all_faults_of_all_files_are_reported_at_once(tmp_path):
     sources = [
         *parts(tmp_path),
@@ -392,7 +410,7 @@ def test_a_surface_is_the_set_of_its_nodes(tmp_path):
 
 def test_faces_are_drawn_by_their_corners_where_they_move(tmp_path):
     lines = ["*NODE", *[f"{k}, {k}, {k * k % 5}, 0" for k in range(1, 11)]]
-    lines += ["*ELEMENT, TYPE=S4", "1, 1,2,3,4", "*ELEMENT, TYPE=S3", "2, 3,4,5", "*ELEMENT, TYPE=S6"]
+    lines += ["*ELEMENT, TYPE=S4", "1, 1,2,3,4", "*ELEMENT, TYPE=S3", "2, 3,4,5", "*ELEMENT, TYPE=STRI65"]
     lines += ["3, 5,6,7, 8,9,10", "*ELEMENT, TYPE=S8R", "4, 1,3,5,7, 2,4,6,8"]
     corners = [[0, 1, 2, 3], [2, 3, 4, 4], [4, 5, 6, 6], [0, 2, 4, 6]]
     mesh = read_mesh(text(tmp_path / "m.inp", lines), 1.0)
@@ -416,6 +434,7 @@ MESHES = [
     (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=C3D4", "1,1,1,1,1,1"], "line 4: .* expected 4 nodes"),
     (["*PART, NAME=p", "*NODE", "1,0,0,0"], r"line 1: .* \*PART makes or moves nodes; write a flat input"),
     (["*NODE", "1,0,0,0", "*NGEN", "1, 5"], r"\*NGEN makes or moves nodes"),
+    (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=S9R5", "1,1,1"], "line 3: .* this element type is not known"),
     (["*INCLUDE, INPUT=mesh.inp"], "include each other"),
     (["*INCLUDE, INPUT=other.inp"], "other.inp: cannot be read: No such file"),
     (["*HEADING", "nothing"], "has no nodes"),

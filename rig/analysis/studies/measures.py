@@ -5,6 +5,9 @@ cycle.NAME      period, frequency, multiplier, energy; amplitude, lowest, highes
 motion.NAME     period, frequency, growth_rate, friction_power, energy_per_cycle; amplitude, rms of an output;
                 stick_share of a contact: the plant from its start with actuators held (rig.analysis.motion_measures);
                 slides: 1 if it comes to slide from its start, 0 if it vibrates
+modes.NAME      growth, frequency of the least stable mode of steady sliding; growing: number of modes that grow. With
+                them, of a reduced structure, error: the largest estimated relative error of an eigenvalue, and outside:
+                1 outside of the range that the reduction holds for, else 0
 run.NAME        rms, mean, lowest, highest, final, amplitude, frequency of an output or sensor; first_opening: the run
                 of the scene with its sensors, controllers and protocol
 FILE.py:NAME    a function of the Run: returns a number, or a number and its unit
@@ -37,6 +40,8 @@ from numpy.typing import NDArray
 
 from rig.analysis.branches.threshold import slides
 from rig.analysis.cycle import limit_cycle
+from rig.analysis.eigenvalue_curves import equilibrium, none
+from rig.analysis.modes import dithers
 from rig.analysis.motion_measures import observe, of, problem
 from rig.analysis.pool import Arrays
 from rig.analysis.recorded.amplitude import index
@@ -59,6 +64,8 @@ _MOTION = {
     "friction power": "W",
     "energy per cycle": "J",
 }
+_MODES = {"growth": "1/s", "frequency": "Hz", "growing": "1"}
+_REDUCED = ("error", "outside")  # of the eigenvalues of a reduced structure
 _OF_OUTPUT = ("amplitude", "lowest", "highest")
 _OF_CONTACT = {"stick_share": "1", "stick_time": "s"}
 _HOW: dict[str, Callable[[NDArray[Any]], Any]] = {
@@ -75,8 +82,8 @@ _LONG = 300  # characters of a reason
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure: `name` as its user wrote it; `source` (cycle, motion, run or "" for a function), `kind` of number,
-    `of` which output, sensor or contact. `unit`: "" if it is known with the value only.
+    """A measure: `name` as its user wrote it; `source` (cycle, motion, modes, run or "" for a function), `kind` of
+    number, `of` which output, sensor or contact. `unit`: "" if it is known with the value only.
     """
 
     name: str
@@ -93,7 +100,10 @@ class Measure:
 
 
 def measures(scene: Scene, given: Iterable[str | Callable[[Run], Any]]) -> tuple[Measure, ...]:
-    """Return the measures of a study by name or function. Raises SceneError with every fault."""
+    """Return the measures of a study by name or function, then the errors of eigenvalues that are among them.
+
+    Raises SceneError with every fault.
+    """
     if not isinstance(given, Iterable):
         raise SceneError(scene.name, [f"measure = {brief(given)}: expected a list of names and functions"])
     known, given = {each.name: each for each in _known(scene)}, list(given)
@@ -117,7 +127,8 @@ def measures(scene: Scene, given: Iterable[str | Callable[[Run], Any]]) -> tuple
         faults.append("no measure is given; such as cycle.amplitude, run.rms, or a function of a Run")
     if faults:
         raise SceneError(scene.name, faults)
-    return tuple(wanted)
+    beside = [f"modes.{kind}" for kind in _REDUCED if any(each.source == "modes" for each in wanted)]
+    return tuple(dict.fromkeys([*wanted, *(known[name] for name in beside if name in known)]))
 
 
 def _known(scene: Scene) -> Iterator[Measure]:
@@ -133,6 +144,8 @@ def _known(scene: Scene) -> Iterator[Measure]:
         yield Measure(f"motion.{kind.replace(' ', '_')}", "motion", kind, unit=unit)
     if contacts:
         yield Measure("motion.slides", "motion", SLIDES, unit="1")
+    for kind, unit in (_MODES | dict.fromkeys(_REDUCED if assembly.accuracy else (), "1")).items():
+        yield Measure(f"modes.{kind}", "modes", kind, unit=unit)
     parts: list[tuple[str, str, dict[str, str], str]] = [("cycle", kind, units, lead) for kind in _OF_OUTPUT]
     parts += [("motion", kind, units, lead) for kind in ("amplitude", "rms")]
     parts += [("run", kind, {**sensors, **units}, lead) for kind in _OF_RUN]
@@ -157,7 +170,7 @@ def evaluate(scene: Scene, wanted: Sequence[Measure], duration: float | None) ->
     """
     rows: dict[str, tuple[float, str, str]] = {}
     sources: dict[str, Callable[[Scene, Sequence[Measure]], Iterator[tuple[float, str, str]]]]
-    sources = {"cycle": _of_cycle, "motion": _of_motion, "run": partial(_of_run, duration)}
+    sources = {"cycle": _of_cycle, "motion": _of_motion, "modes": _of_modes, "run": partial(_of_run, duration)}
     for source, compute in sources.items():
         some = [measure for measure in wanted if (measure.source or "run") == source]
         try:
@@ -220,6 +233,22 @@ def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, s
         value = seen.values.get(f"{measure.kind} {measure.of}".strip(), math.nan)
         missing = "" if math.isfinite(value) else f"a motion of kind {asked.kind} has no {measure.name}"
         yield value, measure.unit, seen.fault or missing
+
+
+def _of_modes(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
+    spectrum = equilibrium(scene, bool(dithers(scene, "")))
+    rates, values, why = spectrum.rates, dict[str, float](), spectrum.why or spectrum.note
+    if spectrum.counts:
+        grow = (rates.real > none(rates)) & (rates.imag >= 0.0)
+        values = {"growth": rates[0].real, "frequency": abs(rates[0].imag) / (2.0 * math.pi), "growing": grow.sum()}
+        errors = spectrum.errors() if spectrum.errors and any(each.kind == "error" for each in some) else np.zeros(0)
+        if np.isfinite(errors).any():
+            values["error"] = np.nanmax(errors)
+        values["outside"] = bool(spectrum.outside)
+        why = "errors of the eigenvalues are not estimated: the files of the matrices are not there"
+    for measure in some:
+        value = float(values.get(measure.kind, math.nan))
+        yield value, measure.unit, why if math.isnan(value) else ""
 
 
 def _of_run(duration: float | None, scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 COLUMNS = ("seed", "reason", "scene_json")
 """Names in the results beside those of parameters, dimensions and measures."""
-SLIDES = "motion.slides"
+SLIDES, OUTSIDE = "motion.slides", "modes.outside"
 _FEW = 24  # points that the report lists one by one
 _REASONS = 6  # different reasons in it
 _COLOUR, _BAND, _LIGHT, _BEST = "#1d4f91", "#b9cce4", "#d1802f", "#c03a76"
@@ -382,6 +382,8 @@ class StudyResult(Result):
         yield from columns(rows, "<>>><>")
         if SLIDES in self.names:
             yield from self._share(self.values[:, self.names.index(SLIDES)])
+        if OUTSIDE in self.names and (outside := np.sum(self.values[:, self.names.index(OUTSIDE)] == 1.0)):
+            yield f"  warning: {outside} of {len(self.values)} points lie outside of the trained range ({OUTSIDE} is 1)"
         if (shares := self.indices) is not None:
             yield from ["", *self._index_table(shares)]
         if computed := self.provenance.get("processors"):

@@ -245,7 +245,8 @@ class StudyRuns:
     def prepare(self) -> None:
         """Compile the kernels. Raises SceneError for a scene whose controllers cannot be designed."""
         scene = self.scene_of(0)
-        prepare([scene])
+        if any(measure.source != "modes" for measure in self.measures):
+            prepare([scene])
         if self.of_run:
             simulate(scene, duration_ns=scene.frame_ns)
 

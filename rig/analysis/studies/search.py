@@ -169,7 +169,7 @@ def prepared(
     """
     check_not_loading()
     faults = Faults()
-    wanted: tuple[Measure, ...] = faults(lambda: measures(scene, [measure]), ())
+    wanted: tuple[Measure, ...] = faults(lambda: measures(scene, [measure])[:1], ())
     ranges = {key: _range(given) for key, given in over.items()} if isinstance(over, Mapping) else {}
     given = {key: ends for key, ends in ranges.items() if ends is not None}
     faults.found += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key in ranges if key not in given]
