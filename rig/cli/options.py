@@ -51,7 +51,6 @@ class _Flags:
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments. Raises typer.BadParameter, which states what was given and what is allowed."""
-        self._refuse_twice(ctx, args)
         try:
             return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
         except BadParameter as error:
@@ -62,15 +61,6 @@ class _Flags:
             if isinstance(cause := error.__cause__, ValidationError):
                 error.message = "; ".join(f"{fault} (given: {given})" for _, fault, given in faults_of(cause))
             raise
-
-    def _refuse_twice(self, ctx: Any, args: list[str]) -> None:
-        """Raise typer.BadParameter for an option with one value that is given twice: the first would be ignored."""
-        if self.params and not ctx.resilient_parsing:  # type: ignore[attr-defined]
-            order = self.make_parser(ctx).parse_args(args=[*args])[2]  # type: ignore[attr-defined]
-            for given in order:
-                single = given.param_type_name == "option" and not (given.multiple or given.is_flag or given.count)
-                if single and order.count(given) > 1:
-                    raise BadParameter("is given twice, and takes one value", ctx=ctx, param=given)
 
 
 def _converted(parameter: Any, ctx: Any, value: Any) -> Any:

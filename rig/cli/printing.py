@@ -177,7 +177,7 @@ def status(text: str = "") -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def bar(what: str) -> Iterator[Callable[[int, int], object]]:
-    """A progress bar with rate and remaining time, on standard error; without a terminal a line now and then."""
+    """A progress bar with the remaining time, on standard error; without a terminal a line now and then."""
     if not sys.stderr.isatty():
         yield _lines(what)
         return
@@ -192,17 +192,16 @@ def bar(what: str) -> Iterator[Callable[[int, int], object]]:
     )
 
     estimate = TimeRemainingColumn(elapsed_when_finished=True)
-    counts = (MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), estimate)
+    counts = (MofNCompleteColumn(), TimeElapsedColumn(), estimate)
     with Progress(
         TextColumn("{task.description}"), BarColumn(), *counts, console=Console(stderr=True), transient=True
     ) as bar:
-        task = bar.add_task(what, total=None, rate="")
-        rate = _rate()
+        task = bar.add_task(what, total=None)
 
         def show(done: int, total: int) -> None:
             if bar.tasks[0].total is None:  # estimate from now on: parts that were kept from before took no time
-                bar.reset(task, completed=done, total=total, rate="")
-            bar.update(task, completed=done, rate=_speed(rate(done)))
+                bar.reset(task, completed=done, total=total)
+            bar.update(task, completed=done)
 
         yield show
 
@@ -219,38 +218,18 @@ def kept(store: Store, what: str, total: int = 0) -> Iterator[None]:
         raise
 
 
-def _rate() -> Callable[[int], float]:
-    """Return a function that returns the parts per second after `done` of them, since it was called first.
-
-    Parts that were kept from before took no time. The speed is 0 before anything is finished.
-    """
-    begun: list[tuple[int, float]] = []
-
-    def rate(done: int) -> float:
-        now = time.monotonic()
-        first, begin = begun[0] if begun else (done, now)
-        begun[:] = [(first, begin)]
-        return (done - first) / (now - begin) if done > first and now > begin else 0.0
-
-    return rate
-
-
-def _speed(rate: float) -> str:
-    """A speed in words; per minute below one per second."""
-    return f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min" if rate else ""
-
-
 def _lines(what: str) -> Callable[[int, int], object]:
     """Progress as lines, at most one in `PROGRESS_S`, and one at the end: short work prints none."""
-    last, told = time.monotonic(), False
-    rate = _rate()
+    last, told, first = time.monotonic(), False, (-1, 0.0)
 
     def show(done: int, total: int) -> None:
-        nonlocal last, told
-        speed = rate(done)
-        if time.monotonic() - last >= PROGRESS_S or (told and done == total):
-            last, told = time.monotonic(), done < total
-            left = f", {_speed(speed)}, about {_span((total - done) / speed)} left" if speed and done < total else ""
+        nonlocal last, told, first
+        now = time.monotonic()
+        if first[0] < 0:  # parts that were kept from before took no time
+            first = done, now
+        if now - last >= PROGRESS_S or (told and done == total):
+            last, told, made = now, done < total, done - first[0]
+            left = f", about {_span((now - first[1]) * (total - done) / made)} left" if made and done < total else ""
             note(f"{what}: {done} of {total}{left}")
 
     return show

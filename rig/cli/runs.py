@@ -135,12 +135,12 @@ def run(
     keeps_up(loaded, factor)
     loaded = configured(loaded, given, precision, budget)
     if windows is not None:  # the recorder would find what is wrong only when the run has begun
-        from rig.record.windows import bound, replaceable
+        from rig.record.windows import bound, refuse_existing
 
         outputs = {name: output.unit for name, output in loaded.assemble().outputs.items()}
         bound(windows.condition, outputs, {name: sensor.delivers for name, sensor in loaded.sensors.items()})
         if out is not None:
-            replaceable(out, force)
+            refuse_existing(out, force)
     printing.run_warnings(loaded, length)
     outcome = supervise(
         loaded,

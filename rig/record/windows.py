@@ -9,8 +9,6 @@ is bounded. The condition of a trigger is one sensor or plant output beyond a le
 
 from __future__ import annotations
 
-import os
-import re
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -23,10 +21,8 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from rig.bus import messages, run_setup, topics
-from rig.errors import BusError, LogError, OutputError, UsageError
-from rig.machine.files import unused
+from rig.errors import BusError, UsageError
 from rig.quantities import Condition
-from rig.record import message_scan
 from rig.record.run_data import MEASURED, TRUE, listing, unknown
 from rig.record.writer import Writer
 
@@ -126,49 +122,17 @@ def path_of(base: Path, number: int) -> Path:
     return base.with_name(f"{base.stem}-{number:0{_DIGITS}}{base.suffix or '.mcap'}")
 
 
-def former(base: Path) -> list[Path]:
-    """Return the windows of an earlier watch of this name, in order; other files of such a name are left out."""
-    pattern = re.compile(rf"{re.escape(base.stem)}-(\d{{{_DIGITS},}}){re.escape(base.suffix or '.mcap')}")
-    try:
-        numbered = [
-            (int(name[1]), base.with_name(name[0])) for name in map(pattern.fullmatch, os.listdir(base.parent)) if name
-        ]
-    except OSError:  # the folder is not there yet
-        return []
-    return [path for number, path in sorted(numbered) if path == path_of(base, number) and _is_window(path)]
-
-
-def replaceable(base: Path, replace: bool) -> list[Path]:
-    """Return the windows of an earlier watch of this name, which the first one of a new watch removes.
-
-    Raises UsageError if there are any and they may not be `replace`d, or if another process is writing one.
-    """
-    earlier = former(base)
-    if not replace and (there := [window for window in (path_of(base, 1), *earlier) if window.exists()]):
-        raise UsageError(f"{there[0]} exists; name another file, or add --force to replace it")
-    for window in earlier:
-        try:
-            unused(window)
-        except OSError as fault:
-            raise UsageError(f"{window} cannot be replaced: {fault.strerror}") from None
-    return earlier
-
-
-def _is_window(path: Path) -> bool:
-    try:
-        scan = message_scan.Scan(path)
-        next(iter(scan), None)
-    except LogError:
-        return False
-    return "trigger" in scan.metadata
+def refuse_existing(base: Path, replace: bool) -> None:
+    """Raise UsageError if the first window of this name exists and may not be `replace`d."""
+    if not replace and path_of(base, 1).exists():
+        raise UsageError(f"{path_of(base, 1)} exists; name another file, or add --force to replace it")
 
 
 class Windows:
     """Takes the messages of a run in place of a `Writer`, and writes a recording around each firing.
 
-    `say` gets a line for each firing. The windows of an earlier watch of this name go when the first one of this watch
-    opens. Raises UsageError for a condition that does not fit the run, and for windows of an earlier watch that may not
-    be `replace`d, or that are still being written.
+    `say` gets a line for each firing. Raises UsageError for a condition that does not fit the run, and for windows of
+    an earlier watch that may not be `replace`d.
     """
 
     def __init__(
@@ -205,7 +169,7 @@ class Windows:
         self._lost: Counter[str] = Counter()
         self._closest = (-np.inf, 0.0, 0)
         """The sample that came closest to the level: distance, value, time [ns]."""
-        self._former = replaceable(base, replace)
+        refuse_existing(base, replace)
 
     def write(self, topic: str, payload: bytes, t_ns: int, seq: int, wall_ns: int) -> None:
         """Take a message: write it if a window is open, else keep it for the next one."""
@@ -301,7 +265,6 @@ class Windows:
             "number": str(len(self.paths) + 1),
             "text": said,
         }
-        self._remove_former()
         self._writer = Writer(path, self.setup, "recorded", self._replace, about)
         self.paths.append(path)
         self._last, self._lost, self._dropped_ns = {}, Counter(), -1
@@ -309,14 +272,6 @@ class Windows:
         while self._waiting:
             self._put(self._waiting.popleft())
         self._size = 0
-
-    def _remove_former(self) -> None:
-        """Remove the windows of an earlier watch: with more of them than this one, both would look like one watch."""
-        try:
-            while self._former:
-                self._former.pop().unlink(missing_ok=True)
-        except OSError as fault:
-            raise OutputError(f"{fault.filename} cannot be replaced: {fault.strerror}") from None
 
     def _put(self, message: _Waiting) -> None:
         assert self._writer is not None

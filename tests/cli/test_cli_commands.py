@@ -276,12 +276,12 @@ def clock(monkeypatch):
     return time
 
 
-def test_without_a_terminal_progress_is_a_line_now_and_then_with_rate_and_remaining_time(capsys, clock):
-    """Ten rows were there before: they count for nothing in the rate."""
+def test_without_a_terminal_progress_is_a_line_now_and_then_with_the_remaining_time(capsys, clock):
+    """Ten rows were there before: they took no time."""
     with printing.bar("rows") as show:
         for clock.now, done in ((0.0, 10), (1.0, 11), (5.5, 21), (6.0, 30), (11.0, 32), (12.0, 40)):
             show(done, 40)
-    told = ["rows: 21 of 40, 2/s, about 10 s left", "rows: 32 of 40, 2/s, about 4 s left", "rows: 40 of 40"]
+    told = ["rows: 21 of 40, about 10 s left", "rows: 32 of 40, about 4 s left", "rows: 40 of 40"]
     assert capsys.readouterr() == ("", "".join(f"{line}\n" for line in told))
 
 

@@ -67,10 +67,3 @@ def test_a_senseless_command_line_is_refused_in_words(end, commands, more, value
             short = [one[:40] for one in arguments]
             assert (code, "Traceback" in said) == (2, False), (short, said[:200])
             assert 0 < len(said.strip()) < 20_000, short
-
-
-@pytest.mark.parametrize("twice", ["export /dev/null --to csv --only=a --only b", "topic echo --run a --run b"])
-def test_an_option_with_one_value_is_not_given_twice(end, twice):
-    code, said = end(twice.split())
-    assert code == 2
-    assert "is given twice, and takes one value" in said

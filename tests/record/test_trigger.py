@@ -149,17 +149,11 @@ def test_a_condition_that_does_not_fit_is_refused_in_words(tmp_path, condition, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_force_replaces_all_recordings_of_an_earlier_watch_and_nothing_else(tmp_path):
+def test_windows_of_an_earlier_watch_are_replaced_one_by_one_with_force(tmp_path):
     base = tmp_path / "w.mcap"
-    watched(base, pulses(500, 1500, 2500, 3500))
-    (tmp_path / "w-002.mcap").unlink()
-    (tmp_path / "w-2024.mcap").write_bytes((tmp_path / "w-001.mcap").read_bytes()[:100])  # no window
-    (tmp_path / "w-03.mcap").write_text("mine")
-    (tmp_path / "other-001.mcap").write_text("mine")
-    kept = {"w-2024.mcap", "w-03.mcap", "other-001.mcap"}
-    nothing, _ = watched(base, pulses(), replace=True)
-    assert {one.name for one in tmp_path.iterdir()} == {"w-001.mcap", "w-003.mcap", "w-004.mcap", *kept}
-    assert not nothing.paths
+    watched(base, pulses(500, 1500))
+    with pytest.raises(UsageError, match=r"w-001\.mcap exists; name another file, or add --force"):
+        watched(base, pulses(1000))
     watched(base, pulses(1000), replace=True)
-    assert {one.name for one in tmp_path.iterdir()} == {"w-001.mcap", *kept}
+    assert {one.name for one in tmp_path.iterdir()} == {"w-001.mcap", "w-002.mcap"}
     assert "held at t = 1.000000 s" in reader.open(tmp_path / "w-001.mcap").window

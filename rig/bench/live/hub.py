@@ -18,7 +18,7 @@ import time
 from collections import defaultdict
 from collections.abc import Collection, Mapping
 from heapq import heapify, heapreplace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -34,50 +34,17 @@ from rig.bus.run_setup import Setup
 from rig.bus.topics import BLOCK_NS, STATE_NS, Count, Presence, Refused
 from rig.errors import UsageError
 from rig.scenes.sections import sensors_in_full
+from rig.sensors.chain.bank import Bank
 from rig.sensors.chain.instants import Instants
-
-
-class Instruments(Protocol):
-    """What is needed of a `rig.sensors.chain.bank.Bank`."""
-
-    names: tuple[str, ...]
-    instants: tuple[Instants, ...]
-
-    def memory(self, i: int, number: int, most: int) -> memoryview:
-        """At most `most` samples of instrument i from sample `number` on: a view, valid until they are dropped."""
-
-
-class Lent:
-    """Samples that wait in the memory of an instrument until they are encoded, so that the plant need not copy them."""
-
-    __slots__ = ("_samples",)
-
-    def __init__(self, samples: memoryview) -> None:
-        self._samples: memoryview | None = samples
-
-    def raw(self) -> bytes:
-        """The bytes of the samples, once; called by the thread that encodes them."""
-        while (samples := self._samples) is not None:
-            raw = samples.tobytes()
-            if self._samples is samples:  # else they were copied, because the memory is about to change: use the copy
-                self._samples = None
-                return raw
-        return b""
-
-    def keep(self) -> None:
-        """Copy the samples unless they are encoded; called before their memory changes."""
-        if (samples := self._samples) is not None:
-            self._samples = memoryview(samples.tobytes())
 
 
 class AllSamples:
     """The samples of all `instruments`, published in blocks on `session`."""
 
-    def __init__(self, session: Session, instruments: Instruments) -> None:
+    def __init__(self, session: Session, instruments: Bank) -> None:
         count = len(instruments.names)
-        self._lent: list[Lent] = []
         self._blocks = [
-            SampleBlocks(instruments, i, session.publisher(f"meas/{name}"), self._lent, (i + 1) / count)
+            SampleBlocks(instruments, i, session.publisher(f"meas/{name}"), (i + 1) / count)
             for i, name in enumerate(instruments.names)
         ]
         # Heap of the times at which blocks are full [ns], with their instruments.
@@ -99,12 +66,9 @@ class AllSamples:
             heapreplace(full, (blocks.full_ns(), i))
 
     def collect(self, tick: int, t_ns: int) -> None:
-        """Collect the samples up to `t_ns`, and copy those not sent yet: the instruments are about to drop them."""
+        """Collect the samples up to `t_ns`: the instruments are about to drop them."""
         for blocks in self._blocks:
             blocks.collect(tick, t_ns)
-        for lent in self._lent:
-            lent.keep()
-        self._lent.clear()
 
     def put_rest(self, tick: int, t_ns: int) -> None:
         """Publish the blocks that are not full, at the end of a run."""
@@ -115,19 +79,17 @@ class AllSamples:
 class SampleBlocks:
     """The samples of instrument `i`, collected until a block is full, which `publisher` then sends.
 
-    What is collected is added to `lent`. `share`: the length of the first block as a share of the others. With
-    different shares the blocks of many instruments are not full in the same frame.
+    `share`: the length of the first block as a share of the others. With different shares the blocks of many
+    instruments are not full in the same frame.
     """
 
-    def __init__(
-        self, instruments: Instruments, i: int, publisher: Publisher, lent: list[Lent], share: float = 1.0
-    ) -> None:
-        self._i, self._memory, self._publisher, self._lent = i, instruments.memory, publisher, lent
+    def __init__(self, instruments: Bank, i: int, publisher: Publisher, share: float = 1.0) -> None:
+        self._i, self._memory, self._publisher = i, instruments.memory, publisher
         self._instants = instants = instruments.instants[i]
         self._even, self._period_ns = instants.even, round(instants.period_ns)
         self._whole = max(BLOCK_NS // self._period_ns, 1)
         self._size = max(round(share * self._whole), 1)
-        self._kept: list[Lent] = []
+        self._kept: list[bytes] = []
         # Numbers of the first sample of the present block, and of the first that is not collected yet.
         self._first = self._next = 0
 
@@ -143,9 +105,7 @@ class SampleBlocks:
         """
         end = t_ns // self._period_ns + 1 if self._even else self._instants.count(t_ns)
         if end > self._next and (new := len(samples := self._memory(self._i, self._next, end - self._next))):
-            lent = Lent(samples)
-            self._lent.append(lent)
-            self._kept.append(lent)
+            self._kept.append(samples.tobytes())
             self._next += new
             if self._next - self._first >= self._size:
                 self.put(tick, t_ns)
@@ -157,8 +117,8 @@ class SampleBlocks:
             self._kept, self._first, self._size = [], self._next, self._whole
 
 
-def _encoded(tick: int, instants: Instants, period_ns: int, first: int, kept: list[Lent]) -> bytes:
-    raw = b"".join([samples.raw() for samples in kept])
+def _encoded(tick: int, instants: Instants, period_ns: int, first: int, kept: list[bytes]) -> bytes:
+    raw = b"".join(kept)
     times = None if instants.even else instants.at(np.arange(first, first + len(raw) // 8))
     return encode.block(tick, instants.instant(first), period_ns, raw, times)
 

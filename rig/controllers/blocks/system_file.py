@@ -337,22 +337,16 @@ def _fraction(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix
         [_canonical(num[i][j], den[i][j], f"[{i + 1}][{j + 1}]" if outputs * inputs > 1 else "") for j in range(inputs)]
         for i in range(outputs)
     ]
-    states = sum(len(block[0]) for row in blocks for block in row)
-    a, b, c = np.zeros((states, states)), np.zeros((states, inputs)), np.zeros((outputs, states))
-    d, at = np.zeros((outputs, inputs)), 0
-    for i, row in enumerate(blocks):
-        for j, (top, last, direct) in enumerate(row):
-            n = len(top)
-            if n:
-                a[at, at : at + n] = -top
-                a[at + 1 : at + n, at : at + n - 1] = np.eye(n - 1)
-                b[at, j], c[i, at : at + n] = 1.0, last
-            d[i, j], at = direct, at + n
-    return a, b, c, d
+    from scipy.linalg import block_diag
+
+    d = np.array([[block[3] for block in row] for row in blocks])
+    b = np.concatenate([block_diag(*(block[1] for block in row)) for row in blocks])
+    c = block_diag(*(np.hstack([block[2] for block in row]) for row in blocks))
+    return block_diag(*(block[0] for row in blocks for block in row)), b, c, d
 
 
-def _canonical(num: Any, den: Any, place: str) -> tuple[Matrix, Matrix, float]:
-    """Coefficients of the denominator behind the first, those of the proper part, and the direct term."""
+def _canonical(num: Any, den: Any, place: str) -> tuple[Matrix, Matrix, Matrix, float]:
+    """The controllable canonical form of one entry."""
     above, below = (
         np.trim_zeros(np.atleast_1d(_numbers(given, f"{name}{place}")).ravel(), "f")
         for name, given in (("num", num), ("den", den))
@@ -365,4 +359,6 @@ def _canonical(num: Any, den: Any, place: str) -> tuple[Matrix, Matrix, float]:
             "a pole, such as a low-pass filter"
         )
     above, below = np.pad(above, (below.size - above.size, 0)) / below[0], below / below[0]
-    return below[1:], above[1:] - above[0] * below[1:], float(above[0])
+    count = below.size - 1
+    a = np.vstack([-below[1:], np.eye(count)[:-1]]) if count else np.zeros((0, 0))
+    return a, np.eye(count, 1), (above[1:] - above[0] * below[1:])[None], float(above[0])
