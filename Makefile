@@ -9,7 +9,7 @@
 #   make lessons    figures and printed lines of docs/lessons, made again by the commands of the lessons
 #   make site       the documentation as a site, build/site/index.html (installs Sphinx into .venv the first time)
 #   make golden     recordings/golden, made again
-#   make proto      rig/bus/rig_pb2.py, made again from rig/bus/rig.proto (needs protoc: apt-get install protobuf-compiler)
+#   make proto      code of the .proto files, made again (needs protoc: apt-get install protobuf-compiler)
 #   make lock       the three requirements files, made again from pyproject.toml (needs uv)
 #   make tools      what tests and checks need, and all optional libraries
 #   make uninstall  .venv and the caches of this user deleted; recordings stay
@@ -99,6 +99,7 @@ golden: install # by the commands in the table of recordings/README.md
 
 proto:
 	protoc --proto_path=rig/bus --python_out=rig/bus rig.proto viewing.proto
+	protoc --proto_path=rig/record --python_out=rig/record foxglove/Log.proto
 
 LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --fork-strategy fewest
 lock:

@@ -9,7 +9,7 @@ import tempfile
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -114,7 +114,7 @@ def _publish(session: Any, seconds: float) -> Any:
     """Publish in real time with the plant's clock, core and priority; return the time of each frame [s]."""
     state, state_of = session.publisher("state"), encode.StateEncoder(SCALARS)
     instruments = _Instruments()
-    samples = AllSamples(session, instruments)
+    samples = AllSamples(session, cast("Any", instruments))
     values, full = np.zeros(SCALARS), instruments.drop()
     spent = np.zeros(round(seconds * 1000))
     with ExitStack() as stack:

@@ -325,7 +325,6 @@ def sound(
     signal: Annotated[
         str, typer.Option("--signal", metavar="SENSOR", help="Sensor whose sound is analysed. Default: the microphone.")
     ] = "",
-    channel: Annotated[str, typer.Option("--channel", hidden=True)] = "",
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", callback=new, help="Write the sound to a WAV file.")
     ] = None,
@@ -339,12 +338,7 @@ def sound(
     from rig.machine.files import draft_of
     from rig.record.wav import write
 
-    if channel and signal:
-        raise UsageError(f"--channel {channel} and --signal {signal}: --channel is the former name of --signal; give "
-                         "one of them")  # fmt: skip
-    if channel:
-        printing.note("--channel is now called --signal")
-    heard = hear(opened(log, trust), signal or channel)
+    heard = hear(opened(log, trust), signal)
     full = None
     if out is not None:
         with draft_of(out) as draft:

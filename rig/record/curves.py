@@ -15,15 +15,15 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Mapping
-from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto
+from google.protobuf import descriptor_pb2, timestamp_pb2
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from numpy.typing import NDArray
+
+from rig.record.foxglove import Log_pb2
 
 WINDOW_NS = 40_000_000
 SCHEMA = """std_msgs/MultiArrayLayout layout
@@ -141,7 +141,7 @@ def schema(topic: str) -> tuple[str, str, bytes, str]:
     """Schema of a derived topic: its name, its encoding and its text, and the encoding of the messages."""
     if topic.startswith("log/"):
         described = descriptor_pb2.FileDescriptorSet()
-        for file in (timestamp_pb2.DESCRIPTOR, _log().DESCRIPTOR.file):
+        for file in (timestamp_pb2.DESCRIPTOR, Log_pb2.DESCRIPTOR):
             file.CopyToProto(described.file.add())
         return "foxglove.Log", SchemaEncoding.Protobuf, described.SerializeToString(), MessageEncoding.Protobuf
     return "std_msgs/msg/Float64MultiArray", SchemaEncoding.ROS2, SCHEMA.encode(), MessageEncoding.CDR
@@ -153,33 +153,7 @@ def log(event: Any, source: str, t_ns: int) -> bytes | None:
         return None
     seconds, nanos = divmod(t_ns, 10**9)
     text = f"t = {event.t_ns * 1e-9:.3f} s, {event.kind}: {event.text}"
-    content = _log()(
+    content = Log_pb2.Log(  # type: ignore[attr-defined]
         timestamp={"seconds": seconds, "nanos": nanos}, level=_LEVELS.get(event.kind, _INFO), message=text, name=source
     )
     return bytes(content.SerializeToString())
-
-
-@cache
-def _log() -> Any:
-    """The type foxglove.Log, as its specification declares it."""
-    proto = descriptor_pb2.FileDescriptorProto(
-        name="foxglove/Log.proto", package="foxglove", syntax="proto3", dependency=["google/protobuf/timestamp.proto"]
-    )
-    level = proto.enum_type.add(name="LogLevel")
-    for number, name in enumerate(("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")):
-        level.value.add(name=name, number=number)
-    message, kinds = proto.message_type.add(name="Log"), FieldDescriptorProto
-    fields = (
-        ("timestamp", kinds.TYPE_MESSAGE, ".google.protobuf.Timestamp"),
-        ("level", kinds.TYPE_ENUM, ".foxglove.LogLevel"),
-        ("message", kinds.TYPE_STRING, None),
-        ("name", kinds.TYPE_STRING, None),
-        ("file", kinds.TYPE_STRING, None),
-        ("line", kinds.TYPE_FIXED32, None),
-    )
-    for number, (name, kind, declared) in enumerate(fields, start=1):
-        message.field.add(name=name, number=number, type=kind, type_name=declared, label=kinds.LABEL_OPTIONAL)
-    pool = descriptor_pool.DescriptorPool()
-    pool.AddSerializedFile(timestamp_pb2.DESCRIPTOR.serialized_pb)
-    pool.AddSerializedFile(proto.SerializeToString())
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName("foxglove.Log"))

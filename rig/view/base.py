@@ -41,6 +41,11 @@ class Shape:
     def __init__(self, kind: str, **fields: Any) -> None:
         self.kind, self.fields = kind, fields
 
+    @classmethod
+    def box(cls, half: Any, center: Any, colour: Colour = STEEL) -> Shape:
+        """A box by half of its lengths and its middle."""
+        return cls("Boxes3D", half_sizes=[half], centers=[center], colors=[colour])
+
 
 Log = Callable[[str, Shape], object]
 """Takes a shape that never changes, with the path of its entity."""

@@ -132,17 +132,17 @@ class Brake(base.Picture):
         for body, boxes in _BOXES.items():
             halves, centers = zip(*boxes)
             colour = base.DISC if body == "disc" else base.STEEL
-            drawn = base.Shape("Boxes3D", half_sizes=halves, centers=centers, colors=[colour] * len(boxes))
-            log(f"rig/{body}/body", drawn)
+            log(
+                f"rig/{body}/body",
+                base.Shape("Boxes3D", half_sizes=halves, centers=centers, colors=[colour] * len(boxes)),
+            )
         lines = [np.array([(x, -0.375, -0.11), (x, -0.375, 0.11)]) for x in np.arange(-1.2, 1.2, _PITCH)]
         log("rig/disc/marks", base.Shape("LineStrips3D", strips=lines, colors=[base.MARK], radii=[0.006]))
         for name in self._contacts:
             pad, side = _where(name)
             up = -1.0 if pad == "outer_pad" else 1.0
-            lining = base.Shape(
-                "Boxes3D", half_sizes=[(0.22, 0.3, _THICK)], centers=[(1.3 * side * _LINING, 0.0, 0.075 * up)]
-            )
-            log(f"rig/{pad}/{name}", lining)
+            middle = (1.3 * side * _LINING, 0.0, 0.075 * up)
+            log(f"rig/{pad}/{name}", base.Shape("Boxes3D", half_sizes=[(0.22, 0.3, _THICK)], centers=[middle]))
 
     def frames(
         self, t_ns: base.Integers, signals: Mapping[str, base.Reals], modes: base.Integers, shown: base.Integers

@@ -8,6 +8,7 @@ pin's fixture on the disc (spring along y). The ends of the arm hold a spring an
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -30,50 +31,34 @@ class Lever(base.Picture):
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
 
-        def box(path: str, half: tuple[float, float, float], center: tuple[float, float, float]) -> None:
-            log(f"rig/{path}", base.Shape("Boxes3D", half_sizes=[half], centers=[center], colors=[base.STEEL]))
-
-        def round_(path: str, length: float, radius: float, y: float, colour: tuple[int, int, int]) -> None:
-            turned = base.Shape(
-                "Cylinders3D",
-                lengths=[length],
-                radii=[radius],
-                centers=[(0.0, y, 0.0)],
-                quaternions=[base.LYING],
-                colors=[colour],
-            )
-            log(f"rig/{path}", turned)
+        def round_(path: str, length: float, radius: float, y: float, colour: base.Colour) -> None:
+            turned: dict[str, Any] = {"centers": [(0.0, y, 0.0)], "quaternions": [base.LYING], "colors": [colour]}
+            log(path, base.Shape("Cylinders3D", lengths=[length], radii=[radius], **turned))
 
         turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
         rays = np.stack((np.cos(turns), np.zeros(24), np.sin(turns)), axis=1)
         spokes = [
             np.stack((inner * ray, 1.04 * ray)) - (0.0, 0.005, 0.0) for inner, ray in zip((0.35, 0.95, 0.95) * 8, rays)
         ]
-        round_("disc", 0.1, 1.055, 0.05, base.DISC)
+        round_("rig/disc", 0.1, 1.055, 0.05, base.DISC)
         log("rig/disc/marks", base.Shape("LineStrips3D", strips=spokes, colors=[base.MARK], radii=[0.008]))
-        round_("cylinder/axis", _FRONT - _BACK, 0.11, 0.5 * (_FRONT + _BACK), base.STEEL)
-        box("cylinder/arm", (_ARM, 0.04, 0.04), (0.0, _FRONT, 0.0))
-        box("cylinder/cantilever", (0.04, 0.04, 0.5 * _PIN), (0.0, _FRONT, -0.5 * _PIN))
-        box("cylinder/tail", (0.04, 0.04, 0.5 * _TAIL), (0.0, _BACK, -0.5 * _TAIL))
-        weight = base.Shape(
-            "Boxes3D", half_sizes=[(0.13, 0.13, 0.13)], centers=[(-_ARM, _FRONT, -0.3)], colors=[base.STEEL]
-        )
-        log("rig/cylinder/weight", weight)
-        cord = base.Shape(
-            "LineStrips3D",
-            strips=[np.array([(-_ARM, _FRONT, 0.0), (-_ARM, _FRONT, -0.2)])],
-            colors=[base.MARK],
-            radii=[0.012],
-        )
-        log("rig/cylinder/cord", cord)
-        box("anchor", (0.12, 0.12, 0.05), (_ARM, _FRONT, _HEIGHT - 1.25))
+        round_("rig/cylinder/axis", _FRONT - _BACK, 0.11, 0.5 * (_FRONT + _BACK), base.STEEL)
+        log("rig/cylinder/arm", base.Shape.box((_ARM, 0.04, 0.04), (0.0, _FRONT, 0.0)))
+        log("rig/cylinder/cantilever", base.Shape.box((0.04, 0.04, 0.5 * _PIN), (0.0, _FRONT, -0.5 * _PIN)))
+        log("rig/cylinder/tail", base.Shape.box((0.04, 0.04, 0.5 * _TAIL), (0.0, _BACK, -0.5 * _TAIL)))
+        log("rig/cylinder/weight", base.Shape.box((0.13, 0.13, 0.13), (-_ARM, _FRONT, -0.3)))
+        cord = np.array([(-_ARM, _FRONT, 0.0), (-_ARM, _FRONT, -0.2)])
+        log("rig/cylinder/cord", base.Shape("LineStrips3D", strips=[cord], colors=[base.MARK], radii=[0.012]))
+        log("rig/anchor", base.Shape.box((0.12, 0.12, 0.05), (_ARM, _FRONT, _HEIGHT - 1.25)))
         pin = base.Shape("Boxes3D", half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)], centers=[(0.0, 0.5 * _FRONT, -_PIN)])
         log("rig/cylinder/pin", pin)
-        friction = base.Shape("Arrows3D", origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[self.friction], radii=[0.025])
-        log("rig/cylinder/friction", friction)
-        box("lever/tail", (0.035, 0.5 * _LEG, 0.06), (0.0, -0.5 * _LEG, 0.0))
-        box("lever/fixture", (0.5 * _LEG, 0.035, 0.06), (0.5 * _LEG, 0.0, 0.0))
-        box("post", (0.05, 0.05, 0.45), (_PIVOT[0], _PIVOT[1], _RADIUS - 0.45))
+        log(
+            "rig/cylinder/friction",
+            base.Shape("Arrows3D", origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[self.friction], radii=[0.025]),
+        )
+        log("rig/lever/tail", base.Shape.box((0.035, 0.5 * _LEG, 0.06), (0.0, -0.5 * _LEG, 0.0)))
+        log("rig/lever/fixture", base.Shape.box((0.5 * _LEG, 0.035, 0.06), (0.5 * _LEG, 0.0, 0.0)))
+        log("rig/post", base.Shape.box((0.05, 0.05, 0.45), (_PIVOT[0], _PIVOT[1], _RADIUS - 0.45)))
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals

@@ -45,22 +45,26 @@ class Belt(base.Picture):
 
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
-        rollers = base.Shape(
-            "Cylinders3D",
-            lengths=[0.9, 0.9],
-            radii=[0.15, 0.15],
-            centers=[(-_BELT, 0, -0.16), (_BELT, 0, -0.16)],
-            quaternions=[base.LYING, base.LYING],
-            colors=[base.STEEL],
+        log(
+            "rig/rollers",
+            base.Shape(
+                "Cylinders3D",
+                lengths=[0.9, 0.9],
+                radii=[0.15, 0.15],
+                centers=[(-_BELT, 0, -0.16), (_BELT, 0, -0.16)],
+                quaternions=[base.LYING, base.LYING],
+                colors=[base.STEEL],
+            ),
         )
-        log("rig/rollers", rollers)
-        bands = base.Shape(
-            "Boxes3D",
-            half_sizes=[(_BELT, 0.42, 0.01)] * 2,
-            centers=[(0, 0, -0.01), (0, 0, -0.31)],
-            colors=[base.DISC],
+        log(
+            "rig/belt",
+            base.Shape(
+                "Boxes3D",
+                half_sizes=[(_BELT, 0.42, 0.01)] * 2,
+                centers=[(0, 0, -0.01), (0, 0, -0.31)],
+                colors=[base.DISC],
+            ),
         )
-        log("rig/belt", bands)
         places = np.arange(-_BELT, _BELT - _PITCH / 2, _PITCH)
         lines = [np.array([(x, -0.42, 0.006), (x, 0.42, 0.006)]) for x in places]
         log("rig/marks", base.Shape("LineStrips3D", strips=lines, colors=[base.MARK], radii=[0.006]))
@@ -73,8 +77,7 @@ class Belt(base.Picture):
             "rig/mass/friction",
             base.Shape("Arrows3D", origins=[(0, -0.27, 0.04)], colors=[self.friction], radii=[0.018]),
         )
-        wall = base.Shape("Boxes3D", half_sizes=[(0.03, 0.35, 0.3)], centers=[(-1.25, 0, 0.32)], colors=[base.STEEL])
-        log("rig/wall", wall)
+        log("rig/wall", base.Shape.box((0.03, 0.35, 0.3), (-1.25, 0, 0.32)))
 
     def _placed(self, s: Mapping[str, base.Reals]) -> dict[str, Any]:
         """Translations and rotations of the body [frame], as components of a transform."""
@@ -149,24 +152,17 @@ class Pendulum(base.Picture):
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
         disc(log)
-        shaft = base.Shape("Cylinders3D", lengths=[0.5], radii=[0.07], centers=[(0, 0, 0.25)], colors=[base.STEEL])
-        log("rig/pendulum/shaft", shaft)
-        arm = base.Shape(
-            "Boxes3D",
-            half_sizes=[(_ARM / 2, 0.035, 0.03)],
-            centers=[(_ARM / 2, 0, 0.2)],
-            colors=[base.STEEL],
+        log(
+            "rig/pendulum/shaft",
+            base.Shape("Cylinders3D", lengths=[0.5], radii=[0.07], centers=[(0, 0, 0.25)], colors=[base.STEEL]),
         )
-        log("rig/pendulum/arm", arm)
+        log("rig/pendulum/arm", base.Shape.box((_ARM / 2, 0.035, 0.03), (_ARM / 2, 0, 0.2)))
         log("rig/pendulum/shoe", base.Shape("Boxes3D", half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)]))
         log(
             "rig/pendulum/friction",
             base.Shape("Arrows3D", origins=[(_ARM + 0.1, 0, 0.06)], colors=[self.friction], radii=[0.016]),
         )
-        post = base.Shape(
-            "Boxes3D", half_sizes=[(0.04, 0.04, 0.15)], centers=[_PENDULUM_POST - (0, 0, 0.05)], colors=[base.STEEL]
-        )
-        log("rig/post", post)
+        log("rig/post", base.Shape.box((0.04, 0.04, 0.15), _PENDULUM_POST - (0, 0, 0.05)))
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
@@ -218,12 +214,11 @@ class Slider(Pendulum):
         """See `Picture.static`."""
         disc(log)
         log("rig/pendulum/shoe", base.Shape("Boxes3D", half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)]))
-        arrow = base.Shape("Arrows3D", origins=[(_PLACE + 0.13, 0, 0.06)], colors=[self.friction], radii=[0.016])
-        log("rig/pendulum/friction", arrow)
-        post = base.Shape(
-            "Boxes3D", half_sizes=[(0.04, 0.04, 0.2)], centers=[_STAND - (0, 0, 0.05)], colors=[base.STEEL]
+        log(
+            "rig/pendulum/friction",
+            base.Shape("Arrows3D", origins=[(_PLACE + 0.13, 0, 0.06)], colors=[self.friction], radii=[0.016]),
         )
-        log("rig/post", post)
+        log("rig/post", base.Shape.box((0.04, 0.04, 0.2), _STAND - (0, 0, 0.05)))
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
@@ -270,7 +265,7 @@ class ThreeBodies(Belt):
             ("ceiling", (0.35, 0.35, 0.03), _CEILING),
             ("post", (0.03, 0.03, 0.45), _BODIES_POST - (0.0, 0.0, 0.45)),
         ):
-            log(f"rig/{name}", base.Shape("Boxes3D", half_sizes=[half], centers=[place], colors=[base.STEEL]))
+            log(f"rig/{name}", base.Shape.box(half, place))
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
@@ -336,8 +331,7 @@ class Tip(Belt):
         """See `Picture.static`."""
         super().static(log)
         log("rig/mass/body", base.Shape("Boxes3D", half_sizes=[(0.07, 0.16, 0.05)], centers=[(0, 0, 0.06)]))
-        block = base.Shape("Boxes3D", half_sizes=[(0.2, 0.3, 0.09)], centers=[(-0.12, 0.0, 0.99)], colors=[base.STEEL])
-        log("rig/wall", block)
+        log("rig/wall", base.Shape.box((0.2, 0.3, 0.09), (-0.12, 0.0, 0.99)))
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals

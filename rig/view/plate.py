@@ -75,21 +75,22 @@ class Plate(base.Picture):
 
         def box(path: str, size: tuple[float, float, float], top: float, colour: tuple[int, int, int]) -> None:
             half = tuple(0.5 * length / _LENGTH for length in size)
-            drawn = base.Shape("Boxes3D", half_sizes=[half], centers=[(0, 0, top - half[2])], colors=[colour])
-            log(f"rig/{path}", drawn)
+            log(f"rig/{path}", base.Shape.box(half, (0, 0, top - half[2]), colour))
 
         plate, slider = self._plate, self._slider
         box("plate", (plate.length, plate.width, plate.thickness), 0.0, base.DISC)
         box("foam", (plate.length, plate.width, self._foam.thickness), -plate.thickness / _LENGTH, _FOAM)
         half = (0.5 * slider.length / _LENGTH, 0.5 * slider.width / _LENGTH, 0.5 * slider.thickness / _LENGTH)
-        block = base.Shape(
-            "Boxes3D",
-            half_sizes=[half],
-            centers=[(0, 0, -half[2])],
-            colors=[base.STEEL],
-            fill_mode="transparentfillmajorwireframe" if self._cells else "solid",
+        log(
+            "rig/slider/body",
+            base.Shape(
+                "Boxes3D",
+                half_sizes=[half],
+                centers=[(0, 0, -half[2])],
+                colors=[base.STEEL],
+                fill_mode="transparentfillmajorwireframe" if self._cells else "solid",
+            ),
         )
-        log("rig/slider/body", block)
         log("rig/friction", base.Shape("Arrows3D", colors=[self.friction], radii=[0.016]))
         log("rig/probe", base.Shape("Points3D", positions=[(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035]))
         if self._film is not None and self._cells is not None:

@@ -128,15 +128,6 @@ def test_a_folder_is_not_overwritten(rig, tmp_path, command, name):
     assert (tmp_path / name).read_text() == "mine"
 
 
-def test_the_former_name_of_an_option_works_and_tells_the_new_one(rig, log, tmp_path):
-    assert rig("sound", log, "--signal", "s", "--out", tmp_path / "a.wav") == (0, "")
-    assert rig("sound", log, "--channel", "s", "--out", tmp_path / "b.wav") == (0, "--channel is now called --signal\n")
-    assert (tmp_path / "a.wav").read_bytes() == (tmp_path / "b.wav").read_bytes()
-    code, err = rig("sound", log, "--channel", "s", "--signal", "t")
-    assert code == 2
-    assert "--channel s and --signal t: --channel is the former name of --signal; give one of them" in err
-
-
 @pytest.mark.usefixtures("log")
 @pytest.mark.parametrize(
     ("commands", "name", "said"),
