@@ -2,10 +2,12 @@
 #   make demo       a rig that sticks and slips, a controller, a recording and a figure
 #   make test       the tests            make test-slow   those that take longer
 #   make test-browser  the page of rig web in Chromium; it says what to install
+#   make screenshots  pictures of twelve states of the page at three widths, build/screenshots
 #   make check      formatting, lint, import rules, types
 #   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
 #                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
 #   make docs       docs/gallery, made again: the figures of the papers and how their numbers compare
+#   make tracks     the moving pictures of the page's opening, made again
 #   make lessons    figures and printed lines of docs/lessons, made again by the commands of the lessons
 #   make site       the documentation as a site, build/site/index.html (installs Sphinx into .venv the first time)
 #   make golden     recordings/golden, made again
@@ -27,7 +29,7 @@ RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
-.PHONY: install tools demo test test-slow test-browser check bench docs lessons site golden proto lock uninstall clean
+.PHONY: install tools demo test test-slow test-browser screenshots check bench docs tracks lessons site golden proto lock uninstall clean
 
 install: $(VENV)/.installed
 tools: $(VENV)/.installed-tools
@@ -66,6 +68,13 @@ test-slow: tools
 
 test-browser: tools # RIG_SCREENSHOTS=FOLDER keeps pictures of the page
 	@$(RUN) pytest -m browser -rs tests/web/browser
+
+screenshots: tools
+	@mkdir -p build/screenshots
+	@RIG_SCREENSHOTS=build/screenshots $(RUN) pytest -m browser -rs tests/web/browser/test_states.py -k screen
+
+tracks: install
+	@$(BIN)/python docs/page_tracks.py
 
 check: tools
 	@$(RUN) ruff format --check .

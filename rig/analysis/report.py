@@ -150,11 +150,16 @@ def _pieces(x: Reals, y: Reals) -> Iterator[str]:
         yield f"M{points}" if at.size > 1 else f"M{points}h1"
 
 
-STYLE = """
+COLOURS = """
 :root { color-scheme: light dark; --text: #1b1b1b; --soft: #5c5c5c; --line: #d4d4d4; --page: #fff; --card: #f6f6f4;
   --good: #14703f; --doubtful: #8a5600; --bad: #b5211e; --curve: #0063a0; }
 @media (prefers-color-scheme: dark) { :root { --text: #e6e6e6; --soft: #a6a6a6; --line: #444; --page: #161616;
   --card: #202020; --good: #5fc48d; --doubtful: #e0a94a; --bad: #ff8a80; --curve: #6cb8ee; } }
+"""
+"""Of reports and of the page of `rig web`."""
+STYLE = (
+    COLOURS
+    + """
 * { box-sizing: border-box; }
 body { margin: 0 auto; padding: 1rem; max-width: 76rem; background: var(--page); color: var(--text);
   font: 16px/1.5 system-ui, sans-serif; overflow-wrap: anywhere; }
@@ -202,6 +207,7 @@ svg { display: block; width: 100%; height: 6rem; margin: .4rem 0; color: var(--c
   figure, tr { break-inside: avoid; }
 }
 """
+)
 
 
 def events(run: Run) -> Html:

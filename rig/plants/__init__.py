@@ -4,8 +4,9 @@ A plant is a module with a section `Parameters` and a function `assemble(paramet
 `rig.model.assembly.Assembly`. `PLANTS` finds the module by its name; there is no list. Structures that several plants
 use are in `structures`.
 
-`PICTURES` of the module describes its picture (rig.picture). An optional table of a plant is an effect and describes
-itself (rig.about).
+`PICTURES` of the module describes its picture (rig.picture). `HANDS`, words by keys, names the values that matter to a
+person at the bench; those that a scene does not have are left out. An optional table of a plant is an effect and
+describes itself (rig.about).
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ def _plant(module: ModuleType, name: str) -> ModuleType:
         raise PartError(f"{where}: PICTURES is {brief(pictures)}; expected a tuple of pictures of rig.picture")
     if figure is not None and not isinstance(figure, Own):
         raise PartError(f"{where}: FIGURE is {brief(figure)}; expected a rig.picture.Own")
+    hands = getattr(module, "HANDS", {})
+    if not isinstance(hands, dict) or not all(isinstance(text, str) for pair in hands.items() for text in pair):
+        raise PartError(f"{where}: HANDS is {brief(hands)}; expected words by the keys of values")
     for own in (*pictures, figure):
         if isinstance(own, Own) and own.drawer.startswith(":") and not hasattr(module, own.drawer[1:]):
             raise PartError(f"{where}: names {own.drawer!r} as what draws it, and defines no {own.drawer[1:]}")

@@ -20,6 +20,14 @@ from rig.model.assembly import Assembly, Output
 from rig.picture import OnBelt, Plot
 from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonSecondPerMetre, NonNegativeNewtonPerMetre, Section
 
+HANDS = {
+    "drive.speed": "belt speed",
+    "load.force": "normal force",
+    "friction.mu_static": "friction at rest",
+    "body.stiffness": "stiffness of the spring",
+    "body.damping": "damping",
+    "dither.amplitude": "dither amplitude",
+}
 PICTURES = (OnBelt(),)
 RAMPED = {"drive.speed": "ramped", "load.force": "ramped"}
 

@@ -59,6 +59,14 @@ from rig.quantities import (
     refused,
 )
 
+HANDS = {
+    "friction.mu": "coefficient of friction",
+    "load.pressure": "brake pressure",
+    "drive.speed": "disc speed",
+    "structure.loss_factor": "damping (loss factor)",
+    "shunt.resistance": "resistance of the shunt",
+    "shunt.inductance": "inductance of the shunt",
+}
 PICTURES = (Own("rig.view.brake:Brake", ("displacement", "velocity", "surface_speed")),)
 
 

@@ -47,6 +47,13 @@ from rig.quantities import (
     refused,
 )
 
+HANDS = {
+    "drive.speed": "disc speed",
+    "load.force": "normal force",
+    "friction.mu_static": "friction at rest",
+    "slider.damping": "damping of the slider",
+    "dither.amplitude": "dither amplitude",
+}
 PICTURES = (Own("rig.view.lumped:Slider", ("displacement", "height", "disc_speed")),)
 
 

@@ -35,6 +35,13 @@ from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.two_dof import Body, Contact, Strut
 from rig.quantities import Metre, MetrePerSecond, NewtonSecondPerMetre, NonNegativeNewtonPerMetre, Section
 
+HANDS = {
+    "friction.mu": "coefficient of friction",
+    "drive.speed": "belt speed",
+    "load.force": "normal force",
+    "spring_1.damping": "damping of the first spring",
+    "spring_3.angle": "angle of the inclined spring",
+}
 PICTURES = (Own("rig.view.lumped:ThreeBodies", ("body_1_displacement", "body_3_height")),)
 
 

@@ -57,6 +57,13 @@ from rig.quantities import (
     Section,
 )
 
+HANDS = {
+    "drive.speed": "disc speed",
+    "load.force": "normal force",
+    "friction.mu_static": "friction at rest",
+    "friction.mu_kinetic": "friction in motion",
+    "lever.damping": "damping of the lever",
+}
 PICTURES = (Own("rig.view.lever:Lever", ("angle", "lever_angle", "disc_speed", "normal_force")), OnDisc())
 
 GRAVITY = 9.81  # m/s^2

@@ -45,6 +45,13 @@ from rig.quantities import (
     Section,
 )
 
+HANDS = {
+    "friction.mu": "coefficient of friction",
+    "drive.speed": "disc speed",
+    "load.force": "normal force",
+    "body.tilt_damping": "damping of the tilt",
+    "lining.offset": "offset of the lining",
+}
 PICTURES = (Own("rig.view.lumped:Tilting", ("displacement", "tilt", "surface_speed")),)
 
 

@@ -29,6 +29,13 @@ from rig.quantities import (
     Section,
 )
 
+HANDS = {
+    "drive.speed": "disc speed",
+    "load.force": "normal force",
+    "friction.mu_static": "friction at rest",
+    "friction.mu_dynamic": "friction in motion",
+    "body.damping": "damping",
+}
 PICTURES = (OnDisc(),)
 
 

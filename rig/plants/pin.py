@@ -36,6 +36,13 @@ from rig.quantities import (
     Section,
 )
 
+HANDS = {
+    "friction.mu": "coefficient of friction",
+    "drive.speed": "disc speed",
+    "load.force": "normal force",
+    "pin.tilt": "tilt of the pin",
+    "pin.damping": "damping of the pin",
+}
 PICTURES = (OnBelt(up="disc_displacement", lean=0.35),)
 
 

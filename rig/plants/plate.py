@@ -38,6 +38,12 @@ from rig.plants.structures.plate_model import Grid, Reduced
 from rig.quantities import Metre, NonNegativeMetre, Section
 from rig.structure import model_store
 
+HANDS = {
+    "friction.mu": "coefficient of friction",
+    "drive.speed": "speed of the slider",
+    "load.force": "normal force",
+    "plate.damping_ratio": "damping ratio",
+}
 PICTURES = (Own("rig.view.plate:Plate", ("position", "normal_force", "surface_speed")),)
 FIGURE = Own("rig.view.pressure:compose", ("plate_acceleration",))
 

@@ -44,6 +44,13 @@ HALF_WAVES = ((1, 1), (2, 1), (1, 2), (3, 1), (2, 2), (3, 2), (4, 1), (1, 3), (4
 """Half waves of each mode, along and across."""
 Count = Annotated[int, Ge(1), Le(64)]
 
+HANDS = {
+    "friction.mu": "coefficient of friction",
+    "load.force": "normal force",
+    "plate.damping_ratio": "damping ratio",
+    "contact.stiffness": "stiffness of the contact",
+}
+
 
 class Plate(Section):
     """The plate: sides along and across the sliding direction, mass; ten modes with evenly spaced frequencies."""

@@ -46,6 +46,12 @@ _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong 
 DRAWN = 4000  # nodes that mode shapes are drawn on, at most [chosen]
 _OF_POINTS = Plot("normal force of points"), Plot("slip speed of points"), Plot("0 open, 1 stick, 2 slip")
 
+HANDS = {
+    "friction.mu": "coefficient of friction",
+    "drive.speed": "disc speed",
+    "load.force": "normal force",
+    "damping.ratio": "damping ratio",
+}
 PICTURES = (Own("rig.view.surfaces:Surfaces", ("normal_force", "friction_force", "surface_speed")),)
 
 

@@ -51,6 +51,13 @@ from rig.quantities import (
     quantity,
 )
 
+HANDS = {
+    "drive.speed": "disc speed",
+    "load.force": "normal force",
+    "friction.mu_static": "friction at rest",
+    "friction.mu_kinetic": "friction in motion",
+    "tip.stiffness": "stiffness of the beam",
+}
 PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)
 
 Share: Any = quantity("1", Gt(0.0), Le(1.0))

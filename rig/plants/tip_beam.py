@@ -45,6 +45,13 @@ from rig.quantities import (
     Section,
 )
 
+HANDS = {
+    "drive.speed": "disc speed",
+    "load.force": "normal force",
+    "friction.mu_static": "friction at rest",
+    "friction.mu_kinetic": "friction in motion",
+    "beam.damping_ratio": "damping ratio",
+}
 PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)
 
 Count = Annotated[int, Ge(1), Le(16)]

@@ -33,6 +33,12 @@ from rig.quantities import (
     Section,
 )
 
+HANDS = {
+    "drive.speed": "speed of the glass",
+    "load.force": "normal force",
+    "friction.mu": "coefficient of friction",
+    "tip.tangential_damping": "damping along the glass",
+}
 PICTURES = (OnBelt(up="height", lifted=True),)
 
 

@@ -36,6 +36,13 @@ from rig.quantities import (
     Section,
 )
 
+HANDS = {
+    "friction.mu": "coefficient of friction",
+    "drive.speed": "belt speed",
+    "load.force": "normal force",
+    "spring_1.angle": "angle of the first spring",
+    "spring_1.damping": "damping of the first spring",
+}
 PICTURES = (OnBelt(up="height", lifted=True),)
 
 

@@ -3,12 +3,13 @@
     form            scenes to choose from, their values with unit, range and origin; picture: what moves
     run_control     starts and ends runs under the supervisor of `rig run`, one at a time; the runs of other terminals
     follower        a thread that follows a run over the bus; frames converts its messages
+    playback        a whole recording, as a page that had watched the run would know it
     broadcast       the newest frames for every connected page; a slow page loses frames and delays no other page
     lists           lessons, recordings, maps and cost tables; jobs, job_process: their work
     sound           samples of a sensor for the loudspeakers of the pages
     app, server     routes; the process: address, browser, which requests are accepted, Ctrl-C
     bridge          the bus of a run over WebSocket, a server of its own; bridge_client: one of its clients
-    page/           the page: ES modules without a build step, one module for each pane
+    page/           the page: ES modules without a build step; german.js: its texts in German; tracks.json: moving pictures
 
 The server is a process beside plant, controllers and recorder. It follows the run as one viewer, however many pages are
 connected, so the plant does the same work for one page as for ten.

@@ -11,15 +11,16 @@
     GET  /api/live                runs of other terminals
     POST /api/run/follow          {run} -> follows one of them;  /api/run/leave: no longer
     GET  /api/recordings          the recordings of the folder;  GET /recordings/NAME: one of them, to keep
-    POST /api/recordings/work     {what, name, other} -> a job that verifies, reports, exports, compares or views
+    POST /api/recordings/open     {name} -> a whole recording (`rig.web.playback`)
+    POST /api/recordings/work     {what, name, other, at, changes} -> a job with a recording (`rig.web.lists`)
     GET  /api/studies             maps, cost tables, branches;  GET /studies/KIND/NAME/FILE: a figure or a table of one
     POST /api/studies/work        {what, scene, changes, x, y} -> a job: eigenvalues, a map, a cost table, branches
     POST /api/branches            {scene, changes} -> the finished branches of this scene
     GET  /api/lessons             the lessons;  GET /lessons/NAME: a figure of one
     POST /api/lesson              {number} -> the text of a lesson as HTML
+    POST /api/lesson/run          {number, command} -> a job: a command of the lesson
     GET  /api/jobs                jobs, the newest first;  GET /jobs/NUMBER: the result of one
     POST /api/jobs/stop           {number} -> the jobs
-    POST /api/view                {run} -> a job that shows the live run in rerun's page
     WS   /live                    messages {"kind": "state" | "setup" | "values" | "status" | "frames", ...}
     WS   /sound/SENSOR             samples of a sensor of the run (`rig.web.sound`)
 
@@ -44,6 +45,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from rig.analysis.report import COLOURS
 from rig.bus.topics import Message
 from rig.errors import RigError, UsageError
 from rig.machine.files import RUNS
@@ -52,6 +54,7 @@ from rig.web.broadcast import Broadcast
 from rig.web.form import Catalogue, as_text, form, timing
 from rig.web.jobs import Jobs
 from rig.web.lists import Recordings, Studies
+from rig.web.playback import recorded
 from rig.web.run_control import RunControl
 from rig.web.sound import Sounds, packed
 
@@ -131,13 +134,6 @@ class Bench:
         self.jobs.job(body.get("number")).stop()
         return self.jobs.all()
 
-    def view(self, _: dict[str, Any]) -> Any:
-        """Show the live run in rerun's page."""
-        run = self.control.state.get("run")
-        if not self.control.active or not run:
-            raise UsageError("no run is active; the list of recordings views one that has ended")
-        return self.jobs.start(f"view of {run}", ["view", "--run", run, "--web"])
-
     def close(self) -> None:
         """End the present run in order, and all jobs."""
         self.control.end()
@@ -148,6 +144,7 @@ def app(bench: Bench) -> Starlette:
     """The application, without the guard (`rig.web.server`)."""
     routes = [
         Route("/", _page),
+        Route("/page/colours.css", _colours),
         Mount("/page", StaticFiles(directory=PAGE)),
         Route("/api/scenes", _answers(lambda _: bench.catalogue.cards())),
         Route("/api/scene", _answers(bench.form), methods=["POST"]),
@@ -160,6 +157,11 @@ def app(bench: Bench) -> Starlette:
         Route("/api/run/follow", _answers(bench.control.follow), methods=["POST"]),
         Route("/api/run/leave", _answers(bench.control.leave), methods=["POST"]),
         Route("/api/recordings", _answers(lambda _: bench.recordings.all())),
+        Route(
+            "/api/recordings/open",
+            _answers(lambda body: recorded(bench.recordings.path(body.get("name")))),
+            methods=["POST"],
+        ),
         Route("/api/recordings/work", _answers(bench.recordings.work), methods=["POST"]),
         Route("/recordings/{name:path}", _file(lambda given: bench.recordings.path(given["name"]))),
         Route("/api/studies", _answers(lambda _: bench.studies.all())),
@@ -168,11 +170,11 @@ def app(bench: Bench) -> Starlette:
         Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
         Route("/api/lessons", _answers(lists.listed)),
         Route("/api/lesson", _answers(lists.text), methods=["POST"]),
+        Route("/api/lesson/run", _answers(lambda body: lists.run_of(body, bench.jobs)), methods=["POST"]),
         Route("/lessons/{name}", _file(lambda given: lists.figure(given["name"]))),
         Route("/api/jobs", _answers(lambda _: bench.jobs.all())),
         Route("/api/jobs/stop", _answers(bench.stop_job), methods=["POST"]),
         Route("/jobs/{number:int}", _file(lambda given: bench.jobs.job(given["number"]).file())),
-        Route("/api/view", _answers(bench.view), methods=["POST"]),
         WebSocketRoute("/live", _stream(bench.broadcast.connect, bench.broadcast.disconnect)),
         WebSocketRoute("/sound/{sensor}", _stream(bench.sounds.connect, bench.sounds.disconnect)),
     ]
@@ -181,6 +183,10 @@ def app(bench: Bench) -> Starlette:
 
 async def _page(_: Request) -> Response:
     return FileResponse(PAGE / "index.html")
+
+
+async def _colours(_: Request) -> Response:
+    return Response(COLOURS, media_type="text/css")
 
 
 def _answers(handler: Handler, run: Runs = asyncio.to_thread) -> Callable[[Request], Awaitable[Response]]:

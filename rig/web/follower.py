@@ -31,7 +31,7 @@ from rig.view import contact
 from rig.view.channels import Channels
 from rig.view.contact import Contacts
 from rig.view.process import TOPICS, fetched
-from rig.web.form import entry_of, kind_of, protocol, within
+from rig.web.form import entry_of, hands, kind_of, protocol, within
 from rig.web.frames import Frames
 from rig.web.picture import MovingPicture
 from rig.web.sound import audible
@@ -84,6 +84,7 @@ def description(
         "limits": scene.limits,
         "sound": audible(setup),
         "picture": still,
+        "hands": hands(scene),
     }
 
 

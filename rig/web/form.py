@@ -22,6 +22,7 @@ from rig.bench.run.protocol import Protocol
 from rig.controllers import controller_drives
 from rig.errors import UsageError
 from rig.model.assembly import Assembly
+from rig.plants import PLANTS
 from rig.quantities import Range, finite
 from rig.scenes import load, names
 from rig.scenes.explain import Value, explain
@@ -66,7 +67,20 @@ def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
         "protocol": protocol(scene, assembly),
         "sections": sections(scene, assembly, taken_apart.values),
         "picture": picture(scene, assembly),
+        "hands": hands(scene),
     }
+
+
+def hands(scene: Scene) -> dict[str, str]:
+    """Words of the values that matter at the bench, by key: of the controllers, and as the plant declares."""
+    declared = PLANTS[scene.plant].__dict__.get("HANDS", {})
+    strong = {
+        f"controllers.{name}.{key}": words
+        for name, section in scene.controllers.items()
+        for key, words in {"gain": "gain of the controller", "amplitude": "amplitude of the controller"}.items()
+        if isinstance(getattr(section, key, None), float)
+    }
+    return {**strong, **declared}
 
 
 def picture(scene: Scene, assembly: Assembly) -> dict[str, Any] | None:

@@ -10,7 +10,6 @@ A frame has the entries that there is news of:
     meas      {sensor: {"from": s, "t": [s], "low": [value], "high": [value]}}: the same of all samples
     portrait  {"from": s, "step": s, "x": [value], "v": [value], "mode": [index]}: the latest steps, one after the other
     picture   what has moved in the picture (rig.web.picture)
-    commands  {controller: [value of each drive]}: the latest in force
     health    the latest Health message
     events    [{"t", "source", "kind", "text", "data"}]
     lost      messages of the run that did not arrive here, since the begin
@@ -55,7 +54,6 @@ class Frames:
         self._bands: deque[Any] = deque(maxlen=_KEPT)
         self._blocks: dict[str, deque[Any]] = {}
         self._ends: dict[str, int] = {}  # time [ns] at which the last sample of each sensor was published
-        self._commands: dict[str, list[float]] = {}
         self._health: dict[str, Any] = {}
         self._events: list[dict[str, Any]] = []
         self._t_ns = 0
@@ -74,10 +72,6 @@ class Frames:
                 self._bands.append(said)
             elif kind == "meas":
                 self._blocks.setdefault(name, deque(maxlen=_KEPT)).append(said)
-            elif kind == "applied":
-                rows = messages.commands(said)
-                drives = len(rows.values) // len(rows.tick)
-                self._commands[name] = list(rows.values[len(rows.values) - drives :])
             elif kind == "health":
                 self._health = {field.name: getattr(said, field.name) for field in said.DESCRIPTOR.fields}
             elif kind == "event" and said.kind != "verdict":  # its data are the whole summary
@@ -88,7 +82,7 @@ class Frames:
 
     def take(self, lost: int = 0) -> tuple[str, bool] | None:
         """Text of the next frame, and whether it has events; None if there is no news."""
-        if not (self._states or self._bands or self._blocks or self._health or self._events or self._commands):
+        if not (self._states or self._bands or self._blocks or self._health or self._events):
             return None
         self._number += 1
         frame: dict[str, Any] = {"n": self._number, "t": self._t_ns * 1e-9, "lost": lost}
@@ -101,14 +95,11 @@ class Frames:
         if self._blocks:
             frame["meas"] = {name: self._samples(name, blocks) for name, blocks in self._blocks.items()}
             self._blocks = {}
-        if self._commands:
-            frame["commands"] = {name: _plain(values) for name, values in self._commands.items()}
-            self._commands = {}
         if self._health:
-            frame["health"] = _finite(self._health)
+            frame["health"] = finite(self._health)
             self._health = {}
         if self._events:
-            frame["events"] = _finite(self._events[-EVENTS:])
+            frame["events"] = finite(self._events[-EVENTS:])
             self._events = []
         return json.dumps(frame), "events" in frame
 
@@ -120,7 +111,7 @@ class Frames:
             for name, field in zip(self._setup.outputs, self._fields)
         }
         try:
-            frame["picture"] = _finite(picture.frame(t_ns, signals, modes))
+            frame["picture"] = finite(picture.frame(t_ns, signals, modes))
         except Exception as fault:  # of a drawer that came with a plant of the user: the run is followed without it
             self._picture = None
             text = f"the picture cannot be drawn: {type(fault).__name__}: {fault}"
@@ -135,7 +126,7 @@ class Frames:
     def _spans(self) -> dict[str, Any]:
         bands = list(self._bands)
         self._bands.clear()
-        entries = {"rows": _columns(of_steps(bands, len(self._fields), self._contacts.indices, ROWS))}
+        entries = {"rows": columns(of_steps(bands, len(self._fields), self._contacts.indices, ROWS))}
         if (steps := latest(bands, STEPS)) is not None:
             begin_ns = steps.end_ns - steps.x.size * steps.step_ns
             modes = self._modes.indices(steps.keys).tolist()
@@ -146,11 +137,11 @@ class Frames:
     def _samples(self, sensor: str, blocks: Sequence[Any]) -> dict[str, Any]:
         spans = of_samples(blocks, self._setup.sensors[sensor][1], self._ends.get(sensor), SAMPLES)
         self._ends[sensor] = int(spans.ends_ns[-1])
-        rows = _columns(spans)
+        rows = columns(spans)
         return {"from": rows["from"], "t": rows["t"], "low": rows["low"][0], "high": rows["high"][0]}
 
 
-def _columns(spans: Spans) -> dict[str, Any]:
+def columns(spans: Spans) -> dict[str, Any]:
     """Spans as columns of a frame: null where nothing is known."""
     times = {"from": spans.begin_ns * 1e-9, "t": (spans.ends_ns * 1e-9).tolist()}
     return {**times, "low": _plain(spans.low), "high": _plain(spans.high), "contacts": spans.bits.tolist()}
@@ -169,10 +160,10 @@ def _plain(values: Any) -> Any:
     return rounded.tolist()
 
 
-def _finite(content: Any) -> Any:
+def finite(content: Any) -> Any:
     """The same without numbers that JSON does not have."""
     if isinstance(content, dict):
-        return {key: _finite(value) for key, value in content.items()}
+        return {key: finite(value) for key, value in content.items()}
     if isinstance(content, list):
-        return [_finite(value) for value in content]
+        return [finite(value) for value in content]
     return None if isinstance(content, float) and not math.isfinite(content) else content

@@ -10,6 +10,7 @@ and tables.
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -35,10 +36,22 @@ def listed(_: dict[str, Any]) -> Any:
 
 def text(body: dict[str, Any]) -> Any:
     """The text of a lesson as HTML. Raises UsageError for a number that no lesson has."""
+    return {"html": html(lesson(_number(body)).file.read_text(encoding="utf-8"))}
+
+
+def _number(body: dict[str, Any]) -> int:
     number = body.get("number")
     if isinstance(number, bool) or not isinstance(number, int):
         raise UsageError(f'"number" is {number!r:.80}; expected the number of a lesson')
-    return {"html": html(lesson(number).file.read_text(encoding="utf-8"))}
+    return number
+
+
+def run_of(body: dict[str, Any], jobs: Jobs) -> dict[str, Any]:
+    """Start a command of a lesson as a job. Raises UsageError for anything else than a line of its page."""
+    command, page = body.get("command"), lesson(_number(body)).file.read_text(encoding="utf-8")
+    if not isinstance(command, str) or not command.startswith("rig ") or command not in page.splitlines():
+        raise UsageError(f"{command!r:.80} is no command of this lesson")
+    return jobs.start(command, shlex.split(command)[1:])
 
 
 def figure(name: str) -> Path:
@@ -63,7 +76,7 @@ def html(page: str) -> str:
     return str(parser.renderer.render(tokens, parser.options, {}))
 
 
-OF_RECORDINGS = ("verify", "report", "csv", "compare", "view")
+OF_RECORDINGS = ("verify", "report", "csv", "compare", "view", "spectrum", "sound", "continue")
 
 
 class Recordings:
@@ -93,16 +106,29 @@ class Recordings:
         raise UsageError(f"no recording is called {name!r:.80}; the list of the page shows them all")
 
     def work(self, body: dict[str, Any]) -> dict[str, Any]:
-        """Start a job: `what` (`WORK`), `name`, and for compare `other`. Raises UsageError."""
+        """Start a job: `what` (`OF_RECORDINGS`), `name`, for compare `other`, for continue `at` [s] and `changes`.
+
+        Raises UsageError.
+        """
         what, path = body.get("what"), self.path(body.get("name"))
         if what not in OF_RECORDINGS:
             raise UsageError(f"{what!r:.80}: expected {', '.join(OF_RECORDINGS)}")
         if what in ("verify", "view"):
             return self._jobs.start(f"{what} {path.name}", [what, str(path), *(["--web"] if what == "view" else [])])
+        if what == "continue":
+            at, changes = body.get("at"), body.get("changes") or {}
+            if isinstance(at, bool) or not isinstance(at, int | float) or not isinstance(changes, dict):
+                raise UsageError(f'"at" is {at!r:.80}; expected a time [s], and "changes" values by their keys')
+            options = [f"-p{key}={as_text(value, key)}" for key, value in changes.items()]
+            out = path.with_name(f"{path.stem}-from-{at:g}.mcap")
+            command = ["simulate", "--from", f"{path}@{at:g}s", *options, "--out", str(out), "--force"]
+            return self._jobs.start(f"{path.name} continued from {at:g} s", command)
         other = self.path(body.get("other")) if what == "compare" else path
         title, command, option, result = {
             "report": ("report of {0}", ["report", str(path)], "--out", "report.html"),
             "csv": ("tables of {0}", ["export", str(path), "--to", "csv"], "--out", f"{path.stem}-csv"),
+            "spectrum": ("spectrum of {0}", ["spectrum", str(path)], "--figure", "spectrum.png"),
+            "sound": ("sound of {0}", ["sound", str(path)], "--out", "sound.wav"),
             "compare": ("compare {0} with {1}", ["diff", str(path), str(other)], "--figure", "difference.png"),
         }[what]
         made = self._jobs.folder() / result

@@ -21,7 +21,8 @@ ROUTES = {
     "/api/studies/work": {"what": "map", "scene": "nothing", "changes": {}, "x": "", "y": ""},
     "/api/lesson": {"number": 99},
     "/api/jobs/stop": {"number": 1},
-    "/api/view": {"run": ""},
+    "/api/recordings/open": {"name": "x"},
+    "/api/lesson/run": {"number": 1, "command": "rig modes belt"},
 }
 VALUES = (None, float("nan"), 10**400, "../x", "a\0b", "\ud800", [], {"load": {"x": 1}})
 PATHS = ("/page/../server.py", "/page/..%2fserver.py", "/page/%00", "/recordings/..%2f..%2fetc%2fpasswd", "/jobs/-1",

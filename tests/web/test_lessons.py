@@ -21,6 +21,14 @@ def test_lessons_are_listed_and_shown_with_their_figures(client):
             assert figure.content.startswith(b"\x89PNG")
 
 
+def test_a_command_of_a_lesson_runs_and_no_other(client):
+    job = client.job("/api/lesson/run", number=1, command="rig modes belt")
+    assert job["code"] == 0
+    assert any("3.65529" in line and "3.51094" in line for line in job["lines"])
+    for command in ("rig modes", "rig modes belt --force", "ls", "", None, "rig modes belt\n"):
+        assert client.post("/api/lesson/run", number=1, command=command).status_code == 422
+
+
 def test_what_is_no_lesson_is_refused(client):
     for number in (99, -1, "1", None, 1.0, [1]):
         assert client.post("/api/lesson", number=number).status_code == 422

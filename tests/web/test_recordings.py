@@ -57,10 +57,35 @@ def test_a_recording_is_reported_exported_and_compared(recorded):
     compared = recorded.job(WORK, what="compare", name="one.mcap", other="two.mcap")
     assert (compared["code"], compared["result"]) == (1, ".png")
     assert any("friction.mu_static" in line for line in compared["lines"])
-    for body in ({"what": "fly", "name": "one.mcap"}, {"what": "compare", "name": "one.mcap"}, {"what": "verify"}):
+    spectrum = recorded.job(WORK, what="spectrum", name="one.mcap")
+    assert (spectrum["code"], spectrum["result"]) == (0, ".png")
+    went = recorded.job(WORK, what="continue", name="one.mcap", at=0.25, changes={"load.force": "15,5 N"})
+    assert went["code"] == 0, went["lines"]
+    assert "one-from-0.25.mcap" in [row["name"] for row in recorded.get("/api/recordings").json()]
+    for body in (
+        {"what": "continue", "name": "one.mcap", "at": "now"},
+        {"what": "fly", "name": "one.mcap"},
+        {"what": "compare", "name": "one.mcap"},
+        {"what": "verify"},
+    ):
         assert recorded.refused(WORK, **body)
     assert recorded.get("/jobs/99").status_code == 422
-    assert "no run is active" in recorded.refused("/api/view")
+
+
+def test_a_recording_opens_as_a_whole(recorded, made):
+    """The extremes, contacts, events and pictures that the page plays are those of the recording."""
+    told = recorded.post("/api/recordings/open", name="one.mcap").json()
+    run = rig.open(made / "one.mcap")
+    names = [output["name"] for output in told["setup"]["outputs"]]
+    rows = told["frame"]["rows"]
+    for name in ("displacement", "friction_force"):
+        low, high = (rows[end][names.index(name)] for end in ("low", "high"))
+        assert (min(low), max(high)) == pytest.approx((run.signals[name].min(), run.signals[name].max()), rel=1e-6)
+    assert told["frame"]["t"] == rows["t"][-1] == pytest.approx(run.time[-1])
+    assert told["frame"]["meas"].keys() == run.measurements.keys()
+    assert told["setup"]["hands"]["load.force"] == "normal force"
+    assert len(told["pictures"]["t"]) == len(told["pictures"]["frames"]) > 1
+    assert "no recording is called" in recorded.refused("/api/recordings/open", name="other.mcap")
 
 
 def test_jobs_can_be_stopped_and_are_limited():

@@ -6,16 +6,19 @@ export function h(tag, properties = {}, ...children) {
   for (const [name, value] of Object.entries(properties)) {
     if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
     else if (name === "class") element.className = value;
-    else if (name in element && name !== "list") element[name] = value;
+    else if (name in element && name !== "list" && name !== "translate") element[name] = value;
     else element.setAttribute(name, value);
   }
   element.append(...children.flat().filter((child) => child !== null && child !== undefined));
   return element;
 }
 
-/** A pane: a section with a heading. */
+/** What is not for translation: a name, a value, a text of the server. */
+export const data = (tag, properties = {}, ...children) => h(tag, { translate: "no", ...properties }, ...children);
+
+/** A card: a section with a heading. */
 export function pane(title, ...children) {
-  return h("section", { class: "pane", "aria-label": title }, h("h2", {}, title), ...children);
+  return h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...children);
 }
 
 /** A number with `digits` significant digits, without superfluous zeros. */
@@ -28,6 +31,15 @@ export function number(value, digits = 4) {
 /** A value with its unit; "1" is no unit. */
 export function quantity(value, unit, digits = 4) {
   return unit && unit !== "1" ? `${number(value, digits)} ${unit}` : number(value, digits);
+}
+
+const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"], [1e-12, "p"]];
+
+/** The factor and the unit in which a size reads well: 8.44e-6 m is 8.44 µm. Units of more than one word keep theirs. */
+export function scaled(unit, size) {
+  if (!/^(m|N|Pa|V|A|W|J|Hz|s|C|F|H|g)(\/s(\^2)?)?$/.test(unit) || !(size > 0)) return [1, unit === "1" ? "" : unit];
+  const [factor, prefix] = PREFIXES.find(([one]) => size >= one) ?? PREFIXES.at(-1);
+  return [1 / factor, prefix + unit];
 }
 
 /** What a user typed, as a value for the server: a plain number becomes a number; a decimal comma is read as a point. */
@@ -46,3 +58,6 @@ export const attempting = (fault) => async (action) => {
     fault.textContent = error.message;
   }
 };
+
+/** A list of names as words: friction_force is "friction force". */
+export const words = (name) => name.replaceAll("_", " ");

@@ -1,38 +1,47 @@
-// The jobs of a pane: processes beside the run, with their output, a button that stops them, and a link to their result.
+// The jobs of some commands of rig: processes beside the run, with their output, a button that stops them, and their result:
+// a picture and a sound are shown at once.
 
 import { get, post } from "/page/api.js";
-import { h } from "/page/dom.js";
+import { data, h } from "/page/dom.js";
+import { t } from "/page/text.js";
 
 const ADDRESS = /(http:\/\/\S+)/;
 const PROGRESS = /^(.*): (\d+) of (\d+)(, .* left)?$/; // as `rig` prints it without a terminal
 const LOOK = 1000; // [ms] between two looks at jobs that work
 
-/** The jobs of some commands of rig: {element, look()}. `attempt(action)` tells faults; `ended()` is called after the last one. */
+/** {element, look()} of `commands`. `attempt(action)` tells faults; `ended()` is called after the last one. */
 export function jobs(commands, attempt, ended = () => {}) {
   const element = h("div"), shown = new Map(); // number -> {text: what is shown of the job, element}
   let looking = false;
 
   function output(line) {
-    const found = line.match(ADDRESS);
-    return found ? [h("a", { href: found[1], target: "_blank", rel: "noopener" }, line), "\n"] : [line, "\n"];
+    const address = line.match(ADDRESS);
+    return address ? [h("a", { href: address[1], target: "_blank", rel: "noopener" }, line), "\n"] : [line, "\n"];
   }
 
   /** The progress that a job has told last, while it works. */
   function progress({ state, title, lines }) {
     const said = state === "working" ? lines.map((line) => line.match(PROGRESS)).findLast(Boolean) : null;
-    return said ? h("label", { class: "row small" }, h("progress", { max: Number(said[3]), value: Number(said[2]), "aria-label": `progress of ${title}` }),
-      said[0]) : null;
+    return said ? data("label", { class: "row small" }, h("progress", { max: Number(said[3]), value: Number(said[2]), "aria-label": title }), said[0]) : null;
+  }
+
+  /** A picture or a sound itself, beside the link to it. */
+  function result({ number, title, result: name }) {
+    if (!name) return [];
+    const address = `/jobs/${number}`, link = h("a", { href: address, target: "_blank", rel: "noopener" }, t("open the result"), data("span", {}, ` (${name})`));
+    if (/\.(png|gif)$/.test(name)) return [link, h("img", { src: address, alt: title, loading: "lazy" })];
+    return /\.wav$/.test(name) ? [link, h("audio", { src: address, controls: true, "aria-label": name })] : [link];
   }
 
   function drawn(one) {
-    const state = one.state === "working" || one.code === 0 ? one.state : `${one.state}, exit code ${one.code}`;
-    const result = one.result ? h("a", { href: `/jobs/${one.number}`, target: "_blank", rel: "noopener" }, `open the result (${one.result})`) : null;
+    const state = { working: t("working"), done: t("done"), stopped: t("stopped") }[one.state] ?? one.state;
+    const code = one.state === "working" || one.code === 0 ? "" : t(", exit code {code}", { code: one.code });
     const stop = one.state === "working"
-      ? h("button", { class: "small", onclick: () => attempt(async () => { await post("/api/jobs/stop", { number: one.number }); look(); }) }, "Stop") : null;
-    const lines = h("div", { class: "pre scroll" }, ...one.lines.filter((line) => !PROGRESS.test(line)).flatMap(output));
+      ? h("button", { class: "small", onclick: () => attempt(async () => { await post("/api/jobs/stop", { number: one.number }); look(); }) }, t("Stop")) : null;
+    const lines = data("pre", { class: "scroll", tabIndex: 0 }, ...one.lines.filter((line) => !PROGRESS.test(line)).flatMap(output));
     const before = shown.get(one.number)?.element;
-    return h("details", { open: before?.open ?? true, class: "small" }, h("summary", {}, `${one.title}: ${state} `),
-      h("div", { class: "row" }, result, stop), progress(one), lines);
+    return h("details", { open: before?.open ?? true, class: "small" }, h("summary", {}, data("span", {}, one.title), ": ", `${state}${code} `),
+      h("div", { class: "stack" }, ...result(one), stop), progress(one), lines);
   }
 
   function draw(one) {
@@ -46,10 +55,10 @@ export function jobs(commands, attempt, ended = () => {}) {
     looking = true;
     await attempt(async () => {
       for (let working = true, was = false; working; was = working) {
-        const found = (await get("/api/jobs")).filter(({ command }) => commands.includes(command));
-        const now = found.map(draw);
+        const known = (await get("/api/jobs")).filter(({ command, title }) => [command, title].some((one) => commands.includes(one)));
+        const now = known.map(draw);
         if (now.some((one, i) => one !== element.children[i])) element.replaceChildren(...now);
-        working = found.some(({ state }) => state === "working");
+        working = known.some(({ state }) => state === "working");
         if (was && !working) ended();
         if (working) await new Promise((done) => { setTimeout(done, LOOK); });
       }

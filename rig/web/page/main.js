@@ -1,63 +1,53 @@
-// The page: a head, panes in three columns, one store, one web socket.
+// The page: a head, five views of which one is shown, one store, one web socket.
 //
-// A pane is a module in panes/ that exports `create(bench)`, which returns an object with `element` and, as it needs them:
+// A view, and a part of it, is a module that exports `create(bench)`, which returns an object with `element` and, as it needs:
 //   state()   the state of the run, the connection or the values changed      setup()   a run has been described (`store.setup`, null until then)
-//   draw()    new frames have come; called once for an animation frame, and only while the pane is on the screen
+//   draw()    new frames have come; called once for an animation frame, and only while its view is shown
+//   enter(rest)   the view is shown; `rest` is what stands behind its name in the address
 // `bench` has `store` (store.js: what is known of the run), `command(body)` and `set(key, value)`, which act on the run that
-// this page shows and throw Errors with the server's text, `tell(text)`, which
-// shows a text in the head, `redraw()`, and what the pane of the scene adds: `chosen()` and `choose(scene)`.
+// this page shows and throw Errors with the server's text, `tell(text)`, which shows a text in the head, `redraw()`, `go(view)`,
+// and what the bench adds: `chosen()`, `choose(scene)` and `begin()`.
 
 import { get, post } from "/page/api.js";
 import { connect } from "/page/socket.js";
 import { Store } from "/page/store.js";
-import { h } from "/page/dom.js";
+import { t } from "/page/text.js";
 import * as head from "/page/panes/head.js";
-import * as choose from "/page/panes/choose.js";
-import * as branches from "/page/panes/branches.js";
-import * as touch from "/page/panes/touch.js";
-import * as rig from "/page/panes/rig.js";
-import * as signals from "/page/panes/signals.js";
-import * as strip from "/page/panes/strip.js";
-import * as portrait from "/page/panes/portrait.js";
-import * as trust from "/page/panes/trust.js";
-import * as protocol from "/page/panes/protocol.js";
-import * as events from "/page/panes/events.js";
-import * as hear from "/page/panes/hear.js";
+import * as opening from "/page/panes/opening.js";
+import * as running from "/page/panes/bench.js";
 import * as recordings from "/page/panes/recordings.js";
 import * as studies from "/page/panes/studies.js";
 import * as lessons from "/page/panes/lessons.js";
-
-const COLUMNS = [[choose, branches, touch], [rig, strip, signals, studies, lessons], [protocol, trust, portrait, hear, events, recordings]];
-
-const LIVE = new Set([touch, strip, signals, protocol, trust, portrait, events]); // panes that show nothing before a run is described
 
 const store = new Store();
 const bench = {
   store,
   tell: (text) => top.tell(text),
   redraw: () => redraw(),
+  go: (view) => { location.hash = view; },
   command: (body) => post("/api/run/command", { ...body, run: store.setup?.run ?? "" }),
   set: (key, value) => post("/api/run/set", { key, value, run: store.setup?.run ?? "" }),
 };
-const top = head.create(bench);
-const panes = COLUMNS.map((column) => column.map((one) => one.create(bench)));
-const reveal = () => COLUMNS.flat().forEach((one, i) => { panes.flat()[i].element.hidden = LIVE.has(one) && store.setup === null; });
-reveal();
-const all = [top, ...panes.flat()];
+const top = head.create(bench, { rigs: t("Rigs"), bench: t("Bench"), recordings: t("Recordings"), analysis: t("Analysis"), lessons: t("Lessons") });
+const views = { bench: running.create(bench), rigs: opening.create(bench), recordings: recordings.create(bench), analysis: studies.create(bench),
+  lessons: lessons.create(bench) };
+const all = [top, ...Object.values(views)];
+let shown = null;
 
 document.getElementById("head").replaceWith(top.element);
-document.getElementById("panes").append(
-  ...panes.map((column) => h("div", { class: "column" }, ...column.map((one) => one.element))));
+document.getElementById("views").append(...Object.values(views).map(({ element }) => element));
+for (const [name, { element }] of Object.entries(views)) { element.classList.add("view"); element.id = `view-${name}`; }
 
-const shown = new Set();
-const watcher = new IntersectionObserver((changes) => {
-  for (const { target, isIntersecting } of changes) {
-    const one = all.find(({ element }) => element === target);
-    if (isIntersecting) shown.add(one); else shown.delete(one);
-  }
+function show() {
+  const [name, ...rest] = location.hash.slice(1).split("/");
+  const before = shown;
+  shown = name in views ? name : store.active ? "bench" : "rigs";
+  for (const [one, { element }] of Object.entries(views)) element.hidden = one !== shown;
+  top.show(shown);
+  if (before !== shown) scrollTo(0, 0);
+  views[shown].enter?.(rest.join("/"));
   redraw();
-});
-for (const one of all) watcher.observe(one.element);
+}
 
 let asked = false;
 function redraw() { // an animation frame is asked for only when something has come
@@ -65,12 +55,14 @@ function redraw() { // an animation frame is asked for only when something has c
   asked = true;
   requestAnimationFrame(() => {
     asked = false;
-    for (const one of shown) one.draw?.();
+    top.draw();
+    views[shown]?.draw?.();
   });
 }
 
 function tellAll() {
   for (const one of all) one.state?.();
+  if (!location.hash && store.active) show();
   redraw();
 }
 
@@ -83,7 +75,6 @@ const messages = {
   state: (state) => { store.state = state; tellAll(); },
   setup: (setup) => {
     store.clear(setup);
-    reveal();
     if (setup === null) top.tell(""); // a new run begins, and nothing is known of it yet
     else {
       for (const one of all) one.setup?.();
@@ -98,3 +89,5 @@ const messages = {
 
 connect((message) => messages[message.kind]?.(message[message.kind]), (online, why = "") => { Object.assign(store, { online, why }); tellAll(); });
 addEventListener("resize", redraw);
+addEventListener("hashchange", show);
+show();

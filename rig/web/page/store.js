@@ -2,22 +2,39 @@
 
 import { Solids } from "/page/solids.js";
 
-const SPAN = 10; // [s] of simulated time that curves keep
+const SPAN = 60; // [s] of simulated time that the curves of a run keep
 const MOST_EVENTS = 300;
 
 const STEPS = 2000, PORTRAIT = 2; // most steps of the phase portrait, and its longest time [s]
 
-/** Extremes in spans, of the last SPAN seconds: each span ends at its time and begins at the one before; null: not known. */
+/** Extremes in spans, of the last `kept` seconds: each span ends at its time and begins at the one before; null: not known. */
 class Curve {
-  constructor() { this.t = []; this.low = []; this.high = []; }
+  constructor(kept) { this.kept = kept; this.t = []; this.low = []; this.high = []; }
+
+  /** Index of the first span that ends at a time or later. */
+  from(time) {
+    let [low, high] = [0, this.t.length];
+    while (low < high) { const middle = (low + high) >> 1; if (this.t[middle] < time) low = middle + 1; else high = middle; }
+    return low;
+  }
+
+  /** Lowest and highest value from a time to a time; Infinity, -Infinity if nothing is known there. */
+  reach(t0, t1) {
+    let low = Infinity, high = -Infinity;
+    for (let i = this.from(t0); i < this.t.length; i += 1) {
+      if (this.low[i] !== null) { low = Math.min(low, this.low[i]); high = Math.max(high, this.high[i]); }
+      if (this.t[i] >= t1) break;
+    }
+    return [low, high];
+  }
 
   /** Add spans, the first of which begins at `from`: what lies between it and the last one is not known. */
   push(from, t, low, high) {
     if (!(from <= this.t.at(-1) + 1e-9)) this.add(from, null, null);
     for (let i = 0; i < t.length; i += 1) this.add(t[i], low[i], high[i]);
-    const begin = this.t.at(-1) - SPAN;
+    const begin = this.t.at(-1) - this.kept;
     if (this.t.length > 400 && this.t[Math.floor(this.t.length / 2)] < begin) {
-      const first = this.t.findIndex((one) => one >= begin);
+      const first = this.from(begin);
       for (const column of [this.t, this.low, this.high]) column.splice(0, first);
     }
   }
@@ -39,7 +56,9 @@ class Stretch {
 }
 
 export class Store {
-  constructor() {
+  /** `kept`: seconds of the curves that are kept. */
+  constructor(kept = SPAN) {
+    this.kept = kept;
     this.state = { phase: "idle", lines: [] };
     this.online = false;
     this.why = "no answer yet"; // why it is not connected
@@ -51,20 +70,19 @@ export class Store {
     this.setup = setup;
     this.t = 0;
     this.outputs = {}; // name -> Curve
-    this.contacts = (setup?.contacts ?? []).map(() => new Curve()); // modes of each contact, as bits
+    this.contacts = (setup?.contacts ?? []).map(() => new Curve(this.kept)); // modes of each contact, as bits
     this.steps = new Stretch();
     this.latest = { v: [], contacts: [] }; // values of the outputs and mode of each contact
     this.sensors = {}; // name -> Curve, in the unit of the sensor
     this.health = null;
-    this.commands = {};
     this.events = [];
     this.status = null; // {verdict, reasons, step} so far
     this.lost = 0; // messages that the server missed
     this.dropped = 0; // frames that this page missed
     this.number = 0;
     this.picture = setup?.picture ? new Solids(setup.picture) : null;
-    for (const { name } of setup?.outputs ?? []) this.outputs[name] = new Curve();
-    for (const name of Object.keys(setup?.sensors ?? {})) this.sensors[name] = new Curve();
+    for (const { name } of setup?.outputs ?? []) this.outputs[name] = new Curve(this.kept);
+    for (const name of Object.keys(setup?.sensors ?? {})) this.sensors[name] = new Curve(this.kept);
   }
 
   take(frame) {
@@ -82,7 +100,6 @@ export class Store {
     }
     if (frame.portrait) this.steps.push(frame.portrait);
     for (const [name, { from, t, low, high }] of Object.entries(frame.meas ?? {})) this.sensors[name]?.push(from, t, low, high);
-    Object.assign(this.commands, frame.commands ?? {});
     if (frame.health) this.health = frame.health;
     this.hear(frame.events ?? []);
   }

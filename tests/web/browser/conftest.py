@@ -70,6 +70,7 @@ class Page:
         from selenium.webdriver.common.keys import Keys
 
         self.until_known()
+        self.until(lambda: self.run("return document.getElementById(arguments[0])?.disabled === false", name))
         field = self.show(name)
         field.click()
         field.send_keys(Keys.CONTROL, "a")
@@ -93,9 +94,17 @@ class Page:
         self.until(lambda: self.run("return document.getElementById(arguments[0])?.disabled === false", name))
         self.show(name).click()
 
+    def go(self, view):
+        """Show a view of the page."""
+        self.run("location.hash = arguments[0]", view)
+        self.until(
+            lambda: self.run("return !document.getElementById('view-' + arguments[0]).hidden", view.partition("/")[0])
+        )
+
     def choose(self, scene):
         from selenium.webdriver.support.select import Select
 
+        self.go("bench")
         self.until(lambda: self.run("return document.querySelectorAll('#scene option').length > 3"))
         self.until_known()
         if self.value("scene") == scene:

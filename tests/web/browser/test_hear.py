@@ -17,6 +17,7 @@ def test_a_fast_sensor_is_heard(page, server):
     scene = server.bench.catalogue.scene("belt", {"sensors.vibrometer.rate": 10_000})
     server.bench.control.start(scene, "belt", {"sensors.vibrometer.rate": "10000"}, duration=60.0)
     page.until_phase("running")
+    page.one("hear-open").click()
     page.press("hear")
     page.until(lambda: "dB (0 dB is 1e-9 m/s)" in page.text("hear-told"))
     page.picture("sound")

@@ -34,7 +34,7 @@ def _compiled():
 def test_every_rig_is_drawn_at_rest_while_one_chooses(page, plant):
     name = next(name for name in scenes.names() if scenes.load(name).plant == plant)
     page.choose(name)
-    page.until(lambda: page.text("rig-text").endswith(": at rest"))
+    page.until(lambda: page.text("rig-text") == "at rest")
     page.show("rig-picture")
     assert len(page.until(lambda: page.run(COLOURS))) > 20  # faces in their shades, lines, arrows
     page.picture(f"rest-{name}")
@@ -87,7 +87,7 @@ def test_the_step_of_the_protocol_is_found_in_repeats(page):
 )
 def test_a_slider_reaches_its_ends_and_zero_and_comes_back(page, slider):
     found = page.driver.execute_async_script(
-        "const [slider, done] = arguments; import('/page/panes/touch.js').then(({ valueAt, placeOf }) => done("
+        "const [slider, done] = arguments; import('/page/panes/hands.js').then(({ valueAt, placeOf }) => done("
         "Array.from({ length: 1001 }, (_, i) => [valueAt(slider, i), placeOf(slider, valueAt(slider, i))])))",
         slider,
     )
@@ -114,14 +114,14 @@ def test_branches_are_computed_and_show_the_present_state(page):
     page.until_phase("running")
     page.show("branches-picture")
     page.until(lambda: "dot: the run at" in page.text("branches-note"))
-    page.write("live-drive.speed", "0.3")
+    page.write("value-drive.speed", "0.3")
     page.picture("branches-slider")
     page.show("branches-picture")
     page.until(lambda: "dot: the run at 0.3 m/s" in page.text("branches-note"))
     assert page.text("branches-differ") == ""
-    page.write("live-load.force", "15")
+    page.write("value-load.force", "15")
     page.show("branches-picture")
-    page.until(lambda: "load.force 15, not 20" in page.text("branches-differ"))
+    page.until(lambda: "load.force 15 ≠ 20" in page.text("branches-differ"))
     page.show("branches-picture")
     page.picture("branches")
     page.press("stop")
@@ -129,7 +129,7 @@ def test_branches_are_computed_and_show_the_present_state(page):
 
 
 def test_a_lesson_is_read_and_its_scene_chosen(page):
-    page.run("document.getElementById('lessons').closest('details').open = true")
+    page.go("lessons")
     page.until(lambda: page.run("return document.querySelectorAll('#lessons option').length") == len(lessons()))
     for one in lessons():
         page.run(
@@ -142,11 +142,10 @@ def test_a_lesson_is_read_and_its_scene_chosen(page):
             "return [...document.querySelectorAll('#lesson img')].every((one) => one.complete && one.naturalWidth)"
         )
         page.until(lambda pictures=pictures: page.run(pictures))
+    page.picture("lesson")
     page.press("lesson-scene")
     page.until(lambda: page.value("scene") == lessons()[-1].scene)
     page.until_known()
-    page.show("lesson")
-    page.picture("lesson")
 
 
 def test_a_run_of_another_terminal_is_followed(page, folder):
@@ -157,6 +156,7 @@ def test_a_run_of_another_terminal_is_followed(page, folder):
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     try:
+        page.go("bench")
         page.run("document.getElementById('others').closest('details').open = true")
 
         def offered():
@@ -166,7 +166,7 @@ def test_a_run_of_another_terminal_is_followed(page, folder):
         page.until(offered)[0].click()
         page.until_phase("running")
         assert page.text("run").startswith("Mass on a belt")
-        page.until(lambda: page.value("live-drive.speed"))
+        page.until(lambda: page.value("value-drive.speed"))
         page.picture("followed")
         page.press("leave")
         page.until_phase("ended")

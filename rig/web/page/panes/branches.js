@@ -1,23 +1,24 @@
 // Branches of the chosen scene: stable and unstable motions over one value, and a dot for the present state.
 
 import { post } from "/page/api.js";
-import { attempting, h, number, pane, quantity } from "/page/dom.js";
+import { attempting, data, h, number, quantity, words } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { ink, sized, ticks } from "/page/plot.js";
+import { t } from "/page/text.js";
 
 const LATELY = 1; // [s] of the run of which the extremes are shown
 const WIDE = 4; // the range that is proposed, as a multiple of the present value
 
 export function create(bench) {
   const { store } = bench;
-  const canvas = h("canvas", { id: "branches-picture", "aria-label": "branches and the present state", hidden: true });
-  const list = h("select", { id: "branches-list", "aria-label": "branches over", hidden: true, onchange: () => bench.redraw() });
-  const note = h("div", { class: "small faint", id: "branches-note" }), differs = h("div", { class: "small warn", id: "branches-differ" });
-  const fault = h("div", { class: "fault pre", id: "branches-fault", role: "alert" });
+  const canvas = h("canvas", { id: "branches-picture", role: "img", "aria-label": t("branches and the present state"), hidden: true });
+  const list = h("select", { id: "branches-list", "aria-label": t("branches over"), hidden: true, onchange: () => bench.redraw() });
+  const note = h("div", { class: "small soft", id: "branches-note" }), differs = h("div", { class: "small doubtful", id: "branches-differ" });
+  const fault = data("div", { class: "fault pre", id: "branches-fault", role: "alert" });
   const attempt = attempting(fault);
-  const field = (name, wide) => h("input", { type: "text", class: `value ${wide}`, id: `branches-${name}`, "aria-label": `branches: ${name}` });
+  const field = (name, wide) => h("input", { type: "text", class: `value ${wide}`, id: `branches-${name}`, "aria-label": t(`branches: ${name}`) });
   const key = field("over", "wide"), from = field("from", ""), to = field("to", "");
-  let found = [], asked = "", named = "";
+  let known = [], asked = "", named = "";
 
   const valueOf = (name) => bench.chosen().form?.sections.flatMap(({ values }) => values).find((one) => one.key === name)?.value;
   const jobs = jobsOf(["branches"], attempt, fill);
@@ -33,10 +34,10 @@ export function create(bench) {
     const { scene, changes } = bench.chosen();
     if (!scene) return;
     await attempt(async () => {
-      found = await post("/api/branches", { scene, changes });
-      list.replaceChildren(...found.map(({ key: over, output }, i) => h("option", { value: i }, `${output.replaceAll("_", " ")} over ${over}`)));
-      list.hidden = canvas.hidden = !found.length;
-      note.textContent = found.length ? "" : "none computed yet for these values";
+      known = await post("/api/branches", { scene, changes });
+      list.replaceChildren(...known.map(({ key: over, output }, i) => h("option", { value: i }, `${t(words(output))} / ${over}`)));
+      list.hidden = canvas.hidden = !known.length;
+      note.textContent = known.length ? "" : t("none computed yet for these values");
     });
     if (scene !== named) { // propose a range about the present value
       named = scene;
@@ -61,9 +62,9 @@ export function create(bench) {
   }
 
   function draw() {
-    const { scene, changes, form } = bench.chosen?.() ?? {}, text = JSON.stringify([scene, changes]);
-    if (form && text !== asked) { asked = text; fill(); }
-    const shown = found[list.value];
+    const { scene, changes, form, good } = bench.chosen?.() ?? {}, text = JSON.stringify([scene, changes]);
+    if (form && good && text !== asked) { asked = text; fill(); }
+    const shown = known[list.value];
     if (!shown) { differs.textContent = ""; return; }
     const { pen, width, height } = sized(canvas, 210);
     const left = 54, bottom = 18, edge = 6, here = present(shown);
@@ -73,7 +74,7 @@ export function create(bench) {
     const x = (value) => left + ((value - a) / (b - a)) * (width - left - edge);
     const y = (value) => edge + ((high - value) / (high - low || 1)) * (height - edge - bottom);
     pen.font = "11px system-ui, sans-serif";
-    [pen.fillStyle, pen.strokeStyle, pen.textAlign, pen.textBaseline] = [ink().faint, ink().line, "right", "middle"];
+    [pen.fillStyle, pen.strokeStyle, pen.textAlign, pen.textBaseline] = [ink().soft, ink().line, "right", "middle"];
     pen.beginPath();
     for (const tick of ticks(low, high, 4)) { pen.moveTo(left, y(tick)); pen.lineTo(width - edge, y(tick)); pen.fillText(number(tick, 3), left - 4, y(tick)); }
     pen.textAlign = "center";
@@ -108,18 +109,21 @@ export function create(bench) {
       pen.stroke();
       if (Number.isFinite(here.now)) { pen.beginPath(); pen.arc(x(here.at), y(here.now), 4.5, 0, 2 * Math.PI); pen.fill(); }
     }
-    const specials = shown.specials.map(([name, value]) => `${name} at ${quantity(value, shown.unit, 5)}`).join(", ");
-    const state = here.low <= here.high ? `dot: the run at ${quantity(here.at, shown.unit)}, with its extremes of the last second` : `line: ${quantity(here.at, shown.unit)}`;
-    note.textContent = `${[specials, "full: stable, dashed: unstable, from violet (slip) to yellow (stick)", state].filter(Boolean).join("; ")} [${shown.output_unit}]`;
+    const specials = shown.specials.map(([name, value]) => t("{name} at {value}", { name, value: quantity(value, shown.unit, 5) })).join(", ");
+    const at = quantity(here.at, shown.unit);
+    const state = here.low <= here.high ? t("dot: the run at {at}, with its extremes of the last second", { at }) : t("line: {at}", { at });
+    note.textContent = `${[specials, t("full: stable, dashed: unstable, from violet (slip) to yellow (stick)"), state].filter(Boolean).join("; ")} [${shown.output_unit}]`;
+    bench.place(shown.key, block);
     const other = store.active ? store.values.filter(({ key: name, value }) => name !== shown.key && typeof shown.values[name] === "number"
       && Math.abs(value - shown.values[name]) > 1e-9 * Math.abs(value)) : [];
-    differs.textContent = other.length ? `the run has other values: ${other.map((one) => `${one.key} ${number(one.value)}, not ${number(shown.values[one.key])}`).join("; ")}` : "";
+    differs.textContent = other.length ? `${t("the run has other values:")} ${other.map((one) => `${one.key} ${number(one.value)} ≠ ${number(shown.values[one.key])}`).join("; ")}` : "";
   }
 
+  const block = h("div", { class: "stack", style: "gap: .2rem" }, list, canvas, note, differs);
   return {
-    element: pane("Branches", list, canvas, note, differs, h("details", {}, h("summary", {}, "Compute branches of the chosen scene"),
-      h("div", { class: "row small" }, key, "from ", from, "to ", to, h("button", { onclick: compute, id: "branches-compute",
-        title: "stable and unstable motions; most rigs take seconds" }, "Compute"))), fault, jobs.element),
+    element: h("div", { class: "stack" }, block, h("details", {}, h("summary", {}, t("Draw the map of a value: where it slides, sticks, vibrates")),
+      h("div", { class: "row small" }, key, t("from"), " ", from, t("to"), " ", to, h("button", { onclick: compute, id: "branches-compute",
+        title: t("stable and unstable motions; most rigs take seconds") }, t("Compute")))), fault, jobs.element),
     draw,
     state: () => bench.redraw(),
   };

@@ -1,19 +1,20 @@
 // The phase portrait: velocity over displacement at every step of the last stretch, in the colours of the contact states.
 
-import { h, number, pane, quantity } from "/page/dom.js";
+import { h, number, pane, quantity, words } from "/page/dom.js";
 import { ink, sized } from "/page/plot.js";
+import { t } from "/page/text.js";
 
 export function create({ store }) {
-  const canvas = h("canvas", { "aria-label": "phase portrait" });
-  const about = h("div", { class: "small faint" });
+  const canvas = h("canvas", { role: "img", "aria-label": t("phase portrait") });
+  const about = h("div", { class: "small soft", translate: "no" });
   let reach = [null, null]; // [low, high] of both so far
   return {
-    element: pane("Phase portrait", canvas, about),
+    element: pane(t("Phase portrait"), canvas, about),
     setup() {
       reach = [null, null];
       const pair = store.setup.portrait;
       canvas.hidden = !pair;
-      about.textContent = pair ? "" : "this rig has no pair of displacement and velocity";
+      about.textContent = pair ? "" : t("this rig has no pair of displacement and velocity");
     },
     draw() {
       const pair = store.setup?.portrait;
@@ -46,8 +47,8 @@ export function create({ store }) {
         pen.fill();
       }
       const unit = (name) => store.setup.outputs.find((one) => one.name === name).unit;
-      const said = (i) => `${pair[i].replaceAll("_", " ")} ${number(reach[i][0], 3)} to ${quantity(reach[i][1], unit(pair[i]), 3)}`;
-      about.textContent = `across ${said(0)}, up ${said(1)}; every step of the last ${quantity(seconds, "s", 3)}`;
+      const said = (i) => `${words(pair[i])} ${number(reach[i][0], 3)} to ${quantity(reach[i][1], unit(pair[i]), 3)}`;
+      about.textContent = t("across {x}, up {y}; every step of the last {time}", { x: said(0), y: said(1), time: quantity(seconds, "s", 3) });
     },
   };
 }

@@ -1,14 +1,14 @@
-// The steps of the protocol; the one that goes on is marked, and with repeats the round.
+// The protocol as a line of its steps; the one that goes on is marked and told in words, with repeats the round.
 
-import { h, pane } from "/page/dom.js";
+import { data, h } from "/page/dom.js";
+import { t } from "/page/text.js";
 
-/** The steps as list items; `found` gets those of single steps and of repeats, in their order. */
-export function listed(steps, found = []) {
+/** The steps as list items; `items` gets those of single steps and of repeats, in their order. */
+function listed(steps, items) {
   return steps.map((step) => {
-    const item = typeof step === "string" ? h("li", {}, step) : h("li", {},
-      h("span", {}, step.times === "forever" ? "repeat for ever" : `repeat ${step.times} times`), h("span", { class: "round" }));
-    found.push(item);
-    if (step.steps) item.append(h("ol", {}, ...listed(step.steps, found)));
+    const item = h("li", {}, h("span", {}, typeof step === "string" ? step : step.times === "forever" ? t("repeat for ever") : t("repeat {times} times", step)));
+    items.push(item);
+    if (step.steps) item.append(h("ol", {}, ...listed(step.steps, items)));
     return item;
   });
 }
@@ -34,32 +34,35 @@ export function place(steps, number) {
 }
 
 export function create({ store }) {
-  const list = h("ol", { class: "small", id: "steps" });
-  const now = h("p", { class: "small", id: "step-now" });
-  let items = [], shown = null;
+  const list = h("ol", { class: "line", id: "steps", "aria-label": t("protocol"), translate: "no" });
+  const now = data("span", { class: "small grow", id: "step-now" }), left = h("span", { class: "small soft" });
+  let items = [], steps = null, drawn = "";
+
+  function lay(protocol) {
+    [steps, items, drawn] = [protocol, [], ""];
+    list.replaceChildren(...listed(protocol, items));
+    for (const one of items) one.title = one.firstChild.textContent;
+  }
+
   return {
-    element: pane("Protocol", now, h("div", { class: "scroll" }, list)),
-    setup() {
-      shown = null;
-      items = [];
-      list.replaceChildren(...listed(store.setup.protocol, items));
-    },
+    element: h("div", { class: "stack", style: "gap: .25rem" }, list, h("div", { class: "row" }, now, left)),
+    /** Show the steps of a scene that is chosen, while no run goes on. */
+    offer(form) { if (!store.active) { lay(form.protocol); now.textContent = left.textContent = ""; } },
+    setup() { lay(store.setup.protocol); },
     draw() {
-      const left = store.health?.eta_s ?? -1;
-      now.textContent = [store.health?.phase, left >= 0 && store.active ? `${Math.round(left)} s left` : ""].filter(Boolean).join(", ");
-      const step = store.status?.step ?? 0;
-      if (step === shown || !store.setup) return;
-      shown = step;
-      const at = place(store.setup.protocol, step);
+      const rest = store.health?.eta_s ?? -1, step = store.status?.step ?? 0;
+      left.textContent = rest >= 0 && store.active ? t("{seconds} s left", { seconds: Math.round(rest) }) : "";
+      const text = `${step} ${store.active}`;
+      if (!steps || !store.setup || text === drawn) return;
+      drawn = text;
+      const at = place(steps, step);
       items.forEach((one, i) => {
         one.classList.toggle("current", i === at?.line);
+        one.classList.toggle("past", at !== null && i < at.line && !one.querySelector("ol"));
         if (i === at?.line) one.setAttribute("aria-current", "step"); else one.removeAttribute("aria-current");
-        const round = one.querySelector(":scope > .round");
-        if (round) round.textContent = at?.rounds.filter(({ line }) => line === i).map((of) => `, round ${of.round}`).join("") ?? "";
       });
-      const current = items[at?.line], box = list.parentElement;
-      if (current) box.scrollTop += Math.max(current.getBoundingClientRect().bottom - box.getBoundingClientRect().bottom, 0)
-        + Math.min(current.getBoundingClientRect().top - box.getBoundingClientRect().top, 0);
+      const rounds = at?.rounds.map(({ round }) => t("round {round}", { round })).join(", ");
+      now.textContent = at ? [`${at.line + 1}/${items.length}: ${items[at.line].title}`, rounds].filter(Boolean).join(", ") : "";
     },
   };
 }

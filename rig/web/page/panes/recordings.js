@@ -1,61 +1,125 @@
-// The recordings of the folder: verify, report, view, download, compare; the jobs that do so, with their output.
+// Recordings of the folder: one of them plays in the page, on the time axis of the bench; two are compared; what can be
+// done with it: hear, spectrum, report, verify, tables, continue from an instant with another value.
 
 import { get, post } from "/page/api.js";
-import { attempting, h, number, pane } from "/page/dom.js";
+import { attempting, data, h, number, pane, typed } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
+import { sized } from "/page/plot.js";
+import { Solids } from "/page/solids.js";
+import { Store } from "/page/store.js";
+import { t } from "/page/text.js";
+import * as timeOf from "/page/panes/time.js";
 
 export function create(bench) {
-  const { store } = bench;
-  const fault = h("div", { class: "fault", id: "recordings-fault", role: "alert" });
+  const fault = data("div", { class: "fault", id: "recordings-fault", role: "alert" });
   const attempt = attempting(fault);
-  const list = h("table", { id: "recordings" });
-  const box = h("details", { ontoggle: () => box.open && fill() }, h("summary", {}, "Show recordings"),
-    h("div", { class: "scroll" }, list));
-  let chosen = null; // the first recording of a comparison
+  const list = h("div", { class: "stack", id: "recordings" });
+  const canvas = h("canvas", { class: "stage", role: "img", "aria-label": t("moving picture of the rig"), style: "height: clamp(12rem, 38vh, 28rem)" });
+  const title = data("h2"), about = data("div", { class: "small soft" });
+  const play = h("button", { id: "play", onclick: () => { if (time.at() >= store.t) time.seek(0); playing = playing ? null : performance.now(); run(); } }, t("Play"));
+  const scrub = h("input", { type: "range", id: "scrub", min: 0, max: 1000, step: 1, value: 0, "aria-label": t("instant of the recording"), oninput: () => time.seek((scrub.value / 1000) * store.t) });
+  const against = data("select", { id: "against", "aria-label": t("compare with"), style: "width: auto", onchange: () => attempt(compare) });
+  const key = data("select", { id: "from-key", "aria-label": t("value to change"), style: "width: auto" }), value = h("input", { type: "text", class: "value", id: "from-value", "aria-label": t("new value"), translate: "no", placeholder: "15 N" });
+  let store = null, second = null, pictures = null, solids = null, shownFrame = 0, playing = null, name = "", known = [];
+  const time = timeOf.create(() => store, draw, { whole: true, other: () => second, moved: (at) => { scrub.value = at === null ? 0 : (1000 * at) / store.t; } });
 
-  const work = (body) => () => attempt(async () => { await post("/api/recordings/work", body); jobs.look(); });
+  const work = (body) => () => attempt(async () => { await post("/api/recordings/work", { name, ...body }); jobs.look(); });
+  const button = (text, what, hint = "") => h("button", { title: hint, id: `do-${what}`, onclick: work({ what }) }, text);
 
-  function compare(name) {
-    return () => {
-      if (chosen === null) {
-        chosen = name;
-        fault.textContent = `compare ${name} with ...: press Compare at another recording`;
-      } else {
-        work({ what: "compare", name: chosen, other: name })();
-        chosen = null;
-      }
-    };
+  async function read(which) {
+    const told = await post("/api/recordings/open", { name: which }), made = new Store(Infinity);
+    made.clear(told.setup);
+    made.take(told.frame);
+    return { made, told };
   }
 
-  function row(one) {
-    const link = h("a", { href: `/recordings/${encodeURIComponent(one.name)}`, title: "download (MCAP)" }, one.name);
-    const button = (text, what, title) => h("button", { class: "small", title, onclick: work({ what, name: one.name }) }, text);
-    const about = one.fault || [one.title, one.began && new Date(one.began * 1000).toISOString().slice(0, 19).replace("T", " "),
-      one.seconds !== null && `${number(one.seconds)} s`, one.timing, `${number(one.bytes / 1e6, 3)} MB`, ...one.notes].filter(Boolean).join(", ");
-    return h("tr", {}, h("td", {}, link, h("div", { class: "small faint" }, about), h("div", { class: "row" },
-      button("Verify", "verify", "simulate it again and compare every bit"), button("Report", "report", "a page with figures"),
-      button("CSV", "csv", "tables, as a ZIP file"), button("View", "view", "in rerun"),
-      h("button", { class: "small", onclick: compare(one.name) }, "Compare"))));
-  }
-
-  const fill = () => attempt(async () => {
-    const found = await get("/api/recordings");
-    list.replaceChildren(...found.map(row));
-    if (!found.length) list.replaceChildren(h("tr", {}, h("td", {}, "no recordings yet: every run makes one")));
+  const open = (which) => attempt(async () => {
+    title.textContent = which;
+    const { made, told } = await read(which);
+    [store, second, pictures, name, playing] = [made, null, told.pictures, which, null];
+    solids = null;
+    const one = known.find((row) => row.name === which);
+    title.textContent = told.setup.title;
+    about.replaceChildren(...[h("a", { href: `/recordings/${encodeURIComponent(which)}`, title: "MCAP" }, which), ", ", facts(one)]);
+    against.replaceChildren(h("option", { value: "" }, "–"), ...known.filter((row) => row.scene === one?.scene && row.name !== which).map((row) => h("option", { value: row.name }, row.name)));
+    key.replaceChildren(...Object.entries(told.setup.hands).map(([of, words]) => h("option", { value: of }, t(words))));
+    time.setup();
+    player.hidden = false;
+    mark();
+    draw();
   });
 
-  const jobs = jobsOf(["verify", "report", "export", "diff", "view"], attempt);
-  jobs.element.id = "jobs";
+  async function compare() {
+    second = against.value ? (await read(against.value)).made : null;
+    draw();
+    if (against.value) work({ what: "compare", other: against.value })();
+  }
 
-  const view = h("button", { id: "view", title: "the full view in rerun's page, for the active run",
-    onclick: () => attempt(async () => { await post("/api/view", {}); jobs.look(); }) }, "View the run in rerun");
+  function draw() {
+    if (!store) return;
+    play.textContent = playing ? t("Pause") : t("Play");
+    const at = time.at() ?? 0;
+    const wanted = Math.max(pictures.t.findLastIndex((one) => one <= at), 0);
+    if (pictures.frames.length) {
+      if (!solids || wanted < shownFrame) { solids = new Solids(store.setup.picture); shownFrame = -1; }
+      for (; shownFrame < wanted; shownFrame += 1) solids.move(pictures.frames[shownFrame + 1]);
+      const place = sized(canvas, canvas.clientHeight);
+      solids.draw(place);
+    }
+    canvas.hidden = !pictures.frames.length;
+    time.draw();
+  }
+
+  function run() {
+    requestAnimationFrame((now) => {
+      if (!playing || view.hidden) { playing = null; draw(); return; }
+      time.seek(Math.min(time.at() + Math.max(now - playing, 0) / 1000, store.t));
+      playing = time.at() < store.t ? now : null;
+      draw();
+      run();
+    });
+  }
+
+  const facts = (one) => (one ? one.fault || [one.began && new Date(one.began * 1000).toISOString().slice(0, 19).replace("T", " "),
+    one.seconds !== null && `${number(one.seconds)} s`, one.timing, `${number(one.bytes / 1e6, 3)} MB`, ...one.notes].filter(Boolean).join(", ") : "");
+
+  const row = (one) => h("a", { href: `#recordings/${one.name}`, class: "small", translate: "no" }, h("strong", {}, one.title || one.name), h("div", { class: "soft" }, facts(one)));
+
+  const mark = () => [...list.children].forEach((one, i) => { if (known[i]?.name === name) one.setAttribute("aria-current", "true"); else one.removeAttribute("aria-current"); });
+
+  const fill = () => attempt(async () => {
+    known = await get("/api/recordings");
+    list.replaceChildren(...known.map(row));
+    mark();
+    if (!known.length) list.replaceChildren(h("p", { class: "soft" }, t("no recordings yet: every run makes one")));
+  });
+
+  const jobs = jobsOf(["verify", "report", "export", "diff", "view", "spectrum", "sound", "simulate"], attempt, fill);
+  jobs.element.id = "jobs";
+  const player = h("section", { class: "card stack", hidden: true, "aria-label": t("recording") }, title, about, canvas, h("div", { class: "row" }, play, h("span", { class: "grow" }, scrub), time.contact),
+    time.element,
+    h("div", { class: "row" }, button(t("Hear"), "sound", t("the sound of its microphone")), button(t("Spectrum"), "spectrum"), button(t("Report"), "report", t("a page with figures")),
+      button(t("Verify"), "verify", t("simulate it again and compare every bit")), button(t("Tables"), "csv", t("CSV, as a ZIP file")), button(data("span", {}, "rerun"), "view", t("the full view in rerun"))),
+    h("div", { class: "row small" }, h("label", {}, t("compare with"), " ", against)),
+    h("div", { class: "row small" }, t("from the instant of the cursor with"), key, "=", value, h("button", { id: "continue", onclick: () => attempt(async () => {
+      const changes = value.value.trim() ? { [key.value]: typed(value.value) } : {};
+      await post("/api/recordings/work", { what: "continue", name, at: Number((time.at() ?? 0).toFixed(3)), changes });
+      jobs.look();
+    }) }, t("Continue from here"))));
+  const view = h("div", { class: "split" }, pane(t("Recordings"), list), h("div", { class: "stack" }, fault, player, jobs.element));
   let phase = "";
   return {
-    element: pane("Recordings", view, fault, jobs.element, box),
-    state() {
-      view.disabled = !store.active || !store.online;
-      if (store.state.phase === "ended" && phase !== "ended" && box.open) fill();
-      phase = store.state.phase;
+    element: view,
+    async enter(which) {
+      await fill();
+      jobs.look();
+      if (which && which !== name) await open(decodeURIComponent(which));
+      else if (!which && !name) { const whole = known.find((one) => !one.fault); if (whole) await open(whole.name); }
     },
+    state() {
+      if (bench.store.state.phase === "ended" && phase !== "ended" && !view.hidden) fill();
+      phase = bench.store.state.phase;
+    },
+    draw,
   };
 }

@@ -1,26 +1,27 @@
 // Maps and cost tables: those of the folder, with their figures, and new ones of the scene that is chosen.
 
 import { get, post } from "/page/api.js";
-import { attempting, h, pane } from "/page/dom.js";
+import { attempting, data, h, pane } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
+import { t } from "/page/text.js";
 
 const COUNT = 20; // values of an axis at first
 
 export function create(bench) {
-  const fault = h("div", { class: "fault pre", id: "studies-fault", role: "alert" });
+  const fault = data("div", { class: "fault pre", id: "studies-fault", role: "alert" });
   const attempt = attempting(fault);
   const list = h("div", { id: "studies" });
   const keys = h("datalist", { id: "axis-keys" });
-  const note = h("p", { class: "small faint" });
+  const note = h("p", { class: "small soft" }), which = data("strong");
   const jobs = jobsOf(["modes", "map", "cost"], attempt, fill);
   jobs.element.id = "studies-jobs";
   const field = (label, properties) => h("label", { class: "small" }, `${label} `, h("input", { type: "text", class: "value", "aria-label": label, ...properties }));
 
   /** The fields of an axis; `text()` is that of rig map, "" if no value has been named. */
   function axis(name) {
-    const key = h("input", { type: "text", "aria-label": `${name}: value of the scene`, placeholder: "drive.speed", onfocus: offer });
+    const key = h("input", { type: "text", "aria-label": `${name}: ${t("value of the rig")}`, translate: "no", placeholder: "drive.speed", onfocus: offer });
     key.setAttribute("list", "axis-keys");
-    const from = field("from", { placeholder: "0.05 m/s" }), to = field("to", { placeholder: "0.8 m/s" }), count = field("values", { value: COUNT });
+    const from = field(t("from"), { placeholder: "0.05 m/s" }), to = field(t("to"), { placeholder: "0.8 m/s" }), count = field(t("values"), { value: COUNT });
     const [a, b, n] = [from, to, count].map((one) => one.querySelector("input"));
     const point = (one) => one.value.trim().replace(/^([-+]?\d*),(\d)/, "$1.$2"); // a decimal comma
     return {
@@ -35,7 +36,7 @@ export function create(bench) {
     keys.replaceChildren(...numbers.map(({ key }) => h("option", { value: key })));
   }
 
-  const x = axis("over"), y = axis("and over");
+  const x = axis(t("over")), y = axis(t("and over"));
   const start = (what) => () => attempt(async () => {
     const { scene, changes } = bench.chosen();
     await post("/api/studies/work", { what, scene, changes, x: x.text(), y: y.text() });
@@ -54,28 +55,27 @@ export function create(bench) {
             h("a", { href: address(file), target: "_blank", rel: "noopener" }, h("img", { src: `${address(file)}?${changed}`, alt: `${name}, ${file}` }))));
         }
       },
-    }, h("summary", {}, `${kind}/${name} `, h("span", { class: "faint" }, `${when} UTC${finished ? "" : ", unfinished: start it again and it continues"}`)),
-    h("div", {}, about), h("div", { class: "row" }, ...files.map((file) => h("a", { href: address(file), target: "_blank", rel: "noopener" }, file))), figures);
+    }, data("summary", {}, `${kind}/${name} `, h("span", { class: "soft" }, `${when} UTC`)), finished ? null : h("div", { class: "doubtful" }, t("unfinished: start it again and it continues")),
+    data("div", {}, about), data("div", { class: "row" }, ...files.map((file) => h("a", { href: address(file), target: "_blank", rel: "noopener" }, file))), figures);
   }
 
   function fill() {
     return attempt(async () => {
       const open = new Set([...list.querySelectorAll("details[open] > summary")].map((one) => one.textContent.split(" ")[0]));
-      const found = await get("/api/studies");
-      list.replaceChildren(...found.map(study));
+      const known = await get("/api/studies");
+      list.replaceChildren(...known.map(study));
       for (const one of list.children) one.open = open.has(one.querySelector("summary").textContent.split(" ")[0]);
-      if (!found.length) list.replaceChildren(h("p", { class: "small faint" }, "none yet in this folder"));
+      if (!known.length) list.replaceChildren(h("p", { class: "small soft" }, t("none yet in this folder")));
     });
   }
 
-  const existing = h("details", { ontoggle: () => existing.open && fill() }, h("summary", {}, "Show maps and cost tables"), list);
-  note.textContent = "With its changed values: eigenvalues take seconds. A map simulates many runs, a cost table compares methods and steps. "
-    + "Both take minutes to hours and all processors: do not start them beside a run whose timing matters. Results of a stopped job are kept.";
+  note.textContent = t("With its changed values: eigenvalues take seconds. A map simulates many runs, a cost table compares methods and steps. Both take minutes to hours and all processors: do not start them beside a run whose timing matters. Results of a stopped job are kept.");
+  const button = (id, text, title = "") => h("button", { onclick: start(id), id, title }, text);
   return {
-    element: pane("Maps and cost", existing, h("details", {}, h("summary", {}, "Analyse the chosen scene"), note, keys, x.element, y.element,
-      h("div", { class: "row" }, h("button", { onclick: start("modes"), id: "modes", title: "frequency and growth rate of each vibration mode" }, "Eigenvalues"),
-        h("button", { onclick: start("map"), id: "map" }, "Map by simulation"),
-        h("button", { onclick: start("regions"), id: "regions", title: "where sliding is unstable, over two values; seconds" }, "Map by eigenvalues"),
-        h("button", { onclick: start("cost"), id: "cost" }, "Cost table"))), fault, jobs.element),
+    element: h("div", { class: "split" }, pane(t("Analyse a rig"), h("div", { class: "small" }, t("on the bench:"), " ", which), keys, x.element, y.element,
+      h("div", { class: "row" }, button("modes", t("Eigenvalues"), t("frequency and growth rate of each vibration mode")), button("map", t("Map by simulation")),
+        button("regions", t("Map by eigenvalues"), t("where sliding is unstable, over two values; seconds")), button("cost", t("Cost table"))), note),
+    h("div", { class: "stack" }, fault, jobs.element, pane(t("Maps and cost tables of this folder"), list))),
+    enter() { which.textContent = bench.chosen().form?.title ?? ""; fill(); jobs.look(); },
   };
 }

@@ -1,35 +1,43 @@
-// What the run is worth so far, in words: timing verdict, loop latency, losses, energy residual.
+// What the run is worth so far: a chip with the timing verdict, the share of late frames and the energy residual, which
+// unfolds to the whole of it.
 
-import { h, number, pane } from "/page/dom.js";
+import { data, h, number } from "/page/dom.js";
+import { t } from "/page/text.js";
 
 const MEANING = {
-  VALID: "times can be trusted",
-  DEGRADED: "times can be trusted with care",
-  INVALID: "do not trust times of this run",
+  VALID: t("times can be trusted"), DEGRADED: t("times can be trusted with care"), INVALID: t("do not trust times of this run"),
 };
+const LOOK = { VALID: "good", DEGRADED: "doubtful", INVALID: "bad" };
 
 export function create({ store }) {
   const table = h("table", { id: "trust" });
+  const verdict = data("strong", { id: "verdict" }), short = h("span", { class: "small" });
+  const chip = h("details", { class: "chip", hidden: true }, h("summary", { title: t("timing and energy of this run") }, verdict, short), h("div", { class: "card" }, table));
   return {
-    element: pane("Timing and energy", table),
-    setup() { table.replaceChildren(); },
+    element: chip,
     draw() {
       const { health, setup, state } = store;
-      if (!health || !setup) return;
-      const late = (100 * health.late) / Math.max(health.tick, 1);
-      const word = store.verdict, reasons = state.outcome?.reasons ?? store.status?.reasons ?? [];
+      chip.hidden = !health || !setup;
+      if (chip.hidden) return;
+      const late = number((100 * health.late) / Math.max(health.tick, 1), 2), word = store.verdict;
+      const energy = health.energy_error === null ? "" : Math.abs(health.energy_error).toExponential(0);
+      verdict.textContent = word;
+      verdict.className = LOOK[word] ?? "";
+      short.textContent = ` ${[t("{late} % late", { late }), energy && t("energy {energy}", { energy })].filter(Boolean).join(" · ")}`;
+      if (!chip.open) return;
+      const reasons = state.outcome?.reasons ?? store.status?.reasons ?? [];
       const rows = [
-        ["timing", word ? `${word}${state.outcome ? "" : " so far"}: ${MEANING[word] ?? ""}` : store.status ? "this run does not follow the clock" : "not judged yet"],
-        ["because", reasons.join("; ") + (reasons.length && !state.outcome ? "; what the recorder and the controllers missed is counted at the end" : "")],
-        ["late frames", `${health.late} of ${health.tick} (${number(late, 2)} %); 99 of 100 begin at most ${number(health.lateness_us / 1e3, 3)} ms late, the worst ${number(health.worst_us / 1e3, 3)} ms`],
-        ["loop", `${health.held} commands held because no new one arrived, ${health.drops} lost`],
-        ["energy", `residual of the energy balance: ${health.energy_error === null ? "none" : health.energy_error.toExponential(0)} of the largest term`],
-        ["stick", `${number(100 * health.stick_share, 3)} % of the time`],
-        ["refused", `${health.refused} messages`],
-        ["this page", `${store.dropped} pictures left out, ${store.lost} messages lost on the way to the server`],
+        [t("timing"), word ? `${state.outcome ? "" : t("so far: ")}${MEANING[word] ?? ""}` : store.status ? t("this run does not follow the clock") : t("not judged yet")],
+        [t("because"), reasons.join("; ")],
+        [t("late frames"), t("{late} of {all}; 99 of 100 begin at most {most} ms late, the worst {worst} ms",
+          { late: health.late, all: health.tick, most: number(health.lateness_us / 1e3, 3), worst: number(health.worst_us / 1e3, 3) })],
+        [t("loop"), t("{held} commands held because no new one arrived, {lost} lost", { held: health.held, lost: health.drops })],
+        [t("energy"), energy ? t("residual of the energy balance: {energy} of the largest term", { energy }) : t("not known")],
+        [t("stick"), t("{share} % of the time", { share: number(100 * health.stick_share, 3) })],
+        [t("refused"), t("{count} messages", { count: health.refused })],
+        [t("this page"), t("{dropped} pictures left out, {lost} messages lost on the way to the server", { dropped: store.dropped, lost: store.lost })],
       ];
-      table.replaceChildren(...rows.map(([name, text]) => h("tr", {}, h("th", {}, name),
-        h("td", { class: name === "timing" ? { VALID: "good", DEGRADED: "warn", INVALID: "bad" }[word] ?? "" : "" }, text))));
+      table.replaceChildren(...rows.map(([name, text], i) => h("tr", {}, h("th", {}, name), (i === 1 ? data : h)("td", {}, text))));
     },
   };
 }

@@ -1,0 +1,198 @@
+// The bench: the rig as a wide picture with its commands, values by hand, one time axis, and what else there is to know.
+
+import { get, post } from "/page/api.js";
+import { attempting, data, h, number, pane, typed } from "/page/dom.js";
+import { t } from "/page/text.js";
+import * as branchesOf from "/page/panes/branches.js";
+import * as eventsOf from "/page/panes/events.js";
+import * as handsOf from "/page/panes/hands.js";
+import * as hearOf from "/page/panes/hear.js";
+import * as portraitOf from "/page/panes/portrait.js";
+import * as protocolOf from "/page/panes/protocol.js";
+import * as rigOf from "/page/panes/rig.js";
+import * as timeOf from "/page/panes/time.js";
+import * as trustOf from "/page/panes/trust.js";
+
+const KEPT = "chosen"; // what has been chosen on this tab, so that it outlasts a reload
+
+export function create(bench) {
+  const { store } = bench;
+  const kept = JSON.parse(sessionStorage.getItem(KEPT) ?? "{}");
+  const changes = kept.changes ?? {};
+  let form = null;
+  let good = false; // whether the values as they are can be started
+  let shown = ""; // the scene whose form is shown
+  let asked = 0, starting = false, wasActive = false;
+
+  const list = data("select", { id: "scene", "aria-label": t("rig"), onchange: () => { clear(); show(); } });
+  const title = data("h1", { id: "title" }), about = data("p", { class: "small pre", id: "about" }), warnings = data("div", { class: "doubtful small pre" });
+  const effects = data("table");
+  const fault = data("div", { class: "fault", id: "form-fault", role: "alert" }), act = attempting(fault);
+  const said = data("div", { class: "small pre" }), summary = data("pre", { class: "scroll", tabIndex: 0 });
+  const whole = h("details", { hidden: true }, h("summary", { class: "small" }, t("Whole summary")), summary);
+  const again = h("button", { id: "look-at-it", hidden: true, onclick: () => bench.go(`recordings/${store.state.log}`) }, t("Look at the recording"));
+  const outcome = h("div", { id: "outcome", role: "status", hidden: true }, said, whole, again);
+  const lines = data("div", { class: "small pre scroll soft", id: "lines", tabIndex: 0 });
+  const others = h("div", { id: "others" }), foreign = h("details", { ontoggle: () => foreign.open && look() }, h("summary", {}, t("Runs of other terminals")), others);
+  const leave = h("button", { id: "leave", hidden: true, title: t("the run continues"), onclick: () => act(() => post("/api/run/leave", {})) }, t("Stop following"));
+  const pace = h("input", { type: "text", value: kept.pace ?? "1", class: "value", id: "pace", "aria-label": t("pace"), onchange: keep });
+  const duration = h("input", { type: "text", value: kept.duration ?? "", placeholder: t("as the protocol"), class: "value wide", id: "duration",
+    "aria-label": t("duration in s"), onchange: () => show() });
+  const start = h("button", { class: "go", id: "start", onclick: () => begin() }, t("Start"));
+  const name = h("input", { type: "text", class: "value wide", placeholder: t("name"), "aria-label": t("name of the new scene"), id: "save-name" });
+  const saved = data("span", { class: "small" });
+
+  const command = (text, body, properties) => h("button", { onclick: () => act(() => bench.command(body())), ...properties }, text);
+  const pause = command(t("Pause"), () => ({ do: store.state.phase === "paused" ? "resume" : "pause" }), { id: "pause" });
+  const step = command(t("Single step"), () => ({ do: "step" }), { id: "step", title: t("one frame of the paused run") });
+  const impulse = h("input", { type: "text", inputMode: "decimal", value: "0.05", class: "value", id: "impulse",
+    "aria-label": t("impulse of the knock in N s"), title: t("impulse in N s"), style: "width: 4.5rem" });
+  const unit = data("span", { class: "small" }, "N s");
+  const knock = command(t("Knock"), () => ({ do: "knock", impulse: typed(impulse.value) }), { id: "knock" });
+  const stop = command(t("Stop"), () => ({ do: "stop" }), { id: "stop" });
+
+  const [rig, hands, branches, time, trust, protocol, portrait, events, hear] = [rigOf, handsOf, branchesOf, timeOf, trustOf, protocolOf, portraitOf, eventsOf, hearOf]
+    .map((one) => (one === timeOf ? one.create(() => store, bench.redraw) : one.create(bench)));
+  const parts = [rig, hands, branches, time, trust, protocol, portrait, events, hear];
+
+  function clear() { for (const key of Object.keys(changes)) delete changes[key]; }
+
+  function keep() { sessionStorage.setItem(KEPT, JSON.stringify({ scene: list.value, changes, pace: pace.value, duration: duration.value })); }
+
+  const body = () => ({ scene: list.value, changes, duration: duration.value.trim() ? typed(duration.value) : null });
+
+  bench.chosen = () => ({ scene: list.value, changes, form, good });
+  bench.change = (key, value) => { changes[key] = value; show(); };
+  bench.choose = async (scene, now = false) => {
+    await filled;
+    if (list.value !== scene || !form) { list.value = scene; clear(); await show(); }
+    if (now && good && !store.active) await begin();
+  };
+  bench.place = (key, block) => hands.place(key, block);
+
+  async function show() {
+    asked += 1;
+    const mine = asked;
+    keep();
+    hands.box.setAttribute("aria-busy", "true");
+    try {
+      const told = await post("/api/scene", body());
+      if (mine !== asked) return;
+      form = told;
+      shown = list.value;
+      good = true;
+      fault.textContent = "";
+      render();
+    } catch (error) {
+      if (mine === asked) {
+        good = false;
+        fault.textContent = error.message;
+        if (shown !== list.value) blank();
+      }
+    }
+    if (mine === asked) hands.box.setAttribute("aria-busy", "false");
+    update();
+    bench.redraw();
+  }
+
+  /** The chosen scene cannot be shown: nothing is left of the one before. */
+  function blank() {
+    form = null;
+    shown = "";
+    for (const one of [title, about, warnings, effects, hands.box]) one.replaceChildren();
+  }
+
+  function render() {
+    title.textContent = form.title;
+    about.textContent = form.about.replace(/([^\n])\n(?=\S)/g, "$1 "); // lines as long as the card is wide
+    warnings.textContent = [...form.notes, ...form.warnings, form.slow].filter(Boolean).join("\n");
+    effects.replaceChildren(...form.effects.map((one) =>
+      h("tr", { class: one.on ? "" : "soft" }, h("td", {}, one.name), h("td", {}, one.on ? "on" : "–"), h("td", {}, one.about))));
+    if (form.pace_limit && Number(pace.value) > form.pace_limit) pace.value = number(form.pace_limit);
+    protocol.offer(form);
+  }
+
+  /** Live runs that this server did not start. */
+  const look = () => act(async () => {
+    const live = await get("/api/live");
+    others.replaceChildren(...live.map(({ run, started, why }) => h("div", { class: "row small" },
+      data("span", { class: "grow" }, run, h("div", { class: "soft" }, why || `${new Date(started * 1000).toISOString().slice(0, 19).replace("T", " ")} UTC`)),
+      h("button", { class: "follow", disabled: why !== "" || store.active, onclick: () => act(() => post("/api/run/follow", { run })) }, t("Follow")))),
+    ...(live.length ? [] : [h("p", { class: "small soft" }, t("none; runs of other users are not shown"))]),
+    h("button", { class: "small", onclick: look }, t("Look again")));
+  });
+
+  function begin() {
+    starting = start.disabled = true;
+    return act(() => post("/api/run", { ...body(), pace: pace.value.trim() === "max" ? "max" : typed(pace.value) })).finally(() => { starting = false; update(); });
+  }
+
+  const save = async () => {
+    try {
+      const { file } = await post("/api/scene/save", { ...body(), name: name.value.trim() });
+      saved.textContent = file;
+      await fill(list.value);
+    } catch (error) {
+      saved.textContent = error.message;
+    }
+  };
+
+  async function fill(chosen) {
+    const cards = await get("/api/scenes");
+    const option = (one) => h("option", { value: one.name, title: one.about, selected: one.name === chosen }, `${one.name} – ${one.title}`);
+    const own = cards.filter((one) => one.own), plants = Object.groupBy(cards.filter((one) => !one.own), ({ plant }) => plant);
+    list.replaceChildren(...(own.length ? [h("optgroup", { label: t("this folder") }, ...own.map(option))] : []),
+      ...Object.entries(plants).map(([plant, scenes]) => h("optgroup", { label: plant }, ...scenes.map(option))));
+  }
+
+  function update() {
+    const { state, online, active } = store, live = ["running", "paused"].includes(state.phase);
+    start.hidden = active;
+    start.disabled = active || !online || !good || starting;
+    for (const one of [pause, step, stop, knock, impulse, unit]) one.hidden = !active;
+    pause.textContent = state.phase === "paused" ? t("Resume") : t("Pause");
+    pause.disabled = knock.disabled = !(online && live);
+    step.disabled = !(online && state.phase === "paused");
+    stop.disabled = !(online && active);
+    const over = state.outcome;
+    said.textContent = over ? told(over) : state.fault ?? "";
+    said.className = `small pre ${state.fault || over?.exit_code ? "bad" : ""}`;
+    whole.hidden = !over;
+    outcome.hidden = !said.textContent;
+    summary.textContent = over?.text ?? "";
+    leave.hidden = !(active && state.foreign);
+    if (active !== wasActive) { wasActive = active; if (foreign.open) look(); }
+    lines.textContent = (state.lines ?? []).join("\n");
+    for (const one of parts) one.state?.();
+  }
+
+  /** What to know of a run that has ended: the timing verdict, how it ended, what went wrong. */
+  function told({ verdict, reasons, ended, fault: cause, died, unrecorded }) {
+    const how = verdict ? `Timing ${verdict}${reasons.length ? `: ${reasons.join("; ")}` : ""}` : "";
+    const recording = unrecorded ? "the recording is not complete: see the summary" : store.state.log && `recorded: ${store.state.log}`;
+    return [how, `ended: ${ended}`, cause && cause !== ended && cause, ...died, recording].filter(Boolean).join("\n");
+  }
+
+  const filled = fill(kept.scene ?? "pendulum").then(() => { if (kept.scene && list.value !== kept.scene) clear(); return show(); },
+    (error) => { fault.textContent = error.message; });
+  const picture = h("div", { class: "frame" }, rig.element, h("div", { class: "over top" }, title), h("div", { class: "over bottom" }, time.contact, rig.text),
+    h("div", { class: "told stack" }, fault, outcome, leave));
+  return {
+    element: h("div", { class: "bench" },
+      h("section", { class: "stagearea stack", "aria-label": t("rig") }, picture,
+        h("div", { class: "row" }, start, pause, step, stop, knock, impulse, unit, h("span", { class: "grow" }),
+          hear.element, trust.element), protocol.element),
+      h("section", { class: "card stack hands", "aria-label": t("values") }, hands.element, branches.element),
+      h("section", { class: "card stack time", "aria-label": t("time") }, time.element),
+      h("div", { class: "more columns" },
+        pane(t("This rig"), list, h("div", { class: "row" }, h("label", { class: "small" }, t("pace"), " ", pace), h("label", { class: "small" }, t("duration"), " ", duration)), about, warnings,
+          h("details", {}, h("summary", {}, t("Effects")), effects),
+          h("details", {}, h("summary", {}, t("Save these values as a scene")), h("div", { class: "row" }, name, h("button", { onclick: save, id: "save" }, t("Save")), saved)),
+          foreign, h("details", {}, h("summary", {}, t("Messages of the run")), lines)),
+        portrait.element, events.element)),
+    enter(scene) { if (scene && !store.active) bench.choose(scene); },
+    setup() { for (const one of parts) one.setup?.(); },
+    state() { again.hidden = store.active || !store.state.log; update(); },
+    draw() { for (const one of parts) one.draw?.(); },
+  };
+}

@@ -1,0 +1,185 @@
+// Values by hand, before a run and in it, by the checks of the command line: the few that matter for the rig as sliders, the
+// others behind a search; owned actuators; controllers.
+
+import { data, h, number, quantity, typed } from "/page/dom.js";
+import { t } from "/page/text.js";
+
+const EVERY = 100; // [ms] between two values of a slider that is being moved
+const STEPS = 1000; // of a slider
+const LATE = 2000; // [ms] after the answer to a change, in which values may still come that were read before it
+
+/** The value at a place from 0 to STEPS of a slider {low, high, least}; with `least` its scale is logarithmic beside 0. */
+export function valueAt({ low, high, least }, place) {
+  if (!least) return low + ((high - low) * place) / STEPS;
+  const zero = zeroOf({ low, high }), from = place - zero, end = from < 0 ? -low : high, room = from < 0 ? zero : STEPS - zero;
+  return from === 0 ? 0 : Math.sign(from) * least * (end / least) ** (Math.abs(from) / room);
+}
+
+/** The place of a value; see `valueAt`. */
+export function placeOf({ low, high, least }, value) {
+  if (!least) return (STEPS * (value - low)) / (high - low);
+  const zero = zeroOf({ low, high }), end = value < 0 ? -low : high, room = value < 0 ? zero : STEPS - zero;
+  return Math.abs(value) < least ? zero : zero + Math.sign(value) * room * (Math.log(Math.abs(value) / least) / Math.log(end / least));
+}
+
+const shortened = (value) => (Math.abs(value) >= 1e5 ? value.toExponential(0) : number(value, 2));
+
+const zeroOf = ({ low, high }) => (low >= 0 ? 0 : high <= 0 ? STEPS : STEPS / 2);
+
+export function create(bench) {
+  const { store } = bench;
+  const fault = data("div", { class: "fault", id: "touch-fault", role: "alert" });
+  const controllers = h("div", { class: "stack" }), first = h("div"), sections = h("div", { id: "sections" });
+  const find = h("input", { type: "search", id: "find", placeholder: t("find a value: mass, gain, rate"), "aria-label": t("find a value"), style: "width: 100%", oninput: sift });
+  const count = h("span", {}), rest = h("details", { id: "all" }, h("summary", {}, count), find, sections);
+  const box = h("div", { id: "values", "aria-busy": "true" }, first, rest);
+  const rows = new Map();
+  let known = "";
+
+  const live = () => store.active && store.values.length > 0;
+  const entries = () => (live() ? store.values.filter(({ kind }) => kind !== "text" && kind !== "choice")
+    : bench.chosen().form?.sections.flatMap(({ values }) => values) ?? []);
+  const entryOf = (key) => entries().find((one) => one.key === key);
+
+  /** Change a value; the row of a running rig shows nothing else until it has been read back, or LATE has passed. */
+  async function set(key, value, last = () => true) {
+    if (!live()) { bench.change(key, value); return; }
+    const row = rows.get(key);
+    row?.expect(undefined, Infinity);
+    try {
+      const answer = await bench.set(key, value);
+      const owner = answer.overruled?.[key];
+      fault.textContent = owner ? t("{owner} drives {key}: the value takes effect when {owner} is disconnected", { owner, key }) : "";
+      if (last()) row?.expect(answer.values?.[key.replace(`controllers.${entryOf(key)?.of}.`, "")], performance.now() + (owner ? 0 : LATE));
+      setTimeout(() => row?.show(entryOf(key)), LATE + 1); // it was limited, or another operator has changed it
+    } catch (error) {
+      fault.textContent = error.message;
+      row?.expect(undefined, 0);
+      row?.show(entryOf(key));
+    }
+  }
+
+  /** Calls `set` at most every EVERY ms, and with the last value in any case. */
+  function throttled(key) {
+    let waiting = null;
+    let busy = false;
+    async function next() {
+      if (busy || waiting === null) return;
+      busy = true;
+      const value = waiting;
+      waiting = null;
+      await set(key, value, () => waiting === null);
+      setTimeout(() => { busy = false; next(); }, EVERY);
+    }
+    return (value) => { waiting = value; rows.get(key)?.expect(undefined, Infinity); next(); };
+  }
+
+  function row(entry, named) {
+    const { key, unit, limits } = entry;
+    const moved = throttled(key);
+    const attributes = { id: `value-${key}`, "aria-label": named ? `${named}, ${key}` : key };
+    const owner = h("span", { class: "small doubtful" });
+    let field, slider = null, held = false;
+    let wanted, until = 0; // what has been set: values that were read before do not replace it
+    if (entry.kind === "switch") field = h("input", { ...attributes, type: "checkbox", onchange: (e) => set(key, e.target.checked) });
+    else if (entry.kind === "choice") field = h("select", { ...attributes, onchange: (e) => set(key, e.target.value) }, ...entry.choices.map((one) => h("option", {}, one)));
+    else if (entry.kind === "fixed") field = h("span", { class: "soft" }, number(entry.value));
+    else field = h("input", { ...attributes, type: "text", placeholder: t("not set"), onchange: (e) => set(key, typed(e.target.value)) });
+    if (entry.slider && entry.slider.low < entry.slider.high && (named || live())) {
+      const { low, high, least } = entry.slider;
+      slider = h("input", { type: "range", min: 0, max: STEPS, step: 1, id: `slider-${key}`,
+        "aria-label": `${named || key}, ${number(low)} – ${quantity(high, unit)}`,
+        onpointerdown: () => { held = true; }, onpointerup: () => { held = false; }, onpointercancel: () => { held = false; },
+        oninput: (e) => {
+          const value = Number(valueAt(entry.slider, Number(e.target.value)).toPrecision(4));
+          e.target.setAttribute("aria-valuetext", quantity(value, unit));
+          field.value = number(value);
+          if (live()) moved(value);
+        },
+        onchange: (e) => { if (!live()) set(key, Number(valueAt(entry.slider, Number(e.target.value)).toPrecision(4))); } });
+      if (least) slider.title = t("logarithmic");
+    }
+    const line = slider && named ? h("div", { class: "ends small soft" }, h("span", {}, shortened(entry.slider.low)), slider, h("span", {}, shortened(entry.slider.high))) : slider;
+    const range = limits ? `${number(limits[0])} – ${quantity(limits[1], unit)}` : "";
+    const element = data("div", { class: "hand", "data-key": key, title: [key, range, entry.note, entry.place].filter(Boolean).join("\n") },
+      h("div", { class: "row" }, h("span", { class: "grow" }, named || words(key), " ", owner, entry.origin && !named ? h("span", { class: "small soft" }, `  ${entry.origin}`) : null),
+        field, h("span", { class: "small" }, unit === "1" ? "" : unit)), line);
+
+    function show(now) {
+      if (!now || (live() && now.value !== wanted && performance.now() < until)) return;
+      until = 0;
+      const changed = !live() && key in bench.chosen().changes, value = changed ? bench.chosen().changes[key] : now.value;
+      if (field.type === "checkbox") field.checked = Boolean(now.value);
+      else if (field.tagName === "SELECT") field.value = now.value;
+      else if (field.tagName === "INPUT" && document.activeElement !== field && !held) field.value = now.value === null ? "" : number(value, live() ? 6 : 8);
+      if (field.tagName === "INPUT" && field.type === "text") field.className = changed ? "value changed" : "value";
+      if (slider && !held) slider.value = placeOf(entry.slider, now.value);
+      owner.textContent = now.owner ? t("driven by {owner}", { owner: now.owner }) : "";
+    }
+    return { element, show, expect(value, time) { [wanted, until] = [value, time]; } };
+  }
+
+  const words = (key) => key.slice(key.lastIndexOf(".") + 1).replaceAll("_", " ");
+
+  function control(name, { drives }) {
+    const act = (what) => async () => {
+      try {
+        await bench.command({ do: what, controller: name });
+        fault.textContent = "";
+      } catch (error) {
+        fault.textContent = error.message;
+      }
+    };
+    return h("div", { class: "row small" }, h("span", { class: "grow" }, t("controller {name} drives {what}", { name, what: drives.join(", ") })),
+      h("button", { onclick: act("connect"), id: `connect-${name}` }, t("Connect")),
+      h("button", { onclick: act("disconnect"), id: `disconnect-${name}` }, t("Disconnect")));
+  }
+
+  function sift() {
+    const asked = find.value.toLowerCase().split(/\s+/).filter(Boolean);
+    for (const section of sections.children) {
+      const all = [...section.querySelectorAll(".hand")];
+      for (const one of all) one.hidden = !asked.every((word) => one.dataset.key.replaceAll("_", " ").includes(word) || one.dataset.key.includes(word));
+      section.hidden = all.every((one) => one.hidden);
+      if (asked.length) section.open = true;
+    }
+  }
+
+  function build(all) {
+    const { id, value } = document.activeElement; // what one is typing outlasts the new rows
+    const open = new Set([...sections.querySelectorAll("details[open]")].map((one) => one.dataset.name));
+    rows.clear();
+    const hands = (live() ? store.setup : bench.chosen().form)?.hands ?? {}, tables = new Map();
+    for (const entry of all) {
+      const named = entry.key in hands ? t(hands[entry.key]) : "", made = row(entry, named);
+      rows.set(entry.key, made);
+      if (!named) { const table = entry.key.slice(0, entry.key.lastIndexOf(".")) || "scene"; tables.set(table, [...(tables.get(table) ?? []), made.element]); }
+    }
+    first.replaceChildren(...Object.keys(hands).filter((key) => rows.has(key)).map((key) => rows.get(key).element));
+    sections.replaceChildren(...[...tables].map(([table, elements]) =>
+      h("details", { open: open.has(table), "data-name": table }, data("summary", {}, table), ...elements)));
+    count.textContent = t("All other values ({count})", { count: all.length - first.children.length });
+    sift();
+    const again = id && document.activeElement?.id !== id ? document.getElementById(id) : null;
+    if (again && box.contains(again)) { again.focus(); if (again.type === "text") again.value = value; }
+  }
+
+  return {
+    element: h("div", { class: "stack" }, h("h2", {}, t("Move a value, see what happens")), fault, box, controllers),
+    box,
+    /** Put a block below the slider of a value; false if there is none. */
+    place(key, block) { const there = rows.get(key)?.element; if (there && there.nextSibling !== block) there.after(block); return Boolean(there); },
+    setup() {
+      fault.textContent = "";
+      controllers.replaceChildren(...Object.entries(store.setup.controllers).map(([name, one]) => control(name, one)));
+    },
+    state() {
+      const all = entries(), text = `${live()} ${(live() ? store.setup : bench.chosen().form)?.scene} ${all.map(({ key, kind }) => key + kind).join(" ")}`;
+      if (text !== known && all.length) { known = text; build(all); }
+      for (const entry of all) rows.get(entry.key)?.show(entry);
+      controllers.hidden = !store.active;
+      const off = store.active ? !store.online || !live() : false;
+      for (const one of [...box.querySelectorAll(".hand input, .hand select"), ...controllers.querySelectorAll("button")]) one.disabled = off;
+    },
+  };
+}

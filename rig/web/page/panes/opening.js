@@ -1,0 +1,105 @@
+// The opening: rigs as moving pictures, from short recordings of their scenes (tracks.json), a search, and one Start.
+
+import { get } from "/page/api.js";
+import { data, h } from "/page/dom.js";
+import { sized } from "/page/plot.js";
+import { Solids } from "/page/solids.js";
+import { t } from "/page/text.js";
+
+const RATE = 15; // pictures of a track in a second
+const FIRST = "pendulum"; // the demonstration
+const STILL = matchMedia("(prefers-reduced-motion: reduce)");
+
+const GROUPS = [
+  [t("Stick-slip"), {
+    pendulum: [t("Pendulum on a disc"), t("It sticks to the turning disc, tears off, and swings back three times a second.")],
+    belt: [t("Mass on a belt"), t("The belt carries the mass along until the spring pulls it back.")],
+    belt_tuned_mass: [t("With a tuned mass"), t("A small tilted mass on top takes the vibration away.")],
+    belt_shunt: [t("With a piezo stack"), t("A circuit makes the spring softer, and the rhythm changes.")],
+  }],
+  [t("Mode coupling"), {
+    two_dof: [t("Two springs, one mass"), t("Friction joins two vibrations, and together they grow.")],
+    four_dof: [t("Three bodies on a belt"), t("The middle body begins to hop on the belt.")],
+    pin: [t("Tilted pin"), t("Tilted against the motion, the pin digs in and hammers the disc.")],
+    north: [t("Flutter of a pad"), t("A pad that can tilt and move flutters 2274 times a second.")],
+    disc_slider: [t("Slider on a bending disc"), t("The disc bends under a slider that sticks in every period.")],
+  }],
+  [t("Brake and shunt"), {
+    brake: [t("Disc brake"), t("Pads, calliper and disc squeal at 2.1 kHz.")],
+    brake_shunt: [t("Brake with a shunt"), t("A coil across a piezo stack silences the squeal.")],
+    plate: [t("Plate under a slider"), t("The film between them opens at some points, then everywhere, and the motion is chaotic.")],
+  }],
+  [t("Measured"), {
+    lever: [t("Slider with a lever"), t("Its parameters are identified from measurements; below 2 rpm it sticks and slips.")],
+    seal_p: [t("Seal on a bolt"), t("A friction curve that was measured on a seal, and the vibration that it makes.")],
+    tip: [t("Tip on a disc"), t("Sliding or sticking: both are stable, and a knock decides.")],
+    tread: [t("Tread block"), t("The edge of a rubber block squeaks on glass at 294 Hz.")],
+  }],
+];
+const SAME = { brake_shunt: "brake" }; // scene -> the one whose picture is shown
+
+export function create(bench) {
+  const moving = new Map(); // canvas -> {solids, frames, number}
+  const seen = new Set();
+  let tracks = null, cards = null, timer = null;
+
+  function picture(scene) {
+    const canvas = h("canvas", { class: "stage", "aria-hidden": "true" });
+    moving.set(canvas, { scene: SAME[scene] ?? scene, solids: null, number: 0 });
+    watcher.observe(canvas);
+    return canvas;
+  }
+
+  const watcher = new IntersectionObserver((changes) => {
+    for (const { target, isIntersecting } of changes) if (isIntersecting) { seen.add(target); paint(target); } else seen.delete(target);
+  });
+
+  function paint(canvas) {
+    const one = moving.get(canvas), track = tracks?.[one.scene];
+    if (!track) return;
+    one.solids ??= new Solids(track.still);
+    one.solids.move(track.frames[one.number % track.frames.length]);
+    one.number += 1;
+    one.solids.draw(sized(canvas, canvas.clientWidth * 9 / 16));
+  }
+
+  const tick = () => { if (!document.hidden && !element.hidden) for (const canvas of seen) paint(canvas); };
+
+  const card = (scene, [title, about]) => h("a", { href: `#bench/${scene}` }, picture(scene), h("div", {}, h("h3", {}, title), h("p", { class: "small soft" }, about)));
+  const row = (one) => h("a", { href: `#bench/${one.name}` }, data("div", {}, h("h3", {}, one.title), h("p", { class: "small soft" }, one.about),
+    h("p", { class: "small soft" }, one.name)));
+
+  const found = h("div", { class: "cards", id: "found", "aria-live": "polite" });
+  const groups = h("div", { class: "groups" }, ...GROUPS.map(([title, scenes]) => h("section", { "aria-label": title }, h("h2", {}, title),
+    h("div", { class: "cards" }, ...Object.entries(scenes).map(([scene, texts]) => card(scene, texts))))));
+  const search = h("input", { type: "search", id: "search", placeholder: t("Search all rigs: squeal, seal, dither, shunt"), "aria-label": t("search rigs"), oninput: look });
+
+  async function look() {
+    cards ??= await get("/api/scenes");
+    const asked = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const known = Object.assign({}, ...GROUPS.map(([, scenes]) => scenes));
+    const has = (one) => { const text = [one.name, one.title, one.about, one.plant, ...(known[one.name] ?? [])].join(" ").toLowerCase(); return asked.every((word) => text.includes(word)); };
+    groups.hidden = asked.length > 0;
+    found.replaceChildren(...(asked.length ? cards.filter(has).map(row) : []));
+    if (asked.length && !found.children.length) found.append(h("p", { class: "soft" }, t("no rig has these words")));
+  }
+
+  const start = h("button", { class: "go", id: "demo", onclick: () => { bench.choose(FIRST, true); bench.go("bench"); } }, t("Start"));
+  const element = h("div", {}, h("section", { class: "hero", "aria-label": t("demonstration") }, picture(FIRST),
+    h("div", {}, h("h1", {}, t("Why does it squeal, and what stops it?")),
+      h("p", {}, t("A test rig for friction-induced vibration, in real time. Start this pendulum: it sticks and slips. Then move a slider until it is quiet.")), start)),
+  h("div", { class: "search", style: "margin-top: 1.6rem" }, search), found, groups);
+
+  return {
+    element,
+    async enter() {
+      timer ??= setInterval(tick, 1000 / RATE);
+      if (STILL.matches) { clearInterval(timer); timer = 1; }
+      tracks ??= await fetch("/page/tracks.json").then((answer) => answer.json());
+      for (const canvas of seen) paint(canvas);
+    },
+    state() { start.disabled = store().active || !store().online; },
+  };
+
+  function store() { return bench.store; }
+}

@@ -1,0 +1,71 @@
+"""A whole recording for the page: what a page that had watched the run would know, and the moving picture.
+
+setup     as of a run that is followed (`rig.web.follower.description`)
+frame     one frame (`rig.web.frames`) with the extremes of all outputs and measurements, and all events
+pictures  {"t": [s], "frames": [what has moved]}, at most `PICTURES`
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.errors import UsageError
+from rig.record.reader import open as read
+from rig.record.recorded_setup import head, setup_of
+from rig.scenes.scene import Scene
+from rig.view.channels import Channels
+from rig.view.contact import Contacts, Modes
+from rig.view.process import joined
+from rig.web.follower import description
+from rig.web.frames import columns, finite
+from rig.web.picture import MovingPicture
+
+SPANS, PICTURES = 3000, 600
+"""Most spans of an output or a sensor; most pictures."""
+RATE = 20.0
+"""Pictures of a second, at most."""
+
+
+def recorded(path: Path) -> dict[str, Any]:
+    """A recording for the page. Raises UsageError for one without outputs or scene, LogError for one that is none."""
+    run, setup = read(path), setup_of(head(path))
+    if run.measured or run.time.size < 2 or not setup.frame_ns:
+        raise UsageError(f"{path.name} contains no states of a rig; its report and its spectrum show what it contains")
+    scene = Scene.from_json(run.scene_text())
+    assembly = scene.assemble()
+    system = assembly.system()
+    sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
+    channels, contacts = Channels((scene, assembly), setup.outputs, sensors), Contacts(system)
+    picture = MovingPicture.of(scene, assembly, system, channels.colours)
+    t_ns = np.rint(run.time * 1e9).astype(np.int64)
+    outputs = {name: run.signals.get(name, np.full(t_ns.size, np.nan)) for name in setup.outputs}
+    keys = run.mode if run.mode.size else np.full(t_ns.size, -1, np.int64)
+    v, begins = np.array([*outputs.values()]), np.concatenate(([2 * t_ns[0] - t_ns[1]], t_ns[:-1]))
+    rows = columns(joined(begins, t_ns, v, v, 1 << contacts.indices(keys), SPANS))
+    frame = {"n": 1, "t": float(run.time[-1]), "lost": 0, "rows": rows, "meas": {}}
+    for name, (times, values) in run.measurements.items():
+        if times.size:
+            period = setup.sensors[name][1]
+            one = joined(times - period, times, values[None], values[None], np.zeros((1, times.size), np.int64), SPANS)
+            told = columns(one)
+            frame["meas"][name] = {"from": told["from"], "t": told["t"], "low": told["low"][0], "high": told["high"][0]}
+    frame["events"] = [
+        {"t": e["t_ns"] * 1e-9, "level": "", **{key: e.get(key, "") for key in ("source", "kind", "text")}}
+        for e in run.events
+        if e["kind"] not in ("contact", "verdict")
+    ]
+    pictures: dict[str, Any] = {"t": [], "frames": []}
+    if picture is not None:
+        count = int(np.clip((run.time[-1] - run.time[0]) * RATE, 2, min(PICTURES, t_ns.size)))
+        modes, edges = Modes(system).indices(keys), np.linspace(0, t_ns.size, count + 1).astype(int)
+        for first, end in pairwise(edges.tolist()):
+            part = slice(first, end)
+            pictures["frames"].append(picture.frame(t_ns[part], {k: x[part] for k, x in outputs.items()}, modes[part]))
+            pictures["t"].append(float(run.time[end - 1]))
+    still = None if picture is None else picture.still
+    told = description(setup, scene, assembly, channels, contacts.names, still)
+    return finite({"setup": told, "frame": frame, "pictures": pictures})

@@ -1,0 +1,184 @@
+"""States of the page at three widths: nothing sticks out, all can be hit, the layout holds still; the catalogue.
+
+RIG_SCREENSHOTS=FOLDER keeps a picture of each: make screenshots.
+"""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import rig
+from rig import scenes
+from rig.bench.live.plant_process import warm
+from rig.machine.files import RUNS
+from rig.plants import PLANTS
+from rig.view.channels import Channels
+
+pytestmark = pytest.mark.browser
+ROOT = Path(__file__).parents[3]
+PAGE = ROOT / "rig" / "web" / "page"
+WIDE = """
+    const limit = document.documentElement.clientWidth;
+    return [document.documentElement.scrollWidth - limit, ...[...document.querySelectorAll('main *, header *')]
+      .filter((one) => one.getBoundingClientRect().right > limit + 1
+        && !one.closest('nav, pre, .scroll, .lesson table, .chip, [hidden]'))
+      .map((one) => one.outerHTML.slice(0, 90))].slice(0, 6)"""
+SMALL = """
+    return [...document.querySelectorAll('button, input, select, summary, nav a')]
+      .filter((one) => one.checkVisibility())
+      .filter((one) => { const box = one.getBoundingClientRect(); return box.width < 24 || box.height < 24; })
+      .map((one) => one.outerHTML.slice(0, 90))"""
+SHIFTS = """
+    window.shifts = [];
+    new PerformanceObserver((list) => {
+      for (const one of list.getEntries()) {
+        const moved = one.sources.map(({ node }) => node?.outerHTML?.slice(0, 70));
+        if (!one.hadRecentInput) window.shifts.push([one.value, moved]);
+      }
+    }).observe({ type: "layout-shift", buffered: true });"""
+BARE = """
+    const bare = [], what = NodeFilter.SHOW_ELEMENT | NodeFilter.SHOW_TEXT;
+    const walk = document.createTreeWalker(document.body, what);
+    const words = (text) => /[A-Za-z]{3}/.test(text.replace(/⟦[^⟧]*⟧/g, ""));
+    for (let node = walk.currentNode; node; node = walk.nextNode()) {
+      const element = node.nodeType === 3 ? node.parentElement : node;
+      if (node.nodeType === 3) {
+        if (!element.closest('[translate=no], noscript, .lesson') && words(node.data)) bare.push(node.data);
+        continue;
+      }
+      for (const name of ["aria-label", "title", "placeholder"]) {
+        const text = element.getAttribute(name);
+        if (text && !element.closest("[translate=no]") && words(text)) bare.push(name + ": " + text);
+      }
+    }
+    return bare"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled():
+    warm(scenes.load("belt"))
+
+
+@pytest.mark.parametrize(("width", "height"), [(360, 740), (800, 1100), (1500, 950)])
+def test_every_state_fits_its_screen(page, folder, width, height):
+    (folder / RUNS).mkdir(parents=True)
+    rig.simulate("belt", duration=2.0).save(folder / RUNS / "belt.mcap")
+    shape = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    page.tools("Emulation.setDeviceMetricsOverride", **shape)
+    page.run(SHIFTS)
+    faults = {}
+
+    def look(state):
+        page.picture(f"{state}-{width}")
+        found = [*page.run(SMALL), *([wide] if (wide := page.run(WIDE)) != [0] else [])]
+        if found:
+            faults[state] = found
+
+    page.go("rigs")
+    page.until(lambda: page.run("return document.querySelectorAll('.cards canvas[width]').length > 2"))
+    look("rigs")
+    page.one("search").send_keys("squeal brake")
+    page.until(lambda: page.run("return document.querySelectorAll('#found a').length") > 2)
+    look("search")
+    page.choose("belt")
+    page.run("scrollTo(0, 0)")
+    look("rest")
+    page.show("value-load.force")
+    page.write("value-load.force", "-3")
+    page.until(lambda: page.text("form-fault"))
+    page.run("scrollTo(0, 0)")
+    look("fault")
+    page.write("value-load.force", "15,5 N")
+    page.until(lambda: page.text("form-fault") == "")
+    page.write("duration", "300")
+    page.press("start")
+    page.until_phase("running")
+    page.until(lambda: page.time > 2.0)
+    page.run("scrollTo(0, 0)")
+    assert page.value("value-load.force") == "15.5"
+    look("running")
+    page.one("emergency")
+    place = page.run("return document.getElementById('emergency').getBoundingClientRect().toJSON()")
+    page.press("hold")
+    page.run("document.getElementById('timeline').focus()")
+    page.driver.switch_to.active_element.send_keys("+\ue012\ue012")
+    page.until(lambda: page.text("readout").startswith("t = "))
+    look("cursor")
+    page.show("verdict").click()
+    page.until(lambda: "99 of 100" in page.text("trust"))
+    look("trust")
+    page.run("document.getElementById('all').open = true")
+    page.show("find").send_keys("mass")
+    look("values")
+    assert page.run("return document.getElementById('emergency').getBoundingClientRect().toJSON()") == place
+    page.press("stop")
+    page.until_phase("ended")
+    page.run("scrollTo(0, 0)")
+    look("ended")
+    page.go("recordings/belt.mcap")
+    page.until(lambda: page.text("recorded-readout").startswith("t = 0 s"))
+    look("recording")
+    page.go("analysis")
+    page.until(lambda: page.run("return document.querySelector('#studies').textContent"))
+    look("analysis")
+    page.go("lessons/1")
+    page.until(lambda: "Falling friction" in page.text("lesson"))
+    look("lesson")
+    page.complaints()  # of the value that was refused
+    assert faults == {}
+    shifts = sorted(page.run("return window.shifts"), key=lambda one: -one[0])
+    assert sum(size for size, _ in shifts) < 0.05, shifts[:6]
+
+
+def test_every_text_of_the_page_is_in_the_catalogue(page):
+    """In a language in which its texts stand between brackets no text of the page is without them."""
+    page.run("localStorage.setItem('language', 'qps')")
+    try:
+        page.driver.refresh()
+        page.until(lambda: page.text("phase") == "⟦no run yet⟧")
+        page.choose("belt_normal_force")
+        for view in ("recordings", "analysis", "lessons", "bench"):
+            page.go(view)
+        assert page.run(BARE) == []
+        page.press("start")
+        page.until_phase("⟦running⟧")
+        page.until(lambda: page.time > 1.0)
+        page.show("verdict").click()
+        page.until(lambda: "late" in page.text("trust"))
+        assert page.run(BARE) == []
+        page.press("stop")
+        page.until_phase("⟦ended⟧")
+        assert page.run(BARE) == []
+    finally:
+        page.run("localStorage.clear()")
+
+
+def test_the_german_catalogue_is_complete():
+    """Every text that the page looks up, every word of a plant and every name of a channel."""
+    catalogue = (PAGE / "german.js").read_text(encoding="utf-8")
+    known = {quoted or word for quoted, word in re.findall(r'(?:"((?:[^"\\]|\\.)*)"|\b(\w+)):\s', catalogue)}
+    wanted = {
+        text
+        for path in PAGE.rglob("*.js")
+        for text in re.findall(r'\bt\(\s*"((?:[^"\\]|\\.)*)"', path.read_text(encoding="utf-8"))
+    }
+    wanted |= {words for plant in PLANTS.shipped for words in getattr(PLANTS[plant], "HANDS", {}).values()}
+    for name in scenes.names():
+        scene = scenes.load(name)
+        assembly = scene.assemble()
+        outputs, sensors = (
+            {key: one.unit for key, one in known_by.items()} for known_by in (assembly.outputs, scene.sensors)
+        )
+        for panel in Channels((scene, assembly), outputs, sensors).panels:
+            names = (panel.title.partition(" [")[0], *panel.outputs, *panel.sensors)
+            wanted |= {name.replace("_", " ") for name in names}
+    assert wanted - known == set()
+    assert len(wanted) > 300
+
+
+def test_the_page_stays_small():
+    """Without a build step, and read as a whole: less than 3,000 lines and 150 kB."""
+    files = [path.read_text(encoding="utf-8") for path in PAGE.rglob("*.js")]
+    assert sum(text.count("\n") for text in files) < 3000
+    assert sum(len(text.encode()) for text in files) < 150_000
