@@ -41,31 +41,38 @@ def recorded(path: Path) -> dict[str, Any]:
     sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
     channels, contacts = Channels((scene, assembly), setup.outputs, sensors), Contacts(system)
     picture = MovingPicture.of(scene, assembly, system, channels.colours)
-    t_ns = np.rint(run.time * 1e9).astype(np.int64)
+    t_ns, end = np.rint(run.time * 1e9).astype(np.int64), float(run.time[-1])
     outputs = {name: run.signals.get(name, np.full(t_ns.size, np.nan)) for name in setup.outputs}
     keys = run.mode if run.mode.size else np.full(t_ns.size, -1, np.int64)
-    v, begins = np.array([*outputs.values()]), np.concatenate(([2 * t_ns[0] - t_ns[1]], t_ns[:-1]))
-    rows = columns(joined(begins, t_ns, v, v, 1 << contacts.indices(keys), SPANS))
-    frame = {"n": 1, "t": float(run.time[-1]), "lost": 0, "rows": rows, "meas": {}}
-    for name, (times, values) in run.measurements.items():
-        if times.size:
-            period = setup.sensors[name][1]
-            one = joined(times - period, times, values[None], values[None], np.zeros((1, times.size), np.int64), SPANS)
-            told = columns(one)
-            frame["meas"][name] = {"from": told["from"], "t": told["t"], "low": told["low"][0], "high": told["high"][0]}
-    frame["events"] = [
+    begins = np.concatenate(([2 * t_ns[0] - t_ns[1]], t_ns[:-1]))
+    rows = _spans(begins, t_ns, np.array([*outputs.values()]), 1 << contacts.indices(keys))
+    measured = {
+        name: {"from": told["from"], "t": told["t"], "low": told["low"][0], "high": told["high"][0]}
+        for name, (t, v) in run.measurements.items()
+        if t.size and (told := _spans(t - setup.sensors[name][1], t, v[None]))
+    }
+    events = [
         {"t": e["t_ns"] * 1e-9, "level": "", **{key: e.get(key, "") for key in ("source", "kind", "text")}}
         for e in run.events
         if e["kind"] not in ("contact", "verdict")
     ]
-    pictures: dict[str, Any] = {"t": [], "frames": []}
+    still, frames, times = None, [], []
     if picture is not None:
-        count = int(np.clip((run.time[-1] - run.time[0]) * RATE, 2, min(PICTURES, t_ns.size)))
-        modes, edges = Modes(system).indices(keys), np.linspace(0, t_ns.size, count + 1).astype(int)
-        for first, end in pairwise(edges.tolist()):
-            part = slice(first, end)
-            pictures["frames"].append(picture.frame(t_ns[part], {k: x[part] for k, x in outputs.items()}, modes[part]))
-            pictures["t"].append(float(run.time[end - 1]))
-    still = None if picture is None else picture.still
-    told = description(setup, scene, assembly, channels, contacts.names, still)
-    return finite({"setup": told, "frame": frame, "pictures": pictures})
+        still, modes = picture.still, Modes(system).indices(keys)
+        count = int(np.clip((end - run.time[0]) * RATE, 2, min(PICTURES, t_ns.size)))
+        for part in (slice(*pair) for pair in pairwise(np.linspace(0, t_ns.size, count + 1).astype(int).tolist())):
+            frames.append(picture.frame(t_ns[part], {k: x[part] for k, x in outputs.items()}, modes[part]))
+            times.append(float(run.time[part.stop - 1]))
+    whole: dict[str, Any] = finite(
+        {
+            "setup": description(setup, scene, assembly, channels, contacts.names, still),
+            "frame": {"n": 1, "t": end, "lost": 0, "rows": rows, "meas": measured, "events": events},
+            "pictures": {"t": times, "frames": frames},
+        }
+    )
+    return whole
+
+
+def _spans(begins: Any, ends: Any, values: Any, bits: Any = None) -> dict[str, Any]:
+    bits = np.zeros(values.shape, np.int64) if bits is None else bits
+    return columns(joined(begins, ends, values, values, bits, SPANS))

@@ -141,6 +141,7 @@ def test_every_text_of_the_page_is_in_the_catalogue(page):
         for view in ("recordings", "analysis", "lessons", "bench"):
             page.go(view)
         assert page.run(BARE) == []
+        page.write("duration", "300")
         page.press("start")
         page.until_phase("⟦running⟧")
         page.until(lambda: page.time > 1.0)
