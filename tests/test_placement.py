@@ -27,20 +27,6 @@ def test_two_cores_of_those_that_this_process_may_use(allowed):
     assert {own, of_bus} <= allowed
 
 
-def test_with_one_core_nothing_is_placed(monkeypatch, allowed):
-    monkeypatch.setattr(scheduling, "ALLOWED", {0})
-    assert scheduling.choose() == (scheduling.ANY, scheduling.ANY)
-    with scheduling.placed(*scheduling.choose()):
-        assert os.sched_getaffinity(0) == allowed
-
-
-def test_the_least_busy_cores_are_chosen_where_there_are_more(monkeypatch):
-    looks = iter([{0: 10, 1: 10, 2: 10, 3: 10}, {0: 11, 1: 19, 2: 10, 3: 20}])
-    monkeypatch.setattr(scheduling, "ALLOWED", {0, 1, 2, 3})
-    monkeypatch.setattr(scheduling, "idle_times", lambda: next(looks))
-    assert scheduling.choose() == (3, 1)
-
-
 def test_the_thread_and_those_of_the_bus_are_placed_and_others_go_where_they_like(tmp_path, monkeypatch, allowed):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     own, of_bus = scheduling.choose()

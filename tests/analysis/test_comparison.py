@@ -176,13 +176,10 @@ def test_speed_and_load_are_followed_by_their_names(bench):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"follow": {"drive.sped": "tacho"}}, "no actuator is called drive.sped; there are drive.speed, load.force"),
         ({"follow": {"drive.speed": "cell"}}, "cell is in N, not in m/s"),
         ({"pair": {"x": "velocity"}}, r"add a factor in \(m\)/\(m/s\)"),
-        ({"pair": {"x": "velocity, 3 kg"}}, "--pair x = velocity, 3 kg"),
         ({"pair": {"y": "velocity", "x": "speed"}}, "no 'y' in this recording(.|\n)*no 'speed' in this run"),
         ({"stick": {"velocity": "x", "drive": 0.06}}, '--pair "x = SIMULATED"'),
-        ({"begin": 99.0}, "the time span is empty"),
     ],
 )
 def test_what_a_scene_cannot_follow_or_pair_is_named(bench, options, words):

@@ -238,16 +238,6 @@ def test_a_resonance_of_the_network_is_no_motion_of_the_structure():
 
 
 @pytest.mark.parametrize(
-    ("name", "names"), [("pin", ["damping", "mass", "stiffness"]), ("north", ["flutter", "divergence"])]
-)
-def test_limits_of_friction_are_told(name, names):
-    found = modes(rig.load(name))
-    assert list(found.limits) == names == list(found.to_json()["limits"])
-    assert f"{names[0]} {found.limits[names[0]]:.6g}" in found.text()
-    assert "never" in modes(rig.load("north_divergence")).text()
-
-
-@pytest.mark.parametrize(
     ("name", "changes", "why", "counts"),
     [
         ("belt", {"drive.speed": 0.0}, "the surface at contact does not move", False),
@@ -263,13 +253,6 @@ def test_what_keeps_a_rig_from_sliding_is_told(name, changes, why, counts):
     assert why in found.sliding.why
     assert found.sliding.counts is counts
     assert ("growth 1/s" in found.text()) is counts
-
-
-def test_an_equilibrium_tells_no_rounding():
-    """Preloads balance contact forces, and nothing flows: what is left there is not told as 1e-23 m."""
-    told = modes(rig.load("brake_shunt")).sliding.equilibrium
-    assert not [key for key, value in told.items() if value and abs(value) < 1e-9]
-    assert told["slip_speed"] > 0.01
 
 
 def test_equilibrium_tells_the_film() -> None:

@@ -14,9 +14,7 @@ from scipy.optimize import brentq
 from swept_matrices import beside, over, turning
 
 import rig
-from rig.analysis.eigenvalue_curves import Growth, brackets, looked, root, stretches
 from rig.analysis.modes import at_rest
-from rig.errors import SceneError
 
 HERE = Path(__file__).parents[1] / "reference"
 BOUNDS = json.loads((HERE / "tuned_mass.json").read_text())["bounds"]
@@ -221,20 +219,6 @@ def test_shapes_go_with_their_branches():
         assert at.A[np.ix_(at.moving, at.moving)] @ vector == pytest.approx(found.rates[0, branch] * vector, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("key", "values", "told"),
-    [
-        ("drive.sped", [0.0, 1.0], "did you mean drive.speed?"),
-        ("drive.speed", [0.1], "1 values: must be from 2"),
-        ("body.mass", [-1.0, 1.0], "body.mass = -1 kg"),
-    ],
-)
-def test_what_cannot_be_swept_is_refused(key, values, told):
-    with pytest.raises(SceneError) as raised:
-        rig.sweep("belt", key, values)
-    assert told in str(raised.value)
-
-
 def test_a_range_of_sliding_between_two_values_without_is_found():
     """Only the one end of this sweep slides, and so does a range in its middle."""
     found = rig.sweep(rig.load("disc_slider", {"limits.height": "none"}), "drive.speed", [900.0, 930.0])
@@ -242,21 +226,3 @@ def test_a_range_of_sliding_between_two_values_without_is_found():
     assert edges == [pytest.approx((911.974, 917.596), abs=1e-3), pytest.approx((924.753, 930.0), abs=1e-3)]
     assert all("would have to pull" in gap.why for gap in found.gaps)
     assert any(917.6 < one.value < 924.7 for one in found.critical)
-
-
-def test_a_sign_that_changes_over_a_range_without_sliding_is_no_crossing():
-    """Of two such ranges each keeps its own edges: what slides between both is not taken for a part of one."""
-
-    def growths(value):
-        if 0.48 <= value <= 0.52 or 0.6 <= value <= 0.65:
-            return None
-        return Growth(np.array([-1.0 if value < 0.5 else 1.0]), np.zeros(1))
-
-    def look(grid):
-        return grid, [root(b, growths) for part in stretches(grid, growths) for b in brackets(part, growths)]
-
-    for values in ((0.0, 0.4, 1.0), (1.0, 0.4, 0.0)):
-        grid, found = looked(values, growths, look)
-        assert found == []
-        assert grid == sorted(grid, reverse=values[0] > values[-1])
-        assert any(0.52 < value < 0.6 and growths(value) is not None for value in grid)

@@ -1,7 +1,6 @@
 """Sweeps as reports: text, JSON, figure and the command."""
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -67,30 +66,9 @@ def test_the_command_sweeps_and_draws(rig, tmp_path):
     assert (code, "did you mean drive.speed?" in err, "count = 1: must be" in err) == (2, True, True)
 
 
-@pytest.mark.slow
-def test_nothing_critical_is_told_where_nothing_slides():
-    """Between two values of this sweep the contact would have to pull; a fine sweep tells the same values."""
-    found = rig.sweep(rig.load("disc_slider", {"load.force": 110.0}), "drive.speed", [780.2, 1040.1])
-    (first, *_) = found.gaps
-    assert (first.start, first.end) == (pytest.approx(911.974, abs=1e-3), pytest.approx(917.596, abs=1e-3))
-    assert "would have to pull" in first.why
-    assert not [one.value for one in found.critical for gap in found.gaps if gap.start < one.value < gap.end]
-    told = np.array([one.value for one in found.critical])
-    for value in (911.862394, 917.979715, 918.267465):
-        assert np.abs(told - value).min() < 1e-6
-
-
 @pytest.fixture(scope="module")
 def belt():
     return rig.load("belt")
-
-
-def test_an_end_without_a_unit_takes_that_of_the_other_and_numbers_are_si(belt):
-    axis = Axis.parse("drive.speed=0:60 rpm:3", rig.load("pendulum"))
-    assert axis.values == pytest.approx([0.0, math.pi, 2.0 * math.pi], rel=1e-12)
-    axis = Axis.parse("load.force=30:10:3", belt)
-    assert axis.values == (30.0, 20.0, 10.0)
-    assert (axis.at(belt, 10.0).parameters.load.force, belt.parameters.load.force) == (10.0, 20.0)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from array import array
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -46,20 +45,3 @@ def test_commands_alone_and_several_in_one_message():
     assert same_as_single(kind, [encode.applied(k, 1000 * k, k - 1, 0, [0.1 * k, 1.0]) for k in range(6)])
     three = [[array(code, (k + i for i in range(3))) for code in "qqqd"] for k in range(4)]
     assert same_as_single(kind, [encode.commands(1000, *one) for one in three])
-
-
-BLOCK = encode.block(1, 2, 3, [4.0])
-
-
-@pytest.mark.parametrize(
-    ("kind", "payloads"),
-    [
-        ("Block", [BLOCK, b"\x11" + BLOCK[1:]]),  # another field in the same place
-        ("Block", [BLOCK[:-1]] * 2),  # cut off
-        ("Block", [BLOCK + BLOCK] * 2),  # a field twice: protobuf joins or replaces
-        ("Block", [b"\x1a\x08" + bytes(8)] * 2),  # a list where one number belongs
-        ("Event", [b"\x1a\x01a"] * 2),  # text
-    ],
-)
-def test_messages_that_are_not_alike_are_left_to_protobuf(kind, payloads):
-    assert messages.alike(messages.TYPES[kind], payloads) is None

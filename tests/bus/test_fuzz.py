@@ -22,12 +22,9 @@ from rig.record.recorder import RunRecorder
 from rig.record.writer import Writer
 
 QUESTIONS = (
-    b"", b"{nope", b"[]", b"[" * 200_000, b'{"a":' * 9_000, b'{"do": "st', b"\xff\xfe", b'{"do": NaN}',
-    b'{"set": {"load.force": 1e999}}', b'{"set": 5}', b'{"get": {"a": 1}}', b'{"set": {"gain": [[]]}}', b"1" * 5000,
-    b'{"do": "admit"}', b'{"do": "admit", "controller": "\\ud800"}',
+    b"", b"{nope", b"[]", b"\xff\xfe", b'{"do": NaN}', b'{"set": 5}', b'{"set": {"gain": [[]]}}', b'{"do": "admit"}',
     b'{"do": "admit", "controller": "../../evil x", "drives": ["load.force"], "reads": [], "period_ns": 1000000}',
-    b'{"do": "knock", "impulse": "\\u0000"}', b'{"do": {}}', b'{"do": "begin", "without": [[]]}',
-    b'{"do": "connect", "controller": {}}', b'{"set": {"friction": {"mu_static": 1}}}', b'{"get": ["\\ud800"]}',
+    b'{"do": {}}', b'{"do": "begin", "without": [[]]}', b'{"do": "connect", "controller": {}}', b'{"get": {"a": 1}}',
 )  # fmt: skip
 MANY = [2_000, pytest.param(120_000, marks=pytest.mark.slow)]
 

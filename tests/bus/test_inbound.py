@@ -13,19 +13,6 @@ def arrived(topic, payload, seq, t_ns=0, user="plant", **more):
     return Arrived(user, topic, payload, HEADER.pack(seq, t_ns), encoding=messages.encoding(topic), **more)
 
 
-@pytest.mark.parametrize(
-    ("totals", "kind"),
-    [({"sent_topic": ["step"], "sent": [1]}, "not its own topic"), ({"sent": [1]}, "wrong length"),
-     ({"sent_topic": ["act/nf"], "sent": [2**62]}, "implausible number")],
-)  # fmt: skip
-def test_totals_that_cannot_be_are_refused(totals, kind):
-    door = InboundCheck(frozenset({"plant"}))
-    payload = messages.TYPES["Totals"](**totals).SerializeToString()
-    with pytest.raises(Refused) as refused:
-        door.message(arrived("total/nf", payload, 0, user="nf"), {})
-    assert refused.value.kind == kind
-
-
 def test_a_backlog_that_is_read_at_one_instant_is_let_in(monkeypatch):
     """A process was stopped for 12 s: some of what was sent meanwhile arrives, more is dropped, then comes the rest."""
     door, counts, now = InboundCheck(frozenset({"plant"})), {}, 1000.0

@@ -89,15 +89,6 @@ def test_any_commands_in_one_applied_come_back_bit_for_bit(rows):
     assert same(read.values, [one for *_, values in rows for one in values])
 
 
-@pytest.mark.parametrize("field", ["answers", "values"])
-def test_an_applied_whose_columns_differ_in_length_is_refused(field):
-    columns = [array("q", column) for column in ([1, 2], [0, 1], [0, 0])]
-    said = messages.decode("applied/x", encode.commands(50, *columns, array("d", [1.0, 2.0])))
-    del getattr(said, field)[:1]
-    with pytest.raises(BusError, match="columns differ"):
-        messages.commands(said)
-
-
 @pytest.mark.parametrize("count", [1, 13])
 def test_state_is_what_the_stock_library_writes(count):
     names = [f"output.{i}" for i in range(count)]

@@ -10,7 +10,6 @@ import scipy.linalg
 from rig import controllers
 from rig.controllers.blocks.observer import advanced3, at_rest, observer, propagated
 from rig.controllers.normal_force import NormalForce
-from rig.errors import UsageError
 
 A = np.array([[0.0, 1.0, 0.0], [-500.0, -0.4, 0.2], [0.0, 0.0, 0.0]])
 
@@ -106,11 +105,3 @@ def test_after_a_long_silence_the_observer_starts_anew():
     state, _ = velocity(controller.start(), 0, (5e-3,))
     _, (estimate,) = velocity(state, 10_000_000_000, (1e-3,))
     assert abs(estimate) < 1e-12
-
-
-def test_an_observer_needs_its_numbers():
-    section = NormalForce(kind="normal_force", sensor="x", nominal=20.0, velocity="observed")
-    with pytest.raises(UsageError, match="design step"):
-        controllers.build(section, {})
-    with pytest.raises(UsageError, match="missing: transition, gain"):
-        observer({k: v for k, v in numbers().items() if k not in ("transition", "gain")})

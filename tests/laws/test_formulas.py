@@ -227,12 +227,9 @@ def test_coefficients_can_be_forces_under_a_load():
     ("case", "changes", "words"),
     [
         ("lugre", {"mu_static": 0.2}, "mu_static 0.2 is below mu_kinetic 0.3"),
-        ("lugre", {"exponent": 0.5}, "exponent"),
-        ("elasto_plastic", {"elastic": 1.0}, "elastic"),
         ("maxwell_slip", {"stiffness": [1e5]}, "1 values of stiffness and 3 shares"),
         ("maxwell_slip", {"shares": [0.5, 0.3, 0.3]}, "the sum of the shares is 1.1"),
         ("rate_state", {"a": 1e-3}, "a 0.001 is below mu_reference / 300"),
-        ("contact_temperature", {"mu_hot": 0.6}, "mu_hot 0.6 is above mu_cold 0.5"),
     ],
 )
 def test_values_without_sense_are_refused(case, changes, words):

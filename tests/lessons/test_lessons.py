@@ -213,23 +213,6 @@ def test_a_line_that_a_command_does_not_print_is_refused():
             renewed(command, printed)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "why"),
-    [
-        ("## Solutions", "## Answers", "expected Question, Experiment, Solutions"),
-        ("| scene | `belt` |", "", "no row scene"),
-        ("| 0.01 |", "| 0.01 m |", "another unit"),
-        ("```\n\n|", "```\n\nSo:\n\n|", "must follow"),
-        ("\nstable\n", "\n", "2 rows, but 1 places"),
-    ],
-)
-def test_a_page_without_its_parts_is_refused(old, new, why, tmp_path):
-    file = tmp_path / "01_t.md"
-    file.write_text(PAGE.replace(old, new, 1))
-    with pytest.raises(ValueError, match=why):
-        read(file)
-
-
 @pytest.mark.parametrize("one", ALL, ids=lambda one: one.file.stem)
 def test_links_of_a_page_lead_somewhere_in_a_terminal(one, tmp_path, monkeypatch):
     """From a folder of the source: to files. From a wheel, which has the lessons alone: a command of the page does."""

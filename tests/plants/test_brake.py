@@ -13,7 +13,6 @@ from reference import numbers
 from scipy.optimize import brentq
 
 import rig
-from rig.errors import SceneError
 from rig.model.formulation import assemble
 from rig.motion.motion import Motion
 from rig.solve.records import OPEN, STICK
@@ -89,25 +88,6 @@ def test_sliding_is_where_the_scene_says():
     assert at_rest["normal_force_inner_left"] != pytest.approx(at_rest["normal_force_inner_right"], rel=0.05)
     pressed = rig.modes(rig.load("brake", {"load.pressure": "5 bar"})).sliding.equilibrium
     assert pressed["normal_force"] == pytest.approx(2000.0 / 3.0)
-
-
-def test_all_faults_of_the_geometry_are_told_at_once():
-    changes = {
-        "springs.disc_x.first": "disk",
-        "springs.bridge.second": "free_carrier",
-        "contacts.inner_left.pad": "inner_pad.nose",
-        "springs.piston_left.stiffness": "-1 N/m",
-    }
-    with pytest.raises(SceneError, match=r"springs\.piston_left\.stiffness"):
-        rig.load("brake", changes)
-    del changes["springs.piston_left.stiffness"]
-    with pytest.raises(SceneError) as told:
-        rig.load("brake", changes)
-    assert [line.partition(":")[0].partition(" = ")[0] for line in told.value.faults] == [
-        "springs.disc_x",
-        "springs.bridge",
-        "contacts.inner_left",
-    ]
 
 
 def open_stack(scene="brake_3400", changes=None):

@@ -115,10 +115,7 @@ def points(speeds, values):
     (Coulomb, {"law": "coulomb", "mu_static": 0.2, "mu_kinetic": 0.25}, "would stick again immediately"),
     (Falling, {"law": "falling", "mu_zero": 0.1, "slope": 0.8, "mu_floor": 0.2}, "mu_floor 0.2 is above mu_zero"),
     (Table, points((0.0, 0.1, 0.2), (0.4, 0.3)), "3 speeds and 2 values"),
-    (Table, points((0.1, 0.2), (0.4, 0.3)), "must rise from 0"),
-    (Table, points((0.0, 0.2), (0.4, 0.3)) | {"mu_static": 0.3}, "mu_static 0.3 is below the first of the values, 0.4"),
     (StribeckViscous, CURVE | {"mu_static": 0.1}, "mu_static 0.1 is below mu_dynamic 0.18"),
-    (Stribeck, {"law": "stribeck", "mu_static": 0.5, "mu_dynamic": 0.18, "speed_scale": 0.0}, "speed_scale"),
 ])  # fmt: skip
 def test_what_is_no_law_is_refused(section, given, told):
     with pytest.raises(ValidationError, match=told):

@@ -325,11 +325,3 @@ def test_a_larger_angle_lowers_the_upper_speed_as_table_3(angle, least, most):
 
     for eps in (0.002, 0.0055, 0.02):
         assert least <= speed(angle, eps) / speed(5.0, eps) <= most
-
-
-def test_steps_beyond_the_limit_of_rk4_are_refused_and_smoothed_friction_is_named():
-    coarse = rig.load("tip", {"clock.method": "rk4", "clock.rk4_step": "20 us", "tip.stiffness": 1e9})
-    with pytest.raises(SceneError, match=r"rk4 is unstable at a step.*rk4_step of"):
-        rig.simulate(coarse, 0.01)
-    scene = rig.load("tip", {"clock.method": "smooth"})
-    assert any("friction is smoothed" in found.what for found in rig.modes(scene).findings)

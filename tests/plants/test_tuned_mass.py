@@ -5,7 +5,6 @@ Numbers: Kroeger, Neubauer, Popp (2008), equations 4.10 to 4.13, with calibrated
 """
 
 import math
-import re
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from reference import numbers
 import rig
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.modes import modes
-from rig.errors import SceneError
 from rig.stability.linearisation import sliding_key, steady
 from rig.stability.report import stability_report
 
@@ -165,12 +163,3 @@ def test_jamming_is_told_before_the_run():
     assert close[0].level == "warning"
     assert close[0].number == pytest.approx((1.0 - 0.95) * (0.1 + c * c) / (1.1 - s * s), rel=1e-9)
     assert [one.level for one in beyond if "jams in contact slip+" in one.what] == ["error"]
-
-
-@pytest.mark.parametrize(("changes", "told"), [
-    ({"mass": "0 kg"}, 'tuned_mass.mass = "0 kg": a tuned mass of 0 kg has no effect: leave [tuned_mass] out'),
-    ({"damping": 1.0}, "damping and damping_ratio are both given"),
-])  # fmt: skip
-def test_what_cannot_be_is_refused(changes, told):
-    with pytest.raises(SceneError, match=re.escape(told)):
-        rig.load("belt_tuned_mass", {f"tuned_mass.{key}": value for key, value in changes.items()})

@@ -138,7 +138,6 @@ def test_conditions_on_sensors_and_outputs_in_any_unit(tmp_path, condition, firs
     [
         ("vibrometer", "expected NAME > VALUE or NAME < VALUE with a unit"),
         ("vibrometer > 0.1 kg", "the level is '0.1 kg'; expected a unit that converts to m/s"),
-        ("vibrometr > 0.1 m/s", "no 'vibrometr' in this run: did you mean vibrometer?"),
         ("|vibrometer| < -1 m/s", "an absolute value is never below 0"),
     ],
 )
