@@ -16,10 +16,11 @@ export function h(tag, properties = {}, ...children) {
 /** What is not for translation: a name, a value, a text of the server. */
 export const data = (tag, properties = {}, ...children) => h(tag, { translate: "no", ...properties }, ...children);
 
-/** A card: a section with a heading. */
+/** A card: a section with a heading; the first one of a view has a heading of the first level. */
 export function pane(title, ...children) {
   return h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...children);
 }
+export const front = (title, ...children) => h("section", { class: "card stack", "aria-label": title }, h("h1", {}, title), ...children);
 
 /** A number with `digits` significant digits, without superfluous zeros. */
 export function number(value, digits = 4) {

@@ -89,5 +89,6 @@ const messages = {
 
 connect((message) => messages[message.kind]?.(message[message.kind]), (online, why = "") => { Object.assign(store, { online, why }); tellAll(); });
 addEventListener("resize", redraw);
+matchMedia("(prefers-color-scheme: light)").addEventListener("change", redraw);
 addEventListener("hashchange", show);
 show();

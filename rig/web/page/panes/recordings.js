@@ -2,7 +2,7 @@
 // done with it: hear, spectrum, report, verify, tables, continue from an instant with another value.
 
 import { get, post } from "/page/api.js";
-import { attempting, data, h, number, pane, typed } from "/page/dom.js";
+import { attempting, data, front, h, number, typed } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { sized } from "/page/plot.js";
 import { Solids } from "/page/solids.js";
@@ -106,7 +106,7 @@ export function create(bench) {
       await post("/api/recordings/work", { what: "continue", name, at: Number((time.at() ?? 0).toFixed(3)), changes });
       jobs.look();
     }) }, t("Continue from here"))));
-  const view = h("div", { class: "split" }, pane(t("Recordings"), list), h("div", { class: "stack" }, fault, player, jobs.element));
+  const view = h("div", { class: "split" }, front(t("Recordings"), list), h("div", { class: "stack" }, fault, player, jobs.element));
   let phase = "";
   return {
     element: view,

@@ -1,7 +1,7 @@
 // Maps and cost tables: those of the folder, with their figures, and new ones of the scene that is chosen.
 
 import { get, post } from "/page/api.js";
-import { attempting, data, h, pane } from "/page/dom.js";
+import { attempting, data, front, h, pane } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { t } from "/page/text.js";
 
@@ -72,7 +72,7 @@ export function create(bench) {
   note.textContent = t("With its changed values: eigenvalues take seconds. A map simulates many runs, a cost table compares methods and steps. Both take minutes to hours and all processors: do not start them beside a run whose timing matters. Results of a stopped job are kept.");
   const button = (id, text, title = "") => h("button", { onclick: start(id), id, title }, text);
   return {
-    element: h("div", { class: "split" }, pane(t("Analyse a rig"), h("div", { class: "small" }, t("on the bench:"), " ", which), keys, x.element, y.element,
+    element: h("div", { class: "split" }, front(t("Analyse a rig"), h("div", { class: "small" }, t("on the bench:"), " ", which), keys, x.element, y.element,
       h("div", { class: "row" }, button("modes", t("Eigenvalues"), t("frequency and growth rate of each vibration mode")), button("map", t("Map by simulation")),
         button("regions", t("Map by eigenvalues"), t("where sliding is unstable, over two values; seconds")), button("cost", t("Cost table"))), note),
     h("div", { class: "stack" }, fault, jobs.element, pane(t("Maps and cost tables of this folder"), list))),
