@@ -13,6 +13,9 @@ export function h(tag, properties = {}, ...children) {
   return element;
 }
 
+/** Set the text of an element, which costs nothing if it has that text. */
+export function put(element, text) { if (element.textContent !== text) element.textContent = text; }
+
 /** What is not for translation: a name, a value, a text of the server. */
 export const data = (tag, properties = {}, ...children) => h(tag, { translate: "no", ...properties }, ...children);
 

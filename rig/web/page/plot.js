@@ -10,14 +10,20 @@ export function ink() {
   return inks;
 }
 
+const places = new WeakMap(); // canvas -> its width and height on the page, so that drawing forces no layout
+const watcher = new ResizeObserver((changes) => {
+  for (const { target, contentRect } of changes) places.set(target, contentRect);
+});
+
 /** Set the size of a canvas to its place on the page; returns its context, width and height in CSS pixels. */
-export function sized(canvas, height) {
-  const width = canvas.clientWidth || 300;
+export function sized(canvas, wanted) {
+  if (!places.get(canvas)?.width) { places.set(canvas, { width: canvas.clientWidth || 300, height: canvas.clientHeight }); watcher.observe(canvas); }
+  const { width } = places.get(canvas), height = wanted ?? places.get(canvas).height;
   const ratio = window.devicePixelRatio || 1;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
     canvas.width = Math.round(width * ratio);
     canvas.height = Math.round(height * ratio);
-    canvas.style.height = `${height}px`;
+    if (wanted !== undefined) canvas.style.height = `${height}px`;
   }
   const pen = canvas.getContext("2d");
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);

@@ -149,10 +149,11 @@ export function create(bench) {
     const { state, online, active } = store, live = ["running", "paused"].includes(state.phase);
     start.hidden = active;
     start.disabled = active || !online || !good || starting;
-    for (const one of [pause, step, stop, knock, impulse, unit]) one.hidden = !active;
+    for (const one of [pause, stop, knock, impulse, unit]) one.hidden = !active;
     pause.textContent = state.phase === "paused" ? t("Resume") : t("Pause");
     pause.disabled = knock.disabled = !(online && live);
-    step.disabled = !(online && state.phase === "paused");
+    step.hidden = state.phase !== "paused";
+    step.disabled = !online;
     stop.disabled = !(online && active);
     const over = state.outcome;
     said.textContent = over ? told(over) : state.fault ?? "";
@@ -180,8 +181,7 @@ export function create(bench) {
   return {
     element: h("div", { class: "bench" },
       h("section", { class: "stagearea stack", "aria-label": t("rig") }, picture,
-        h("div", { class: "row" }, start, pause, step, stop, knock, impulse, unit, h("span", { class: "grow" }),
-          hear.element, trust.element), protocol.element),
+        h("div", { class: "row bar" }, start, pause, step, stop, knock, impulse, unit, h("div", { class: "row asides" }, hear.element, trust.element)), protocol.element),
       h("section", { class: "card stack hands", "aria-label": t("values") }, hands.element, branches.element),
       h("section", { class: "card stack time", "aria-label": t("time") }, time.element),
       h("div", { class: "more columns" },

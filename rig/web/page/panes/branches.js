@@ -1,7 +1,7 @@
 // Branches of the chosen scene: stable and unstable motions over one value, and a dot for the present state.
 
 import { post } from "/page/api.js";
-import { attempting, data, h, number, quantity, words } from "/page/dom.js";
+import { attempting, data, h, number, put, quantity, words } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { ink, sized, ticks } from "/page/plot.js";
 import { t } from "/page/text.js";
@@ -65,7 +65,7 @@ export function create(bench) {
     const { scene, changes, form, good } = bench.chosen?.() ?? {}, text = JSON.stringify([scene, changes]);
     if (form && good && text !== asked) { asked = text; fill(); }
     const shown = known[list.value];
-    if (!shown) { differs.textContent = ""; return; }
+    if (!shown) { put(differs, ""); return; }
     const { pen, width, height } = sized(canvas, 210);
     const left = 54, bottom = 18, edge = 6, here = present(shown);
     const points = shown.branches.flatMap((one) => one.points), ends = points.flatMap(([, low, high]) => [low, high]);
@@ -112,11 +112,11 @@ export function create(bench) {
     const specials = shown.specials.map(([name, value]) => t("{name} at {value}", { name, value: quantity(value, shown.unit, 5) })).join(", ");
     const at = quantity(here.at, shown.unit);
     const state = here.low <= here.high ? t("dot: the run at {at}, with its extremes of the last second", { at }) : t("line: {at}", { at });
-    note.textContent = `${[specials, t("full: stable, dashed: unstable, from violet (slip) to yellow (stick)"), state].filter(Boolean).join("; ")} [${shown.output_unit}]`;
+    put(note, `${[specials, t("full: stable, dashed: unstable, from violet (slip) to yellow (stick)"), state].filter(Boolean).join("; ")} [${shown.output_unit}]`);
     bench.place(shown.key, block);
     const other = store.active ? store.values.filter(({ key: name, value }) => name !== shown.key && typeof shown.values[name] === "number"
       && Math.abs(value - shown.values[name]) > 1e-9 * Math.abs(value)) : [];
-    differs.textContent = other.length ? `${t("the run has other values:")} ${other.map((one) => `${one.key} ${number(one.value)} ≠ ${number(shown.values[one.key])}`).join("; ")}` : "";
+    put(differs, other.length ? `${t("the run has other values:")} ${other.map((one) => `${one.key} ${number(one.value)} ≠ ${number(shown.values[one.key])}`).join("; ")}` : "");
   }
 
   const block = h("div", { class: "stack", style: "gap: .2rem" }, list, canvas, note, differs);

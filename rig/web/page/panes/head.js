@@ -1,6 +1,6 @@
 // The head: where one is, how the run goes, and the emergency stop, which stands at one place in every view.
 
-import { data, h, number } from "/page/dom.js";
+import { data, h, number, put } from "/page/dom.js";
 import { language, languages, speak, t } from "/page/text.js";
 
 const PHASES = {
@@ -31,9 +31,9 @@ export function create(bench, views) {
 
   function draw() {
     const rate = store.active && store.health ? `, ${t("pace")} ${number(store.health.rate, 3)}` : ""; // of the last fifth of a second
-    time.textContent = store.setup ? `t = ${store.t.toFixed(2)} s${rate}` : "";
+    put(time, store.setup ? `t = ${store.t.toFixed(2)} s${rate}` : "");
     const why = broken();
-    if (cause.textContent !== why) cause.textContent = why;
+    put(cause, why);
   }
 
   return {

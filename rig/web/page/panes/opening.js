@@ -60,7 +60,7 @@ export function create(bench) {
     one.solids ??= new Solids(track.still);
     one.solids.move(track.frames[one.number % track.frames.length]);
     one.number += 1;
-    one.solids.draw(sized(canvas, canvas.clientWidth * 9 / 16));
+    one.solids.draw(sized(canvas));
   }
 
   const tick = () => { if (!document.hidden && !element.hidden) for (const canvas of seen) paint(canvas); };

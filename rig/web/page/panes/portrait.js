@@ -1,6 +1,6 @@
 // The phase portrait: velocity over displacement at every step of the last stretch, in the colours of the contact states.
 
-import { h, number, pane, quantity, words } from "/page/dom.js";
+import { h, number, pane, put, quantity, words } from "/page/dom.js";
 import { ink, sized } from "/page/plot.js";
 import { t } from "/page/text.js";
 
@@ -20,7 +20,7 @@ export function create({ store }) {
       const pair = store.setup?.portrait;
       if (!pair) return;
       const { x, v, mode, seconds } = store.steps;
-      const { pen, width, height } = sized(canvas, Math.min(canvas.clientWidth || 240, 260));
+      const { pen, width, height } = sized(canvas, 240);
       x.forEach((one, i) => { reach = [wider(reach[0], one), wider(reach[1], v[i])]; });
       if (!reach[0] || !reach[1]) return;
       const place = ([low, high], value, size) => size * (0.5 + 0.92 * (value - (low + high) / 2) / (high - low || 1));
@@ -48,7 +48,7 @@ export function create({ store }) {
       }
       const unit = (name) => store.setup.outputs.find((one) => one.name === name).unit;
       const said = (i) => `${words(pair[i])} ${number(reach[i][0], 3)} to ${quantity(reach[i][1], unit(pair[i]), 3)}`;
-      about.textContent = t("across {x}, up {y}; every step of the last {time}", { x: said(0), y: said(1), time: quantity(seconds, "s", 3) });
+      put(about, t("across {x}, up {y}; every step of the last {time}", { x: said(0), y: said(1), time: quantity(seconds, "s", 3) }));
     },
   };
 }

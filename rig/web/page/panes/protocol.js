@@ -1,6 +1,6 @@
 // The protocol as a line of its steps; the one that goes on is marked and told in words, with repeats the round.
 
-import { data, h } from "/page/dom.js";
+import { data, h, put } from "/page/dom.js";
 import { t } from "/page/text.js";
 
 /** The steps as list items; `items` gets those of single steps and of repeats, in their order. */
@@ -51,7 +51,7 @@ export function create({ store }) {
     setup() { lay(store.setup.protocol); },
     draw() {
       const rest = store.health?.eta_s ?? -1, step = store.status?.step ?? 0;
-      left.textContent = rest >= 0 && store.active ? t("{seconds} s left", { seconds: Math.round(rest) }) : "";
+      put(left, rest >= 0 && store.active ? t("{seconds} s left", { seconds: Math.round(rest) }) : "");
       const text = `${step} ${store.active}`;
       if (!steps || !store.setup || text === drawn) return;
       drawn = text;

@@ -2,7 +2,7 @@
 // done with it: hear, spectrum, report, verify, tables, continue from an instant with another value.
 
 import { get, post } from "/page/api.js";
-import { attempting, data, front, h, number, typed } from "/page/dom.js";
+import { attempting, data, front, h, number, put, typed } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { sized } from "/page/plot.js";
 import { Solids } from "/page/solids.js";
@@ -57,13 +57,13 @@ export function create(bench) {
 
   function draw() {
     if (!store) return;
-    play.textContent = playing ? t("Pause") : t("Play");
+    put(play, playing ? t("Pause") : t("Play"));
     const at = time.at() ?? 0;
     const wanted = Math.max(pictures.t.findLastIndex((one) => one <= at), 0);
     if (pictures.frames.length) {
       if (!solids || wanted < shownFrame) { solids = new Solids(store.setup.picture); shownFrame = -1; }
       for (; shownFrame < wanted; shownFrame += 1) solids.move(pictures.frames[shownFrame + 1]);
-      const place = sized(canvas, canvas.clientHeight);
+      const place = sized(canvas);
       solids.draw(place);
     }
     canvas.hidden = !pictures.frames.length;

@@ -1,6 +1,6 @@
 // The rig as a moving picture, as `rig view` draws it. Before a run it shows the chosen scene at rest.
 
-import { data, h, words } from "/page/dom.js";
+import { data, h, put, words } from "/page/dom.js";
 import { sized } from "/page/plot.js";
 import { Solids } from "/page/solids.js";
 import { t } from "/page/text.js";
@@ -28,11 +28,11 @@ export function create(bench) {
     text,
     draw() {
       const { run, solids } = shown();
-      const place = sized(canvas, canvas.clientHeight);
+      const place = sized(canvas);
       if (!run && !form) return;
       if (solids) {
         solids.draw(place);
-        text.textContent = run ? solids.text.replace(/ {2,}/g, ",  ") : t("at rest");
+        put(text, run ? solids.text.replace(/ {2,}/g, ",  ") : t("at rest"));
       } else if (run) {
         bars(place, store);
         text.textContent = t("The plant of this scene declares no picture. Its outputs now, each as a share of the largest so far.");

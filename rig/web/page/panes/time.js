@@ -3,7 +3,7 @@
 // `source()` is the store that is shown, `other()` a second one whose curves lie pale behind it. True values are lines,
 // measurements are dots.
 
-import { data, h, number, scaled, words } from "/page/dom.js";
+import { data, h, number, put, scaled, words } from "/page/dom.js";
 import { band, ink, sized, ticks } from "/page/plot.js";
 import { t } from "/page/text.js";
 
@@ -163,23 +163,23 @@ export function create(source, redraw, { whole = false, other = () => null, move
 
   function tell() {
     const store = source(), { modes } = store.setup;
-    if (cursor === null) { readout.textContent = ""; return; }
+    if (cursor === null) { put(readout, ""); return; }
     const values = lanes.flatMap(({ shown, scale, unit }) => shown.map((channel) => {
       const curve = curveOf(store, channel), i = Math.min(curve.from(cursor), curve.t.length - 1), low = curve.low[i], high = curve.high[i];
       const of = (v) => number(v * channel.factor * scale, 3);
       return i < 0 || low === null || low === undefined ? "" : `${t(words(channel.name))}${channel.measured ? ` (${t("measured")})` : ""} ${low === high ? of(low) : `${of(low)} … ${of(high)}`} ${unit}`;
     }));
     const contacts = store.contacts.slice(0, 4).map((curve) => modes.filter((_, mode) => curve.low[curve.from(cursor)] & (1 << mode)).map(({ name }) => name).join("/"));
-    readout.textContent = [`t = ${number(cursor, 5)} s`, ...contacts, ...values].filter(Boolean).join("   ");
+    put(readout, [`t = ${number(cursor, 5)} s`, ...contacts, ...values].filter(Boolean).join("   "));
   }
 
   function now() {
     const { latest, contacts: curves, setup: { contacts, modes } } = source();
     const states = whole ? curves.map((curve) => Math.log2(curve.low[Math.min(curve.from(cursor ?? 0), curve.t.length - 1)])) : latest.contacts;
     const named = states.map((one) => modes[Math.floor(one)]?.name ?? "");
-    contact.textContent = contacts.length > 1
+    put(contact, contacts.length > 1
       ? modes.map(({ name }) => [named.filter((one) => one === name).length, name]).filter(([count]) => count).map(([count, name]) => `${count} ${name}`).join(", ")
-      : named[0] ?? "";
+      : named[0] ?? "");
     contact.style.color = whole || contacts.length > 1 ? "" : modes[states[0]]?.colour ?? "";
   }
 

@@ -1,7 +1,7 @@
 // What the run is worth so far: a chip with the timing verdict, the share of late frames and the energy residual, which
 // unfolds to the whole of it.
 
-import { data, h, number } from "/page/dom.js";
+import { data, h, number, put } from "/page/dom.js";
 import { t } from "/page/text.js";
 
 const MEANING = {
@@ -21,9 +21,9 @@ export function create({ store }) {
       if (chip.hidden) return;
       const late = number((100 * health.late) / Math.max(health.tick, 1), 2), word = store.verdict;
       const energy = health.energy_error === null ? "" : Math.abs(health.energy_error).toExponential(0);
-      verdict.textContent = word;
+      put(verdict, word);
       verdict.className = LOOK[word] ?? "";
-      short.textContent = ` ${[t("{late} % late", { late }), energy && t("energy {energy}", { energy })].filter(Boolean).join(" · ")}`;
+      put(short, ` ${[t("{late} % late", { late }), energy && t("energy {energy}", { energy })].filter(Boolean).join(" · ")}`);
       if (!chip.open) return;
       const reasons = state.outcome?.reasons ?? store.status?.reasons ?? [];
       const rows = [
