@@ -111,12 +111,13 @@ def measured(elements: tuple[int, int, int]) -> dict[str, Any]:
         ]
     )
     for _ in range(30):
+        before = time.process_time()
         reduced.eigenvalues(_VALUES, vectors="none")
-        lap("point_s")
+        between = time.process_time()
         np.linalg.eig(first_order)
-        lap("alone_s")
-        points.append(seconds.pop("point_s"))
-        alone.append(seconds.pop("alone_s"))
+        points.append(between - before)
+        alone.append(time.process_time() - between)
+    lap("points_s")
     estimates = Estimator(full, reduced.up_to, _VALUES).at(reduced, _VALUES)
     lap("estimate_s")
     first = float(estimates.values[0].imag)

@@ -32,6 +32,7 @@ SHOWN, MOST = 4, 8
 """Mode shapes in a moving picture, and in a recording for rerun, the least stable first."""
 _FRAMES, _FRAME_S, _PERIODS = 24, 0.06, 2  # of a period of the moving picture; periods in a recording
 _MOVED = 0.12  # largest displacement in the picture, of the largest extent
+_FLAT = 0.25  # least side of the box around a structure, over its largest
 _OPAQUE = 0.8  # of a surface in a figure
 _GREY = (176, 182, 192)
 
@@ -78,9 +79,12 @@ def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[flo
         axes: Any = figure.add_subplot(math.ceil(len(shown) / columns), columns, i + 1, projection="3d")
         movers.append((shape, _surface(axes, xyz, faces) if len(faces) else _cloud(axes, xyz)))
         middle = 0.5 * (xyz.min(axis=0) + xyz.max(axis=0))
-        for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle.tolist()):
-            set_limits(centre - 0.55 * extent, centre + 0.55 * extent)
-        axes.set_box_aspect((1, 1, 1), zoom=1.55)
+        sides = np.maximum(np.ptp(xyz, axis=0), _FLAT * extent)  # a flat structure fills its panel
+        for set_limits, centre, side in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, sides):
+            set_limits(centre - 0.55 * side, centre + 0.55 * side)
+        axes.set_box_aspect(sides, zoom=1.6)
+        for drawing in axes.collections:
+            drawing.set_clip_on(False)
         axes.set_axis_off()
         axes.set_title(shape.title, fontsize=10, y=0.98)
 

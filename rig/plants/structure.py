@@ -89,7 +89,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     """
     whole = reduced(p)
     model, of_scene, given = whole.model, p.numbers, values_of(p)
-    typed = p.structure.coordinates if whole.kind == "none" else None
+    typed = p.structure.coordinates if whole.kind == "whole" else None
     names = typed or tuple(f"q{i}" for i in range(1, model.rows + 1))
     scaling = {part.scaling[0] for part in p.structure.parts.values()} - {""}
     moved = {name: how for name, how in moved.items() if name not in scaling}
@@ -140,7 +140,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     _begin(a, p, mass, stiffness, springs, model, pressing)
     if len(whole.model.ids):
         a.nodes = partial(_nodes, whole, names)
-    if whole.kind != "none":
+    if whole.kind != "whole":
         a.accuracy, a.outside = partial(_accuracy, p, whole), tuple(whole.outside(given))
         a.up_to = whole.up_to / (2.0 * math.pi)
     return a

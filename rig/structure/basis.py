@@ -5,7 +5,7 @@
              (attachment vectors). The basis holds for every coefficient of friction and contact stiffness.
              Or modes with the contacts open; the flexibility that they lack acts in series with each contact spring.
 "snapshots"  complex eigenvectors at points of a range, see `snapshots`
-"none"       the matrices as they are
+"whole"      the matrices as they are
 
 A basis must not depend on numbers that a study varies: modes use the power of ten next to each.
 """
@@ -32,7 +32,7 @@ from rig.structure.reduced import Kind, Reduced, as_they_are, orthonormal, proje
 Told = Callable[[str, float], object]
 """Is told what is being computed, and the share of the whole that is done."""
 DENSE = 300
-"""Most rows of kind "none" [chosen]: their matrices are dense, and a propagator of as many states takes minutes."""
+"""Most rows of kind "whole" [chosen]: their matrices are dense, and a propagator of as many states takes minutes."""
 _SOURCES = ("full.py", "eigenvalues.py", "reduced.py", "basis.py", "snapshots.py", "estimate.py")
 _WIDER = 1.5  # the highest mode of a basis over the highest frequency that is wanted
 _REFINED = 3  # each reduces the error of the flexibility left out by shift / (lowest w^2 left out)
@@ -52,7 +52,7 @@ class Reduction:
     up_to: float = 0.0
     modes: int = 0
     contact: Literal["closed", "open"] = "closed"
-    residual: Literal["attachment", "spring", "none"] = "attachment"
+    residual: Literal["attachment", "spring", "omitted"] = "attachment"
     at: Mapping[str, float] = field(default_factory=dict)
     over: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     vectors: int = 120
@@ -63,8 +63,8 @@ class Reduction:
         if self.kind == "modes":
             at = {key: power_of_ten(value) for key, value in self.at.items()}
             return replace(self, at=at, over={}, vectors=0, error=0.0)
-        if self.kind == "none":
-            return Reduction("none")
+        if self.kind == "whole":
+            return Reduction("whole")
         return replace(self, at={key: value for key, value in self.at.items() if key not in self.over})
 
 
@@ -94,10 +94,10 @@ def stored(key: str, full: Callable[[], Full], reduction: Reduction, of: str, to
 def build(full: Full, reduction: Reduction, told: Told | None = None) -> Reduced:
     """Reduce a full structure. Raises UsageError for one that cannot be reduced in this way, with what to do."""
     tell: Told = told or (lambda what, share: None)
-    if reduction.kind == "none":
+    if reduction.kind == "whole":
         if full.rows > DENSE:
             raise UsageError(
-                f"reduction.kind is 'none' and the matrices have {full.rows} rows; at most {DENSE} are allowed: "
+                f"reduction.kind is 'whole' and the matrices have {full.rows} rows; at most {DENSE} are allowed: "
                 f"use 'modes' or 'snapshots'"
             )
         return as_they_are(full)

@@ -136,8 +136,14 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
     sliding = _unit(sliding)
     pairs = sp.csr_array((np.ones(len(at)), (range(len(at)), at)), shape=(len(at), len(mesh.ids))) - weights
     met_nodes = mesh.ids[np.unique(pairs.indices[pairs.data != 0.0])]
-    if mesh.tied and len(absent := np.setdiff1d(met_nodes, full.node)):
-        what = f"node {absent[0]} has no row: it is held, or follows others by {mesh.tied}"
+    following = np.intersect1d(met_nodes, np.array(sorted(mesh.following), dtype=np.int64))
+    moving, rows = np.unique(full.node[(full.direction >= 0) & (full.direction < 3)], return_counts=True)
+    absent = (
+        np.setdiff1d(met_nodes, moving[rows >= 3]) if mesh.tied else following
+    )  # a node may follow in one direction
+    if len(absent):
+        why = "follows others by *EQUATION" if len(following) else f"is held, or follows others by {mesh.tied}"
+        what = f"node {absent[0]} {why}"
         raise SceneError("", [f"{what}; a contact needs free nodes: keep tied nodes out of it"])
     cell = np.arange(len(at)) if contact.points is None else _cells(contact, place, sliding, normal)
     cells, number = np.unique(cell, return_inverse=True)

@@ -120,7 +120,7 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
         asked += max(asked // 2, 8)
     raise Incomplete(
         f"the modes up to {count or f'{up_to / (2 * np.pi):g} Hz'} of {rows} rows could not be computed completely: "
-        f"ask for fewer, or use reduction.kind = 'none' below 300 rows"
+        f"ask for fewer, or use reduction.kind = 'whole' below 300 rows"
     )
 
 

@@ -44,7 +44,7 @@ _TETRAHEDRON = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))
 _WEDGE = ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0))
 _CORNERS = {4: _TETRAHEDRON, 6: _WEDGE, 8: _BRICK, 10: _TETRAHEDRON, 15: _WEDGE, 20: _BRICK}
 _MOVED = ("PART", "INSTANCE", "SYSTEM", "TRANSFORM", "NGEN", "NCOPY", "NFILL", "NMAP", "ELGEN", "ELCOPY")
-_TIED = ("EQUATION", "MPC", "TIE", "RIGID BODY", "COUPLING", "KINEMATIC COUPLING", "CYCLIC SYMMETRY MODEL")
+_TIED = ("MPC", "TIE", "RIGID BODY", "COUPLING", "KINEMATIC COUPLING", "CYCLIC SYMMETRY MODEL")
 _SOLID = re.compile(r"(?:C3D|SC)(4|6|8|10|15|20)(?!\d)")
 _SHELL = re.compile(r"(?:S|STRI|M3D|SFM3D)(3|4|6|8)(?!\d)|STRI(6)5")
 _FACELESS = re.compile(r"[BT][23]|PIPE|ELBOW|CP[ES]|CAX|SPRING|DASHPOT|MASS|ROTARYI|GAP|CONN|DCOUP|COH|R|[DFA]C?3D|D|U")
@@ -56,8 +56,9 @@ class Mesh:
     """Nodes `ids` [node], ascending, at `xyz` [node, 3] m; `sets`: name in capitals -> node numbers.
 
     `faces` [face, 8]: places in `ids`, corners first, then midside nodes; -1 beyond the last. `within` [face, 3]: the
-    middle of the element, which is not a number for shells. `tied`: a keyword that makes nodes follow others.
-    `layered`: it has elements that CalculiX expands to solids, with several rows of one node and direction.
+    middle of the element, which is not a number for shells. `tied`: a keyword that makes nodes follow others;
+    `following`: nodes that do by *EQUATION. `layered`: it has elements that CalculiX expands to solids, with several
+    rows of one node and direction.
     """
 
     ids: Numbers
@@ -66,6 +67,7 @@ class Mesh:
     faces: Numbers = field(default_factory=lambda: np.zeros((0, 8), dtype=np.int64))
     within: Array = field(default_factory=lambda: np.zeros((0, 3)))
     tied: str = ""
+    following: frozenset[int] = frozenset()
     layered: bool = False
 
     def at(self, nodes: Numbers) -> Numbers:
@@ -80,7 +82,7 @@ class Mesh:
         three = np.isin((self.faces >= 0).sum(axis=1), (3, 6))
         corners = np.where(np.arange(4) < np.where(three, 3, 4)[:, None], self.faces[:, :4], self.faces[:, 2:3])
         known = np.isin(self.ids, moving)[corners]
-        return corners[known.all(axis=1) if self.tied else known.any(axis=1)].astype(np.int32)
+        return corners[known.all(axis=1) if self.tied or self.following else known.any(axis=1)].astype(np.int32)
 
     def unknown(self, nodes: Numbers) -> Numbers:
         """Those of these node numbers that the mesh does not have."""
@@ -111,7 +113,7 @@ def readable(path: Path) -> None:
 def lines_of(path: Path) -> Iterator[str]:
     """The lines of a text file. Raises SceneError as `readable` does."""
     readable(path)
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:  # Excel begins with a mark
         yield from file
 
 
@@ -159,7 +161,7 @@ def read_mesh(path: Path, length: float) -> Mesh:
     if deck.faults:
         raise SceneError("", few(deck.faults, path.name))
     xyz = np.array([deck.nodes[number] for number in ids.tolist()]) * length
-    return Mesh(ids, xyz, sets, *_faces(deck.elements, ids, xyz), deck.tied, deck.layered)
+    return Mesh(ids, xyz, sets, *_faces(deck.elements, ids, xyz), deck.tied, frozenset(deck.following), deck.layered)
 
 
 class _Deck:
@@ -173,6 +175,7 @@ class _Deck:
         self.elements: dict[int, tuple[bool, tuple[int, ...]]] = {}
         self.faults: list[str] = []
         self.tied = ""
+        self.following: set[int] = set()
         self.kind: tuple[bool, int] | None = None  # of the elements that follow
         self.layered = False
 
@@ -200,6 +203,11 @@ class _Deck:
             words = [word.strip() for word in line.rstrip(",").split(",")]
             if keyword == "NODE":
                 self._kept(path, number, line, lambda w=words, o=options: self._node(w, 1, o.get("NSET", "")))
+            elif keyword == "EQUATION":
+                pending += words
+                if not pending[0].isdigit() or len(pending) > 3 * int(pending[0]):  # node, direction, factor of each
+                    self._kept(path, number, line, lambda w=pending: self._follows(w[1]))
+                    pending = []
             elif keyword in ("NSET", "ELSET"):
                 self._kept(path, number, line, lambda w=words, k=keyword, o=options: self._set(k, w, o))
             elif keyword == "SURFACE":
@@ -267,6 +275,10 @@ class _Deck:
                 members.update(known[word.upper()])
             else:
                 raise _Wrong(f"set {word} is not defined before")
+
+    def _follows(self, node: str) -> None:
+        """The first node of an equation, or the nodes of a set, depend on the others."""
+        self.following.update(self.sets[node.upper()] if node.upper() in self.sets else {int(node)})
 
     def _surface(self, words: list[str], options: Mapping[str, str]) -> None:
         """Nodes, or faces of elements: the set of that name, unless there is a node set of this name."""

@@ -128,7 +128,7 @@ def structure(
     if faults:
         raise SceneError(where, faults)
     read, labels = _one_order(read, table, faults)
-    if job is not None and len(mesh.ids) and not mesh.tied:
+    if job is not None and len(mesh.ids) and not mesh.tied and not mesh.following:
         faults += [f"{job.name}.dof, {fault}" for fault in _mislabelled(labels, read[1][1].values, mesh)]
     inner = labels[:, 0] <= 0
     if len(mesh.ids):

@@ -22,7 +22,7 @@ from rig.structure import eigenvalues
 from rig.structure.eigenvalues import Complex
 from rig.structure.full import Array, Full, Part, Points
 
-Kind = Literal["modes", "snapshots", "none"]
+Kind = Literal["modes", "snapshots", "whole"]
 _FORMAT = 1
 _DROPPED = 1e-10  # of the squared length that a vector adds to a basis: less is rounding
 _POINTS = ("normal", "along", "area", "radius", "position", "sliding", "flexibility")
@@ -179,8 +179,8 @@ def projected(full: Full, basis: Array, stiffness: Any, **described: Any) -> Red
 
 
 def as_they_are(full: Full) -> Reduced:
-    """The full structure as dense matrices, without a basis: kind "none"."""
-    return Reduced("none", _on(full, np.eye(full.rows)), np.eye(full.rows, dtype=np.float32))
+    """The full structure as dense matrices, without a basis: kind "whole"."""
+    return Reduced("whole", _on(full, np.eye(full.rows)), np.eye(full.rows, dtype=np.float32))
 
 
 def _on(full: Full, basis: Array) -> Full:

@@ -172,6 +172,19 @@ def test_a_number_that_multiplies_matrices_is_an_actuator_that_takes_steps_only(
         scenes.load(written(tmp_path, THREE | {"protocol": [step]}))
 
 
+def test_matrices_of_files_can_stay_as_they_are(tmp_path):
+    """Like the same matrices typed into the scene; without a kind, files are reduced to modes."""
+    matrices = {of: THREE["structure"]["parts"][name] for of, name in (("mass", "M"), ("stiffness", "K"))}
+    for of, part in matrices.items():
+        sp.save_npz(tmp_path / f"{of}.npz", sp.csr_array(part["values"]))
+    files = {of: {"of": of, "file": f"./{of}.npz"} for of in matrices}
+    rates = []
+    for name, parts, more in (("typed", matrices, {"coordinates": ["x", "y", "u"]}), ("files", files, {})):
+        tables = {"structure": {"units": "m-kg-s", "parts": parts} | more, "reduction": {"kind": "whole"}}
+        rates.append(at_rest(scenes.load(written(tmp_path, tables, name)))[1].eigenvalues())
+    assert np.array_equal(*rates)
+
+
 def test_a_block_of_matrices_is_the_same_as_entries_by_name():
     entries, block = Assembly(), Assembly()
     matrices = [np.diag([1.0, 2.0]), np.array([[0.1, 0.2], [-0.2, 0.3]]), np.array([[3.0, -1.0], [-1.0, 4.0]])]

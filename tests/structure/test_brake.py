@@ -123,7 +123,10 @@ def test_outside_of_the_trained_range_the_estimate_says_what_is_lost(trained):
 @pytest.mark.alone
 def test_a_point_takes_less_than_eigenvalues_and_vectors_of_its_size(trained):
     reduced = trained[0]
-    companion = np.random.default_rng(0).standard_normal((2 * reduced.coordinates,) * 2)
+    mass, damping, stiffness = reduced.pencil(numbers(3, 1))
+    of_speeds, of_places = (np.linalg.solve(mass, matrix) for matrix in (damping, stiffness))
+    fast, one = np.sqrt(np.abs(of_places).max()), np.eye(len(mass))
+    companion = np.block([[0.0 * one, one], [-of_places / fast**2, -of_speeds / fast]])
 
     def seconds(compute):
         started = time.process_time()

@@ -391,8 +391,14 @@ def test_two_contacts_may_share_nodes_and_a_held_master_does_not_move(tmp_path):
     both = [contact_points(contact((2, 2)), held, mesh), contact_points(contact(), held, mesh)]
     for points in both:
         assert points.normal.sum(axis=1) == pytest.approx(1.0)
-    with pytest.raises(SceneError, match=r"node .* has no row: it is held, or follows others by \*TIE"):
+    with pytest.raises(SceneError, match=r"node .* is held, or follows others by \*TIE; .*keep tied nodes out"):
         contact_points(contact(), held, replace(mesh, tied="*TIE"))
+    flat = replace(full, direction=np.where(free & (full.direction == 2), -1, full.direction))
+    of_pad = frozenset(mesh.sets["PAD"].tolist())
+    for tied, following, why in (("*MPC", frozenset(), "is held, or follows others by .MPC"),
+                                 ("", of_pad, "follows others by .EQUATION")):  # fmt: skip
+        with pytest.raises(SceneError, match=rf"node \d+ {why}"):
+            contact_points(contact(), flat, replace(mesh, tied=tied, following=following))
 
 
 BAD = [

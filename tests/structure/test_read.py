@@ -366,7 +366,7 @@ def test_matrices_of_abaqus_with_held_and_inner_rows(tmp_path):
 
 
 def test_rows_in_any_order_and_without_a_node(tmp_path):
-    rows = text(tmp_path / "rows.csv", ["row;node;direction", "2;1;y", "1;1;x", "5;3;x", "4;2;2", "3;0;"])
+    rows = text(tmp_path / "rows.csv", ["\ufeffrow;node;direction", "2;1;y", "1;1;x", "5;3;x", "4;2;2", "3;0;"])
     full, _ = structure(parts(tmp_path), "m-kg-s", rows=rows)
     assert full.node.tolist() == [1, 1, 0, 2, 3]
     assert full.direction.tolist() == [0, 1, -1, 1, 0]
@@ -384,12 +384,14 @@ def test_the_keywords_of_an_input_file(tmp_path):
     text(tmp_path / "more.inp", ["*node", *[f"{k + 10}, {k % 2}., {k // 2}., 1." for k in range(4)]])
     lines += ["*ELEMENT, TYPE=S4R,", " ELSET=Shell", "7, 1, 2, 3,", "4", "*ELEMENT, TYPE=SPRING1, ELSET=s", "8, 1"]
     lines += ["*NSET, NSET=Even, GENERATE", "2, 4, 2", "*NSET, NSET=both", "EVEN, 13,", "*Nset, nset=of, elset=SHELL"]
+    lines += ["*EQUATION", "3", "12, 3, 1., 1, 3, -0.5", "2, 3, -0.5", "2", "EVEN, 1, 1., 3, 1, -1."]
     lines += ["** *NODE", "*MATERIAL, NAME=x", "*ELASTIC", "1e11, 0.3"]
     mesh = read_mesh(text(tmp_path / "mesh.inp", lines), 1e-3)
     assert mesh.ids.tolist() == [1, 2, 3, 4, 10, 11, 12, 13]
     assert mesh.xyz[2:5].tolist() == [[1e-3, 1e-3, 0.0], [0.0, 1e-3, 0.0], [0.0, 0.0, 1e-3]]
     sets = {name: nodes.tolist() for name, nodes in mesh.sets.items()}
     assert sets == {"ALL": [1, 2, 3, 4], "EVEN": [2, 4], "BOTH": [2, 4, 13], "OF": [1, 2, 3, 4]}
+    assert mesh.following == {2, 4, 12}
     assert mesh.faces.tolist() == [[0, 1, 2, 3, -1, -1, -1, -1]]
     read = files_read([], nodes=tmp_path / "mesh.inp", job=None)
     assert [path.name for path in read] == ["mesh.inp", "more.inp"]

@@ -97,11 +97,11 @@ def test_modes_without_the_flexibility_near_the_contacts_do_not_converge_and_spr
     full = structure()
     exact = eigenvalues.complex_eigenvalues(*full.pencil(values()), 8000.0).values
     errors = {}
-    for residual in ("none", "spring", "attachment"):
+    for residual in ("omitted", "spring", "attachment"):
         reduced = build(full, Reduction(modes=60, contact="open", residual=residual, at=values()))
         near = reduced.eigenvalues(values())[0]
         errors[residual] = max(np.min(np.abs(near - value)) / abs(value) for value in exact)
-    assert errors["none"] > 10 * errors["spring"] > 100 * errors["attachment"]
+    assert errors["omitted"] > 10 * errors["spring"] > 100 * errors["attachment"]
 
 
 def test_a_pair_of_equal_modes_is_not_cut():
@@ -191,13 +191,13 @@ def test_the_faces_are_kept_and_a_model_without_them_is_read():
 
 def test_matrices_of_few_rows_stay_as_they_are():
     full = structure(2)
-    reduced = build(full, Reduction("none"))
+    reduced = build(full, Reduction("whole"))
     exact = eigenvalues.dense(*(matrix.toarray() for matrix in full.pencil(values(0.3))))[0]
     for vectors in ("none", "right", "both"):
         near = reduced.eigenvalues(values(0.3), vectors=vectors)[0]
         assert np.allclose(np.sort_complex(near), np.sort_complex(exact))
     with pytest.raises(UsageError, match="have 1620 rows; at most 300"):
-        build(structure(), Reduction("none"))
+        build(structure(), Reduction("whole"))
 
 
 @pytest.mark.parametrize(("value", "power"), [(0.0, 0.0), (3.0, 1.0), (4.0, 10.0), (-2e11, -1e11), (1e-3, 1e-3)])
@@ -207,7 +207,7 @@ def test_a_basis_is_made_for_the_power_of_ten_next_to_a_number(value, power):
 
 def test_the_estimated_error_is_the_true_one_with_modal_damping_too():
     full = structure(2)
-    reduced = build(full, Reduction(modes=6, at=values(), residual="none", up_to=6000.0))
+    reduced = build(full, Reduction(modes=6, at=values(), residual="omitted", up_to=6000.0))
     damping = np.diag(np.linspace(2.0, 20.0, reduced.coordinates))
     basis = reduced.basis.astype(float)
     modal = full.parts[0].matrix @ basis
@@ -228,7 +228,7 @@ def test_the_estimated_error_is_the_true_one_beside_a_stack_with_its_network_and
     end[[80, 170]] = 1.0, -1.0
     full = structure(2)
     full = replace(full, vectors={**full.vectors, "piezo.first": end})
-    reduced = build(replace(full, vectors={}), Reduction(modes=10, at=values(), residual="none", up_to=6000.0))
+    reduced = build(replace(full, vectors={}), Reduction(modes=10, at=values(), residual="omitted", up_to=6000.0))
     given, slopes = values(0.4), 0.3 * np.array([1.0, 1.2, 0.8, 1.1]) * ("stack" != beside)
     spring, coupling, capacitance, inductance, ohms = 3e5 * (beside != "falling friction"), 0.3, 1e-6, 0.05, 100.0
 
@@ -314,10 +314,10 @@ def test_a_row_without_stiffness_and_mass_is_named():
 
 def test_negative_damping_is_named_with_its_growth():
     full = structure(2)
-    reduced = build(full, Reduction("none"))
+    reduced = build(full, Reduction("whole"))
     assert not growing_without_friction(reduced, values(0.5))
     wrong = replace(full, parts=(*full.parts, Part("wrong", "damping", sp.csr_array(-1.0 * full.parts[0].matrix))))
-    sentences = growing_without_friction(build(wrong, Reduction("none")), values(0.5))
+    sentences = growing_without_friction(build(wrong, Reduction("whole")), values(0.5))
     assert sentences[0].endswith("the damping is negative; check the sign and the unit of each damping part")
 
 

@@ -134,7 +134,7 @@ class _Told:
 def _reduction(p: Tables) -> basis.Reduction:
     """The reduction of a scene; by default typed matrices stay as they are, and files are reduced to modes."""
     given, values = p.reduction, values_of(p)
-    kind = given.kind or ("none" if p.structure.typed else "modes")
+    kind = given.kind or ("whole" if p.structure.typed else "modes")
     keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"} - {""}
     if kind == "snapshots":
         keys |= {part.scaling[0] for part in p.structure.parts.values()} - {""} | {ALPHA, BETA, FRICTION}

@@ -244,14 +244,14 @@ class Contact(Section):
 class Reduction(Section):
     """How many coordinates are left of the matrices, and which error of the eigenvalues is allowed.
 
-    kind  "modes" (vibration modes with attachment vectors), "snapshots" (eigenvectors over the ranges `over`), "none"
+    kind  "modes" (vibration modes with attachment vectors), "snapshots" (eigenvectors over the ranges `over`), "whole"
     """
 
-    kind: Literal["modes", "snapshots", "none"] | None = None
+    kind: Literal["modes", "snapshots", "whole"] | None = None
     modes_up_to: Hertz | None = None
     modes: Annotated[int, Ge(1), Le(1000)] | None = None
     contact: Literal["closed", "open"] = "closed"
-    residual: Literal["spring", "attachment", "none"] = "attachment"
+    residual: Literal["spring", "attachment", "omitted"] = "attachment"
     error: PositiveNumber = 1e-4
     over: dict[str, tuple[float | str, float | str]] = Field(default_factory=dict)
     up_to: Hertz | None = None

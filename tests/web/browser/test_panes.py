@@ -6,7 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from rig import scenes
 from rig.bench.live.plant_process import warm
@@ -52,6 +54,36 @@ def test_the_picture_and_all_contacts_move_in_a_run(page):
     page.show("contact")
     page.until(lambda: page.text("contact").startswith("4 slip+"))
     page.picture("brake-running")
+
+
+BLOCK = """format = 1
+title = "A block"
+plant = "structure"
+structure.units = "m-kg-s"
+structure.nodes = "./block.inp"
+structure.rows = "./rows.csv"
+structure.parts.M = { of = "mass", file = "./M.npz" }
+structure.parts.K = { of = "stiffness", file = "./K.npz" }
+reduction = { kind = "whole", up_to = "3 kHz" }
+outputs.corner = { node = 8, direction = "z" }
+"""
+
+
+def test_mode_shapes_of_a_structure_move_on_the_page(page, folder):
+    corners = [f"{k + 1}, {x}, {y}, {z}" for k, (z, y, x) in enumerate(itertools.product((0.0, 1.0), repeat=3))]
+    deck = ["*NODE", *corners, "*ELEMENT, TYPE=C3D8", "1, 1, 2, 4, 3, 5, 6, 8, 7"]
+    rows = [f"{node},{direction}" for node in range(1, 9) for direction in "xyz"]
+    for name, lines in (("block.toml", [BLOCK]), ("block.inp", deck), ("rows.csv", rows)):
+        (folder / name).write_text("\n".join(lines) + "\n")
+    sp.save_npz(folder / "M.npz", sp.csr_array(np.eye(24)))
+    sp.save_npz(folder / "K.npz", sp.csr_array(1e6 * (3.0 * np.eye(24) - np.eye(24, k=3) - np.eye(24, k=-3))))
+    page.driver.refresh()
+    page.choose(str(folder / "block.toml"))
+    page.unfold()
+    page.press("modes")
+    seen = "const i = document.querySelector(\"img[src^='/jobs/']\"); return i?.complete && i.naturalWidth"
+    assert page.until(lambda: page.run(seen), 120.0) == 768
+    page.picture("mode-shapes")
 
 
 def test_the_step_of_the_protocol_is_found_in_repeats(page):
