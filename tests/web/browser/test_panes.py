@@ -79,6 +79,7 @@ def test_mode_shapes_of_a_structure_move_on_the_page(page, folder):
     sp.save_npz(folder / "K.npz", sp.csr_array(1e6 * (3.0 * np.eye(24) - np.eye(24, k=3) - np.eye(24, k=-3))))
     page.driver.refresh()
     page.choose(str(folder / "block.toml"))
+    page.go("analysis")
     page.unfold()
     page.press("modes")
     seen = "const i = document.querySelector(\"img[src^='/jobs/']\"); return i?.complete && i.naturalWidth"
