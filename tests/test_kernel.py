@@ -215,18 +215,6 @@ def test_only_what_compiled_code_depends_on_compiles_anew(checkout, file, old, n
         path.write_text(text)
 
 
-def test_the_same_sources_elsewhere_find_the_same_kernels(checkout, tmp_path):
-    folder, key = checkout
-    before = key()
-    for path in folder.rglob("*.py"):
-        os.utime(path, (1.0, 1.0))
-    assert key() == before
-    (folder / "kept" / "sources.json").write_text("{damaged")
-    (tmp_path / "file").write_text("")
-    assert key() == before
-    assert kernel_store.key(folder, tmp_path / "file" / "sources.json", "0", "") == before
-
-
 def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     monkeypatch.setenv("RIG_KERNELS", str(tmp_path))
     monkeypatch.setattr(kernel_store, "LIMIT", 3500)

@@ -2,17 +2,15 @@
 
 import math
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rig
 from rig.analysis import map as maps
-from rig.analysis.axis import Axis
-from rig.analysis.map.job import RUNS, Job, Settings, Unit
+from rig.analysis.map.job import RUNS
 from rig.analysis.map.result import REGIONS
-from rig.analysis.map.row import Row, Track, units
+from rig.analysis.map.row import units
 from rig.analysis.map.steady_state import NAMES, Judge, Window
 from rig.analysis.pool import Store
 
@@ -50,31 +48,6 @@ def test_numbers_do_not_depend_on_the_order_of_the_work_nor_on_the_workers(job, 
     found = maps.chart(job, tmp_path, workers=2, progress=lambda *now: told.append(now))
     assert same(whole, Store(found.folder).load())
     assert (told[0], told[-1]) == ((0, 4), (4, 4))
-
-
-def test_a_map_with_one_axis_is_cut_into_parts_that_find_what_the_whole_row_finds():
-    """The carried runs are one unit, which holds the growth rates; near and far starts are cut into parts."""
-    scene = rig.load("belt")
-    axis = Axis.parse("drive.speed=0.1:0.5:12", scene)
-    job = Job(scene, axis, None, Settings("displacement"))
-    assert job.units == (
-        Unit(0, 0, 12, ("up", "down")),
-        Unit(0, 0, 10, ("near", "far"), curve=False),
-        Unit(0, 10, 12, ("near", "far"), curve=False),
-    )
-    found = maps.gathered(job, computed(job), Path())
-    row = Row(Track(scene, axis, job.settings), Unit(0, 0, 12, RUNS)).run()
-    for name in ("high", "share", "spent"):
-        assert np.array_equal(found.tables[name][:, 0], row[name], equal_nan=True)
-    assert np.array_equal(found.state[:, 0], row["state"])
-    assert np.array_equal(found.onsets[0], row["onset"])
-    axis = Axis.parse("drive.speed=0.1:0.5:30", scene)
-    job = Job(scene, axis, None, Settings("displacement", runs=("near",), longest=0.5))
-    assert [(u.first, u.last) for u in job.units if u.curve] == [(0, 25), (25, 30)]
-    found = maps.gathered(job, computed(job), Path())
-    row = Row(Track(scene, axis, job.settings), Unit(0, 0, 30, ("near",))).run()
-    assert np.array_equal(found.growth[0], row["growth"])
-    assert np.array_equal(found.onsets[0], row["onset"])
 
 
 def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_path):

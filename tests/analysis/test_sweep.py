@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from swept_matrices import beside, over, turning
 
 import rig
+from rig.analysis.eigenvalue_curves import Growth, brackets, looked, root, stretches
 from rig.analysis.modes import at_rest
 
 HERE = Path(__file__).parents[1] / "reference"
@@ -226,3 +227,21 @@ def test_a_range_of_sliding_between_two_values_without_is_found():
     assert edges == [pytest.approx((911.974, 917.596), abs=1e-3), pytest.approx((924.753, 930.0), abs=1e-3)]
     assert all("would have to pull" in gap.why for gap in found.gaps)
     assert any(917.6 < one.value < 924.7 for one in found.critical)
+
+
+def test_a_sign_that_changes_over_a_range_without_sliding_is_no_crossing():
+    """Of two such ranges each keeps its own edges: what slides between both is not taken for a part of one."""
+
+    def growths(value):
+        if 0.48 <= value <= 0.52 or 0.6 <= value <= 0.65:
+            return None
+        return Growth(np.array([-1.0 if value < 0.5 else 1.0]), np.zeros(1))
+
+    def look(grid):
+        return grid, [root(b, growths) for part in stretches(grid, growths) for b in brackets(part, growths)]
+
+    for values in ((0.0, 0.4, 1.0), (1.0, 0.4, 0.0)):
+        grid, found = looked(values, growths, look)
+        assert found == []
+        assert grid == sorted(grid, reverse=values[0] > values[-1])
+        assert any(0.52 < value < 0.6 and growths(value) is not None for value in grid)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rig.bench.run.command_queue import SAFE
+from rig.bench.run.command_queue import CLAMPED, SAFE
 from rig.bench.run.exchange import Exchange, Playback
 from rig.bench.run.journal import Journal
 from rig.errors import UsageError
@@ -72,6 +72,17 @@ def test_a_missing_command_is_held_then_replaced_by_the_safe_value(loop):
     loop.at(100, (100, 80.0))
     assert loop.load == 80.0
     assert loop.kinds() == ["safe", "back"]
+
+
+def test_a_command_that_waits_is_clamped_to_the_range_of_the_tick_at_which_it_takes_effect(loop):
+    """It waits for a rig that is being built; meanwhile somebody makes the range of its actuator smaller."""
+    loop.builds(False, 20.0)
+    loop.at(0, (0, 90.0))
+    loop.range(high=60.0)
+    loop.builds(True)
+    loop.at(1)
+    assert loop.runner.done == [(0, "load.force", 20.0), (1, "load.force", 60.0)]
+    assert (loop.queue.wanted, loop.queue.status, loop.queue.counts.clamped) == ((), CLAMPED, 1)
 
 
 def test_one_actuator_has_one_owner(loop):

@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 import rig
 from rig.bench.again.fork import fork
 from rig.bench.again.verify import verify
-from rig.bench.run.protocol import Apply, Change, Finish, Move, Note, Protocol, Release, Strike, Switch
+from rig.bench.run.protocol import Apply, Finish, Move, Note, Protocol, Release, Strike
 from rig.errors import SceneError
 from rig.model.assembly import Input
 from rig.scenes.protocol import Step
@@ -67,29 +67,6 @@ def test_accelerate_hold_decelerate():
         (260, Note("mark", "at rest")),
     ]
     assert made.done
-
-
-def test_steps_without_length_fall_on_one_tick():
-    made = protocol(
-        {"step": "load", "force": 5.0},
-        {"step": "set", "target": "drive.speed", "to": 0.2},
-        {"step": "set", "target": "friction.mu_static", "to": 0.6},
-        {"step": "set", "target": "controllers.nf.gain", "to": 200.0},
-        {"step": "knock", "impulse": 0.1},
-        {"step": "disconnect", "controller": "nf"},
-        {"step": "connect", "controller": "nf"},
-        mark(),
-    )
-    assert [action for _, action in carried_out(made, 1)] == [
-        Apply("load.force", 5.0),
-        Apply("drive.speed", 0.2),
-        Change("friction.mu_static", 0.6),
-        Change("controllers.nf.gain", 200.0),
-        Strike(0.1),
-        Switch("nf", False),
-        Switch("nf", True),
-        HERE,
-    ]
 
 
 def test_a_knock_with_a_duration_ends_before_the_next_step():

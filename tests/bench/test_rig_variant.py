@@ -1,6 +1,8 @@
 """Actuators that nobody drove at the start: they get a command state once, and the motion does not notice."""
 
 import json
+import threading
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +10,11 @@ import pytest
 
 import rig
 from rig.bench.again.verify import verify
+from rig.bench.run.builds import Builds
 from rig.bench.run.rig_variants import Wanted
 from rig.bench.run.runner import PlantRunner
 from rig.bench.run.simulate import Recorded, simulate
+from rig.errors import SceneError
 from rig.record.run import Commands
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
@@ -31,6 +35,12 @@ def carried(runner, frames):
         runner.frame()
         found.append(runner.output_values().copy())
     return np.array(found)
+
+
+def built_apart():
+    """Wait until no rig is being built in another thread."""
+    while any(thread.name == "variant" for thread in threading.enumerate()):
+        time.sleep(0.001)
 
 
 @pytest.mark.parametrize(
@@ -55,6 +65,21 @@ def test_a_command_state_does_not_disturb_the_motion(scene, actuator):
         scale = np.abs(known[:, i]).max()
         assert np.abs(found[:, i] - known[:, i]).max() <= 1e-9 * scale, name
     assert abs(driven.motion.energy()["error"]) < 1e-9
+
+
+def test_what_cannot_be_built_is_told_and_changes_nothing():
+    runner = PlantRunner(shorn("belt"))
+    before = runner.motion.system
+    for wanted, told in [
+        (Wanted({"friction.mu_static": -1.0, "body.mass": -2.0}), "(?s)mu_static.*mass|mass.*mu_static"),
+        (Wanted({"friction.nothing": 1.0}), "is not a parameter"),
+    ]:
+        builds = Builds(runner)
+        builds.in_spare_time("", lambda w=wanted: runner.variants.build_all([w]))
+        built_apart()
+        with pytest.raises(SceneError, match=told):
+            builds.collect("")
+    assert runner.motion.system is before
 
 
 BY = {"by": "operator", "period_ns": MS}

@@ -2,8 +2,11 @@
 
 import os
 import shutil
+import socket
+import struct
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -235,6 +238,25 @@ def test_a_child_that_hangs_or_ends_is_an_error_within_a_bounded_time_and_leaves
         assert words in plant.said[-1]
     assert children() <= before
     plant.unit.freeInstance()
+
+
+@pytest.mark.parametrize(
+    ("scene", "request_", "told"),
+    [(scenes.load("belt").to_json(), 1.0, b"the rig has not been initialised"),
+     ('{"format": 99, "name": "x"}', 0.0, b"install a newer version of friction-rig")],
+)  # fmt: skip
+def test_the_child_answers_what_it_cannot_do_and_ends_with_the_other_end(scene, request_, told):
+    ours, theirs = socket.socketpair()
+    thread = threading.Thread(target=child.serve, args=(theirs, scene, ["load.force"], 10))
+    thread.start()
+    ours.sendall(struct.pack("=4d", request_, 0.0, 0.0, 20.0))
+    status, *_, text = struct.unpack("=11d512s", ours.recv(8 * 11 + 512, socket.MSG_WAITALL))
+    assert status == 1.0
+    assert told in text
+    ours.close()
+    thread.join(20.0)
+    assert not thread.is_alive()
+    theirs.close()
 
 
 def test_a_child_whose_parent_was_killed_ends_by_itself(path, tmp_path):

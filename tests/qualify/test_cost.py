@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.motion_measures import Setting, eligible, errors, ladder, observe, problem
+from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
 from rig.errors import UsageError
-from rig.qualify.cost import Row, Table, cost, folder_of, recommended
+from rig.qualify.cost import Row, Table, cost, folder_of, recommended, reference
 from rig.qualify.cost.measuring import trials
-from rig.qualify.cost.report import notes
+from rig.qualify.cost.report import CostReport, notes
 from rig.qualify.cost.table import front
 from rig.qualify.cost.timing import QUIET, Cost, Spread, spread
 from rig.scenes.protocol import Hold
@@ -125,16 +125,11 @@ def test_a_method_that_locates_no_lift_off_is_judged_by_all_else():
     assert 0.0 < max(found.values()) < 0.05
 
 
-def test_methods_come_from_the_rig_and_ladders_end_where_it_is_stable():
-    scene = rig.load("belt")
-    system = scene.assemble().system()
-    able = eligible(system)
-    assert "falling" in able["exact"] or "linear" in able["exact"]
-    assert not able["dopri5"]
-    steps = [s.step_ns for s in ladder("rk4", scene, 1e4)]
-    assert steps[0] * 1e-9 * 1e4 <= 2.785
-    assert all(scene.step_ns % h == 0 for h in steps)
-    assert np.all(np.diff(steps) < 0)
+def test_slips_of_a_motion_with_lift_offs_keep_their_times():
+    events = ((1.0, "load opens"), (2.0, "contact slip ends"), (3.0, "load closes"), (4.0, "contact releases +"))
+    seen = Seen({}, events, count=7, mean=2.0, lifts=4)
+    assert seen.slips(repeats=False) == Seen({}, (events[1], events[3]), count=3, mean=6.0, lifts=None)
+    assert seen.slips(repeats=True).mean == 2.0
 
 
 def test_the_front_has_what_no_other_beats():
@@ -176,6 +171,16 @@ def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
         assert found.low <= found.value <= found.high, count
     intervals = [spread(draw.random(1050), share) for _ in range(400)]
     assert 0.92 < np.mean([one.low <= share <= one.high for one in intervals]) < 0.99
+
+
+def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypatch, tmp_path):
+    monkeypatch.setattr(reference, "observe", lambda asked, setting, framed: Seen({}, fault=f"{setting} stopped"))
+    found = cost(rig.load("belt_c"), None, rounds=1)
+    assert all("no reference" in one.fault and one.timed for one in found.rows)
+    assert notes(found, "worst")[0].endswith("one of the references stops")
+    with pytest.raises(UsageError, match="nothing to draw"):
+        CostReport(found).plot()
+    assert "no reference" in CostReport(found)._repr_html_()
 
 
 def test_delay_and_sampling_cost_what_the_first_order_says():

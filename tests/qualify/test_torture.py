@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.qualify import torture
 from rig.qualify.torture import trial
-from rig.qualify.torture.case import load, names, read, watched
+from rig.qualify.torture.case import each, load, names, read, watched
 from rig.qualify.torture.cells import cells
 from rig.qualify.torture.results import Found, judge
 from rig.qualify.torture.wrong_methods import WRONG
@@ -56,6 +57,19 @@ def test_default_is_green(some):
     assert {cell.case for cell in some if cell.default} == set(SOME)
 
 
+def test_a_fault_that_stops_runs_with_sensors_is_red(tmp_path, monkeypatch):
+    """A frame with more smooth segments than the sensors can read, which a run without sensors does not need."""
+    path = tmp_path / "long_frame.toml"
+    text = 'title = "x"\nabout = "y"\nscene = "belt_c"\nduration = "2 s"\nsteps = ["0.5 ms"]\nframe = "1 s"\n'
+    path.write_text(text)
+    good = next(cell for cell in cells(read(path), True, ()) if cell.default)
+    assert good.result.colour == "green"
+    monkeypatch.setattr("rig.motion.motion.MOST_SEGMENTS", 0)
+    bad = next(cell for cell in cells(read(path), True, ()) if cell.default)
+    assert bad.result.colour == "red"
+    assert "for the sensors to read" in bad.result.detail
+
+
 @pytest.mark.parametrize("name", ["pin_at_limit", "bounce_to_rest"])  # a scene and a rig
 def test_default_cells_measure_and_keep_a_recording(name, monkeypatch):
     case = load(name)
@@ -71,6 +85,13 @@ def test_default_cells_measure_and_keep_a_recording(name, monkeypatch):
     found = [cell for cell in cells(case, True, ()) if cell.default]
     assert {(cell.result.colour, cell.result.reason) for cell in found} == {("red", "recording")}
     assert all(cell.counts["measurements"] > 0 for cell in found)
+
+
+def test_the_rounding_of_a_contact_that_sticks_all_the_time_is_no_power_of_friction(monkeypatch):
+    monkeypatch.setattr(scenes, "names", lambda: ("tip_beam",))
+    [case] = each(load("every_scene"), False)
+    [cell] = [cell for cell in cells(case, False, ()) if cell.default]
+    assert cell.result.colour == "green", cell.result.detail
 
 
 def test_processes_in_lockstep_have_the_bits_of_one_process(runs):

@@ -242,3 +242,10 @@ def test_a_run_saved_from_python_has_its_provenance(tmp_path):
     assert read["numpy"] == np.__version__
     assert read["kernel"]
     assert read["date"]
+
+
+def test_an_unknown_channel_names_those_that_are_like_it(run):
+    name = next(iter(run.signals))
+    for channels, asked in ((run.signals, name[:-2]), (run.units, name[:-2])):
+        with pytest.raises(KeyError, match=f"is not in this run; did you mean {name}"):
+            channels[asked]

@@ -151,14 +151,14 @@ def test_length_and_losses_come_from_the_plant_and_from_admitted_senders(plant, 
             if name == "mine":
                 event = messages.event(0, 0, "plant", "admitted", "mine is admitted", {"controller": "mine"})
                 plant.put("event/plant", event, 0)
-                time.sleep(0.3)
+                time.sleep(1.0)
             own = guest.publisher(f"event/{name}")
             for number in (0, 901):
                 own.sent = number
                 own.put(messages.event(claimed_ns, 1, name, "note", "hello"), claimed_ns)
             totals = messages.TYPES["Totals"](process=name, sent_topic=[f"event/{name}"], sent=[912])
             guest.publisher(f"total/{name}").put(totals.SerializeToString(), claimed_ns)
-            time.sleep(0.3)
+            time.sleep(1.0)
     plant.advance(50)
     plant.finish()
     account = json.loads(recorder.communicate(timeout=PATIENCE_S)[0])

@@ -7,7 +7,6 @@ import pytest
 import rig
 from rig import scenes
 from rig.errors import SceneError
-from rig.scenes.explain import explain
 
 
 @pytest.fixture
@@ -139,20 +138,6 @@ def test_a_chain_has_an_end(write):
     for i in range(30):
         write(f"s{i}.toml", f'based_on = "s{i + 1}.toml"')
     assert "more than 20 files are based on one another" in faults(write("mine.toml", 'based_on = "s0.toml"'))[0]
-
-
-def test_explain_tells_file_and_line_of_each_value(write):
-    path = write("mine.toml", 'based_on = "belt"\n[load]\nforce = "30 N"\n[sensors.laser]\nnoise = "none"\n')
-    told = {value.key: value for value in explain(scenes.load(path, {"drive.speed": 0.1})).values}
-    assert str(told["load.force"].place) == "mine.toml, line 3"
-    assert told["load.force"].origin.origin == "not stated"
-    assert str(told["drive.speed"].place) == "given in the call"
-    lines = scenes.path("belt").read_text().split("\n")
-    place = told["friction.mu_static"].place
-    assert place.file == "scene belt"
-    assert lines[place.line - 1].startswith("mu_static")
-    assert told["sensors.laser.noise"].place is None  # a default again
-    assert "standard deviation" in told["sensors.laser.noise"].origin.note
 
 
 def test_every_value_of_a_shipped_scene_has_a_place_in_a_file(shipped):

@@ -248,6 +248,13 @@ def test_a_limit_that_is_told_is_itself_allowed():
     assert at_most(0.25) == at_least(0.25) == "0.25"
 
 
+def test_a_run_that_diverges_under_rk4_says_so():
+    changes = {"friction.speed_scale": 1e-5, "clock.method": "rk4", "clock.rk4_step": "1 ms"}
+    run = rig.simulate(rig.load("belt", changes), 1.0)
+    assert "rk4 took steps of 0.001 s" in run.fault
+    assert "Set clock.rk4_step to" in run.fault
+
+
 @pytest.mark.parametrize(
     ("step", "most", "told"), [(1e-3, 1.18e-4, "0.0001 s"), (1e-3, 2.0, "0.001 s"), (7e-9, 4e-9, "1e-09 s")]
 )

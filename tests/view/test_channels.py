@@ -37,21 +37,3 @@ def test_outputs_that_declare_nothing_are_grouped_by_their_units():
             ("heat [W]", ("heat",)), ("cold [W]", ("cold",))]  # fmt: skip
     for found in (Channels(None, toy, {}), declared(**{name: Output({}, unit) for name, unit in toy.items()})):
         assert [(panel.title, panel.outputs) for panel in found.panels] == told
-
-
-def test_the_portrait_is_the_declared_pair_or_the_first_output_with_its_rate():
-    outputs = {
-        "weight": Output({"one": 1.0}, "N"),
-        "b": Output({"b": 1.0}, "m"),
-        "x": Output({"x": 2.0, "y": 1.0}, "m"),
-        "x_rate": Output({"x'": 2.0, "y'": 1.0}, "m/s"),
-        "y": Output({"y": 1.0}, "m"),
-        "y_rate": Output({"y'": 1.0}, "m/s"),
-    }
-    assert declared(**outputs).portrait == ("x", "x_rate")
-    outputs["y"] = Output({"y": 1.0}, "m", role="displacement")
-    assert declared(**outputs).portrait == ("x", "x_rate")  # half a pair is none
-    outputs["y_rate"] = Output({"y'": 1.0}, "m/s", role="velocity")
-    assert declared(**outputs).portrait == ("y", "y_rate")
-    assert declared(weight=outputs["weight"], b=outputs["b"]).portrait is None
-    assert Channels(None, {"displacement": "m", "velocity": "m/s"}, {}).portrait is None
