@@ -123,6 +123,11 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         _add_contacts(a, p, model, springs, speed, row)
     if p.piezo is not None:
         piezo.add(a, p, row(model.forces[1][-1]), moved)
+        if a.film is not None and a.switches:
+            what = "is switched in this scene, which points of a film do not support; leave the switching out, or use "
+            raise SceneError(
+                "structure.film", [f"shunt: {what}at most eight points in all with structure.film = false"]
+            )
     for name in p.outputs:
         seen = model.vectors[f"outputs.{name}"]
         first = name == next(iter(p.outputs))
@@ -274,8 +279,6 @@ def _as_film(a: Assembly, p: Tables) -> bool:
     ]
     if law is not None and (law.states or law.backward is not None):
         wrong.append("friction.law: points of a film support no law with memory or with a direction")
-    if p.piezo is not None and a.switches:
-        wrong.append("piezo: a shunt with a switch needs contacts with mode sets")
     if asked and wrong:
         raise SceneError("structure.film", wrong)
     return not wrong and (6 ** len(a.patches) > MANY if asked is None else asked)

@@ -2,6 +2,9 @@
 
 import json
 import re
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -359,6 +362,7 @@ def test_points_that_would_have_to_pull_are_named_before_a_run(tmp_path):
     assert "1 of 2 contact points do not press at steady sliding: edge (" in finding.what
 
 
+DOCS = Path(__file__).parents[2] / "docs"
 FE = {
     "structure": {"units": "m-kg-s", "format": "calculix", "job": "./disc_matrices", "nodes": "./disc.inp"},
     "reduction": {"modes": 20, "up_to": "3 kHz"},
@@ -386,9 +390,11 @@ FE = {
 
 @pytest.fixture(scope="module")
 def disc(tmp_path_factory):
-    """The folder of the disc with two pads, as CalculiX wrote it, and of the reduced models."""
+    """The folder of the disc with two pads, as CalculiX wrote it, of the page's scenes and of the reduced models."""
     folder = tmp_path_factory.mktemp("disc")
     disc_with_pads.unpacked(folder)
+    for scene in DOCS.glob("disc_*.toml"):
+        shutil.copy(scene, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RIG_MODELS", str(folder / "models"))
         yield folder
@@ -731,6 +737,19 @@ def test_a_film_refuses_what_its_points_cannot_be(tmp_path):
         scenes.load(written(tmp_path, closed)).assemble()
 
 
+def test_a_shunt_that_is_switched_is_refused_beside_a_film_and_runs_without(tmp_path):
+    stack = {"capacitance": 1e-6, "coupling": 1e-2, "first": {"row": {"x": 1.0}}}
+    shunt = {"kind": "series", "resistance": 1e3, "inductance": 20.0, "connected": False}
+    steps = [{"step": "set", "target": "shunt.connected", "to": 1.0}, {"step": "hold", "time": "10 ms"}]
+    tables = THREE | {"piezo": stack, "shunt": shunt, "protocol": steps}
+    path = written(tmp_path, tables | {"structure": THREE["structure"] | {"film": True}})
+    with pytest.raises(SceneError, match="is switched in this scene, which points of a film do not support"):
+        rig.simulate(scenes.load(path))
+    run = rig.simulate(scenes.load(path, {"structure.film": False}))
+    assert "state_of_pad" not in run.signals
+    assert run.signals["shunt_current"].any()
+
+
 def test_many_contacts_are_refused_before_a_run_with_the_reason(disc):
     scene = scenes.load(written(disc, MANY | {"structure": FE["structure"] | {"film": False}}, "many"))
     with pytest.raises(SceneError, match="24 contacts that stick, slip and open one by one have"):
@@ -740,10 +759,7 @@ def test_many_contacts_are_refused_before_a_run_with_the_reason(disc):
 
 
 def test_the_disc_squeals_and_is_quiet_with_a_shunt_as_the_page_says(disc):
-    docs = Path(__file__).parents[2] / "docs"
-    page = (docs / "structure.md").read_text()
-    for name in ("with_pads", "squeal", "shunted"):
-        (disc / f"disc_{name}.toml").write_text((docs / f"disc_{name}.toml").read_text())
+    page = (DOCS / "structure.md").read_text()
     squeal, quiet = (rig.modes(scenes.load(str(disc / f"disc_{name}.toml"))).sliding for name in ("squeal", "shunted"))
     growing = [mode for mode in squeal.modes if mode.growth > 0.0]
     assert [f"{mode.frequency:.1f} Hz, {mode.growth:.1f} 1/s" for mode in growing] == ["1561.1 Hz, 75.9 1/s"]
@@ -752,14 +768,41 @@ def test_the_disc_squeals_and_is_quiet_with_a_shunt_as_the_page_says(disc):
     assert "1561.1 Hz, 75.9 1/s" in page
 
 
+def test_the_squealing_disc_is_quiet_by_control_of_the_normal_force_as_the_page_says(disc):
+    page = (DOCS / "structure.md").read_text()
+    scene = scenes.load(str(disc / "disc_controlled.toml"))
+    closed = loop(scene, "press")
+    ((low, high),) = closed.gain_ranges
+    assert f"decays with {-closed.growth:.1f} 1/s" in page
+    assert f"gain from {low:.0f} to {high:.0f} N s/m" in page
+    assert f"delay margin, {1e6 * closed.margins['delay']:.0f} us" in page
+    run = rig.simulate(scene)
+    v, t = run.signals["along_velocity"], run.time
+    assert t[run.signals["contact_fraction"] < 1.0][-1] < 0.4
+    before, after = (np.std(v[(t > begin) & (t < begin + 0.05)]) for begin in (0.25, 0.55))
+    assert before == pytest.approx(0.2, rel=0.25)
+    assert after < 0.005
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize(("name", "pace"), [("squeal", "1"), ("shunted", "0.2"), ("controlled", "0.5")])
+def test_the_disc_runs_live_at_the_pace_that_its_scene_states(disc, tmp_path, runs, name, pace):
+    """Eight points in steps of 1 us, at least two sensors and a recorder; simulated again with the same bits."""
+    scene, log = disc / f"disc_{name}.toml", tmp_path / "live.mcap"
+    rig.modes(scene)  # keeps the reduced model
+    assert scenes.load(str(scene)).clock.pace_limit == float(pace)
+    command = [sys.executable, "-m", "rig", "run", scene, "--pace", pace, "--out", log, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert json.loads(done.stdout)["verdict"] == "VALID", done.stdout
+    assert verify(log).passed
+
+
 def test_the_numbers_of_the_page_are_those_of_its_scene(disc):
-    docs = Path(__file__).parents[2] / "docs"
-    page, text = (docs / "structure.md").read_text(), (docs / "disc_with_pads.toml").read_text()
+    page, text = (DOCS / "structure.md").read_text(), (DOCS / "disc_with_pads.toml").read_text()
     assert f"```toml\n{text}```" in page
-    (disc / "page.toml").write_text(text)
     lines = re.findall(r"^  (?:flutter|decays)(.*)$", page, re.MULTILINE)
     printed = [float(x) for line in lines for x in line.split()[:3]]
-    report = rig.modes(scenes.load(str(disc / "page.toml")))
+    report = rig.modes(scenes.load(str(disc / "disc_with_pads.toml")))
     modes = report.sliding.modes[:3]
     computed = [x for mode in modes for x in (mode.growth, mode.frequency, mode.damping)]
     assert printed == pytest.approx(computed, rel=1e-4)
