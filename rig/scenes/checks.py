@@ -20,7 +20,7 @@ from rig.errors import PartError
 from rig.parts import calling, file_of
 from rig.quantities import LONGEST
 from rig.scenes import sections, source
-from rig.scenes.faults import near, shown, unit_of
+from rig.scenes.faults import lookup, near, shown, unit_of
 from rig.scenes.protocol import Clock, Connect, Disconnect, Repeat, extremes, flat, moves, targets
 from rig.sensors.chain.front_end import FrontEnd
 from rig.units import brief, same_unit, unit_fault
@@ -104,7 +104,7 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
                 key, file = f"controllers.{name}.{field}", file_of(sys.modules[type(section).__module__])
                 yield key, f"{key}: {file} declares {brief(value)}; expected whole nanoseconds, e.g. 1_000_000"
                 continue
-            given = _raw(raw, "controllers", name, field, default=f"{value / 1e9:g} s")
+            given = lookup(raw, ("controllers", name, field))
             yield from whole_frames(f"controllers.{name}.{field}", given, value, clock.frame, field == "delay")
         if section.period != clock.frame and base.gets_every_sample(controller_class(section)):
             key = f"controllers.{name}.period"
@@ -186,7 +186,7 @@ def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[source
         parts = max(1, round(step_ns / clock.rk4_step))
         pairs = ((d, step_ns // d) for d in range(1, isqrt(step_ns) + 1) if step_ns % d == 0)
         parts = min(d for pair in pairs for d in pair if d >= parts)
-        given = _raw(raw, "clock", "rk4_step", default=f"{clock.rk4_step / 1e9:g} s")
+        given = shown(lookup(raw, ("clock", "rk4_step")) or f"{clock.rk4_step / 1e9:g} s")
         yield (
             "clock.rk4_step",
             f"clock.rk4_step = {given}: {_ms(clock.rk4_step)} is not a whole part of the sample step "
@@ -197,13 +197,12 @@ def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[source
 def lengths(clock: Clock, protocol: Iterable[Any], raw: Any, prefix: str = "protocol") -> Iterator[source.Fault]:
     """Every time in the protocol is a whole number of frames."""
     for i, step in enumerate(protocol):
-        table = raw[i] if isinstance(raw, list) and i < len(raw) and isinstance(raw[i], Mapping) else {}
         for field in TIMES:
             value = getattr(step, field, None) or 0
-            given = shown(table[field]) if field in table else f"{value / 1e9:g} s"
+            given = lookup(raw, (i, field))
             yield from whole_frames(f"{prefix}[{i + 1}].{field}", given, value, clock.frame, zero=True)
         if isinstance(step, Repeat):
-            yield from lengths(clock, step.steps, table.get("steps", []), f"{prefix}[{i + 1}].steps")
+            yield from lengths(clock, step.steps, lookup(raw, (i, "steps")), f"{prefix}[{i + 1}].steps")
 
 
 def whole(protocol: Sequence[Any]) -> Iterator[source.Fault]:
@@ -213,13 +212,14 @@ def whole(protocol: Sequence[Any]) -> Iterator[source.Fault]:
         yield "protocol", f"protocol: takes up to {length / 1e9:.3g} s; at most {LONGEST / 1e9:g} s are possible"
 
 
-def whole_frames(key: str, given: str, value: int, frame: int, zero: bool) -> Iterator[source.Fault]:
-    """(key, line) if a time is not a whole number of frames [ns]; `zero`: whether 0 is allowed."""
+def whole_frames(key: str, given: Any, value: int, frame: int, zero: bool) -> Iterator[source.Fault]:
+    """(key, line) if a time [ns], `given` or by default, is no whole number of frames; `zero`: whether 0 is allowed."""
     if value % frame:
+        text = shown(given or f"{value / 1e9:g} s")
         near = sorted({n * frame for n in (value // frame, value // frame + 1) if n or zero})
         yield (
             key,
-            f"{key} = {given}: {_ms(value)} is not a whole number of frames ({_ms(frame)}); "
+            f"{key} = {text}: {_ms(value)} is not a whole number of frames ({_ms(frame)}); "
             f"nearest: {' or '.join(map(_ms, near))}",
         )
 
@@ -292,13 +292,6 @@ def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[so
                 if actuator.ramped:
                     remedy += f", or {actuator.ramped}"
                 yield key, f"{key}: {target} cannot run, every value of it makes new matrices; {remedy}"
-
-
-def _raw(raw: Mapping[str, Any], *path: str, default: Any) -> str:
-    value: Any = raw
-    for part in path:
-        value = value.get(part) if isinstance(value, Mapping) else None
-    return shown(default if value is None else value)
 
 
 def _whole_ns(value: Any, least: int = 1) -> TypeGuard[int]:

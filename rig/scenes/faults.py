@@ -32,7 +32,7 @@ def lines(error: ValidationError, model: Any, raw: Any, prefix: str = "") -> Ite
         kind, context = fault["type"], fault.get("ctx", {})
         path, owner, annotation, unit = _walk(model, fault["loc"], raw)
         key = dotted(path, prefix)
-        given = _lookup(raw, path)
+        given = lookup(raw, path)
         if kind == "extra_forbidden":
             yield key, unknown_key(key, keys(owner))
         elif kind == "missing":
@@ -218,7 +218,7 @@ def _walk(model: Any, loc: Loc, raw: Any) -> tuple[Loc, Any, Any, str]:
     path: list[int | str] = []
     owner, annotation, unit = model, model, ""
     for part in loc:
-        if FrictionLaw in _models(annotation) and isinstance(table := _lookup(raw, tuple(path)), Mapping):
+        if FrictionLaw in _models(annotation) and isinstance(table := lookup(raw, tuple(path)), Mapping):
             annotation = class_of(table, laws_of(model)) or annotation
         origin = get_origin(annotation)
         if origin in (tuple, list, Sequence) and isinstance(part, int):
@@ -271,12 +271,12 @@ def metadata(annotation: Any, own: Iterable[Any] = (), lists: bool = True) -> It
             yield from metadata(member, (), lists)
 
 
-def _lookup(raw: Any, path: Loc) -> Any:
-    """The value that the user gave at `path`; None if there is none."""
+def lookup(raw: Any, path: Iterable[int | str]) -> Any:
+    """The value in tables and lists at `path`; None if there is none."""
     for part in path:
         if isinstance(raw, Mapping) and part in raw:
             raw = raw[part]
-        elif isinstance(raw, list | tuple) and isinstance(part, int) and part < len(raw):
+        elif isinstance(raw, list | tuple) and isinstance(part, int) and 0 <= part < len(raw):
             raw = raw[part]
         else:
             return None

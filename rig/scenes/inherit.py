@@ -19,7 +19,7 @@ from typing import Any
 
 from rig.errors import SceneError
 from rig.scenes import places, shipped, source
-from rig.scenes.faults import shown
+from rig.scenes.faults import lookup, shown
 
 OWN = ("title", "about")
 """Keys that a scene does not inherit."""
@@ -60,7 +60,7 @@ class Places:
         """The place that gave the value `key`; None for a default."""
         if key in self._changes:
             return self._changes[key]
-        if not self._there(key):
+        if lookup(self._raw, _path(key)) is None:
             return None
         whole = key.partition("[")[0]
         for layer in reversed(self._layers):
@@ -87,25 +87,13 @@ class Places:
 
     def _taken(self, key: str) -> places.Place | None:
         """The place of the "none" that removed the value `key`."""
-        names = _NAME.findall(key)
-        for layer in reversed(self._layers):
-            table: Any = layer.raw
-            for name in names[:-1]:
-                table = table.get(name) if isinstance(table, Mapping) else None
-            if isinstance(table, Mapping) and table.get(names[-1]) == "none":
-                return layer.place(key)
-        return None
+        taking = (layer for layer in reversed(self._layers) if lookup(layer.raw, _path(key)) == "none")
+        return next((layer.place(key) for layer in taking), None)
 
-    def _there(self, key: str) -> bool:
-        value: Any = self._raw
-        for name in _NAME.findall(key):
-            if isinstance(value, Mapping) and name in value:
-                value = value[name]
-            elif isinstance(value, list) and name[0] == "[" and 0 < int(name[1:-1]) <= len(value):
-                value = value[int(name[1:-1]) - 1]
-            else:
-                return False
-        return True
+
+def _path(key: str) -> list[int | str]:
+    """A dotted key as names of tables and places in lists, which it counts from one."""
+    return [int(name[1:-1]) - 1 if name[0] == "[" else name for name in _NAME.findall(key)]
 
 
 def layers(path: Path) -> list[Layer]:

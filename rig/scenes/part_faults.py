@@ -31,7 +31,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, Validation
 from rig.quantities import Nanoseconds, Section, quantity
 from rig.scenes import merged, protocol, source
 from rig.scenes.checks import whole_frames
-from rig.scenes.faults import lines, near, shown
+from rig.scenes.faults import lines, lookup, near, shown
 
 Factor: Any = quantity("1", Ge(0.0), Le(1.0))
 
@@ -151,7 +151,7 @@ def checks(
     `inputs`: the actuators of the rig with the states that faulty ones need. `raw`: the table as it was given.
     """
     for name, fault in part_faults.items():
-        key, given = f"faults.{name}", raw[name] if isinstance(raw, Mapping) else {}
+        key = f"faults.{name}"
         if isinstance(fault, SensorFault):
             if fault.sensor not in sensors:
                 line = f"{key}.sensor = {shown(fault.sensor)}: unknown sensor; {near(fault.sensor, sensors)}"
@@ -164,8 +164,7 @@ def checks(
             yield f"{key}.actuator", f"{key}.actuator = {shown(fault.actuator)}: {line}"
         for field in ("at", "duration"):
             if value := getattr(fault, field):
-                text = shown(given.get(field, f"{value / 1e9:g} s"))
-                yield from whole_frames(f"{key}.{field}", text, value, frame_ns, field == "at")
+                yield from whole_frames(f"{key}.{field}", lookup(raw, (name, field)), value, frame_ns, field == "at")
     for (name, first), (other, second) in combinations(part_faults.items(), 2):
         begin = max(first.at, second.at)
         if first.part == second.part and all(begin < _last(fault) for fault in (first, second)):

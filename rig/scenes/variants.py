@@ -18,6 +18,7 @@ from rig.controllers import controller_drives
 from rig.errors import RigError, SceneError
 from rig.quantities import Section, faults_of
 from rig.scenes import loader, protocol
+from rig.scenes.faults import lookup
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import names, plant, text_of
 
@@ -164,14 +165,16 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
     for name in (name for wanted in plants for name in having if plant(name) == wanted):
         other = _parameters(name)
         raw, closing = other.model_dump(), switches(other)
-        values = {key: _at_work(key, value, closing) for key in keys if (value := _at(raw, key)) is not None}
+        values = {
+            key: _at_work(key, value, closing) for key in keys if (value := lookup(raw, key.split("."))) is not None
+        }
         if values:
             yield values, name
     bounds = {effect.key: effect.about for effect in optional(scene.parameters) if isinstance(effect.about, Bound)}
     if of_others and bounds.keys() >= set(keys):
         raw = scene.parameters.model_dump()
         limited = {key: f"{key.rpartition('.')[0]}.{bounds[key].of}" for key in keys}
-        yield {key: bounds[key].sign * 2.0 * abs(_at(raw, limited[key]) or 0.0) for key in keys}, ""
+        yield {key: bounds[key].sign * 2.0 * abs(lookup(raw, limited[key].split(".")) or 0.0) for key in keys}, ""
 
 
 _parameters = cache(loader.parameters)
@@ -181,7 +184,7 @@ def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
     raw = scene.parameters.model_dump()
     for key, value in values.items():
         *path, last = key.split(".")
-        _at(raw, ".".join(path))[last] = value
+        lookup(raw, path)[last] = value
     try:
         parameters: Section = type(scene.parameters).model_validate(given(raw))
         changed = replace(scene, parameters=parameters)
@@ -201,13 +204,6 @@ def _at_work(key: str, value: Any, closing: Sequence[str]) -> Any:
     own = [switch for table, _, switch in (dotted.rpartition(".") for dotted in closing) if table == key]
     off = [switch for switch in own if value.get(switch) is False]
     return {**value, **dict.fromkeys(off, True)} if off else value
-
-
-def _at(raw: Any, key: str) -> Any:
-    """What stands at a dotted key; None where nothing does."""
-    for part in filter(None, key.split(".")):
-        raw = raw.get(part) if isinstance(raw, dict) else None
-    return raw
 
 
 def given(raw: dict[str, Any]) -> dict[str, Any]:

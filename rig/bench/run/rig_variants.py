@@ -17,7 +17,7 @@ from rig.errors import RigError, SceneError
 from rig.model.assembly import Assembly
 from rig.motion.motion import Motion
 from rig.motion.ready import Ready
-from rig.scenes.faults import lines
+from rig.scenes.faults import lines, lookup
 from rig.scenes.scene import Scene
 
 
@@ -46,10 +46,8 @@ def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
     """A copy of a section with changed values of dotted keys, validated. Raises SceneError with all faults."""
     raw = section.model_dump()
     for key, value in changes.items():
-        at = raw
         *path, last = key.split(".")
-        for part in path:
-            at = at.get(part) if isinstance(at, dict) else None
+        at = lookup(raw, path)
         if not isinstance(at, dict) or last not in at:
             raise SceneError(key, ["is not a parameter of this rig"])
         at[last] = value
