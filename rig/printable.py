@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, count
 
 # Control characters except tab and end of line, and lone surrogates
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
@@ -28,6 +29,15 @@ def printable(text: str) -> str:
 def counted(number: int, noun: str) -> str:
     """A number with its noun: "1 event", "2 events", "0 events"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def distinct(names: Iterable[str], numbered: str) -> list[str]:
+    """Names of which none stands twice: later ones get a number, in the form `numbered`, such as "{} ({})"."""
+    made: dict[str, None] = {}
+    for name in names:
+        others = chain([name], (numbered.format(name, number) for number in count(2)))
+        made[next(other for other in others if other not in made)] = None
+    return [*made]
 
 
 _INDENT, _BETWEEN = "  ", "  "

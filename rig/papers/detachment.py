@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.signal import welch
 
 import rig
 from rig.analysis.modes import Mode
@@ -278,12 +279,8 @@ def _onset(made: Run) -> float:
 
 def _density(made: Run, values: Reals, begin: float) -> tuple[Reals, Reals]:
     """Frequencies [Hz] and power spectral density from `begin` [s] on, mean of Hann windows that overlap by half."""
-    part, dt = values[made.time >= begin], float(made.time[1] - made.time[0])
-    weights = np.hanning(_WINDOW)
-    starts = range(0, len(part) - _WINDOW + 1, _WINDOW // 2)
-    power = [np.abs(np.fft.rfft(weights * (part[i : i + _WINDOW] - part[i : i + _WINDOW].mean()))) ** 2 for i in starts]
-    hertz = np.asarray(np.fft.rfftfreq(_WINDOW, dt), dtype=np.float64)
-    return hertz, np.asarray(np.mean(power, axis=0) * 2.0 * dt / float(weights @ weights))
+    hertz, density = welch(values[made.time >= begin], 1.0 / float(made.time[1] - made.time[0]), np.hanning(_WINDOW))
+    return hertz, density
 
 
 def _spectrum(axis: Any, hertz: Reals, density: Reals, printed: Sequence[float], title: str) -> None:

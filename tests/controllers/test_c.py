@@ -114,6 +114,12 @@ def test_a_crash_in_a_simulation_names_the_controller(libraries, more, told):
     assert f"the code of controller {told}" in ended.stderr
 
 
+@pytest.mark.parametrize(("more", "told"), [("*(volatile int *)0 = 1;", "SIGSEGV"), ("for (;;) ;", "SIGALRM")])
+def test_a_library_whose_first_call_ends_its_process_is_refused(libraries, more, told):
+    with pytest.raises(SceneError, match=rf"first call ends the process that makes it \({told}\)"):
+        scene(libraries(more=more))
+
+
 def test_a_symbol_that_is_missing_is_named(libraries, tmp_path):
     path = tmp_path / "lacking.so"
     path.write_bytes(libraries().read_bytes().replace(b"rig_controller_step", b"rig_kontroller_step"))

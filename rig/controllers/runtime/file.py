@@ -14,7 +14,10 @@ update.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+import signal
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -73,11 +76,26 @@ def _of_another_tool(path: Path, keys: Mapping[str, object]) -> Controller:
 
 def section_faults(section: Section, numbers: Numbers) -> list[str]:
     """The faults of a foreign controller that a scene's section describes, one line each; empty if it works."""
+    if isinstance(section, CompiledSection) and (ending := _ending(lambda: faults_of(build(section, numbers)))):
+        return [f"{section.file}: its first call ends the process that makes it ({ending})"]
     try:
         with calling(module_of(section)):
             return faults_of(build(section, numbers))
     except (UsageError, ControllerLost) as error:
         return [str(error)]
+
+
+def _ending(call: Callable[[], object]) -> str:
+    """The signal by which a call of compiled code ends a copy of this process; "" if it does not."""
+    if not hasattr(os, "fork"):
+        return ""
+    if not (copy := os.fork()):
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)  # a handler in Python could not stop code that does not return
+        with suppress(BaseException):  # it is raised again, and reported, in this process
+            call()
+        os._exit(0)
+    _, status = os.waitpid(copy, 0)
+    return signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else ""
 
 
 def faults_of(controller: Any) -> list[str]:

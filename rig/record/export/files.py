@@ -47,6 +47,7 @@ from typing import TYPE_CHECKING, Any
 from rig.errors import OutputError, UsageError
 from rig.extras import needed
 from rig.machine.files import DATA, contents, regular
+from rig.printable import counted
 from rig.record import wav
 from rig.record.export.tables import MODE, Column, Table, Tables, tree
 from rig.record.run_data import RunData, Samples, grid
@@ -225,12 +226,8 @@ class Written:
     def __str__(self) -> str:
         rate = f" at {self.rate:.6g} Hz" if self.rate else ""
         if not math.isnan(self.full_scale):
-            return f"{self.file}: {_count(self.rows, 'sample')}{rate}, full scale {self.full_scale:.4g} {self.unit}"
-        return f"{self.table}: {_count(self.rows, 'row')}{rate}, {_count(self.columns, 'column')} and the time"
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'s' * (number != 1)}"
+            return f"{self.file}: {counted(self.rows, 'sample')}{rate}, full scale {self.full_scale:.4g} {self.unit}"
+        return f"{self.table}: {counted(self.rows, 'row')}{rate}, {counted(self.columns, 'column')} and the time"
 
 
 @dataclass(frozen=True)

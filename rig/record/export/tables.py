@@ -30,7 +30,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,6 +37,7 @@ from numpy.typing import NDArray
 
 from rig.errors import UsageError
 from rig.extras import needed
+from rig.printable import distinct
 from rig.record.contents import actuators, unit_of
 from rig.record.film_points import listed, numbered
 from rig.record.run_data import (
@@ -394,17 +394,8 @@ def _events(run: RunData) -> Table:
 
 def _named(made: list[Table]) -> Iterator[Table]:
     """The tables with names that can be those of files and groups; no name stands twice, nor that of a column."""
-    names = _unique([re.sub(r"\W", "_", table.name) for table in made])
+    names = distinct((re.sub(r"\W", "_", table.name) for table in made), "{}_{}")
     for name, table in zip(names, made):
-        plain = _unique([TIME, *(column.name.replace("/", "_") for column in table.columns)])[1:]
+        plain = distinct((TIME, *(column.name.replace("/", "_") for column in table.columns)), "{}_{}")[1:]
         columns = tuple(replace(column, name=label) for label, column in zip(plain, table.columns))
         yield replace(table, name=name, columns=columns)
-
-
-def _unique(names: Iterable[str]) -> list[str]:
-    """The names; one that stands before gets a number."""
-    unique: list[str] = []
-    for name in names:
-        number = next(n for n in count(1) if (name if n == 1 else f"{name}_{n}") not in unique)
-        unique.append(name if number == 1 else f"{name}_{number}")
-    return unique

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import compress
@@ -21,6 +21,7 @@ import numpy as np
 from rig.errors import UsageError
 from rig.extras import needed
 from rig.machine import files
+from rig.printable import distinct
 from rig.record.imports.text_table import TextTable
 from rig.record.run_data import Reals
 
@@ -102,8 +103,8 @@ def name_and_unit(label: str) -> tuple[str, str]:
 def _text(path: Path) -> MeasurementFile:
     table = TextTable.read(path)
     named = [name_and_unit(label) for label in table.labels]
-    columns = [Column(name, unit or stated) for (name, unit), stated in zip(_distinct(named), table.units, strict=True)]
-    names = [column.name for column in columns]
+    names = distinct((name for name, _ in named), "{} ({})")
+    columns = [Column(name, unit or stated) for name, (_, unit), stated in zip(names, named, table.units, strict=True)]
     return MeasurementFile(
         path,
         tuple(compress(columns, table.used)),
@@ -112,16 +113,6 @@ def _text(path: Path) -> MeasurementFile:
         table.skip + 1,
         partial(table.rows, names),
     )
-
-
-def _distinct(named: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Names that occur twice get a number."""
-    seen: dict[str, int] = {}
-    distinct = []
-    for name, unit in named:
-        seen[name] = seen.get(name, 0) + 1
-        distinct.append((name if seen[name] == 1 else f"{name} ({seen[name]})", unit))
-    return distinct
 
 
 class _Arrays:
@@ -153,10 +144,8 @@ class _Arrays:
                 self.add(f"{label}.{i + 1}", array[:, i], unit, rate, start)
             return
         name, own = name_and_unit(label)
-        (name, unit), *_ = _distinct([*((known, "") for known in self.values if known == name), (name, own or unit)])[
-            -1:
-        ]
-        self.columns.append(Column(name, unit, rate, start, array.size))
+        name = distinct((*self.values, name), "{} ({})")[-1]
+        self.columns.append(Column(name, own or unit, rate, start, array.size))
         self.values[name] = np.asarray(array, np.float64)
 
     def file(self, began_ns: int | None = None) -> MeasurementFile:
