@@ -62,7 +62,8 @@ def refusal(system: System) -> str:
     if system.limiters or system.sectors or system.switches or system.products:
         return (
             "supports structures, linear networks, a film and command states only: no limits of a drive, load or "
-            "amplifier, no switch, no sectors"
+            "amplifier, no switch (shunt.connected moved in a run), no sectors; leave them out, or use at most eight "
+            "contacts without a film (structure.film = false)"
         )
     return ""
 

@@ -123,11 +123,6 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         _add_contacts(a, p, model, springs, speed, row)
     if p.piezo is not None:
         piezo.add(a, p, row(model.forces[1][-1]), moved)
-        if a.film is not None and a.switches:
-            what = "is switched in this scene, which points of a film do not support; leave the switching out, or use "
-            raise SceneError(
-                "structure.film", [f"shunt: {what}at most eight points in all with structure.film = false"]
-            )
     for name in p.outputs:
         seen = model.vectors[f"outputs.{name}"]
         first = name == next(iter(p.outputs))

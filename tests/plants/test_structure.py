@@ -743,7 +743,9 @@ def test_a_shunt_that_is_switched_is_refused_beside_a_film_and_runs_without(tmp_
     steps = [{"step": "set", "target": "shunt.connected", "to": 1.0}, {"step": "hold", "time": "10 ms"}]
     tables = THREE | {"piezo": stack, "shunt": shunt, "protocol": steps}
     path = written(tmp_path, tables | {"structure": THREE["structure"] | {"film": True}})
-    with pytest.raises(SceneError, match="is switched in this scene, which points of a film do not support"):
+    with pytest.raises(
+        SceneError, match=r"no switch \(shunt.connected moved in a run\).* without a film \(structure.film = false\)"
+    ):
         rig.simulate(scenes.load(path))
     run = rig.simulate(scenes.load(path, {"structure.film": False}))
     assert "state_of_pad" not in run.signals
