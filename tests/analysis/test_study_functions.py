@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from full_disk import largest_file
 
 import rig as lab
 from rig.analysis.studies import prepared, study
 from rig.analysis.studies.measures import evaluate, function_of
-from rig.errors import SceneError, UsageError
+from rig.errors import OutputError, SceneError, UsageError
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +90,19 @@ def test_a_function_that_changes_arrays_in_place_changes_no_other_measure(belt, 
     one, other = (evaluate(belt, work_of(belt, *names).measures, 0.5)["values"] for names in (named, named[::-1]))
     assert one.tolist() == other[::-1].tolist()
     assert one[0] < one[1]
+
+
+def test_files_that_do_not_fit_on_the_disk_are_told_and_the_next_call_makes_them(belt, tmp_path):
+    asked = {"duration": 2.0, "keep": "run.highest.displacement > 0 mm", "folder": tmp_path, "workers": 1}
+    over, told = ({"load.force": [10.0]}, ["run.highest.displacement"]), "cannot be written: File too large"
+    with (
+        largest_file(20_000),
+        pytest.raises(OutputError, match=rf"000000\.mcap {told}\. .* kept in .*; the same command"),
+    ):
+        lab.study(belt, *over, **asked)
+    assert not [*next(tmp_path.iterdir()).joinpath("runs").iterdir()]
+    found = lab.study(belt, *over, **asked)
+    assert lab.open(found.recordings[0]).time[-1] == 2.0
+    with largest_file(4096), pytest.raises(OutputError, match=rf"new.found\.nc {told}$"):
+        found.save(tmp_path / "new" / "found.nc")
+    assert not [*(tmp_path / "new").iterdir()]

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import rig
@@ -57,6 +58,17 @@ class Contender:
 def timed(own, less, disturb, rounds=9):
     ticks = module.timed({"": Contender(own, disturb), "less": Contender(less, disturb)}, rounds, lambda *_: None)
     return Paired("less", **module.cost_of(ticks, "less"))
+
+
+def test_a_cost_is_told_above_the_noise_of_the_machine_and_bounded_below_it():
+    draw = np.random.default_rng(1)
+    quiet = timed(100.0, 80.0, lambda: draw.exponential(1.0))
+    assert quiet.measurable
+    assert quiet.tick.value == pytest.approx(20.0, abs=3.0)
+    assert quiet.cost().startswith("+")
+    same = timed(100.0, 100.0, lambda: draw.exponential(1.0))
+    assert same.cost().startswith("< ")
+    assert abs(same.tick.value) <= same.noise < 5.0
 
 
 def test_no_change_is_larger_than_the_whole(shunted):

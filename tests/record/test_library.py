@@ -1,16 +1,18 @@
 """Recordings are found, listed and noted; the recordings themselves stay as they are."""
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rig.errors import LogError, UsageError
-from rig.record import user_notes
+from rig.record import reader, user_notes
 from rig.record.contents import contents
 from rig.record.run import Run
-from rig.record.run_list import INDEX, runs
+from rig.record.run_list import INDEX, one, runs
 from rig.record.save_run import save
 
 GOLDEN = Path(__file__).parents[2] / "recordings" / "golden" / "pendulum.mcap"
@@ -96,6 +98,19 @@ def test_a_damaged_recording_is_found_by_its_scene_and_its_notes(rig, tmp_path, 
     assert "it has no index yet; new pad #squeal" in " ".join(out.split())
     log.write_bytes(log.read_bytes()[:20])
     assert runs(tmp_path)[0].contents is None
+
+
+def test_links_in_a_loop_pipes_and_folders_do_not_stop_the_list(tmp_path, log):
+    (tmp_path / "loop.mcap").symlink_to("loop.mcap")
+    (tmp_path / "dead.mcap").symlink_to("nowhere")
+    (tmp_path / "up").symlink_to("..")
+    (tmp_path / "folder.mcap").mkdir()
+    os.mkfifo(tmp_path / "pipe.mcap")
+    listed = [(one.path.name, one.fault) for one in runs(tmp_path)]
+    assert listed == [("run.mcap", ""), ("loop.mcap", f"cannot be read: {os.strerror(errno.ELOOP)}")]
+    for read in (one, reader.open):
+        with pytest.raises(LogError, match=r"pipe\.mcap cannot be read: it is not a regular file"):
+            read(tmp_path / "pipe.mcap")
 
 
 def test_notes_stay_beside_an_unchanged_recording(log):
