@@ -8,23 +8,20 @@ from __future__ import annotations
 import os
 import runpy
 import signal
-import threading
 import time
 
-LOOK_S = 0.5
-"""Time between two looks at whether the parent lives."""
+from rig.machine.process import with_parent
+
 PATIENCE_S = 10.0
 """Time in which a job that was interrupted must end."""
 
 
-def _end_with(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(LOOK_S)
+def _end() -> None:
     os.kill(os.getpid(), signal.SIGINT)  # in order, as Ctrl-C does
     time.sleep(PATIENCE_S)
     os._exit(1)
 
 
 if __name__ == "__main__":
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    with_parent(_end)
     runpy.run_module("rig", run_name="__main__", alter_sys=True)

@@ -55,7 +55,7 @@ export function band(pen, curve, t0, t1, x, y, colour, dots = false) {
     const at = x(t[i]), top = y(high[i]), bottom = y(low[i]);
     if (dots) { pen.rect(at - 0.8, top - 0.8, 1.6, Math.max(bottom - top, 0) + 1.6); if (t[i] > t1) break; continue; }
     const wide = i > 0 && low[i] !== high[i] && at - x(t[i - 1]) > 2;
-    if (wide) pen.rect(x(t[i - 1]), top, at - x(t[i - 1]), bottom - top); // extremes hold for their whole span
+    if (wide) pen.fillRect(x(t[i - 1]), top - 0.8, at - x(t[i - 1]), bottom - top + 1.6); // extremes hold for their whole span
     else if (!drawing) { pen.moveTo(at, bottom); pen.lineTo(at, top); } else if (at - column < 0.5) { // many in one column of points
       if (top < up) { pen.lineTo(at, top); up = top; }
       if (bottom > down) { pen.lineTo(at, bottom); down = bottom; }

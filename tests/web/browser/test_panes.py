@@ -176,6 +176,12 @@ def test_a_lesson_is_read_and_its_scene_chosen(page):
         )
         page.until(lambda pictures=pictures: page.run(pictures))
     page.picture("lesson")
+    page.go("lessons/1")
+    page.until(lambda: "Falling friction" in page.text("lesson"))
+    page.run("document.querySelector('#lesson button.run').click()")
+    page.until(lambda: page.text("lesson").count("3.65529") == 2)  # beside the expected number
+    page.go(f"lessons/{lessons()[-1].number}")
+    page.until(lambda: lessons()[-1].title in page.text("lesson"))
     page.press("lesson-scene")
     page.until(lambda: page.value("scene") == lessons()[-1].scene)
     page.until_known()

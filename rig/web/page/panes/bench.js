@@ -68,7 +68,7 @@ export function create(bench) {
     if (list.value !== scene || !form) { list.value = scene; clear(); await show(); }
     if (now && good && !store.active) await begin();
   };
-  bench.place = (key, block) => hands.place(key, block);
+  bench.place = (...which) => hands.place(...which);
 
   async function show() {
     asked += 1;

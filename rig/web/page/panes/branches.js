@@ -1,7 +1,7 @@
 // Branches of the chosen scene: stable and unstable motions over one value, and a dot for the present state.
 
 import { post } from "/page/api.js";
-import { attempting, data, h, number, put, quantity, words } from "/page/dom.js";
+import { attempting, data, h, number, put, quantity, scaled, words } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { ink, sized, ticks } from "/page/plot.js";
 import { t } from "/page/text.js";
@@ -36,7 +36,8 @@ export function create(bench) {
     await attempt(async () => {
       known = await post("/api/branches", { scene, changes });
       list.replaceChildren(...known.map(({ key: over, output }, i) => h("option", { value: i }, `${t(words(output))} / ${over}`)));
-      list.hidden = canvas.hidden = !known.length;
+      list.hidden = known.length < 2;
+      canvas.hidden = !known.length;
       note.textContent = known.length ? "" : t("none computed yet for these values");
     });
     if (scene !== named) { // propose a range about the present value
@@ -76,7 +77,8 @@ export function create(bench) {
     pen.font = "11px system-ui, sans-serif";
     [pen.fillStyle, pen.strokeStyle, pen.textAlign, pen.textBaseline] = [ink().soft, ink().line, "right", "middle"];
     pen.beginPath();
-    for (const tick of ticks(low, high, 4)) { pen.moveTo(left, y(tick)); pen.lineTo(width - edge, y(tick)); pen.fillText(number(tick, 3), left - 4, y(tick)); }
+    const [scale, unit] = scaled(shown.output_unit, Math.max(Math.abs(low), Math.abs(high)));
+    for (const tick of ticks(low * scale, high * scale, 4)) { pen.moveTo(left, y(tick / scale)); pen.lineTo(width - edge, y(tick / scale)); pen.fillText(number(tick, 3), left - 4, y(tick / scale)); }
     pen.textAlign = "center";
     for (const tick of ticks(a, b, width / 90)) { pen.moveTo(x(tick), edge); pen.lineTo(x(tick), height - bottom); pen.fillText(number(tick, 4), x(tick), height - 8); }
     pen.stroke();
@@ -98,7 +100,9 @@ export function create(bench) {
     }
     pen.setLineDash([]);
     [pen.strokeStyle, pen.lineWidth] = [ink().text, 1.3];
-    for (const [, value, ...pair] of shown.specials) {
+    for (const [name, value, ...pair] of shown.specials) { // the boundaries that are crossed
+      pen.setLineDash([2, 4]); pen.beginPath(); pen.moveTo(x(value), edge); pen.lineTo(x(value), height - bottom); pen.stroke(); pen.setLineDash([]);
+      pen.fillText(name.slice(0, 18), Math.min(Math.max(x(value), left + 40), width - 44), edge + 5);
       for (const one of pair) { pen.strokeRect(x(value) - 3, y(one) - 3, 6, 6); }
     }
     if (a <= here.at && here.at <= b) {
@@ -112,8 +116,8 @@ export function create(bench) {
     const specials = shown.specials.map(([name, value]) => t("{name} at {value}", { name, value: quantity(value, shown.unit, 5) })).join(", ");
     const at = quantity(here.at, shown.unit);
     const state = here.low <= here.high ? t("dot: the run at {at}, with its extremes of the last second", { at }) : t("line: {at}", { at });
-    put(note, `${[specials, t("full: stable, dashed: unstable, from violet (slip) to yellow (stick)"), state].filter(Boolean).join("; ")} [${shown.output_unit}]`);
-    bench.place(shown.key, block);
+    put(note, `${[specials, t("full: stable, dashed: unstable, from violet (slip) to yellow (stick)"), state].filter(Boolean).join("; ")} [${unit}]`);
+    bench.place(shown.key, block, shown.range);
     const other = store.active ? store.values.filter(({ key: name, value }) => name !== shown.key && typeof shown.values[name] === "number"
       && Math.abs(value - shown.values[name]) > 1e-9 * Math.abs(value)) : [];
     put(differs, other.length ? `${t("the run has other values:")} ${other.map((one) => `${one.key} ${number(one.value)} ≠ ${number(shown.values[one.key])}`).join("; ")}` : "");

@@ -6,6 +6,7 @@ import { t } from "/page/text.js";
 
 const EVERY = 100; // [ms] between two values of a slider that is being moved
 const STEPS = 1000; // of a slider
+const MOST = 6; // sliders beside the search
 const LATE = 2000; // [ms] after the answer to a change, in which values may still come that were read before it
 
 /** The value at a place from 0 to STEPS of a slider {low, high, least}; with `least` its scale is logarithmic beside 0. */
@@ -99,11 +100,21 @@ export function create(bench) {
         onchange: (e) => { if (!live()) set(key, Number(valueAt(entry.slider, Number(e.target.value)).toPrecision(4))); } });
       if (least) slider.title = t("logarithmic");
     }
-    const line = slider && named ? h("div", { class: "ends small soft" }, h("span", {}, shortened(entry.slider.low)), slider, h("span", {}, shortened(entry.slider.high))) : slider;
+    const ends = [h("span", {}), h("span", {})];
+    const line = slider && named ? h("div", { class: "ends small soft" }, ends[0], slider, ends[1]) : slider;
+    widen([]);
     const range = limits ? `${number(limits[0])} – ${quantity(limits[1], unit)}` : "";
     const element = data("div", { class: "hand", "data-key": key, title: [key, range, entry.note, entry.place].filter(Boolean).join("\n") },
       h("div", { class: "row" }, h("span", { class: "grow" }, named || words(key), " ", owner, entry.origin && !named ? h("span", { class: "small soft" }, `  ${entry.origin}`) : null),
         field, h("span", { class: "small" }, unit === "1" ? "" : unit)), line);
+
+    /** Let the slider reach over a range too, as far as values are allowed. */
+    function widen([from, to]) {
+      if (!slider) return;
+      const { low, high, least } = entry.slider, [bottom, top] = limits;
+      entry.slider = { low: Math.max(Math.min(low, from ?? low), bottom), high: Math.min(Math.max(high, to ?? high), top), least };
+      ends.forEach((one, i) => { one.textContent = shortened([entry.slider.low, entry.slider.high][i]); });
+    }
 
     function show(now) {
       if (!now || (live() && now.value !== wanted && performance.now() < until)) return;
@@ -116,7 +127,7 @@ export function create(bench) {
       if (slider && !held) slider.value = placeOf(entry.slider, now.value);
       owner.textContent = now.owner ? t("driven by {owner}", { owner: now.owner }) : "";
     }
-    return { element, show, expect(value, time) { [wanted, until] = [value, time]; } };
+    return { element, widen, show, expect(value, time) { [wanted, until] = [value, time]; } };
   }
 
   const words = (key) => key.slice(key.lastIndexOf(".") + 1).replaceAll("_", " ");
@@ -149,7 +160,8 @@ export function create(bench) {
     const { id, value } = document.activeElement; // what one is typing outlasts the new rows
     const open = new Set([...sections.querySelectorAll("details[open]")].map((one) => one.dataset.name));
     rows.clear();
-    const hands = (live() ? store.setup : bench.chosen().form)?.hands ?? {}, tables = new Map();
+    const declared = (live() ? store.setup : bench.chosen().form)?.hands ?? {}, tables = new Map();
+    const hands = Object.fromEntries(Object.entries(declared).filter(([key]) => all.some((one) => one.key === key)).slice(0, MOST));
     for (const entry of all) {
       const named = entry.key in hands ? t(hands[entry.key]) : "", made = row(entry, named);
       rows.set(entry.key, made);
@@ -167,8 +179,13 @@ export function create(bench) {
   return {
     element: h("div", { class: "stack" }, h("h2", {}, t("Move a value, see what happens")), fault, box, controllers),
     box,
-    /** Put a block below the slider of a value; false if there is none. */
-    place(key, block) { const there = rows.get(key)?.element; if (there && there.nextSibling !== block) there.after(block); return Boolean(there); },
+    /** Put the map of a value below its slider, which then reaches over the range of the map. */
+    place(key, block, range) {
+      const made = rows.get(key);
+      if (!made || made.element.nextSibling === block) return;
+      made.element.after(block);
+      made.widen(range);
+    },
     setup() {
       fault.textContent = "";
       controllers.replaceChildren(...Object.entries(store.setup.controllers).map(([name, one]) => control(name, one)));
