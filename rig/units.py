@@ -256,6 +256,14 @@ def _exponents(unit: str) -> Any:
     return _registry().parse_units("" if unit == "1" else unit).dimensionality
 
 
+def number_or_text(text: str) -> float | str:
+    """A text as a number, if it is one without a unit."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
 def brief(value: Any) -> str:
     """`repr` of a value, shortened to 60 characters."""
     text = repr(value)

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli import printing
-from rig.cli.options import LONGEST, Command, Group, Json, RunName, number, plain
+from rig.cli.options import LONGEST, Command, Group, Json, RunName, number
 from rig.errors import BusError, UsageError
 from rig.extras import check
 from rig.printable import counted
-from rig.units import with_point
+from rig.units import number_or_text, with_point
 
 if TYPE_CHECKING:
     from rig.bus.port import Session
@@ -70,7 +70,7 @@ def tune(
             _list_tunable(session, as_json)
             return
         process, inner = _owner(session, key)
-        body = {"get": [inner]} if value is None else {"set": {inner: plain(with_point(value, key))}}
+        body = {"get": [inner]} if value is None else {"set": {inner: number_or_text(with_point(value, key))}}
         try:
             answer = session.ask(f"param/{process}", body, timeout=10.0)
         except BusError as fault:

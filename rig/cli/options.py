@@ -18,7 +18,7 @@ from typer.core import TyperCommand, TyperGroup
 from rig.cli import printing
 from rig.cli.printing import new, new_folder, new_recording, reads
 from rig.errors import UsageError
-from rig.units import with_point
+from rig.units import number_or_text, with_point
 
 if TYPE_CHECKING:
     from rig.record.windows import Trigger
@@ -288,14 +288,6 @@ def linked(net: list[str] | None, given: Mapping[str, str]) -> dict[str, str]:
     return keys(net, given)
 
 
-def plain(value: str) -> float | str:
-    """A value as a number, if it is one without a unit."""
-    try:
-        return float(value)
-    except ValueError:
-        return value
-
-
 def the_scene(
     name: str, given: Mapping[str, object], options: Mapping[str, Mapping[str, object]] | None = None
 ) -> Scene:
@@ -331,7 +323,7 @@ def number(given: str, option: str, unit: str, low: float, high: float, also: st
 
     given = with_point(given, option)
     try:
-        value = si(plain(given), unit)
+        value = si(number_or_text(given), unit)
     except ValueError as error:
         raise UsageError(f"{option} {error}{also}") from None
     if not low <= value <= high:

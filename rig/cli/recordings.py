@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paired, plain, refuse_all, separated
+from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paired, refuse_all, separated
 from rig.cli.printing import named, reads, refuse, writable
 from rig.errors import UsageError
 from rig.machine.files import RUNS
 from rig.printable import printable
+from rig.units import number_or_text
 
 if TYPE_CHECKING:
     from rig.record.run import Run
@@ -104,7 +105,7 @@ def replay(
     from rig.bench.again.replay import replay as play
 
     allow(log, trust)
-    values = {key: plain(value) for key, value in changes(p).items()}
+    values = {key: number_or_text(value) for key, value in changes(p).items()}
     with printing.status() as show:
         replayed = play(log, into or (), pace(speed), values, show)
     printing.result(replayed, as_json)

@@ -38,7 +38,6 @@ from rig.cli.options import (
     changes,
     linked,
     pace,
-    plain,
     refuse_all,
     scene_file,
     seconds,
@@ -52,6 +51,7 @@ from rig.cli.printing import draw, new_recording
 from rig.cli.recordings import allow, recording
 from rig.errors import ControllerFailed, ExitCode, UsageError
 from rig.machine.process import told_to_stop
+from rig.units import number_or_text
 
 if TYPE_CHECKING:
     from rig.record.run import Run
@@ -236,7 +236,7 @@ def instant_of(text: str) -> tuple[Path, float | None]:
     if not at or not name or "/" in instant or Path(text).exists():
         return Path(text), None
     try:
-        return Path(name), float(si(plain(instant), "s"))
+        return Path(name), float(si(number_or_text(instant), "s"))
     except ValueError as error:
         raise UsageError(f"{text}: the instant {error}; write LOG@12.5s or LOG@12500ms") from None
 
@@ -361,7 +361,7 @@ def _simulated(
             return rig.simulate(scene, length, stop)
         log, at = instant_of(start)
         allow(log, trust)
-        return rig.fork(log, at, {key: plain(value) for key, value in overrides.items()}, length, stop)
+        return rig.fork(log, at, {key: number_or_text(value) for key, value in overrides.items()}, length, stop)
 
 
 @contextmanager

@@ -38,7 +38,7 @@ from rig.scenes import places, source
 from rig.scenes.faults import near, shortened
 from rig.scenes.places import Place
 from rig.scenes.scene import Scene
-from rig.units import brief, parted, si, with_units
+from rig.units import brief, number_or_text, parted, si, with_units
 
 Array = NDArray[np.float64]
 FORMS = {
@@ -177,14 +177,6 @@ def _check(text: str, kind: str, v: dict[str, float]) -> None:
             raise ValueError(f"{text}: no value of the distribution lies between low and high")
     if kind == "triangular" and not v["low"] <= v["mode"] <= v["high"]:
         raise ValueError(f"{text}: mode must lie between low and high")
-
-
-def number_or_text(text: str) -> float | str:
-    """Return a text as a number, if it is one."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 IDENTIFIED = "identified"
