@@ -201,6 +201,11 @@ GROUPS = {
             _most("empty_ms", "a point that computes nothing", 1.0, "ms"),
         ),
     ),
+    "identify": Group(
+        "rig identify: four parameters of the belt, three runs of 6 s, two workers",
+        lambda asked: studies.identified(),
+        (_most("fit_s", "fit of four parameters", 15.0, "s"),),
+    ),
     "structure": Group(
         "reduction of a structure of 100,000 degrees of freedom: seconds, MB, error",
         lambda asked: structures.measure(asked.quick),

@@ -1,8 +1,9 @@
-"""Benchmark of studies: points per second, the gain by a second worker, locally and with dask, and the cost of a point.
+"""Benchmark of studies, and of rig identify.
 
 P1     tests/problems/p1.toml for 100 s, RMS of the displacement, over the load
 loop   the pendulum with sensors and controller for 2 s, RMS of the velocity, over the gain of its controller
 empty  units that compute nothing: what distributing, saving and reading a point costs
+fit    rig identify of four parameters of the belt from three noisy runs of 6 s
 
 One worker, two, two of dask, and two studies with one worker each at the same time take turns, for some seconds each,
 because this machine's own speed changes. An efficiency is the rate over that of the two studies, the median of the
@@ -25,8 +26,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.kernels import P1
+from rig.analysis.identification import runs
+from rig.analysis.identification.identify import identify
 from rig.analysis.pool import Arrays, Work, carry_out, temporary
 from rig.analysis.studies import prepared
+from rig.bench.run.simulate import simulate
 from rig.scenes.loader import load
 
 
@@ -127,3 +131,21 @@ def overhead_ms(units: int) -> float:
     end = time.perf_counter()
     first, count = next((at, done) for at, done in told if done)
     return 1e3 * (end - first) / (work.total - count)
+
+
+KEYS = {"friction.mu_static": 0.55, "friction.mu_dynamic": 0.16, "friction.speed_scale": 0.045, "body.damping": 2.2}
+
+
+def identified() -> dict[str, Any]:
+    """Return how long a fit with two workers takes [s], and its evaluations."""
+    entries = []
+    for number, (speed, force) in enumerate(((0.05, 16.0), (0.1, 26.0), (0.1, 16.0))):
+        settings = {"drive.speed": speed, "load.force": force}
+        own = KEYS | settings | {"start.velocity": speed, "limits": "none", "noise.force": 0.01, "seed": number}
+        run = simulate(load("belt", own), {}, duration_ns=6_000_000_000)
+        columns = {"laser": {"reads": "displacement", "offset": "free"}}
+        entries.append({"run": run, "name": f"run {number}", "skip": "1 s", "set": settings, "columns": columns})
+    task = runs.prepared(load("belt"), entries, {key: (0.2 * value, 5.0 * value) for key, value in KEYS.items()})
+    began = time.perf_counter()
+    found = identify(task, workers=2)
+    return {"fit_s": time.perf_counter() - began, "evaluations": found.best.evaluations}

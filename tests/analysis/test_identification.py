@@ -281,7 +281,50 @@ def test_a_transient_is_fitted_as_a_whole_with_the_delay_of_its_instrument():
     assert found.best.runs[0].rms < 2.0
 
 
-def test_a_frequency_response_is_refused():
-    entry = {"run": rig.simulate("belt", 0.1), "kind": "response"}
-    with pytest.raises(UsageError, match="a frequency response is not fitted"):
-        rig.identify("belt", [entry], FREE)
+class Shaker:
+    """Loads the mass with noise about 20 N."""
+
+    reads, drives, period_ns = ("laser",), ("load.force",), 1_000_000
+
+    def __init__(self, seed):
+        self.force = 20.0 + np.random.default_rng(seed).standard_normal(60_000)
+
+    def start(self):
+        return 0
+
+    def update(self, state, t_ns, values):
+        return state + 1, (float(self.force[state]),)
+
+
+SLIDING = {"drive.speed": 0.5, "start.displacement": "1.44 mm", "start.velocity": 0.0}
+DRIVEN = {"body.stiffness": 2700.0, "body.damping": 6.0, "friction.mu_dynamic": 0.2}
+SHAKEN = {"load.force": {"reads": "load.force"}, "laser": {"reads": "displacement"}}
+
+
+def shaken(seed, noise="0.01 N/Hz^0.5"):
+    own = SLIDING | DRIVEN | {"noise.force": noise, "seed": seed}
+    run = rig.simulate(rig.load("belt", own), 60.0, controllers={"shaker": Shaker(seed)})
+    return {"run": run, "kind": "response", "name": "shaken", "columns": SHAKEN}
+
+
+def test_a_frequency_response_identifies_stiffness_damping_and_friction():
+    """A rig that slides steadily while its load is noise; as much process noise as the load itself drives."""
+    free = {key: (0.3 * value, 3.0 * value) for key, value in DRIVEN.items()}
+    inside = []
+    for seed in (1, 2, 3, 4):
+        found = rig.identify(rig.load("belt", SLIDING), [shaken(seed)], free, starts=0, workers=1)
+        assert found.best.runs[0].rms == pytest.approx(1.0, abs=0.05)
+        assert found.best.fits
+        inside += [p.low <= DRIVEN[p.key] <= p.high for p in found.parameters]
+    assert sum(inside) >= 8  # of 12; of 90 % each: 99.6 %
+    assert found.parameters[0].high < 1.05 * found.parameters[0].low
+    assert found.plot().axes
+    wrong = rig.load("belt", SLIDING | {"body.mass": 7.0})
+    alone = {"friction.mu_dynamic": (0.05, 0.6)}
+    assert not rig.identify(wrong, [shaken(1)], alone, starts=0, workers=1).best.fits
+
+
+@pytest.mark.parametrize("columns", [{"laser": SHAKEN["laser"]}, {"load.force": SHAKEN["load.force"]}])
+def test_a_frequency_response_needs_an_input_and_an_output(columns):
+    with pytest.raises(UsageError, match="one column that reads what drives the rig"):
+        rig.identify("belt", [shaken(1) | {"columns": columns}], {"body.stiffness": (500.0, 9000.0)})

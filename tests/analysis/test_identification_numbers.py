@@ -30,7 +30,7 @@ PLANTS = {
     ),
     "lever": (
         {"friction.mu_static": 0.42, "friction.mu_kinetic": 0.25, "cylinder.damping": 0.12, "friction.decay": 220.0},
-        ((0.10, 20.0), (0.06, 20.0), (0.10, 28.0)), "arm_displacement", 5e-6, 0.003, 9.0,
+        ((0.10, 20.0), (0.06, 20.0), (0.10, 28.0)), "arm_displacement", 5e-6, 0.003, 14.0,
         ("start.angular_velocity", 0.1),
     ),
     "seal_l": (
@@ -47,7 +47,8 @@ PLANTS = {
     ),
 }  # fmt: skip
 """Scene -> free keys with their values, (speed, load) of the runs, output, noise, process noise, seconds, and the start
-that follows the speed: stuck, so that a cycle is reached where sliding is stable too.
+that follows the speed: stuck, so that a cycle is reached where sliding is stable too. A lever with a period of 1.1 s
+needs 14 s for ten cycles.
 """
 RATE = 5e3
 
@@ -78,6 +79,9 @@ def drawn(number, law=None, runs=None, spread=0.25, plants=tuple(PLANTS)):
         own |= {f"sensors.{name}.rate": RATE for name in list(base.sensors)[:1]}  # the step of the plant is as short
         made = {**own, **values, "limits": "none", "noise.force": f"{force} N/Hz^0.5", "seed": 100 * number + k}
         run = rig.simulate(replace(rig.load(scene, made), protocol=(), controllers={}), seconds)
+        first, *_, last = np.array_split(run.signals[output], 4)
+        if np.ptp(last) < 0.2 * np.ptp(first):  # its noise has ended the vibration: nobody records that
+            return drawn(number + 48, law, runs, spread, plants)
         t = np.arange(0.5, float(run.time[-1]), 1.0 / RATE)
         v = np.interp(t - delay, run.time, run.signals[output]) + offset + noise * chance.standard_normal(t.size)
         run.measurements["probe"] = Samples(np.rint(t * 1e9).astype(np.int64), v)
@@ -89,17 +93,16 @@ def drawn(number, law=None, runs=None, spread=0.25, plants=tuple(PLANTS)):
 
 
 def deviations(found, truth):
-    """(estimate - truth) / sigma of each free parameter."""
+    """(estimate - truth) / sigma of each free parameter, and by how many sigma an interval reaches to each side."""
     C = found.best.covariance
     return [
-        (math.log(p.value / truth[p.key])) / math.sqrt(C[i, i]) if found.best.law.free[i].log else math.nan
-        for i, p in enumerate(found.parameters)
-    ]
+        math.log(p.value / truth[p.key]) / math.sqrt(C[i, i]) for i, p in enumerate(found.parameters)
+    ], found.best.reach
 
 
 @pytest.mark.timeout(7200)
 def test_intervals_hold_and_are_not_biased():
-    z, refused, misfits = [], [], 0
+    z, inside, refused, misfits = [], [], [], 0
     for number in range(COUNT):
         base, ranges, truth, entries = drawn(number)
         try:
@@ -107,14 +110,17 @@ def test_intervals_hold_and_are_not_biased():
         except UsageError as fault:
             refused.append((number, str(fault)[:200]))
             continue
-        row = deviations(found, truth)
+        row, reach = deviations(found, truth)
         misfits += not found.best.fits
         z += row
+        inside += [abs(value) < reach for value in row]
         say(number, base.name, np.round(row, 2), f"p {found.best.p:.2g}", found.best.evaluations)
-    inside = float(np.mean(np.abs(z) < 1.645))
-    say(f"{len(z)} intervals, {100 * inside:.1f} % hold, mean {np.mean(z):.2f}, {misfits} misfits, refused: {refused}")
+    say(
+        f"{len(z)} intervals, {100 * np.mean(inside):.1f} % hold, mean {np.mean(z):.2f}, {misfits} misfits, "
+        f"refused: {refused}"
+    )
     assert len(z) >= 180 * COUNT / 48
-    assert 0.84 <= inside <= 0.97
+    assert 0.84 <= np.mean(inside) <= 0.97
     assert abs(np.mean(z)) < 0.33
     assert misfits <= math.ceil(5 * COUNT / 48)
 

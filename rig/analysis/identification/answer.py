@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
 from typing import Any, ClassVar
 
@@ -23,7 +24,7 @@ from rig.analysis.identification.fit import NORMAL, Offsets
 from rig.analysis.identification.influence import Influence
 from rig.analysis.identification.responses import Response
 from rig.analysis.identification.runs import Free, Law, Task
-from rig.printable import columns
+from rig.printable import columns, counted
 from rig.record.run import Reals
 from rig.results import Result, csv_text
 from rig.scenes.scene import Scene
@@ -114,6 +115,14 @@ class LawFit:
         """Whether the misfit may be chance."""
         return not self.p < MISFIT
 
+    @cached_property
+    def reach(self) -> float:
+        """Half of an interval of 90 % over its standard deviation: Student's, for as many cycles as there are."""
+        from scipy import stats
+
+        spare = sum(len(run.left) for run in self.runs) - len(self.z)
+        return float(stats.t.ppf(0.95, spare)) if self.repeats and spare > 0 else NORMAL
+
     @property
     def size(self) -> float:
         """What laws are compared by: rms over the noise, or the mean deviation between runs."""
@@ -128,7 +137,7 @@ class LawFit:
 
     def _parameter(self, i: int, free: Free) -> Parameter:
         z, sd = float(self.z[i]), math.sqrt(max(float(self.covariance[i, i]), 0.0))
-        low, high = (float(np.clip(end, *free.ends)) for end in (z - NORMAL * sd, z + NORMAL * sd))
+        low, high = (float(np.clip(end, *free.ends)) for end in (z - self.reach * sd, z + self.reach * sd))
         value, a, b = free.value(z), free.value(low), free.value(high)
         if min(z - free.ends[0], free.ends[1] - z) < _AT_END:
             verdict = BOUND
@@ -172,7 +181,7 @@ class LawFit:
             deviations = [math.sqrt(max(float(g @ C @ g), 0.0)) for _, _, g in ways]
             best = int(np.argmin(deviations))
             text, value, _ = ways[best]
-            sd = NORMAL * deviations[best]
+            sd = self.reach * deviations[best]
             if sd < 0.6:
                 yield (
                     text,
@@ -236,14 +245,9 @@ class LawFit:
 
 
 def _alike(each: Influence, identified: Sequence[str]) -> str:
-    strong = [name for name, c in each.others if name in identified and abs(abs(c) - 1.0) < 0.25]
-    if strong:
-        name = strong[0]
-        way = "ratio" if dict(each.others)[name] > 0.0 else "product"
-        return (
-            f"{each.key} cannot be told beside {', '.join(n for n, _ in each.others)}: only its {way} with {name} can"
-        )
-    return f"{each.key} cannot be told beside {', '.join(name for name, _ in each.others)}"
+    strong = [(name, c) for name, c in each.others if name in identified and abs(abs(c) - 1.0) < 0.25]
+    only = f": only its {'ratio' if strong[0][1] > 0.0 else 'product'} with {strong[0][0]} can" if strong else ""
+    return f"{each.key} cannot be told beside {', '.join(name for name, _ in each.others)}{only}"
 
 
 def _plain(unit: str) -> str:
@@ -303,7 +307,9 @@ class Identified(Result):
         how = "cycle by cycle" if best.repeats else "by measures of cycles"
         how = how if any(run.evidence.run.kind == "cycles" for run in best.runs) else "from experiments"
         law = f", law {best.law.name}" if best.law.name else ""
-        lines = [f"{self.task.scene.name}: {len(best.runs)} runs{law}, {how}; {best.evaluations} evaluations"]
+        lines = [
+            f"{self.task.scene.name}: {counted(len(best.runs), 'run')}{law}, {how}; {best.evaluations} evaluations"
+        ]
         rows = [("", "found", "90 % from", "to", "stated", "", "verdict")]
         for p in self.parameters:
             ends = (f"{p.low:.5g}", f"{p.high:.5g}") if math.isfinite(p.low) and p.verdict != UNKNOWN else ("-", "-")
@@ -389,15 +395,9 @@ def _prediction_json(run: RunFit) -> dict[str, Any]:
 def phases(run: RunFit) -> Iterator[tuple[Reals, Reals, Reals, Reals]]:
     """Of each column of a run: phase, mean of the measured cycles, their deviation, and the model there."""
     evidence: CycleRun = run.evidence
+    ends = np.cumsum([samples.shape[1] for samples in evidence.samples])
+    fine = run.left.shape == (len(evidence.begins), ends[-1])
     for i, samples in enumerate(evidence.samples):
         t = evidence.times[i].mean(axis=0) / evidence.period
-        fine = run.left.shape[0] == len(samples) and run.left.shape[1] > len(MEASURES)
-        model = samples - _part(run, i) * evidence.sigma[i] if fine else samples
-        yield t, samples.mean(axis=0), samples.std(axis=0), model.mean(axis=0)
-
-
-def _part(run: RunFit, column: int) -> Reals:
-    """The residuals of one column."""
-    sizes = [samples.shape[1] for samples in run.evidence.samples]
-    begin = sum(sizes[:column])
-    return run.left[:, begin : begin + sizes[column]]
+        left = run.left[:, ends[i] - samples.shape[1] : ends[i]] if fine else 0.0
+        yield t, samples.mean(axis=0), samples.std(axis=0), (samples - left * evidence.sigma[i]).mean(axis=0)

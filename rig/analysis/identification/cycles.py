@@ -165,40 +165,29 @@ class CycleRun:
         if n >= v.size:
             raise UsageError(f"{run.name}: {column.name} has {v.size} samples; record at least {LEAST} cycles")
         detected = slips(v, column.rate, column.start, slope, column.unit.endswith("/s"), n)
-        count = 0 if detected is None else len(detected.begins)
-        if detected is None or count < LEAST:
-            stated = f" of {model.period:.3g} s" if count else ""
-            if detected is None:
-                raise UsageError(
-                    f"{run.name}: {column.name} shows no cycles of stick and slip in {run.seconds:.4g} s: it slides "
-                    f"steadily, or stays at rest; at least {LEAST} are needed: choose a speed at which the rig "
-                    "vibrates, or leave the run out"
-                )
+        if detected is None:
             raise UsageError(
-                f"{run.name}: {count} cycles{stated} in {run.seconds:.4g} s of {column.name}; at least {LEAST} are "
-                "needed: record longer, or check its speed, load and scale, or leave the run out"
+                f"{run.name}: {column.name} shows no cycles of stick and slip in {run.seconds:.4g} s: it slides "
+                f"steadily, or stays at rest; at least {LEAST} are needed: choose a speed at which the rig "
+                "vibrates, or leave the run out"
             )
-        kept = _usable(detected.measures)
+        kept, count = _usable(detected.measures), len(detected.begins)
         for a, b in zip(*_gaps(lost)):
             times = detected.begins
             before, after = column.start + a / column.rate, column.start + b / column.rate
             kept &= ~((times > before) & (times - np.exp(detected.measures[:, 0]) < after))
         if kept.sum() < LEAST:
             raise UsageError(
-                f"{run.name}: {int(kept.sum())} of {count} cycles can be used; at least {LEAST} are needed: record "
-                "longer, or leave the run out"
+                f"{run.name}: {int(kept.sum())} of {count} cycles in {run.seconds:.4g} s of {column.name} can be used; "
+                f"at least {LEAST} are needed: record longer, or check its speed, load and scale, or leave the run out"
             )
         begins, T = detected.begins, float(np.exp(np.median(detected.measures[kept, 0])))
-        samples, times_, whole = [], [], kept.copy()
-        for each in run.columns:
-            first = np.rint((begins - _BEFORE * T - each.start) * each.rate).astype(np.int64)
-            length = int((_BEFORE + _AFTER) * T * each.rate)
-            whole &= (first >= 0) & (first + length < each.v.size)
-        for each in run.columns:
-            first = np.rint((begins[whole] - _BEFORE * T - each.start) * each.rate).astype(np.int64)
-            index = first[:, None] + np.arange(int((_BEFORE + _AFTER) * T * each.rate))
-            samples.append(each.v[index])
-            times_.append(each.start + index / each.rate - begins[whole, None])
+        places = [np.rint((begins - _BEFORE * T - each.start) * each.rate).astype(np.int64)[:, None]
+                  + np.arange(int((_BEFORE + _AFTER) * T * each.rate)) for each in run.columns]  # fmt: skip
+        within = [(at[:, 0] >= 0) & (at[:, -1] < each.v.size) for at, each in zip(places, run.columns)]
+        whole = kept & np.all(within, axis=0)
+        samples = [each.v[at[whole]] for at, each in zip(places, run.columns)]
+        times_ = [each.start + at[whole] / each.rate - begins[whole, None] for at, each in zip(places, run.columns)]
         fine = np.all([np.isfinite(s).all(axis=1) for s in samples], axis=0)
         sigmas = np.array([noise_of(each.v) for each in run.columns])
         return cls(run, slope, n, sigmas, begins[whole][fine], detected.measures[whole][fine], count - int(fine.sum()),
@@ -251,7 +240,8 @@ class CycleRun:
 
     def left(self, model: Response, offsets: Reals) -> Reals:
         """What a model leaves of the cycles over the noise, [cycle, samples of all columns], at the best shifts."""
-        rows = [self._left(i, model, float(offset)) / self.sigma[i] for i, offset in enumerate(offsets)]
+        rows = [(self.samples[i] - self.fitted(i, model, float(offset))[0]) / self.sigma[i]
+                for i, offset in enumerate(offsets)]  # fmt: skip
         return np.asarray(np.concatenate(rows, axis=1) - self.expected)
 
     def fitted(self, column: int, model: Response, offset: float) -> tuple[Reals, Reals]:
@@ -269,25 +259,26 @@ class CycleRun:
         phase = t / T - shift[:, None]
         return model.at(column, phase) + offset, phase
 
-    def _left(self, column: int, model: Response, offset: float) -> Reals:
-        return np.asarray(self.samples[column] - self.fitted(column, model, offset)[0])
-
     def misfit(self, left: Reals) -> float:
         """Hotelling's test of the mean residual in phases: the probability of a larger one, if the model is right."""
-        from scipy import stats
-
         means, begin = [], 0
         for samples in self.samples:
             part = left[:, begin : begin + samples.shape[1]]
             begin += samples.shape[1]
             means += [piece.mean(axis=1) for piece in np.array_split(part, BINS, axis=1)]
-        R = np.array(means).T
-        n, p = R.shape
-        if n <= p + 2:
-            return math.nan
-        mean, S = R.mean(axis=0), np.cov(R.T)
-        T2 = n * float(mean @ np.linalg.pinv(S, rcond=1e-12, hermitian=True) @ mean) / (1.0 + self.share)
-        return float(stats.f.sf((n - p) / (p * (n - 1)) * T2, p, n - p))
+        return hotelling(np.array(means).T, self.share)
+
+
+def hotelling(rows: Reals, share: float = 0.0) -> float:
+    """The probability of a mean of `rows` [cluster, value] farther from zero. `share`: see `CycleRun.share`."""
+    from scipy import stats
+
+    n, p = rows.shape
+    if n <= p + 2:
+        return math.nan
+    mean, S = rows.mean(axis=0), np.cov(rows.T)
+    T2 = n * float(mean @ np.linalg.pinv(S, rcond=1e-12, hermitian=True) @ mean) / (1.0 + share)
+    return float(stats.f.sf((n - p) / (p * (n - 1)) * T2, p, n - p))
 
 
 def _usable(measures: Reals) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

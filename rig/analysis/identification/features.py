@@ -5,6 +5,9 @@ growth      the column vibrates about steady sliding: growth rate and frequency,
 stages      mean, or largest deflection, of each hold of the protocol, which the scene runs too
 transient   the whole column, as of a run-up, beside a simulation of the protocol, in windows that grow: over the whole
             of it a wrong phase would lead to a wrong answer. Its clusters are twenty parts of the time
+response    the lines of nineteen parts of the column beside those of the rig linearised about steady sliding, which
+            the measured input drives. Both pass the same window, so that the same lines leak into their neighbours.
+            Each line has the error of what does not follow the input; a part is a cluster
 
 Errors of growth and few stages are known from the data; those of ten stages or more and of a transient follow
 from clusters: holds, or parts of the time.
@@ -19,15 +22,17 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.identification.cycles import LEAST, MEASURES, noise_of
+from rig.analysis.control_loop import plant
+from rig.analysis.identification.cycles import LEAST, MEASURES, hotelling, noise_of
 from rig.analysis.identification.responses import Response, cycle_response
-from rig.analysis.identification.runs import LARGEST, Column, Measured
+from rig.analysis.identification.runs import LARGEST, TRANSIENT, Column, Measured
 from rig.analysis.modes import at_rest
 from rig.bench.run.simulate import simulate
 from rig.errors import Singular, UsageError
 from rig.record.run import Reals
-from rig.scenes.protocol import Hold, Repeat
+from rig.scenes.protocol import Hold, duration_ns
 from rig.scenes.scene import Scene
+from rig.scenes.sections import unrolled
 
 PARTS = 20
 WINDOWS = (0.07, 0.15, 0.3, 0.6, 1.0)
@@ -36,6 +41,9 @@ _FIFTHS, _ROUNDS = 5, 4
 _ROUGH = 2.0  # times the noise: largest rms of a transient that fits
 _SETTLED = 0.5  # share of a hold after which its mean is taken
 _SKIP = 3  # samples that are left out of a vibration: the instrument does not yet read it alone
+_BANDS = 3  # of lines, in which the rest of a response is tested
+_STRONG = 1e-3  # of the largest power of an input: lines that are used
+_NEIGHBOURS = 11
 _NONE = np.full(len(MEASURES), np.nan)
 
 
@@ -56,18 +64,25 @@ class FeatureRun:
     @classmethod
     def of(cls, run: Measured, scene: Scene) -> FeatureRun:
         """Read the features of a run. Raises UsageError."""
-        if run.kind == "transient":
+        if run.kind == TRANSIENT:
             values = tuple(column.v for column in run.columns)
             return cls(run, values, tuple(np.full(v.size, noise_of(v)) for v in values), False)
-        read = {"growth": _growth, "stages": _stages}[run.kind]
-        pairs = [read(run, column, scene) for column in run.columns]
+        if run.input is not None:
+            series = [lines(run.input, column, column.on(column)) for column in run.columns]
+            return cls(
+                run, tuple(Z.view(float) for _, _, Z in series), tuple(_unexplained(*of[1:]) for of in series), False
+            )
+        pairs = [
+            _growth(run, column) if run.kind == "growth" else _stages(run, column, scene) for column in run.columns
+        ]
         known = run.kind != "stages" or pairs[0][0].size < LEAST  # holds scatter by more than their noise: drift
         return cls(run, tuple(v for v, _ in pairs), tuple(e for _, e in pairs), known)
 
     @property
     def begins(self) -> Reals:
         """One entry for each cluster or feature."""
-        return np.arange(PARTS if self.run.kind == "transient" else sum(v.size for v in self.values), dtype=float)
+        return np.arange(PARTS - 1 if self.run.input is not None else PARTS if self.run.kind == TRANSIENT
+                         else sum(v.size for v in self.values), dtype=float)  # fmt: skip
 
     @property
     def samples(self) -> tuple[Reals, ...]:
@@ -84,14 +99,16 @@ class FeatureRun:
         rows = []
         for i, (v, error) in enumerate(zip(self.values, self.errors)):
             predicted = self._predicted(i, model)
-            if self.run.kind == "transient":
+            if self.run.kind == TRANSIENT:
                 predicted = self._delayed(i, predicted, float(offsets[i]))
+            if self.run.input is not None:
+                predicted = self._turned(i, predicted.reshape(v.shape))
             shift = 0.0 if self.run.kind == "growth" else float(offsets[i])
             apart = np.nan_to_num((v - predicted - shift) / error)
-            if self.run.kind == "transient":
+            if self.run.kind == TRANSIENT:
                 apart[int(self.share * apart.size) :] = 0.0
                 apart = np.pad(apart, (0, -apart.size % PARTS)).reshape(PARTS, -1)
-            elif not self.known:
+            elif not self.known and apart.ndim == 1:
                 apart = apart[:, None]
             rows.append(apart if apart.ndim == 2 else apart[None])
         return np.concatenate(rows, axis=1)
@@ -111,6 +128,18 @@ class FeatureRun:
             delay -= float(np.clip(rate @ miss / max(float(rate @ rate), 1e-300), -2.0, 2.0))
         return np.interp(at - delay, at, wave)
 
+    def _turned(self, column: int, predicted: Reals) -> Reals:
+        """Lines of a model with the delay [s] that fits best, as of an instrument."""
+        assert self.run.input is not None
+        f, _, _ = lines(self.run.input, self.run.columns[column], self.run.columns[column].v)
+        Z, size = np.ascontiguousarray(self.values[column]).view(complex), self.errors[column][::2]
+        Y = np.ascontiguousarray(predicted).view(complex)
+        for _ in range(_ROUNDS):
+            rate = -2j * math.pi * f * Y / size
+            delay = (np.conj(rate) * (Z - Y) / size).sum().real / max((np.abs(rate) ** 2).sum(), 1e-300)
+            Y = Y * np.exp(-2j * math.pi * f * delay)
+        return np.asarray(Y.view(float))
+
     def _predicted(self, column: int, model: Response) -> Reals:
         v, wave = self.values[column], model.waves[column]
         return _nearest(v, wave) if self.run.kind == "growth" else wave[: v.size]
@@ -121,28 +150,54 @@ class FeatureRun:
 
         if self.known:
             return float(stats.chi2.sf(float((left**2).sum()), left.size))
-        if self.run.kind == "transient" and float((left**2).mean()) > _ROUGH**2:
+        if self.run.input is not None:
+            _, U, Z = lines(self.run.input, self.run.columns[0], self.run.columns[0].v)
+            across = np.conj(U) * np.ascontiguousarray(left[:, : 2 * Z.shape[1]]).view(complex)
+            sums = np.array([part.sum(axis=1) for part in np.array_split(across, _BANDS, axis=1)])
+            return hotelling(np.concatenate([sums.real, sums.imag]).T)
+        if self.run.kind == TRANSIENT and float((left**2).mean()) > _ROUGH**2:
             return 0.0  # one run has no scatter of its own: what exceeds the noise so far is a misfit
         means = left.mean(axis=1)
         return float(stats.ttest_1samp(means, 0.0).pvalue) if np.ptp(means) > 0.0 else math.nan
 
-    def covariance(self, seed: int) -> Reals:
+    def covariance(self, *_: Any) -> Reals:
         """No measures of cycles."""
-        del seed
         return np.zeros((len(MEASURES), len(MEASURES)))
 
-    def model_measures(self, model: Response) -> None:
+    def model_measures(self, *_: Any) -> None:
         """No measures of cycles."""
-        del model
 
-    def bias(self, model: Response) -> Reals:
+    def bias(self, *_: Any) -> Reals:
         """No measures of cycles."""
-        del model
         return np.zeros(len(MEASURES))
 
-    def windowed(self, share: float) -> FeatureRun:
-        """The run with another share of its transient."""
-        return replace(self, share=share)
+
+def lines(drive: Column, column: Column, v: Reals) -> tuple[Reals, Any, Any]:
+    """Frequencies [Hz] where the input `drive` of a response has power, and the lines [part, line] of it and of `v`."""
+    U, Z = (_lines(each) for each in (drive.on(column), v))
+    power = (np.abs(U) ** 2).mean(axis=0)
+    strong = power > _STRONG * power.max()
+    f = (1.0 + np.flatnonzero(strong)) * column.rate / (v.size // PARTS)
+    return f, U[:, strong], np.ascontiguousarray(Z[:, strong])
+
+
+def _lines(v: Reals) -> Any:
+    """The lines of the parts under a window of Hann; the first part depends on what was before it."""
+    parts = v[: v.size // PARTS * PARTS].reshape(PARTS, -1)[1:]
+    return np.fft.rfft(parts * np.hanning(parts.shape[1]))[:, 1:]
+
+
+def responses(U: Any, Z: Any) -> Any:
+    """The frequency response of lines `Z` [part, line] to those of an input."""
+    return (np.conj(U) * Z).sum(axis=0) / (np.abs(U) ** 2).sum(axis=0)
+
+
+def _unexplained(U: Any, Z: Any) -> Reals:
+    """The errors of real and imaginary parts of lines, from what does not follow the input, over neighbours."""
+    from scipy.ndimage import uniform_filter1d
+
+    power = (np.abs(Z - responses(U, Z) * U) ** 2).sum(axis=0) / (len(Z) - 1)
+    return np.asarray(np.repeat(np.sqrt(0.5 * uniform_filter1d(power, _NEIGHBOURS)), 2))
 
 
 def _nearest(v: Reals, rates: Reals) -> Reals:
@@ -182,8 +237,7 @@ def _rest(t: Reals, x: Reals, s: float, w: float) -> Reals:
     return np.asarray(x - shapes @ np.linalg.lstsq(shapes, x, rcond=None)[0])
 
 
-def _growth(run: Measured, column: Column, scene: Scene) -> tuple[Reals, Reals]:
-    del scene
+def _growth(run: Measured, column: Column) -> tuple[Reals, Reals]:
     known = np.isfinite(column.v)
     t, x = column.t[known][_SKIP:], column.v[known][_SKIP:]
     if x.size < 20:
@@ -192,24 +246,16 @@ def _growth(run: Measured, column: Column, scene: Scene) -> tuple[Reals, Reals]:
     return np.array([s, w]), errors
 
 
-def holds(protocol: Iterable[Any]) -> list[tuple[float, float]]:
-    """Begin and end [s] of each hold of a protocol without waits."""
-    made, now = [], 0
-    for step in _unrolled(protocol):
-        length = getattr(step, "time", 0) or getattr(step, "over", 0)
+def holds(protocol: Iterable[Any], last: float) -> Iterator[tuple[float, float]]:
+    """Begin and end [s] of each hold of a protocol without waits that begins before `last`."""
+    now = 0
+    for step in unrolled(protocol):
+        if now * 1e-9 > last:
+            break
+        length = duration_ns(step)
         if isinstance(step, Hold):
-            made.append((now * 1e-9, (now + length) * 1e-9))
+            yield now * 1e-9, (now + length) * 1e-9
         now += length
-    return made
-
-
-def _unrolled(steps: Iterable[Any]) -> Iterator[Any]:
-    for step in steps:
-        if isinstance(step, Repeat):
-            for _ in range(int(step.times)):
-                yield from _unrolled(step.steps)
-        else:
-            yield step
 
 
 def stages(t: Reals, v: Reals, protocol: Sequence[Any], feature: str) -> tuple[Reals, Reals]:
@@ -219,7 +265,7 @@ def stages(t: Reals, v: Reals, protocol: Sequence[Any], feature: str) -> tuple[R
     """
     values, spreads = [], []
     step = float(np.nanmedian(np.abs(np.diff(v))))
-    for begin, end in holds(protocol):
+    for begin, end in holds(protocol, float(t[-1])):
         late = v[(t >= begin + _SETTLED * (end - begin)) & (t < end)]
         here = v[(t >= begin) & (t < end)]
         if late.size < 2 * _FIFTHS:
@@ -260,7 +306,7 @@ def respond(scene: Scene, run: Measured) -> Response | str:
             return "nothing vibrates about sliding: every eigenvalue is real"
         rows = [np.concatenate([rates.real, rates.imag])] * len(run.columns)
     else:
-        rows = [*_simulated(scene, run)]
+        rows = [*(_simulated if run.input is None else _driven)(scene, run)]
     waves = np.zeros((len(rows), max(row.size for row in rows)))
     for wave, row in zip(waves, rows):
         wave[: row.size] = row
@@ -278,3 +324,27 @@ def _simulated(scene: Scene, run: Measured) -> Iterator[Reals]:
     for column in run.columns:
         v = np.interp(column.t, made.time, made.signals[column.output])
         yield stages(column.t, v, scene.protocol, column.feature)[0] if run.kind == "stages" else v
+
+
+def _driven(scene: Scene, run: Measured) -> Iterator[Reals]:
+    """The lines of the columns, of the rig linearised about steady sliding and driven by the measured input.
+
+    Each of its vibration modes is a filter of the first order, exact for lines between the samples of the input.
+    """
+    from scipy.signal import lfilter
+
+    assert run.input is not None
+    p = plant(scene)
+    rates, shapes = np.linalg.eig(p.A)
+    place = p.inputs.index(run.input.output)
+    into = np.linalg.solve(shapes, p.B[:, place])
+    for column in run.columns:
+        row, z, drive = p.outputs.index(column.output), rates / column.rate, run.input.on(column)
+        small = np.abs(z) < 1e-4
+        safe = np.where(small, 1.0, z)
+        late = np.where(small, 0.5 + z / 6.0, (np.expm1(safe) - safe) / safe**2)
+        early = np.where(small, 1.0 + 0.5 * z, np.expm1(safe) / safe) - late
+        made = p.D[row, place] * drive
+        for gain, a, b, end in zip(into * (p.C[row] @ shapes) / column.rate, late, early, np.exp(z)):
+            made = made + (gain * lfilter([a, b], [1.0, -end], drive)).real
+        yield lines(run.input, column, made)[2].view(float).ravel()

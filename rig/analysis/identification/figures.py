@@ -9,6 +9,8 @@ import numpy as np
 
 from rig.analysis.identification.answer import Identified, RunFit, phases
 from rig.analysis.identification.cycles import BINS, MEASURES, CycleRun
+from rig.analysis.identification.features import lines, responses
+from rig.printable import counted
 from rig.view.palette import BLUE, GREY, VERMILION, page
 
 if TYPE_CHECKING:
@@ -22,18 +24,19 @@ def identified_figure(identified: Identified) -> Figure:
     """Return the figure of an identification by its best law."""
     best = identified.best
     runs = best.runs[:_MOST]
-    rows = 2 if best.repeats else 1
-    with page(3.6 * max(len(runs), 2), 3.0 * (rows + 1), layout="constrained") as figure:
+    cycles = any(isinstance(run.evidence, CycleRun) for run in best.runs)
+    rows = 2 if best.repeats and cycles else 1
+    with page(3.6 * max(len(runs), 2), 3.0 * (rows + cycles), layout="constrained") as figure:
         law = f", law {best.law.name}" if best.law.name else ""
         state = "" if best.fits else ": does not fit"
-        figure.suptitle(f"{identified.task.scene.name}: {len(best.runs)} runs{law}{state}", ha="center")
-        grid = figure.add_gridspec(rows + 1, len(runs))
+        figure.suptitle(f"{identified.task.scene.name}: {counted(len(best.runs), 'run')}{law}{state}", ha="center")
+        grid = figure.add_gridspec(rows + cycles, len(runs))
         for i, run in enumerate(runs):
             mean = figure.add_subplot(grid[0, i])
             _mean(mean, run, best.repeats)
             if best.repeats and isinstance(run.evidence, CycleRun):
                 _residual(figure.add_subplot(grid[1, i], sharex=mean), run)
-        if any(isinstance(run.evidence, CycleRun) for run in best.runs):
+        if cycles:
             _measures(figure.add_subplot(grid[rows, :]), [*best.runs, *best.predicted], identified)
     return figure
 
@@ -42,7 +45,7 @@ def _mean(axes: Axes, run: RunFit, repeats: bool) -> None:
     """The first column over the phase: mean cycle with the band of one standard deviation, and the model."""
     column = run.evidence.run.columns[0]
     if not isinstance(run.evidence, CycleRun):
-        _features(axes, run)
+        (_features if run.evidence.run.input is None else _response)(axes, run)
         return
     t, mean, spread, model = next(phases(run))
 
@@ -66,6 +69,19 @@ def _features(axes: Axes, run: RunFit) -> None:
     )
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set(title=run.name, xlabel="number of the feature [1]", ylabel="measured - model [%]")
+
+
+def _response(axes: Axes, run: RunFit) -> None:
+    """The frequency response of the first column, measured and of the model."""
+    evidence, column = run.evidence, run.evidence.run.columns[0]
+    f, drive, _ = lines(evidence.run.input, column, column.v)
+    measured = evidence.values[0]
+    model = measured - run.left[:, : measured.shape[1]] * evidence.errors[0]
+    for v, colour, label in ((measured, BLUE, "measured"), (model, VERMILION, "model")):
+        axes.loglog(f, np.abs(responses(drive, np.ascontiguousarray(v).view(complex))), color=colour, lw=1, label=label)
+    unit = f"{column.unit} over {evidence.run.input.unit}"
+    axes.set(title=run.name, xlabel="frequency [Hz]", ylabel=f"{column.output.replace('_', ' ')} [{unit}]")
+    axes.legend(fontsize=7)
 
 
 def _residual(axes: Axes, run: RunFit) -> None:

@@ -43,7 +43,7 @@ class Offsets:
     sizes: tuple[float, ...]
 
     @classmethod
-    def of(cls, runs: Sequence[Measured], sizes: Sequence[Reals]) -> Offsets:
+    def of(cls, runs: Sequence[Measured], sizes: Sequence[Sequence[float]]) -> Offsets:
         """The offsets of runs; `sizes` [run][column]: what is fitted is in this unit."""
         names: dict[str, float] = {}
         place = []
@@ -76,23 +76,26 @@ class Solution:
     converged: bool = False
     covariance: Reals = field(default_factory=lambda: np.zeros((0, 0)))
 
-    @property
-    def clusters(self) -> int:
-        """Number of clusters."""
-        return sum(len(r) for r in self.left)
 
+def sandwich(
+    left: Sequence[Reals], jacobian: Sequence[Reals], prior: Reals, known: Sequence[bool] = (), on_the_way: bool = False
+) -> Reals:
+    """The covariance of z clustered by cycle. `known`: runs whose residuals have the error one.
 
-def sandwich(left: Sequence[Reals], jacobian: Sequence[Reals], prior: Reals, known: Sequence[bool] = ()) -> Reals:
-    """The covariance of z clustered by cycle. `known`: runs whose residuals have the error one."""
+    `on_the_way`: before a fit has ended. What all cycles of a run miss then counts for nothing, if it is most of the
+    residual: it would make deviations so wide that every step seems small.
+    """
     H, B, free, n = np.diag(prior), np.diag(prior), np.zeros((len(prior),) * 2), 0
     for i, (r, J) in enumerate(zip(left, jacobian)):
         information = np.einsum("jik,jil->kl", J, J)
         H = H + information
-        if known and known[i]:
+        far = on_the_way and len(r) * float((r.mean(axis=0) ** 2).sum()) > 0.5 * float((r**2).sum())
+        if (known and known[i]) or (far and len(r) == 1):
             B = B + information
             n += r.size
             continue
         g = np.einsum("jik,ji->jk", J, r)
+        g = g - g.mean(axis=0) if far else g
         free = free + g.T @ g
         n += len(g)
     A = inverse(H)
@@ -195,7 +198,7 @@ class Fit:
             g = self._slope(J, left) + self.prior * (z - z0)
             held = np.zeros(len(z), bool)
             held[:p] = ((z[:p] >= self.high) & (g[:p] < 0.0)) | ((z[:p] <= self.low) & (g[:p] > 0.0))
-            sd = np.sqrt(np.maximum(np.diag(sandwich(left, J, self.prior, self.known)), 1e-300))
+            sd = np.sqrt(np.maximum(np.diag(sandwich(left, J, self.prior, self.known, True)), 1e-300))
             apart = float(np.max(np.abs(self._step(H, g, 0.0, held)) / sd))
             if apart < _SETTLED:
                 break

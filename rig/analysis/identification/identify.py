@@ -33,7 +33,7 @@ from rig.analysis.identification.fit import Fit, Offsets, Solution, inverse, who
 from rig.analysis.identification.influence import candidates, influence
 from rig.analysis.identification.posterior import START, Posterior
 from rig.analysis.identification.responses import Evaluator, Responder, Response
-from rig.analysis.identification.runs import RUN, Law, Task
+from rig.analysis.identification.runs import RUN, TRANSIENT, Law, Task
 from rig.analysis.identification.twins import SEED, expecting, mean_left
 from rig.analysis.pool import Arrays
 from rig.errors import UsageError
@@ -43,6 +43,7 @@ MISFIT = 0.01
 """Probability below which a law does not fit."""
 _SCREENED = 0.01  # of a measure: what the screening may miss, since a fit of the cycles follows
 _NEAR = 2.0  # factor about the values of the scene in which other starts lie
+_WIDELY, _VALLEYS, _SAME = 24, 3, 0.1  # starts after a misfit, those that are fitted; coordinates of one valley
 _OUTLIER = 5.0  # times the median of the rms of the cycles
 _RENEWED, _ROUNDS = 2, 6
 _NOISY, _MOVED = 2, 0.5  # fits with what noise adds at the end of the one before; standard deviations that need another
@@ -80,30 +81,35 @@ class _Attempt:
         """Start, screen, fit, judge."""
         notes: list[str] = []
         fitted = [i for i, run in enumerate(self.task.runs) if run.fitted]
-        starts, first = self._starts(fitted, notes)
+        starts, first = self._starts(fitted, notes, self.task.starts)
         evidence: list[Any] = [self._evidence(i, response) for i, response in zip(fitted, first)]
         repeats = all(each.scatter < cycles.REPEATS for each in evidence)
         if not repeats:
-            evidence = [self._by_record(each) for each in evidence]
+            columns = [tuple(replace(column, offset=RUN) for column in each.run.columns) for each in evidence]
+            evidence = [replace(each, run=replace(each.run, columns=own)) if isinstance(each, CycleRun) else each
+                        for each, own in zip(evidence, columns)]  # fmt: skip
             worst = max(evidence, key=lambda each: each.scatter)
             notes.append(
                 f"the cycles do not repeat (the period scatters by {100.0 * worst.scatter:.2g} % in {worst.run.name}): "
                 "their measures are fitted, with an offset of each record and a deviation between runs"
             )
         runs = [each.run for each in evidence]
-        offsets = Offsets.of(runs, [0.01 * self._sizes(each) for each in evidence])
-        ranked = self._screen(starts, evidence, offsets, fitted)
-        best: tuple[Fit, Solution, Posterior | None] | None = None
-        for z in ranked[:2]:
-            fit, solution, posterior = (self._cycles if repeats else self._measures)(z, evidence, offsets, fitted)
-            if best is None or solution.cost < best[1].cost:
-                best = fit, solution, posterior
-            if not repeats or _p(evidence, best[1], repeats) >= MISFIT:
-                break
-        assert best is not None
-        fit, solution, posterior = best
-        if repeats and (worst_ := _without_outliers(evidence, solution)) is not None:
-            evidence = worst_
+        offsets = Offsets.of(runs, [[0.01 * float(np.ptp(s.mean(axis=0))) for s in each.samples] for each in evidence])
+        fitting = self._cycles if repeats else self._measures
+        [z] = self._screen(starts, evidence, offsets, fitted, 1)
+        fit, solution, posterior = fitting(z, evidence, offsets, fitted)
+        if repeats and _p(evidence, solution, repeats) < MISFIT:  # a wrong law, or a valley far from the answer
+            starts, _ = self._starts(fitted, [], _WIDELY)
+            for z in self._screen(starts, evidence, offsets, fitted, _VALLEYS):
+                if np.all(np.abs(z - solution.z)[: len(self.law.free)] < _SAME):
+                    continue
+                other = fitting(z, evidence, offsets, fitted)
+                if other[1].cost < solution.cost:
+                    fit, solution, posterior = other
+                if _p(evidence, solution, repeats) >= MISFIT:
+                    break
+        if repeats and (kept := _without_outliers(evidence, solution)) is not None:
+            evidence = kept
             fit, solution, posterior = self._cycles(solution.z, evidence, offsets, fitted)
         density = 0.0
         if repeats and all(isinstance(each, CycleRun) for each in evidence):
@@ -126,26 +132,16 @@ class _Attempt:
         measured = self.task.runs[run]
         return CycleRun.of(measured, response) if measured.kind == "cycles" else FeatureRun.of(measured, self.law.scene)
 
-    def _by_record(self, each: Any) -> Any:
-        if not isinstance(each, CycleRun):
-            return each
-        columns = tuple(replace(column, offset=RUN) for column in each.run.columns)
-        return replace(each, run=replace(each.run, columns=columns))
-
-    @staticmethod
-    def _sizes(each: CycleRun) -> Reals:
-        return np.array([float(np.ptp(s.mean(axis=0))) for s in each.samples])
-
-    def _starts(self, fitted: Sequence[int], notes: list[str]) -> tuple[list[Reals], list[Response]]:
+    def _starts(self, fitted: Sequence[int], notes: list[str], count: int) -> tuple[list[Reals], list[Response]]:
         """Coordinates of the free parameters at which all runs have a cycle, the values of the scene first if they do,
-        and the responses there. Raises UsageError, which says why there are none.
+        then of `count` others, and the responses at the first. Raises UsageError, which says why there are none.
         """
         from scipy.stats import qmc
 
         free = self.law.free
         ends = np.array([f.ends for f in free])
         at = np.array([f.coordinate(f.stated) for f in free])
-        shares = qmc.LatinHypercube(len(free), rng=np.random.default_rng(self.task.seed)).random(self.task.starts)
+        shares = qmc.LatinHypercube(len(free), rng=np.random.default_rng(self.task.seed)).random(count)
         reach = np.array([np.log(_NEAR) if f.log else 0.5 for f in free])
         near = np.clip(at + reach * (2.0 * shares - 1.0), ends[:, 0], ends[:, 1])
         points = [at, *near]
@@ -166,9 +162,11 @@ class _Attempt:
     def _si(self, z: Reals) -> list[float]:
         return [f.value(c) for f, c in zip(self.law.free, z.tolist())]
 
-    def _screen(self, starts: list[Reals], evidence: list[Any], offsets: Offsets, fitted: Sequence[int]) -> list[Reals]:
-        """The best two starts after a fit of the measures, with offsets, the better first."""
-        screened = [each.windowed(WINDOWS[0]) if isinstance(each, FeatureRun) else each for each in evidence]
+    def _screen(
+        self, starts: list[Reals], evidence: list[Any], offsets: Offsets, fitted: Sequence[int], most: int
+    ) -> list[Reals]:
+        """The best `most` starts after a fit of the measures, with offsets, the best first."""
+        screened = [replace(each, share=WINDOWS[0]) if isinstance(each, FeatureRun) else each for each in evidence]
         weights = [_weights(each, each.covariance(self.task.seed), SCREEN, _SCREENED) for each in evidence]
         rows = self.evaluator.responses([self._si(z) for z in starts], fitted)
         made: list[tuple[float, int, Reals, Fit]] = []
@@ -182,23 +180,21 @@ class _Attempt:
             z_all = np.concatenate([z, _first_offsets(evidence, responses, offsets)])
             made.append((fit.cost(fit.left(z_all, responses), z_all, z_all), len(made), z_all, fit))
         made.sort(key=lambda row: row[:2])
-        ranked: list[Reals] = []
-        for _, _, z_all, fit in made[:2]:
-            if len(ranked) == 0:
-                solution = fit.run(z_all, 6, _FLAT)
-                z_all = z_all if isinstance(solution, str) else solution.z
-            ranked.append(z_all)
-        return ranked
+        ranked = []
+        for cost, number, z_all, fit in made[:most]:
+            solution = fit.run(z_all, _ROUNDS, _FLAT)
+            ranked.append((cost, number, z_all) if isinstance(solution, str) else (solution.cost, number, solution.z))
+        return [z for *_, z in sorted(ranked, key=lambda row: row[:2])]
 
     def _cycles(
         self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int]
     ) -> tuple[Fit, Solution, None]:
         """The fit cycle by cycle."""
         known = [isinstance(each, FeatureRun) and each.known for each in evidence]
-        transient = any(each.run.kind == "transient" for each in evidence)
+        transient = any(each.run.kind == TRANSIENT for each in evidence)
         for share in WINDOWS if transient else WINDOWS[-1:]:
-            now = [each.windowed(share) if isinstance(each, FeatureRun) else each for each in evidence]
-            fit = Fit(self.law.free, self.evaluator, fitted, offsets, partial(_left_of, now), known)
+            now = [replace(each, share=share) if isinstance(each, FeatureRun) else each for each in evidence]
+            fit = Fit(self.law.free, self.evaluator, fitted, offsets, lambda i, w, o, now=now: now[i].left(w, o), known)
             ended = fit.run(z)
             if isinstance(ended, str):
                 raise UsageError(f"{self.law.scene.name}: {ended}")
@@ -325,11 +321,6 @@ def _p(evidence: Sequence[Any], solution: Solution, repeats: bool) -> float:
     count = sum(r.size for r in solution.left)
     free = max(count - int(np.sum(np.diag(solution.covariance) < 0.2 / np.maximum(solution.prior, 1e-300))), 1)
     return float(stats.chi2.sf(sum((r**2).sum() for r in solution.left), free))
-
-
-def _left_of(evidence: Sequence[Any], i: int, response: Response, offsets: Reals) -> Reals:
-    """What a response leaves of a run."""
-    return np.asarray(evidence[i].left(response, offsets))
 
 
 def _weights(each: Any, covariance: Reals, chosen: Sequence[int], floor: float) -> Reals:

@@ -28,7 +28,7 @@ from rig.analysis.identification.cycles import (
     measure_blocks,
     measure_weights,
 )
-from rig.analysis.identification.fit import NORMAL, Fit, Offsets, inverse
+from rig.analysis.identification.fit import Fit, Offsets, inverse
 from rig.analysis.identification.responses import Evaluator, Responder, Response, cycle_response
 from rig.analysis.identification.twins import SEED, on_cycle, simulated
 from rig.analysis.pool import Arrays, Work, carry_out, temporary
@@ -113,7 +113,7 @@ def widths(fit: LawFit, covariance: Reals) -> dict[str, float]:
     """Half of the interval of each parameter over its value."""
     made = {}
     for i, free in enumerate(fit.law.free):
-        sd = NORMAL * math.sqrt(max(float(covariance[i, i]), 0.0))
+        sd = fit.reach * math.sqrt(max(float(covariance[i, i]), 0.0))
         size = 1.0 if free.log else free.size / max(abs(free.value(float(fit.z[i]))), 1e-300)
         made[free.key] = sd * size
     return made
@@ -154,7 +154,7 @@ class Prediction:
 
     def _with(self, evidence: CycleRun, response: Response, evaluator: Evaluator, p: int) -> Reals:
         fit = self.fit
-        own = Offsets.of([evidence.run], [np.array(fit.offsets.sizes[:1] or (1.0,))])
+        own = Offsets.of([evidence.run], [fit.offsets.sizes[:1] or (1.0,)])
         names = list(fit.offsets.names)
         z_own = np.concatenate([fit.z[:p], np.zeros(len(own.names))])  # a twin has none
         if fit.repeats:
@@ -174,7 +174,9 @@ class Prediction:
         share = self.seconds / evidence.run.seconds if fit.repeats else 1.0
         H, B = np.diag(prior), np.diag(prior)
         clusters = 0.0
-        for run_left, run_J, weight in [*zip(*_padded(fit, total), [1.0] * len(fit.runs)), (left[0], wide, share)]:
+        padded = [np.pad(each, ((0, 0), (0, 0), (0, total - each.shape[-1]))) for each in fit.jacobian]
+        fitted = [(run.left, each, 1.0) for run, each in zip(fit.runs, padded)]
+        for run_left, run_J, weight in [*fitted, (left[0], wide, share)]:
             H = H + weight * np.einsum("jik,jil->kl", run_J, run_J)
             g = np.einsum("jik,ji->jk", run_J, run_left)
             B = B + weight * g.T @ g
@@ -190,13 +192,3 @@ class Prediction:
         weights = [measure_weights(evidence, C, LASTING, EXACT)]
         blocks = partial(measure_blocks, [evidence], weights, [np.zeros(len(MEASURES))], LASTING)
         return Fit(self.fit.law.free, evaluator, [0], own, blocks)
-
-
-def _padded(fit: LawFit, total: int) -> tuple[list[Reals], list[Reals]]:
-    """Residuals and derivatives of the fitted runs, with zeros for offsets of the further run."""
-    wide = []
-    for J in fit.jacobian:
-        made = np.zeros((*J.shape[:2], total))
-        made[..., : J.shape[-1]] = J
-        wide.append(made)
-    return [run.left for run in fit.runs], wide

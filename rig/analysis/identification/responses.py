@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -205,29 +206,20 @@ class Evaluator:
 
     def __enter__(self) -> Evaluator:
         work = self.responder.work
-        self._stack: list[Any] = []
-        opened = temporary(work) if self._folder is None else None
-        if opened is not None:
-            self.store = opened.__enter__()
-            self._stack.append(opened)
-        else:
-            self.store = Store.of(work, self._folder or Path())
-            lock = self.store.open(work)
-            lock.__enter__()
-            self._stack.append(lock)
-        try:
-            computing = pool(work, self.store, self._workers, max(2, len(self.responder.runs)))
-            self._pool = computing.__enter__()
-        except BaseException:
-            self.__exit__(RigError, None, None)
-            raise
-        self._stack.append(computing)
-        self._rows = self.store.load()
+        with ExitStack() as stack:
+            if self._folder is None:
+                self.store = stack.enter_context(temporary(work))
+            else:
+                self.store = Store.of(work, self._folder)
+                stack.enter_context(self.store.open(work))
+            runs = max(2, len(self.responder.runs))
+            self._pool = stack.enter_context(pool(work, self.store, self._workers, runs))
+            self._rows = self.store.load()
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(self, kind: Any, fault: Any, at: Any) -> None:
-        while self._stack:
-            self._stack.pop().__exit__(kind, fault, at)
+        self._stack.__exit__(kind, fault, at)
 
     def responses(self, points: Sequence[Sequence[float]], runs: Sequence[int]) -> list[list[Response | str]]:
         """The responses [point, run] at points (SI) of the free parameters; a text where there is none."""

@@ -37,6 +37,7 @@ from pydantic import ValidationError
 from rig.analysis.axis import changed, numbers, unknown
 from rig.analysis.recorded.series import Series, series
 from rig.errors import Faults, RigError, SceneError, UsageError
+from rig.laws import class_of, laws_of
 from rig.model.assembly import Assembly
 from rig.quantities import whole
 from rig.record.imports.channel_map import ChannelMap
@@ -50,7 +51,8 @@ from rig.units import brief, conversion, parted, same_unit, si, si_unit, with_un
 
 NONE, FREE, RUN = "none", "free", "run"
 MEAN, LARGEST = "mean", "largest"
-KINDS = ("cycles", "transient", "growth", "stages")
+TRANSIENT, RESPONSE = "transient", "response"
+KINDS = ("cycles", TRANSIENT, RESPONSE, "growth", "stages")
 _RUN = ("file", "name", "time", "rate", "skip", "end", "set", "columns", "fit", "kind")
 _COLUMN = ("reads", "scale", "offset", "sensor", "feature")
 _FILE = ("scene", "free", "laws", "per_run", "run", "starts", "seed")
@@ -79,6 +81,12 @@ class Column:
         """Times of the samples [s]."""
         return np.asarray(self.start + np.arange(self.v.size) / self.rate)
 
+    def on(self, other: Column) -> Reals:
+        """The samples about their mean at the times of another column."""
+        known = np.isfinite(self.v)
+        v = np.interp(other.t, self.t[known], self.v[known])
+        return np.asarray(v - v.mean())
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -89,6 +97,8 @@ class Measured:
     settings: dict[str, float]
     columns: tuple[Column, ...]
     fitted: bool = True
+    input: Column | None = None
+    """Of a response: the column that measures an actuator."""
 
     @property
     def seconds(self) -> float:
@@ -174,8 +184,6 @@ def read(path: Path) -> dict[str, Any]:
     if not faults:
         raw["free"] = dict(source.dotted(raw.get("free", {})))
         raw["laws"] = {k: dict(source.dotted(v)) for k, v in laws.items()} if isinstance(laws, dict) else laws
-    if isinstance(scene := raw.get("scene"), str) and scene.endswith(".toml") and not Path(scene).is_absolute():
-        raw["scene"] = str(path.parent / scene)
     if faults:
         raise UsageError("\n".join(faults))
     return raw
@@ -195,48 +203,33 @@ def prepared(
     What is given counts before what the file says. Raises SceneError, UsageError with every fault.
     """
     raw: dict[str, Any] = read(Path(runs)) if isinstance(runs, str | Path) else {"run": list(runs)}
-    given = {"free": free, "laws": laws, "per_run": per_run, "starts": starts, "seed": seed}
-    raw |= {key: value for key, value in given.items() if value is not None}
+    stated = {"free": free, "laws": laws, "per_run": per_run, "starts": starts, "seed": seed}
+    raw |= {key: value for key, value in stated.items() if value is not None}
     where = str(runs) if isinstance(runs, str | Path) else "recordings"
     count, first = whole("starts", raw.get("starts", 4), 0, 1000), whole("seed", raw.get("seed", 1), 0, 2**62)
-    return task(
-        scene, raw["run"], raw.get("free", {}), raw.get("laws", ()), raw.get("per_run", ()), where, count, first
-    )
-
-
-def task(
-    scene: Scene,
-    runs: Sequence[Mapping[str, Any]],
-    free: Mapping[str, Any],
-    laws: Mapping[str, Mapping[str, Any]] | Iterable[str] = (),
-    per_run: Iterable[str] = (),
-    where: str = "runs",
-    starts: int = 4,
-    seed: int = 1,
-) -> Task:
-    """Check what is asked and read the recordings. Raises SceneError, UsageError with every fault."""
+    entries, ranges, level = raw["run"], raw.get("free", {}), [*raw.get("per_run", ())]
     faults = Faults()
-    scene = replace(scene, limits={}, protocol=scene.protocol)
-    given = laws if isinstance(laws, Mapping) else {name: {} for name in laws}
+    scene = replace(scene, limits={})
+    asked = raw.get("laws", ())
+    given = asked if isinstance(asked, Mapping) else {name: {} for name in asked}
     if given:
-        made = tuple(faults(lambda n=n, k=k: _law(scene, n, free, k), None) for n, k in given.items())  # type: ignore[misc]
+        made = tuple(faults(lambda n=n, k=k: _law(scene, n, ranges, k), None) for n, k in given.items())  # type: ignore[misc]
     else:
-        made = (faults(lambda: Law(_law_name(scene), scene, _free(scene, free)), None),)
+        made = (faults(lambda: Law(_law_name(scene), scene, _free(scene, ranges)), None),)
     if given and None not in made:
         used = {f.key for law in made if law is not None for f in law.free}
-        lost = [key for key in free if key.startswith("friction.") and key not in used]
+        lost = [key for key in ranges if key.startswith("friction.") and key not in used]
         faults.found += [f"{key}: none of the laws {', '.join(given)} has it" for key in lost]
-    level = [*per_run] == ["level"]
-    if per_run and not level:
-        faults.found.append(f'per_run = {brief(per_run)}: only ["level"] is known, an offset of each record')
-    measured = [faults(lambda i=i, e=e: _measured(scene, i, e, level), None) for i, e in enumerate(runs)]  # type: ignore[misc]
+    if level not in ([], ["level"]):
+        faults.found.append(f'per_run = {brief(level)}: only ["level"] is known, an offset of each record')
+    measured = [faults(lambda i=i, e=e: _measured(scene, i, e, bool(level)), None) for i, e in enumerate(entries)]  # type: ignore[misc]
     _known_beside_free(made, measured, faults)
-    _told_apart([run for run in measured if run is not None], runs, faults)
+    _told_apart([run for run in measured if run is not None], entries, faults)
     faults.raise_found()
     known = [run for run in measured if run is not None]
     if not any(run.fitted for run in known):
         raise UsageError("no run is fitted: give at least one [[run]] without fit = false")
-    return Task(scene, tuple(law for law in made if law is not None), tuple(known), where, starts, seed)
+    return Task(scene, tuple(law for law in made if law is not None), tuple(known), where, count, first)
 
 
 def _known_beside_free(laws: Sequence[Law | None], runs: Sequence[Measured | None], faults: Faults) -> None:
@@ -281,33 +274,24 @@ def _law(scene: Scene, name: str, free: Mapping[str, Any], own: Mapping[str, Any
     if name == _law_name(scene):
         known = numbers(scene)
         return Law(name, scene, _free(scene, kept | {k: t for k, t in here.items() if k in known or k in own}))
-    values: dict[str, Any] = {"law": name}
+    model, values = type(scene.parameters), dict[str, Any](law=name)
+    section = class_of(values, laws_of(model))
+    here = {key: text for key, text in here.items() if key in own or key[9:] in getattr(section, "model_fields", ())}
     for key, text in here.items():
         low, high = _ends(key, text, "")
         stated = scene.values().get(key, (None, ""))[0]
-        field = key.removeprefix("friction.")
-        values[field] = stated if isinstance(stated, float) and low <= stated <= high else _middle(low, high)
-    model = type(scene.parameters)
-    fields = sections.dump(scene.parameters)
-    for _ in range(len(here) + 1):
-        try:
-            changed_ = replace(scene, parameters=model.model_validate({**fields, "friction": values}))
-            break
-        except ValidationError as error:
-            extra = [e["loc"][-1] for e in error.errors() if e["type"] == "extra_forbidden" and e["loc"][-1] in values]
-            if not extra or any(f"friction.{key}" in own for key in extra):
-                missing = ", ".join(f"friction.{e['loc'][-1]}" for e in error.errors() if e["type"] == "missing")
-                what = f"needs {missing}" if missing else str(error.errors()[0]["msg"])
-                raise UsageError(
-                    f'law {name}: {what}; give the ranges of its keys, [laws.{name}] "friction.KEY" = "FROM:TO"'
-                ) from None
-            for key in extra:
-                values.pop(str(key))
-    return Law(name, changed_, _free(changed_, kept | {k: t for k, t in here.items() if k[9:] in values}))
-
-
-def _middle(low: float, high: float) -> float:
-    return math.sqrt(low * high) if low > 0.0 else 0.5 * (low + high)
+        middle = math.sqrt(low * high) if low > 0.0 else 0.5 * (low + high)
+        values[key[9:]] = stated if isinstance(stated, float) and low <= stated <= high else middle
+    try:
+        parameters = model.model_validate({**sections.dump(scene.parameters), "friction": values})
+    except ValidationError as error:
+        missing = ", ".join(f"friction.{e['loc'][-1]}" for e in error.errors() if e["type"] == "missing")
+        what = f"needs {missing}" if missing else str(error.errors()[0]["msg"])
+        raise UsageError(
+            f'law {name}: {what}; give the ranges of its keys, [laws.{name}] "friction.KEY" = "FROM:TO"'
+        ) from None
+    other = replace(scene, parameters=parameters)
+    return Law(name, other, _free(other, kept | here))
 
 
 def _ends(key: str, given: Any, unit: str) -> tuple[float, float]:
@@ -366,8 +350,6 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     kind = entry.get("kind", "cycles")
     if kind not in KINDS:
         faults.found.append(f"{name}: kind = {brief(kind)}: known: {', '.join(KINDS)}")
-    if kind == "response":
-        faults.found.append(f'{name}: a frequency response is not fitted; record a decay, kind = "growth"')
     first, last = (_seconds(entry, name, key, default, faults) for key, default in (("skip", 0.0), ("end", math.inf)))
     columns, settings_ = entry.get("columns") or {}, entry.get("set") or {}
     for key, table in (("columns", columns), ("set", settings_)):
@@ -384,7 +366,14 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     made: list[Column] = [faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
             for c, t in columns.items()]  # fmt: skip
     faults.raise_found()
-    return Measured(name, kind, settings, tuple(made), entry.get("fit", True))
+    driven = [column for column in made if column.output in outputs.inputs]
+    read = tuple(column for column in made if column not in driven)
+    if len(driven) != (kind == RESPONSE) or not read:
+        raise UsageError(
+            f"{name}: a frequency response (kind = {RESPONSE!r}), and no other run, has one column that reads what "
+            f"drives the rig, an actuator ({', '.join(outputs.inputs)}), beside those that read outputs"
+        )
+    return Measured(name, kind, settings, read, entry.get("fit", True), *driven)
 
 
 def _seconds(entry: Mapping[str, Any], name: str, key: str, default: float, faults: Faults) -> float:
@@ -467,8 +456,9 @@ def _column(
     if wrong := [key for key in table if key not in _COLUMN]:
         raise UsageError(f"{where}: {name}.{wrong[0]}: unknown; {near(wrong[0], _COLUMN)}")
     output, offset = table["reads"], RUN if level else table.get("offset", NONE)
-    if output not in rig.outputs:
-        raise UsageError(f"{where}: {name}: {output} is no output of the {scene.plant}; {near(output, rig.outputs)}")
+    known: dict[str, Any] = {**rig.inputs, **rig.outputs}
+    if output not in known:
+        raise UsageError(f"{where}: {name}: {output} is no output of the {scene.plant}; {near(output, known)}")
     if offset not in (NONE, FREE, RUN):
         raise UsageError(f"{where}: {name}: offset = {brief(offset)}; known: {NONE}, {FREE}, {RUN}")
     sensor = str(table.get("sensor", ""))
@@ -481,7 +471,7 @@ def _column(
     kept = samples.v[np.isfinite(samples.v)]
     if kept.size < 2 or not np.ptp(kept):
         raise UsageError(f"{where}: {name}: {f'is {kept[0]:g} throughout' if kept.size else 'has no finite sample'}")
-    unit, v = rig.outputs[output].unit, samples.v
+    unit, v = known[output].unit, samples.v
     if not same_unit(samples.unit or "1", unit):
         text = str(table.get("scale", ""))
         number, of = parted(text) if text else ("", "")
