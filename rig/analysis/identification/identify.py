@@ -194,7 +194,7 @@ class _Attempt:
         transient = any(each.run.kind == TRANSIENT for each in evidence)
         for share in WINDOWS if transient else WINDOWS[-1:]:
             now = [replace(each, share=share) if isinstance(each, FeatureRun) else each for each in evidence]
-            fit = Fit(self.law.free, self.evaluator, fitted, offsets, lambda i, w, o, now=now: now[i].left(w, o), known)
+            fit = Fit(self.law.free, self.evaluator, fitted, offsets, partial(_left_of, now), known)
             ended = fit.run(z)
             if isinstance(ended, str):
                 raise UsageError(f"{self.law.scene.name}: {ended}")
@@ -321,6 +321,11 @@ def _p(evidence: Sequence[Any], solution: Solution, repeats: bool) -> float:
     count = sum(r.size for r in solution.left)
     free = max(count - int(np.sum(np.diag(solution.covariance) < 0.2 / np.maximum(solution.prior, 1e-300))), 1)
     return float(stats.chi2.sf(sum((r**2).sum() for r in solution.left), free))
+
+
+def _left_of(evidence: Sequence[Any], i: int, response: Response, offsets: Reals) -> Reals:
+    """What a response leaves of a run."""
+    return np.asarray(evidence[i].left(response, offsets))
 
 
 def _weights(each: Any, covariance: Reals, chosen: Sequence[int], floor: float) -> Reals:
