@@ -23,10 +23,11 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.linalg import eigvalsh_tridiagonal
 
 from rig.errors import SceneError
 from rig.machine import files
+from rig.printable import counted
+from rig.structure.eigenvalues import below_count
 from rig.structure.full import Array, Full, Of, Part
 from rig.structure.mesh import (
     DIRECTIONS,
@@ -53,9 +54,7 @@ LEAST_DENSITY, MOST_DENSITY = 1e-5, 1e5
 SYMMETRIC = 1e-9
 """Largest difference of mirrored entries of a symmetric matrix, over its largest entry."""
 _HELD = 1e35  # Abaqus writes 1e36 on the diagonal of a held row
-_STEPS = 60  # of the search for a motion of negative mass
 _INDEFINITE = -1e-8  # a mass below this, over that of its rows, is not due to rounding
-_ROUNDING = 1e-10
 _ROWS = 10_000_000  # most of a matrix
 ELSEWHERE = """\
 Write the matrices as Matrix Market (.mtx) or MATLAB v5 (.mat) and a CSV file with node and direction of each row:
@@ -468,7 +467,7 @@ def _one_order(
         labels = np.unique(np.concatenate(labelled), axis=0)
     held = np.concatenate([np.zeros((0, 2), dtype=np.int64), *(matrix.held for _, matrix in read)])
     if len(held):
-        labels = labels[~_among(labels, held)]
+        labels = labels[~np.isin(labels @ [8, 1], held @ [8, 1])]
     ordered = []
     for source, matrix in read:
         if len(matrix.labels) and not np.array_equal(matrix.labels, labels):
@@ -482,11 +481,6 @@ def _one_order(
             faults.append(f"{_named(source)}: has {matrix.values.shape[0]} rows, but {first} has {count}")
         ordered.append((source, matrix))
     return ordered, labels
-
-
-def _among(labels: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether each pair of node and direction is one of `chosen`."""
-    return np.isin(labels @ [8, 1], chosen @ [8, 1])
 
 
 def _mislabelled(labels: NDArray[np.int64], mass: sp.csr_array, mesh: Mesh) -> list[str]:
@@ -578,8 +572,8 @@ def _mass_flaws(
         worst = int(np.argmax(abs(pairs.data)))
         i, j = (int(pairs.coords[k][worst]) for k in (0, 1))
         return [f"mass: is not positive: the entry of {row(i)} and {row(j)} is larger than their own masses"]
-    if (least := _least(scaled)) < _INDEFINITE:
-        return [f"mass: is not positive: a motion has {least:.2g} of the mass of its rows; check the element masses"]
+    if negative := below_count(scaled, sp.eye_array(len(diagonal), format="csr"), _INDEFINITE):
+        return [f"mass: is not positive: {counted(negative, 'motion')} with a negative mass; check the element masses"]
     along = next((k for k in range(3) if (direction == k).any()), None)
     if along is None:
         total, what = float(diagonal.sum()), "the sum of its diagonal"
@@ -594,22 +588,3 @@ def _mass_flaws(
         what = f"{what} is {total:.4g} kg, and the mesh extends over {size:.4g} m"
         return [f"mass: {what}; nothing is so {'heavy' if total > size**3 else 'light'}. Is structure.units right?"]
     return []
-
-
-def _least(matrix: sp.csr_array) -> float:
-    """An upper bound of the smallest eigenvalue of a symmetric matrix; close to it after these Lanczos steps."""
-    size = matrix.shape[0]
-    if size <= _STEPS:
-        return float(np.linalg.eigvalsh(matrix.toarray())[0])
-    vector = np.random.default_rng(1).standard_normal(size)
-    vector /= np.linalg.norm(vector)
-    before, diagonal, beside = np.zeros(size), [], [0.0]
-    for _ in range(_STEPS):
-        step = matrix @ vector - beside[-1] * before
-        diagonal.append(float(vector @ step))
-        step -= diagonal[-1] * vector
-        beside.append(float(np.linalg.norm(step)))
-        if beside[-1] < _ROUNDING:  # the motions so far contain every other one that they lead to
-            break
-        before, vector = vector, step / beside[-1]
-    return float(eigvalsh_tridiagonal(diagonal, beside[1:-1], select="i", select_range=(0, 0))[0])

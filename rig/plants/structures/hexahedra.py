@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from rig.structure.eigenvalues import factor, signed
 
 Array = NDArray[np.float64]
 
@@ -185,19 +187,12 @@ def modes(structure: Structure, count: int) -> Modes:
     level = np.empty(len(squares), dtype=np.int64)
     level[order] = np.cumsum(steps > 2.0 * _SAME * squares[order])
     taken = np.lexsort((np.repeat(np.arange(len(CLASSES)), [len(part) for part, _ in known]), level))[:wanted]
-    squares, vectors = squares[taken], _signed(vectors[:, taken])
+    squares, vectors = squares[taken], signed(vectors[:, taken])
     energies = (vectors * (structure.stiffness @ vectors)).sum(axis=0)
     if not (np.abs(energies - squares) <= _ROUNDED * squares).all():
         raise ValueError(LOST)
     frequencies = np.concatenate([np.zeros(rigid), np.sqrt(squares) / (2.0 * np.pi)])
     return Modes(frequencies, np.concatenate([structure.rigid, vectors], axis=1))
-
-
-def _signed(vectors: Array) -> Array:
-    """`vectors` [unknown, mode] with the signs that `modes` promises."""
-    sizes = np.abs(vectors)
-    first = np.argmax(sizes > (1.0 - 1e-6) * sizes.max(axis=0), axis=0)
-    return vectors * np.sign(vectors[first, np.arange(vectors.shape[1])])  # type: ignore[no-any-return]
 
 
 def left_out(structure: Structure, kept: Modes, load: Array) -> Array:
@@ -226,16 +221,9 @@ def compliances(structure: Structure, loads: Array, across: float, groups: NDArr
         if signs[1] == across:
             basis = _symmetric(structure, signs)
             pushed = np.asarray(basis.T @ loads)
-            moved = _factored(basis.T @ structure.stiffness @ basis)(pushed)
+            moved = factor(basis.T @ structure.stiffness @ basis).solve(pushed)
             total += np.array([pushed[:, columns].T @ moved[:, columns] for columns in groups])
     return total
-
-
-def _factored(matrix: Any) -> Any:
-    """The solution of equations with a symmetric positive definite matrix, as a function of their right sides."""
-    return splu(
-        matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    ).solve
 
 
 class _Class:
@@ -248,7 +236,7 @@ class _Class:
         rigid = self.basis.T @ structure.rigid
         self._rigid = rigid[:, np.abs(rigid).max(axis=0) > 0.0]
         self._shift = structure.shift
-        self.solve = _factored(self.stiffness + structure.shift * self.mass)
+        self.solve = factor(self.stiffness + structure.shift * self.mass).solve
 
     def elastic(self, count: int) -> tuple[Array, Array]:
         """Squares of the `count` lowest angular frequencies above zero, ascending; vectors [own unknown, mode]."""

@@ -9,11 +9,10 @@ import hashlib
 import logging
 import math
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,7 +25,7 @@ from rig.structure import basis, model_store, read
 from rig.structure.contacts import Contact as MeshContact
 from rig.structure.contacts import contact_points, contact_rows, node_vector
 from rig.structure.full import FRICTION, Full, Points
-from rig.structure.mesh import Mesh, Selection
+from rig.structure.mesh import Mesh, Selection, tried
 from rig.structure.read import Source
 from rig.structure.reduced import Reduced
 from rig.units import si
@@ -36,7 +35,6 @@ _log = logging.getLogger("rig")
 _SILENT = 5.0  # s before a reduction says what it computes, and between two lines
 _UP_TO, _VECTORS = 1e4, 120  # highest frequency [Hz] and number of vectors that a scene does not state
 ALPHA, BETA = "damping.alpha", "damping.beta"
-T = TypeVar("T")
 
 
 def values_of(p: Tables) -> dict[str, float]:
@@ -198,13 +196,6 @@ def full(p: Tables) -> tuple[Full, Mesh]:
     if len(names) != whole.rows:
         faults.append(f"structure.coordinates: there are {len(names)} names for matrices of {whole.rows} rows")
 
-    def tried(where: str, make: Callable[[], T], otherwise: T) -> T:
-        try:
-            return make()
-        except SceneError as fault:
-            faults.extend(f"{where}: {line}" for line in fault.faults)
-            return otherwise
-
     def vector(row: Line) -> Array:
         out = np.zeros(whole.rows)
         for name, value in row.items():
@@ -241,10 +232,16 @@ def full(p: Tables) -> tuple[Full, Mesh]:
 
     none = Points("", *[sp.csr_array((0, whole.rows))] * 2, *[np.zeros(0)] * 2, *[np.zeros((0, 3))] * 2)
     contacts, finer = (
-        tuple(tried(f"contacts.{name}", partial(points, name, contact, by), none) for name, contact in chosen.items())
+        tuple(
+            tried(partial(points, name, contact, by), none, faults, f"contacts.{name}: ")
+            for name, contact in chosen.items()
+        )
         for by, chosen in ((1, p.contacts), (2, {n: c for n, c in p.contacts.items() if c.slave and c.points}))
     )
-    vectors = {where: tried(where, partial(of_place, place), np.zeros(whole.rows)) for where, place in p.places()}
+    vectors = {
+        where: tried(partial(of_place, place), np.zeros(whole.rows), faults, f"{where}: ")
+        for where, place in p.places()
+    }
     if faults:
         raise SceneError("structure", dict.fromkeys(faults))
     parts = list(whole.parts)
