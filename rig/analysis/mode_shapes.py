@@ -83,7 +83,7 @@ def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[flo
         for set_limits, centre, side in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, sides):
             set_limits(centre - 0.55 * side, centre + 0.55 * side)
         x, y, z = sides / np.linalg.norm(sides)
-        axes.set_box_aspect(sides, zoom=min(1.0 / (0.25 * x + 0.43 * y + 0.87 * z), 1.6 / (0.87 * x + 0.5 * y)))
+        axes.set_box_aspect(sides, zoom=min(1.0 / (0.25 * x + 0.43 * y + 1.1 * z), 1.6 / (0.87 * x + 0.5 * y)))
         for drawing in axes.collections:
             drawing.set_clip_on(False)
         axes.set_axis_off()
