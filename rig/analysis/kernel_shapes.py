@@ -8,6 +8,7 @@ sources, so that the notes disappear when the sources change.
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -44,14 +45,16 @@ class Shape(NamedTuple):
     products: bool
     kicks: bool = False
     implicit: bool = False
+    long: bool = False
 
 
 VARIANTS = tuple(
     Shape(*one)
-    for one in product(range(UNROLLED + 1), (False, True), (False, True), (False, True), (False, True), (False, True))
+    for one in product(range(UNROLLED + 1), *[(False, True)] * 6)
     if one[1] or not one[3]  # products of states are never linear
     if not one[4] or (one[1] and one[2] and one[3])  # kicks need products and fixed steps
     if not one[5] or (one[1] and not one[2])  # implicit steps are for what is not linear, and of any length
+    if not one[6] or (one[1] and not one[2] and not one[5])  # so are the long steps of dop853
 )
 """Every possible shape: the number of compiled kernels does not grow with the number of effects."""
 
@@ -61,13 +64,13 @@ def shape(scene: Scene) -> Shape:
     return shape_of(scene.assemble().system(), scene.clock.method)
 
 
-def shape_of(system: System, method: str) -> Shape:
-    """Return the kernel shape of a system and an integration method."""
-    how, states = chosen(method, system), system.n if system.n <= UNROLLED else 0
+def shape_of(system: System, method: str, tolerance: float = math.inf) -> Shape:
+    """Return the kernel shape of a system and an integration method, for an analysis with its own `tolerance`."""
+    how, states = chosen(method, system, tolerance), system.n if system.n <= UNROLLED else 0
     pressed = how == "kick" or (how in (*ADAPTIVE, "rk4") and crowded(system))
     curved = not system.linear or pressed or how == "smooth"
     products, implicit = bool(system.products) or system.remembers or pressed, how == "rosenbrock" and curved
-    return Shape(states, curved, how in ("rk4", "kick"), products, how == "kick", implicit)
+    return Shape(states, curved, how in ("rk4", "kick"), products, how == "kick", implicit, how == "dop853" and curved)
 
 
 def prepare(

@@ -43,7 +43,7 @@ from rig.stability.linearisation import inputs, loads, moving_states, own_law, s
 
 Array = NDArray[np.float64]
 TIGHT = 1e-11
-"""Tolerance of dopri5 and rosenbrock."""
+"""Tolerance of dop853 and rosenbrock."""
 STEPS = (1e-5, 1e-6, 1e-4)  # of the differences, of the size of each state: the first that is smooth counts
 _STRAIGHT, _SMALLEST = 3e-3, 1e-8  # largest bend over the slope in a difference; and the smallest step that it takes
 _CENTRAL, _AFTER, _BEFORE = ((-1.0, -0.5), (1.0, 0.5)), ((1.0, 2.0), (2.0, -0.5)), ((-1.0, -2.0), (-2.0, 0.5))
@@ -122,7 +122,7 @@ class Flow:
         self.motion = Motion(
             replace(self.system, start=self.settled),
             scene.step_ns,
-            chosen(clock.method, self.system),
+            chosen(clock.method, self.system, tolerance),
             outputs=[self.assembly.outputs[output].row] if output else None,
             tolerance=tolerance,
             substeps=clock.substeps(scene.step_ns),

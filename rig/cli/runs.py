@@ -255,7 +255,7 @@ def simulate(
         str | None,
         typer.Option(
             metavar="METHOD",
-            help="Integration method, as clock.method: auto (default), exact, dopri5, rosenbrock, rk4, kick, smooth.",
+            help="As clock.method: auto (default), exact, dopri5, dop853, rosenbrock, rk4, kick, smooth.",
         ),
     ] = None,
     out: Annotated[

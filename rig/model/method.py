@@ -10,6 +10,7 @@ Source: the form of Liu and Ouyang, Mechanical Systems and Signal Processing (20
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from rig.model import assembly, friction_law, kick_tables
@@ -32,9 +33,11 @@ def _smooth(law: Law, scale: float) -> Law:
     return friction_law.smoothed(law, scale)
 
 
-METHODS = ("exact", "dopri5", "rosenbrock", "rk4", "kick", "smooth")
-ADAPTIVE = ("dopri5", "rosenbrock")
+METHODS = ("exact", "dopri5", "dop853", "rosenbrock", "rk4", "kick", "smooth")
+ADAPTIVE = ("dopri5", "dop853", "rosenbrock")
 """Methods whose steps a tolerance determines."""
+TIGHT = 1e-9
+"""Tolerance from which on long steps of high order take less time than those of dopri5."""
 MANY = 1 << 22
 """Largest number of mode sets that a system may have."""
 FILM_HELPS = "make the contacts points of a film, which have no mode sets (structure.film = true; Assembly.film)"
@@ -59,11 +62,12 @@ def too_many(system: System) -> str:
     )
 
 
-def chosen(method: str, system: System) -> str:
-    """The method that "auto" selects.
+def chosen(method: str, system: System, tolerance: float = math.inf) -> str:
+    """The method that "auto" selects, for an analysis with its own `tolerance`.
 
     kick for a film, or if very many contacts open and close; otherwise exact if every mode set is linear; otherwise
-    rosenbrock if a law has memory, because its bristles are stiff; otherwise dopri5.
+    rosenbrock if a law has memory, because its bristles are stiff; otherwise dopri5, or dop853 if the tolerance is
+    tight.
     """
     if method != "auto":
         return method
@@ -71,7 +75,9 @@ def chosen(method: str, system: System) -> str:
         return "kick"
     if system.linear:
         return "exact"
-    return "rosenbrock" if system.remembers else "dopri5"
+    if system.remembers:
+        return "rosenbrock"
+    return "dop853" if tolerance <= TIGHT else "dopri5"
 
 
 def as_integrated(system: System, method: str, smoothing: float) -> System:

@@ -19,10 +19,10 @@ from rig.model import friction_law, kick_tables, many_states_tables
 from rig.model.energy_forms import at_nodes, at_nodes_extended, damping, gathered, loss_rows, powers, store, work
 from rig.model.formulation import ModeSet, assemble, changes, reach, signal_rows
 from rig.model.system import System
-from rig.model.tables import UNROLLED, empty
+from rig.model.tables import UNROLLED, empty, sparse
 from rig.solve import expm, segment_output
 from rig.solve.advance import TALLIED
-from rig.solve.column_blocks import zeros
+from rig.solve.column_blocks import entries_of, zeros
 from rig.solve.energy_balance import NODES, TERMS
 from rig.solve.records import STICK
 from rig.solve.roots import DEGREE
@@ -178,6 +178,7 @@ class ModeSets:
             "powers": forms,
             "work": integrals,
         }
+        new |= {f"{name}_entries": entries_of(new[name]) for name in sparse(0, 0, 0, 0)}
         stacked: dict[str, Any] = {name: _put(getattr(t, name), at, new[name]) for name in new}
         if self._wide:
             stacked["many_states"] = t.many_states._replace(

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from rig.model.film import Film
 from rig.model.friction_law import Law
+from rig.solve.column_blocks import entries_of
 from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, MemoryTables, ProductTables
 from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN, SLIP_MINUS
 
@@ -99,6 +100,8 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
         place=ends[np.array(kind, dtype=np.int64)] + np.array(index, dtype=np.int64),
         angles=np.array(angles).reshape(-1, n),
         presses=np.array(presses).reshape(-1, n),
+        angle_entries=entries_of(np.array(angles).reshape(-1, n)),
+        press_entries=entries_of(np.array(presses).reshape(-1, n)),
         values=values,
         **dict(zip(("state", "sine", "versine", "normal", "friction", "pressed"), parts)),
     )

@@ -42,6 +42,7 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
     nodes, weights = np.polynomial.legendre.leggauss(LANE - PART)
     return Workspace(
         k=np.zeros((7, n)),
+        k16=np.zeros((16, n)),
         y=np.zeros(n),
         y2=np.zeros(n),
         x0=np.zeros(n),
@@ -52,6 +53,8 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         law_argument_x=np.zeros(n),
         law_load=np.zeros(n),
         law_load_x=np.zeros(n),
+        law_argument_p=np.zeros(system.inputs),
+        law_load_p=np.zeros(system.inputs),
         state_and_inputs=both,
         at=both[:n],
         rates=np.zeros(n),
@@ -153,6 +156,13 @@ class Tables(NamedTuple):
     guard_needs_inputs: NDArray[np.int64]  # [mode set, guard] 1: the guard depends on the inputs
     press: Array  # [mode set, K, n] closed normal forces, 0 for open ones
     press_t: Array  # [mode set, K, I]
+    press_entries: NDArray[np.int64]  # rig.solve.column_blocks.sparse_dot: of the rows of this name
+    press_t_entries: NDArray[np.int64]
+    friction_entries: NDArray[np.int64]
+    friction_t_entries: NDArray[np.int64]
+    law_speed_entries: NDArray[np.int64]
+    law_load_entries: NDArray[np.int64]
+    law_load_t_entries: NDArray[np.int64]
     active: NDArray[np.int64]  # [mode set, terms] 1: the power is not identically zero
     powers: Array  # [mode set, terms, n, n] quadratic forms of power
     work: Array  # [mode set, level, terms, n, n] their integrals over step / 2^level
@@ -188,6 +198,15 @@ class Tables(NamedTuple):
     kick: KickTables  # of the method kick
     film: FilmTables  # of the method kick with a travelling film
     step: Array  # [1] s
+
+
+def sparse(P: int, K: int, n: int, I: int) -> dict[str, tuple[int, int]]:
+    """Rows whose entries that are not zero are listed in the tables, by name, and the shape of each."""
+    return {"press": (K, n), "press_t": (K, I), "friction": (P, n), "friction_t": (P, I)} | {
+        "law_speed": (P, n),
+        "law_load": (P, n),
+        "law_load_t": (P, I),
+    }
 
 
 def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables:
@@ -247,6 +266,10 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         guard_needs_inputs=z((0, g), dtype=np.int64),
         press=z((0, K, n)),
         press_t=z((0, K, I)),
+        **{
+            f"{name}_entries": z((0, rows, 1 + columns), dtype=np.int64)
+            for name, (rows, columns) in sparse(P, K, n, I).items()
+        },
         active=z((0, TERMS), dtype=np.int64),
         powers=z((0, TERMS, n, n)),
         work=z((0, 1, TERMS, n, n)),

@@ -48,11 +48,11 @@ class CurrentState(NamedTuple):
 class Balance:
     """The energy balance since the start [J]. `impulses`: energy that writes supplied to the structure at once.
 
-    `sprung`: the contacts are springs on which kicks act.
+    `sprung`: the contacts are springs on which kicks act. `kept`: whether there is one.
     """
 
-    def __init__(self, start: CurrentState, sprung: bool) -> None:
-        self.first = start.stored()
+    def __init__(self, start: CurrentState, sprung: bool, kept: bool) -> None:
+        self.first = start.stored() if kept else 0.0
         self.impulses = 0.0
         self.sprung = sprung
         self._given = (

@@ -38,6 +38,7 @@ SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
 """Room for the smooth segments of a frame, to begin with and at most."""
 MOST_EVENTS = 1 << 20
 """Room for the events of a block of many frames, at most."""
+_ROOMY = 8  # times as many ticks as a call may have the room that was made for events: new room takes a millisecond
 COLLECTED = 1 << 12
 """Room for the events of all frames of a call."""
 
@@ -323,7 +324,8 @@ class Motion:
         self.tick = 0
         at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
         sprung = self.integration.method == "kick" and system.film is None
-        self.balance = Balance(CurrentState(system, state.x, at_start, self.mode_sets.tables), sprung)
+        now = CurrentState(system, state.x, at_start, self.mode_sets.tables)
+        self.balance = Balance(now, sprung, self.integration.with_energy)
         self._run(0, 0)
         self._begun = state.x.copy()
 
@@ -459,7 +461,7 @@ class Motion:
         block = self._block or ticks
         if last > len(self.log.out):
             self._make_room(last, block)
-        elif block != self._ticks:
+        elif not block <= self._ticks <= _ROOMY * block:
             self._make_room_for_events(block)
         self._first = first
         return self._run(first, last)

@@ -19,7 +19,7 @@ from rig.model.mode_sets import ModeSets
 from rig.model.system import System
 from rig.model.tables import UNROLLED, empty, workspace
 from rig.motion.compiled_parts import addresses
-from rig.solve import dopri5, exact, expm, film_steps, kick, rk4, rosenbrock, runge_kutta_stage
+from rig.solve import dop853, dopri5, exact, expm, film_steps, kick, rk4, rosenbrock, runge_kutta_stage
 from rig.solve.advance import advance, advance_block, evaluate_outputs
 from rig.solve.contact_state import make_consistent
 from rig.solve.frames import advance_frames
@@ -28,6 +28,7 @@ from rig.solve.segment_output import empty_segments
 from rig.solve.specialised import ANY, KernelShape
 
 Array = NDArray[np.float64]
+_OF_LONG_STEPS = 0.2  # share of the tolerance for the step of dop853: the path inside, of order 7, is less accurate
 _STATE = (PROGRESS, float, float, float, np.int64, np.int64, float)
 """Types of the arrays of MotionState."""
 
@@ -56,11 +57,12 @@ def plan(
         stretch=0,
         take_steps=0,
         whole_derivative=0,
+        degree=dop853.DEGREE if method == "dop853" else 4,
         many_states=int(many_states),
         nonlinear=int(nonlinear),
         fixed_steps=int(fixed_steps),
         substeps=substeps,
-        tolerance=float(tolerance),
+        tolerance=float(tolerance) * (_OF_LONG_STEPS if method == "dop853" else 1.0),
         with_energy=int(with_energy),
         emitting=int(emitting),
         limit=float(limit),
@@ -76,8 +78,8 @@ def plan(
         code = {"kick": kick if system.film is None else film_steps, "rk4": rk4}.get(method, dopri5)
         if method != "kick":
             shape = KernelShape(0 if many_states else system.n, bool(system.products) or system.remembers, nonlinear)
-            implicit = method == "rosenbrock"
-            wanted["take_steps"] = rosenbrock.take_implicit_steps if implicit else code.take_steps, shape
+            own = {"rosenbrock": rosenbrock.take_implicit_steps, "dop853": dop853.take_long_steps}
+            wanted["take_steps"] = own.get(method, code.take_steps), shape
             if not fixed_steps:
                 wanted["whole_derivative"] = runge_kutta_stage.whole_derivative, shape
         wanted["stretch"] = code.stretch, ANY

@@ -74,7 +74,7 @@ class Clock(Section):
 
     frame     loop period: commands in, measurements out [chosen]
     method    of integration [chosen]; auto: exact if laws are constant, rosenbrock if one has memory, else dopri5
-    tolerance   of dopri5 and rosenbrock, relative [chosen]
+    tolerance   of dopri5, dop853 and rosenbrock, relative [chosen]
     rk4_step  of rk4 and kick [chosen]
     smoothing   slip speed over which smooth lets friction rise [chosen]
     overrun   policy of a paced run that is late [chosen]
@@ -86,7 +86,7 @@ class Clock(Section):
     """
 
     frame: Frame = 1_000_000
-    method: Literal["auto", "exact", "dopri5", "rosenbrock", "rk4", "kick", "smooth"] = "auto"
+    method: Literal["auto", "exact", "dopri5", "dop853", "rosenbrock", "rk4", "kick", "smooth"] = "auto"
     tolerance: Small = 1e-7
     rk4_step: FixedStep = 100_000
     smoothing: PositiveMetrePerSecond = 1e-3

@@ -40,6 +40,22 @@ def dot(row, x):
 
 
 @inner
+def sparse_dot(row, entries, x):
+    """The same product, in the same order, over the indices that are not zero: entries[1 .. entries[0]]."""
+    s = 0.0
+    for e in range(1, entries[0] + 1):
+        s += row[entries[e]] * x[entries[e]]
+    return s
+
+
+def entries_of(rows: Any) -> NDArray[np.int64]:
+    """Count and indices of the entries that are not zero, of rows [..., column]."""
+    there = np.asarray(rows) != 0.0
+    behind = np.argsort(~there, axis=-1, kind="stable")
+    return np.concatenate([there.sum(axis=-1, keepdims=True), behind], axis=-1).astype(np.int64)
+
+
+@inner
 def rounding(row, x):
     """The size of the rounding error of row . x."""
     s = 0.0

@@ -78,39 +78,42 @@ def quartic_of_step(shape, k, x, y, h, d):
 
 
 @inlined
-def evaluate_quartic(shape, d, theta, x):
-    """Evaluate the dense output at theta and write the state to x."""
+def evaluate_path(shape, d, degree, theta, x):
+    """Evaluate the dense output, of `degree`, at theta and write the state to x."""
     for i in range(state_count(shape)):
-        x[i] = d[0, i] + theta * (d[1, i] + theta * (d[2, i] + theta * (d[3, i] + theta * d[4, i])))
+        value = d[degree, i]
+        for c in range(degree - 1, -1, -1):
+            value = d[c, i] + theta * value
+        x[i] = value
 
 
 @inner
-def guard_value(t, mode_set, w, g, theta):
+def guard_value(t, mode_set, w, degree, g, theta):
     """The value of guard g, which depends on the inputs, at theta of the dense output."""
-    evaluate_quartic(any_shape(w.y2.shape[0]), w.derivatives, theta, w.y2)
+    evaluate_path(any_shape(w.y2.shape[0]), w.derivatives, degree, theta, w.y2)
     inputs(t, mode_set, w.y2, w.T, w.scratch)
     return dot(t.G[mode_set, g], w.y2) + dot(t.GT[mode_set, g], w.T)
 
 
 @inlined
-def guard_zero(t, mode_set, w, g, theta, noise):
+def guard_zero(t, mode_set, w, degree, g, theta, noise):
     """The place where guard g itself becomes zero, at most `noise` below zero; NONE if it has no zero.
 
     `theta`: zero of its fit. The state at the event has to agree with the event. A contact released only by the error
     of the fit would not move off; it would stick again at once.
     """
     low, high = theta, theta
-    above = below = guard_value(t, mode_set, w, g, theta)
+    above = below = guard_value(t, mode_set, w, degree, g, theta)
     if above > 0.0:  # the fit was early: search up to its next node, where fit and guard agree
         if theta >= 1.0:
             return NONE
         high = min(0.25 * (np.floor(4.0 * theta) + 1.0), 1.0)
-        below = guard_value(t, mode_set, w, g, high)
+        below = guard_value(t, mode_set, w, degree, g, high)
         if below > 0.0:
             return NONE
     elif theta > 0.0:
         low = 0.25 * (np.ceil(4.0 * theta) - 1.0)
-        above = guard_value(t, mode_set, w, g, low)
+        above = guard_value(t, mode_set, w, degree, g, low)
     kept = 0  # the end kept by the last secant; its value is halved if it is kept twice (Illinois)
     while above > 0.0 and below < -noise:
         u = low + (high - low) * above / (above - below)
@@ -118,7 +121,7 @@ def guard_zero(t, mode_set, w, g, theta, noise):
             u = 0.5 * (low + high)
             if not low < u < high:
                 break
-        value = guard_value(t, mode_set, w, g, u)
+        value = guard_value(t, mode_set, w, degree, g, u)
         if value > 0.0:
             low, above = u, value
             if kept == 1:
@@ -133,7 +136,7 @@ def guard_zero(t, mode_set, w, g, theta, noise):
 
 
 @inlined
-def sample_guards(t, mode_set, w):
+def sample_guards(t, mode_set, w, degree):
     """Evaluate the guards that depend on the inputs, at the quarters of the step and at `PROBE`.
 
     w.fits[g, 0..5] = values; w.fits[g, 6] = bound on their rounding error.
@@ -144,7 +147,7 @@ def sample_guards(t, mode_set, w):
             needed = True
             fits[g, 6] = 0.0
     if needed:
-        states_at(w.derivatives, lanes(w.probes), w.x_at)
+        states_at(w.derivatives, degree, lanes(w.probes), w.x_at)
         inputs_at(t, mode_set, w, 0, 6)
         for g in range(t.guards[mode_set]):
             if t.guard_needs_inputs[mode_set, g]:
@@ -158,7 +161,7 @@ def sample_guards(t, mode_set, w):
 
 
 @inlined
-def first_event_of_fit(t, mode_set, w, g, noise):
+def first_event_of_fit(t, mode_set, w, degree, g, noise):
     """The first event of guard g, which depends on the inputs, and whether the step is too long to be sure.
 
     Returns theta (or NONE) and a flag. The guard is fitted by a quartic through five points; a sixth point gives the
@@ -178,7 +181,7 @@ def first_event_of_fit(t, mode_set, w, g, noise):
         if off > 0.0:
             theta = first_crossing(poly, 4, noise, w.roots)
         if theta < NONE:
-            theta = guard_zero(t, mode_set, w, g, theta, _FAINT * noise)
+            theta = guard_zero(t, mode_set, w, degree, g, theta, _FAINT * noise)
     return theta, int(4.0 * early) < int(4.0 * theta)
 
 
@@ -195,7 +198,7 @@ def may_rise(t, mode_set, g, w, h, noise):
 
 
 @inner
-def first_event(t, mode_set, w, h):
+def first_event(t, mode_set, w, degree, h):
     """The first event of any guard along the dense output in w.derivatives of a step h.
 
     Returns theta (or NONE), the guard, and whether the step is too long to be sure. The flag is also set if a guard
@@ -204,18 +207,18 @@ def first_event(t, mode_set, w, h):
     falls at the begin, the derivative w.k[0] decides too: the dense output of rosenbrock begins with its own error.
     """
     first, guard, doubtful = NONE, -1, False
-    sample_guards(t, mode_set, w)
+    sample_guards(t, mode_set, w, degree)
     poly = w.poly
     for g in range(t.guards[mode_set]):
         noise = rounding(t.G[mode_set, g], w.size)
         unseen = False
         if t.guard_needs_inputs[mode_set, g]:
             noise = max(noise, w.guard_samples[g, 6])
-            theta, unseen = first_event_of_fit(t, mode_set, w, g, noise)
+            theta, unseen = first_event_of_fit(t, mode_set, w, degree, g, noise)
         else:
-            for c in range(5):
+            for c in range(degree + 1):
                 poly[c] = dot(t.G[mode_set, g], w.derivatives[c])
-            theta = first_crossing(poly, 4, noise, w.roots)
+            theta = first_crossing(poly, degree, noise, w.roots)
         if theta < first:
             first, guard = theta, g
             if abs(poly[0]) <= noise and theta < _EARLY:
@@ -225,7 +228,7 @@ def first_event(t, mode_set, w, h):
 
 
 @inlined
-def free_of_events(shape, f, d, size):
+def free_of_events(shape, f, d, degree, size):
     """Whether the coefficients alone prove that no guard has an event along the dense output.
 
     If not, `first_event` decides.
@@ -234,7 +237,7 @@ def free_of_events(shape, f, d, size):
         if f.guard_needs_inputs[g]:
             return False
         begin, lowest = 0.0, 0.0
-        for c in range(5):
+        for c in range(degree + 1):
             value = 0.0
             for j in range(state_count(shape)):
                 value += f.G[g, j] * d[c, j]
@@ -259,7 +262,7 @@ def trial_step(shape, f, friction, k, x, h, y, z):
     """Compute the stages k[1..6] and the end y of a step h from x; k[0] is known, z is scratch."""
     n = state_count(shape)
     copy(n, x, z)
-    late = stage(shape, f, friction, h * A[1][0], z, k, 0, begin_stages(shape, friction, k))
+    late = stage(shape, f, friction, h * A[1][0], z, k, 0, begin_stages(shape, friction, k, 0))
     for i in range(n):
         z[i] = x[i] + h * (A[2][0] * k[0, i])
     late = stage(shape, f, friction, h * A[2][1], z, k, 1, late)
@@ -356,29 +359,37 @@ def raise_to_rounding(t, mode_set, w, x, h, tolerance):
 
 
 @inner
-def look_inside(t, mode_set, w, from_theta, to_theta, asked, end, h, energy):
+def look_inside(t, mode_set, w, degree, from_theta, to_theta, asked, end, h, energy):
     """Evaluate states and inputs at the quarters between two places in the step (lanes 0 to 4 of w.x_at and w.T_at).
 
     `asked`: whether they are needed. In the same pass the energy terms up to the place `end` are added, by
     Gauss-Legendre quadrature; 0: none.
     """
     quarters = from_theta * lanes(w.in_part) + (to_theta - from_theta) * lanes(w.quarters)
-    states_at(w.derivatives, quarters + end * lanes(w.nodes3), w.x_at)
+    states_at(w.derivatives, degree, quarters + end * lanes(w.nodes3), w.x_at)
     inputs_at(t, mode_set, w, 0 if asked else PART, LANE if end > 0.0 else PART)
     if end > 0.0:
         add_powers(t, mode_set, w.x_at, w.T_at, w.weights3, end * h, energy)
 
 
 @inner
-def emit_segment(t, mode_set, w, from_theta, to_theta, end, h, start, seg, energy):
+def add_long_powers(t, mode_set, w, degree, end, h, energy):
+    """Add the energy terms up to the place `end` of a step that is too long for three nodes, at eight."""
+    states_at(w.derivatives, degree, end * lanes(w.nodes), w.x_at)
+    inputs_at(t, mode_set, w, 0, LANE)
+    add_powers(t, mode_set, w.x_at, w.T_at, w.weights, end * h, energy)
+
+
+@inner
+def emit_segment(t, mode_set, w, degree, from_theta, to_theta, end, h, start, seg, energy):
     """Write one segment of the outputs between two places in the step; `end`, `energy`: as in `look_inside`.
 
-    An output that depends on no input is a row over the quartic of the state. Any other is a quartic through five
-    points.
+    An output that depends on no input is a row over the quartic of the state. Any other, and every output along a
+    path of higher degree, is a quartic through five points.
     """
     at_once, width, asked = seg.count[0], to_theta - from_theta, False
     for s in range(seg.coef.shape[1]):
-        if t.output_needs_inputs[mode_set, s]:
+        if degree > 4 or t.output_needs_inputs[mode_set, s]:
             asked = True
             continue
         coef = seg.coef[at_once, s]
@@ -386,10 +397,10 @@ def emit_segment(t, mode_set, w, from_theta, to_theta, end, h, start, seg, energ
             coef[c] = dot(t.signals[mode_set, s], w.derivatives[c])
         part_of_quartic(coef, from_theta, width)
     if asked or end > 0.0:
-        look_inside(t, mode_set, w, from_theta, to_theta, asked, end, h, energy)
+        look_inside(t, mode_set, w, degree, from_theta, to_theta, asked, end, h, energy)
     if asked:
         for s in range(seg.coef.shape[1]):
-            if t.output_needs_inputs[mode_set, s]:
+            if degree > 4 or t.output_needs_inputs[mode_set, s]:
                 write_output_quartic(t, mode_set, s, w.x_at, w.T_at, seg.coef[at_once, s])
     close_segment(start, width * h, seg)
 
@@ -437,7 +448,7 @@ def end_of_tick(tick, place, done, share, ticks, last):
 
 
 @inlined
-def log_ticks(shape, log, d, mode_set, tick, place, ticks, share, last):
+def log_ticks(shape, log, d, degree, mode_set, tick, place, ticks, share, last):
     """Log the states at the ticks that end in a step with the dense output d; tick and place at the end of the step.
 
     `share`: the length of a tick as a share of the step.
@@ -447,7 +458,7 @@ def log_ticks(shape, log, d, mode_set, tick, place, ticks, share, last):
         to = end_of_tick(tick, place, done, share, ticks, last)
         if to > 1.0:
             break
-        evaluate_quartic(shape, d, to, log.out[tick])
+        evaluate_path(shape, d, degree, to, log.out[tick])
         log.modes[tick] = mode_set
         tick, place, done = tick + 1, 0.0, to
     return tick, place, done
@@ -467,7 +478,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
     now, x, size, graded = state.progress[0], state.x, w.size, t.graded[mode_set] > 0
     looked = plan.with_energy or plan.emitting or graded
     field = right_hand_side(t, mode_set, w.T, w.scratch)
-    f, friction = lent(field), lent(patch_friction(shape, field, t, w, state, log, seg, plan))
+    f, friction = lent(field), lent(patch_friction(shape, field, False, t, w, state, log, seg, plan))
     k, y, z, d = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives)
     here = local(shape, w.copy)
     tick, place, next_h, hoped, most = now.tick, now.place, now.next_length, now.suggested_length, now.trial_limit
@@ -497,7 +508,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
             next_h = h * max(SHRINK, min(grow, (grow * grow) * (h / hoped)))
         hoped = h * grow
         quartic_of_step(shape, k, here, y, h, d)
-        plain = free_of_events(shape, f, d, size)
+        plain = free_of_events(shape, f, d, 4, size)
         if looked or not plain:
             now.step_length = h
             copy(n, y, w.y)
@@ -506,7 +517,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
                 copy(n, d[c], w.derivatives[c])
             ends = EVENT_FREE if plain else UNDECIDED
             break
-        tick, place, done = log_ticks(shape, log, d, mode_set, tick, place, ticks, tick_length / h, h == left)
+        tick, place, done = log_ticks(shape, log, d, 4, mode_set, tick, place, ticks, tick_length / h, h == left)
         if done < 1.0:
             place += (1.0 - done) * h / tick_length
         set_generators(shape, t, w, ((tick - now.reached) + place) * tick_length, y)
@@ -527,7 +538,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     now, x = state.progress[0], state.x
     mode_set = t.mode_set_of[now.key]
     tick_length, origin, n = t.step[0], now.reached, x.shape[0]
-    path = w.derivatives
+    path, degree = w.derivatives, plan.degree
     now.trial_limit = now.trials + _MOST * (ticks - now.tick)
     now.suggested_length = 0.0
     crossed = -1
@@ -550,33 +561,36 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
         if ends == UNDECIDED:
-            theta, crossed, doubtful = first_event(t, mode_set, w, h)
+            theta, crossed, doubtful = first_event(t, mode_set, w, degree, h)
             if doubtful and h > 1e-12 * tick_length:
                 now.next_length, crossed = SHRINK * h, -1
                 continue
             end = theta if crossed >= 0 else 1.0
         done, share, spent = 0.0, tick_length / h, end if plan.with_energy else 0.0
+        if degree > 4 and spent > 0.0:
+            add_long_powers(t, mode_set, w, degree, spent, h, state.energy)
+            spent = 0.0
         while tick < ticks:  # ticks that end inside the step
             to = end_of_tick(tick, place, done, share, ticks, crossed < 0 and h == left)
             if to > end or (crossed >= 0 and to >= end):
                 break
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit_segment(t, mode_set, w, done, to, spent, h, since, seg, state.energy)
+                emit_segment(t, mode_set, w, degree, done, to, spent, h, since, seg, state.energy)
                 spent = 0.0
-            evaluate_quartic(shape, path, to, log.out[tick])
+            evaluate_path(shape, path, degree, to, log.out[tick])
             log.modes[tick] = mode_set
             tick, place, done = tick + 1, 0.0, to
         if done < end:
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit_segment(t, mode_set, w, done, end, spent, h, since, seg, state.energy)
+                emit_segment(t, mode_set, w, degree, done, end, spent, h, since, seg, state.energy)
                 spent = 0.0
             place += (end - done) * h / tick_length
         if spent > 0.0:
-            look_inside(t, mode_set, w, 0.0, 0.0, False, spent, h, state.energy)
+            look_inside(t, mode_set, w, degree, 0.0, 0.0, False, spent, h, state.energy)
         if crossed >= 0:
-            evaluate_quartic(shape, path, end, x)
+            evaluate_path(shape, path, degree, end, x)
         else:
             set_generators(shape, t, w, ((tick - origin) + place) * tick_length, w.y)
             accept_step(shape, t, mode_set, w, w.y, x, x)

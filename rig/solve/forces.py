@@ -46,7 +46,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import Emission, inlined, inner, kernel
-from rig.solve.column_blocks import dot, is_zero
+from rig.solve.column_blocks import dot, is_zero, sparse_dot
 from rig.solve.expm import exponential_factors
 from rig.solve.specialised import has_products, state_count
 
@@ -245,6 +245,8 @@ class ProductTables(NamedTuple):
     place: NDArray[np.int64]  # [factor] its index in `values`
     angles: Array  # [angle, n]
     presses: Array  # [press, n]
+    angle_entries: NDArray[np.int64]  # rig.solve.column_blocks.sparse_dot
+    press_entries: NDArray[np.int64]
     values: Array  # everything that may be a factor, stored one after the other:
     state: Array  # [n]
     sine: Array  # [angle]
@@ -276,15 +278,17 @@ def early_products(t, mode_set, x, T):
     for i in range(x.shape[0]):
         p.state[i] = x[i]
     for a in range(p.angles.shape[0]):
-        angle = dot(p.angles[a], x)
+        angle = sparse_dot(p.angles[a], p.angle_entries[a], x)
         half = np.sin(0.5 * angle)
         p.sine[a], p.versine[a] = np.sin(angle), -2.0 * half * half
     for a in range(p.presses.shape[0]):
-        p.pressed[a] = max(dot(p.presses[a], x), 0.0)
+        p.pressed[a] = max(sparse_dot(p.presses[a], p.press_entries[a], x), 0.0)
     _fill(t, 0, p.upto[0], T)
     if p.upto[2] > p.upto[0]:
         for k in range(p.normal.shape[0]):
-            p.normal[k] = dot(t.press[mode_set, k], x) + dot(t.press_t[mode_set, k], T)
+            p.normal[k] = sparse_dot(t.press[mode_set, k], t.press_entries[mode_set, k], x) + sparse_dot(
+                t.press_t[mode_set, k], t.press_t_entries[mode_set, k], T
+            )
         _fill(t, p.upto[0], p.upto[1], T)
 
 
@@ -294,7 +298,9 @@ def late_products(t, mode_set, x, T):
     p = t.products
     if p.upto[2] > p.upto[1]:
         for q in range(p.friction.shape[0]):
-            p.friction[q] = dot(t.friction[mode_set, q], x) + dot(t.friction_t[mode_set, q], T)
+            p.friction[q] = sparse_dot(t.friction[mode_set, q], t.friction_entries[mode_set, q], x) + sparse_dot(
+                t.friction_t[mode_set, q], t.friction_t_entries[mode_set, q], T
+            )
         _fill(t, p.upto[1], p.upto[2], T)
 
 
@@ -399,6 +405,33 @@ def friction_force(f, p, x, others):
     return force
 
 
+@inlined
+def sparse_friction_force(t, mode_set, p, x, T):
+    """As `friction_force`, with the part of the load that depends on products, over the entries that are not zero."""
+    sigma, code, numbers = t.sigma[mode_set, p], t.code[mode_set, p], t.numbers[mode_set, p]
+    force = 0.0
+    if sigma != 0.0 and code != 0:
+        speed, load, load_t = t.law_speed[mode_set, p], t.law_load[mode_set, p], t.law_load_t[mode_set, p]
+        entries, last, N = t.law_load_t_entries[mode_set, p], x.shape[0] - 1, 0.0
+        for e in range(1, entries[0] + 1):
+            if entries[e] >= t.sigma.shape[1]:
+                N += load_t[entries[e]] * T[entries[e]]
+        entries = t.law_load_entries[mode_set, p]
+        for e in range(entries[0], 0, -1):
+            N += load[entries[e]] * x[entries[e]]
+        entries, argument = t.law_speed_entries[mode_set, p], 0.0
+        if code == STRIBECK:
+            argument = -(numbers[2] * speed[last]) * x[last]
+            for e in range(1, entries[0] + 1):
+                if entries[e] != last:
+                    argument -= (numbers[2] * speed[entries[e]]) * x[entries[e]]
+        else:
+            for e in range(entries[0], 0, -1):
+                argument += speed[entries[e]] * x[entries[e]]
+        force = law_force(code, numbers, argument, N)
+    return force
+
+
 @inner
 def inputs(t, mode_set, x, T, scratch):
     """T = the inputs at x: friction forces of patches that slip with a speed-dependent law (else 0), products.
@@ -412,10 +445,7 @@ def inputs(t, mode_set, x, T, scratch):
     for r in range(m.inputs[0], T.shape[0]):
         T[r] = 0.0
     for p in range(patches):
-        others = 0.0
-        for q in range(patches, T.shape[0]):
-            others += f.law_load_t[p, q] * T[q]
-        T[p] = friction_force(f, p, x, others)
+        T[p] = sparse_friction_force(t, mode_set, p, x, T)
         if f.code[p] == MEMORY:
             T[p] = evaluate_memory(t, mode_set, p, x, T, False)
     if f.coupled:

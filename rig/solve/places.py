@@ -27,10 +27,13 @@ def row_times(row, X):
 
 
 @inlined
-def states_at(d, places, X):
-    """Write the states at `places` (lanes) of the quartic d to X [n, LANE]."""
+def states_at(d, degree, places, X):
+    """Write the states at `places` (lanes) of the polynomial d, of `degree`, to X [n, LANE]."""
     for i in range(X.shape[0]):
-        write(d[0, i] + places * (d[1, i] + places * (d[2, i] + places * (d[3, i] + places * d[4, i]))), X[i])
+        value = alike(d[degree, i])
+        for c in range(degree - 1, -1, -1):
+            value = d[c, i] + places * value
+        write(value, X[i])
 
 
 @inlined

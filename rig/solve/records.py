@@ -62,6 +62,7 @@ class Workspace(NamedTuple):
     """Scratch memory of one motion, allocated once (rig.model.tables). n: number of states."""
 
     k: Array  # [7, n] derivatives at the stages of a step
+    k16: Array  # [16, n] the same of dop853
     y: Array  # [n] state at the end of a step, or at a quadrature node
     y2: Array  # [n] state at a stage or at a place within a step
     x0: Array  # [n] state at the begin of a step (rk4) or of a row of quiet ticks (exact)
@@ -72,6 +73,8 @@ class Workspace(NamedTuple):
     law_argument_x: Array  # [n] its rate of change as a row over the state
     law_load: Array  # [n] load of the patch as a row over the state
     law_load_x: Array  # [n] its rate of change as a row over the state
+    law_argument_p: Array  # [inputs] rates of change of the argument and of the load with each product
+    law_load_p: Array  # [inputs]
     state_and_inputs: Array  # [n + inputs] state and inputs in one array: first `at`, then T
     at: Array  # [n] state at which `whole_derivative` computes the derivative: a view of `state_and_inputs`
     rates: Array  # [n] the derivative at `at`
@@ -149,11 +152,12 @@ class MotionPlan(NamedTuple):
     stretch: int  # a stretch in any other mode set, and
     take_steps: int  # the specialised kernel for its steps
     whole_derivative: int  # the derivative, for rigs with more than one patch or with products
+    degree: int  # of the path through a step: 7 of dop853, 4 of others
     many_states: int  # many states: rig.solve.many_states
     nonlinear: int  # at least one mode set is not linear
     fixed_steps: int  # fixed steps: rk4 or kick
     substeps: int  # number of fixed steps in a tick
-    tolerance: float  # relative tolerance of dopri5 and rosenbrock
+    tolerance: float  # relative tolerance of dopri5, dop853 and rosenbrock
     with_energy: int  # keep the energy balance
     emitting: int  # write segments for the sensors
     limit: float  # largest allowed absolute value of a state

@@ -483,7 +483,7 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
             ends = ROUNDED
             break
         quartic_of_step(shape, u, here, y, d)
-        plain_path = free_of_events(shape, f, d, size)
+        plain_path = free_of_events(shape, f, d, 4, size)
         if looked or not plain_path:
             now.step_length = h
             copy(n, y, w.y)
@@ -491,7 +491,7 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
                 copy(n, d[c], w.derivatives[c])
             ends = EVENT_FREE if plain_path else UNDECIDED
             break
-        tick, place, done = log_ticks(shape, log, d, mode_set, tick, place, ticks, tick_length / h, h == left)
+        tick, place, done = log_ticks(shape, log, d, 4, mode_set, tick, place, ticks, tick_length / h, h == left)
         if done < 1.0:
             place += (1.0 - done) * h / tick_length
         set_generators(shape, t, w, ((tick - now.reached) + place) * tick_length, y)

@@ -3,7 +3,8 @@
 Stages form a chain: force, derivative, state, slip speed, law, force. Everything between two evaluations of the law is
 linear in the force F. The slip speed and the load are therefore summed without F during the previous stage, and F is
 added last: one multiplication lies between one law and the next. This applies to rigs with one patch. With more
-patches, or with products, the derivative is computed as a whole.
+patches, or with products, the derivative is computed as a whole. A method may ask for products of states alone to be
+added to the derivative of a stage instead (dop853; dopri5 does not, whose results would change in the last digit).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import fused, inlined, inner
-from rig.solve.column_blocks import copy, multiply
+from rig.solve.column_blocks import copy, is_zero, multiply
 from rig.solve.forces import STRIBECK, derivative, inputs, law_force, right_hand_side
 from rig.solve.specialised import call, has_products, local, state_count
 
@@ -24,18 +25,22 @@ Array = NDArray[np.float64]
 class PatchFriction(NamedTuple):
     """The friction of the only patch.
 
-    `alone`: there is one patch, its friction depends on speed, and there are no products. law_argument . x: the
-    argument, which is the exponent of STRIBECK, otherwise the slip speed; law_load . x: the load. *_x [n] and *_f:
-    rates of change of both with the state and with the friction force.
+    `alone`: there is one patch, its friction depends on speed, and there are no products. `added`: there are, of states
+    alone, and stages add them; the friction may also be constant. law_argument . x: the argument, which is the exponent
+    of STRIBECK, otherwise the slip speed; law_load . x: the load. *_x [n] and *_f: rates of change of both with the
+    state and with the friction force.
     """
 
     alone: bool
+    added: bool
     law_argument: Array
     law_argument_x: Array
     law_argument_f: float
     law_load: Array
     law_load_x: Array
     law_load_f: float
+    law_argument_p: Array  # [product] rates of change with each product, if they are `added`
+    law_load_p: Array
     at: Array  # scratch [n]: state at which `whole_derivative` computes the derivative, and
     rates: Array  # its result
     t: Any  # arguments of a call by address (rig.solve.specialised)
@@ -47,14 +52,19 @@ class PatchFriction(NamedTuple):
 
 
 @inlined
-def patch_friction(shape, f, t, w, state, log, seg, plan):
-    """The PatchFriction of field f; the other arguments are kept for calls by address (rig.solve.specialised)."""
+def patch_friction(shape, f, adds, t, w, state, log, seg, plan):
+    """The PatchFriction of field f; the other arguments are kept for calls by address (rig.solve.specialised).
+
+    `adds`: stages may add products.
+    """
     n = state_count(shape)
     law_argument, law_load = local(shape, w.law_argument), local(shape, w.law_load)
     law_argument_x, law_load_x = local(shape, w.law_argument_x), local(shape, w.law_load_x)
     law_argument_f, law_load_f = 0.0, 0.0
-    single = not has_products(shape) and f.sigma.shape[0] == 1 and not f.coupled
-    alone = single and f.sigma[0] != 0.0 and f.code[0] != 0
+    single, added = f.sigma.shape[0] == 1 and not f.coupled, False
+    if has_products(shape) and adds:
+        added = single and only_states(f)
+    alone = added or (not has_products(shape) and single and f.sigma[0] != 0.0 and f.code[0] != 0)
     if alone:
         scale = -f.numbers[0, 2] if f.code[0] == STRIBECK else 1.0
         for i in range(n):
@@ -66,14 +76,23 @@ def patch_friction(shape, f, t, w, state, log, seg, plan):
             for i in range(n):
                 law_argument_x[i] += law_argument[j] * f.A[j, i]
                 law_load_x[i] += law_load[j] * f.A[j, i]
+    if has_products(shape) and added:
+        for q in range(f.T.shape[0] - 1):
+            w.law_argument_p[q] = w.law_load_p[q] = 0.0
+            for j in range(n):
+                w.law_argument_p[q] += law_argument[j] * f.b[j, 1 + q]
+                w.law_load_p[q] += law_load[j] * f.b[j, 1 + q]
     return PatchFriction(
         alone,
+        added,
         law_argument,
         law_argument_x,
         law_argument_f,
         law_load,
         law_load_x,
         law_load_f,
+        w.law_argument_p,
+        w.law_load_p,
         w.at,
         w.rates,
         t,
@@ -83,6 +102,16 @@ def patch_friction(shape, f, t, w, state, log, seg, plan):
         seg,
         plan,
     )
+
+
+@inner
+def only_states(f):
+    """Whether every input but the friction forces is a product of states, and no load depends on one."""
+    p = f.t.products
+    for i in range(p.place.shape[0]):
+        if p.place[i] >= p.state.shape[0]:
+            return False
+    return f.T.shape[0] == f.t.memory.inputs[0] and is_zero(f.law_load_t[0])
 
 
 @inner
@@ -103,16 +132,16 @@ def whole_derivative(shape, t, w, state, log, seg, plan, ticks):
 
 
 @inlined
-def begin_stages(shape, friction, k):
-    """The first argument `late` of `stage`, for a complete k[0].
+def begin_stages(shape, friction, k, first):
+    """The first argument `late` of `stage`, for a complete k[first].
 
     No force is missing; the rates are those of the argument of the law and of the load.
     """
     argument_rate, load_rate = 0.0, 0.0
     if friction.alone:
         for i in range(state_count(shape)):
-            argument_rate += friction.law_argument[i] * k[0, i]
-            load_rate += friction.law_load[i] * k[0, i]
+            argument_rate += friction.law_argument[i] * k[first, i]
+            load_rate += friction.law_load[i] * k[first, i]
     return 0.0, argument_rate, load_rate
 
 
@@ -143,7 +172,8 @@ def stage(shape, f, friction, reach, z, k, last, late):
         for i in range(n):
             z[i] = (z[i] + reach * k[last, i]) + (reach * f.b[i, 0]) * late[0]
         complete_derivative(shape, f, friction, k, last, late)
-        force = law_force(f.code[0], f.numbers[0], u, N)
+        if not has_products(shape) or (f.sigma[0] != 0.0 and f.code[0] != 0):
+            force = law_force(f.code[0], f.numbers[0], u, N)
         for i in range(n):
             argument_rate += friction.law_argument_x[i] * z[i]
             load_rate += friction.law_load_x[i] * z[i]
@@ -151,6 +181,17 @@ def stage(shape, f, friction, reach, z, k, last, late):
             for j in range(n):
                 s += f.A[i, j] * z[j]
             k[last + 1, i] = s
+        if has_products(shape) and friction.added:
+            copy(n, z, friction.at)
+            p = f.t.products
+            for j in range(p.first.shape[0] - 1):
+                value = 1.0
+                for factor in range(p.first[j], p.first[j + 1]):
+                    value *= friction.at[p.place[factor]]
+                argument_rate += friction.law_argument_p[j] * value
+                load_rate += friction.law_load_p[j] * value
+                for i in range(n):
+                    k[last + 1, i] += f.b[i, 1 + j] * value
     else:  # arrays kept in registers must not be passed: copy
         for i in range(n):
             z[i] += reach * k[last, i]

@@ -99,6 +99,11 @@ def _local(typing: Any, shape: Any, like: Any) -> Emission:
     return _on_stack(shape, like, ROWS)
 
 
+def _local_stages(typing: Any, shape: Any, like: Any) -> Emission:
+    """As `local`, with twice as many rows."""
+    return _on_stack(shape, like, 2 * ROWS)
+
+
 def _local_square(typing: Any, shape: Any, like: Any) -> Emission:
     """As `local`, for a matrix over the states."""
     return _on_stack(shape, like, shape.states)
@@ -131,6 +136,7 @@ def _on_stack(shape: Any, like: Any, rows: int) -> Emission:
 
 
 local: Any = intrinsic(_local)
+local_stages: Any = intrinsic(_local_stages)
 local_square: Any = intrinsic(_local_square)
 
 

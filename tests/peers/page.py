@@ -85,7 +85,7 @@ def races() -> Iterator[str]:
 
 
 def smooth(seconds: float = 20.0) -> Better:
-    """A mass in slip all the time, by heyoka and by dopri5 at its best."""
+    """A mass in slip all the time, by heyoka and by dop853 at its best."""
     import heyoka as hy
 
     law, load, k, v0 = (0.4, 0.25, 0.5), 10.0, 1000.0, 2.0
@@ -106,7 +106,7 @@ def smooth(seconds: float = 20.0) -> Better:
     system = rig.load("belt", changes).assemble().system()
     assert stribeck(*law).mu(1.0) == system.patches[0].law.mu(1.0)
     ticks = round(seconds * 1e3)
-    motion = Motion(system, 1_000_000, "dopri5", tolerance=1e-12, with_energy=False, longest=ticks)
+    motion = Motion(system, 1_000_000, "dop853", tolerance=1e-12, with_energy=False, longest=ticks)
 
     def ours() -> float:
         motion.x[:] = system.start

@@ -69,6 +69,14 @@ def test_rk4_keeps_its_order_over_events(rigs, run, num, name):
     assert order(steps, errors) == pytest.approx(4.0, abs=0.25)
 
 
+def test_steps_of_dop853_grow_as_the_eighth_root_of_the_tolerance(rigs, run):
+    """And at 1e-11 they are several times as long as those of dopri5."""
+    p2, tolerances = rigs.p2(), [1e-7, 1e-9, 1e-11]
+    trials = [run(p2, 1.0, 4.0, "dop853", tolerance=t).motion.counts()["trial_steps"] for t in tolerances]
+    assert order(tolerances, trials) == pytest.approx(-0.125, abs=0.04)
+    assert 3 * trials[-1] < run(p2, 1.0, 4.0, "dopri5", tolerance=1e-11).motion.counts()["trial_steps"]
+
+
 def test_error_of_dopri5_is_proportional_to_its_tolerance(rigs, run, num):
     tolerances = 10.0 ** -np.arange(4.0, 11.0)
     found = [run(rigs.p2(), 1.0, 4.0, "dopri5", tolerance=t) for t in tolerances]

@@ -24,6 +24,7 @@ def test_ledger_closes_over_events(rigs, run, name, step):
     [
         ("dopri5", 1e-7, WITH_EVENTS),
         ("dopri5", 1e-10, 1e-9),
+        ("dop853", 1e-10, 1e-9),
         ("rosenbrock", 1e-7, WITH_EVENTS),
         ("rosenbrock", 1e-10, 1e-9),
         ("rk4", 1e-7, WITH_EVENTS),
@@ -35,7 +36,7 @@ def test_ledger_of_a_falling_law_closes_over_events(rigs, run, method, tolerance
 
 def test_ledger_closes_in_smooth_motion(rigs, run):
     falling = rigs.oscillator(law=friction_law.stribeck(0.4, 0.25, 0.02), start={"x": 0.003}, vb=0.2, c=1.0).system()
-    for method in ("dopri5", "rosenbrock", "rk4"):
+    for method in ("dopri5", "dop853", "rosenbrock", "rk4"):
         found = run(falling, 0.2, 2.0, method, tolerance=1e-10)
         assert len(found.times) == 0
         assert abs(found.energy["error"]) < SMOOTH

@@ -51,6 +51,7 @@ def advance(system, method, ticks, rows, **settings):
 
 @pytest.mark.parametrize(("method", "settings", "bound"), [
     ("dopri5", {"tolerance": 1e-10}, 1e-8),
+    ("dop853", {"tolerance": 1e-10}, 1e-8),
     ("rosenbrock", {"tolerance": 1e-10}, 1e-8),
     ("rk4", {"substeps": 4}, 1e-9),
 ])  # fmt: skip
@@ -75,9 +76,10 @@ def bent_rate(y):
     return np.array([v, u, a, c / 0.5])
 
 
-def test_products_of_forces_move_as_an_independent_integrator_says():
+@pytest.mark.parametrize("method", ["dopri5", "dop853"])
+def test_products_of_forces_move_as_an_independent_integrator_says(method):
     rows = [{"x": 1.0}, {"z": 1.0}, {"N:load": 1.0}, {"T:contact": 1.0}]
-    motion, found = advance(sliding().system(), "dopri5", 150, rows, tolerance=1e-11)
+    motion, found = advance(sliding().system(), method, 150, rows, tolerance=1e-11)
     assert not motion.events()
     end = solve_ivp(
         lambda t, y: bent_rate(y), (0.0, 0.15), [0.02, 0.01, 0.0, 0.0], method="DOP853", rtol=1e-12, atol=1e-14

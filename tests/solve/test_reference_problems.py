@@ -25,10 +25,13 @@ def test_exact_finds_every_event_at_any_step(rigs, run, num, name, step):
     assert worst(found, num[name]) < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("method", "tolerance", "bound"), [("dopri5", 1e-7, 1e-6), ("dop853", 1e-10, 1e-9), ("dop853", 1e-11, 1e-10)]
+)
 @pytest.mark.parametrize("step", [0.05, 20.0])
-def test_dopri5_finds_every_event_under_a_falling_law(rigs, run, num, step):
-    found = run(rigs.p2(), step, num["P2"]["duration"], "dopri5", tolerance=1e-7)
-    assert worst(found, num["P2"]) < 1e-6
+def test_adaptive_methods_find_every_event_under_a_falling_law(rigs, run, num, step, method, tolerance, bound):
+    found = run(rigs.p2(), step, num["P2"]["duration"], method, tolerance=tolerance)
+    assert worst(found, num["P2"]) < bound
 
 
 @pytest.mark.parametrize("name", ["P1", "P2"])

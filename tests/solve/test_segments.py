@@ -34,6 +34,7 @@ def frames(system, method, step_ns, steps, count, **how):
 CASES = [
     ("p1", "exact", {}),
     ("p2", "dopri5", {"tolerance": 1e-9}),
+    ("p2", "dop853", {"tolerance": 1e-9}),
     ("p2", "rosenbrock", {"tolerance": 1e-9}),
     ("p2", "rk4", {"substeps": 4}),
 ]
@@ -43,7 +44,7 @@ CASES = [
 def test_segments_tile_the_frame_and_carry_the_signals(rigs, name, method, how):
     step_ns, steps = 250_000, 4
     h, seen = step_ns * 1e-9, 0
-    accuracy = {"exact": 1e-9, "dopri5": 1e-6, "rosenbrock": 1e-6, "rk4": 1e-6}[method]
+    accuracy = {"exact": 1e-9, "dopri5": 1e-6, "dop853": 1e-6, "rosenbrock": 1e-6, "rk4": 1e-6}[method]
     scale = np.array([0.1, 4.0, 4.0, 0.1])
     for start, length, coef, outputs, events, origin in frames(
         getattr(rigs, name)(), method, step_ns, steps, 600, **how

@@ -44,7 +44,7 @@ from rig.errors import RigError, UsageError
 from rig.machine.files import write_file
 from rig.model.formulation import signal_rows
 from rig.model.friction_law import coulomb
-from rig.model.method import chosen
+from rig.model.method import ADAPTIVE, chosen
 from rig.model.singular import assembled
 from rig.model.system import System
 from rig.scenes.faults import near
@@ -126,9 +126,9 @@ def _unfit(scene: Scene, axis: Axis) -> Iterator[str]:
         yield "the rig has no contact that can slide"
         return
     method = chosen(scene.clock.method, first)
-    if method not in ("exact", "dopri5", "rosenbrock"):
+    if method not in ("exact", *ADAPTIVE):
         yield (
-            f"clock.method = {method}: branches need located events, which exact, dopri5 and rosenbrock have; "
+            f"clock.method = {method}: branches need located events, which exact, {', '.join(ADAPTIVE)} have; "
             "-p clock.method=auto"
         )
     if running := _running(first):

@@ -51,7 +51,7 @@ def race(scene: Scene, rounds: int = ROUNDS, report: Progress | None = None) -> 
     first = Setting("exact") if system.linear else Setting("dopri5", TIGHTEST)
     best, other = (by_rig(scene, s, o.seconds)() for s in (first, Setting("rk4", step_ns=STEP_NS // 100)))
     runners: list[tuple[Entry, Run, Sequence[float]]] = []
-    for method in (method for method, why in eligible(system).items() if not why):
+    for method in (*(name for name, why in eligible(system).items() if not why), *(["dop853"] * (not system.linear))):
         for own in ladder(method, scene, fastest_eigenvalue(system)):
             entry = Entry(OURS, str(own), math.inf, math.nan)
             runners.append((entry, by_rig(scene, own, o.seconds), best if method == "rk4" else other))
