@@ -49,12 +49,14 @@ class Shape(NamedTuple):
 
 
 VARIANTS = tuple(
-    Shape(*one)
-    for one in product(range(UNROLLED + 1), *[(False, True)] * 6)
-    if one[1] or not one[3]  # products of states are never linear
-    if not one[4] or (one[1] and one[2] and one[3])  # kicks need products and fixed steps
-    if not one[5] or (one[1] and not one[2])  # implicit steps are for what is not linear, and of any length
-    if not one[6] or (one[1] and not one[2] and not one[5])  # so are the long steps of dop853
+    one
+    for states in range(UNROLLED + 1)
+    for one in (Shape(states, *flags) for flags in product((False, True), repeat=6))
+    if one.curved or not one.products  # products of states are never linear
+    if not one.kicks or (one.curved and one.fixed and one.products)
+    if not one.implicit
+    or (one.curved and not one.fixed)  # implicit steps are for what is not linear, and of any length
+    if not one.long or (one.curved and not one.fixed and not one.implicit)  # so are the long steps of dop853
 )
 """Every possible shape: the number of compiled kernels does not grow with the number of effects."""
 

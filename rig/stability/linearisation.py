@@ -69,8 +69,16 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
     closed = np.array([mode == CLOSED for mode in system.modes(modes.key)[1]], dtype=bool).reshape(-1, 1)
 
     def multiply(level: int) -> None:
-        pressed = closed[:, 0] * (modes.normal @ x + modes.normal_t @ T), closed * (modes.normal + modes.normal_t @ dT)
-        rubbed = modes.friction @ x + modes.friction_t @ T, modes.friction + modes.friction_t @ dT
+        if all(product.level != level for product in system.products):
+            return
+        if level:
+            pressed = (
+                closed[:, 0] * (modes.normal @ x + modes.normal_t @ T),
+                closed * (modes.normal + modes.normal_t @ dT),
+            )
+            rubbed = modes.friction @ x + modes.friction_t @ T, modes.friction + modes.friction_t @ dT
+        else:  # no factor is a force
+            pressed = rubbed = np.zeros(0), np.zeros((0, n))
         values, slopes = tangent(system.products, level, x, (pressed, rubbed))
         T[P : system.rates_from] += values
         dT[P : system.rates_from] += slopes
@@ -297,19 +305,24 @@ def settled(system: System, x: Array) -> Array:
     return out
 
 
-def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
+def steady(system: System, key: int, contact: Contact | None = None, beside: Steady | None = None) -> Steady:
     """Find steady sliding in mode set `key` by Newton's method, starting from the unloaded structure at rest.
 
     In a mode set with a stuck patch no equilibrium is searched; only the matrix counts. `contact`: friction force of
-    patches with a speed-dependent law, if it is not the law's own (an average over a fast vibration). Raises
+    patches with a speed-dependent law, if it is not the law's own (an average over a fast vibration). `beside`:
+    steady sliding in this mode set with another start of the same system, near which the search begins. Raises
     rig.errors.Singular.
     """
-    modes = assembled(system, key)
+    if beside is not None and beside.modes.key != key:
+        beside = None
+    modes, near = (assembled(system, key), None) if beside is None else (beside.modes, beside.x)
     moving = moving_states(system, modes.A)
     free = np.union1d(moving, settling(system, modes.A, moving))
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
-    equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False)
+    equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False, near)
+    if near is not None and not (equilibrium.balanced and _agrees(system, modes, equilibrium)):
+        equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False)
     if not (
         stuck or (equilibrium.balanced and _agrees(system, modes, equilibrium))
     ):  # another search may find another equilibrium
@@ -359,7 +372,13 @@ def _slips(system: System, modes: ModeSet, speed: Array) -> bool:
 
 
 def _newton(
-    system: System, modes: ModeSet, law: Contact, free: NDArray[np.int64], rounds: int, falling: bool
+    system: System,
+    modes: ModeSet,
+    law: Contact,
+    free: NDArray[np.int64],
+    rounds: int,
+    falling: bool,
+    near: Array | None = None,
 ) -> _Found:
     """Find the point where the rates of the states `free` vanish.
 
@@ -370,7 +389,7 @@ def _newton(
     nq = len(system.coordinates)
     rows, columns = free[free >= nq], free[(free < nq) | (free >= 2 * nq)]  # q' = v is solved by v = 0
     x = system.start.copy()
-    x[: system.one] = 0.0
+    x[: system.one] = 0.0 if near is None else near[: system.one]
     A, T, load = linearised(system, modes, x, law)
     if _remember(system, modes, x, load):
         A, T, load = linearised(system, modes, x, law)

@@ -11,7 +11,7 @@ from rig.analysis import map as maps
 from rig.analysis.map.job import RUNS
 from rig.analysis.map.result import REGIONS
 from rig.analysis.map.row import units
-from rig.analysis.map.steady_state import NAMES, Judge, Window
+from rig.analysis.map.steady_state import NAMES, Judge, Window, closed
 from rig.analysis.pool import Store
 
 FEW = "drive.speed=0.05:0.45:3"
@@ -105,6 +105,17 @@ def test_over_sectors_a_cycle_must_live_through_five_turns():
     assert over_sectors([sticks] * 5) == ["undecided"] * 4 + ["stick-slip"]
     assert over_sectors([sticks, sticks, slides, slides])[-1] == "sliding"
     assert over_sectors([window(1.0, slip=0.1), window(1.0, slip=0.2)])[-1] == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("differences", "same"),
+    [([0.0, 0.0, 0.0], True), ([8e-7, 8e-8, 8e-9], True), ([8e-7, 7.8e-7, 7.6e-7], False), ([1e-3, 1e-4, 1e-5], False)],
+)
+def test_cycles_are_closed_if_their_differences_are_small_and_shrink(differences, same):
+    """Differences that hardly shrink add up to much more than the last of them."""
+    begins = np.cumsum([0.0, 1.0, *(1.0 + np.cumsum(differences))])
+    assert closed(begins, begins + 0.3) == same
+    assert not closed(begins[:3], begins[:3] + 0.3)
 
 
 RPM = math.pi / 30.0

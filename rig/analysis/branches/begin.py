@@ -183,7 +183,7 @@ def ends(family: Family, start: Start, to: float, others: tuple[float, ...] = ()
     """
     at = from_start(family, start, others)
     at = replace(at, t=-at.t) if to < start.value else at
-    for segment in follow(at, min(start.value, to), max(start.value, to), _FOLLOWED):
+    for segment in follow(at, min(start.value, to), max(start.value, to), _FOLLOWED, sought=("fold",)):
         for special in (*segment.specials, *([segment.end] if segment.end else [])):
             if special.turns or special.kind in ("jump", "hopf"):
                 return special

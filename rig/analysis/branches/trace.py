@@ -41,6 +41,7 @@ Met = tuple[int, tuple[str, ...]]
 Name = tuple[str, str, int]
 FIRST, LONGEST, SHORTEST = 0.02, 0.12, 1e-5
 """Steps along a branch, of the size of the motion, of its period and of the parameter."""
+SPECIAL = ("fold", "period doubling", "torus")
 VIRTUAL = 1e-3
 """Smallest amplitude of a cycle that is followed, over the surface speed."""
 _BENDS = 0.9  # cosine of two tangents: below it a step is too long
@@ -227,10 +228,11 @@ def follow(
     most: int,
     watch: Callable[[Place], object] = lambda at: None,
     longest: float = LONGEST,
+    sought: Sequence[str] = SPECIAL,
 ) -> Iterator[Segment]:
     """Yield the segments of a branch from a place on, each as soon as it is complete, up to its end.
 
-    The last one has an `end`. `most`: places in all.
+    The last one has an `end`. `most`: places in all. `sought`: the special points that are located.
     """
     at: Place | None = start
     while at is not None:
@@ -242,13 +244,19 @@ def follow(
             at = _grown(at)
         segment = Segment([at])
         watch(at)
-        at = _along(segment, low, high, most, watch, longest)
+        at = _along(segment, low, high, most, watch, longest, sought)
         most -= len(segment.places)
         yield segment
 
 
 def _along(
-    segment: Segment, low: float, high: float, most: int, watch: Callable[[Place], object], longest: float
+    segment: Segment,
+    low: float,
+    high: float,
+    most: int,
+    watch: Callable[[Place], object],
+    longest: float,
+    sought: Sequence[str],
 ) -> Place | None:
     """Follow a segment to its end; return the first place of the next one."""
     ds, other = segment.places[-1].step, None
@@ -278,7 +286,7 @@ def _along(
             except FAILURES:
                 segment.end = Special("range", at, at.p, abs(new.p - at.p))
             return None
-        segment.specials += _between(at, new, ds)
+        segment.specials += _between(at, new, ds, sought)
         if (end_of_family := _shrinks(at, new)) is not None:
             segment.end = end_of_family
             return None
@@ -358,15 +366,15 @@ def _hopf(at: Place) -> float | None:
 # special points between two places with the same events
 
 
-def _between(at: Place, new: Place, ds: float) -> list[Special]:
-    """Folds, period doublings and torus points between two places."""
+def _between(at: Place, new: Place, ds: float, sought: Sequence[str]) -> list[Special]:
+    """Folds, period doublings and torus points between two places, those that are `sought`."""
     out = []
-    if at.t[-1] * new.t[-1] < 0.0 and len(at.u) > 2:
+    if "fold" in sought and at.t[-1] * new.t[-1] < 0.0 and len(at.u) > 2:
         out += _located("fold", at, new, ds, lambda place: float(place.t[-1]))
     (a, _), (b, _) = at.multipliers, new.multipliers
     if at.unstable != new.unstable:
         for kind, measure in (("period doubling", _doubling), ("torus", _torus)):
-            if measure(a) * measure(b) < 0.0:
+            if kind in sought and measure(a) * measure(b) < 0.0:
                 out += _located(kind, at, new, ds, partial(_measured, measure))
     return [
         s for s in out if s.kind != "torus" or any(abs(abs(v) - 1.0) < _PAIR and v.imag for v in s.at.multipliers[0])

@@ -33,6 +33,7 @@ from rig.analysis.map.dither import boundary
 from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, Unit
 from rig.analysis.map.steady_state import (
     BLANK,
+    CYCLES,
     NONE,
     NOTHING,
     SLIDING,
@@ -43,6 +44,7 @@ from rig.analysis.map.steady_state import (
     Judge,
     Point,
     Window,
+    closed,
     extremes,
     sticking,
     stopped,
@@ -65,9 +67,15 @@ Array = NDArray[np.float64]
 WINDOW_PERIODS = 8.0  # periods of the slowest vibration mode about sliding
 RAMP = 16.0  # of these from one point to the next
 TOLERANCE = 1e-9
-"""Largest tolerance of dopri5 and rosenbrock: at release the slip speed leaves zero slowly, and an error would make it
+"""Largest tolerance of dop853 and rosenbrock: at release the slip speed leaves zero slowly, and an error would make it
 stick again.
 """
+_SHOWS = 1e-3  # logarithmic decrement: a smaller decay is not seen in two periods
+_SEEN, _MORE, _TRIED = 3.8, 3.2, 16.0  # cycles in a first and a further window where their period is known, and in all
+_FOR_SECTION = 6.5  # cycles in a window whose local maxima are shown
+_FINE = 40  # values of a row: then they show without values between them where no growth rate reaches zero
+_KEPT = 3  # cycles from which the next one is extrapolated
+_SHORT_RAMP = 3.0  # as RAMP, for cycles that are known
 _PARTS = 4  # steps from one point to the next of a parameter that cannot be ramped
 _SAMPLES = 24  # in a period of the fastest vibration mode
 _FEW, _MANY = 3, 30  # sticks in a window: with fewer it becomes longer, with more it is shorter for the next point
@@ -81,10 +89,11 @@ _LONG = 160  # characters of the reason why a run had to stop
 
 @dataclass(frozen=True)
 class Place:
-    """A saved state of the rig."""
+    """A saved state of the rig; `period` as of a Track."""
 
     value: float
     state: Saved
+    period: float = 0.0
 
 
 class Track:
@@ -96,6 +105,7 @@ class Track:
     def __init__(self, scene: Scene, axis: Axis, settings: Settings) -> None:
         self.scene, self.axis, self.settings = scene, axis, settings
         self.value = axis.values[0]
+        self._beside: Steady | None = None  # steady sliding at the last value
         first = axis.at(scene, self.value).parameters
         moved = self._assembled(first, {axis.key: "ramped"}).inputs.get(axis.key)
         self._command = moved.state if moved is not None else ""
@@ -117,6 +127,10 @@ class Track:
         self._short = max(8, round(WINDOW_PERIODS * self.slowest / self.step))
         self.window_ticks = self._short
         self._held: dict[int, bool] = {}
+        self._begun = self._ended = np.zeros(0)  # when sticking begins and ends in the last window [s]
+        self._cycles: list[tuple[float, Array]] = []
+        self.period = 0.0
+        """Of the cycles at the present value, if they are known to be the same [s]."""
 
     def _typical(self) -> tuple[float, Steady]:
         """Value and steady sliding nearest to the middle of the axis; the middle itself if no value has steady
@@ -135,7 +149,7 @@ class Track:
         return Motion(
             self._system,
             self.step_ns,
-            chosen(clock.method, self._system),
+            chosen(clock.method, self._system, min(clock.tolerance, TOLERANCE)),
             outputs=[self._row],
             tolerance=min(clock.tolerance, TOLERANCE),
             substeps=clock.substeps(self.step_ns),
@@ -149,7 +163,7 @@ class Track:
     def start(self) -> Start | None:
         """Return the present motion as the start of a branch; None over sectors, where none is a cycle."""
         known = zip(self._system.names, self._motion.x.tolist())
-        return None if self._system.sectors else Start(self.value, dict(known))
+        return None if self._system.sectors else Start(self.value, dict(known), self.period)
 
     def compile(self) -> None:
         """Compile the kernels that a rig of this shape needs."""
@@ -171,7 +185,9 @@ class Track:
     def sliding(self, value: float) -> Steady:
         """Return steady sliding at `value`, with the matrix of small motions about it. Raises rig.errors.Singular."""
         system = self.system(value)
-        return steady(system, sliding_key(system))
+        at = steady(system, sliding_key(system), beside=self._beside)
+        self._beside = at if at.exists and self._slope else None
+        return at
 
     def least(self, value: float, at: Steady | None = None) -> tuple[complex, float]:
         """Return the least stable eigenvalue of steady sliding at `value` [1/s], and the growth below which it counts
@@ -215,7 +231,7 @@ class Track:
         """Restart at `value` from state `x`, without memory of the run before."""
         self._go(value)
         self._motion.restart(x)
-        self.window_ticks = self._short
+        self.window_ticks, self.period, self._cycles = self._short, 0.0, []
 
     def _go(self, value: float) -> None:
         if self._slope or value == self.value:
@@ -227,16 +243,17 @@ class Track:
 
     def here(self) -> Place:
         """Save the present state."""
-        return Place(self.value, self._motion.save())
+        return Place(self.value, self._motion.save(), self.period)
 
     def back(self, place: Place) -> None:
         """Return to a saved state."""
         self._go(place.value)
         self._motion.go_back(place.state)
+        self.period = place.period
 
     def move(self, value: float) -> None:
         """Move the running rig to `value`. Raises rig.errors.NumericsError if the simulation has to stop."""
-        ticks = max(1, round(RAMP * self.slowest / self.step))
+        ticks = max(1, round((_SHORT_RAMP if self.period else RAMP) * self.slowest / self.step))
         if self._slope:
             motion = self._motion
             rate = (value - float(motion.x[self._at[self._command]])) / (ticks * self.step)
@@ -258,19 +275,70 @@ class Track:
         long.
         """
         turn = self._turn()
+        point = self._repeated()
         begun = self.window_ticks
         longest = self.settings.longest or max(PERIODS * self.slowest, _LATEST * turn * self.step)
         rounds = 1 if self.settings.longest else _ROUNDS
-        point = Point(UNDECIDED, BLANK, 0.0)
         for _ in range(rounds):
+            if point.state != UNDECIDED:
+                break
             judge = Judge(self.settings.kick, near, turn > 0)
             latest = self.judged(judge, longest, turn)
             point = latest._replace(spent=point.spent + latest.spent)
-            if point.state != UNDECIDED:
-                break
-            longest, self.window_ticks = 2.0 * longest, 2 * self.window_ticks
+            if point.state == UNDECIDED:
+                longest, self.window_ticks = 2.0 * longest, 2 * self.window_ticks
+        self._note(point._replace(state=UNDECIDED) if turn else point)
         if point.state in (UNDECIDED, STOPPED):  # no window has fitted: the next point starts with the usual length
             self.window_ticks = begun
+        return point
+
+    def _repeated(self) -> Point:
+        """Whether the motion repeats like that at the value before: a few of its cycles tell."""
+        spent, window, begun, ended = 0.0, BLANK, np.zeros(0), np.zeros(0)
+        while self.period and spent < _TRIED * self.period:
+            cycles = _FOR_SECTION if self.settings.section else _MORE if spent else _SEEN
+            span = math.ceil(cycles * self.period / self.step)
+            window = self._watch(span)
+            begun, ended = np.append(begun, spent + self._begun), np.append(ended, spent + self._ended)
+            spent += span * self.step
+            if closed(begun[-max(CYCLES + 1, len(self._begun)) :], ended):  # and all that the window measures
+                return Point(STICK_SLIP, window._replace(closed=True), spent)
+            if not window.share:
+                break
+        return Point(UNDECIDED, window, spent)
+
+    def _note(self, point: Point) -> None:
+        """Note the cycle of a point, from which the next ones are predicted."""
+        self.period = 0.0
+        if point.state != STICK_SLIP or not point.window.closed:
+            return
+        self.period = point.window.period
+        whole = self._begun[self._begun < self._ended.max(initial=0.0)]  # sticks that end in the window
+        if len(whole):
+            middle = 0.5 * float(whole[-1] + self._ended[np.searchsorted(self._ended, whole[-1])])
+            place = middle / self.step - 1.0
+            before = int(place)
+            a, b = self._motion.states[before], self._motion.states[before + 1]
+            self._cycles = [*self._cycles, (self.value, a + (place - before) * (b - a))][-_KEPT:]
+
+    def predicted(self, value: float) -> Point | None:
+        """The state at `value` where the motion goes on from a cycle extrapolated from those at the last values.
+
+        None if it does not repeat, or if too little is known: then it has to be carried there.
+        """
+        if not (self._slope and self.period and len(self._cycles) == _KEPT):
+            return None
+        known = [v for v, _ in self._cycles]
+        x = np.zeros(self._system.n)
+        for v, state in self._cycles:
+            x += state * math.prod((value - other) / (v - other) for other in known if other != v)
+        x[self._at[self._command]], x[self._at[self._slope]] = value, 0.0
+        self.value = value
+        self._motion.restart(x)
+        point = self._repeated()
+        if point.state == UNDECIDED:
+            return None
+        self._note(point)
         return point
 
     def judged(self, judge: Judge, longest: float, turn: int) -> Point:
@@ -321,7 +389,31 @@ class Track:
         held = np.array([self._sticks(key) for key in event[:, 3].tolist()], dtype=bool)
         s = sticking(times, held, self._sticks(motion.key), ticks * self.step)
         cycles = values[math.ceil(s.first / self.step) : math.ceil(s.last / self.step)]
-        return Window(*extremes(values), float(cycles.std()), travel, swing, s.share, s.begins, s.period, moving)
+        rms, low_high = float(cycles.std()), extremes(values)
+        self._begun, self._ended = s.begun, s.ended
+        return Window(*low_high, rms, travel, swing, s.share, s.begins, s.period, moving, closed(s.begun, s.ended))
+
+    def decays(self, at: Steady, rate: complex) -> Point | None:
+        """Steady sliding, if a motion that begins near it decays as its least stable eigenvalue `rate` [1/s] says.
+
+        None if two of its periods do not show that. A nonlinear part of the decay is of higher order in the amplitude:
+        where it takes less than half of the decay, it takes even less of it later.
+        """
+        turn = 2.0 * math.pi / abs(rate.imag) if rate.imag else math.inf
+        if self._system.sectors or not -rate.real * turn > _SHOWS or turn > WINDOW_PERIODS * self.slowest:
+            return None
+        ticks, motion = math.ceil(turn / self.step), self._motion
+        motion.advance(2 * ticks)
+        if motion.event_count:
+            return None
+        slips = motion.states @ motion.system.slip_rows.T
+        swings = [[np.subtract(*extremes(part)) for part in half.T] for half in (slips[:ticks], slips[ticks:])]
+        first, last = (max(map(abs, half)) for half in swings)
+        if not 0.0 < last <= first * math.exp(0.5 * rate.real * ticks * self.step):
+            return None
+        value = float(motion.outputs_at(at.x[None], motion.mode_sets_of_states[-1:])[0, 0])
+        still = BLANK._replace(low=value, high=value, rms=0.0, travel=0.0, slip=0.0, share=0.0, moving=True)
+        return Point(SLIDING, still, 2 * ticks * self.step)
 
     def values(self) -> Array:
         """The output at every tick of the last window."""
@@ -348,6 +440,7 @@ class Row:
         self._singular: dict[int, Singular] = {}
         self._sliding = [self._steady(i, value) for i, value in enumerate(self._next)]
         self._near: dict[int, tuple[Point, Place | None, Array]] = {}
+        self._rates: dict[int, tuple[complex, float]] = {}
         self.branch: Family | None = None  # on which lost vibrations are followed
         count, runs = len(self.x), len(RUNS)
         self.tables: Arrays = {
@@ -362,7 +455,7 @@ class Row:
         """Every run of the unit, and its growth rates."""
         asked = self._runs
         if self._curve:
-            least = [self.track.least(value, at) for value, at in zip(self._next, self._sliding)]
+            least = [self._least(i) for i in range(len(self._next))]
             seen = least[: len(self.x)]
             rates = [0.0 if abs(rate.real) <= none else rate.real for rate, none in seen]
             self.tables["growth"] = np.array(rates, dtype=np.float64)
@@ -403,14 +496,25 @@ class Row:
             return None
         return at
 
-    def _tried(self, begin: Callable[[], object], near: bool = False) -> tuple[Point, Array]:
-        """The steady state of a run and its maxima; a run that has to stop records why, and the map continues."""
+    def _least(self, i: int) -> tuple[complex, float]:
+        """Track.least at a point."""
+        if i not in self._rates:
+            self._rates[i] = self.track.least(self._next[i], self._sliding[i])
+        return self._rates[i]
+
+    def _tried(self, begin: Callable[[], object], near: int | None = None) -> tuple[Point, Array]:
+        """The steady state of a run and its maxima; a run that has to stop records why, and the map continues.
+
+        `near`: number of the point near whose sliding the run begins.
+        """
         try:
             begin()
-            point = self.track.settle(near)
+            at = None if near is None else self._sliding[near]
+            quick = self.track.decays(at, self._least(near)[0]) if near is not None and at is not None else None
+            point = quick or self.track.settle(near is not None)
         except (NumericsError, Singular) as error:
             point = stopped(error)
-        return point, self._none() if point.state == STOPPED else self._maxima()
+        return point, self._none() if point.state == STOPPED else self._maxima(point)
 
     def _standing(self, i: int) -> tuple[Point, Array]:
         at = self._sliding[i]
@@ -430,7 +534,7 @@ class Row:
             return stopped(self._singular[i]), self._none()
         if not at.exists:
             return NOTHING, self._none()
-        point, maxima = self._tried(lambda: self.track.put(self.x[i], self.track.near(at)), near=True)
+        point, maxima = self._tried(lambda: self.track.put(self.x[i], self.track.near(at)), near=i)
         self._near[i] = point, None if point.state == STOPPED else self.track.here(), maxima
         return point, maxima
 
@@ -460,6 +564,10 @@ class Row:
         because the step was too large, and not because it ends.
         """
         place = self.track.here()
+        with suppress(NumericsError):
+            if (point := self.track.predicted(to)) is not None:
+                return point, self._maxima(point)
+        self.track.back(place)
         first, maxima = self._tried(lambda: self.track.move(to))
         if not alive or first.state in ALIVE or first.state == STOPPED:
             return first, maxima
@@ -503,13 +611,15 @@ class Row:
     def _none(self) -> Array:
         return np.full(self.settings.section, np.nan)
 
-    def _maxima(self) -> Array:
-        """The last local maxima of the output."""
+    def _maxima(self, point: Point) -> Array:
+        """The last local maxima of the output; its value where it is constant."""
         kept = self.settings.section
         if not kept:
             return np.zeros(0)
         y = self.track.values()
         maxima = y[1:-1][(y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])][-kept:]
+        if point.window.low == point.window.high:
+            maxima = np.array([point.window.high])
         return np.concatenate([maxima, np.full(kept - len(maxima), np.nan)])
 
     def _write(self, name: str, i: int, point: Point, maxima: Array) -> None:
@@ -532,7 +642,8 @@ class Row:
             if value not in known:
                 known[value] = self.track.least(value)
             rate, none = known[value]
-            return None if math.isnan(rate.real) else Growth(np.array([rate.real]), np.array([none]))
+            fine = len(self._next) > _FINE
+            return None if math.isnan(rate.real) else Growth(np.array([rate.real]), np.array([none]), fine)
 
         return [at for at in roots(self._next, growths) if at != self._next[-1] or at == self.x[-1]]
 
@@ -547,7 +658,7 @@ def _prepare(job: Job) -> None:
     """Compile the kernels of the runs."""
     if not job.settings.eigenvalues:
         track = Track(job.at(0), job.x, job.settings)
-        shape = kernel_shapes.shape_of(track.system(track.value), job.scene.clock.method)
+        shape = kernel_shapes.shape_of(track.system(track.value), job.scene.clock.method, TOLERANCE)
         if shape not in kernel_shapes.ready():
             track.compile()
             kernel_shapes.note(shape)

@@ -1,7 +1,8 @@
 """The steady state of a motion, decided from consecutive windows.
 
     sliding      nothing sticks; the slip speed varies by less than half of the stated perturbation, and does not grow
-    stick-slip   the amplitudes of three windows in a row agree, and a contact sticks in each of them
+    stick-slip   the amplitudes of three windows in a row agree, and a contact sticks in each of them; or the cycles of
+                 one window are the same (`closed`)
     vibration    the same, and nothing sticks
     stuck        the surfaces stand still and so does the rig
     undecided    none of this within the stated longest time
@@ -20,6 +21,7 @@ that does not repeat but has no drift is classified by whether it sticks.
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -34,6 +36,9 @@ NONE, SLIDING, STICK_SLIP, VIBRATION, STUCK, UNDECIDED, STOPPED = range(7)
 NAMES = ("none", "sliding", "stick-slip", "vibration", "stuck", "undecided", "stopped")
 SAME = 1e-4
 """Relative difference up to which the amplitudes of two windows agree."""
+CLOSE = 2e-6
+"""Of a period: difference up to which cycles are the same."""
+CYCLES, _SETTLED = 3, 1e-7
 TURNS = 5
 """Turns in which a contact over sectors must stick: a cycle may survive two crossings and end at the third."""
 _EQUAL = 1.02  # ratio of amplitudes from turn to turn, which meet the edges at other phases
@@ -51,6 +56,7 @@ class Window(NamedTuple):
                 largest)
     share       of the time with a contact stuck           sticks   number of times sticking begins
     period      mean time between such beginnings [s]      moving   a surface moves
+    closed      at least three cycles, which are the same
 
     `share` and `rms` refer to whole cycles if there are at least two beginnings.
     """
@@ -64,6 +70,7 @@ class Window(NamedTuple):
     sticks: int
     period: float
     moving: bool
+    closed: bool = False
 
 
 class Point(NamedTuple):
@@ -103,8 +110,8 @@ def _top(y: Array) -> float:
 
 
 class Sticking(NamedTuple):
-    """The sticking of a contact in a window: share, beginnings, mean time between them, first and last
-    beginning [s].
+    """The sticking of a contact in a window: share, beginnings, mean time between them, first and last beginning [s];
+    the times at which it begins and ends.
     """
 
     share: float
@@ -112,6 +119,8 @@ class Sticking(NamedTuple):
     period: float
     first: float
     last: float
+    begun: Array
+    ended: Array
 
 
 def sticking(times: Array, stuck: NDArray[np.bool_], after: bool, span: float) -> Sticking:
@@ -127,7 +136,22 @@ def sticking(times: Array, stuck: NDArray[np.bool_], after: bool, span: float) -
     first, last = (float(begins[0]), float(begins[-1])) if count > 1 else (0.0, span)
     edges = np.clip(np.append(0.0, ends), first, last)
     period = (last - first) / (count - 1) if count > 1 else _NO
-    return Sticking(float((edges[1:] - edges[:-1]) @ held) / (last - first), count, period, first, last)
+    share = float((edges[1:] - edges[:-1]) @ held) / (last - first)
+    return Sticking(share, count, period, first, last, begins, times[held[:-1] & ~held[1:]])
+
+
+def closed(begins: Array, ends: Array) -> bool:
+    """Whether at least three cycles, from one beginning of stick to the next, are the same and remain so.
+
+    Their periods and times in stick differ by at most `CLOSE` periods, and so does the limit of these differences,
+    which shrink like a geometric series.
+    """
+    if len(begins) < CYCLES + 1:
+        return False
+    cycles = np.column_stack([np.diff(begins), ends[np.searchsorted(ends, begins[:-1])] - begins[:-1]])
+    steps = np.abs(np.diff(cycles, axis=0)).max(axis=1) / cycles[0, 0]
+    left = steps[-1] ** 2 / (steps[-2] - steps[-1]) if steps[-1] < steps[-2] else math.inf
+    return bool(steps.max() <= CLOSE and (left <= CLOSE or steps.max() <= _SETTLED))
 
 
 class Judge:
@@ -152,6 +176,8 @@ class Judge:
         stuck = [w.share > 0.0 for w in last]
         if len(last) > 1 and not any(stuck[-2:]) and window.slip < 0.5 * self.kick and window.slip <= last[-2].slip:
             return SLIDING
+        if window.closed:
+            return STICK_SLIP
         if len(last) < 3 or not all(abs(a.travel - b.travel) <= SAME * b.travel for a, b in pairwise(last)):
             return UNDECIDED
         if all(stuck):
