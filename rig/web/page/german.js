@@ -11,7 +11,7 @@ export const german = {
   // opening
   Start: "Start", demonstration: "Vorführung", "Why does it squeal, and what stops it?": "Warum quietscht es, und was hilft dagegen?",
   "A test rig for friction-induced vibration, in real time. Start this pendulum: it sticks and slips. Then move a slider until it is quiet.":
-    "Ein Prüfstand für reiberregte Schwingungen, in Echtzeit. Starten Sie dieses Pendel: Es haftet und gleitet. Bewegen Sie dann einen Regler, bis es ruhig ist.",
+    "Ein Prüfstand für reiberregte Schwingungen, in Echtzeit. Starten Sie dieses Pendel: Es haftet und gleitet. Bewegen Sie dann einen Schieber, bis es ruhig ist.",
   "Search all rigs: squeal, seal, dither, shunt": "Alle Prüfstände durchsuchen (englisch): squeal, seal, dither, shunt",
   "search rigs": "Prüfstände suchen", "no rig has these words": "kein Prüfstand enthält diese Wörter",
   "Stick-slip": "Haften und Gleiten", "Mode coupling": "Modenkopplung", "Brake and shunt": "Bremse und Shunt", Measured: "Gemessen",
