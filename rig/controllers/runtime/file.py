@@ -14,17 +14,18 @@ update.
 
 from __future__ import annotations
 
-import os
+import json
 import signal
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+import subprocess
+import sys
+from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from rig.controllers import build, class_of, kind_of_file, module_of, parameters_of, recorded_class
+from rig.controllers import build, class_of, described, kind_of_file, module_of, parameters_of, recorded_class
 from rig.controllers.blocks.base import Controller, Numbers, explain, gets_every_sample
 from rig.controllers.blocks.compiled import CompiledSection
 from rig.controllers.runtime.loop import Loop
@@ -76,7 +77,7 @@ def _of_another_tool(path: Path, keys: Mapping[str, object]) -> Controller:
 
 def section_faults(section: Section, numbers: Numbers) -> list[str]:
     """The faults of a foreign controller that a scene's section describes, one line each; empty if it works."""
-    if isinstance(section, CompiledSection) and (ending := _ending(lambda: faults_of(build(section, numbers)))):
+    if isinstance(section, CompiledSection) and (ending := _ending(section, numbers)):
         return [f"{section.file}: its first call ends the process that makes it ({ending})"]
     try:
         with calling(module_of(section)):
@@ -85,17 +86,26 @@ def section_faults(section: Section, numbers: Numbers) -> list[str]:
         return [str(error)]
 
 
-def _ending(call: Callable[[], object]) -> str:
-    """The signal by which a call of compiled code ends a copy of this process; "" if it does not."""
-    if not hasattr(os, "fork"):
-        return ""
-    if not (copy := os.fork()):
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)  # a handler in Python could not stop code that does not return
-        with suppress(BaseException):  # it is raised again, and reported, in this process
-            call()
-        os._exit(0)
-    _, status = os.waitpid(copy, 0)
-    return signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else ""
+_TRIAL_S = 30.0  # chosen: the start of a process on a busy machine, and the timer of a step
+_TRIAL = """
+import json, sys
+from rig.controllers import restored
+from rig.controllers.runtime.file import faults_of
+faults_of(restored(json.load(sys.stdin)))
+"""
+
+
+def _ending(section: Section, numbers: Numbers) -> str:
+    """How a first call of compiled code ends a process of its own; "" if it does not.
+
+    What it raises is raised again, and reported, in this process.
+    """
+    content, command = json.dumps(described(section, numbers)).encode(), [sys.executable, "-P", "-c", _TRIAL]
+    try:
+        trial = subprocess.run(command, input=content, capture_output=True, check=False, timeout=_TRIAL_S)
+    except subprocess.TimeoutExpired:
+        return f"after {_TRIAL_S:g} s without an answer"
+    return signal.Signals(-trial.returncode).name if trial.returncode < 0 else ""
 
 
 def faults_of(controller: Any) -> list[str]:
