@@ -44,7 +44,8 @@ def recorded(path: Path) -> dict[str, Any]:
     outputs = {name: run.signals.get(name, np.full(t_ns.size, np.nan)) for name in setup.outputs}
     keys = run.mode if run.mode.size else np.full(t_ns.size, -1, np.int64)
     begins = np.concatenate(([2 * t_ns[0] - t_ns[1]], t_ns[:-1]))
-    rows = _spans(begins, t_ns, np.array([*outputs.values()]), 1 << contacts.indices(keys))
+    bits = (1 << contacts.indices(keys)) * bool(run.mode.size)  # none where the modes were not recorded
+    rows = _spans(begins, t_ns, np.array([*outputs.values()]), bits)
     measured = {
         name: {"from": told["from"], "t": told["t"], "low": told["low"][0], "high": told["high"][0]}
         for name, (t, v) in run.measurements.items()
