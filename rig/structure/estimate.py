@@ -217,7 +217,7 @@ class Estimator:
             yield shift, inverse, chosen
 
 
-def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array | None = None) -> list[str]:
+def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array) -> list[str]:
     """What more contact points would change, as sentences; empty if nothing, or if `reduced` has no finer contacts.
 
     Eigenvalues with the finer contacts on the same basis are compared with those of the contacts. `jacobian` as in
@@ -227,13 +227,10 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array 
         return []
     finer = replace(reduced, model=replace(reduced.model, contacts=reduced.model.finer))
     count, more = (sum(points.area.size for points in each.model.contacts) for each in (reduced, finer))
-    if jacobian is None:
-        near, exact = (each.eigenvalues(values, vectors="none")[0] for each in (reduced, finer))
-    else:
-        (mass, _, few), (_, _, many), n = reduced.pencil(values), finer.pencil(values), reduced.coordinates
-        changed = jacobian.copy()
-        changed[n : 2 * n, :n] -= np.linalg.solve(mass, many - few)
-        near, exact = (np.linalg.eigvals(matrix).astype(complex) for matrix in (jacobian, changed))
+    (mass, _, few), (_, _, many), n = reduced.pencil(values), finer.pencil(values), reduced.coordinates
+    changed = jacobian.copy()
+    changed[n : 2 * n, :n] -= np.linalg.solve(mass, many - few)
+    near, exact = (np.linalg.eigvals(matrix).astype(complex) for matrix in (jacobian, changed))
     near, exact = near[in_range(near, reduced.up_to)], exact[in_range(exact, reduced.up_to)]
     left = near.tolist()
     sentences = []
