@@ -82,7 +82,11 @@ class _Attempt:
         notes: list[str] = []
         fitted = [i for i, run in enumerate(self.task.runs) if run.fitted]
         starts, first = self._starts(fitted, notes, self.task.starts)
-        evidence: list[Any] = [self._evidence(i, response) for i, response in zip(fitted, first)]
+        measured = [self.task.runs[i] for i in fitted]
+        evidence: list[Any] = [
+            CycleRun.of(run, response) if run.kind == "cycles" else FeatureRun.of(run, self.law.scene)
+            for run, response in zip(measured, first)
+        ]
         repeats = all(each.scatter < cycles.REPEATS for each in evidence)
         if not repeats:
             columns = [tuple(replace(column, offset=RUN) for column in each.run.columns) for each in evidence]
@@ -127,10 +131,6 @@ class _Attempt:
             reports, predicted, deviation, effects, tuple(notes), self.evaluator.count, solution.jacobian,
             density,
         )  # fmt: skip
-
-    def _evidence(self, run: int, response: Response) -> CycleRun | FeatureRun:
-        measured = self.task.runs[run]
-        return CycleRun.of(measured, response) if measured.kind == "cycles" else FeatureRun.of(measured, self.law.scene)
 
     def _starts(self, fitted: Sequence[int], notes: list[str], count: int) -> tuple[list[Reals], list[Response]]:
         """Coordinates of the free parameters at which all runs have a cycle, the values of the scene first if they do,

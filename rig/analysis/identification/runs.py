@@ -414,7 +414,8 @@ def _recording(given: Any, entry: Mapping[str, Any], columns: Mapping[str, Any],
             raise UsageError(f"{path}: {fault}") from None
     if not columns:
         raise UsageError(f'{path}: name its columns, [run.columns] x = {{reads = "displacement", scale = "1 mm"}}')
-    texts = {column: f"c{i}{_scale(table)}" for i, (column, table) in enumerate(columns.items())}
+    scales = [str(table.get("scale", "")) if isinstance(table, Mapping) else "" for table in columns.values()]
+    texts = {column: f"c{i}, {scales[i]}" if scales[i] else f"c{i}" for i, column in enumerate(columns)}
     names = {column: f"c{i}" for i, column in enumerate(columns)}
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
         out = Path(folder) / "measured.mcap"
@@ -432,11 +433,6 @@ def _recording(given: Any, entry: Mapping[str, Any], columns: Mapping[str, Any],
         run.measurements[column] = run.measurements.pop(plain)
         run.units[f"meas/{column}"] = run.units.get(f"meas/{plain}", "")
     return run
-
-
-def _scale(table: Any) -> str:
-    scale = table.get("scale", "") if isinstance(table, Mapping) else ""
-    return f", {scale}" if scale else ""
 
 
 def _of_sensors(run: Run, name: str) -> dict[str, dict[str, str]]:
