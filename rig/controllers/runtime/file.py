@@ -77,8 +77,10 @@ def _of_another_tool(path: Path, keys: Mapping[str, object]) -> Controller:
 
 def section_faults(section: Section, numbers: Numbers) -> list[str]:
     """The faults of a foreign controller that a scene's section describes, one line each; empty if it works."""
-    if isinstance(section, CompiledSection) and (ending := _ending(section, numbers)):
-        return [f"{section.file}: its first call ends the process that makes it ({ending})"]
+    if isinstance(section, CompiledSection) and section.file.sha256 not in _tried:
+        if ending := _ending(section, numbers):
+            return [f"{section.file}: its first call ends the process that makes it ({ending})"]
+        _tried.add(section.file.sha256)
     try:
         with calling(module_of(section)):
             return faults_of(build(section, numbers))
@@ -86,6 +88,7 @@ def section_faults(section: Section, numbers: Numbers) -> list[str]:
         return [str(error)]
 
 
+_tried: set[str] = set()  # SHA-256 of the compiled files whose first call returned
 _TRIAL_S = 30.0  # chosen: the start of a process on a busy machine, and the timer of a step
 _TRIAL = """
 import json, sys
