@@ -14,7 +14,6 @@ from rig.analysis.branches.compute import Job
 from rig.analysis.branches.trace import follow
 from rig.analysis.return_map import Family
 from rig.scenes import load
-from rig.stability.linearisation import steady
 
 BELT, LEVER = 100, 20
 _STEP = 0.02  # along the branch: as many points as are measured
@@ -25,11 +24,8 @@ def belt_s() -> float:
     scene = load("belt", {"limits": "none"})
     family = Family(scene, [Axis.of("drive.speed", [0.05, 0.8], scene)])
     hopf = 0.05 * math.log(20.0 * (0.5 - 0.18) / (2.0 * 0.05))
-    flow = family.flow((hopf,))
-    at = steady(flow.system, flow.key)
-    rates, shapes = at.eigenvectors()
     begun, count = time.process_time(), 0
-    first = begin.from_hopf(family, hopf, at.x, complex(rates[0]), shapes[:, 0])
+    first = begin.from_hopf(family, hopf)
     for segment in follow(first, 0.05, 0.8, BELT, longest=_STEP):
         count += len(segment.places)
     return (time.process_time() - begun) * BELT / count

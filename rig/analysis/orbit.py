@@ -197,19 +197,16 @@ class Orbit:
         self._frame = scene.frame_ns // scene.step_ns if framed else 0
         self.longest = BLOCK + -BLOCK % self._frame if framed else BLOCK
         self.motion = self.moving(start, scene.step_ns, self.longest)
-        self._aside: dict[int, Motion] = {}  # by step [ns]
 
-    def moving(self, start: Array, step_ns: int, longest: int, read: bool = True) -> Motion:
-        """Return a plant that starts from another state with another step; `read`: outputs between samples are
-        wanted.
-        """
+    def moving(self, start: Array, step_ns: int, longest: int) -> Motion:
+        """Return a plant that starts from another state with another step."""
         clock = self.scene.clock
         return Motion(
             replace(self.system, start=start),
             step_ns,
             self.method,
             outputs=self._rows,
-            read=self._read if read else 0,
+            read=self._read,
             tolerance=self.tolerance,
             substeps=clock.substeps(step_ns),
             cap=clock.events_per_frame,
@@ -219,29 +216,6 @@ class Orbit:
             bounds={self.outputs.index(name): limit for name, limit in self.scene.limits.items()},
             frames=in_frames(self.scene, min(self._frame, longest)) if self._frame else None,
         )
-
-    def carried(self, x: Array, period: float) -> tuple[Array, list[str]]:
-        """Return state `x` after `period` [s], to the nanosecond, and the events. The orbit itself does not change."""
-        own = self.scene.step_ns
-        whole, rest = divmod(round(period * 1e9), own)
-        met: list[str] = []
-        for step_ns, ticks in ((own, whole), (rest, 1)):
-            if step_ns and ticks:
-                motion = self.aside(x, step_ns)
-                for done in range(0, ticks, BLOCK):
-                    motion.advance(min(BLOCK, ticks - done))
-                    met += [event.what for event in motion.events()]
-                x = motion.x.copy()
-        return x, met
-
-    def aside(self, x: Array, step_ns: int) -> Motion:
-        """Return a plant of its own from `x` on. Two are kept: with the step of the scene, and the last other one."""
-        own = self.scene.step_ns
-        if step_ns not in self._aside:
-            self._aside = {step: motion for step, motion in self._aside.items() if step == own}
-            self._aside[step_ns] = self.moving(x, step_ns, BLOCK if step_ns == own else 1, read=False)
-        self._aside[step_ns].restart(x)
-        return self._aside[step_ns]
 
     def turn_to(self, x: Array) -> None:
         """Continue from state `x`, at the present time."""

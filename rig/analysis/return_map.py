@@ -2,6 +2,9 @@
 
     phi_T(x; p) = x,   f(x_ref) . (x - x_ref) = 0,   closing equation          n + 2 equations for x (n), T and p
 
+A cycle from which motions depart by orders of magnitude within a period is cut into parts, with unknowns x at the
+begin of each of them (multiple shooting): phi_i(x_i; p) = x_(i+1). No part then magnifies a difference by much.
+
 x: the moving states; all others (commands, settled lags) follow from p. The closing equation fixes p, or the distance
 along a branch, or a special point. A forced motion has the period of its generator in place of the phase condition.
 
@@ -22,7 +25,8 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial, reduce
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +82,7 @@ class NotSmooth(NoCycle):
 class Carried(NamedTuple):
     """The end of a run: state, mode sets at its start and end, events with times [s].
 
-    `states` [tick, n] and `values` [tick] of the output, if they are kept.
+    `states` [tick, n] and `values` [tick] of the output, if they are kept. `parts`: of a cycle that is cut.
     """
 
     x: Array
@@ -87,11 +91,24 @@ class Carried(NamedTuple):
     events: tuple[tuple[float, Event], ...]
     states: Array
     values: Array
+    parts: tuple[Carried, ...] = ()
 
     @property
     def met(self) -> tuple[int, tuple[str, ...]]:
         """Mode set at the start and events, which are the same where the map is smooth."""
-        return self.first, tuple(event.what for _, event in self.events)
+        names = tuple(event.what for _, event in self.events)
+        return self.first, names + tuple("a part begins" for a, b in pairwise(self.parts) if a.key != b.first)
+
+
+def _joined(parts: Sequence[Carried], begins: Sequence[float]) -> Carried:
+    """The run over successive parts, which begin at the given times [s]."""
+    events: list[tuple[float, Event]] = []
+    for begin, part in zip(begins, parts):
+        events += [(begin + time, event) for time, event in part.events]
+    states = [part.states[:-1] for part in parts[:-1]] + [parts[-1].states]
+    values = np.concatenate([part.values for part in parts])
+    last = parts[-1]
+    return Carried(last.x, parts[0].first, last.key, tuple(events), np.concatenate(states), values, tuple(parts))
 
 
 def word(names: Sequence[str]) -> tuple[str, ...]:
@@ -132,7 +149,7 @@ class Flow:
             longest=1,
             with_energy=False,
         )
-        self._ticks = -1
+        self._ticks = -_LONGEST
         self._modes: dict[int, ModeSet] = {}
         self._rates: dict[int, Callable[[Array], Array]] = {}
         self._fastest: dict[int, float] = {}
@@ -203,13 +220,18 @@ class Flow:
             x = x + h / 6.0 * (a + 2.0 * (b + c) + self.rate(x + h * c, key))
         return x
 
-    def carried(self, x: Array, time: float, keep: bool = False) -> Carried:
-        """Return the end of a run from x over `time` [s]; `keep`: with the states at its ticks [tick, n]."""
+    def carried(self, x: Array, time: float, keep: bool = False, ticks: int | None = None) -> Carried:
+        """Return the end of a run from x over `time` [s], or over a number of ticks; `keep`: with the states at its
+        ticks [tick, n].
+        """
         motion, step = self.motion, self.step
         motion.restart(x)
         first = motion.key
-        ticks = self._ticks if abs(time - self._ticks * step) < _NEAR * step else round(time / step)
-        self._ticks = ticks
+        if ticks is None:
+            ticks = self._ticks if abs(time - self._ticks * step) < _NEAR * step else round(time / step)
+            self._ticks = ticks
+        else:
+            time = ticks * step
         events: list[tuple[float, Event]] = []
         states, values = [x[None].copy()], []
         between = motion.system.linear is False and ticks > _AFTER_END
@@ -315,17 +337,18 @@ class Family:
     def _with_commands(self) -> frozenset[str]:
         """The parameters that are actuators with a state of their own, if they act on nothing but that state."""
         keys = {axis.key for axis in self.axes}
-        assembly = self._assembly(self.scene, keys)
+        assembly = self.assembled(self.scene, keys)
         given = {key: assembly.inputs[key] for key in keys if key in assembly.inputs}
         commands = frozenset(key for key, actuator in given.items() if actuator.state and not actuator.slope)
         for axis in self.axes:
             if axis.key in commands:
-                other = self._assembly(axis.at(self.scene, 0.5 * (axis.values[0] + axis.values[-1])), keys).sliding()
+                other = self.assembled(axis.at(self.scene, 0.5 * (axis.values[0] + axis.values[-1])), keys).sliding()
                 if not _same(assembly.sliding(), other):
                     commands -= {axis.key}
         return commands
 
-    def _assembly(self, scene: Scene, moved: Iterable[str]) -> Assembly:
+    def assembled(self, scene: Scene, moved: Iterable[str]) -> Assembly:
+        """Return a scene as an assembly in which the actuators `moved` are states."""
         held = {**dict.fromkeys(moved, "held"), **scene.moved}
         return assembled_rig(scene.parameters, scene.frame_ns, held, random=False, limits=scene.limits)
 
@@ -342,7 +365,7 @@ class Family:
                         start[[flow.system.names.index(name) for name in (given.state, given.lagging) if name]] = value
                 return flow.commanded(start)
         scene = self.rig(values)
-        return Flow(scene, self._assembly(scene, self._commanded), output=self.output)
+        return Flow(scene, self.assembled(scene, self._commanded), output=self.output)
 
 
 def _same(a: System, b: System) -> bool:
@@ -352,15 +375,19 @@ def _same(a: System, b: System) -> bool:
 
 @dataclass(frozen=True)
 class Derivative:
-    """Derivatives of the return map at a point, over the size of each state: P [i, i], over p [i], rates [i] at both
-    ends.
+    """Derivatives of the return map at a point, over the size of each state: those of each part [part, i, i], of all
+    ends over p [part, i], and the rates at the end [i].
     """
 
     end: Carried
-    P: Array
+    parts: Array
     over_p: Array
-    begin_rate: Array
     end_rate: Array
+
+    @property
+    def P(self) -> Array:
+        """The derivative over the whole period [i, i]."""
+        return reduce(np.matmul, self.parts[::-1])
 
 
 Closing = Callable[[Array, Carried], tuple[float, Array]]
@@ -378,6 +405,7 @@ class ReturnMap:
 
     `size` [i]: of each moving state. `others`: values of the further parameters. `period`: of the generator as a
     function of the flow, for a forced motion. `key`: mode set of the base point, in which contacts that stick are held.
+    `cuts`: ticks and mode sets at which further parts of the period begin; their states follow those of the base in u.
     """
 
     def __init__(
@@ -390,22 +418,26 @@ class ReturnMap:
         period: Callable[[Flow], float] | None = None,
         phase: float = 0.0,
         key: int | None = None,
+        cuts: tuple[tuple[int, int], ...] = (),
     ) -> None:
         self.family, self.size, self.T0, self.P0, self.others = family, size, T0, P0, others
-        self.period, self.phase, self.key = period, phase, key
+        self.period, self.phase, self.key, self.cuts = period, phase, key, cuts
         self.runs = self.steps = 0  # of the map, of Newton's method
 
     def flow(self, u: Array) -> Flow:
         """Return the rig at the parameter of u."""
         return self.family.flow((float(u[-1] * self.P0), *self.others))
 
-    def state(self, u: Array) -> Array:
-        """Return all states at u."""
-        flow = self.flow(u)
-        x = flow.settled.copy() if self.period is None else driven(flow, self.phase * u[-2] * self.T0)
-        x[flow.moving] = u[:-2] * self.size
-        if self.key is not None and STICK in flow.system.modes(self.key)[0]:
-            x = flow.modes(self.key).landing @ x
+    def state(self, u: Array, part: int = 0) -> Array:
+        """Return all states at u, at the begin of a part."""
+        flow, n = self.flow(u), len(self.size)
+        tick, key = self.cuts[part - 1] if part else (0, self.key)
+        x = flow.settled.copy()
+        if self.period is not None:
+            x = driven(flow, self.phase * u[-2] * self.T0 + tick * flow.step)
+        x[flow.moving] = u[part * n : (part + 1) * n] * self.size
+        if key is not None and STICK in flow.system.modes(key)[0]:
+            x = flow.modes(key).landing @ x
         return x
 
     def unknowns(self, x: Array, T: float, p: float) -> Array:
@@ -416,7 +448,25 @@ class ReturnMap:
     def end(self, u: Array, keep: bool = False) -> Carried:
         """Return the run of one period from u."""
         self.runs += 1
-        return self.flow(u).carried(self.state(u), float(u[-2] * self.T0), keep)
+        parts = [self.part(u, i, keep) for i in range(len(self.cuts) + 1)]
+        return _joined(parts, [tick * self.flow(u).step for tick in self.ticks]) if self.cuts else parts[0]
+
+    @property
+    def ticks(self) -> list[int]:
+        """The ticks at which the parts begin."""
+        return [0, *(tick for tick, _ in self.cuts)]
+
+    def part(self, u: Array, number: int, keep: bool = False) -> Carried:
+        """Return the run of one part of the period from u."""
+        flow, ticks, x = self.flow(u), self.ticks, self.state(u, number)
+        if number < len(self.cuts):
+            return flow.carried(x, 0.0, keep, ticks[number + 1] - ticks[number])
+        return flow.carried(x, float(u[-2] * self.T0) - ticks[number] * flow.step, keep)
+
+    def ends(self, u: Array, end: Carried) -> Array:
+        """Return the moving states at the end of each part, over their size [part, i]."""
+        moving = self.flow(u).moving
+        return np.array([part.x[moving] / self.size for part in end.parts or (end,)])
 
     def scaled(self, size: Array, T0: float, P0: float) -> ReturnMap:
         """Return the same map in other scales."""
@@ -440,23 +490,34 @@ class ReturnMap:
     ) -> Derivative:
         """Return the derivatives at u. Raises NotSmooth where displaced runs meet other events on both sides."""
         end = self.end(u) if end is None else end
-        n = len(u) - 2
-        f0, f1 = self.rate(u, self.state(u), end.first), self.rate(u, end.x, end.key)
-        if self.period is None:
-            across = np.linalg.qr(np.column_stack([f0, np.eye(n)]))[0][:, 1:n]
-        else:
+        n, parts = len(self.size), []
+        for number, part in enumerate(end.parts or (end,)):
+            f0, f1 = self.rate(u, self.state(u, number), part.first), self.rate(u, part.x, part.key)
             across = np.eye(n)
-        columns = np.array([self._column(u, np.append(d, [0.0, 0.0]), end, steps) for d in across.T]).reshape(-1, n).T
-        if self.period is None:
-            P = np.column_stack([f1, columns]) @ np.linalg.inv(np.column_stack([f0, across]))
-        else:
-            P = columns
-        slope = self._column(u, np.append(np.zeros(n + 1), 1.0), end, steps) if over_p else np.zeros(n)
-        return Derivative(end, P, slope, f0, f1)
+            if self.period is None:
+                across = np.linalg.qr(np.column_stack([f0, across]))[0][:, 1:n]
+            columns = np.zeros((n, across.shape[1]))
+            for j, d in enumerate(across.T):
+                direction = np.zeros(len(u))
+                direction[number * n : (number + 1) * n] = d
+                columns[:, j] = self._column(u, direction, part, steps, number)[0]
+            if self.period is None:
+                columns = np.column_stack([f1, columns]) @ np.linalg.inv(np.column_stack([f0, across]))
+            parts.append(columns)
+        slope = np.zeros((len(parts), n))
+        if over_p:
+            slope = self._column(u, np.append(np.zeros(len(u) - 1), 1.0), end, steps)
+        return Derivative(end, np.array(parts), slope, f1)
 
-    def _column(self, u: Array, direction: Array, end: Carried, steps: Sequence[float]) -> Array:
-        """The derivative of the end over one direction of u."""
-        moving = self.flow(u).moving
+    def _column(
+        self, u: Array, direction: Array, end: Carried, steps: Sequence[float], number: int | None = None
+    ) -> Array:
+        """The derivative of all ends, or of that of one part, over one direction of u."""
+
+        def run(v: Array) -> Carried:
+            return self.end(v) if number is None else self.part(v, number)
+
+        base = self.ends(u, end)
         other: Carried | None = None
         left = list(steps)
         while left:
@@ -464,16 +525,17 @@ class ReturnMap:
             for formula in (_CENTRAL, _AFTER, _BEFORE):
                 ways: list[Array] = []
                 for share, _ in formula:
+                    beside = self.shifted(u, share * step * direction)
                     try:
-                        displaced = self.end(self.shifted(u, share * step * direction))
+                        displaced = run(beside)
                     except NumericsError:
                         break
                     if displaced.met != end.met:
-                        other = displaced
+                        other = displaced if number is None or not self.cuts else self.end(beside)
                         break
-                    ways.append((displaced.x[moving] - end.x[moving]) / self.size)
+                    ways.append(self.ends(u, displaced) - base)
                 else:
-                    slope = sum((weight * way for (_, weight), way in zip(formula, ways)), np.zeros(len(moving))) / step
+                    slope = sum((weight * way for (_, weight), way in zip(formula, ways)), np.zeros_like(base)) / step
                     bend = float(np.abs(formula[1][0] * ways[0] - formula[0][0] * ways[1]).max())
                     if bend > _STRAIGHT * step * float(np.abs(slope).max()) and step > _SMALLEST:  # too long a step
                         left = [max(0.5 * _STRAIGHT * step**2 * float(np.abs(slope).max()) / bend, _SMALLEST), *left]
@@ -490,27 +552,31 @@ class ReturnMap:
 
     def residual(self, u: Array, end: Carried, reference: Array, along: Array) -> Array:
         """Return how far the motion is from closing [i], and the phase condition."""
-        n = len(u) - 2
-        phase = along @ (u[:n] - reference[:n]) if self.period is None else 0.0
-        return np.append(end.x[self.flow(u).moving] / self.size - u[:n], phase)
+        n = len(self.size)
+        phase = along @ (u - reference)[-2 - n : -2] if self.period is None else 0.0
+        begins = np.roll(u[:-2].reshape(-1, n), -1, axis=0)
+        return np.append(self.ends(u, end) - begins, phase)
 
     def matrix(self, d: Derivative, along: Array) -> Array:
         """Return the derivative of the residual over u [n + 1, n + 2]."""
-        n = len(along)
-        A = np.zeros((n + 1, n + 2))
-        A[:n, :n], A[:n, n + 1] = d.P - np.eye(n), d.over_p
+        n, count = len(along), len(d.parts)
+        A = np.zeros((count * n + 1, count * n + 2))
+        for i, P in enumerate(d.parts):
+            A[i * n : (i + 1) * n, i * n : (i + 1) * n] = P
+        A[:-1, :-2] -= np.roll(np.eye(count * n), n, axis=1)
+        A[:-1, -1] = d.over_p.ravel()
         if self.period is None:
-            A[:n, n], A[n, :n] = d.end_rate, along
+            A[-1 - n : -1, -2], A[-1, -2 - n : -2] = d.end_rate, along
         else:
-            A[n, n] = 1.0
+            A[-1, -2] = 1.0
         return A
 
     def along(self, u: Array) -> Array:
-        """Return the direction of the flow at u, of length one."""
-        flow, x = self.flow(u), self.state(u)
-        if self.key is None:
+        """Return the direction of the flow at the begin of the last part, of length one."""
+        flow, x, key = self.flow(u), self.state(u, len(self.cuts)), self.cuts[-1][1] if self.cuts else self.key
+        if key is None:
             flow.motion.restart(x)
-        f = self.rate(u, x, flow.motion.key if self.key is None else self.key)
+        f = self.rate(u, x, flow.motion.key if key is None else key)
         return np.asarray(f / max(float(np.linalg.norm(f)), 1e-300))
 
     def newton(
@@ -577,11 +643,28 @@ def sizes(span: Array, flow: Flow) -> Array:
     return np.asarray(np.where(out > 0.0, out, 1.0))
 
 
+def _apart(a: complex, b: complex) -> float:
+    return abs(a - b)
+
+
 def multipliers(P: Array, driven: bool) -> tuple[tuple[complex, ...], float]:
     """Return the Floquet multipliers, the largest first, without that of the shift along the motion; and how far that
-    one is from 1 (NaN: the motion is driven).
+    one is from 1 (NaN: the motion is driven). `P`: [i, i], or of successive parts of a period [part, i, i].
+
+    Those of parts are powers of the eigenvalues of the cyclic matrix of all parts: no product mixes large and small.
     """
-    order = sorted((complex(v) for v in np.linalg.eigvals(P)), key=lambda v: (-abs(v), -v.imag))
+    n, count = P.shape[-1], P.size // P.shape[-1] ** 2
+    cyclic = np.zeros((count * n, count * n))
+    for i, part in enumerate(P.reshape(count, n, n)):
+        to = (i + 1) % count
+        cyclic[to * n : (to + 1) * n, i * n : (i + 1) * n] = part
+    left, order = [complex(v) for v in np.linalg.eigvals(cyclic) ** count], []
+    while left:  # each of them `count` times
+        left.sort(key=lambda v: (-abs(v), -v.imag))
+        if count > 1:
+            left.sort(key=partial(_apart, left[0]))
+        order.append(sum(left[:count]) / count)
+        left = left[count:]
     if driven:
         return tuple(order), math.nan
     own = min(order, key=lambda v: abs(v - 1.0))

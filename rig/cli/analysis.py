@@ -14,6 +14,7 @@ from rig.cli.options import (
     Force,
     Json,
     Net,
+    Page,
     Results,
     SceneName,
     added,
@@ -31,10 +32,10 @@ from rig.errors import ExitCode, SceneError, UsageError
 if TYPE_CHECKING:
     from rig.analysis.axis import Axis
     from rig.analysis.control_loop import Loop
-    from rig.analysis.identification.answer import Identified
     from rig.analysis.modes import Modes
     from rig.analysis.sweep import Sweep
     from rig.model.system import Finding
+    from rig.results import Result
     from rig.scenes.scene import Scene
 
 
@@ -183,10 +184,7 @@ def identify(
         Path | None,
         typer.Option("--out", metavar="FILE", callback=new, help="Write a scene (TOML) and its covariance (JSON)."),
     ] = None,
-    page: Annotated[
-        Path | None,
-        typer.Option("--page", metavar="FILE", callback=new, help="Write the report with its figure as a page (HTML)."),
-    ] = None,
+    page: Page = None,
     keep: Annotated[
         Path, typer.Option("--folder", metavar="FOLDER", help="Folder in which evaluations are kept for a repetition.")
     ] = Path("fits"),
@@ -207,8 +205,6 @@ def identify(
     1: no law fits, or a parameter cannot be identified.
     """
     loaded = the_scene(scene, changes(p))
-    if page is not None and page.suffix.lower() not in (".html", ".htm"):
-        raise UsageError(f"--page {page}: the name of a page ends in .html")
     if runs is None:
         from rig.analysis.identification.lever import experiment as run
 
@@ -216,7 +212,8 @@ def identify(
             raise UsageError("--next and --out need recordings: --runs FILE")
         found = run(loaded)
         printing.result(found, as_json, figure=figure, page=page)
-        _put(found, loaded, figure, page)
+        draw(found, figure)
+        _put(found, f"Parameters of {loaded.title or loaded.name}", page)
         printing.passed(found.complete)
         return
     from rig.analysis.identification.identify import identify as fit
@@ -240,20 +237,20 @@ def identify(
         written_, beside = write(found, out, scene)
         more |= {"scene_file": written_, "covariance": beside}
     printing.result(found, as_json, **more)
-    _put(found, loaded, figure, page)
+    draw(found, figure)
+    _put(found, f"Parameters of {loaded.title or loaded.name}", page)
     if out is not None and not as_json:
         printing.line(f"\n{out}, {beside}" if found.told else f"\n{out} is not written: no parameter is identified")
     printing.passed(found.complete)
 
 
-def _put(found: Identified, scene: Scene, figure: Path | None, page: Path | None) -> None:
-    """Write the figure and the page of an identification."""
-    draw(found, figure)
+def _put(found: Result, title: str, page: Path | None) -> None:
+    """Write the page of a result."""
     if page is not None:
         from rig.analysis.report import result_page
         from rig.machine.files import write_file
 
-        write_file(page, result_page(found, f"Parameters of {scene.title or scene.name}").encode())
+        write_file(page, result_page(found, title).encode())
 
 
 Measure = Annotated[
@@ -422,6 +419,12 @@ def branches(
             metavar="VALUE", help="Least knocks from sliding to stick-slip and back at this value of the parameter."
         ),
     ] = None,
+    knock: Annotated[
+        str,
+        typer.Option(
+            metavar="PULSE", help='With --threshold: a pulse of an actuator, "load.force 20 ms", not an impulse.'
+        ),
+    ] = "",
     starts: Annotated[
         str | None,
         typer.Option(
@@ -432,6 +435,7 @@ def branches(
     points: Annotated[int, typer.Option(min=2, max=100_000, help="Most points of a branch of cycles.")] = 400,
     out: Results = Path("branches"),
     figure: Figure = None,
+    page: Page = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -459,9 +463,10 @@ def branches(
     refuse(store.folder, ("branches.csv", "branches.png"), force)
     with printing.kept(store, "branches"), printing.status() as show:
         found = follow(todo, out, show)
-        edge = None if threshold is None else Threshold.parse(found, threshold, starts)
+        edge = None if threshold is None else Threshold.parse(found, threshold, starts, knock)
     written(found, store.folder, "branches", as_json, **({} if edge is None else {"threshold": edge.to_json()}))
     draw(found, figure)
+    _put(found, f"Branches of {loaded.title or loaded.name}", page)
     if edge is not None and not as_json:
         printing.line(f"\n{edge.text()}")
 

@@ -152,6 +152,10 @@ Out = Annotated[
 Figure = Annotated[
     Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
 ]
+Page = Annotated[
+    Path | None,
+    typer.Option("--page", metavar="FILE", callback=new, help="Write the report with its figure as a page (HTML)."),
+]
 Results = Annotated[
     Path,
     typer.Option(

@@ -253,8 +253,14 @@ def new(context: typer.Context, option: typer.CallbackParam, path: Path | None) 
     """Check the file that an option names before its command computes anything."""
     if path is not None:
         name = option.opts[0]
-        writable(context, name, path, figure_format if name == "--figure" else None)
+        writable(context, name, path, {"--figure": figure_format, "--page": page_name}.get(name))
     return path
+
+
+def page_name(path: Path) -> None:
+    """Check the name of a page. Raises UsageError."""
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"{path}: the name of a page ends in .html")
 
 
 def new_recording(context: typer.Context, option: typer.CallbackParam, path: Path | None) -> Path | None:

@@ -174,7 +174,7 @@ def test_differences_are_small_where_the_return_map_bends():
     )
     beside = [np.append(np.zeros(3), sign * 1e-7) for sign in (1.0, -1.0)]
     ends = [at.map.end(at.u + by).x[at.flow.moving] / at.map.size for by in beside]
-    assert at.map.derivative(at.u, at.end).over_p == pytest.approx((ends[0] - ends[1]) / 2e-7, rel=3e-4)
+    assert at.map.derivative(at.u, at.end).over_p[0] == pytest.approx((ends[0] - ends[1]) / 2e-7, rel=3e-4)
 
 
 def test_an_interrupted_computation_goes_on_from_its_last_point(tmp_path, monkeypatch):
@@ -362,7 +362,84 @@ def test_least_knocks_are_confirmed_where_a_tick_is_a_large_part_of_a_period(tmp
     there, back = Threshold(result, 0.4).knocks()
     assert there.confirmed
     assert back.confirmed
-    assert abs(there.impulse) == pytest.approx(1.762059, rel=1e-5)
+    assert abs(there.size) == pytest.approx(1.762059, rel=1e-5)
+    [pulse] = Threshold(result, 0.4, "load.force 50 ms").knocks()  # no such change ends the stick-slip
+    assert pulse.confirmed
+    assert (pulse.size, pulse.unit) == (pytest.approx(200.45486, rel=1e-5), "N")
+    for wrong in ("load.forc 50 ms", "load.force 50 m", "load.force", "load.force -1 s"):
+        with pytest.raises(UsageError, match=r"knock load\.forc"):
+            Threshold(result, 0.4, wrong)
+
+
+def test_a_threshold_in_four_dimensions_is_that_of_a_protocol_with_a_knock(tmp_path):
+    """Little less leads back to sliding, little more to stick-slip: a run with its sensors and commands."""
+    friction = {"law": "stribeck", "mu_static": 0.5, "mu_dynamic": 0.18, "speed_scale": 0.05}
+    result = followed(tmp_path, "belt_tuned_mass", "drive.speed=0.05 m/s:0.6 m/s", friction=friction)
+    edge = Threshold(result, 0.2)
+    there, back = edge.knocks()
+    assert not edge.planar
+    assert (there.confirmed, back.confirmed, back.back) == (True, True, True)
+    at_rest = edge.sliding.x[edge.flow.system.names.index("x")]
+    for share, vibrates in ((0.999, False), (1.001, True)):
+        (tmp_path / "knock.toml").write_text(
+            'format = 1\ntitle = "A knock"\nbased_on = "belt_tuned_mass"\ndrive = { speed = "0.2 m/s" }\n'
+            'friction = { law = "stribeck", mu_static = 0.5, mu_dynamic = 0.18, speed_scale = "0.05 m/s" }\n'
+            f'start = {{ displacement = "{at_rest} m" }}\n[[protocol]]\nstep = "knock"\n'
+            f'impulse = "{share * there.size} N*s"\n[[protocol]]\nstep = "hold"\ntime = "40 s"\n'
+        )
+        run = lab.simulate(lab.load(tmp_path / "knock.toml"), 40.0)
+        assert bool(np.ptp(run.signals["velocity"][run.time > 35.0]) > 0.3) is vibrates
+
+
+def test_stick_slip_reverses_where_the_spring_is_stronger_than_static_friction(tmp_path):
+    """Where the body reaches the speed of the belt, by independent integration of the slip before it."""
+    from scipy.integrate import solve_ivp
+    from scipy.optimize import brentq
+
+    result = followed(tmp_path, "belt", "drive.speed=0.05 m/s:0.8 m/s", **{"load.force": 15.0})
+
+    def excess(V):
+        def rate(_, y):
+            mu = 0.18 + 0.32 * math.exp(-(V - y[1]) / 0.05)
+            return [y[1], (15.0 * mu - 2.0 * y[1] - 2500.0 * y[0]) / 5.0]
+
+        def reached(_, y):
+            return V - y[1]
+
+        reached.terminal, reached.direction = True, -1
+        tight = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
+        start = solve_ivp(rate, (0.0, 1e-4), [(7.5 - 2.0 * V) / 2500.0, V - 1e-9], **tight).y[:, -1]
+        x = solve_ivp(rate, (0.0, 1.0), start, events=reached, **tight).y_events[0][0][0]
+        return 2500.0 * x + 2.0 * V + 7.5
+
+    for kind, low, high in (("end", 0.1, 0.2), ("begin", 0.25, 0.4)):
+        assert result.special(f"{kind} of reversal") == [pytest.approx(brentq(excess, low, high), abs=1e-7)]
+
+
+def test_a_cycle_is_followed_from_which_motions_depart_by_many_orders_of_magnitude(tmp_path):
+    """Beside a steep law it stays on a repelling curve (a canard). Backwards in time an independent integrator shows
+    that it closes, and the integral of the divergence is its multiplier.
+    """
+    from scipy.integrate import solve_ivp
+
+    loaded = lab.load("seal_p", {"limits": "none"})
+    result = branches(job(loaded, "drive.speed=4 mm/s:12 mm/s", None, ("hopf",), 46), tmp_path)
+    points = [p for _, b, p in result.points() if b.kind == "cycles"]
+    assert max(p.residual for p in points) <= CLOSED
+    assert [p.value for p in points] == sorted(p.value for p in points)
+
+    def rate(_, y, V):
+        w = V - y[1]
+        force = 9.7 / (700.0 * w + 1.0) + 37.94733192202055 * math.sqrt(w + 1e-5)
+        slope = 0.5 * 37.94733192202055 / math.sqrt(w + 1e-5) - 9.7 * 700.0 / (700.0 * w + 1.0) ** 2
+        return [y[1], (force - 5.0 * y[1] - 2e4 * y[0]) / 0.2, -(slope + 5.0) / 0.2]
+
+    last = points[-1]
+    start = [last.state["x"], last.state["x'"], 0.0]
+    run = solve_ivp(rate, (last.period, 0.0), start, method="DOP853", args=(last.value,), rtol=1e-12, atol=1e-15)
+    assert run.y[:2, -1] == pytest.approx(start[:2], abs=1e-8 * last.value)
+    assert math.log(last.multipliers[0].real) == pytest.approx(-run.y[2, -1], abs=1e-4)
+    assert last.multipliers[0].real > 1e8
 
 
 def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):

@@ -15,8 +15,8 @@ from rig.analysis import map as maps
 from rig.analysis.averaged import mean_friction
 from rig.analysis.axis import Axis, axes
 from rig.analysis.modes import Mode, modes
-from rig.analysis.orbit import Orbit
 from rig.analysis.regions import regions
+from rig.analysis.return_map import Flow
 from rig.errors import SceneError, UsageError
 from rig.model import friction_law
 
@@ -167,13 +167,12 @@ def test_a_slow_dither_that_reverses_the_slip_has_the_exponents_of_its_simulatio
     scene = rig.load("two_dof_dither", {"dither.enable": "true", "dither.frequency": 5.0, "dither.amplitude": 14.0})
     found = modes(scene).dithered
     assert found.exists
-    assembly = scene.assemble()
-    orbit = Orbit(scene, assembly, assembly.system().start, "exact", 1e-10)
-    x = orbit.carried(orbit.system.start, 40.0)[0]
+    flow = Flow(scene)
+    x = flow.carried(flow.system.start, 40.0).x
     y, apart = x.copy(), []
     y[:2] += 1e-6
     for _ in range(2):
-        x, y = (orbit.carried(z, 20.0)[0] for z in (x, y))
+        x, y = (flow.carried(z, 20.0).x for z in (x, y))
         energy = 100.0 * np.sum((x - y)[:2] ** 2) + np.sum((x - y)[2:4] ** 2)
         apart.append(0.5 * math.log(energy))
     assert (apart[1] - apart[0]) / 20.0 == pytest.approx(found.growth, abs=0.02)

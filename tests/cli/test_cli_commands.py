@@ -97,6 +97,7 @@ def test_explain_shows_effects_and_origins(rig):
         (("explain", "pendulm"), "no scene has this name; did you mean pendulum?"),
         (("explain", "belt", "-p", "drive.sped=3", "-p", "load.force=-3 N"), "did you mean drive.speed?"),
         (("report", "recordings/golden/belt.mcap", "--out", "x.pdf"), "--out x.pdf: the name of a page ends in .html"),
+        (("branches", "belt", "--over", "drive.speed=0.1:0.2", "--page", "x.pdf"), "--page x.pdf: the name of a page"),
         (("simulate", "belt", "-p", "load.force=1,500 N"), "-p load.force = 1,500 N may be 1.500 or 1500"),
         (("map", "belt", "--eigenvalues", "--x", "drive.speed=0.1:0.2:3"), "--eigenvalues: needs --y as well"),
         (("sim", "belt"), "has no command 'sim': did you mean simulate?"),

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.analysis.axis import Axis
 from rig.analysis.branches.trace import VIRTUAL, Place, Special, better_base, follow, place
@@ -192,20 +191,14 @@ def ends(family: Family, start: Start, to: float, others: tuple[float, ...] = ()
     return None
 
 
-def from_hopf(
-    family: Family,
-    p: float,
-    x: Array,
-    rate: complex,
-    shape: NDArray[np.complex128],
-    others: tuple[float, ...] = (),
-) -> Place:
-    """The first place of the cycles that begin at a Hopf point p.
-
-    `x`: the equilibrium; `rate`, `shape` [state]: eigenvalue and eigenvector of the undamped mode.
-    """
+def from_hopf(family: Family, p: float, others: tuple[float, ...] = ()) -> Place:
+    """The first place of the cycles that begin at a Hopf point p, in the shape of the undamped mode."""
     flow = family.flow((p, *others))
     system, moving = flow.system, flow.moving
+    at = steady(system, flow.key)
+    x, (rates, shapes) = at.x, at.eigenvectors()
+    undamped = int(np.where(rates.imag > 0.0, np.abs(rates.real), np.inf).argmin())
+    rate, shape = complex(rates[undamped]), shapes[:, undamped]
     rows, speeds = system.slip_rows @ shape, np.abs(system.slip_rows @ x)
     scale = max((abs(row) / speed for row, speed in zip(rows, speeds) if speed > 0.0), default=0.0)
     shape = shape / (scale or float(np.abs(shape).max()))

@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,6 @@ from rig.solve.records import CLOSED, SLIP_MINUS, SLIP_PLUS
 from rig.stability.linearisation import Steady, settled, sliding_key, steady
 
 Array = NDArray[np.float64]
-Shape = NDArray[np.complex128]
 Watch = Callable[[str], object]
 ROOT = Path("branches")
 FILE = "branches.json"
@@ -244,17 +244,7 @@ class _Computation:
                 self.notes.append(what)
                 continue
             value = critical.value
-            flow = self.family.flow((value,))
-            at = steady(flow.system, flow.key)
-            rates, shapes = at.eigenvectors()
-            k = int(np.abs(rates - 2j * math.pi * critical.frequency).argmin())
-
-            rate, shape = complex(rates[k]), shapes[:, k]
-
-            def first(at: Steady = at, value: float = value, rate: complex = rate, shape: Shape = shape) -> Place:
-                return begin.from_hopf(self.family, value, at.x, rate, shape)
-
-            self._family(first, f"the Hopf point at {self.axis.text(value, 8)}")
+            self._family(partial(begin.from_hopf, self.family, value), f"the Hopf point at {self.axis.text(value, 8)}")
 
     def _from_simulation(self, value: float) -> None:
         if (raw := self.saved.get(self.unit + 1)) is not None:  # it was found before
@@ -507,6 +497,7 @@ def raw_of(at: Place | None) -> dict[str, Any] | None:
         "P0": at.map.P0,
         "others": at.map.others,
         "key": at.map.key,
+        "cuts": at.map.cuts,
         "forced": at.map.period is not None,
         "phase": at.map.phase,
         "step": at.step,
@@ -516,7 +507,8 @@ def raw_of(at: Place | None) -> dict[str, Any] | None:
 def rebuilt(family: Family, raw: Mapping[str, Any]) -> Place:
     """Return the place of `raw_of`."""
     period = begin.period_of if raw["forced"] else None
-    others = tuple(raw.get("others", ()))
-    map = ReturnMap(family, np.array(raw["size"]), raw["T0"], raw["P0"], others, period, raw["phase"], raw["key"])
+    others = tuple(raw["others"])
+    cuts = tuple((tick, key) for tick, key in raw["cuts"])
+    map = ReturnMap(family, np.array(raw["size"]), raw["T0"], raw["P0"], others, period, raw["phase"], raw["key"], cuts)
     u = np.array(raw["u"])
     return replace(place(map, u, map.end(u), t=np.array(raw["t"])), step=raw["step"])

@@ -42,7 +42,6 @@ from rig.machine.files import csv_table
 from rig.printable import columns
 from rig.results import Result
 from rig.scenes.scene import Scene
-from rig.stability.linearisation import steady
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -217,12 +216,8 @@ def _beginnings(job: Job, family: Family, q: float) -> Iterator[Place]:
     scene = family.rig((job.axis.values[0], q))
     hopf = eigenvalue_curves.roots(job.axis.values, _growths(job, scene))
     for p in hopf:
-        flow = family.flow((p, q))
-        at = steady(flow.system, flow.key)
-        rates, shapes = at.eigenvectors()
-        k = int(np.where(rates.imag > 0.0, np.abs(rates.real), np.inf).argmin())
         try:
-            yield begin.from_hopf(family, p, at.x, complex(rates[k]), shapes[:, k], (q,))
+            yield begin.from_hopf(family, p, (q,))
         except FAILURES:
             continue
     if hopf:
@@ -311,7 +306,7 @@ def _carried(at: Place, q: float, value: float, measure: Measure) -> Place:
     beside = at.map.at(q + small).end(at.u)
     slope = np.zeros(n + 2)
     if beside.met == at.end.met:
-        slope[:n] = (beside.x - at.end.x)[at.flow.moving] / at.map.size / small
+        slope[:n] = (at.map.ends(at.u, beside) - at.map.ends(at.u, at.end)).ravel() / small
     guess = at.u - np.linalg.lstsq(M, slope, rcond=1e-13)[0] * (value - q)
 
     def plane(v: Array, _: Carried) -> tuple[float, Array]:

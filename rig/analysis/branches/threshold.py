@@ -3,15 +3,17 @@
 With one degree of freedom the cycle is a closed curve in the plane of displacement and velocity. What starts within it
 comes to slide, what starts outside comes to vibrate. In more dimensions, and to confirm a threshold, motions are
 simulated: a motion slides once it is so close to sliding that it can only decay (rig.analysis.cycle.Rest).
+
+A knock is an impulse where the plant states it, or a pulse of an actuator: another value for a stated duration.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,18 +39,37 @@ _CLOSE = 1e-9  # of the value: reached
 _CURVE = 20000  # points of the closed curve, at least: its chords are then 1e-8 of it away
 _STEPS = 50  # along the branch to a value
 _NEVER = 1e-3  # of the largest: a knock in another direction than the motion
+_PHASES, _SIMULATED = 400, 12  # of a stable cycle at which a knock is tried, on the closed curve and by simulation
+_FINEST, _SIZES = 1.0 / 128.0, 15  # share of the largest knock that is tried, and how many up to it
+_BEYOND = 32.0  # ranges of the unstable cycle that an impulse may lead away
 _REPEATS = 1e-7  # of a period: a vibration with stick repeats
 _SIGMA = 1.6448536269514722  # of a normal distribution: 90 % lie within
 
 
 @dataclass(frozen=True)
 class Knock:
-    """The least impulse that leads to another motion; `back`: from stick-slip to sliding, at a phase [s]."""
+    """The least knock that leads to another motion: its `size` (an impulse, or the change of an actuator) in `unit`.
 
-    impulse: float
+    `back`: from stick-slip to sliding, at a phase [s]. `confirmed`: by simulation of a little less and a little more.
+    """
+
+    size: float
+    unit: str
     back: bool
     phase: float
     confirmed: bool
+
+
+class Pulse(NamedTuple):
+    """A pulse of an actuator, by the state that its command writes: held for `duration` [s] off its own value.
+
+    `room` [2]: how far it can go to either side.
+    """
+
+    state: int
+    unit: str
+    duration: float
+    room: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -80,26 +101,41 @@ def slides(scene: Scene) -> tuple[bool | None, str]:
     x = flow.settled.copy()
     x[flow.moving] = flow.system.start[flow.moving]
     time = _PERIODS * 2.0 * math.pi / abs(rest.least)
+    ends = _ends(flow, rest, x, time)
+    return ends, "" if ends is not None else f"neither sliding nor a vibration that repeats after {_MOST * time:.4g} s"
+
+
+def _ends(
+    flow: Flow, rest: Rest, x: Array, time: float, known: Callable[[Array], bool | None] = lambda x: None
+) -> bool | None:
+    """Whether the motion from x comes to slide, by simulation in pieces of `time` [s]; None: undecided.
+
+    `known`: what is known of a state after a piece with events.
+    """
     for _ in range(_MOST):
         run = flow.carried(x, time)
+        if run.events and (ends := known(run.x)) is not None:
+            return ends
         if not run.events and rest.reached(run.x):
-            return True, ""
+            return True
         count, drift = repeating([event for _, event in run.events], flow.step, _REPEATS)
         if count and drift <= _REPEATS:
-            return False, ""
+            return False
         x = run.x
-    return None, f"neither sliding nor a vibration that repeats after {_MOST * time:.4g} s"
+    return None
 
 
 class Threshold:
-    """The unstable cycle at a value (SI) of the parameter of `branches`. Raises UsageError if there is none."""
+    """The unstable cycle at a value (SI) of the parameter of `branches`; `knock`: actuator and duration of its pulse,
+    such as "load.force 20 ms". Raises UsageError if there is no such cycle.
+    """
 
-    def __init__(self, branches: Branches, value: float) -> None:
+    def __init__(self, branches: Branches, value: float, knock: str = "") -> None:
         axis = branches.axis
-        self.value, self.text_of_value = value, axis.text(value)
+        self.value, self.text_of_value, self.knock = value, axis.text(value), knock
         self.ranges: dict[str, tuple[float | str, float | str]] = {}
         self.family = Family(branches.scene, [axis], branches.output)
-        self.flow: Flow = self.family.flow((value,))
+        self.flow, self.pulse = self._pulsed(knock)
         self.sliding: Steady = steady(self.flow.system, self.flow.key)
         candidates = [(branch, point) for branch, point in branches.at(value) if branch.kind == CYCLES]
         unstable = [entry for entry in candidates if not entry[1].stable]
@@ -170,53 +206,115 @@ class Threshold:
 
     def slides(self, moving: Array) -> bool:
         """Return whether the motion from these moving states comes to slide, by simulation."""
+        return self._slides(self._state(moving))
+
+    def _state(self, moving: Array) -> Array:
         x = self.flow.settled.copy()
         x[self.flow.moving] = moving
-        time = _PERIODS * self.unstable.period
-        for _ in range(_MOST):
-            run = self.flow.carried(x, time)
-            if run.events and self.planar:  # outside of the curve for good
-                return self.rest.reached(run.x) or bool(self.inside(run.x[self.flow.moving][None])[0])
-            if self.rest.reached(run.x):
-                return True
-            x = run.x
-        return bool(self.rest.share(x) < self.rest.share(self.flow.settled))
+        return x
+
+    def _slides(self, x: Array) -> bool:
+        def known(x: Array) -> bool | None:  # outside of the curve for good
+            return self.rest.reached(x) or bool(self.inside(x[self.flow.moving][None])[0]) if self.planar else None
+
+        ends = _ends(self.flow, self.rest, x, _PERIODS * self.unstable.period, known)
+        return bool(self.rest.share(x) < self.rest.share(self.flow.settled)) if ends is None else ends
+
+    def _pulsed(self, knock: str) -> tuple[Flow, Pulse | None]:
+        """The rig with an actuator as a state, and the pulse; without a knock the rig as it is."""
+        if not knock:
+            return self.family.flow((self.value,)), None
+        name, _, time = knock.strip().partition(" ")
+        scene = self.family.rig((self.value,))
+        assembly = self.family.assembled(scene, {name})
+        actuator = assembly.inputs.get(name)
+        try:
+            duration = si(time, "s")
+        except ValueError as fault:
+            raise UsageError(f'knock {knock}: expected ACTUATOR DURATION, e.g. "load.force 20 ms" ({fault})') from None
+        if actuator is None or not actuator.state or not duration > 0.0:
+            known = ", ".join(key for key, entry in assembly.inputs.items() if entry.state or key != name)
+            raise UsageError(f"knock {knock}: expected an actuator of {scene.name} ({known}) and a duration above 0 s")
+        flow = Flow(scene, assembly)
+        state = flow.system.names.index(actuator.state)
+        now = float(flow.settled[state])
+        return flow, Pulse(state, actuator.unit, duration, (actuator.high - now, now - actuator.low))
+
+    def struck(self, x: Array, size: float) -> Array:
+        """Return the state after a knock in state x: an impulse [N s], or the pulse of the actuator."""
+        after, flow, pulse = x.copy(), self.flow, self.pulse
+        if pulse is None:
+            nq = len(flow.system.coordinates)
+            after[nq : 2 * nq] += size * np.linalg.solve(flow.system.mass, flow.system.strike)
+            return after
+        after[pulse.state] += size
+        after = flow.carried(after, pulse.duration).x.copy()
+        after[pulse.state] -= size
+        return after
 
     def knocks(self) -> list[Knock]:
-        """Return the least knocks in both directions, from sliding and back from the stable cycle."""
-        flow, nq = self.flow, len(self.flow.system.coordinates)
-        push = np.zeros(flow.system.n)
-        push[nq : 2 * nq] = np.linalg.solve(flow.system.mass, flow.system.strike)
-        direction = push[flow.moving]
-        if not direction.any():
-            raise UsageError(f"{flow.scene.name}: its plant states no place for a knock")
-        origin = self.sliding.x[flow.moving]
-        candidates = [self._least(origin, sign * direction, False, 0.0) for sign in (1.0, -1.0)]
-        knocks = (
-            [min((k for k in candidates if k is not None), key=lambda k: abs(k.impulse))] if any(candidates) else []
-        )
-        if self.stable is not None and self.planar:
-            states, step = self.stable.run.states[:: max(len(self.stable.run.states) // 400, 1)], flow.step
-            stride = max(len(self.stable.run.states) // 400, 1)
-            ways = [(self._crossing(x[flow.moving], s * direction), s, i * stride * step, x[flow.moving])
-                    for i, x in enumerate(states) for s in (1.0, -1.0)]  # fmt: skip
-            ways = [way for way in ways if way[0] is not None]
-            if ways:
-                size, sign, phase, x = min(ways, key=lambda way: way[0] or math.inf)
-                assert size is not None
-                beyond = self.slides(x + size * (1.0 + BESIDE) * sign * direction)
-                short = self.slides(x + size * (1.0 - BESIDE) * sign * direction)
-                knocks.append(Knock(sign * size, True, phase, beyond and not short))
+        """Return the least knocks from sliding, and back from the stable cycle, each confirmed by simulation."""
+        flow = self.flow
+        if self.pulse is None and not flow.system.strike.any():
+            raise UsageError(f"{flow.scene.name}: its plant states no place for a knock; name an actuator")
+        knocks = self._least([(self._state(self.sliding.x[flow.moving]), 0.0)], back=False)
+        if self.stable is not None:
+            states = self.stable.run.states
+            stride = max(len(states) // (_PHASES if self.planar and self.pulse is None else _SIMULATED), 1)
+            moving = states[::stride, self.stable.flow.moving]
+            knocks += self._least([(self._state(x), i * stride * flow.step) for i, x in enumerate(moving)], back=True)
         return knocks
 
-    def _least(self, origin: Array, direction: Array, back: bool, phase: float) -> Knock | None:
-        """The least knock in a direction, confirmed by simulation on both sides of it."""
-        size = self._crossing(origin, direction) if self.planar else self._halved(origin, direction)
-        if size is None:
-            return None
-        below, above = (self.slides(origin + size * (1.0 + s * BESIDE) * direction) for s in (-1.0, 1.0))
-        sign = 1.0 if float(direction[np.abs(direction).argmax()]) > 0.0 else -1.0
-        return Knock(sign * size, back, phase, below != above)
+    def _least(self, starts: Sequence[tuple[Array, float]], back: bool) -> list[Knock]:
+        """The least knock in one of the states, which occur at times [s], that leads to the other motion."""
+        way = self._crossings if self.planar and self.pulse is None else self._simulated
+        ways = way(starts, back)
+        if not ways:
+            return []
+        size, (x, phase) = min(ways, key=lambda way: abs(way[0]))
+        short, beyond = (self._slides(self.struck(x, (1.0 + s * BESIDE) * size)) for s in (-1.0, 1.0))
+        unit = self.pulse.unit if self.pulse else "N s"
+        return [Knock(size, unit, back, phase, (short, beyond) == ((False, True) if back else (True, False)))]
+
+    def _crossings(self, starts: Sequence[tuple[Array, float]], back: bool) -> list[tuple[float, tuple[Array, float]]]:
+        """The impulses that lead to the closed curve."""
+        moving = self.flow.moving
+        out = []
+        for start in starts:
+            direction = (self.struck(start[0], 1.0) - start[0])[moving]
+            sizes = [(sign, self._crossing(start[0][moving], sign * direction)) for sign in (1.0, -1.0)]
+            out += [(sign * size, start) for sign, size in sizes if size is not None]
+        return out
+
+    def _simulated(self, starts: Sequence[tuple[Array, float]], back: bool) -> list[tuple[float, tuple[Array, float]]]:
+        """The same by simulation: of sizes that grow step by step up to the first that leads to the other motion."""
+        if self.pulse is None:
+            unit = (self.struck(starts[0][0], 1.0) - starts[0][0])[self.flow.moving]
+            span = np.ptp(self.unstable.run.states, axis=0)[self.unstable.flow.moving]
+            moved = np.abs(unit) > _NEVER * np.abs(unit).max()
+            rooms = (_BEYOND * float((span[moved] / np.abs(unit[moved])).min()),) * 2
+        else:
+            rooms = self.pulse.room
+        before = 0.0
+        for share in np.geomspace(_FINEST, 1.0, _SIZES):
+            out = []
+            for start in starts:
+                for sign, room in zip((1.0, -1.0), rooms):
+                    if self._slides(self.struck(start[0], sign * share * room)) == back:
+                        size = self._halved(start[0], sign * before * room, sign * share * room, back)
+                        out.append((size, start))
+            if out:
+                return out
+            before = float(share)
+        return []
+
+    def _halved(self, x: Array, inside: float, outside: float, back: bool) -> float:
+        """The size between two, of which only the second leads to the other motion."""
+        while abs(outside - inside) > 0.1 * BESIDE * abs(outside):
+            middle = 0.5 * (inside + outside)
+            ends = self._slides(self.struck(x, middle)) == back
+            inside, outside = (inside, middle) if ends else (middle, outside)
+        return 0.5 * (inside + outside)
 
     def _crossing(self, origin: Array, direction: Array) -> float | None:
         """The least distance along a direction at which it crosses the closed curve."""
@@ -228,22 +326,6 @@ class Threshold:
         along = ((1.0 - share) * a[cross] + share * b[cross]) @ direction / (direction @ direction)
         ahead = along[along > 0.0]
         return float(ahead.min()) if len(ahead) else None
-
-    def _halved(self, origin: Array, direction: Array) -> float | None:
-        """The same by simulation, in any number of dimensions."""
-        span = np.ptp(self.curve, axis=0)
-        moved = np.abs(direction) > _NEVER * np.abs(direction).max()
-        inside, outside = 0.0, float((span[moved] / np.abs(direction[moved])).min())
-        for _ in range(8):
-            if not self.slides(origin + outside * direction):
-                break
-            inside, outside = outside, 2.0 * outside
-        else:
-            return None
-        while outside - inside > 0.1 * BESIDE * outside:
-            middle = 0.5 * (inside + outside)
-            inside, outside = (middle, outside) if self.slides(origin + middle * direction) else (inside, middle)
-        return 0.5 * (inside + outside)
 
     def drawn(self, ranges: Mapping[str, tuple[float | str, float | str]], count: int, seed: int = 1) -> Array:
         """Draw starts [count, moving state], uniform in `ranges` (state -> ends); other states are those of sliding."""
@@ -265,13 +347,13 @@ class Threshold:
         return Share(p, *interval(p, count), count, not self.planar)
 
     @classmethod
-    def parse(cls, branches: Branches, value: str, starts: str | None = None) -> Threshold:
+    def parse(cls, branches: Branches, value: str, starts: str | None = None, knock: str = "") -> Threshold:
         """Return the threshold at a value with a unit; `starts`: ranges of states. Raises UsageError."""
         try:
             at = si(value, branches.axis.unit)
         except ValueError as fault:
             raise UsageError(f"--threshold {value}: {fault}") from None
-        made = cls(branches, at)
+        made = cls(branches, at, knock)
         for part in (starts or "").split(","):
             if part.strip():
                 name, _, ends = part.partition("=")
@@ -289,17 +371,18 @@ class Threshold:
     def to_json(self) -> dict[str, Any]:
         """Return knocks and share of starts as JSON values."""
         knocks, share = self._found
-        return {"value": self.value, "planar": self.planar, "knocks": [asdict(k) for k in knocks],
+        return {"value": self.value, "planar": self.planar, "knock": self.knock, "knocks": [asdict(k) for k in knocks],
                 "share": share and asdict(share)}  # fmt: skip
 
     def text(self) -> str:
         """Return the least knocks, and the share of starts, as text."""
         knocks, share = self._found
-        rows = [(f"least knock at {self.text_of_value}", "impulse N s", "", "confirmed by simulation from both sides")]
+        what = f"change of {self.knock}" if self.pulse else "impulse"
+        rows = [(f"least knock at {self.text_of_value}", what, "", "confirmed by simulation from both sides")]
         for knock in knocks:
             what = "from stick-slip to sliding" if knock.back else "from sliding to stick-slip"
             at = f"{knock.phase:.4g} s into the period" if knock.back else ""
-            rows.append((what, f"{knock.impulse:.8g}", at, "yes" if knock.confirmed else "no"))
+            rows.append((what, f"{knock.size:.8g} {knock.unit}", at, "yes" if knock.confirmed else "no"))
         lines = [*columns(rows, "<><<")]
         if share is not None:
             how = "by simulation" if share.simulated else "by the threshold"

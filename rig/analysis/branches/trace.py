@@ -35,7 +35,7 @@ from rig.analysis.return_map import (
     word,
 )
 from rig.errors import NumericsError, SceneError
-from rig.stability.linearisation import steady
+from rig.stability.linearisation import linearised, own_law, steady
 
 Met = tuple[int, tuple[str, ...]]
 Name = tuple[str, str, int]
@@ -50,6 +50,9 @@ _EDGE = 1e-11  # of the same size: how closely a boundary is located
 _ROUNDS = 40
 _BESIDE = 1e-6  # along the branch: the derivative of the return map is still the same
 _INSIDE = 0.25  # of the longest slip: the base is no closer to an event
+_SPLITS = 300.0  # a part that magnifies differences by more is cut
+_PART, _SAMPLES = 20.0, 400  # growth in a part that is cut, and states of a period by which it is estimated
+_AWAY, _SOON = 3.0, 1e-9  # ticks: no part begins closer to an event; seconds: times that are the same
 _RESCALE = 2.0
 _LEVEL = 1e-6  # slope of a branch in the parameter: below it the branch is upright
 _GROWS = 1e-8  # a multiplier beyond the unit circle by this, and by ten times its error, is unstable
@@ -93,7 +96,7 @@ class Place:
     @property
     def multipliers(self) -> tuple[tuple[complex, ...], float]:
         """Floquet multipliers, and how far that of the shift is from 1."""
-        return multipliers(self.d.P, self.map.period is not None)
+        return multipliers(self.d.parts, self.map.period is not None)
 
     @property
     def unstable(self) -> int:
@@ -192,9 +195,10 @@ def _closed(at: Place, held: bool) -> Place:
 
 def missed(at: Place) -> float:
     """By how much the motion misses its start, beyond the rounding of its states, over the range of each state."""
-    moving, states = at.flow.moving, at.run.states
+    moving, states, parts = at.flow.moving, at.run.states, at.run.parts or (at.run,)
     rounding = _ULPS * np.finfo(float).eps * np.abs(states).max(axis=0)
-    far = np.maximum(np.abs(at.run.x - states[0]) - rounding, 0.0)
+    far = np.max([np.abs(a.x - b.states[0]) for a, b in zip(parts, (*parts[1:], parts[0]))], axis=0)
+    far = np.maximum(far - rounding, 0.0)
     return float((far[moving] / sizes(np.ptp(states, axis=0), at.flow)).max())
 
 
@@ -290,8 +294,8 @@ def _along(
         if (end_of_family := _shrinks(at, new)) is not None:
             segment.end = end_of_family
             return None
-        if runs <= _EASY:
-            ds = min(ds * _GROWTH, longest)
+        if runs <= (_EASY if not at.map.cuts else 2 * _EASY):
+            ds = min(ds * _GROWTH, longest * math.sqrt(len(at.map.ticks)))
         segment.places.append(replace(_rescaled(_recentred(new)), step=ds))
         watch(segment.places[-1])
     segment.end = Special("most", segment.places[-1], segment.places[-1].p, 0.0, why=f"{most} points")
@@ -431,8 +435,9 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
     contact = name[1] if name else ""
     if at is not segment.places[-1]:
         segment.places.append(at)
-    if kind == "jump":
-        segment.end = Special(kind, at, p, accuracy, contact, name=name)
+    if kind == "jump" or at.map.cuts:  # beyond a canard cycles change within less than the digits of the parameter
+        why = "" if kind else _change(at.end, other)
+        segment.end = Special(kind or "unresolved", at, p, accuracy, contact, name=name, why=why)
         return None
     beyond = _switched(at, other)
     if beyond is None:
@@ -558,7 +563,7 @@ def _switched(at: Place, other: Carried) -> Place | None:
     for d in np.vstack([np.eye(n + 2)[:n], np.eye(n + 2)[-1:]]):
         across = d.copy()
         if map.period is None:
-            across[:n] -= f * (f @ d[:n])
+            across[-2 - len(f) : -2] -= f * (f @ d[-2 - len(f) : -2])
         if (size := float(np.linalg.norm(across))) > 0.1:
             directions += [across / size, -across / size]
     tried: set[Met] = {at.end.met}
@@ -647,25 +652,76 @@ def _change(before: Carried, after: Carried) -> str:
 
 
 def _recentred(at: Place) -> Place:
-    """The place with its base in the middle of the longest slip, if it has come near to an event."""
-    if at.map.period is not None:
-        return at
-    later = better_base(at.map, at.u, at.run, at.period)
-    if later is None:
-        return at
-    flow = at.flow
+    """The place with its base in the middle of the longest slip, if it has come near to an event, and its period in
+    parts none of which magnifies a difference by much.
+    """
+    ticks = at.map.ticks
+    large = max(float(np.linalg.norm(part, 2)) for part in at.d.parts) > _SPLITS
+    if large or len(ticks) > 1:
+        wanted, events = _cuts(at), [time / at.flow.step for time, _ in at.run.events]
+        if large or len(ticks) > len(wanted) + 1 or any(_beside(tick, events, 0.5) for tick in ticks[1:]):
+            if wanted or len(ticks) > 1:
+                return _cut(at, wanted or [0])
+        if len(ticks) > 1:
+            return at
+    later = better_base(at.map, at.u, at.run, at.period) if at.map.period is None else None
+    return at if later is None else _cut(at, [round(later / at.flow.step)])
 
-    def moved(u: Array) -> Carried:
-        map = at.map
-        return map.flow(u).carried(map.state(u), later)
 
-    new = moved(at.u)
-    ahead = at.map.shifted(at.u, 1e-5 * at.t)
-    direction = (moved(ahead).x - new.x)[flow.moving] / at.map.size
-    map = at.map.scaled(at.map.size, at.map.T0, at.map.P0)
-    map.key = new.key
-    u = np.concatenate([new.x[flow.moving] / map.size, at.u[-2:]])
-    return place(map, u, map.end(u), np.append(direction / 1e-5, at.t[-2:]))
+def _beside(tick: float, events: Sequence[float], share: float = 1.0) -> bool:
+    """Whether a tick lies beside an event."""
+    return any(abs(tick - event) < share * _AWAY for event in events)
+
+
+def _cuts(at: Place) -> list[int]:
+    """The ticks at which small differences have grown by a further factor `_PART`, by the rates of growth of sliding
+    at the states of the run.
+    """
+    flow, level, growth, out = at.flow, 0.0, 0.0, []
+    events = [time / flow.step for time, _ in at.run.events]
+    for part in intervals(flow, at.run, at.period):
+        modes = flow.modes(part.key)
+        law, stride = own_law(flow.system, modes), max(len(at.run.states) // _SAMPLES, 1)
+        for i in range(0, len(part.states), stride):
+            A = linearised(flow.system, modes, part.states[i], law)[0][np.ix_(flow.moving, flow.moving)]
+            growth += max(float(np.linalg.eigvals(A).real.max()), 0.0) * flow.step * stride
+            tick = part.first + i
+            if growth > level + math.log(_PART) and 1 < tick < len(at.run.states) - 2 and not _beside(tick, events):
+                out.append(tick)
+                level = growth
+    if not out or at.map.period is not None:
+        return [0, *out] if out else []
+    round_s = round(at.period / flow.step)
+    gaps = [(b - a, i) for i, (a, b) in enumerate(zip(out, [*out[1:], out[0] + round_s]))]
+    gap, last = max(gaps)
+    middle = next((t for k in range(gap // 3) for t in (out[last] + gap // 2 + k, out[last] + gap // 2 - k)
+                   if not _beside(t % round_s, events)), 0)  # fmt: skip
+    return [*out[last + 1 :], *out[: last + 1], *([middle % round_s] if middle else [])]
+
+
+def _cut(at: Place, ticks: Sequence[int]) -> Place:
+    """The place with parts that begin at these ticks (of the old base), the first of them at the new base."""
+    T, step, begins = at.period, at.flow.step, at.map.ticks
+    after = [round((tick - ticks[0]) * step % T / step) for tick in ticks]  # the new base
+
+    def moved(u: Array) -> list[Carried]:
+        map, out = at.map, []
+        for time in ((ticks[0] + tick) * step for tick in after):
+            time -= float(u[-2] * map.T0) if time > T else 0.0
+            number = max(i for i, tick in enumerate(begins) if tick * step <= time + _SOON)
+            out.append(map.flow(u).carried(map.state(u, number), time - begins[number] * step))
+        return out
+
+    new, size, moving = moved(at.u), at.map.size, at.flow.moving
+    map = at.map.scaled(size, at.map.T0, at.map.P0)
+    map.key = new[0].key if ticks[0] else map.key
+    map.cuts = tuple((tick, run.key) for tick, run in zip(after[1:], new[1:]))
+    x = np.concatenate([run.x[moving] / size for run in new])
+    forward = np.zeros(len(x))
+    if len(begins) == len(ticks) == 1:  # in parts differences grow too much to tell the direction
+        forward = ((moved(at.map.shifted(at.u, 1e-5 * at.t))[0].x - new[0].x)[moving] / size) / 1e-5
+    u = np.append(x, at.u[-2:])
+    return replace(place(map, u, map.end(u), np.append(forward, at.t[-2:])), step=at.step)
 
 
 def better_base(map: ReturnMap, u: Array, run: Carried, T: float) -> float | None:
@@ -700,10 +756,10 @@ def _rescaled(at: Place) -> Place:
     new, y = map.scaled(size, T0, P0), ratio[:-2]
     d = replace(
         at.d,
-        P=at.d.P * y[:, None] / y[None, :],
+        parts=at.d.parts * y[:, None] / y[None, :],
         over_p=at.d.over_p * y / ratio[-1],
-        begin_rate=at.d.begin_rate * y / ratio[-2],
         end_rate=at.d.end_rate * y / ratio[-2],
     )
+    ratio = np.append(np.tile(y, len(at.d.parts)), ratio[-2:])
     t = at.t * ratio
     return Place(new, at.u * ratio, at.end, d, t / np.linalg.norm(t))
