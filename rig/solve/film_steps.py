@@ -465,6 +465,9 @@ def contact_forces(own, x, travelled, h):
             for i in range(points):
                 speed[i] = per_second * (slips[i] - give[i] * (pull[i] - friction[i]))
                 state[i] = OPEN if normal[i] == 0.0 else SLIDES if abs(pull[i]) >= most[i] else STICKS
+            if own.law.shape[0]:  # without what the shear yields: a falling law over it has no stable sliding
+                for i in range(points):
+                    speed[i] = per_second * slips[i] if state[i] == SLIDES else speed[i]
         for i in range(points):
             slid_off[i] += 0.5 * (friction[i] + pull[i]) * (slips[i] - give[i] * (pull[i] - friction[i]))
         copy(points, pull, friction)

@@ -576,6 +576,15 @@ def test_a_film_of_one_point_moves_like_an_exact_contact(tmp_path, speed, openin
         assert film.signals[name] == pytest.approx(exact.signals[name], abs=1e-6 * np.abs(exact.signals[name]).max())
 
 
+def test_a_point_under_a_falling_law_slides_like_an_exact_contact(tmp_path):
+    """Over the speed of the shear alone such a law has no stable sliding: the point would stick at once."""
+    law = {"friction": {"law": "stribeck", "mu_static": 0.5, "mu_dynamic": 0.3, "speed_scale": 0.1}}
+    exact, film = (rig.simulate(three(tmp_path, THREE["contacts"], step, **law), 0.2) for step in (None, "25 us"))
+    assert (film.signals["state_of_pad"] == 2.0).all()
+    v = exact.signals["body_velocity"]
+    assert film.signals["body_velocity"] == pytest.approx(v, abs=1e-3 * np.abs(v).max())
+
+
 THREE_PADS = THREE["contacts"] | {
     "edge": {"gap": {"y": 1.0, "u": -0.6}, "along": {"x": 1.0, "u": 0.2}, "spring": 200.0},
     "rim": {"gap": {"y": 0.7, "x": 0.2}, "along": {"x": 0.8, "u": -0.3}, "spring": 100.0},
