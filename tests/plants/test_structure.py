@@ -795,7 +795,7 @@ def test_the_squealing_disc_is_quiet_by_control_of_the_normal_force_as_the_page_
     assert after < 0.005
 
 
-@pytest.mark.alone
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "pace"), [("squeal", "1"), ("shunted", "0.2"), ("controlled", "0.5")])
 def test_the_disc_runs_live_at_the_pace_that_its_scene_states(disc, tmp_path, runs, name, pace):
     """Eight points in steps of 1 us, at least two sensors and a recorder; simulated again with the same bits."""
