@@ -19,7 +19,7 @@ SPEED = '  drive.speed = "3 kg": expected a unit that converts to m/s ({})'
         (("--net", "meas/vibro: delay 2 ms"), "did you mean vibrometer? (given with --net)"),
         (
             ("--method", "exct"),
-            'clock.method = "exct": unknown; known: auto, exact, dopri5, rosenbrock, rk4, kick, smooth '
+            'clock.method = "exct": unknown; known: auto, exact, dopri5, dop853, rosenbrock, rk4, kick, smooth '
             "(given with --method)",
         ),
         (("--controller", "own.py"), "own.py: defines no class Controller (given with --controller)"),

@@ -26,7 +26,7 @@ def identified_figure(identified: Identified) -> Figure:
     runs = best.runs[:_MOST]
     cycles = any(isinstance(run.evidence, CycleRun) for run in best.runs)
     rows = 2 if best.repeats and cycles else 1
-    with page(3.6 * max(len(runs), 2), 3.0 * (rows + cycles), layout="constrained") as figure:
+    with page(3.6 * max(len(runs), 2), 0.5 + 3.0 * (rows + cycles), layout="constrained") as figure:
         law = f", law {best.law.name}" if best.law.name else ""
         state = "" if best.fits else ": does not fit"
         figure.suptitle(f"{identified.task.scene.name}: {counted(len(best.runs), 'run')}{law}{state}", ha="center")
@@ -68,6 +68,7 @@ def _features(axes: Axes, run: RunFit) -> None:
         range(measured.size), 100.0 * left * errors / size, 196.0 * errors / size, fmt="o", color=BLUE, markersize=3
     )
     axes.axhline(0.0, color=GREY, lw=0.8)
+    axes.set_xticks(range(measured.size) if measured.size < 10 else range(0, measured.size, measured.size // 5))
     axes.set(title=run.name, xlabel="number of the feature [1]", ylabel="measured - model [%]")
 
 
