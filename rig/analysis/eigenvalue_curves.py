@@ -19,7 +19,8 @@ Two crossings of one rate that are closer together than the grid can still be mi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Literal, NamedTuple, TypeVar
 
@@ -171,7 +172,8 @@ def absent(note: str, why: str, inertia: float = 1.0) -> Spectrum:
     return Spectrum(none.diagonal(), none, none, (), 0, 0, False, False, note, inertia, why)
 
 
-class Growth(NamedTuple):
+@dataclass(frozen=True)
+class Growth:
     """Growth rates in falling order [1/s], and for each the size that rounding can cause: below it the rate is zero.
 
     `large`: of a rig with so many states that a spectrum takes long.
@@ -183,12 +185,12 @@ class Growth(NamedTuple):
 
     def sign(self, k: int) -> int:
         """Return the sign of rate number k; 0 if it is zero or does not exist."""
-        return int(np.sign(self.rates[k])) if k < len(self.rates) and abs(self.rates[k]) > self.none[k] else 0
+        return int(np.sign(self.clear[k])) if k < len(self.rates) else 0
 
-    @property
+    @cached_property
     def clear(self) -> Array:
         """The rates, with those below rounding set to zero."""
-        return np.where(np.abs(self.rates) <= self.none, 0.0, self.rates)
+        return np.where(np.abs(self.rates) > self.none, self.rates, 0.0)
 
 
 def none(rates: NDArray[np.complex128]) -> Array:

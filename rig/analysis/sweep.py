@@ -344,8 +344,7 @@ def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fi
     at, shapes = {state: i for i, state in enumerate(states)}, np.zeros((*rates.shape, len(states)), np.complex128)
     for row, spectrum, places in zip(shapes, spectra_at, order):
         columns = [at[state] for state in spectrum.names]
-        for i, place in places.items():
-            row[place, columns] = spectrum.right[:, i]
+        row[np.ix_(list(places.values()), columns)] = spectrum.right[:, list(places)].T
     errors = np.full(rates.shape if any(s.errors for s in spectra_at) else (0, 0), math.nan)
     for row, spectrum, places in zip(errors, spectra_at, order):
         known = spectrum.errors() if spectrum.errors is not None and places else ()

@@ -290,7 +290,7 @@ def dense(
     """
     rows = mass.shape[0]
     if not np.array_equal(mass, np.eye(rows)):
-        damping, stiffness = (np.asarray(np.linalg.solve(mass, m), dtype=float) for m in (damping, stiffness))
+        damping, stiffness = np.hsplit(np.linalg.solve(mass, np.hstack([damping, stiffness])), 2)
     scale = float(np.sqrt(np.linalg.norm(stiffness)) or 1.0)
     companion = np.zeros((2 * rows, 2 * rows))
     companion[:rows, rows:] = np.eye(rows)
