@@ -23,7 +23,7 @@ from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonSecondPerMetre
 HANDS = {
     "drive.speed": "belt speed",
     "load.force": "normal force",
-    "friction.mu_static": "friction at rest",
+    "friction.mu_static": "friction coefficient at rest",
     "body.stiffness": "stiffness of the spring",
     "body.damping": "damping",
     "dither.amplitude": "dither amplitude",

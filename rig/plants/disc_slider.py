@@ -50,7 +50,7 @@ from rig.quantities import (
 HANDS = {
     "drive.speed": "disc speed",
     "load.force": "normal force",
-    "friction.mu_static": "friction at rest",
+    "friction.mu_static": "friction coefficient at rest",
     "slider.damping": "damping of the slider",
     "dither.amplitude": "dither amplitude",
 }

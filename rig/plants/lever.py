@@ -60,8 +60,8 @@ from rig.quantities import (
 HANDS = {
     "drive.speed": "disc speed",
     "load.force": "normal force",
-    "friction.mu_static": "friction at rest",
-    "friction.mu_kinetic": "friction in motion",
+    "friction.mu_static": "friction coefficient at rest",
+    "friction.mu_kinetic": "friction coefficient in motion",
     "lever.damping": "damping of the lever",
 }
 PICTURES = (Own("rig.view.lever:Lever", ("angle", "lever_angle", "disc_speed", "normal_force")), OnDisc())

@@ -32,8 +32,8 @@ from rig.quantities import (
 HANDS = {
     "drive.speed": "disc speed",
     "load.force": "normal force",
-    "friction.mu_static": "friction at rest",
-    "friction.mu_dynamic": "friction in motion",
+    "friction.mu_static": "friction coefficient at rest",
+    "friction.mu_dynamic": "friction coefficient in motion",
     "body.damping": "damping",
 }
 PICTURES = (OnDisc(),)

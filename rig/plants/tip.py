@@ -54,8 +54,8 @@ from rig.quantities import (
 HANDS = {
     "drive.speed": "disc speed",
     "load.force": "normal force",
-    "friction.mu_static": "friction at rest",
-    "friction.mu_kinetic": "friction in motion",
+    "friction.mu_static": "friction coefficient at rest",
+    "friction.mu_kinetic": "friction coefficient in motion",
     "tip.stiffness": "stiffness of the beam",
 }
 PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)

@@ -48,8 +48,8 @@ from rig.quantities import (
 HANDS = {
     "drive.speed": "disc speed",
     "load.force": "normal force",
-    "friction.mu_static": "friction at rest",
-    "friction.mu_kinetic": "friction in motion",
+    "friction.mu_static": "friction coefficient at rest",
+    "friction.mu_kinetic": "friction coefficient in motion",
     "beam.damping_ratio": "damping ratio",
 }
 PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)

@@ -57,7 +57,7 @@ export const german = {
   "{owner} drives {key}: the value takes effect when {owner} is disconnected": "{owner} stellt {key}: Der Wert gilt, sobald {owner} getrennt ist",
   "controller {name} drives {what}": "Regler {name} stellt {what}", Connect: "Verbinden", Disconnect: "Trennen",
   "gain of the controller": "Verstärkung des Reglers", "amplitude of the controller": "Amplitude des Reglers", "belt speed": "Bandgeschwindigkeit", "disc speed": "Scheibendrehzahl",
-  "normal force": "Normalkraft", "friction at rest": "Haftreibung", "friction in motion": "Gleitreibung", "coefficient of friction": "Reibwert", damping: "Dämpfung", "damping ratio": "Dämpfungsgrad",
+  "normal force": "Normalkraft", "friction coefficient at rest": "Haftreibwert", "friction coefficient in motion": "Gleitreibwert", "coefficient of friction": "Reibwert", damping: "Dämpfung", "damping ratio": "Dämpfungsgrad",
   "stiffness of the spring": "Federsteifigkeit", "dither amplitude": "Ditheramplitude", "damping of the lever": "Dämpfung des Hebels", "stiffness of the beam": "Steifigkeit des Balkens",
   "speed of the glass": "Geschwindigkeit des Glases", "damping along the glass": "Dämpfung entlang des Glases", "angle of the first spring": "Winkel der ersten Feder",
   "damping of the first spring": "Dämpfung der ersten Feder", "angle of the inclined spring": "Winkel der schrägen Feder", "damping of the slider": "Dämpfung des Gleiters",
@@ -67,7 +67,7 @@ export const german = {
 
   // maps beside the sliders
   "branches and the present state": "Äste und der jetzige Zustand", "branches over": "Äste über", "branches: over": "Äste: über", "branches: from": "Äste: von", "branches: to": "Äste: bis",
-  "none computed yet for these values": "für diese Werte noch keine berechnet", "{name} at {value}": "{name} bei {value}", "line: {at}": "Linie: {at}",
+  "no branch is computed yet for these values": "für diese Werte ist noch kein Ast berechnet", "{name} at {value}": "{name} bei {value}", "line: {at}": "Linie: {at}",
   "dot: the run at {at}, with its extremes of the last second": "Punkt: der Lauf bei {at}, mit den Extremwerten der letzten Sekunde",
   "full: stable, dashed: unstable, from violet (slip) to yellow (stick)": "durchgezogen: stabil, gestrichelt: instabil, von violett (gleiten) bis gelb (haften)",
   "the run has other values:": "der Lauf hat andere Werte:", "Draw the map of a value: where it slides, sticks, vibrates": "Karte eines Werts zeichnen: wo es gleitet, haftet, schwingt",

@@ -38,7 +38,7 @@ export function create(bench) {
       list.replaceChildren(...known.map(({ key: over, output }, i) => h("option", { value: i }, `${t(words(output))} / ${over}`)));
       list.hidden = known.length < 2;
       canvas.hidden = !known.length;
-      note.textContent = known.length ? "" : t("none computed yet for these values");
+      note.textContent = known.length ? "" : t("no branch is computed yet for these values");
     });
     if (scene !== named) { // propose a range about the present value
       named = scene;
