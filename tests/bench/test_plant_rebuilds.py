@@ -114,10 +114,11 @@ def put(target, to):
 def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_then(monkeypatch):
     """A coefficient has no command state: each value is another matrix, built apart and in force at one tick."""
     monkeypatch.setattr("rig.bench.run.builds.PAUSE_S", 0.05)
-    with Shunt(
-        monkeypatch, hold(0.7), put("shunt.resistance", 40.0), hold(0.3), limits={"displacement": 0.05}
-    ) as bench:
+    steps = [hold(0.7), put("shunt.resistance", 40.0), hold(60.0)]
+    with Shunt(monkeypatch, *steps, limits={"displacement": 0.05}) as bench:
         told = bench.begun(**{"load.force": 11.0})
+        bench.reach(lambda: bench.plant.runner.values["shunt.resistance"] == 40.0)
+        bench.ask("cmd/plant", do="stop")
         events = bench.ended()
     assert told["values"] == {"shunt.delta": -0.8, "load.force": 11.0}
     assert bench.plant.runner.values["shunt.resistance"] == 40.0
