@@ -49,7 +49,7 @@ def test_a_controller_is_retuned_on_the_same_tick_in_every_mode(scene):
 
 
 def test_numerics_that_stop_are_told_and_the_run_is_concluded(scene):
-    with Bench(scenes.load(SCENE, {"clock.limit": "1000"}), pace=1.0, duration=5.0) as bench:
+    with Bench(scenes.load(SCENE, {"clock.limit": "1000"}), pace=1.0, duration=60.0) as bench:
         bench.begin()
         bench.me.ask("cmd/plant", {"do": "knock", "impulse": 1e5}, 20.0)
         heard = bench.finish()
