@@ -34,14 +34,14 @@ def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified
     told = client.refused("/api/run", scene=SCENE, changes={"load.force": -3})
     assert told.splitlines()[1] == "  load.force = -3: must be at least 0 N (given on the page)"
     assert client.command("pause") == {"error": "no run is active; start one first"}
-    assert client.post("/api/run", scene=SCENE, changes={"load.force": "21 N"}).status_code == 200
+    assert client.post("/api/run", scene=SCENE, changes={"load.force": "21 N"}, duration=600.0).status_code == 200
     assert "is active; stop it first" in another.refused("/api/run", scene=SCENE)
     run = client.until("running")["run"]
     assert client.refused("/api/run", scene=SCENE)
     assert listen().until("setup")["run"] == run  # what is refused takes nothing from the pages
     given = shlex.split(client.state()["command"])
-    assert given[:3] == ["rig", "run", SCENE]
-    assert rig("explain", *given[2:], "--json")[0] == 0  # its options are those of the command line
+    assert (given[:3], given[-2:]) == (["rig", "run", SCENE], ["--duration", "600.0"])
+    assert rig("explain", *given[2:-2], "--json")[0] == 0  # its options are those of the command line
     own = psutil.Process().nice()  # and not that of the threads that serve pages
     assert [process_of(word).nice() for word in ("rig.bench.live.plant_process", "nf")] == [own] * 2
 
@@ -88,7 +88,7 @@ def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified
 
 def test_an_emergency_stop_sets_the_safe_values_and_ends_the_run(client, listen):
     page = listen()
-    client.post("/api/run", scene="belt")
+    client.post("/api/run", scene="belt", duration=600.0)
     client.until("running")
     for value in (None, True, "", "status", ["stop"], {"stop": 1}, "\0", 10**400):
         for body in ({"do": value}, {"do": "knock", "impulse": value}, {"do": "connect", "controller": value}):
