@@ -150,64 +150,42 @@ def _pieces(x: Reals, y: Reals) -> Iterator[str]:
         yield f"M{points}" if at.size > 1 else f"M{points}h1"
 
 
-COLOURS = """
-:root { color-scheme: light dark; --text: #1b1b1b; --soft: #5c5c5c; --line: #d4d4d4; --page: #fff; --card: #f6f6f4;
-  --good: #14703f; --doubtful: #8a5600; --bad: #b5211e; --curve: #0063a0; }
-@media (prefers-color-scheme: dark) { :root { --text: #e6e6e6; --soft: #a6a6a6; --line: #444; --page: #161616;
-  --card: #202020; --good: #5fc48d; --doubtful: #e0a94a; --bad: #ff8a80; --curve: #6cb8ee; } }
-"""
-"""Of reports and of the page of `rig web`."""
-STYLE = (
-    COLOURS
-    + """
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 1rem; max-width: 76rem; background: var(--page); color: var(--text);
-  font: 16px/1.5 system-ui, sans-serif; overflow-wrap: anywhere; }
-h1 { margin: .5rem 0 0; line-height: 1.2; }
-h2 { margin: 2.2rem 0 .6rem; border-bottom: 1px solid var(--line); }
-h3 { margin: 1.2rem 0 .3rem; }
-p { margin: .4rem 0; max-width: 75ch; }
-.soft, dt, caption, summary { color: var(--soft); }
-a { color: var(--curve); }
-nav a, .skip { display: inline-block; margin-right: 1rem; }
+LOOK = Path(__file__).with_name("look.css")
+"""The style sheet of reports and of the page of `rig web`."""
+_STYLE = """
+body { margin: 0 auto; padding: 1rem; max-width: 76rem; }
+body > header, main, nav { margin: 0 0 .9rem; }
+h1 { font-size: 1.5rem; }
+p, header { max-width: 75ch; }
+nav a, .skip { display: inline-block; margin-right: 1rem; min-height: 24px; }
 .skip:not(:focus) { position: absolute; left: -99rem; }
-:focus-visible { outline: 3px solid var(--curve); outline-offset: 2px; }
-.good { color: var(--good); }
-.doubtful { color: var(--doubtful); }
-.bad { color: var(--bad); font-weight: 600; white-space: pre-line; }
-.verdicts { padding-left: 1.2rem; font-size: 1.05rem; }
-.wide { overflow-x: auto; margin: .6rem 0; }
-figure { margin: 0; }
-img { display: block; width: 100%; min-width: 44rem; height: auto; background: #fff; border-radius: 4px; }
-table { border-collapse: collapse; font-size: .9rem; overflow-wrap: break-word; }
-caption { text-align: left; padding: .2rem 0; }
-th, td { padding: .2rem .8rem .2rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line);
-  max-width: 46ch; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-dl { display: grid; grid-template-columns: minmax(9rem, max-content) 1fr; gap: .15rem 1rem; margin: .4rem 0; }
-dd { margin: 0; }
-dd p { margin: 0; max-width: none; }
-code { font-family: ui-monospace, monospace; font-size: .9rem; }
-.cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 24rem), 1fr)); gap: 1rem; }
-.cards figure { background: var(--card); border: 1px solid var(--line); border-radius: 4px; padding: .6rem; }
+.bad { font-weight: 600; white-space: pre-line; }
+.verdicts { padding-left: 1.2rem; margin: 0; }
+.wide { overflow-x: auto; }
+.wide > img { display: block; width: 100%; min-width: 44rem; height: auto; }
+table { overflow-wrap: break-word; }
+th, td { padding-right: .8rem; border-bottom: 1px solid var(--line); max-width: 46ch; }
+dl { display: grid; grid-template-columns: minmax(9rem, max-content) 1fr; gap: .15rem 1rem; margin: 0; }
+dd p { max-width: none; }
+.cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 24rem), 1fr)); gap: .9rem; }
+.cards figure { background: var(--card); border: 1px solid var(--line); border-radius: 10px; padding: .6rem; }
 svg { display: block; width: 100%; height: 6rem; margin: .4rem 0; color: var(--curve); }
 .line, .mark { vector-effect: non-scaling-stroke; stroke: currentColor; fill: none; }
 .mark { stroke: var(--soft); stroke-dasharray: 4 3; }
 @media (max-width: 40rem) {
-  body { font-size: 15px; }
   dl { grid-template-columns: 1fr; }
   dd { margin-bottom: .4rem; }
 }
 @media print {
-  body { max-width: none; font-size: 10pt; }
+  body { max-width: none; font-size: 10pt; background: none; }
   nav, .skip { display: none; }
+  .card { border: 0; padding: 0; }
   .wide { overflow: visible; }
-  img { min-width: 0; }
+  .wide > img { min-width: 0; }
   h2, h3 { break-after: avoid; }
   figure, tr { break-inside: avoid; }
 }
 """
-)
 
 
 def events(run: Run) -> Html:
@@ -553,17 +531,17 @@ def page(run: Run, log: Path) -> str:
     shown = {f"part-{i}": section for i, section in enumerate(sections.items(), 1) if section[1]}
     links = [element("a", name, href=f"#{key}") for key, (name, _) in shown.items()]
     parts = [
-        element("section", element("h2", name, id=key), what, aria_labelledby=key)
+        element("section", element("h2", name, id=key), what, aria_labelledby=key, class_="card stack")
         for key, (name, what) in shown.items()
     ]
     skip = element("a", "Skip to the content", href="#part-1", class_="skip")
     nav = element("nav", *links, aria_label="Parts")
-    return _document(title, skip, _header(run, log, title), nav, element("main", *parts))
+    return _document(title, skip, _header(run, log, title), nav, element("main", *parts, class_="stack"))
 
 
 def result_page(result: Result, title: str) -> str:
     """Return the page of a result: its text as tables, and its figure."""
-    return _document(title, element("main", element("h1", title), Html(result._repr_html_())))
+    return _document(title, element("main", element("h1", title), Html(result._repr_html_()), class_="card stack"))
 
 
 def _document(title: str, *body: Html) -> str:
@@ -573,7 +551,7 @@ def _document(title: str, *body: Html) -> str:
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
         element("title", f"{title}: report"),
-        element("style", Html(STYLE)),
+        element("style", Html(LOOK.read_text(encoding="utf-8") + _STYLE)),
     )
     return f"<!DOCTYPE html>\n{element('html', head, element('body', *body), lang='en')}\n"
 

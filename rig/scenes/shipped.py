@@ -49,7 +49,7 @@ def path(name_or_path: str | Path, folder: Path = Path()) -> Path:
 
 
 def card(name: str) -> dict[str, Any]:
-    """Title, plant, first line of the description and largest pace of a shipped scene; the scene it is based on."""
+    """Title, plant, description and largest pace of a shipped scene; the scene it is based on."""
     return card_of(name, _tables(name))
 
 
@@ -81,7 +81,7 @@ def card_of(name: str, chain: Sequence[tuple[str | None, Mapping[str, Any]]]) ->
         "based_on": based_on,
         "plant": plant,
         "title": texts["title"],
-        "about": texts["about"].strip().split("\n")[0],
+        "about": texts["about"].strip(),
         "pace_limit": pace_limit,
     }
 

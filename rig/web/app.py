@@ -15,7 +15,7 @@
     POST /api/recordings/work     {what, name, other, at, changes} -> a job with a recording (`rig.web.lists`)
     GET  /api/studies             maps, cost tables, branches;  GET /studies/KIND/NAME/FILE: a figure or a table of one
     POST /api/studies/work        {what, scene, changes, x, y} -> a job: eigenvalues, a map, a cost table, branches
-    POST /api/branches            {scene, changes} -> the finished branches of this scene
+    POST /api/studies/beside      {scene, changes} -> the finished branches and maps of this scene
     GET  /api/lessons             the lessons;  GET /lessons/NAME: a figure of one
     POST /api/lesson              {number} -> the text of a lesson as HTML
     POST /api/lesson/run          {number, command} -> a job: a command of the lesson
@@ -45,7 +45,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rig.analysis.report import COLOURS
+from rig.analysis.report import LOOK
 from rig.bus.topics import Message
 from rig.errors import RigError, UsageError
 from rig.machine.files import RUNS
@@ -63,7 +63,10 @@ PAGE = Path(__file__).parent / "page"
 LARGEST = 1 << 20
 """Largest request body [bytes]."""
 
-ALONE = {"content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data: 'self'"}
+ALONE = {
+    "content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data: 'self'; "
+    "frame-ancestors 'self'"
+}
 """Rules for a file that is shown: it loads nothing, and no script of it runs."""
 
 Handler = Callable[[dict[str, Any]], Any]
@@ -144,7 +147,7 @@ def app(bench: Bench) -> Starlette:
     """The application, without the guard (`rig.web.server`)."""
     routes = [
         Route("/", _page),
-        Route("/page/colours.css", _colours),
+        Route("/page/look.css", _look),
         Mount("/page", StaticFiles(directory=PAGE)),
         Route("/api/scenes", _answers(lambda _: bench.catalogue.cards())),
         Route("/api/scene", _answers(bench.form), methods=["POST"]),
@@ -166,7 +169,7 @@ def app(bench: Bench) -> Starlette:
         Route("/recordings/{name:path}", _file(lambda given: bench.recordings.path(given["name"]))),
         Route("/api/studies", _answers(lambda _: bench.studies.all())),
         Route("/api/studies/work", _answers(bench.studies.work), methods=["POST"]),
-        Route("/api/branches", _answers(bench.studies.branches), methods=["POST"]),
+        Route("/api/studies/beside", _answers(bench.studies.beside), methods=["POST"]),
         Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
         Route("/api/lessons", _answers(lists.listed)),
         Route("/api/lesson", _answers(lists.text), methods=["POST"]),
@@ -185,8 +188,8 @@ async def _page(_: Request) -> Response:
     return FileResponse(PAGE / "index.html")
 
 
-async def _colours(_: Request) -> Response:
-    return Response(COLOURS, media_type="text/css")
+async def _look(_: Request) -> Response:
+    return FileResponse(LOOK)
 
 
 def _answers(handler: Handler, run: Runs = asyncio.to_thread) -> Callable[[Request], Awaitable[Response]]:

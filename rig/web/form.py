@@ -224,7 +224,7 @@ class Catalogue:
         self._folder = folder
 
     def cards(self) -> list[dict[str, Any]]:
-        """Name, title, plant and first line of the description of every scene; `own`: it is a file of the folder.
+        """Name, title, plant and description of every scene; `own`: it is a file of the folder.
 
         The title of a file that cannot be read says why.
         """

@@ -9,13 +9,16 @@ and tables.
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from rig.analysis.axis import Axis, axes
+from rig.analysis.recorded.comparison import flattened
 from rig.errors import UsageError
 from rig.lessons import FOLDER, lesson, lessons, readable
 from rig.machine.files import DATA, contents
@@ -170,21 +173,21 @@ class Studies:
                     return path
         raise UsageError(f"{kind}/{name}/{file}: there is no such file; the list of the page shows them all")
 
-    def branches(self, body: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Finished branches of a scene with `changes`, the newest first, each with the points of its figure (SI)."""
-        from rig.analysis.branches import FILE, values_of
-
+    def beside(self, body: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Finished branches and maps of a scene with `changes`, the newest first, with what is drawn of them (SI)."""
         scene = self._catalogue.scene(body.get("scene"), body.get("changes"))
-        now: dict[str, Any] = json.loads(json.dumps(values_of(scene)))
+        now: dict[str, Any] = json.loads(scene.to_json())["parameters"]
         out = []
         for row in self.all():
+            folder = self._folder / row["kind"] / row["name"]
             try:
-                told = json.loads(contents(self._folder / row["kind"] / row["name"] / FILE, DATA))
-                differ = {k for k in {*told["values"], *now} if told["values"].get(k) != now.get(k)}
-                if told["plant"] == scene.plant and differ <= {told["key"]}:
-                    out.append({"name": row["name"], **_drawn(told)})
+                told = json.loads(contents(folder / "job.json", DATA))
+                values, axes = told["scene"]["parameters"], [axis for axis in told["axes"] if axis]
+                if told["scene"]["plant"] == scene.plant and not _differ(values, now) - {axis["key"] for axis in axes}:
+                    drawn = _map_of(folder, axes) if row["kind"] == "maps" else _branches_of(folder)
+                    out.append({"name": row["name"], "values": dict(flattened(values)), **drawn})
             except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-                continue  # no branches, not finished, or damaged
+                continue  # nothing of this kind, not finished, or damaged
         return out
 
     def work(self, body: Mapping[str, Any]) -> dict[str, Any]:
@@ -233,8 +236,17 @@ def _axes(scene: Scene, body: Mapping[str, Any], both: bool) -> dict[str, str]:
     return named
 
 
-def _drawn(told: Mapping[str, Any]) -> dict[str, Any]:
+def _differ(values: Mapping[str, Any], others: Mapping[str, Any]) -> set[str]:
+    """Keys of values in which two rigs differ; where they start is none of them."""
+    two = [{k: v for k, v in flattened(given) if not k.startswith("start.")} for given in (values, others)]
+    return {key for key in two[0].keys() | two[1].keys() if two[0].get(key) != two[1].get(key)}
+
+
+def _branches_of(folder: Path) -> dict[str, Any]:
     """What the page draws of branches."""
+    from rig.analysis.branches import FILE
+
+    told = json.loads(contents(folder / FILE, DATA))
     lines = [
         {
             "kind": branch["kind"],
@@ -243,8 +255,26 @@ def _drawn(told: Mapping[str, Any]) -> dict[str, Any]:
         for branch in told["branches"]
     ]
     specials = [[special[name] for name in ("name", "value", "low", "high")] for special in told["specials"]]
-    kept = {name: told[name] for name in ("key", "unit", "range", "output", "output_unit", "values")}
+    kept = {name: told[name] for name in ("key", "unit", "range", "output", "output_unit")}
     return {**kept, "branches": lines, "specials": specials}
+
+
+def _map_of(folder: Path, axes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What the page draws of a map: its axes, and for each row along x the name of the region of each point."""
+    file = folder / "map.csv"
+    points = csv.DictReader(contents(file if file.is_file() else folder / "regions.csv", DATA).decode().splitlines())
+    cells = [row["region"] if "region" in row else _region(row) for row in points]
+    count = len(axes[0]["values"])
+    kept = [{name: axis[name] for name in ("key", "unit", "values")} for axis in axes]
+    ends = [axes[0]["values"][0], axes[0]["values"][-1]]
+    rows = [cells[i : i + count] for i in range(0, len(cells), count)]
+    return {"key": kept[0]["key"], "unit": kept[0]["unit"], "range": ends, "axes": kept, "regions": rows}
+
+
+def _region(row: Mapping[str, str]) -> str:
+    """The region of a point of a map by eigenvalues: of them follows only whether sliding is stable."""
+    growth = float(row["growth [1/s]"])
+    return "?" if row["exists"] == "0" or math.isnan(growth) else "unstable" if growth > 0.0 else "stable"
 
 
 def _about(folder: Path) -> str:

@@ -19,6 +19,10 @@ def test_a_map_by_eigenvalues_is_made_listed_and_shown(client, folder):
     figure = client.get(f"/studies/maps/{row['name']}/regions.png")
     assert figure.content == (folder / "maps" / row["name"] / "regions.png").read_bytes()
     assert figure.headers["content-security-policy"].startswith("sandbox")
+    (beside,) = client.post("/api/studies/beside", scene="belt", changes={"drive.speed": 0.3}).json()
+    assert beside["regions"] == [["unstable", "unstable", "stable"]] * 2  # sliding is stable from 0.208 m/s on
+    assert [(axis["key"], len(axis["values"])) for axis in beside["axes"]] == [("drive.speed", 3), ("load.force", 2)]
+    assert client.post("/api/studies/beside", scene="belt", changes={"body.damping": 3.0}).json() == []
 
 
 def test_eigenvalues_are_those_of_the_changed_values(client, rig):
@@ -35,12 +39,12 @@ def test_branches_are_those_of_the_chosen_values(client):
     (row,) = client.get("/api/studies").json()
     assert (row["kind"], row["finished"]) == ("branches", True)
     assert "drive.speed from 0.1 to 0.8 m/s" in row["about"]
-    (found,) = client.post("/api/branches", scene="belt", changes={"load.force": 15.0, "drive.speed": 0.3}).json()
+    (found,) = client.post("/api/studies/beside", scene="belt", changes={"load.force": 15.0, "drive.speed": 0.3}).json()
     assert {name for name, *_ in found["specials"]} >= {"Hopf point", "grazing fold (contact)"}
     assert {branch["kind"] for branch in found["branches"]} == {"sliding", "cycles"}
     assert (found["key"], found["output"], found["values"]["load.force"]) == ("drive.speed", "displacement", 15.0)
-    assert client.post("/api/branches", scene="belt", changes={}).json() == []
-    assert client.post("/api/branches", scene="belt_c", changes={"load.force": 15.0}).json() == []
+    assert client.post("/api/studies/beside", scene="belt", changes={}).json() == []
+    assert client.post("/api/studies/beside", scene="belt_c", changes={"load.force": 15.0}).json() == []
     assert "the ends are the same" in client.refused(WORK, what="branches", scene="belt", x="drive.speed=1:1")
 
 

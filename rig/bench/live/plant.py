@@ -496,7 +496,7 @@ class Plant:
                 return
 
     def _status(self) -> dict[str, Any]:
-        """How the run goes: the timing verdict if it ended now, its reasons, the step of the protocol, pause and pace.
+        """How the run goes: timing verdict if it ended now, its reasons, step and end of the protocol, pause and pace.
 
         What other processes missed is counted at the end.
         """
@@ -505,6 +505,7 @@ class Plant:
             "verdict": verdict.word if paced else "",
             "reasons": list(verdict.reasons) if paced else [],
             "step": self.experiment.progress().step,
+            "done": self.experiment.protocol.done,
             "paused": self.operator.paused,
             "pace": self.job.pace,
         }

@@ -1,5 +1,7 @@
 // Elements and numbers. Numbers are written with a point in every language, as scenes and the command line write them.
 
+import { said } from "/page/text.js";
+
 /** Element `tag` with properties (on...: listeners, class, others: attributes or properties) and children. */
 export function h(tag, properties = {}, ...children) {
   const element = document.createElement(tag);
@@ -16,7 +18,7 @@ export function h(tag, properties = {}, ...children) {
 /** Set the text of an element, which costs nothing if it has that text. */
 export function put(element, text) { if (element.textContent !== text) element.textContent = text; }
 
-/** What is not for translation: a name, a value, a text of the server. */
+/** What is not for translation: a name, a value, the output of a command. */
 export const data = (tag, properties = {}, ...children) => h(tag, { translate: "no", ...properties }, ...children);
 
 /** A card: a section with a heading; the first one of a view has a heading of the first level. */
@@ -59,9 +61,12 @@ export const attempting = (fault) => async (action) => {
     fault.textContent = "";
     await action();
   } catch (error) {
-    fault.textContent = error.message;
+    fault.textContent = said(error.message);
   }
 };
+
+/** A text whose lines are as long as a file is wide, as paragraphs. */
+export const joined = (text) => text.replace(/([^\n])\n(?=\S)/g, "$1 ");
 
 /** A list of names as words: friction_force is "friction force". */
 export const words = (name) => name.replaceAll("_", " ");

@@ -1,9 +1,9 @@
 // The jobs of some commands of rig: processes beside the run, with their output, a button that stops them, and their result:
-// a picture and a sound are shown at once.
+// a picture, a report and a sound are shown at once.
 
 import { get, post } from "/page/api.js";
 import { data, h } from "/page/dom.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 const ADDRESS = /(http:\/\/\S+)/;
 const PROGRESS = /^(.*): (\d+) of (\d+)(, .* left)?$/; // as `rig` prints it without a terminal
@@ -30,6 +30,7 @@ export function jobs(commands, attempt, ended = () => {}) {
     if (!name) return [];
     const address = `/jobs/${number}`, link = h("a", { href: address, target: "_blank", rel: "noopener" }, t("open the result"), data("span", {}, ` (${name})`));
     if (/\.(png|gif)$/.test(name)) return [link, h("img", { src: address, alt: title, loading: "lazy" })];
+    if (name.endsWith(".html")) return [link, h("iframe", { src: address, title, loading: "lazy" })]; // in the style of this page
     return /\.wav$/.test(name) ? [link, h("audio", { src: address, controls: true, "aria-label": name })] : [link];
   }
 
@@ -40,7 +41,7 @@ export function jobs(commands, attempt, ended = () => {}) {
       ? h("button", { class: "small", onclick: () => attempt(async () => { await post("/api/jobs/stop", { number: one.number }); look(); }) }, t("Stop")) : null;
     const lines = data("pre", { class: "scroll", tabIndex: 0 }, ...one.lines.filter((line) => !PROGRESS.test(line)).flatMap(output));
     const before = shown.get(one.number)?.element;
-    return h("details", { open: before?.open ?? true, class: "small" }, h("summary", {}, data("span", {}, one.title), ": ", `${state}${code} `),
+    return h("details", { open: before?.open ?? true, class: "small" }, h("summary", {}, h("span", {}, said(one.title)), ": ", `${state}${code} `),
       h("div", { class: "stack" }, ...result(one), stop), progress(one), lines);
   }
 

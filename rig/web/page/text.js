@@ -1,7 +1,6 @@
 // The texts of the page in the language of its reader. A text is written in English where it is used, as `t("Start")`; the
-// catalogue (german.js) has the others. Names and messages of the server are data: their elements have translate="no".
-
-import { german } from "/page/german.js";
+// catalogue (german.json) has the others. What the server tells is looked up by `said`: titles and descriptions of scenes,
+// steps of protocols, messages. Names and values are data: their elements have translate="no".
 
 const KEPT = "language";
 const MARKED = "qps"; // a language for tests: every text of the catalogue stands between ⟦ and ⟧
@@ -10,10 +9,26 @@ export const languages = { en: "English", de: "Deutsch" };
 export const language = localStorage.getItem(KEPT) ?? (navigator.language.startsWith("de") ? "de" : "en");
 document.documentElement.lang = language === MARKED ? "en" : language;
 
+const sections = language === "en" ? {} : await fetch("/page/german.json").then((answer) => answer.json());
+const german = Object.assign({}, ...Object.values(sections));
+const patterns = Object.entries(sections.messages ?? {}).filter(([text]) => text.includes("{"))
+  .map(([text, other]) => [new RegExp(`^${text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>.+?)")}$`), text, other]);
+
+const filled = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
+const marked = (text) => (language === MARKED ? `⟦${text}⟧` : text);
+
 /** The text in the present language, with {name} replaced by values. */
-export function t(text, values = {}) {
-  const said = (language === "de" ? german[text] ?? text : text).replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
-  return language === MARKED ? `⟦${said}⟧` : said;
+export function t(text, values = {}) { return marked(filled(language === "de" ? german[text] ?? text : text, values)); }
+
+/** A text of the server in the present language: as a whole, by a pattern of the catalogue, or line by line; else as it is. */
+export function said(text) {
+  if (language === "en" || !text) return text;
+  if (text in german) return t(text);
+  for (const [shape, own, other] of patterns) {
+    const values = text.match(shape)?.groups;
+    if (values) return marked(filled(language === "de" ? other : own, Object.fromEntries(Object.entries(values).map(([name, value]) => [name, language === "de" ? said(value) : value]))));
+  }
+  return text.includes("\n") ? text.split("\n").map(said).join("\n") : text;
 }
 
 /** Show the page in another language. */

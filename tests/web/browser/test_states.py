@@ -3,6 +3,7 @@
 RIG_SCREENSHOTS=FOLDER keeps a picture of each: make screenshots.
 """
 
+import json
 import re
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from rig import scenes
 from rig.bench.live.plant_process import warm
 from rig.machine.files import RUNS
 from rig.plants import PLANTS
+from rig.view import contact
 from rig.view.channels import Channels
+from rig.web.form import form
 
 pytestmark = pytest.mark.browser
 ROOT = Path(__file__).parents[3]
@@ -156,26 +159,44 @@ def test_every_text_of_the_page_is_in_the_catalogue(page):
 
 
 def test_the_german_catalogue_is_complete():
-    """Every text that the page looks up, every word of a plant and every name of a channel."""
-    catalogue = (PAGE / "german.js").read_text(encoding="utf-8")
-    known = {quoted or word for quoted, word in re.findall(r'(?:"((?:[^"\\]|\\.)*)"|\b(\w+)):\s', catalogue)}
+    """Every text that the page looks up, every word of a plant, name of a channel, and text of a scene."""
+    sections = json.loads((PAGE / "german.json").read_text(encoding="utf-8"))
+    known, shapes = {text for entries in sections.values() for text in entries}, []
+    for text in sections["messages"]:
+        named = re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+?)", re.escape(text))
+        shapes += [re.compile(named)] if "{" in text else []
     wanted = {
         text
         for path in PAGE.rglob("*.js")
         for text in re.findall(r'\bt\(\s*"((?:[^"\\]|\\.)*)"', path.read_text(encoding="utf-8"))
     }
-    wanted |= {words for plant in PLANTS.shipped for words in getattr(PLANTS[plant], "HANDS", {}).values()}
+    wanted |= {
+        *contact.NAMES,
+        *(words for plant in PLANTS.shipped for words in getattr(PLANTS[plant], "HANDS", {}).values()),
+    }
     for name in scenes.names():
         scene = scenes.load(name)
-        assembly = scene.assemble()
+        assembly, shown = scene.assemble(), form(scene)
         outputs, sensors = (
             {key: one.unit for key, one in known_by.items()} for known_by in (assembly.outputs, scene.sensors)
         )
         for panel in Channels((scene, assembly), outputs, sensors).panels:
             names = (panel.title.partition(" [")[0], *panel.outputs, *panel.sensors)
             wanted |= {name.replace("_", " ") for name in names}
-    assert wanted - known == set()
-    assert len(wanted) > 300
+        wanted |= {shown["title"], re.sub(r"([^\n])\n(?=\S)", r"\1 ", shown["about"]), shown["slow"], *shown["notes"]}
+        wanted |= {line for text in shown["warnings"] for line in text.splitlines()}
+        wanted |= {text for effect in shown["effects"] for text in (effect["name"], effect["about"])}
+        wanted |= {*steps(shown["protocol"])}
+    missing = wanted - known - {""}
+    assert {text for text in missing if not any(shape.fullmatch(text) for shape in shapes)} == set()
+    assert len(wanted) > 700
+    told = [entry for entries in sections.values() for entry in entries.items()]
+    assert {text for text, other in told if dict(told)[text] != other} == set()  # one text, one translation
+
+
+def steps(protocol):
+    for step in protocol:
+        yield from [step] if isinstance(step, str) else steps(step["steps"])
 
 
 def test_the_page_stays_small():

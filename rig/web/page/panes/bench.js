@@ -1,8 +1,8 @@
 // The bench: the rig as a wide picture with its commands, values by hand, one time axis, and what else there is to know.
 
 import { get, post } from "/page/api.js";
-import { attempting, data, h, number, pane, typed } from "/page/dom.js";
-import { t } from "/page/text.js";
+import { attempting, data, h, joined, number, pane, typed } from "/page/dom.js";
+import { said as told, t } from "/page/text.js";
 import * as branchesOf from "/page/panes/branches.js";
 import * as eventsOf from "/page/panes/events.js";
 import * as handsOf from "/page/panes/hands.js";
@@ -25,10 +25,10 @@ export function create(bench) {
   let asked = 0, starting = false, wasActive = false;
 
   const list = data("select", { id: "scene", "aria-label": t("rig"), onchange: () => { clear(); show(); } });
-  const title = data("h1", { id: "title" }), about = data("p", { class: "small pre", id: "about" }), warnings = data("div", { class: "doubtful small pre" });
-  const effects = data("table");
-  const fault = data("div", { class: "fault", id: "form-fault", role: "alert" }), act = attempting(fault);
-  const said = data("div", { class: "small pre" }), summary = data("pre", { class: "scroll", tabIndex: 0 });
+  const title = h("h1", { id: "title" }), about = h("p", { class: "small pre", id: "about" }), warnings = h("div", { class: "doubtful small pre" });
+  const effects = h("table");
+  const fault = h("div", { class: "fault", id: "form-fault", role: "alert" }), act = attempting(fault);
+  const said = h("div", { class: "small pre" }), summary = data("pre", { class: "scroll", tabIndex: 0 });
   const whole = h("details", { hidden: true }, h("summary", { class: "small" }, t("Whole summary")), summary);
   const again = h("button", { id: "look-at-it", hidden: true, onclick: () => bench.go(`recordings/${store.state.log}`) }, t("Look at the recording"));
   const outcome = h("div", { id: "outcome", role: "status", hidden: true }, said, whole, again);
@@ -86,7 +86,7 @@ export function create(bench) {
     } catch (error) {
       if (mine === asked) {
         good = false;
-        fault.textContent = error.message;
+        fault.textContent = told(error.message);
         if (shown !== list.value) blank();
       }
     }
@@ -103,11 +103,11 @@ export function create(bench) {
   }
 
   function render() {
-    title.textContent = form.title;
-    about.textContent = form.about.replace(/([^\n])\n(?=\S)/g, "$1 "); // lines as long as the card is wide
-    warnings.textContent = [...form.notes, ...form.warnings, form.slow].filter(Boolean).join("\n");
+    title.textContent = told(form.title);
+    about.textContent = told(joined(form.about));
+    warnings.textContent = [...form.notes, ...form.warnings, form.slow].filter(Boolean).map(told).join("\n");
     effects.replaceChildren(...form.effects.map((one) =>
-      h("tr", { class: one.on ? "" : "soft" }, h("td", {}, one.name), h("td", {}, one.on ? "on" : "–"), h("td", {}, one.about))));
+      h("tr", { class: one.on ? "" : "soft" }, h("td", {}, told(one.name)), h("td", {}, one.on ? t("on") : "–"), h("td", {}, told(one.about)))));
     if (form.pace_limit && Number(pace.value) > form.pace_limit) pace.value = number(form.pace_limit);
     protocol.offer(form);
   }
@@ -139,7 +139,7 @@ export function create(bench) {
 
   async function fill(chosen) {
     const cards = await get("/api/scenes");
-    const option = (one) => h("option", { value: one.name, title: one.about, selected: one.name === chosen }, `${one.name} – ${one.title}`);
+    const option = (one) => h("option", { value: one.name, title: one.about, selected: one.name === chosen }, `${one.name} – ${told(one.title)}`);
     const own = cards.filter((one) => one.own), plants = Object.groupBy(cards.filter((one) => !one.own), ({ plant }) => plant);
     list.replaceChildren(...(own.length ? [h("optgroup", { label: t("this folder") }, ...own.map(option))] : []),
       ...Object.entries(plants).map(([plant, scenes]) => h("optgroup", { label: plant }, ...scenes.map(option))));
@@ -156,7 +156,7 @@ export function create(bench) {
     step.disabled = !online;
     stop.disabled = !(online && active);
     const over = state.outcome;
-    said.textContent = over ? told(over) : state.fault ?? "";
+    said.textContent = over ? result(over) : told(state.fault ?? "");
     said.className = `small pre ${state.fault || over?.exit_code ? "bad" : ""}`;
     whole.hidden = !over;
     outcome.hidden = !said.textContent;
@@ -168,14 +168,14 @@ export function create(bench) {
   }
 
   /** What to know of a run that has ended: the timing verdict, how it ended, what went wrong. */
-  function told({ verdict, reasons, ended, fault: cause, died, unrecorded }) {
-    const how = verdict ? `Timing ${verdict}${reasons.length ? `: ${reasons.join("; ")}` : ""}` : "";
-    const recording = unrecorded ? "the recording is not complete: see the summary" : store.state.log && `recorded: ${store.state.log}`;
-    return [how, `ended: ${ended}`, cause && cause !== ended && cause, ...died, recording].filter(Boolean).join("\n");
+  function result({ verdict, reasons, ended, fault: cause, died, unrecorded }) {
+    const how = verdict ? t("timing {verdict}", { verdict: [verdict, reasons.map(told).join("; ")].filter(Boolean).join(": ") }) : "";
+    const recording = unrecorded ? t("the recording is not complete: see the summary") : store.state.log && t("recorded: {file}", { file: store.state.log });
+    return [how, t("ended: {how}", { how: told(ended) }), cause && cause !== ended && told(cause), ...died.map(told), recording].filter(Boolean).join("\n");
   }
 
   const filled = fill(kept.scene ?? "pendulum").then(() => { if (kept.scene && list.value !== kept.scene) clear(); return show(); },
-    (error) => { fault.textContent = error.message; });
+    (error) => { fault.textContent = told(error.message); });
   const picture = h("div", { class: "frame" }, rig.element, h("div", { class: "over top" }, title), h("div", { class: "over bottom" }, time.contact, rig.text),
     h("div", { class: "told stack" }, fault, outcome, leave));
   return {

@@ -1,13 +1,19 @@
-// Branches of the chosen scene: stable and unstable motions over one value, and a dot for the present state.
+// Branches and maps of the chosen scene, below the slider of their value: stable and unstable motions over one value, or
+// where the rig slides and vibrates, over one or two; the boundaries, and a dot for the present state.
 
 import { post } from "/page/api.js";
 import { attempting, data, h, number, put, quantity, scaled, words } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { ink, sized, ticks } from "/page/plot.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
+const left = 54, bottom = 18, edge = 6; // [px] about the picture
 const LATELY = 1; // [s] of the run of which the extremes are shown
 const WIDE = 4; // the range that is proposed, as a multiple of the present value
+const REGIONS = { // of maps: colour, meaning
+  I: ["#2e7d5b", t("sliding, no vibration found")], II: ["#c98f1e", t("sliding and vibration: the past decides")], III: ["#b8452f", t("vibration only")],
+  stuck: ["#6f6fae", t("nothing moves")], stable: ["#2e7d5b", t("sliding is stable")], unstable: ["#b8452f", t("sliding is unstable")], "?": ["#808080", t("undecided")],
+};
 
 export function create(bench) {
   const { store } = bench;
@@ -21,6 +27,8 @@ export function create(bench) {
   let known = [], asked = "", named = "";
 
   const valueOf = (name) => bench.chosen().form?.sections.flatMap(({ values }) => values).find((one) => one.key === name)?.value;
+  const liveOf = (name) => (store.active ? store.values.find((one) => one.key === name) : undefined);
+  const valueNow = (name) => liveOf(name)?.value ?? valueOf(name);
   const jobs = jobsOf(["branches"], attempt, fill);
   jobs.element.id = "branches-jobs";
   const compute = () => attempt(async () => {
@@ -34,11 +42,12 @@ export function create(bench) {
     const { scene, changes } = bench.chosen();
     if (!scene) return;
     await attempt(async () => {
-      known = await post("/api/branches", { scene, changes });
-      list.replaceChildren(...known.map(({ key: over, output }, i) => h("option", { value: i }, `${t(words(output))} / ${over}`)));
+      known = await post("/api/studies/beside", { scene, changes });
+      list.replaceChildren(...known.map((one, i) => h("option", { value: i },
+        one.regions ? `${t("map")}: ${one.axes.map(({ key: over }) => over).join(" × ")}` : `${t(words(one.output))} / ${one.key}`)));
       list.hidden = known.length < 2;
       canvas.hidden = !known.length;
-      note.textContent = known.length ? "" : t("no branch is computed yet for these values");
+      note.textContent = known.length ? "" : t("no map is there yet for these values");
     });
     if (scene !== named) { // propose a range about the present value
       named = scene;
@@ -51,9 +60,8 @@ export function create(bench) {
 
   /** Value of the parameter, extremes and latest value of the output, as far as they are known. */
   function present({ key: over, output }) {
-    const live = store.active ? store.values.find((one) => one.key === over) : undefined;
-    const at = live?.value ?? valueOf(over), curve = store.outputs[output];
-    if (!live || !curve) return { at };
+    const at = valueNow(over), curve = store.outputs[output];
+    if (!liveOf(over) || !curve) return { at };
     let low = Infinity, high = -Infinity;
     for (let i = curve.t.length - 1; i >= 0 && curve.t[i] > store.t - LATELY; i -= 1) {
       if (curve.low[i] === null) continue;
@@ -62,13 +70,9 @@ export function create(bench) {
     return { at, low, high, now: store.latest.v[store.setup.outputs.findIndex(({ name }) => name === output)] };
   }
 
-  function draw() {
-    const { scene, changes, form, good } = bench.chosen?.() ?? {}, text = JSON.stringify([scene, changes]);
-    if (form && good && text !== asked) { asked = text; fill(); }
-    const shown = known[list.value];
-    if (!shown) { put(differs, ""); return; }
-    const { pen, width, height } = sized(canvas, 210);
-    const left = 54, bottom = 18, edge = 6, here = present(shown);
+  /** Draw branches; returns what to say of them. */
+  function branches(shown) {
+    const { pen, width, height } = sized(canvas, 210), here = present(shown);
     const points = shown.branches.flatMap((one) => one.points), ends = points.flatMap(([, low, high]) => [low, high]);
     if (here.low <= here.high) ends.push(here.low, here.high);
     const low = Math.min(...ends), high = Math.max(...ends), most = Math.max(...points.map(([, , , stick]) => stick)) || 1, [a, b] = shown.range;
@@ -113,12 +117,58 @@ export function create(bench) {
       pen.stroke();
       if (Number.isFinite(here.now)) { pen.beginPath(); pen.arc(x(here.at), y(here.now), 4.5, 0, 2 * Math.PI); pen.fill(); }
     }
-    const specials = shown.specials.map(([name, value]) => t("{name} at {value}", { name, value: quantity(value, shown.unit, 5) })).join(", ");
+    const specials = shown.specials.map(([name, value]) => t("{name} at {value}", { name: said(name), value: quantity(value, shown.unit, 5) })).join(", ");
     const at = quantity(here.at, shown.unit);
     const state = here.low <= here.high ? t("dot: the run at {at}, with its extremes of the last second", { at }) : t("line: {at}", { at });
-    put(note, `${[specials, t("full: stable, dashed: unstable, from violet (slip) to yellow (stick)"), state].filter(Boolean).join("; ")} [${unit}]`);
+    return `${[specials, t("full: stable, dashed: unstable, from violet (slip) to yellow (stick)"), state].filter(Boolean).join("; ")} [${unit}]`;
+  }
+
+  /** Draw a map: the region of each point, the boundaries between them, the present values; returns what to say of it. */
+  function map({ axes: [over, up], regions }) {
+    const { pen, width, height } = sized(canvas, up ? 210 : 80), many = over.values.length, [a, b] = [over.values[0], over.values.at(-1)];
+    const [c, d] = up ? [up.values[0], up.values.at(-1)] : [0, 1];
+    const x = (value) => left + ((value - a) / (b - a)) * (width - left - edge), y = (value) => edge + ((d - value) / (d - c)) * (height - edge - bottom);
+    const mid = (values, i, place) => place(i <= 0 ? values[0] : i >= values.length ? values.at(-1) : (values[i - 1] + values[i]) / 2);
+    const row = (i) => (up ? mid(up.values, i, y) : [y(0), y(1)][i]);
+    regions.forEach((line, j) => line.forEach((region, i) => {
+      const [from, to, low, high] = [mid(over.values, i, x), mid(over.values, i + 1, x), row(j), row(j + 1)];
+      pen.fillStyle = REGIONS[region][0];
+      pen.fillRect(from, high, to - from + 0.5, low - high + 0.5);
+      pen.fillStyle = ink().text;
+      if (i && line[i - 1] !== region) pen.fillRect(from - 0.8, high, 1.6, low - high);
+      if (j && regions[j - 1][i] !== region) pen.fillRect(from, low - 0.8, to - from, 1.6);
+    }));
+    [pen.font, pen.fillStyle, pen.textAlign, pen.textBaseline] = ["11px system-ui, sans-serif", ink().soft, "center", "middle"];
+    for (const tick of ticks(a, b, width / 90)) pen.fillText(number(tick, 4), x(tick), height - 8);
+    pen.textAlign = "right";
+    for (const tick of up ? ticks(c, d, 4) : []) pen.fillText(number(tick, 3), left - 4, y(tick));
+    const [at, height0] = [over, up].map((axis) => (axis ? valueNow(axis.key) : 0.5));
+    const nearest = (values, value) => values.reduce((best, one, i) => (Math.abs(one - value) < Math.abs(values[best] - value) ? i : best), 0);
+    const inside = a <= at && at <= b && c <= height0 && height0 <= d, column = nearest(over.values, at);
+    const line = regions[up ? nearest(up.values, height0) : 0], region = line[column];
+    if (inside) {
+      pen.beginPath(); pen.arc(x(at), y(height0), 6, 0, 2 * Math.PI);
+      [pen.fillStyle, pen.strokeStyle, pen.lineWidth] = ["#d55e00", "#fff", 2];
+      pen.fill(); pen.stroke();
+    }
+    const next = [-1, 1].map((way) => { // the boundaries on both sides of the present value
+      for (let i = column; i + way >= 0 && i + way < many; i += way) if (line[i + way] !== region) return quantity((over.values[i] + over.values[i + way]) / 2, over.unit, 3);
+      return "";
+    }).filter(Boolean);
+    const where = [over, up].filter(Boolean).map((axis) => `${axis.key} ${quantity(valueNow(axis.key), axis.unit)}`).join(", ");
+    return [inside ? t("dot: {where}, {region}", { where, region: REGIONS[region][1] }) : t("the present values are outside of the map: {where}", { where }),
+      inside && next.length ? t("boundaries of {key} near {places}", { key: over.key, places: next.join(", ") }) : "",
+      up ? t("up: {key}", { key: up.key }) : "", [...new Set(regions.flat())].map((one) => `${{ "#2e7d5b": "🟩", "#c98f1e": "🟨", "#b8452f": "🟥", "#6f6fae": "🟦" }[REGIONS[one][0]] ?? "⬜"} ${REGIONS[one][1]}`).join(", ")].filter(Boolean).join("; ");
+  }
+
+  function draw() {
+    const { scene, changes, form, good } = bench.chosen?.() ?? {}, text = JSON.stringify([scene, changes]);
+    if (form && good && text !== asked) { asked = text; fill(); }
+    const shown = known[list.value];
+    if (!shown) { put(differs, ""); return; }
+    put(note, shown.regions ? map(shown) : branches(shown));
     bench.place(shown.key, block, shown.range);
-    const other = store.active ? store.values.filter(({ key: name, value }) => name !== shown.key && typeof shown.values[name] === "number"
+    const other = store.active ? store.values.filter(({ key: name, value }) => name !== shown.key && name !== shown.axes?.[1]?.key && typeof shown.values[name] === "number"
       && Math.abs(value - shown.values[name]) > 1e-9 * Math.abs(value)) : [];
     put(differs, other.length ? `${t("the run has other values:")} ${other.map((one) => `${one.key} ${number(one.value)} ≠ ${number(shown.values[one.key])}`).join("; ")}` : "");
   }

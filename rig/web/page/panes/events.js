@@ -1,12 +1,12 @@
 // Events of the run, the newest on top.
 
 import { data, h, pane } from "/page/dom.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 const SHOWN = 60;
 
 export function create({ store }) {
-  const rows = data("table");
+  const rows = h("table");
   let shown = null;
   return {
     element: pane(t("Events"), h("div", { class: "scroll", tabIndex: 0, id: "events" }, rows)),
@@ -15,8 +15,8 @@ export function create({ store }) {
       if (last === shown) return;
       shown = last;
       rows.replaceChildren(...store.events.slice(-SHOWN).reverse().map((one) => h("tr", { class: one.level === "error" ? "bad" : one.level === "warning" ? "doubtful" : "" },
-        h("td", { class: "num" }, `${one.t.toFixed(3)} s`), h("td", {}, one.source === "plant" ? "" : one.source), h("td", {}, one.kind),
-        h("td", {}, one.text))));
+        h("td", { class: "number" }, `${one.t.toFixed(3)} s`), data("td", {}, one.source === "plant" ? "" : one.source), h("td", {}, said(one.kind)),
+        h("td", {}, said(one.text)))));
     },
   };
 }

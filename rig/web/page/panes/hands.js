@@ -2,7 +2,7 @@
 // others behind a search; owned actuators; controllers.
 
 import { data, h, number, quantity, typed } from "/page/dom.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 const EVERY = 100; // [ms] between two values of a slider that is being moved
 const STEPS = 1000; // of a slider
@@ -29,7 +29,7 @@ const zeroOf = ({ low, high }) => (low >= 0 ? 0 : high <= 0 ? STEPS : STEPS / 2)
 
 export function create(bench) {
   const { store } = bench;
-  const fault = data("div", { class: "fault", id: "touch-fault", role: "alert" });
+  const fault = h("div", { class: "fault", id: "touch-fault", role: "alert" });
   const controllers = h("div", { class: "stack" }), first = h("div"), sections = h("div", { id: "sections" });
   const find = h("input", { type: "search", id: "find", placeholder: t("find a value: mass, gain, rate"), "aria-label": t("find a value"), style: "width: 100%", oninput: sift });
   const count = h("span", {}), rest = h("details", { id: "all" }, h("summary", {}, count), find, sections);
@@ -54,7 +54,7 @@ export function create(bench) {
       if (last()) row?.expect(answer.values?.[key.replace(`controllers.${entryOf(key)?.of}.`, "")], performance.now() + (owner ? 0 : LATE));
       setTimeout(() => row?.show(entryOf(key)), LATE + 1); // it was limited, or another operator has changed it
     } catch (error) {
-      fault.textContent = error.message;
+      fault.textContent = said(error.message);
       row?.expect(undefined, 0);
       row?.show(entryOf(key));
     }
@@ -105,7 +105,7 @@ export function create(bench) {
     widen([]);
     const range = limits ? `${number(limits[0])} – ${quantity(limits[1], unit)}` : "";
     const element = data("div", { class: "hand", "data-key": key, title: [key, range, entry.note, entry.place].filter(Boolean).join("\n") },
-      h("div", { class: "row" }, h("span", { class: "grow" }, named || words(key), " ", owner, entry.origin && !named ? h("span", { class: "small soft" }, `  ${entry.origin}`) : null),
+      h("div", { class: "row" }, h("span", { class: "grow" }, named || words(key), " ", owner, entry.origin && !named ? h("span", { class: "small soft" }, `  ${said(entry.origin)}`) : null),
         field, h("span", { class: "small" }, unit === "1" ? "" : unit)), line);
 
     /** Let the slider reach over a range too, as far as values are allowed. */
@@ -138,7 +138,7 @@ export function create(bench) {
         await bench.command({ do: what, controller: name });
         fault.textContent = "";
       } catch (error) {
-        fault.textContent = error.message;
+        fault.textContent = said(error.message);
       }
     };
     return h("div", { class: "row small", style: "flex-wrap: nowrap" }, h("span", { class: "grow" }, t("controller {name} drives {what}", { name, what: drives.join(", ") })),

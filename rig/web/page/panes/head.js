@@ -1,7 +1,7 @@
 // The head: where one is, how the run goes, and the emergency stop, which stands at one place in every view.
 
 import { data, h, number, put } from "/page/dom.js";
-import { language, languages, speak, t } from "/page/text.js";
+import { language, languages, said, speak, t } from "/page/text.js";
 
 const PHASES = {
   idle: t("no run yet"), starting: t("starting"), running: t("running"), paused: t("paused"), ending: t("ending"), ended: t("ended"),
@@ -24,10 +24,10 @@ export function create(bench, views) {
   /** The last fault that the run itself has told, while it goes on. */
   function broken() {
     const event = store.active ? store.events.findLast(({ kind }) => FAULTS.includes(kind)) : null;
-    return event ? `${event.source}: ${event.text}` : "";
+    return event ? `${event.source}: ${said(event.text)}` : "";
   }
 
-  function tell(text) { fault.textContent = text; }
+  function tell(text) { fault.textContent = said(text); }
 
   function draw() {
     const rate = store.active && store.health ? `, ${t("pace")} ${number(store.health.rate, 3)}` : ""; // of the last fifth of a second
@@ -44,12 +44,12 @@ export function create(bench, views) {
     show(view) { links.forEach((one, i) => (Object.keys(views)[i] === view ? one.setAttribute("aria-current", "page") : one.removeAttribute("aria-current"))); },
     state() {
       const { state, online, active } = store;
-      phase.textContent = online ? PHASES[state.phase] : `${t("not connected")}: ${store.why}`;
+      phase.textContent = online ? PHASES[state.phase] : `${t("not connected")}: ${said(store.why)}`;
       phase.className = online ? "" : "bad";
       doing.textContent = state.phase === "starting" ? state.lines.at(-1) ?? "" : "";
-      run.textContent = state.phase === "starting" ? "" : state.run ? `${state.title} (${state.run})` : state.title ?? "";
+      run.textContent = state.phase === "starting" ? "" : state.run ? `${said(state.title)} (${state.run})` : said(state.title ?? "");
       emergency.disabled = !(online && active);
-      document.title = active ? `${state.title}: ${PHASES[state.phase]}` : "friction-rig";
+      document.title = active ? `${said(state.title)}: ${PHASES[state.phase]}` : "friction-rig";
       draw();
     },
   };

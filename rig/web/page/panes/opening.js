@@ -1,10 +1,10 @@
 // The opening: rigs as moving pictures, from short recordings of their scenes (tracks.json), a search, and one Start.
 
 import { get } from "/page/api.js";
-import { data, h } from "/page/dom.js";
+import { data, h, joined } from "/page/dom.js";
 import { sized } from "/page/plot.js";
 import { Solids } from "/page/solids.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 const RATE = 15; // pictures of a track in a second
 const FIRST = "pendulum"; // the demonstration
@@ -66,8 +66,11 @@ export function create(bench) {
   const tick = () => { if (!document.hidden && !element.hidden) for (const canvas of seen) paint(canvas); };
 
   const card = (scene, [title, about]) => h("a", { href: `#bench/${scene}` }, picture(scene), h("div", {}, h("h3", {}, title), h("p", { class: "small soft" }, about)));
-  const row = (one) => h("a", { href: `#bench/${one.name}` }, data("div", {}, h("h3", {}, one.title), h("p", { class: "small soft" }, one.about),
-    h("p", { class: "small soft" }, one.name)));
+  const row = (one) => h("a", { href: `#bench/${one.name}` }, h("div", {}, h("h3", {}, said(one.title)), h("p", { class: "small soft" }, first(one.about)),
+    data("p", { class: "small soft" }, one.name)));
+
+  /** The first sentence of a description. */
+  const first = (about) => said(joined(about)).match(/^.*?[.:](?=\s|$)/)?.[0].replace(/:$/, ".") ?? about;
 
   const found = h("div", { class: "cards", id: "found", "aria-live": "polite" });
   const groups = h("div", { class: "groups" }, ...GROUPS.map(([title, scenes]) => h("section", { "aria-label": title }, h("h2", {}, title),
@@ -78,7 +81,7 @@ export function create(bench) {
     cards ??= await get("/api/scenes");
     const asked = search.value.toLowerCase().split(/\s+/).filter(Boolean);
     const known = Object.assign({}, ...GROUPS.map(([, scenes]) => scenes));
-    const has = (one) => { const text = [one.name, one.title, one.about, one.plant, ...(known[one.name] ?? [])].join(" ").toLowerCase(); return asked.every((word) => text.includes(word)); };
+    const has = (one) => { const text = [one.name, one.title, one.about, one.plant, said(one.title), said(joined(one.about)), ...(known[one.name] ?? [])].join(" ").toLowerCase(); return asked.every((word) => text.includes(word)); };
     groups.hidden = asked.length > 0;
     found.replaceChildren(...(asked.length ? cards.filter(has).map(row) : []));
     if (asked.length && !found.children.length) found.append(h("p", { class: "soft" }, t("no rig has these words")));

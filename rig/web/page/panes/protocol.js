@@ -1,12 +1,12 @@
 // The protocol as a line of its steps; the one that goes on is marked and told in words, with repeats the round.
 
-import { data, h, put } from "/page/dom.js";
-import { t } from "/page/text.js";
+import { h, put } from "/page/dom.js";
+import { said, t } from "/page/text.js";
 
 /** The steps as list items; `items` gets those of single steps and of repeats, in their order. */
 function listed(steps, items) {
   return steps.map((step) => {
-    const item = h("li", {}, h("span", {}, typeof step === "string" ? step : step.times === "forever" ? t("repeat for ever") : t("repeat {times} times", step)));
+    const item = h("li", {}, h("span", {}, typeof step === "string" ? said(step) : step.times === "forever" ? t("repeat for ever") : t("repeat {times} times", step)));
     items.push(item);
     if (step.steps) item.append(h("ol", {}, ...listed(step.steps, items)));
     return item;
@@ -34,8 +34,8 @@ export function place(steps, number) {
 }
 
 export function create({ store }) {
-  const list = h("ol", { class: "line", id: "steps", "aria-label": t("protocol"), translate: "no" });
-  const now = data("span", { class: "small grow", id: "step-now" }), left = h("span", { class: "small soft" });
+  const list = h("ol", { class: "line", id: "steps", "aria-label": t("protocol") });
+  const now = h("span", { class: "small grow", id: "step-now" }), left = h("span", { class: "small soft" });
   let items = [], steps = null, drawn = "";
 
   function lay(protocol) {
@@ -51,18 +51,19 @@ export function create({ store }) {
     setup() { lay(store.setup.protocol); },
     draw() {
       const rest = store.health?.eta_s ?? -1, step = store.status?.step ?? 0;
-      put(left, rest >= 0 && store.active ? t("{seconds} s left", { seconds: Math.round(rest) }) : "");
-      const text = `${step} ${store.active}`;
+      put(left, rest >= 0 && store.active ? t("the run ends in {seconds} s", { seconds: Math.round(rest) }) : "");
+      const done = store.active && store.status?.done, text = `${step} ${store.active} ${done}`;
       if (!steps || !store.setup || text === drawn) return;
       drawn = text;
-      const at = place(steps, step);
+      const at = done ? null : place(steps, step);
       items.forEach((one, i) => {
         one.classList.toggle("current", i === at?.line);
-        one.classList.toggle("past", at !== null && i < at.line && !one.querySelector("ol"));
+        one.classList.toggle("past", (done || (at !== null && i < at.line)) && !one.querySelector("ol"));
         if (i === at?.line) one.setAttribute("aria-current", "step"); else one.removeAttribute("aria-current");
       });
       const rounds = at?.rounds.map(({ round }) => t("round {round}", { round })).join(", ");
-      now.textContent = at ? [`${at.line + 1}/${items.length}: ${items[at.line].title}`, rounds].filter(Boolean).join(", ") : "";
+      const number = items.length > 1 ? `${at?.line + 1}/${items.length}: ` : "";
+      now.textContent = at ? [number + items[at.line].title, rounds].filter(Boolean).join(", ") : done ? t("the protocol is over, its last values stay") : "";
     },
   };
 }

@@ -7,7 +7,7 @@ import { jobs as jobsOf } from "/page/jobs.js";
 import { sized } from "/page/plot.js";
 import { Solids } from "/page/solids.js";
 import { Store } from "/page/store.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 import * as timeOf from "/page/panes/time.js";
 
 export function create(bench) {
@@ -15,7 +15,7 @@ export function create(bench) {
   const attempt = attempting(fault);
   const list = h("div", { class: "stack", id: "recordings" });
   const canvas = h("canvas", { class: "stage", role: "img", "aria-label": t("moving picture of the rig"), style: "height: clamp(12rem, 38vh, 28rem)" });
-  const title = data("h2"), about = data("div", { class: "small soft" });
+  const title = h("h2"), about = data("div", { class: "small soft" });
   const play = h("button", { id: "play", onclick: () => { if (time.at() >= store.t) time.seek(0); playing = playing ? null : performance.now(); run(); } }, t("Play"));
   const scrub = h("input", { type: "range", id: "scrub", min: 0, max: 1000, step: 1, value: 0, "aria-label": t("instant of the recording"), oninput: () => time.seek((scrub.value / 1000) * store.t) });
   const against = data("select", { id: "against", "aria-label": t("compare with"), style: "width: auto", onchange: () => attempt(compare) });
@@ -39,7 +39,7 @@ export function create(bench) {
     [store, second, pictures, name, playing] = [made, null, told.pictures, which, null];
     solids = null;
     const one = known.find((row) => row.name === which);
-    title.textContent = told.setup.title;
+    title.textContent = said(told.setup.title);
     about.replaceChildren(...[h("a", { href: `/recordings/${encodeURIComponent(which)}`, title: "MCAP" }, which), ", ", facts(one)]);
     against.replaceChildren(h("option", { value: "" }, "–"), ...known.filter((row) => row.scene === one?.scene && row.name !== which).map((row) => h("option", { value: row.name }, row.name)));
     key.replaceChildren(...Object.entries(told.setup.hands).map(([of, words]) => h("option", { value: of }, t(words))));
@@ -83,7 +83,7 @@ export function create(bench) {
   const facts = (one) => (one ? one.fault || [one.began && new Date(one.began * 1000).toISOString().slice(0, 19).replace("T", " "),
     one.seconds !== null && `${number(one.seconds)} s`, one.timing, `${number(one.bytes / 1e6, 3)} MB`, ...one.notes].filter(Boolean).join(", ") : "");
 
-  const row = (one) => h("a", { href: `#recordings/${one.name}`, class: "small", translate: "no" }, h("strong", {}, one.title || one.name), h("div", { class: "soft" }, facts(one)));
+  const row = (one) => h("a", { href: `#recordings/${one.name}`, class: "small" }, h("strong", {}, said(one.title) || one.name), data("div", { class: "soft" }, facts(one)));
 
   const mark = () => [...list.children].forEach((one, i) => { if (known[i]?.name === name) one.setAttribute("aria-current", "true"); else one.removeAttribute("aria-current"); });
 

@@ -3,7 +3,7 @@
 import { get, post } from "/page/api.js";
 import { attempting, data, front, h, pane } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 const COUNT = 20; // values of an axis at first
 
@@ -12,7 +12,7 @@ export function create(bench) {
   const attempt = attempting(fault);
   const list = h("div", { id: "studies" });
   const keys = h("datalist", { id: "axis-keys" });
-  const note = h("p", { class: "small soft" }), which = data("strong");
+  const note = h("p", { class: "small soft" }), which = h("strong");
   const jobs = jobsOf(["modes", "map", "cost"], attempt, fill);
   jobs.element.id = "studies-jobs";
   const field = (label, properties) => h("label", { class: "small" }, `${label} `, h("input", { type: "text", class: "value", "aria-label": label, ...properties }));
@@ -76,6 +76,6 @@ export function create(bench) {
       h("div", { class: "row" }, button("modes", t("Eigenvalues"), t("frequency and growth rate of each vibration mode")), button("map", t("Map by simulation")),
         button("regions", t("Map by eigenvalues"), t("where sliding is unstable, over two values; seconds")), button("cost", t("Cost table"))), note),
     h("div", { class: "stack" }, fault, jobs.element, pane(t("Maps and cost tables of this folder"), list))),
-    enter() { which.textContent = bench.chosen().form?.title ?? ""; fill(); jobs.look(); },
+    enter() { which.textContent = said(bench.chosen().form?.title ?? ""); fill(); jobs.look(); },
   };
 }

@@ -5,7 +5,7 @@
 
 import { data, h, number, put, scaled, words } from "/page/dom.js";
 import { band, ink, sized, ticks } from "/page/plot.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 const FIRST = 3; // plots that are shown at first
 const LANE = 92, EVENTS = 40, AXIS = 20, LEFT = 62, RIGHT = 8; // [px]
@@ -17,9 +17,9 @@ export function create(source, redraw, { whole = false, other = () => null, move
   const canvas = h("canvas", { id: whole ? "recorded" : "timeline", tabIndex: 0, role: "img", hidden: true,
     "aria-label": t("contacts, curves and events over time; arrow keys move the cursor, + and - zoom") });
   const empty = h("div", { class: "empty" }, t("Curves, contacts and events appear here when the rig moves."));
-  const chips = data("div", { class: "chips", role: "group", "aria-label": t("channels") });
-  const readout = data("output", { class: "small", id: whole ? "recorded-readout" : "readout" });
-  const contact = data("span", { id: whole ? "recorded-contact" : "contact" });
+  const chips = h("div", { class: "chips", role: "group", "aria-label": t("channels") });
+  const readout = h("output", { class: "small", id: whole ? "recorded-readout" : "readout" });
+  const contact = h("span", { id: whole ? "recorded-contact" : "contact" });
   const hold = h("button", { id: whole ? "recorded-hold" : "hold", "aria-pressed": "false", hidden: whole, onclick: () => freeze(end === null) }, t("Hold the view"));
   let plots = [], span = 5, end = null, cursor = null, lanes = [], before = null, dragged = null;
 
@@ -156,8 +156,8 @@ export function create(source, redraw, { whole = false, other = () => null, move
       pen.beginPath(); pen.moveTo(x(at), 0); pen.lineTo(x(at), top); pen.stroke();
       pen.globalAlpha = 1;
       pen.beginPath(); pen.moveTo(x(at) - 4, top + 7); pen.lineTo(x(at) + 4, top + 7); pen.lineTo(x(at), top); pen.fill();
-      const said = (text || kind).slice(0, 42), size = pen.measureText(said).width, row = ends.findIndex((one) => one < x(at) - 8);
-      if (row >= 0) { const from = Math.min(x(at) - 2, width - RIGHT - size); pen.fillText(said, from, top + 14 + 13 * row); ends[row] = from + size; }
+      const label = (said(text) || said(kind)).slice(0, 42), size = pen.measureText(label).width, row = ends.findIndex((one) => one < x(at) - 8);
+      if (row >= 0) { const from = Math.min(x(at) - 2, width - RIGHT - size); pen.fillText(label, from, top + 14 + 13 * row); ends[row] = from + size; }
     }
   }
 
@@ -169,7 +169,7 @@ export function create(source, redraw, { whole = false, other = () => null, move
       const of = (v) => number(v * channel.factor * scale, 3);
       return i < 0 || low === null || low === undefined ? "" : `${t(words(channel.name))}${channel.measured ? ` (${t("measured")})` : ""} ${low === high ? of(low) : `${of(low)} … ${of(high)}`} ${unit}`;
     }));
-    const contacts = store.contacts.slice(0, 4).map((curve) => modes.filter((_, mode) => curve.low[curve.from(cursor)] & (1 << mode)).map(({ name }) => name).join("/"));
+    const contacts = store.contacts.slice(0, 4).map((curve) => modes.filter((_, mode) => curve.low[curve.from(cursor)] & (1 << mode)).map(({ name }) => said(name)).join("/"));
     put(readout, [`t = ${number(cursor, 5)} s`, ...contacts, ...values].filter(Boolean).join("   "));
   }
 
@@ -178,8 +178,8 @@ export function create(source, redraw, { whole = false, other = () => null, move
     const states = whole ? curves.map((curve) => Math.log2(curve.low[Math.min(curve.from(cursor ?? 0), curve.t.length - 1)])) : latest.contacts;
     const named = states.map((one) => modes[Math.floor(one)]?.name ?? "");
     put(contact, contacts.length > 1
-      ? modes.map(({ name }) => [named.filter((one) => one === name).length, name]).filter(([count]) => count).map(([count, name]) => `${count} ${name}`).join(", ")
-      : named[0] ?? "");
+      ? modes.map(({ name }) => [named.filter((one) => one === name).length, name]).filter(([count]) => count).map(([count, name]) => `${count} ${said(name)}`).join(", ")
+      : said(named[0] ?? ""));
     contact.style.color = whole || contacts.length > 1 ? "" : modes[states[0]]?.colour ?? "";
   }
 

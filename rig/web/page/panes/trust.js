@@ -2,7 +2,7 @@
 // unfolds to the whole of it.
 
 import { data, h, number, put } from "/page/dom.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 const MEANING = {
   VALID: t("times can be trusted"), DEGRADED: t("times can be trusted with care"), INVALID: t("do not trust times of this run"),
@@ -28,7 +28,7 @@ export function create({ store }) {
       const reasons = state.outcome?.reasons ?? store.status?.reasons ?? [];
       const rows = [
         [t("timing"), word ? `${state.outcome ? "" : t("so far: ")}${MEANING[word] ?? ""}` : store.status ? t("this run does not follow the clock") : t("not judged yet")],
-        [t("because"), reasons.join("; ")],
+        [t("because"), reasons.map(said).join("; ")],
         [t("late frames"), t("{late} of {all}; 99 of 100 begin at most {most} ms late, the worst {worst} ms",
           { late: health.late, all: health.tick, most: number(health.lateness_us / 1e3, 3), worst: number(health.worst_us / 1e3, 3) })],
         [t("loop"), t("{held} commands held because no new one arrived, {lost} lost", { held: health.held, lost: health.drops })],
@@ -37,7 +37,7 @@ export function create({ store }) {
         [t("refused"), t("{count} messages", { count: health.refused })],
         [t("this page"), t("{dropped} pictures left out, {lost} messages lost on the way to the server", { dropped: store.dropped, lost: store.lost })],
       ];
-      table.replaceChildren(...rows.map(([name, text], i) => h("tr", {}, h("th", {}, name), (i === 1 ? data : h)("td", {}, text))));
+      table.replaceChildren(...rows.map(([name, text]) => h("tr", {}, h("th", {}, name), h("td", {}, text))));
     },
   };
 }
