@@ -17,7 +17,7 @@ FILE = Path(__file__).parents[1] / "rig" / "web" / "page" / "tracks.json"
 FRAMES = 24
 """Pictures of one track, which lasts for about one period of the vibration and is shown again and again."""
 SCENES = {  # scene -> time at which its track begins [s]
-    "pendulum": 5.0, "belt": 3.0, "lever": 4.0, "tip": 0.4, "tread": 1.0, "seal_p": 3.0, "two_dof": 20.0,
+    "pendulum": 5.0, "belt": 3.0, "lever": 4.0, "tip": 0.05, "tread": 1.0, "seal_p": 3.0, "two_dof": 20.0,
     "four_dof": 14.0, "disc_slider": 4.0, "pin": 1.0,
     "plate": 0.2, "north": 0.5, "brake": 0.5, "belt_shunt": 3.0, "belt_tuned_mass": 0.2,
 }  # fmt: skip
@@ -45,7 +45,7 @@ def track(name):
         fields = picture.frame(t_ns[rows], {key: v[rows] for key, v in run.signals.items()}, modes[rows])
         frames.append({path: value for path, value in fields.items() if "labels" not in value})
         before = end
-    return {"still": rounded(picture.still), "frames": rounded(changed(frames))}
+    return {"still": rounded(picture.still), **packed(frames)}
 
 
 def period(run, first, channels):
@@ -63,14 +63,37 @@ def period(run, first, channels):
     return max(start + int(np.argmin(away[start : start + max(start // 4, 2)])), SHORTEST)
 
 
-def changed(frames):
-    """Frames without what has not changed since the frame before."""
-    known, told = {}, []
-    for frame in frames:
-        new = {path: {k: v for k, v in fields.items() if known.get((path, k)) != v} for path, fields in frame.items()}
-        known |= {(path, k): v for path, fields in frame.items() for k, v in fields.items()}
-        told.append({path: fields for path, fields in new.items() if fields})
-    return told
+def packed(frames):
+    """`first`, the fields of the first frame, and what `moves`: lists of path, field, which of its numbers, and by how much.
+
+    The numbers of a field are counted through its lists. Of each frame but the first there is the difference to the frame
+    before of every number that moves, in thousandths. A field that changes its shape is given whole: its numbers are null.
+    """
+    first, moves = rounded({path: dict(fields) for path, fields in frames[0].items()}), []
+    for path, name in dict.fromkeys(
+        (path, name) for frame in frames for path, fields in frame.items() for name in fields
+    ):
+        values = [frame.get(path, {}).get(name) for frame in frames]
+        for i in range(1, len(values)):
+            values[i] = values[i - 1] if values[i] is None else values[i]
+        if any(shape(value) != shape(values[0]) for value in values):
+            moves.append([path, name, None, rounded(values[1:])])
+            continue
+        whole = np.rint(1000 * np.array([leaves(value) for value in values])).astype(int)
+        moving = np.flatnonzero((whole != whole[0]).any(axis=0))
+        if moving.size:
+            moves.append([path, name, moving.tolist(), np.diff(whole[:, moving], axis=0).ravel().tolist()])
+    return {"count": len(frames), "first": first, "moves": moves}
+
+
+def shape(value):
+    """The lengths of nested lists."""
+    return [shape(one) for one in value] if isinstance(value, list) else value is None
+
+
+def leaves(value):
+    """The numbers of nested lists."""
+    return [number for one in value for number in leaves(one)] if isinstance(value, list) else [value]
 
 
 def rounded(value):

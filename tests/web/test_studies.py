@@ -20,7 +20,7 @@ def test_a_map_by_eigenvalues_is_made_listed_and_shown(client, folder):
     assert figure.content == (folder / "maps" / row["name"] / "regions.png").read_bytes()
     assert figure.headers["content-security-policy"].startswith("sandbox")
     (beside,) = client.post("/api/studies/beside", scene="belt", changes={"drive.speed": 0.3}).json()
-    assert beside["regions"] == [["unstable", "unstable", "stable"]] * 2  # sliding is stable from 0.208 m/s on
+    assert beside["regions"] == [["unstable", "stable", "stable"]] * 2  # at 0.1, 0.25, 0.4 m/s
     assert [(axis["key"], len(axis["values"])) for axis in beside["axes"]] == [("drive.speed", 3), ("load.force", 2)]
     assert client.post("/api/studies/beside", scene="belt", changes={"body.damping": 3.0}).json() == []
 

@@ -34,10 +34,11 @@ export function number(value, digits = 4) {
   return String(Number(value.toPrecision(digits)));
 }
 
-/** A value with its unit; "1" is no unit. */
-export function quantity(value, unit, digits = 4) {
-  return unit && unit !== "1" ? `${number(value, digits)} ${unit}` : number(value, digits);
-}
+/** A unit as it is written; "1" is no unit. */
+export const written = (unit) => (!unit || unit === "1" ? "" : unit.replaceAll("*", " "));
+
+/** A value with its unit. */
+export const quantity = (value, unit, digits = 4) => [number(value, digits), written(unit)].filter(Boolean).join(" ");
 
 const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"], [1e-12, "p"]];
 

@@ -135,7 +135,7 @@ def test_a_slider_reaches_its_ends_and_zero_and_comes_back(page, slider):
 def test_branches_are_computed_and_show_the_present_state(page):
     page.choose("belt")
     page.show("branches-note")
-    page.until(lambda: page.text("branches-note") == "no map is there yet for these values")
+    page.until(lambda: page.text("branches-note") == "no map yet for these values")
     page.run("document.getElementById('branches-compute').closest('details').open = true")
     page.write("branches-from", "0.1")
     page.write("branches-to", "0.8")

@@ -47,7 +47,7 @@ export function create(bench) {
         one.regions ? `${t("map")}: ${one.axes.map(({ key: over }) => over).join(" × ")}` : `${t(words(one.output))} / ${one.key}`)));
       list.hidden = known.length < 2;
       canvas.hidden = !known.length;
-      note.textContent = known.length ? "" : t("no map is there yet for these values");
+      note.textContent = known.length ? "" : t("no map yet for these values");
     });
     if (scene !== named) { // propose a range about the present value
       named = scene;

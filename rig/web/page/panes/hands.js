@@ -1,7 +1,7 @@
 // Values by hand, before a run and in it, by the checks of the command line: the few that matter for the rig as sliders, the
 // others behind a search; owned actuators; controllers.
 
-import { data, h, number, quantity, typed } from "/page/dom.js";
+import { data, h, number, quantity, typed, written } from "/page/dom.js";
 import { said, t } from "/page/text.js";
 
 const EVERY = 100; // [ms] between two values of a slider that is being moved
@@ -106,7 +106,7 @@ export function create(bench) {
     const range = limits ? `${number(limits[0])} – ${quantity(limits[1], unit)}` : "";
     const element = data("div", { class: "hand", "data-key": key, title: [key, range, entry.note, entry.place].filter(Boolean).join("\n") },
       h("div", { class: "row" }, h("span", { class: "grow" }, named || words(key), " ", owner, entry.origin && !named ? h("span", { class: "small soft" }, `  ${said(entry.origin)}`) : null),
-        field, h("span", { class: "small" }, unit === "1" ? "" : unit)), line);
+        field, h("span", { class: "small unit" }, written(unit))), line);
 
     /** Let the slider reach over a range too, as far as values are allowed. */
     function widen([from, to]) {

@@ -10,6 +10,25 @@ const RATE = 15; // pictures of a track in a second
 const FIRST = "pendulum"; // the demonstration
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
+/** Places of all numbers in nested lists: [list, index] of each. */
+const leaves = (value) => value.flatMap((one, i) => (Array.isArray(one) ? leaves(one) : [[value, i]]));
+
+/** The frames of a track, as docs/page_tracks.py packs them. */
+function unpacked({ count, first, moves }) {
+  const frames = [first, ...Array.from({ length: count - 1 }, () => ({}))];
+  for (const [path, name, which, steps] of moves) {
+    let value = first[path]?.[name];
+    for (let k = 1; k < count; k += 1) {
+      if (which) {
+        const all = leaves(value = structuredClone(value));
+        which.forEach((i, j) => { const [list, at] = all[i]; list[at] += steps[(k - 1) * which.length + j] / 1000; });
+      } else value = steps[k - 1];
+      if (value !== null) (frames[k][path] ??= {})[name] = value;
+    }
+  }
+  return frames;
+}
+
 const GROUPS = [
   [t("Stick-slip"), {
     pendulum: [t("Pendulum on a disc"), t("It sticks to the turning disc, tears off, and swings back three times a second.")],
@@ -58,7 +77,8 @@ export function create(bench) {
     const one = moving.get(canvas), track = tracks?.[one.scene];
     if (!track) return;
     one.solids ??= new Solids(track.still);
-    one.solids.move(track.frames[one.number % track.frames.length]);
+    track.frames ??= unpacked(track);
+    one.solids.move(track.frames[one.number % track.count]);
     one.number += 1;
     one.solids.draw(sized(canvas));
   }

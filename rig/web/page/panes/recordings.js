@@ -14,7 +14,7 @@ export function create(bench) {
   const fault = data("div", { class: "fault", id: "recordings-fault", role: "alert" });
   const attempt = attempting(fault);
   const list = h("div", { class: "stack", id: "recordings" });
-  const canvas = h("canvas", { class: "stage", role: "img", "aria-label": t("moving picture of the rig"), style: "height: clamp(12rem, 38vh, 28rem)" });
+  const canvas = h("canvas", { class: "stage", role: "img", "aria-label": t("moving picture of the rig"), id: "recorded-picture" });
   const title = h("h2"), about = data("div", { class: "small soft" });
   const play = h("button", { id: "play", onclick: () => { if (time.at() >= store.t) time.seek(0); playing = playing ? null : performance.now(); run(); } }, t("Play"));
   const scrub = h("input", { type: "range", id: "scrub", min: 0, max: 1000, step: 1, value: 0, "aria-label": t("instant of the recording"), oninput: () => time.seek((scrub.value / 1000) * store.t) });
