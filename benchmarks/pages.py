@@ -1,4 +1,4 @@
-"""Benchmark of `rig web`: ten pages without a browser, and one in Chromium if it is installed, on a paced 1 kHz run.
+"""Benchmark of `rig web`: a paced run at 1 kHz with ten pages without a browser, and one with a page in Chromium.
 
 A picture of the browser is a change of the time on its page. The delay of a picture is at most the time from the
 tick of its newest data to the end of the script that drew it: the clock of the plant is read by a command, and the
@@ -26,6 +26,31 @@ import numpy as np
 PAGES = 10
 SCENE = "belt_normal_force"
 _CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+_CHOOSE = """
+const { scene, duration } = %s, one = (name) => document.getElementById(name);
+const there = (true_) => new Promise((done) => {
+  const look = () => true_() ? done(true) : setTimeout(look, 20);
+  look();
+});
+there(() => one("scene")?.options.length > 3).then(() => {
+  location.hash = `bench/${scene}`;
+  return there(() => one("scene").value === scene && one("values").ariaBusy === "false");
+}).then(() => {
+  one("duration").value = duration;
+  one("duration").dispatchEvent(new Event("change"));
+  return there(() => one("values").ariaBusy === "false" && !one("start").disabled);
+});
+"""
+_START = """
+new Promise((done) => {
+  const begin = performance.now(), time = document.getElementById("time");
+  const seen = new MutationObserver(() => {
+    if (parseFloat(time.textContent.slice(4)) > 0) { seen.disconnect(); done(performance.now() - begin); }
+  });
+  seen.observe(time, { childList: true, characterData: true, subtree: true });
+  document.getElementById("start").click();
+});
+"""
 _WATCH = """
 window.pictures = [];
 window.time = document.getElementById("time");
@@ -35,34 +60,48 @@ new MutationObserver(() => window.pictures.push([Date.now() / 1e3, parseFloat(wi
 
 
 def pages(seconds: float = 20.0) -> dict[str, Any]:
-    """Return the verdict of a run that is watched, with its reasons; for sockets and browser the pictures per second,
-    and their delays [s] (median, 99th percentile), worst over the pages. There is no browser without Chromium.
+    """Return the figures of a run that pages without a browser watch, and of one that a page in Chromium watches:
+    the timing verdict with its reasons, pictures per second and their delays [s] (median, 99th percentile), worst over
+    the pages; in Chromium the seconds from a click on Start to the first picture of the moving rig, and the share of a
+    core that layout and style take. There is no browser without Chromium.
     """
+    subprocess.run([sys.executable, "-m", "rig", "warmup", SCENE], check=True, stdout=subprocess.DEVNULL)
+    program = next(filter(None, map(shutil.which, _CHROMIUM)), None)
+    return {"sockets": _watched(seconds, None), **({"browser": _watched(seconds, program)} if program else {})}
+
+
+def _watched(seconds: float, program: str | None) -> dict[str, Any]:
+    """The figures of a run that `program` watches; None: that pages without a browser watch."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         port, token = stack.enter_context(_server(folder))
-        bench = _Bench(port, token)
-        sockets = [stack.enter_context(_Socket(port, bench.cookie)) for _ in range(PAGES)]
-        program = next(filter(None, map(shutil.which, _CHROMIUM)), None)
-        browser = stack.enter_context(_Browser(program, folder, port, token)) if program else None
-        bench.ask("/api/run", {"scene": SCENE, "duration": seconds + 5.0})
+        bench, more = _Bench(port, token), {}
+        body = {"scene": SCENE, "duration": seconds + 5.0}
+        if program:
+            browser = stack.enter_context(_Browser(program, folder, port, token))
+            browser.evaluate(_CHOOSE % json.dumps(body), wait=True)
+            more["moving_s"] = browser.evaluate(_START, wait=True) / 1e3
+        else:
+            sockets = [stack.enter_context(_Socket(port, bench.cookie)) for _ in range(PAGES)]
+            bench.ask("/api/run", body)
         while bench.ask("/api/run")["phase"] not in ("running", "ended"):
             time.sleep(0.1)
         time.sleep(2.0)
-        if browser:
+        if program:
             browser.evaluate(_WATCH)
+            spent = browser.spent()
         begin = time.time()
         start = begin - bench.ask("/api/run/command", {"do": "knock", "impulse": 0.0})["t_ns"] * 1e-9
         time.sleep(seconds)
         end = time.time()
-        seen = {"sockets": [socket.pictures for socket in sockets]}
-        if browser:
-            seen["browser"] = [browser.evaluate("window.pictures")]
+        if program:
+            more["layout_share"] = (browser.spent() - spent) / (end - begin)
+        seen = [browser.evaluate("window.pictures")] if program else [socket.pictures for socket in sockets]
         while (state := bench.ask("/api/run"))["phase"] != "ended":
             time.sleep(0.2)
     outcome = state["outcome"] or {"verdict": "INVALID", "reasons": [state["fault"]]}
-    worst = {kind: _worst(pictures, begin, end, start) for kind, pictures in seen.items()}
-    return {"verdict": outcome["verdict"], "reasons": "; ".join(outcome["reasons"]), **worst}
+    told = {"verdict": outcome["verdict"], "reasons": "; ".join(outcome["reasons"])}
+    return {**told, **_worst(seen, begin, end, start), **more}
 
 
 def _worst(pages: list[list[tuple[float, float]]], begin: float, end: float, start: float) -> dict[str, Any]:
@@ -173,9 +212,19 @@ class _Browser:
         self._process.terminate()
         self._process.wait(20.0)
 
-    def evaluate(self, script: str) -> Any:
-        ask = {"id": 1, "method": "Runtime.evaluate", "params": {"expression": script, "returnByValue": True}}
-        self._socket.send(json.dumps(ask))
-        while "id" not in (answer := json.loads(self._socket.recv(30.0))):
+    def evaluate(self, script: str, wait: bool = False) -> Any:
+        """The value of a script, or with `wait` of its promise."""
+        asked = {"expression": script, "returnByValue": True, "awaitPromise": wait}
+        return self._ask("Runtime.evaluate", asked)["result"].get("value")
+
+    def spent(self) -> float:
+        """Time that layout and style have taken so far [s]."""
+        self._ask("Performance.enable", {})
+        known = {one["name"]: one["value"] for one in self._ask("Performance.getMetrics", {})["metrics"]}
+        return float(known["LayoutDuration"] + known["RecalcStyleDuration"])
+
+    def _ask(self, method: str, parameters: dict[str, Any]) -> Any:
+        self._socket.send(json.dumps({"id": 1, "method": method, "params": parameters}))
+        while "id" not in (answer := json.loads(self._socket.recv(60.0))):
             pass
-        return answer["result"]["result"].get("value")
+        return answer["result"]

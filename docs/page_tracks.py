@@ -64,10 +64,11 @@ def period(run, first, channels):
 
 
 def packed(frames):
-    """`first`, the fields of the first frame, and what `moves`: lists of path, field, which of its numbers, and by how much.
+    """`first`, the fields of the first frame, and what `moves`: lists of path, field, its moving numbers, their steps.
 
-    The numbers of a field are counted through its lists. Of each frame but the first there is the difference to the frame
-    before of every number that moves, in thousandths. A field that changes its shape is given whole: its numbers are null.
+    The numbers of a field are counted through its lists. Of each frame but the first there is the difference to the
+    frame before of every number that moves, in thousandths. A field that changes its shape is given whole: its numbers
+    are null.
     """
     first, moves = rounded({path: dict(fields) for path, fields in frames[0].items()}), []
     for path, name in dict.fromkeys(

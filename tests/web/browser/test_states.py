@@ -191,6 +191,8 @@ def test_the_german_catalogue_is_complete():
     }
     wanted |= {
         *contact.NAMES,
+        *ORIGINS,
+        *WORDS.values(),
         *(words for plant in PLANTS.shipped for words in getattr(PLANTS[plant], "HANDS", {}).values()),
     }
     for name in scenes.names():
