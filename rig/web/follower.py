@@ -31,7 +31,7 @@ from rig.view import contact
 from rig.view.channels import Channels
 from rig.view.contact import Contacts
 from rig.view.process import TOPICS, fetched
-from rig.web.form import entry_of, hands, kind_of, protocol, within
+from rig.web.form import entry_of, hands, kind_of, protocol, read, within
 from rig.web.frames import Frames
 from rig.web.picture import MovingPicture
 from rig.web.sound import audible
@@ -226,6 +226,11 @@ class Follower:
 
     def command(self, body: dict[str, Any]) -> dict[str, Any]:
         """Send a command to the plant (`rig.bench.live.operator_commands`). Raises UsageError for a refusal."""
+        if isinstance(given := body.get("impulse"), str):
+            try:
+                body = {**body, "impulse": read(given, "N*s", "impulse")}
+            except ValueError as fault:
+                raise UsageError(f"the impulse {fault}") from None
         with _reason():
             answer: dict[str, Any] = self._joined().ask("cmd/plant", body, _ASK_S)
         self._changed.set()

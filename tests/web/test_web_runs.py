@@ -57,6 +57,7 @@ def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified
     )
     assert "did you mean friction.mu_static" in client.refused("/api/run/set", key="friction.mu_statc", value=1)
     assert "error" not in client.command("knock", impulse=0.05, run=run)
+    assert "error" not in client.command("knock", impulse="0,05 N s", run=run)
     assert client.refused("/api/run/command", do="knock", impulse="hard", run=run)
     assert "error" not in client.command("disconnect", controller="nf", run=run)
     old = client.refused("/api/run/command", do="stop", run="belt-of-yesterday")

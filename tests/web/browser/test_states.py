@@ -38,7 +38,8 @@ SHIFTS = """
     window.shifts = [];
     new PerformanceObserver((list) => {
       for (const one of list.getEntries()) {
-        const moved = one.sources.map(({ node }) => node?.outerHTML?.slice(0, 70));
+        const moved = one.sources.map(({ node, previousRect: from, currentRect: to }) =>
+          [node?.outerHTML?.slice(0, 60), from.top, to.top, from.height, to.height].join(" "));
         window.shifts.push([one.value, moved]);
       }
     }).observe({ type: "layout-shift", buffered: true });"""
