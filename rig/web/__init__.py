@@ -9,7 +9,7 @@
     sound           samples of a sensor for the loudspeakers of the pages
     app, server     routes; the process: address, browser, which requests are accepted, Ctrl-C
     bridge          the bus of a run over WebSocket, a server of its own; bridge_client: one of its clients
-    page/           the page: ES modules without a build step; german.js: texts; tracks.json: moving rigs
+    page/           the page: ES modules without a build step; german.json: texts; tracks.json: moving rigs
 
 The server is a process beside plant, controllers and recorder. It follows the run as one viewer, however many pages are
 connected, so the plant does the same work for one page as for ten.
