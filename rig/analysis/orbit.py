@@ -137,8 +137,8 @@ class Dense:
         """Return times [n] and values [output, n]: `points` of each segment, its ends among them."""
         u = np.linspace(0.0, 1.0, points)
         t = np.array(self._start)[:, None] + np.array(self._length)[:, None] * u
-        values = [np.polynomial.polynomial.polyval(u, coef.T) for coef in self._coef]
-        return t.ravel(), np.concatenate(values, axis=1)
+        values = np.polynomial.polynomial.polyval(u, np.transpose(self._coef, (2, 1, 0)))
+        return t.ravel(), values.reshape(len(values), -1)
 
     def extremes(self, output: int) -> tuple[float, float]:
         """Return the lowest and highest value of an output: at ends of segments, or where its polynomial has slope
