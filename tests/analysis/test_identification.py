@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import rig
 from rig.analysis.identification.answer import IDENTIFIED, UNKNOWN
 from rig.analysis.identification.cycles import noise_of, slips
+from rig.analysis.identification.next_experiment import propose
 from rig.analysis.identification.runs import prepared
 from rig.analysis.identification.written import write
 from rig.errors import RigError, UsageError
@@ -209,6 +211,19 @@ def test_what_is_refused_and_what_to_do(twin, wrong):
     run, free, message = WRONG[wrong]
     with pytest.raises(RigError, match=message):
         rig.identify("belt", [twin[1][0] | run], FREE | free, starts=0, workers=1)
+
+
+def test_a_law_that_does_not_fit_has_no_interval_no_scene_and_no_next_experiment(twin, found, tmp_path):
+    none = replace(found, fits=(replace(found.best, p=0.009),))
+    assert all(math.isnan(parameter.low) and parameter.verdict == UNKNOWN for parameter in none.parameters)
+    assert "together" not in none.text()
+    assert "law stribeck does not fit (p = 9.0e-03): its parameters have no interval; try another law" in none.text()
+    assert not none.complete
+    assert not none.told
+    with pytest.raises(UsageError, match="is not written: no parameter is identified"):
+        write(none, tmp_path / "mine.toml", "belt")
+    with pytest.raises(UsageError, match="no law fits"):
+        propose(none, {"drive.speed": [0.1]}, 1)
 
 
 def test_a_slow_sampling_is_refused(twin):

@@ -2,7 +2,7 @@
 
 identified        the interval of 90 % reaches at most 30 % to each side
 weak              it is wider
-not identifiable  its ends differ by more than a factor of 10, or the range of the parameter limits it
+not identifiable  its ends differ by more than a factor of 10, or the range of the parameter limits it, or no law fits
 at bound          the fit ends at an end of the range
 
 An interval is not printed where the law does not fit: it would be narrow and wrong.
@@ -115,6 +115,11 @@ class LawFit:
         """Whether the misfit may be chance."""
         return not self.p < MISFIT
 
+    @property
+    def told(self) -> bool:
+        """Whether the law fits and the fit has converged: else no interval is stated, and nothing is identified."""
+        return self.fits and self.converged
+
     @cached_property
     def reach(self) -> float:
         """Half of an interval of 90 % over its standard deviation: Student's, for as many cycles as there are."""
@@ -141,14 +146,13 @@ class LawFit:
         value, a, b = free.value(z), free.value(low), free.value(high)
         if min(z - free.ends[0], free.ends[1] - z) < _AT_END:
             verdict = BOUND
-        elif b > _FACTOR * max(a, 0.0) or sd > _HELD * 0.5 * (free.ends[1] - free.ends[0]):
+        elif not self.told or b > _FACTOR * max(a, 0.0) or sd > _HELD * 0.5 * (free.ends[1] - free.ends[0]):
             verdict = UNKNOWN
         else:
             wide = max(b - value, value - a) > _WEAK * abs(value)
             verdict = UNKNOWN if self._aliased(i) > _ONE[wide] else WEAK if wide else IDENTIFIED
-        told = self.fits and self.converged
-        return Parameter(free.key, free.unit, value, a if told else math.nan, b if told else math.nan, free.stated,
-                         verdict)  # fmt: skip
+        low, high = (a, b) if self.told else (math.nan, math.nan)
+        return Parameter(free.key, free.unit, value, low, high, free.stated, verdict)
 
     def _aliased(self, i: int) -> float:
         """The largest correlation of a parameter with an offset, which may take up its effect."""
@@ -162,6 +166,8 @@ class LawFit:
     def together(self) -> Iterator[tuple[str, float, float, float]]:
         """What pairs of parameters tell together where alone they do not: text, value, ends of the interval."""
         verdicts = [parameter.verdict for parameter in self.parameters]
+        if not self.told:
+            return
         for (i, a), (k, b) in combinations(enumerate(self.law.free), 2):
             if (
                 not (a.log and b.log)
@@ -280,14 +286,9 @@ class Identified(Result):
         return self.best.parameters
 
     @property
-    def fitting(self) -> bool:
-        """Whether a law fits and the fit has converged."""
-        return self.best.fits and self.best.converged
-
-    @property
     def complete(self) -> bool:
         """Whether a law fits and every parameter is identified, at least weakly."""
-        return self.fitting and all(parameter.verdict in (IDENTIFIED, WEAK) for parameter in self.parameters)
+        return all(parameter.verdict in (IDENTIFIED, WEAK) for parameter in self.parameters)
 
     @property
     def scene(self) -> Scene:
@@ -299,7 +300,7 @@ class Identified(Result):
     @property
     def told(self) -> tuple[Parameter, ...]:
         """The parameters that are written into a scene: identified, also weakly, of a law that fits."""
-        return tuple(p for p in self.parameters if self.fitting and p.verdict in (IDENTIFIED, WEAK))
+        return tuple(p for p in self.parameters if p.verdict in (IDENTIFIED, WEAK))
 
     def text(self) -> str:
         """Return the report as text."""

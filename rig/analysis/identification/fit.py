@@ -183,8 +183,11 @@ class Fit:
             columns.append([(a - b) / STEP for a, b in zip(self.left(moved, responses), left)])
         return [np.stack([column[i] for column in columns], axis=-1) for i in range(len(left))]
 
-    def run(self, z0: Reals, rounds: int = ROUNDS, gain: float = 0.0) -> Solution | str:
-        """Fit from `z0`, also until a round gains less than the share `gain`; the reason why it cannot begin."""
+    def run(self, z0: Reals, rounds: int = ROUNDS, gain: float = 0.0, screening: bool = False) -> Solution | str:
+        """Fit from `z0`, also until a round gains less than the share `gain`; the reason why it cannot begin.
+
+        `screening`: the solution needs no covariance, which takes two responses for each parameter.
+        """
         [first] = self.responses([z0])
         if isinstance(first, str):
             return first
@@ -225,8 +228,10 @@ class Fit:
             damping = max(damping / _DAMPING[1] ** 2, 1e-9)
             if flat:
                 break
-        J = self.jacobian(z, left, responses, central=True)
         done = flat or apart < _CONVERGED
+        if screening:
+            return Solution(z, cost, left, [], self.prior, responses, done)
+        J = self.jacobian(z, left, responses, central=True)
         return Solution(z, cost, left, J, self.prior, responses, done, sandwich(left, J, self.prior, self.known))
 
     @staticmethod

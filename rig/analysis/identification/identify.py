@@ -182,7 +182,7 @@ class _Attempt:
         made.sort(key=lambda row: row[:2])
         ranked = []
         for cost, number, z_all, fit in made[:most]:
-            solution = fit.run(z_all, _ROUNDS, _FLAT)
+            solution = fit.run(z_all, _ROUNDS, _FLAT, screening=True)
             ranked.append((cost, number, z_all) if isinstance(solution, str) else (solution.cost, number, solution.z))
         return [z for *_, z in sorted(ranked, key=lambda row: row[:2])]
 
