@@ -138,7 +138,7 @@ class Dense:
         u = np.linspace(0.0, 1.0, points)
         t = np.array(self._start)[:, None] + np.array(self._length)[:, None] * u
         values = np.polynomial.polynomial.polyval(u, np.transpose(self._coef, (2, 1, 0)))
-        return t.ravel(), values.reshape(len(values), -1)
+        return t.ravel(), np.asarray(values, dtype=np.float64).reshape(len(values), -1)
 
     def extremes(self, output: int) -> tuple[float, float]:
         """Return the lowest and highest value of an output: at ends of segments, or where its polynomial has slope
