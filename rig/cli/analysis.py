@@ -22,6 +22,7 @@ from rig.cli.options import (
     linked,
     loop_option,
     named,
+    refuse_all,
     seconds,
     separated,
     the_scene,
@@ -446,28 +447,34 @@ def branches(
     continues. --force draws finished branches again.
     """
     from rig.analysis.axis import axes
-    from rig.analysis.branches import Threshold, curves, curves_store, job, store_of
+    from rig.analysis.branches import Branches, Curves, Threshold, curves, curves_store, job, store_of
     from rig.analysis.branches import branches as follow
 
+    refuse_all(
+        (threshold is None and (knock or starts), "--knock and --starts belong to --threshold VALUE"),
+        (threshold and second, "--threshold needs branches; leave out --second"),
+    )
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
     todo = job(loaded, over, output, tuple(separated(start)), points)
-    if second is not None:
-        [along] = axes(loaded, {"--second": second})
-        store = curves_store(todo, along, out)
-        refuse(store.folder, ("curves.csv", "curves.png"), force)
-        with printing.kept(store, "parts of curves"), printing.bar("points") as progress:
-            written(curves(todo, along, out, progress), store.folder, "curves", as_json)
-        return
-    store = store_of(todo, out)
-    refuse(store.folder, ("branches.csv", "branches.png"), force)
-    with printing.kept(store, "branches"), printing.status() as show:
-        found = follow(todo, out, show)
-        edge = None if threshold is None else Threshold.parse(found, threshold, starts, knock)
-    written(found, store.folder, "branches", as_json, **({} if edge is None else {"threshold": edge.to_json()}))
+    along = next(iter(axes(loaded, {"--second": second})), None)
+    name = "curves" if along else "branches"
+    store = curves_store(todo, along, out) if along else store_of(todo, out)
+    refuse(store.folder, (f"{name}.csv", f"{name}.png"), force)
+    found: Branches | Curves
+    edge: Threshold | None = None
+    with printing.kept(store, "parts of curves" if along else "branches"):
+        if along:
+            with printing.bar("points") as progress:
+                found = curves(todo, along, out, progress)
+        else:
+            with printing.status() as show:
+                found = follow(todo, out, show)
+                edge = Threshold.parse(found, threshold, starts, knock) if threshold else None
+    written(found, store.folder, name, as_json, **({"threshold": edge.to_json()} if edge else {}))
     draw(found, figure)
     _put(found, f"Branches of {loaded.title or loaded.name}", page)
-    if edge is not None and not as_json:
+    if edge and not as_json:
         printing.line(f"\n{edge.text()}")
 
 

@@ -98,6 +98,16 @@ def test_special_points(tmp_path_factory, scene, over, start, kind, values, with
     assert result.special(kind) == pytest.approx(values, abs=within)
 
 
+def test_a_grazing_beside_a_steep_law_is_the_same_from_both_sides(tmp_path):
+    """There the slip speed bends within a tick, and the cycles that slip have a multiplier of 434."""
+    starts = (("hopf", "2 rpm"), (5.0 * RPM, "4.9 rpm"))
+    for start, low in starts:
+        result = followed(tmp_path, "lever", f"drive.speed={low}:9 rpm", (start,), **{"load.force": 30.0})
+        assert result.special("grazing") == [pytest.approx(7.50164786 * RPM, rel=2e-10)]
+        assert {special.turns for special in result.specials if special.kind == "grazing"} == {True}
+        assert {branch.name for branch in result.branches} == {"sliding", "slip", "stick-slip: contact"}
+
+
 def test_the_jump_of_a_tip_is_its_upper_critical_speed(tmp_path):
     scene = lab.load("tip", {"waviness": "none"})
     result = followed(tmp_path, "tip", "drive.speed=0.03 m/s:0.2 m/s", (0.05,), waviness="none")
@@ -249,6 +259,20 @@ def test_the_end_of_a_branch_is_told_in_every_form(bstab, kind, name):
 def test_what_cannot_be_followed_is_said(scene, changes, over, words):
     with pytest.raises((UsageError, SceneError), match=words):
         job(lab.load(scene, changes), over)
+
+
+def test_a_rig_whose_drive_lags_has_the_branches_of_one_that_does_not(tmp_path):
+    result = followed(tmp_path, "belt", "drive.speed=0.2 m/s:0.8 m/s", **{"drive.lag": "10 ms"})
+    assert result.special("grazing") == [pytest.approx(0.675032752, abs=1e-8)]
+
+
+def test_a_law_with_memory_is_followed(tmp_path):
+    """The cycles of bristles slip in both directions and never stick."""
+    result = followed(tmp_path, "belt_lugre", "drive.speed=0.15 m/s:0.3 m/s", ("hopf", 0.25))
+    assert {branch.name for branch in result.branches} == {"sliding", "slip", "reversal: contact"}
+    cycle = lab.limit_cycle(lab.load("belt_lugre", {"limits": "none", "drive.speed": 0.15}))
+    [point] = [p for *_, p in result.points() if p.stable and p.value == 0.15 and p.period == p.period]
+    assert point.period == pytest.approx(cycle.period, rel=1e-8)
 
 
 def test_the_old_name_points_to_both_new_ones():
@@ -423,7 +447,7 @@ def test_a_cycle_is_followed_from_which_motions_depart_by_many_orders_of_magnitu
     from scipy.integrate import solve_ivp
 
     loaded = lab.load("seal_p", {"limits": "none"})
-    result = branches(job(loaded, "drive.speed=4 mm/s:12 mm/s", None, ("hopf",), 46), tmp_path)
+    result = branches(job(loaded, "drive.speed=4 mm/s:12 mm/s", None, ("hopf",), 54), tmp_path)
     points = [p for _, b, p in result.points() if b.kind == "cycles"]
     assert max(p.residual for p in points) <= CLOSED
     assert [p.value for p in points] == sorted(p.value for p in points)

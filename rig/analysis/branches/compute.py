@@ -143,7 +143,8 @@ def _unfit(scene: Scene, axis: Axis) -> Iterator[str]:
 def _running(system: System) -> str:
     """A driving state that neither rests nor belongs to a generator, such as the travel of an uneven surface; or ""."""
     x = settled(system, system.start)
-    rates = assembled(system, sliding_key(system)).A @ x
+    A = assembled(system, sliding_key(system)).A
+    rates = np.where(np.abs(A @ x) > _SMALL * (np.abs(A) @ np.abs(x)), A @ x, 0.0)  # a lag rests but for rounding
     turning = {state for a, b, _ in system.generators for state in (a, b)}
     return next((system.names[i] for i in range(system.one, system.n) if rates[i] and i not in turning), "")
 

@@ -173,6 +173,8 @@ def curves_store(job: Job, second: Axis, root: Path = ROOT) -> Store:
 
 
 def _work(job: Job, second: Axis) -> Work:
+    if second.key == job.axis.key:
+        raise UsageError(f"{second.key}: is on both axes")
     identity = repr([job.work.digest, second.key, second.values])
     shown = {name: getattr(second, name) for name in ("key", "unit", "values", "shown")}
     about = {**job.work.about, "axes": [*job.work.about["axes"], shown]}

@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.analysis.axis import heading
 from rig.analysis.branches.curves import Curves
-from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, Branch, Branches, Point
+from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, TURNS, Branch, Branches, Point
 from rig.view.curves import plain
 from rig.view.palette import ALARM, BARE, BLUE, GREEN, GREY, LINES, PURPLE, VERMILION, page
 
@@ -80,7 +80,7 @@ def _draw(figure: Figure, result: Branches) -> None:
     values: dict[str, list[float]] = {}
     for special in result.specials:
         marker, label, colour = SYMBOLS.get(special.kind, ("*", special.kind, GREY))
-        label = f"{label} fold" if special.turns and special.kind == "grazing" else label
+        label = f"{label} fold" if special.turns and special.kind in TURNS else label
         style: dict[str, Any] = {"marker": marker, "color": colour, "mfc": "white", "mew": 1.4, "ls": ""}
         axes.plot([special.value / scale] * 2, [special.low, special.high], ms=7.0, zorder=5, **style)
         if label not in values:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 SLIDING, REST, CYCLES, FORCED = "sliding", "rest in stick", "cycles", "forced motion"
-TURNS = {"grazing": "grazing fold"}
+TURNS = {kind: f"{kind} fold" for kind in ("grazing", "lift-off", "landing")}
 WORDS = {"unresolved": "not followed further", "hopf": "Hopf point"}
 
 
@@ -101,7 +101,8 @@ class Branch:
         if self.kind in (SLIDING, REST):
             return self.kind
         opened = dict.fromkeys(event[: -len(" opens")] for event in self.events if event.endswith(" opens"))
-        stuck = dict.fromkeys(event[: -len(" slip ends")] for event in self.events if event.endswith(" slip ends"))
+        turned = (event for event in self.events if event.endswith((" slip ends", " releases +", " releases -")))
+        stuck = dict.fromkeys(event.rsplit(" ", 2)[0] for event in turned)
         how = "stick-slip" if any(p.stick for p in self.points) else "reversal"
         parts = [f"{how}: {', '.join(stuck)}"] if stuck else []
         parts += [f"lift-off: {', '.join(opened)}"] if opened else []

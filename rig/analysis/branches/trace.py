@@ -50,7 +50,7 @@ _EDGE = 1e-11  # of the same size: how closely a boundary is located
 _ROUNDS = 40
 _BESIDE = 1e-6  # along the branch: the derivative of the return map is still the same
 _INSIDE = 0.25  # of the longest slip: the base is no closer to an event
-_SPLITS = 300.0  # a part that magnifies differences by more is cut
+_SPLITS = 1e3  # a part that magnifies differences by more is cut
 _PART, _SAMPLES = 20.0, 400  # growth in a part that is cut, and states of a period by which it is estimated
 _AWAY, _SOON = 3.0, 1e-9  # ticks: no part begins closer to an event; seconds: times that are the same
 _RESCALE = 2.0
@@ -245,7 +245,9 @@ def follow(
                 watch(at)
                 yield Segment([at], end=Special("hopf", at, at.p, 0.0))
                 return
-            at = _grown(at)
+            if (grown := _grown(at)) is not at:  # the upright line from the equilibrium
+                watch(at)
+                at = grown
         segment = Segment([at])
         watch(at)
         at = _along(segment, low, high, most, watch, longest, sought)
@@ -273,6 +275,9 @@ def _along(
             new = place(at.map, u, end, at.t)
             if float(new.t @ at.t) < _BENDS and ds > 4.0 * SHORTEST:
                 raise NoCycle("the branch bends")
+            if missed(new) > CLOSED_TO:  # motions beside it have departed and come back within the period
+                segment.places[-1] = _in_parts(at)
+                continue
         except FAILURES as error:
             if isinstance(error, NotSmooth) and error.other is not None:
                 other = error.other
@@ -380,8 +385,12 @@ def _between(at: Place, new: Place, ds: float, sought: Sequence[str]) -> list[Sp
         for kind, measure in (("period doubling", _doubling), ("torus", _torus)):
             if kind in sought and measure(a) * measure(b) < 0.0:
                 out += _located(kind, at, new, ds, partial(_measured, measure))
+    noise = CLOSED_TO * math.prod(float(np.linalg.norm(part, 2)) for part in at.d.parts) * abs(at.p)
     return [
-        s for s in out if s.kind != "torus" or any(abs(abs(v) - 1.0) < _PAIR and v.imag for v in s.at.multipliers[0])
+        s
+        for s in out
+        if max(abs(s.p - at.p), abs(s.p - new.p)) > noise
+        and (s.kind != "torus" or any(abs(abs(v) - 1.0) < _PAIR and v.imag for v in s.at.multipliers[0]))
     ]
 
 
@@ -418,7 +427,7 @@ def _located(kind: str, at: Place, new: Place, ds: float, measure: Callable[[Pla
     beside = sorted(reached, key=lambda other: abs(other - s))[:2]
     accuracy = max(abs(reached[beside[1]].p - reached[s].p), CLOSED_TO * abs(reached[s].p))
     if kind != "fold" and (steep := abs(measure(new) - measure(at)) / (abs(new.p - at.p) or math.inf)):
-        accuracy = max(accuracy, _NOISE / steep)
+        accuracy = min(max(accuracy, _NOISE / steep), abs(new.p - at.p))
     return [Special(kind, reached[s], reached[s].p, accuracy, turns=kind == "fold")]
 
 
@@ -435,8 +444,8 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
     contact = name[1] if name else ""
     if at is not segment.places[-1]:
         segment.places.append(at)
-    if kind == "jump" or at.map.cuts:  # beyond a canard cycles change within less than the digits of the parameter
-        why = "" if kind else _change(at.end, other)
+    if kind == "jump" or at.map.cuts:
+        why = "" if kind == "jump" else "cycles beyond it change within less than the digits of the parameter"
         segment.end = Special(kind or "unresolved", at, p, accuracy, contact, name=name, why=why)
         return None
     beyond = _switched(at, other)
@@ -697,6 +706,14 @@ def _cuts(at: Place) -> list[int]:
     middle = next((t for k in range(gap // 3) for t in (out[last] + gap // 2 + k, out[last] + gap // 2 - k)
                    if not _beside(t % round_s, events)), 0)  # fmt: skip
     return [*out[last + 1 :], *out[: last + 1], *([middle % round_s] if middle else [])]
+
+
+def _in_parts(at: Place) -> Place:
+    """The place with its period in parts. Raises NoCycle if it is in parts, or needs none."""
+    ticks = _cuts(at)
+    if not ticks or at.map.cuts:
+        raise NoCycle("the motion does not close to the digits of its state")
+    return _cut(at, ticks)
 
 
 def _cut(at: Place, ticks: Sequence[int]) -> Place:
