@@ -26,10 +26,12 @@ from rig.compiled import kernel
 from rig.compiled.kernel_store import INSTEAD
 from rig.errors import NumericsError
 from rig.machine.files import own_bytes, own_file
-from rig.model.method import ADAPTIVE, chosen, crowded
+from rig.model.assembly import Assembly
+from rig.model.method import ADAPTIVE, TIGHT, chosen, crowded
 from rig.model.system import System
 from rig.model.tables import UNROLLED
 from rig.printable import counted
+from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 
 FRAMES = 3
@@ -76,9 +78,12 @@ def shape_of(system: System, method: str, tolerance: float = math.inf) -> Shape:
 
 
 def prepare(
-    wanted_scenes: Iterable[Scene], report: Callable[[str], object] | None = None, workers: int = 1
+    wanted_scenes: Iterable[Scene],
+    report: Callable[[str], object] | None = None,
+    workers: int = 1,
+    analysed: Iterable[Scene] = (),
 ) -> dict[Shape, float]:
-    """Compile the missing kernels of these scenes in `workers` processes.
+    """Compile the missing kernels of these scenes in `workers` processes; `analysed`: those of maps and branches.
 
     Returns seconds for each compiled shape. `report` gets a line before and after each, with an estimate of the
     remaining time.
@@ -87,6 +92,8 @@ def prepare(
     wanted: dict[Shape, list[Scene]] = {}
     for scene in wanted_scenes:
         wanted.setdefault(shape(scene), []).append(scene)
+    for scene in analysed:
+        wanted.setdefault(analysed_shape(scene), []).append(scene)
     done = ready()
     missing = {kind: scenes[0] for kind, scenes in wanted.items() if kind not in done}
     many = f"{len(wanted)} kernel shapes in {sum(map(len, wanted.values()))} scenes"
@@ -117,25 +124,47 @@ def compile_all(missing: Mapping[Shape, Scene], workers: int, say: Callable[[str
 
     if workers > 1:
         say(f"compiling {len(shapes)} kernel shapes in {workers} processes; {left()}")
-        work = Work(_compile, list(missing.values()))
+        work = Work(_compile, shapes)
         with temporary(work) as store:
             carry_out(work, store, workers, look, apart=True)
         return spent
     for number, (kind, scene) in enumerate(shapes):
         states = counted(kind.states, "state") if kind.states else "many states"
         say(f"{number + 1} of {len(shapes)}: {scene.name}, {states}; {left()}")
-        ends(number, float(_compile(scene)["seconds"]))
+        ends(number, float(_compile((kind, scene))["seconds"]))
     return spent
 
 
-def _compile(scene: Scene) -> Arrays:
-    """Compile for a scene; return the time it took [s].
+def _compile(wanted: tuple[Shape, Scene]) -> Arrays:
+    """Compile a shape for a scene; return the time it took [s].
 
     Kernels that several workers need are compiled by each, unless another was faster; one at a time stores them.
     """
     begin = time.perf_counter()
-    run_briefly(scene)
+    kind, scene = wanted
+    (run_briefly if kind == shape(scene) else analyse_briefly)(scene)
     return {"seconds": np.array(time.perf_counter() - begin)}
+
+
+def analyse_briefly(scene: Scene) -> None:
+    """Call what maps and branches call."""
+    from rig.analysis.return_map import Flow
+
+    for assembly in (scene.assemble(), _analysed(scene)):  # at one value of the parameter, and over it
+        flow = Flow(scene, assembly, output=next(iter(assembly.outputs)))
+        for x in (flow.system.start, flow.settled):  # which may stick, and slips
+            flow.carried(x, flow.step, keep=True)
+
+
+def analysed_shape(scene: Scene) -> Shape:
+    """Return the shape of a map or of branches over the speed of the drive, which is then a state; else of a run."""
+    kind = shape_of(_analysed(scene).system(), scene.clock.method, TIGHT)
+    return shape(scene) if kind.fixed else kind
+
+
+def _analysed(scene: Scene) -> Assembly:
+    held = dict.fromkeys({"drive.speed"} & scene.assemble().inputs.keys(), "held")
+    return assembled(scene.parameters, scene.frame_ns, {**held, **scene.moved}, random=False, limits=scene.limits)
 
 
 def run_briefly(scene: Scene) -> None:

@@ -111,11 +111,11 @@ def warmup(
 ) -> dict[Shape, float]:
     """Compile the kernels of the scenes `names`; by default of all shipped ones, and of the torture test.
 
+    So are those of analyses with a tight tolerance (maps, branches), where they take another method than runs.
     Returns seconds for each compiled shape. `report` gets a line before and after each shape, with an estimate of the
     remaining time.
     """
     for package in (rig, controllers, sensors):  # some systems do not store bytecode: that costs 0.2 s at each start
         compileall.compile_dir(Path(package.__path__[0]), quiet=2)
-    if names is not None:
-        return prepare([scenes.load(name) for name in names], report, workers)
-    return prepare([*(scenes.load(name) for name in scenes.names()), *needed()], report, workers)
+    wanted = [scenes.load(name) for name in (scenes.names() if names is None else names)]
+    return prepare([*wanted, *(needed() if names is None else ())], report, workers, analysed=wanted)

@@ -101,7 +101,8 @@ def test_a_scene_without_kernels_is_not_judged():
 def compiled(tmp_path, monkeypatch):
     called = []
     monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
-    monkeypatch.setattr(kernel_shapes, "run_briefly", lambda scene: called.append(scene.name))
+    for way in ("run_briefly", "analyse_briefly"):
+        monkeypatch.setattr(kernel_shapes, way, lambda scene: called.append(scene.name))
     return called
 
 
@@ -110,3 +111,6 @@ def test_every_shipped_scene_is_ready_after_a_warm_up(compiled, shipped, monkeyp
     monkeypatch.setattr(rig.scenes, "load", dict(zip(rig.scenes.names(), shipped)).get)
     bug_report.warmup()
     assert {*map(kernel_shapes.shape, shipped)} <= kernel_shapes.ready()
+    tight = [*map(kernel_shapes.analysed_shape, shipped)]
+    assert {*tight} <= kernel_shapes.ready()
+    assert any(kind.long for kind in tight)
