@@ -22,7 +22,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from rig.errors import SceneError
 from rig.structure.full import Array, Full, Points
-from rig.structure.mesh import Mesh, Numbers, Selection, direction_number, few, lines_of, tried
+from rig.structure.mesh import NOTHING, Mesh, Numbers, Selection, direction_number, few, lines_of, tried
 from rig.units import brief
 
 OPENED = 0.01
@@ -342,19 +342,23 @@ def rigid_motions(full: Full) -> Array:
     return motions
 
 
-def node_vector(full: Full, nodes: Sequence[int], direction: Sequence[float]) -> Array:
+def node_vector(full: Full, nodes: Sequence[int], direction: Sequence[float], mesh: Mesh = NOTHING) -> Array:
     """The mean displacement [row] of nodes along a direction; times their number, a force of one newton at each.
 
-    Raises SceneError for nodes that have no row.
+    Raises SceneError for nodes that have no row, and for nodes that may follow others along a part of the direction.
     """
     along = _unit(np.array(direction, dtype=float))
     vector = np.zeros(full.rows)
     chosen = np.isin(full.node, nodes) & (full.direction >= 0) & (full.direction < 3)
     vector[chosen] = along[full.direction[chosen]] * full.share[chosen] / len(nodes)
-    free = np.unique(full.node[chosen & (along[np.clip(full.direction, 0, 2)] != 0.0)])
-    if len(held := np.setdiff1d(nodes, free)):
-        more = f" and {len(held) - 1} others" if len(held) > 1 else ""
-        raise SceneError("", [f"node {held[0]}{more} is held or has no row along {list(map(float, direction))}"])
+    needed = np.flatnonzero(along)
+    free = np.array([np.isin(nodes, full.node[chosen & (full.direction == k)]) for k in needed])
+    follow = np.isin(nodes, sorted(mesh.following)) | bool(mesh.tied)
+    if len(lacking := np.flatnonzero(~free.any(axis=0) | (follow & ~free.all(axis=0)))):
+        more, at = len(lacking) - 1, ", ".join(f"{value + 0.0:g}" for value in direction)
+        why = f"moved by others ({mesh.tied or '*EQUATION'})" if follow[lacking[0]] else "without a row"
+        which = f"node {nodes[lacking[0]]}" + (f" and {more} others are" if more else " is")
+        raise SceneError("", [f"{which} held or {why} along [{at}]; choose free nodes"])
     return vector
 
 

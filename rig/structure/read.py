@@ -120,8 +120,10 @@ def structure(
     dofs = tried(lambda: _dofs(job.with_name(job.name + ".dof")), None, faults) if job is not None else None
     read: list[tuple[Source, _Matrix]] = []
     for number, source in enumerate(sources):
-        own = dofs if job is not None and number < 2 else None
-        if (matrix := tried(lambda: _part(source, own), None, faults)) is not None:  # noqa: B023
+        of_job = job is not None and number < 2
+        if of_job and dofs is None and source.file is not None:
+            tried(lambda: readable(source.file), None, faults)  # type: ignore[arg-type]  # noqa: B023
+        elif (matrix := tried(lambda: _part(source, dofs if of_job else None), None, faults)) is not None:  # noqa: B023
             read.append((source, matrix))
     table = tried(lambda: _rows(rows), None, faults) if rows else None
     if faults:
@@ -192,7 +194,7 @@ def _part(source: Source, dofs: NDArray[np.int64] | None) -> _Matrix:
         read = _Matrix(_triplets(source.file, _table(source.file, 3), len(dofs), complete=True), dofs)
     else:
         read = _file(source.file, source.variable)
-    _finite(read, source)
+    _finite(read, source, dofs)
     rows, columns = read.values.shape
     if rows != columns or not rows:
         raise SceneError("", [f"{_named(source)}: has {rows} rows and {columns} columns; expected a square matrix"])
@@ -212,13 +214,16 @@ def _named(source: Source) -> str:
     return f"{source.file.name} ({source.name})" if source.file else source.name
 
 
-def _finite(matrix: _Matrix, source: Source) -> None:
+def _finite(matrix: _Matrix, source: Source, dofs: NDArray[np.int64] | None) -> None:
     """Raise SceneError for entries that are not finite."""
     entries = matrix.values.tocoo()
     bad = np.flatnonzero(~np.isfinite(entries.data))
     if len(bad):
         places = [f"row {entries.coords[0][k] + 1}, column {entries.coords[1][k] + 1}" for k in bad[:SHOWN]]
-        raise SceneError("", [f"{_named(source)}: has {len(bad)} entries that are not finite: {'; '.join(places)}"])
+        advice = "; CalculiX writes them beside a nonlinear *MPC: use *EQUATION or *RIGID BODY" * (dofs is not None)
+        raise SceneError(
+            "", [f"{_named(source)}: has {len(bad)} entries that are not finite: {'; '.join(places)}{advice}"]
+        )
 
 
 def _file(path: Path, variable: str) -> _Matrix:

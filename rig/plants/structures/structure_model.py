@@ -210,7 +210,7 @@ def full(p: Tables) -> tuple[Full, Mesh]:
         nodes = (place.node,) if place.node is not None else place.nodes or ()
         if len(mesh.ids) or not nodes:
             nodes = tuple(Selection(place.set or "", nodes, place.box).of(mesh).tolist())
-        return node_vector(whole, nodes, place.direction or ())
+        return node_vector(whole, nodes, place.direction or (), mesh)
 
     def points(name: str, contact: Contact, finer: int) -> Points:
         if contact.rows is not None:
