@@ -186,6 +186,7 @@ _WORDS = {
     "model_attributes_type": "expected a table",
     "dict_type": "expected a table",
     "tuple_type": "expected a list",
+    "too_long": "has too many entries",
     "list_type": "expected a list",
 }
 

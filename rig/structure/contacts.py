@@ -85,9 +85,14 @@ def contact_points(contact: Contact, full: Full, mesh: Mesh) -> Points:
         faults.append("sliding: expected a direction or an axis, one of them")
     if contact.points is not None and min(contact.points) < 1:
         faults.append(f"points: is {list(contact.points)}; expected two numbers of at least 1")
+    if contact.slave.box is not None and contact.master.box is None:  # where two bodies touch, a box has nodes of both
+        slave = np.setdiff1d(slave, master)
+    elif contact.master.box is not None and contact.slave.box is None:
+        master = np.setdiff1d(master, slave)
     if len(both := np.intersect1d(slave, master)):
         what = f"{len(both)} nodes are slave and master, the first is {mesh.ids[both[0]]}"
-        faults.append(f"{what}; the two sides need nodes of their own")
+        advice = " (a box leaves out those of a set or a list)" * (contact.slave.box is not None)
+        faults.append(f"{what}; the two sides need nodes of their own{advice}")
     points = tried(lambda: _points(contact, full, mesh, slave, master), None, faults) if not faults else None
     if points is None:
         raise SceneError(f"contacts.{contact.name}", faults)

@@ -59,7 +59,7 @@ def reduced(p: Tables) -> Reduced:
     try:
         return _reduced(Given(p))
     except UsageError as fault:
-        raise SceneError("reduction", [f"reduction: {line}" for line in str(fault).splitlines()]) from None
+        raise SceneError("reduction", str(fault).splitlines()) from None
 
 
 class Given:

@@ -61,6 +61,10 @@ def _direction(value: Any) -> Any:
 
 
 Direction = Annotated[tuple[float, float, float], BeforeValidator(_direction)]
+Normal = Annotated[
+    tuple[float, float, float] | Literal["face"],
+    BeforeValidator(lambda value: value if value == "face" else _direction(value)),
+]
 
 
 class MatrixPart(Section):
@@ -197,7 +201,7 @@ class Contact(Section):
 
     slave: Surface | None = None
     master: Surface | None = None
-    normal: Direction | Literal["face"] = "face"
+    normal: Normal = "face"
     sliding: Direction | None = None
     points: tuple[Annotated[int, Ge(1), Le(64)], Annotated[int, Ge(1), Le(64)]] = (1, 1)
     search: PositiveMetre = 1e-3
