@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackError, LinearOperator, SuperLU, eigs, eigsh, splu
 
 from rig.errors import RigError
+from rig.printable import counted
 from rig.structure.full import Array, Matrix
 
 Complex = NDArray[np.complex128]
@@ -92,7 +93,7 @@ def largest_square(stiffness: sp.csr_array, mass: sp.csr_array) -> float:
 def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: float = 0.0) -> Modes:
     """The lowest `count` modes, or all up to `up_to` [rad/s], and more until none of a group of equal ones is cut.
 
-    Raises Incomplete where the count by pivots differs, and for a structure with too few rows.
+    Raises Incomplete where the count by pivots differs, for negative stiffness, and for a structure with too few rows.
     """
     rows = mass.shape[0]
     largest = largest_square(stiffness, mass)
@@ -103,12 +104,17 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
     asked = (count or 2 * _NUMBER) + 6
     for _ in range(8):
         asked = min(asked, rows - 1)
-        square, shapes = eigsh(stiffness, k=asked, M=mass, sigma=-shift, OPinv=operator, v0=start, tol=0)
+        try:
+            square, shapes = eigsh(stiffness, k=asked, M=mass, sigma=-shift, OPinv=operator, v0=start, tol=0)
+        except ArpackError:
+            break
         order = np.argsort(square)
         square, shapes = square[order], shapes[:, order]
         wanted = count or int(np.sum(square <= up_to**2))
         gaps = np.flatnonzero(np.diff(np.sqrt(np.abs(square))) > GAP * np.sqrt(np.abs(square[1:]))) + 1
         at = gaps[gaps >= max(wanted, 1)]
+        if square[0] < -shift:
+            break
         if at.size and (count or square[-1] > up_to**2):
             kept = int(at[0])
             below = below_count(stiffness, mass, 0.5 * (square[kept - 1] + square[kept]))
@@ -118,6 +124,8 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
         elif asked == rows - 1:
             break
         asked += max(asked // 2, 8)
+    if negative := below_count(stiffness, mass, -shift):
+        raise Incomplete(f"the stiffness is negative for {counted(negative, 'motion')}: check its sign and its units")
     raise Incomplete(
         f"the modes up to {count or f'{up_to / (2 * np.pi):g} Hz'} of {rows} rows could not be computed completely: "
         f"ask for fewer, or use reduction.kind = 'whole' below 300 rows"

@@ -99,12 +99,13 @@ def structure(
     job: Path | None = None,
     nodes: Path | None = None,
     rows: Path | None = None,
-    where: str = "structure",
+    flaws: list[str] | None = None,
 ) -> tuple[Full, Mesh]:
     """The matrices in SI units and the mesh.
 
     `job`: CalculiX matrices, without suffix, beside the `sources`. `nodes`: an .inp file, or a CSV file: node, x, y,
-    z. `rows`: the CSV file with node and direction of each row. Raises SceneError with every fault.
+    z. `rows`: the CSV file with node and direction of each row. Raises SceneError with every fault. What is wrong with
+    the entries of the matrices is added to `flaws` if it is given: contacts and places can be checked all the same.
     """
     faults: list[str] = []
     if units not in UNITS:
@@ -127,7 +128,7 @@ def structure(
             read.append((source, matrix))
     table = tried(lambda: _rows(rows), None, faults) if rows else None
     if faults:
-        raise SceneError(where, faults)
+        raise SceneError("structure", faults)
     read, labels = _one_order(read, table, faults)
     if job is not None and len(mesh.ids) and not mesh.tied and not mesh.following:
         faults += [f"{job.name}.dof, {fault}" for fault in _mislabelled(labels, read[1][1].values, mesh)]
@@ -144,9 +145,11 @@ def structure(
         faults.append(f"{what}, and {len(strange) - 1} more rows are like it; take the mesh of the matrices")
     if not faults:
         size = float(np.ptp(mesh.xyz, axis=0).max()) if len(mesh.ids) else 0.0
-        faults += _flawed(read, np.where(inner, -1, labels[:, 0]), direction, length, size)
+        (faults if flaws is None else flaws).extend(
+            _flawed(read, np.where(inner, -1, labels[:, 0]), direction, length, size)
+        )
     if faults:
-        raise SceneError(where, faults)
+        raise SceneError("structure", faults)
     turning = direction >= 3
     parts = tuple(
         Part(source.name, source.of, _si(matrix.values, turning, length), source.key, source.power, source.factor)

@@ -189,10 +189,10 @@ def full(p: Tables) -> tuple[Full, Mesh]:
 
     Raises SceneError with every fault, each with its key or its file and row.
     """
-    whole, mesh = read.structure(_sources(p), p.structure.units, **_beside(p))
+    faults: list[str] = []
+    whole, mesh = read.structure(_sources(p), p.structure.units, **_beside(p), flaws=faults)
     names = p.structure.coordinates or tuple(map(str, range(1, whole.rows + 1)))
     over = {name: i for i, name in enumerate(names)}
-    faults: list[str] = []
     if len(names) != whole.rows:
         faults.append(f"structure.coordinates: there are {len(names)} names for matrices of {whole.rows} rows")
 
