@@ -500,7 +500,9 @@ def test_a_recording_is_verified_without_the_files_and_the_store(disc, tmp_path,
 
 
 def test_faults_of_files_and_nodes_are_reported_together(disc):
+    (disc / "half.mtx").write_text("%%MatrixMarket matrix coordinate real general\n14148 14148 1\n1 2 5.0\n")
     wrong = FE | {
+        "structure": FE["structure"] | {"parts": {"half": {"of": "stiffness", "file": "./half.mtx"}}},
         "outputs": {"pad": {"set": "BACKUP", "direction": "z"}, "far": {"node": 99999, "direction": "z"}},
         "contacts": {"pad_up": FE["contacts"]["pad_up"] | {"slave": {"set": "PADUP"}}},
     }
@@ -508,6 +510,7 @@ def test_faults_of_files_and_nodes_are_reported_together(disc):
         scenes.load(written(disc, wrong, "wrong"))
     lines = "\n".join(error.value.faults)
     for line in (
+        "half.mtx (half): has entries in its upper triangle only",
         "contacts.pad_up: slave: the mesh has no node set 'PADUP'; it has: PAD_UP",
         "outputs.pad: the mesh has no node set 'BACKUP'; it has: BACK_UP",
         "outputs.far: the mesh has no node 99999",

@@ -251,6 +251,7 @@ FILES = [
     ("job.sti", lambda content: content[: len(content) // 2], r"job.sti"),
     ("job.mas", lambda content: b"", "job.mas: is empty"),
     ("job.mas", line(2, "1 2 x"), "job.mas, line 2: is '1 2 x'; expected 3 numbers"),
+    ("job.mas", line(2, "1 2 nan"), r"job.mas .*: has 1 entries that are not finite: .*; CalculiX .* nonlinear \*MPC"),
     ("job.mas", line(2, "1 9 0.25"), "job.mas: entry 2 has row 1 and column 9; expected 1 to 5"),
     ("job.sti", line(1, "2 1 4"), "stored is 'upper', but row 2 has an entry in column 1"),
     ("job.dof", line(5, ""), "job.sti: entry .* has row 3 and column 5; expected 1 to 4"),
@@ -315,8 +316,9 @@ def test_all_faults_of_all_files_are_reported_at_once(tmp_path):
     (tmp_path / "damping.op4").write_text("binary")
     mesh = text(tmp_path / "mesh.inp", ["*NODE", "1, 0., 0.", "2, a, 0., 0."])
     rows = text(tmp_path / "rows.csv", ["1,x", "1,u", "2"])
-    faults = refused(sources, "mm-kg-s", rows=rows, nodes=mesh)
+    faults = refused(sources, "mm-kg-s", rows=rows, nodes=mesh, job=tmp_path / "none")
     words = ["units is 'mm-kg-s'", "mesh.inp, line 3", "damping.op4: is of an unknown format", "missing.mtx: cannot be"]
+    words += [f"none.{suffix}: cannot be read" for suffix in ("sti", "mas", "dof")]
     for word in [*words, "rows.csv, line 2", "rows.csv, line 3"]:
         assert sum(word in fault for fault in faults) == 1
     [advice] = [fault for fault in faults if "unknown format" in fault]

@@ -312,6 +312,17 @@ def test_a_row_without_stiffness_and_mass_is_named():
         build(Full(parts, np.arange(181), np.arange(181)), Reduction(modes=10))
 
 
+@pytest.mark.parametrize(("alone", "motions"), [(False, "180 motions"), (True, "1 motion")])
+def test_negative_stiffness_is_named(alone, motions):
+    """Of all rows, or of the first row alone."""
+    full = structure(2)
+    stiffness = full.matrix("stiffness", {})
+    first = sp.csr_array(([-10.0 * stiffness.diagonal().max()], ([0], [0])), shape=stiffness.shape)
+    wrong = Part("wrong", "stiffness", first if alone else -2.0 * stiffness)
+    with pytest.raises(eigenvalues.Incomplete, match=f"the stiffness is negative for {motions}: check its sign"):
+        build(Full((*full.parts, wrong), full.node, full.direction), Reduction(modes=10))
+
+
 def test_negative_damping_is_named_with_its_growth():
     full = structure(2)
     reduced = build(full, Reduction("whole"))

@@ -114,19 +114,25 @@ def _reduced(given: Given) -> Reduced:
     contents = [_hash(*file) for file in given.files]
     tables = hashlib.sha256(repr((given.tables, given.reduction)).encode()).hexdigest()[:32]
     key = f"{tables} {' '.join(contents)}"
-    return basis.stored(key, lambda: full(p)[0], given.reduction, f"structure {tables}", _Told())
+    return basis.stored(key, lambda: full(p)[0], given.reduction, f"structure {tables}", _Told(given.reduction))
 
 
 class _Told:
-    """Says in the log what takes long: what is computed, every few seconds."""
+    """Says in the log what takes long: what is computed, every few seconds, and for which values alone it holds."""
 
-    def __init__(self) -> None:
+    def __init__(self, reduction: basis.Reduction) -> None:
         self._next = time.monotonic() + _SILENT
+        fixed = ", ".join(f"{key} = {value:g}" for key, value in reduction.at.items() if value)
+        self._holds = (
+            f", for {fixed} alone: what you vary belongs into reduction.over, or every value is trained anew"
+            if fixed and reduction.kind == "snapshots"
+            else ""
+        )
 
     def __call__(self, what: str, share: float) -> None:
         if time.monotonic() >= self._next:
             self._next = time.monotonic() + _SILENT
-            _log.warning("reducing the structure: %s (%.0f %%); the result is kept", what, 100.0 * share)
+            _log.warning("reducing the structure: %s (%.0f %%); the result is kept%s", what, 100.0 * share, self._holds)
 
 
 def _reduction(p: Tables) -> basis.Reduction:
