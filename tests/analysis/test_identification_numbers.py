@@ -1,13 +1,16 @@
 """How often intervals hold: rigs drawn at random, identified, and compared with their truth.
 
-python -m pytest tests/analysis/test_identification_numbers.py -m slow -n 0 -s       all 48 rigs: half an hour
+python -m pytest tests/analysis/test_identification_numbers.py -m slow -n 0 -s       all 48 rigs: half an hour and more
 RIGS=12 python -m pytest ...                    the first twelve
+ROWS=rigs.jsonl python -m pytest ...            each rig is appended to this file, and not computed again
 """
 
+import json
 import math
 import os
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +21,7 @@ from rig.errors import UsageError
 from rig.record.run import Samples
 
 pytestmark = pytest.mark.slow
-COUNT = int(os.environ.get("RIGS", "48"))
+COUNT, ROWS = int(os.environ.get("RIGS", "48")), os.environ.get("ROWS", "")
 PLANTS = {
     "belt": (
         {"friction.mu_static": 0.5, "friction.mu_dynamic": 0.18, "friction.speed_scale": 0.05, "body.damping": 2.0},
@@ -56,6 +59,20 @@ RATE = 5e3
 def say(*parts):
     sys.stdout.write(" ".join(map(str, parts)) + "\n")
     sys.stdout.flush()
+
+
+def rows(test, count, compute):
+    """What `compute` returns for each of `count` rigs: JSON values, kept in the file ROWS."""
+    kept = [json.loads(line) for line in Path(ROWS).read_text().splitlines()] if ROWS and Path(ROWS).exists() else []
+    known = {row["rig"]: row for row in kept if row["test"] == test}
+    for number in range(count):
+        if number not in known:
+            known[number] = {"test": test, "rig": number, **compute(number)}
+            if ROWS:
+                with Path(ROWS).open("a") as file:
+                    file.write(json.dumps(known[number]) + "\n")
+        say(known[number])
+    return [known[number] for number in range(count)]
 
 
 def drawn(number, law=None, runs=None, spread=0.25, plants=tuple(PLANTS)):
@@ -100,25 +117,23 @@ def deviations(found, truth):
     ], found.best.reach
 
 
+def interval(number):
+    base, ranges, truth, entries = drawn(number)
+    try:
+        found = rig.identify(base, entries, ranges, starts=2)
+    except UsageError as fault:
+        return {"scene": base.name, "refused": str(fault)[:200], "z": []}
+    z, reach = deviations(found, truth)
+    return {"scene": base.name, "z": z, "reach": reach, "fits": found.best.fits, "p": found.best.p}
+
+
 @pytest.mark.timeout(7200)
 def test_intervals_hold_and_are_not_biased():
-    z, inside, refused, misfits = [], [], [], 0
-    for number in range(COUNT):
-        base, ranges, truth, entries = drawn(number)
-        try:
-            found = rig.identify(base, entries, ranges, starts=2)
-        except UsageError as fault:
-            refused.append((number, str(fault)[:200]))
-            continue
-        row, reach = deviations(found, truth)
-        misfits += not found.best.fits
-        z += row
-        inside += [abs(value) < reach for value in row]
-        say(number, base.name, np.round(row, 2), f"p {found.best.p:.2g}", found.best.evaluations)
-    say(
-        f"{len(z)} intervals, {100 * np.mean(inside):.1f} % hold, mean {np.mean(z):.2f}, {misfits} misfits, "
-        f"refused: {refused}"
-    )
+    made = rows("intervals", COUNT, interval)
+    z = [value for row in made for value in row["z"]]
+    inside = [abs(value) < row["reach"] for row in made for value in row["z"]]
+    misfits = sum(not row.get("fits", True) for row in made)
+    say(f"{len(z)} intervals, {100 * np.mean(inside):.1f} % hold, mean {np.mean(z):.2f}, {misfits} misfits")
     assert len(z) >= 180 * COUNT / 48
     assert 0.84 <= np.mean(inside) <= 0.97
     assert abs(np.mean(z)) < 0.33
@@ -134,15 +149,16 @@ def gaussian(truth):
     return {**law, "body.damping": truth["body.damping"]}
 
 
+def wrong_law(number):
+    base, ranges, _, entries = drawn(number, gaussian, plants=("belt", "pendulum"))
+    fit = rig.identify(base, entries, ranges, starts=1)
+    assert fit.best.fits or all(math.isnan(p.low) for p in fit.parameters)
+    return {"scene": base.name, "fits": fit.best.fits, "p": fit.best.p}
+
+
 @pytest.mark.timeout(7200)
 def test_a_wrong_law_is_a_misfit_and_has_no_interval():
-    found = []
-    for number in range(COUNT):
-        base, ranges, _, entries = drawn(number, gaussian, plants=("belt", "pendulum"))
-        fit = rig.identify(base, entries, ranges, starts=1)
-        found.append(not fit.best.fits)
-        say(number, f"p {fit.best.p:.2g}")
-        assert fit.best.fits or all(math.isnan(p.low) for p in fit.parameters)
+    found = [not row["fits"] for row in rows("wrong law", COUNT, wrong_law)]
     assert sum(found) >= math.floor(45 * COUNT / 48)
 
 
@@ -167,19 +183,21 @@ def test_two_loads_identify_what_one_does_not():
         assert width[one_load]["friction.mu_dynamic"] > 3.0 * width["best"]["friction.mu_dynamic"]
 
 
+def proposed(number):
+    base, ranges, _, entries = drawn(number, plants=("belt",), runs=((0.05, 16.0), (0.10, 26.0)))
+    over = {"drive.speed": [0.05, 0.1, 0.2], "load.force": [8.0, 32.0]}
+    found = rig.identify(base, entries, ranges, starts=1, over=over)
+    best = found.proposals[0]
+    at = tuple(best.settings[key][0] for key in ("drive.speed", "load.force"))
+    *_, again = drawn(number, plants=("belt",), runs=((0.05, 16.0), (0.10, 26.0), at))
+    fit = rig.identify(base, again, ranges, starts=1).best
+    now = widths(fit, fit.covariance)
+    ratio = math.exp(np.mean([math.log(now[key] / best.widths[key]) for key in now]))
+    return {"at": at, "found over predicted": ratio}
+
+
 @pytest.mark.timeout(7200)
 def test_the_proposed_experiment_narrows_the_intervals_as_predicted():
-    count, good = max(20 * COUNT // 48, 2), 0
-    for number in range(count):
-        base, ranges, _, entries = drawn(number, plants=("belt",), runs=((0.05, 16.0), (0.10, 26.0)))
-        over = {"drive.speed": [0.05, 0.1, 0.2], "load.force": [8.0, 32.0]}
-        found = rig.identify(base, entries, ranges, starts=1, over=over)
-        best = found.proposals[0]
-        at = tuple(best.settings[key][0] for key in ("drive.speed", "load.force"))
-        *_, again = drawn(number, plants=("belt",), runs=((0.05, 16.0), (0.10, 26.0), at))
-        fit = rig.identify(base, again, ranges, starts=1).best
-        now = widths(fit, fit.covariance)
-        ratio = math.exp(np.mean([math.log(now[key] / best.widths[key]) for key in now]))
-        good += 0.7 <= ratio <= 1.4
-        say(number, at, f"found over predicted {ratio:.2f}")
+    count = max(20 * COUNT // 48, 2)
+    good = sum(0.7 <= row["found over predicted"] <= 1.4 for row in rows("next", count, proposed))
     assert good >= math.floor(18 * count / 20)

@@ -26,7 +26,6 @@ START = np.array([0.1, 0.1, 0.1, 0.1, 0.0, 0.1])
 """Deviation between runs of each measure where a fit begins; an offset of each record takes up its level."""
 _WIDE, _TAILS = 1.5, 5  # of a deviation; degrees of freedom
 _UNKNOWN = 0.18  # deviation above which the interval of a key would be wide if all others were known
-_ALIKE = 0.9  # correlation above which two keys are nearly one
 _ROUNDS = 60
 _TIMES = [0, 2, 3]  # measures whose deviations are estimated: those that are fitted, without the level
 
@@ -116,33 +115,18 @@ def _draws(fit: Fit, solution: Solution, seed: int, count: int, wide: bool) -> t
     shape = _WIDE**2 * C + 1e-12 * np.diag(np.diag(C))
     unknown = np.diag(inverse(C)) * _UNKNOWN**2 < 1.0
     rest = np.flatnonzero(np.logical_not(unknown))
-    straight = _straight(fit, C) & np.logical_not(unknown)
     everywhere = np.exp(-np.log(fit.high - fit.low)[unknown].sum())
-    drawn = [stats.multivariate_t(np.zeros(p), shape, _TAILS, seed=chance).rvs(100 * count).reshape(-1, p)]
-    drawn[0][:, straight] = np.log(np.maximum(1.0 + drawn[0][:, straight], 1e-300))
-    drawn[0] += middle
+    drawn = [stats.multivariate_t(middle, shape, _TAILS, seed=chance).rvs(100 * count).reshape(-1, p)]
     drawn.append(drawn[0].copy())
     drawn[1][:, unknown] = chance.uniform(fit.low[unknown], fit.high[unknown], (100 * count, int(unknown.sum())))
     kept = [_inside(fit, points) for points in drawn]
     z = np.concatenate([points[: count // 2] for points in kept])
-    apart = z - middle
-    size = np.exp(apart[:, straight].sum(axis=1))
-    apart[:, straight] = np.expm1(apart[:, straight])
-    density = np.exp(stats.multivariate_t(None, shape, _TAILS).logpdf(apart)) / len(kept[0])
-    others = stats.multivariate_t(None, shape[np.ix_(rest, rest)], _TAILS).logpdf(apart[:, rest]) if rest.size else 0.0
-    density = size * (density + everywhere * np.exp(others) / len(kept[1]))
+    density = np.exp(stats.multivariate_t(middle, shape, _TAILS).logpdf(z)) / len(kept[0])
+    others = (
+        stats.multivariate_t(middle[rest], shape[np.ix_(rest, rest)], _TAILS).logpdf(z[:, rest]) if rest.size else 0.0
+    )
+    density = density + everywhere * np.exp(others) / len(kept[1])
     return np.hstack([z, np.tile(solution.z[p:], (len(z), 1))]), np.log(density)
-
-
-def _straight(fit: Fit, C: Reals) -> Any:
-    """The keys that are drawn by their values, not their logarithms: of pairs of one unit that are nearly one.
-
-    Only their difference is known, and a valley of constant difference is straight in the values.
-    """
-    sd = np.sqrt(np.diag(C))
-    alike = np.abs(C / np.outer(sd, sd)) > _ALIKE
-    pairs = np.array([[a is not b and a.log and b.log and a.unit == b.unit for a in fit.free] for b in fit.free])
-    return (alike & pairs).any(axis=1)
 
 
 def _inside(fit: Fit, points: Reals) -> Reals:
