@@ -466,6 +466,17 @@ def test_a_cycle_is_followed_from_which_motions_depart_by_many_orders_of_magnitu
     assert last.multipliers[0].real > 1e8
 
 
+@pytest.mark.slow
+def test_a_canard_keeps_its_parameter_from_the_sticking_side(tmp_path):
+    """Motions beside it depart by many orders of magnitude and then stick, so that its multiplier is zero."""
+    loaded = lab.load("seal_l", {"limits": "none", "body.damping": 8.0})
+    result = branches(job(loaded, "drive.speed=8.5 mm/s:9 mm/s", None, (8.55e-3,), 50), tmp_path)
+    upwards = next(b for b in result.branches if b.kind == "cycles")
+    assert max(p.residual for *_, p in result.points()) <= CLOSED
+    assert upwards.points[-1].value == pytest.approx(8.631159125e-3, rel=1e-8)
+    assert [special.kind for special in result.specials if special.kind != "hopf"] == []
+
+
 def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):
     """At three points the motion from a standing start comes to the same cycle."""
     scene = lab.load("brake", {"limits": "none"})

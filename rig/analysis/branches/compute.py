@@ -334,7 +334,7 @@ class _Computation:
         points: list[Point] = []
         last: list[Place] = []
         events: list[tuple[str, ...]] = []
-        saved_at = begun = time.monotonic()
+        saved_at = time.monotonic()
         continued = bool(made) and made[-1].end is None
         if continued:
             points += made.pop().points
@@ -345,10 +345,7 @@ class _Computation:
             if not points or not continued or len(last):
                 points.append(_point(at))
             last[:], events[:] = [at], [segment.names]
-            pace = abs(at.p - first.p) / max(time.monotonic() - begun, 1e-3)
-            way = (self.high - at.p) if at.t[-1] > 0.0 else (at.p - self.low)
-            left = f", about {way / pace:.0f} s to the end of the range at this pace" if pace else ""
-            self.watch(self._progress(made, points[-1]) + left)
+            self.watch(self._progress(made, points[-1]))
             if time.monotonic() - saved_at > SAVE:
                 self._save([*made, Branch(kind, self.unit, segment.names, tuple(points))], at, False, notes)
                 saved_at = time.monotonic()

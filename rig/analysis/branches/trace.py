@@ -278,6 +278,9 @@ def _along(
             if missed(new) > CLOSED_TO:  # motions beside it have departed and come back within the period
                 segment.places[-1] = _in_parts(at)
                 continue
+            centred = _rescaled(_recentred(new))
+            if missed(centred) > CLOSED_TO:
+                raise NoCycle("the motion does not close from another base")
         except FAILURES as error:
             if isinstance(error, NotSmooth) and error.other is not None:
                 other = error.other
@@ -301,7 +304,7 @@ def _along(
             return None
         if runs <= (_EASY if not at.map.cuts else 2 * _EASY):
             ds = min(ds * _GROWTH, longest * math.sqrt(len(at.map.ticks)))
-        segment.places.append(replace(_rescaled(_recentred(new)), step=ds))
+        segment.places.append(replace(centred, step=ds))
         watch(segment.places[-1])
     segment.end = Special("most", segment.places[-1], segment.places[-1].p, 0.0, why=f"{most} points")
     return None
@@ -738,7 +741,10 @@ def _cut(at: Place, ticks: Sequence[int]) -> Place:
     if len(begins) == len(ticks) == 1:  # in parts differences grow too much to tell the direction
         forward = ((moved(at.map.shifted(at.u, 1e-5 * at.t))[0].x - new[0].x)[moving] / size) / 1e-5
     u = np.append(x, at.u[-2:])
-    return replace(place(map, u, map.end(u), np.append(forward, at.t[-2:])), step=at.step)
+    made = place(map, u, map.end(u), np.append(forward, at.t[-2:]))
+    if missed(made) > CLOSE:  # the parts of a motion that has departed on its way
+        made = place(map, *stepped(made, 0.0, made.end.met), made.t)
+    return replace(made, step=at.step)
 
 
 def better_base(map: ReturnMap, u: Array, run: Carried, T: float) -> float | None:
