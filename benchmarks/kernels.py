@@ -13,21 +13,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
-from rig.analysis.motion_measures import Setting
 from rig.laws.lugre import LuGre
 from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.motion.motion import Motion
 from rig.plants import PLANTS
-from rig.qualify.cost.peers.oscillator import Oscillator
-from rig.qualify.cost.peers.solvers import by_rig, by_scipy
 from rig.scenes import loader
 
 Array = NDArray[np.float64]
 ROUNDS = 15
 SECONDS = 20.0
 STEP_NS = 1_000_000
+P1_SECONDS = 4.0
 P1 = Path(__file__).parents[1] / "tests" / "problems" / "p1.toml"
 COULOMB = {
     "friction": {"law": "coulomb", "mu_static": 0.4, "mu_kinetic": 0.25},
@@ -116,16 +115,53 @@ def precision() -> dict[str, Any]:
     return {"kernel": kernel, "over_exact": at["exact at 1e-06"] / kernel, "best": at, "rows": rows}
 
 
+def _by_rig(system: System) -> Callable[[], list[float]]:
+    """P1 by `exact` with a state every millisecond: a function that runs it and returns the times [s] of events."""
+    ticks = round(P1_SECONDS * 1e9 / STEP_NS)
+    motion = Motion(system, STEP_NS, "exact", with_energy=False, longest=ticks)
+
+    def run() -> list[float]:
+        motion.x[:], first = system.start, motion.tick
+        motion.advance(ticks)
+        from_tick, events, places = motion.met()
+        times: list[float] = ((events[:, 0] + (from_tick - first) + places) * (STEP_NS * 1e-9)).tolist()
+        return times
+
+    return run
+
+
+def _by_scipy(p: Any) -> list[float]:
+    """The same by scipy: slip with a terminal event, stick in closed form; samples every millisecond."""
+    force, speed = p.friction.mu_kinetic * p.load.force, p.drive.speed
+    mass, damping, stiffness = p.body.mass, p.body.damping, p.body.stiffness
+
+    def rate(t: float, y: Array) -> list[float]:
+        return [y[1], (force - stiffness * y[0] - damping * y[1]) / mass]
+
+    def sticks(t: float, y: Array) -> float:
+        return float(speed - y[1])
+
+    sticks.terminal, sticks.direction = True, -1  # type: ignore[attr-defined]
+    release = (p.friction.mu_static * p.load.force - damping * speed) / stiffness
+    grid, times, t, x = np.arange(0.0, P1_SECONDS + 5e-4, 1e-3), list[float](), 0.0, p.start.displacement
+    while (t := t + max(release - x, 0.0) / speed) < P1_SECONDS:
+        times.append(t)
+        samples = grid[np.searchsorted(grid, t, side="right") :]
+        slip = solve_ivp(rate, (t, P1_SECONDS), [release, speed], method="DOP853", rtol=1e-9, atol=1e-12, events=sticks,
+                         t_eval=samples)  # fmt: skip
+        if not len(slip.t_events[0]):
+            break
+        t, x = float(slip.t_events[0][0]), float(slip.y_events[0][0][0])
+        times.append(t)
+    return times
+
+
 def scipy_ratio() -> dict[str, Any]:
     """Return the time of scipy's DOP853 with events over that of `exact`, for tests/problems/p1.toml: a mass on a belt
     under Coulomb friction, samples of 1 ms.
     """
     scene = loader.load(str(P1))
-    problem = Oscillator.of(scene)
-    solvers = {
-        "scipy": by_scipy(problem, ("DOP853", 1e-9)),
-        "exact": by_rig(scene, Setting("exact"), problem.seconds),
-    }
+    solvers = {"scipy": partial(_by_scipy, scene.parameters), "exact": _by_rig(scene.assemble().system())}
     times = {name: np.array(solve()) for name, solve in solvers.items()}
     best = interleaved(solvers, 7)
     return {

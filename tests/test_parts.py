@@ -21,7 +21,6 @@ WORDS = {
 KNOWN = {
     "rig/cli/runs.py": {"pendulum"},  # the scene of `rig demo`
     "rig/design/rig.py": {"dither"},  # scales of a command are those without dither
-    "rig/qualify/cost/peers/oscillator.py": {"belt"},  # the one rig that is written for other simulators
     "rig/analysis/floquet.py": {"dither"},  # the motion under dither that is not fast
     "rig/analysis/identification/lever.py": {"lever"},  # the experiments that identify this rig
     "rig/analysis/map/dither.py": {"dither"},  # friction averaged over dither, an analysis of its own

@@ -113,7 +113,7 @@ def test_the_locks_pin_what_the_project_asks_for():
     groups = project["dependency-groups"]
     site = groups.pop("site")
     extras = project["project"]["optional-dependencies"]
-    peers = extras.pop("peers")  # rig cost --peers names the versions it measured
+    peers = extras.pop("peers")  # docs/peers.md names the versions it measured
     assert peers
     used = [*project["project"]["dependencies"], *extras["view"], *extras["web"], *groups["build"]]
     everything = [*used, *(one for group in (*extras.values(), *groups.values()) for one in group)]

@@ -18,7 +18,6 @@ from rig.machine.files import write_file
 
 if TYPE_CHECKING:
     from rig.qualify.torture import Cell
-    from rig.scenes.scene import Scene
 
 
 Target = Annotated[float, typer.Option(metavar="ERROR", help="Target relative error.")]
@@ -35,12 +34,6 @@ def cost(
     ] = "worst",
     target: Target = 1e-3,
     budget: Budget = None,
-    peers: Annotated[
-        bool,
-        typer.Option(
-            "--peers", help="Compare with scipy, SUNDIALS, diffrax, PathSim and MuJoCo instead, as far as installed."
-        ),
-    ] = False,
     out: Results = Path("cost"),
     force: Force = False,
     as_json: Json = False,
@@ -61,10 +54,7 @@ def cost(
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
     folder = folder_of(loaded, at(out))
-    refuse(folder, ("peers.csv", "peers.png") if peers else ("cost.png",), force)  # drawn last: a table without is not
-    if peers:
-        _race(loaded, target, folder, as_json)
-        return
+    refuse(folder, ("cost.png",), force)  # drawn last: a table without is not
     try:
         with printing.bar("settings") as progress:
             measured = measure(loaded, out, progress)
@@ -102,29 +92,6 @@ def cost(
     if not as_json:
         printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
     printing.passed(pick is not None)
-
-
-def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
-    """Other people's solvers on the same problem."""
-    from rig.qualify.cost.peers.race import ABSENT, COLUMNS, draw, lines, race, write
-    from rig.record.provenance import provenance
-
-    with printing.bar("runs") as progress:
-        times = race(scene, report=progress)
-    folder.mkdir(parents=True, exist_ok=True)
-    write(times, folder / "peers.csv")
-    if as_json:
-        printing.report([vars(timed) for timed in times])
-    else:
-        printing.table(
-            f"{scene.name}: the fastest setting that meets a relative error of {target:g}",
-            COLUMNS,
-            lines(times, target),
-        )
-        printing.line(f"\n{folder}/peers.png, peers.csv")
-        if any(timed.fault == ABSENT for timed in times):
-            printing.line("to install missing solvers: pip install -e '.[peers]' in the project's folder")
-    draw(times, scene.title, provenance(scene.seed), target, folder / "peers.png")
 
 
 def torture(

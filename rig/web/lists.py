@@ -140,7 +140,7 @@ class Recordings:
 
 FINISHED = {
     "maps": ("map.png", "regions.png"),
-    "cost": ("cost.png", "peers.png"),
+    "cost": ("cost.png",),
     "branches": ("branches.png", "curves.png"),
 }
 """Folder -> the figures of which one is there when a study is finished."""

@@ -15,12 +15,12 @@ from typing import NamedTuple
 
 from others import OTHERS, mujoco_slope
 from problems import HERE, PROBLEMS, at_end, timed
+from race import cheapest, race
 
 import rig
 from rig.machine.files import write_file
 from rig.model.friction_law import stribeck
 from rig.motion.motion import Motion
-from rig.qualify.cost.peers.race import cheapest, race
 from rig.record.provenance import provenance
 
 ROOT = HERE.parents[1]

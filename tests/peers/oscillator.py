@@ -39,7 +39,7 @@ class Oscillator:
     def of(cls, scene: Scene) -> Oscillator:
         """Return the oscillator of a belt scene. Raises UsageError with every feature that a peer cannot express."""
         if scene.plant != "belt":
-            raise UsageError(f"--peers: {scene.name} is a {scene.plant}; peers are given a mass on a belt only")
+            raise UsageError(f"{scene.name} is a {scene.plant}; peers are given a mass on a belt only")
         p, faults = scene.parameters, []
         law = p.friction.law  # type: ignore[attr-defined]
         faults += [f"friction {law}"] * (law not in ("coulomb", "stribeck"))
@@ -52,7 +52,7 @@ class Oscillator:
         faults += ["a start that is not stuck"] * (start.velocity != speed)
         if faults:
             reasons = ", ".join(faults)
-            raise UsageError(f"--peers: {scene.name} has {reasons}; peers are given a mass on a belt with Coulomb or "
+            raise UsageError(f"{scene.name} has {reasons}; peers are given a mass on a belt with Coulomb or "
                              "Stribeck friction, constant load and speed, stuck at the start")  # fmt: skip
         kinetic, scale = (f.mu_kinetic, 0.0) if law == "coulomb" else (f.mu_dynamic, f.speed_scale)
         seconds = min((scene.duration_ns or 4_000_000_000) * 1e-9, 4.0)

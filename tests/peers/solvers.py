@@ -8,10 +8,10 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from oscillator import SAMPLES, Array, Oscillator
 
 from rig.analysis.motion_measures import Setting
 from rig.motion.motion import Motion
-from rig.qualify.cost.peers.oscillator import SAMPLES, Array, Oscillator
 from rig.scenes.scene import Scene
 
 Run = Callable[[], list[float]]

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oscillator import Oscillator
+from race import Entry, cheapest
+from solvers import by_rig, by_scipy
 
 import rig
 from rig.analysis.motion_measures import Setting
 from rig.errors import UsageError
-from rig.qualify.cost.peers.oscillator import Oscillator
-from rig.qualify.cost.peers.race import Entry, cheapest
-from rig.qualify.cost.peers.solvers import by_rig, by_scipy
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 PROBLEMS = Path(__file__).parents[1] / "problems"
