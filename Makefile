@@ -104,7 +104,6 @@ golden: install # by the commands in the table of recordings/README.md
 	@rm -f recordings/golden/*.mcap
 	@PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$(sed -n 's/^| `golden.*`\(rig .*\)` |$$/\1/p' recordings/README.md)"
 	@for file in recordings/golden/*.mcap; do $(BIN)/rig verify $$file || exit 1; done
-	@$(BIN)/rig view recordings/golden/pendulum.mcap --foxglove recordings/golden/pendulum.foxglove.json --force
 
 proto:
 	protoc --proto_path=rig/bus --python_out=rig/bus rig.proto viewing.proto

@@ -161,7 +161,10 @@ def scipy_ratio() -> dict[str, Any]:
     under Coulomb friction, samples of 1 ms.
     """
     scene = loader.load(str(P1))
-    solvers = {"scipy": partial(_by_scipy, scene.parameters), "exact": _by_rig(scene.assemble().system())}
+    solvers: dict[str, Callable[[], list[float]]] = {
+        "scipy": partial(_by_scipy, scene.parameters),
+        "exact": _by_rig(scene.assemble().system()),
+    }
     times = {name: np.array(solve()) for name, solve in solvers.items()}
     best = interleaved(solvers, 7)
     return {

@@ -15,11 +15,13 @@ seconds to start, whatever follows. Of a unit that is under way at the first ins
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -38,7 +40,7 @@ class Workers(NamedTuple):
     """`number` worker processes of this machine, or of a dask cluster that is started for them."""
 
     number: int
-    cluster: str = ""
+    dask: bool = False
 
 
 class Rate(NamedTuple):
@@ -48,7 +50,7 @@ class Rate(NamedTuple):
     start: float
 
 
-KINDS = {"alone": Workers(1), "two": Workers(2), "dask": Workers(2, "local"), "apart": Workers(1)}
+KINDS = {"alone": Workers(1), "two": Workers(2), "dask": Workers(2, True), "apart": Workers(1)}
 
 
 def timed(work: Work, unit: int) -> Arrays:
@@ -62,12 +64,24 @@ def rate(work: Work, workers: Workers) -> Rate:
     """Measure a work with one kind of workers."""
     began = time.monotonic()
     every = Work(partial(timed, work), range(work.total), prepare=work.prepare)
-    with temporary(every) as store:
-        results = carry_out(every, store, workers.number, apart=True, cluster=workers.cluster)
+    with temporary(every) as store, _cluster(workers) as address:
+        results = carry_out(every, store, workers.number, apart=True, cluster=address)
     process, begin, end = np.array([arrays["#times"] for arrays in results.values()]).T
     first = max(end[process == pid].min() for pid in np.unique(process))
     counted = np.clip(end - np.maximum(begin, first), 0.0, None) / (end - begin)
     return Rate(float(counted.sum() / (end.max() - first)), float(end.min() - began))
+
+
+@contextmanager
+def _cluster(workers: Workers) -> Iterator[str]:
+    """The address of the scheduler of a dask cluster that is started for `workers`; "" if they need none."""
+    if not workers.dask:
+        yield ""
+        return
+    distributed: Any = importlib.import_module("distributed")
+
+    with distributed.LocalCluster(workers.number, 1, dashboard_address=None, silence_logs=50) as cluster:
+        yield cluster.scheduler_address
 
 
 def apart(work: Work) -> Rate:
@@ -102,9 +116,7 @@ def measured(quick: bool) -> dict[str, Any]:
     """Return for both studies what `compared` says about each kind of workers, and the cost of an empty point."""
     seconds, rounds = (3.0, 3) if quick else (6.0, 5)
     results: dict[str, Any] = {}
-    kinds = {
-        k: workers for k, workers in KINDS.items() if not workers.cluster or importlib.util.find_spec("distributed")
-    }
+    kinds = {k: workers for k, workers in KINDS.items() if not workers.dask or importlib.util.find_spec("distributed")}
     for what in ("P1", "loop"):
         units = max(int(rate(points(what, 40), KINDS["alone"]).units * seconds), 40)
         rates: dict[str, list[Rate]] = {name: [] for name in kinds}

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import rig
 from benchmarks.one_contact import over_exact
 from rig.bench.run import local_controllers
-from rig.qualify.bug_report import warmup
+from rig.qualify.doctor import warmup
 from rig.scenes.scene import Scene
 
 

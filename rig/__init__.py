@@ -368,7 +368,7 @@ def study(
     times, point number k with the seed `seed` + k. `duration` [s] of a run: by default the length of its protocol.
     `keep`: condition for keeping the recording of a run, such as "cycle.amplitude > 5 mm". Results go to a folder of
     their own in `folder`, from which an interrupted study continues. `workers`: processes, one for each core by
-    default. `cluster`: the address of a dask scheduler, "local" or "slurm". Raises rig.errors.SceneError and UsageError
+    default. `cluster`: the address of a dask scheduler. Raises rig.errors.SceneError and UsageError
     with every fault, WorkerError if workers fail.
     """
     from pathlib import Path

@@ -27,7 +27,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell started the tes
 settings.register_profile(
     "same",
     deadline=None,  # an example is slow when the machine is busy
-    derandomize=True,  # on every machine: `rig torture --search` is what draws anew
+    derandomize=True,  # the same on every machine
     suppress_health_check=[HealthCheck.too_slow],  # that is the load of the machine
 )
 settings.load_profile("same")

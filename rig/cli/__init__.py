@@ -3,7 +3,7 @@
 app         the program: commands, errors, exit codes
 options     what several commands take, and how the help shows a command
 printing    results, tables, JSON, progress; files that a command writes: refused if they exist
-scenes      list, new, migrate, explain, fmu
+scenes      list, new, explain, fmu
 analysis    modes, cycle, identify, loop, map
 study       study, optimise
 runs        demo, run, simulate

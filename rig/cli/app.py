@@ -60,7 +60,7 @@ COMMANDS: Mapping[str, tuple[Any, str]] = {
 """Name -> function, example."""
 PANELS = {
     "Run a scene": "demo run simulate web bridge",
-    "Look at scenes": "list new migrate explain fmu",
+    "Look at scenes": "list new explain fmu",
     "Learn": "lesson",
     "Analyse a rig": "modes cycle branches identify loop map study optimise reproduce",
     "Choose method and step": "cost",

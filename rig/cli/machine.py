@@ -12,7 +12,7 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Budget, Changes, Force, Json, Results, SceneName, accuracy, at, changes, share, the_scene
-from rig.cli.printing import draw, new, new_folder, refuse
+from rig.cli.printing import draw, new_folder, refuse
 from rig.errors import UsageError
 from rig.machine.files import write_file
 
@@ -105,10 +105,6 @@ def torture(
             help="Run only this case (a name as in the table that is printed), or the case in this file. Repeatable.",
         ),
     ] = None,
-    search: Annotated[
-        bool,
-        typer.Option("--search", help="Search random values within the bounds of each case; keep values that fail."),
-    ] = False,
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", callback=new_folder, help="Folder for the figure, JSON and JUnit files.")
     ] = Path("torture"),
@@ -128,9 +124,6 @@ def torture(
     from rig.qualify.torture.case import load, names
 
     wanted = case or [name for name in names() if full or load(name).quick]
-    if search:
-        _search(wanted, as_json)
-        return
     refuse(out, ("matrix.png", "matrix.svg", "matrix.json", "junit.xml"), force)
     with printing.status() as show, contextlib.ExitStack() as stack:
         shown: list[Callable[[int, int], object]] = []
@@ -165,38 +158,10 @@ def _table(cells: list[Cell]) -> None:
     printing.line(f"{len(cells)} cells: {counted}; default methods that are not green: {bad or 'none'}")
 
 
-def _search(wanted: list[str], as_json: bool) -> None:
-    from rig.qualify.torture.case import load
-    from rig.qualify.torture.search import search
-
-    failures = {}
-    for name in wanted:
-        case = load(name)
-        if not case.box:
-            continue
-        hit = search(case)
-        failures[name] = None if hit is None else {"file": str(hit[0]), **hit[1].to_json()}
-        if not as_json:
-            what = "no failure found" if hit is None else f"{hit[1].result.detail}; kept as {hit[0]}"
-            printing.line(f"{name}: {what}")
-    if as_json:
-        printing.report(failures)
-    printing.passed(not any(failures.values()))
-
-
 def doctor(
     scene: Annotated[
         list[str] | None, typer.Argument(metavar="SCENE...", help="Names of scenes. Default: all shipped scenes.")
     ] = None,
-    bundle: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=new,
-            help="Write a zip file for a bug report: versions, this report, messages of the last run.",
-        ),
-    ] = None,
-    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Measure this machine and predict which scenes run in real time with the timing verdict VALID."""
@@ -204,12 +169,6 @@ def doctor(
 
     diagnosis = examine(report=printing.note, names=scene or ())
     printing.result(diagnosis, as_json)
-    if bundle is not None:
-        from rig.qualify.bug_report import bundle as packed
-
-        content, names = packed(diagnosis)
-        write_file(bundle, content)
-        printing.note(f"{bundle}: {', '.join(names)}; look into it before you send it")
     printing.passed(diagnosis.ok)
 
 
@@ -220,7 +179,7 @@ def warmup(
 ) -> None:
     """Compile the kernels of the shipped scenes, so that their first run starts without delay."""
     from rig.machine.scheduling import cores
-    from rig.qualify.bug_report import warmup as compile_all
+    from rig.qualify.doctor import warmup as compile_all
 
     begin = time.perf_counter()
     spent = compile_all(printing.note, scene or None, cores())
@@ -299,7 +258,7 @@ COMMANDS = {
     "cost": (cost, "rig cost belt_c --target 1e-4 --budget 40%"),
     "torture": (torture, "rig torture --case grazing"),
     "clean": (clean, "rig clean"),
-    "doctor": (doctor, "rig doctor --bundle report.zip"),
+    "doctor": (doctor, "rig doctor belt"),
     "warmup": (warmup, "rig warmup pendulum"),
     "reproduce": (reproduce, "rig reproduce kroeger-3"),
 }

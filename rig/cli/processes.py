@@ -125,12 +125,6 @@ def view(
         Path | None,
         typer.Option(metavar="FILE", callback=new, help="Write a rerun file (.rrd) instead of showing the run."),
     ] = None,
-    foxglove: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", callback=new, help="Write a layout for Foxglove (.json) instead: plots and events."
-        ),
-    ] = None,
     force: Force = False,
     trust: Trust = False,
     wait: Wait = "10",
@@ -139,28 +133,18 @@ def view(
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     refuse_all(
         (log and run is not None, f"{log} and --run {run}: name a recording or a live run, not both"),
-        (foxglove and (log is None or save or web),
-         "--foxglove: needs a recording (rig view LOG --foxglove FILE), and neither --save nor --web"),
         (save and save.suffix != ".rrd",
          f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
-        (foxglove and foxglove.suffix != ".json",
-         f"--foxglove {foxglove}: a layout is JSON, so its name must end in .json"),
     )  # fmt: skip
-    if foxglove is None:
-        check("rerun", "view", "rig view")
+    check("rerun", "view", "rig view")
     if log is None:
         from rig.view.process import view as show
 
         show(run, web=web, save=save, wait=patience, trust=trust, say=printing.note)
         return
-    from rig.view.blueprint import write_layout
-    from rig.view.recording import drawing_of, view_run
+    from rig.view.recording import view_run
 
-    recorded = opened(log, trust)
-    if foxglove is not None:
-        write_layout(drawing_of(recorded), foxglove)
-        return
-    view_run(recorded, printable(log.stem), web=web, save=save, say=printing.note)
+    view_run(opened(log, trust), printable(log.stem), web=web, save=save, say=printing.note)
 
 
 COMMANDS = {

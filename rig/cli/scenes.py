@@ -109,20 +109,6 @@ def new_scene(
     printing.either(as_json, {"file": str(file), "based_on": base}, f"{file}: based on {base}", next_steps)
 
 
-def migrate(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="Scene file (TOML).")], as_json: Json = False
-) -> None:
-    """Rewrite a scene file in the newest format. So far there is one format, so that nothing changes."""
-    from rig.scenes import shipped
-    from rig.scenes.inherit import layers
-    from rig.scenes.source import FORMAT
-
-    path = shipped.path(file)
-    layers(path)
-    told = f"{file}: is in format {FORMAT}, the newest; nothing to change"
-    printing.either(as_json, {"file": str(path), "from": FORMAT, "to": FORMAT, "renamed": []}, told)
-
-
 def explain(
     scene: SceneName,
     p: Changes = None,
@@ -367,7 +353,6 @@ def fmu(
 COMMANDS = {
     "list": (list_scenes, "rig list"),
     "new": (new_scene, "rig new mine --based-on belt"),
-    "migrate": (migrate, "rig migrate mine.toml"),
     "explain": (explain, 'rig explain pendulum -p drive.speed="2 rpm"'),
     "fmu": (fmu, "rig fmu belt --out plant.fmu"),
 }

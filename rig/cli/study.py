@@ -46,10 +46,9 @@ ClusterName = Annotated[
         "--cluster",
         metavar="WHERE",
         show_default=False,
-        help="Compute on a dask cluster: tcp://HOST:PORT (a running scheduler), local (start one here), slurm.",
+        help="Compute on a dask cluster: the address of its scheduler, tcp://HOST:PORT.",
     ),
 ]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="With --cluster slurm: print the job script, and stop.")]
 
 
 def study(
@@ -94,7 +93,6 @@ def study(
     ] = None,
     workers: Workers = None,
     cluster: ClusterName = "",
-    dry_run: DryRun = False,
     out: Results = Path("studies"),
     force: Force = False,
     as_json: Json = False,
@@ -125,8 +123,6 @@ def study(
     printing.warnings(loaded)
     if not work.of_run:
         idle(loaded, *(factor.axis for factor in work.plan.factors))
-    if scripted(cluster, dry_run, workers):
-        return
     store = Store.of(work.work, at(out))
     refuse(store.folder, ("study.csv",), force)
     with printing.kept(store, "points", len(work.items)), printing.bar("points") as progress:
@@ -172,19 +168,6 @@ def values(given: list[str] | None, option: str, changed: Mapping[str, object]) 
     return texts
 
 
-def scripted(cluster: str, dry_run: bool, workers: int | None) -> bool:
-    """Print the job script of a cluster, if it is asked for; return whether it was. Raises UsageError."""
-    if dry_run and cluster != "slurm":
-        raise UsageError("--dry-run: prints the job script of --cluster slurm")
-    if cluster:
-        from rig.analysis.pool.cluster import check, job_script
-
-        check(cluster, workers)
-        if dry_run:
-            printing.line(job_script(workers or 1))
-    return dry_run
-
-
 def _target(context: typer.Context, to: Path | None) -> None:
     """Refuse a file of the results that could not be written in the end."""
     if to is not None:
@@ -217,7 +200,6 @@ def optimise(
     duration: Duration = None,
     workers: Workers = None,
     cluster: ClusterName = "",
-    dry_run: DryRun = False,
     out: Results = Path("searches"),
     force: Force = False,
     as_json: Json = False,
@@ -239,8 +221,6 @@ def optimise(
     printing.warnings(loaded)
     if not work.of_run:
         idle(loaded, *(factor.axis for factor in work.plan.factors))
-    if scripted(cluster, dry_run, workers):
-        return
     store = Store.of(work.work, at(out))
     refuse(store.folder, ("search.csv",), force)
     with printing.kept(store, "points"), printing.bar("points") as progress:

@@ -4,5 +4,4 @@ cost              error against compute time, per method and step
 torture           hard cases by methods by steps, each with a test result
 effects_measured  cost of each effect of a scene, and what changes without it
 doctor            the load that this machine can handle: compute time of frames, latency of the bus
-bug_report        a bundle for a bug report; the kernels of the shipped scenes compiled ahead
 """

@@ -13,6 +13,7 @@ The latency of the bus is the round trip of a message to another process over th
 
 from __future__ import annotations
 
+import compileall
 import contextlib
 import math
 import os
@@ -21,13 +22,15 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rig import bus, scenes
+import rig
+from rig import bus, controllers, scenes, sensors
 from rig.analysis import kernel_shapes
 from rig.bench.live import pace
 from rig.bench.live.outcome import Job
@@ -359,6 +362,23 @@ def _waits(seconds: float) -> tuple[pace.Waiting, Times, Times]:
             slept.append(pace.lateness(sleep, FRAME_NS, 100))
             spun.append(pace.lateness(hybrid, FRAME_NS, 100))
     return waiting, np.concatenate(slept), np.concatenate(spun)
+
+
+def warmup(
+    report: Say | None = None, names: Iterable[str] | None = None, workers: int = 1
+) -> dict[kernel_shapes.Shape, float]:
+    """Compile the kernels of the scenes `names`; by default of all shipped ones, and of the torture test.
+
+    So are those of analyses with a tight tolerance (maps, branches), where they take another method than runs.
+    Returns seconds for each compiled shape. `report` gets a line before and after each shape, with an estimate of the
+    remaining time.
+    """
+    for package in (rig, controllers, sensors):  # some systems do not store bytecode: that costs 0.2 s at each start
+        compileall.compile_dir(Path(package.__path__[0]), quiet=2)
+    from rig.qualify.torture.cells import needed
+
+    loaded = [scenes.load(name) for name in (scenes.names() if names is None else names)]
+    return kernel_shapes.prepare([*loaded, *(needed() if names is None else ())], report, workers, analysed=loaded)
 
 
 if __name__ == "__main__":

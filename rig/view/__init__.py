@@ -2,7 +2,7 @@
 
 process           the viewer's process: receives messages from the bus, collects them in batches, sends them to rerun
 drawing           the entities of a run in rerun, and its phase portrait
-blueprint         the arrangement of the rerun window, and a layout for Foxglove
+blueprint         the arrangement of the rerun window
 viewer            starts rerun's viewer, or writes a file; recording: a recording in rerun
 picture           selects the moving picture of a rig; base: common to all of them
 lumped            belt, pendulum and their kin; lever, brake, plate

@@ -110,59 +110,21 @@ def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch):
     assert time.monotonic() - begin < 20.0
 
 
-@pytest.fixture
-def sbatch(tmp_path, monkeypatch):
-    """Makes a command sbatch of the lines of a shell script, and a scancel."""
-    folder = tmp_path / "bin"
-    folder.mkdir()
-    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
-
-    def make(*lines):
-        for name, text in (("sbatch", "\n".join(lines)), ("scancel", "")):
-            (folder / name).write_text(f"#!/bin/sh\n{text}\n")
-            (folder / name).chmod(0o755)
-
-    return make
-
-
-def test_a_job_that_is_refused_is_told(tmp_path, sbatch, monkeypatch):
-    work = trial(str(tmp_path))
-    sbatch("echo 'sbatch: error: invalid partition' >&2", "exit 1")
-    with pytest.raises(WorkerError, match=r"the batch system refused a job: sbatch: error: invalid partition$"):
-        done(work, tmp_path, "slurm", workers=2)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(UsageError, match="the command sbatch is not found"):
-        done(work, tmp_path, "slurm", workers=2)
-    assert not (tmp_path / "trial-0").exists()
-
-
 @pytest.mark.parametrize(
     ("where", "workers", "told"),
     [
-        ("tcp://127.0.0.1:65536", None, "expected local, slurm or the address of a scheduler"),
+        ("tcp://127.0.0.1:65536", None, "expected the address of a scheduler"),
         ("tcp://127.0.0.1:9", 2, "has its workers; leave --workers 2 out"),
-        ("tls://127.0.0.1:9", None, r"names no certificates: state distributed\.comm\.tls\.ca-file"),
     ],
 )
-def test_what_is_no_cluster_is_refused(tmp_path, where, workers, told):
+def test_what_is_no_cluster_is_refused(where, workers, told):
     with pytest.raises(UsageError, match=told):
-        done(trial(str(tmp_path)), tmp_path, where, workers=workers)
+        cluster.check(where, workers)
 
 
-def test_the_job_script_of_slurm_is_printed_and_the_scheduler_listens_on_loopback(rig, tmp_path):
-    asked = ("study", "belt", "--over", "load.force=1, 2 N", "--measure", "cycle.period", "--out", tmp_path)
-    code, out, _ = rig(*asked, "--cluster", "slurm", "--workers", 8, "--dry-run")
-    assert code == 0
-    assert "# submitted 8 times" in out
-    assert "#SBATCH" in out
-    assert "dask_worker tcp://127.0.0.1:" in out
-    assert "jobqueue.slurm.interface" in out
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler  # dask-jobqueue replaces it
-    assert [*tmp_path.iterdir()] == []
-    code, _, err = rig(*asked, "--cluster", "slurm")
-    assert (code, "--workers 16" in err) == (2, True)
-    code, _, err = rig(*asked, "--dry-run")
-    assert (code, "prints the job script of --cluster slurm" in err) == (2, True)
+def test_certificates_that_are_missing_are_told(tmp_path):
+    with pytest.raises(UsageError, match=r"names no certificates: state distributed\.comm\.tls\.ca-file"):
+        done(trial(str(tmp_path)), tmp_path, "tls://127.0.0.1:9")
 
 
 @pytest.mark.slow

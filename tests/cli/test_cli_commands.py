@@ -24,7 +24,7 @@ from rig.record.reader import open as open_recording
 COMMANDS = sorted(set(program.commands) - {"topic"})
 PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
-    "reproduce doctor diff sound amplitude recover cost torture new migrate spectrum pressure hysteresis export "
+    "reproduce doctor diff sound amplitude recover cost torture new spectrum pressure hysteresis export "
     "portrait response runs note connect disconnect report web bridge pause resume step stop knock lesson study fmu "
     "optimise loop clean import stick events branches"
 )

@@ -139,7 +139,6 @@ def test_a_folder_is_not_overwritten(rig, tmp_path, command, name):
         (("map belt --out", "study belt --out", "cost belt --out", "torture --out", "reproduce --out"), "a.csv",
          "--out a.csv: the results are a folder of several files"),
         (("view log.mcap --save",), "view.txt", "must end in .rrd"),
-        (("view log.mcap --foxglove",), "view.txt", "must end in .json"),
         (("simulate belt --figure",), "new/a.png", "--figure new/a.png: there is no folder new"),
         (("simulate none --figure",), "a.png", "no scene has this name"),  # and no empty file is left
         (("simulate none --out",), "log.mcap/a.mcap", "cannot be written: "),  # before anything is computed

@@ -1,4 +1,4 @@
-"""rig new and rig migrate, and what explain and list tell of scenes that are based on others."""
+"""rig new, and what explain and list tell of scenes that are based on others."""
 
 import json
 from pathlib import Path
@@ -48,18 +48,6 @@ def test_a_new_scene_replaces_no_file_unless_forced(rig, tmp_path, monkeypatch):
         code, _, err = rig("new", name, "--based-on", "middle.toml", "--force")
         assert (code, err) == (2, f"{name}: is a scene that the new one would be based on; name another file\n")
     assert scenes.load("mine.toml").plant == "belt"
-
-
-def test_a_file_of_the_newest_format_is_left_as_it_is(rig, tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text('based_on = "belt"')
-    code, out, _ = rig("migrate", str(path))
-    assert (code, out) == (0, f"{path}: is in format 1, the newest; nothing to change\n")
-    assert path.read_text() == 'based_on = "belt"'
-    path.write_text("format = 9")
-    code, _, err = rig("migrate", str(path))
-    assert code == 2
-    assert "format = 9: this version of friction-rig reads scene files of format 1; install a newer version" in err
 
 
 def test_a_recording_in_place_of_a_scene_is_told(rig, tmp_path, monkeypatch):

@@ -13,8 +13,7 @@ from rig.analysis import kernel_shapes
 from rig.bench.run.experiment import Experiment
 from rig.compiled import kernel
 from rig.controllers import narrow_band
-from rig.qualify import bug_report
-from rig.qualify.doctor import Spread, costs, doctor, judge
+from rig.qualify.doctor import Spread, costs, doctor, judge, warmup
 from rig.scenes.protocol import STEPS
 
 SCENES = ("belt", "brake_active", "north")
@@ -107,9 +106,9 @@ def compiled(tmp_path, monkeypatch):
 
 
 def test_every_shipped_scene_is_ready_after_a_warm_up(compiled, shipped, monkeypatch):
-    monkeypatch.setattr(bug_report, "needed", lambda: [])  # of the torture test
+    monkeypatch.setattr("rig.qualify.torture.cells.needed", lambda: [])  # of the torture test
     monkeypatch.setattr(rig.scenes, "load", dict(zip(rig.scenes.names(), shipped)).get)
-    bug_report.warmup()
+    warmup()
     assert {*map(kernel_shapes.shape, shipped)} <= kernel_shapes.ready()
     tight = [*map(kernel_shapes.analysed_shape, shipped)]
     assert {*tight} <= kernel_shapes.ready()

@@ -1,4 +1,4 @@
-"""A recording in rerun by our view, in rerun without our tools, and as a layout for Foxglove."""
+"""A recording in rerun by our view and in rerun without our tools."""
 
 import dataclasses
 import subprocess
@@ -11,7 +11,6 @@ import rig
 from rig.errors import OutputError
 from rig.record import reader
 from rig.view import recording
-from rig.view.blueprint import write_layout
 from rig.view.recording import drawing_of, view_run
 from rig.view.viewer import binary, start
 
@@ -67,11 +66,6 @@ def test_rerun_makes_a_curve_of_each_output_and_sensor_without_our_tools(run, tm
         [f"curve/{name}" for name in run.signals] + [f"measured/{n}" for n in run.measurements]
     )
     assert "/log/plant" in logged
-
-
-def test_the_shipped_layout_is_that_of_the_golden_recording(run, tmp_path):
-    write_layout(drawing_of(run), tmp_path / "layout.json")
-    assert GOLDEN.with_suffix(".foxglove.json").read_text() == (tmp_path / "layout.json").read_text()
 
 
 def test_a_viewer_that_is_closed_before_the_end_is_reported(run, monkeypatch):

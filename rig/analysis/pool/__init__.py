@@ -4,7 +4,7 @@ work       what a work is: a pure function over numbered items; batches, and the
            results in a folder, one file for each batch
 carry_out  what is not in the store is computed, here, by worker processes or on a cluster
 worker     a worker process of this machine
-cluster    the workers of a dask cluster, also as jobs of a batch system (SLURM)
+cluster    the workers of a dask cluster
 
 The numbers of a unit depend on the work alone: neither the worker nor the number of workers changes them.
 """

@@ -133,7 +133,7 @@ def carry_out(
     """Compute what `store`, which the caller has opened, does not contain yet; return the results of all units.
 
     `workers`: processes, one for each core by default; a single one computes in this process, unless `apart`.
-    `cluster`: that of rig.analysis.pool.cluster instead. A unit whose worker is lost is tried again once. One
+    `cluster`: the workers of this dask scheduler instead. A unit whose worker is lost is tried again once. One
     that ends its worker twice has the result of `Work.given_up`, which is not stored: the next call tries it again.
     Raises WorkerError for a fault that ends the whole work; what is finished stays in the store.
     """
@@ -157,7 +157,7 @@ def pool(
     if cluster:
         from rig.analysis.pool.cluster import joined
 
-        with joined(work, store, cluster, workers) as dask:
+        with joined(work, store, cluster) as dask:
             work.prepare()
             yield dask
         return

@@ -39,7 +39,6 @@ from rig.machine.files import RUNS
 from rig.machine.process import Child, end, told_to_stop
 from rig.printable import printable
 from rig.record.recorded_setup import head, setup_of
-from rig.scenes import names
 from rig.scenes.scene import Scene
 
 _LINE = 400
@@ -84,10 +83,10 @@ def path() -> Path:
 
 
 class RunLog:
-    """Passes the lines of a run on to `say` and keeps them; in the file `private` names are replaced."""
+    """Passes the lines of a run on to `say` and keeps them for a file."""
 
-    def __init__(self, say: Callable[[str], object], private: dict[str, str]) -> None:
-        self._say, self._private = say, private
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self._say = say
         self._lines: deque[str] = deque(maxlen=MOST_KEPT)
 
     def say(self, text: str) -> None:
@@ -102,8 +101,6 @@ class RunLog:
     def write(self) -> None:
         """Replace the file of the run before. If the folder cannot be written, only the log is lost."""
         text = "".join(f"{line}\n" for line in self._lines)
-        for name, instead in self._private.items():
-            text = text.replace(name, instead)
         with suppress(OSError):
             path().parent.mkdir(parents=True, exist_ok=True)
             path().write_text(text)
@@ -174,7 +171,7 @@ def run(
     )
     live, interrupts = Live(), [] if interrupts is None else interrupts
     load = MachineLoad()
-    log = RunLog(say or live.say, {} if scene.name in names() else {scene.name: "SCENE"})
+    log = RunLog(say or live.say)
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, told_to_stop(interrupts.append):
         team = RunProcesses(Path(folder), job, out, replace, web, log.say, trigger, begun)
         try:

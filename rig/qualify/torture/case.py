@@ -94,7 +94,7 @@ class Case(Section):
 
     `steps`: sample steps to try. `frame`: loop period, at whose begin modes are settled; by default a step. `wrong`:
     methods of rig.qualify.torture.wrong_methods that must fail in this case. `limited`: the run ends where the motion
-    leaves a limit of its scene, as every run does. `box`: ranges in which a random search looks for failures. `quick`:
+    leaves a limit of its scene, as every run does. `quick`:
     part of the quick matrix, then over `quick_duration` if that is given. `seconds`: time limit of a cell, in processor
     time. `processes`: the scene also runs as processes in lockstep, with its controllers.
     """
@@ -116,7 +116,6 @@ class Case(Section):
     seconds: Share = 2.0
     processes: bool = False
     acts: tuple[Act, ...] = ()
-    box: dict[str, tuple[float, float]] = Field(default_factory=dict)
     expect: Expect = Expect()
 
     @model_validator(mode="after")
