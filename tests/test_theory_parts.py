@@ -3,6 +3,7 @@ program. Those of filters, noise and echoes are in tests/solve/test_pole_respons
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,6 @@ from rig.analysis.averaged import mean_friction
 from rig.analysis.control_loop import loop
 from rig.model.mode_sets import ModeSets, guard_bounds
 from rig.papers.kroeger_brake import CAPACITANCE, stack, transfer
-from rig.qualify.cost.delay import IDEAL, with_delay
 from rig.solve.expm import balance
 from rig.solve.many_states import QUICK
 from rig.stability.linearisation import sliding_key, steady
@@ -60,6 +60,14 @@ def test_dither_below_the_belt_speed_raises_an_exponential_law_by_a_bessel_funct
     assert mean_friction(law, w, 1.0, complex(a))[0] == pytest.approx(mean, rel=1e-9)
 
 
+def prompt(scene, name, period=1_000):
+    """The scene with a loop that samples every microsecond without delay."""
+    section = scene.controllers[name].model_copy(update={"period": period, "delay": 0})
+    sensors = {key: sensor.model_copy(update={"rate": 1e9 / period}) for key, sensor in scene.sensors.items()}
+    clock = scene.clock.model_copy(update={"frame": period})
+    return replace(scene, clock=clock, sensors=sensors, controllers={**scene.controllers, name: section})
+
+
 @pytest.mark.parametrize("gain", [50.0, 200.0])
 def test_damping_of_normal_force_feedback(gain):
     """eq-normal-force-damping: without delay and lag, growth is -d_eff / 2 m."""
@@ -68,7 +76,7 @@ def test_damping_of_normal_force_feedback(gain):
     law = p.friction.friction()
     v = p.drive.speed
     damping = p.body.damping + p.load.force * law.slope(v) + law.mu(v) * gain
-    found = loop(with_delay(scene, "nf", IDEAL, 0), "nf").growth
+    found = loop(prompt(scene, "nf"), "nf").growth
     assert found == pytest.approx(-damping / (2.0 * p.body.mass), rel=0.02)
 
 

@@ -47,7 +47,7 @@ def cost(
     wanted, most = accuracy(target, "--target"), share(budget)
     from rig.qualify import effects_measured
     from rig.qualify.cost import cost as measure
-    from rig.qualify.cost import delay, effects, folder_of, recommended
+    from rig.qualify.cost import effects, folder_of, recommended
     from rig.qualify.cost.report import COLUMNS, CostReport, lines, notes
     from rig.qualify.cost.table import front
 
@@ -66,25 +66,20 @@ def cost(
         pick, why = recommended(measured.rows, by, wanted, most), ""
     except UsageError as error:
         pick, why = None, str(error)
-    loops = delay.delayed(loaded)
     with printing.bar("effects") as progress:
         parts = effects.effects(loaded, report=progress)
     if as_json:
         report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
         report |= {"recommended": None if pick is None else pick.flat(), "why": why}
-        printing.report(
-            {**report, "loops": [vars(result) for result in loops], "effects": [result.to_json() for result in parts]}
-        )
+        printing.report({**report, "effects": [result.to_json() for result in parts]})
     else:
         printing.table(f"{measured.scene}: error and compute time on this machine", COLUMNS, lines(measured, by, pick))
         printing.line()
-        for line in [*notes(measured, by), *(result.text() for result in loops), *(effect.text() for effect in parts)]:
+        for line in [*notes(measured, by), *(effect.text() for effect in parts)]:
             printing.line(f"  {line}")
         printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
     if front(measured.rows, by):
         draw(CostReport(measured, by, pick, most), folder / "cost.png")
-    if loops:
-        delay.draw(loops, measured, folder / "delay.png")
     if parts:
         effects.write(parts, folder / "effects.csv")
     if effects_measured.drawn(parts):

@@ -7,7 +7,7 @@
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
 episode      one rig, reset and stepped by an agent; knows nothing of Gymnasium
-environment  it as `gymnasium.Env`; several of them as `gymnasium.vector.VectorEnv`, in one process
+environment  it as `gymnasium.Env`; several of them as `gymnasium.vector.SyncVectorEnv`
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rig.extras import needed
 
 needed("gymnasium", "gym")
 
-from rig.gym.environment import RigEnv, RigVectorEnv, make, make_vec  # noqa: E402 (the line above says what to install)
+from rig.gym.environment import RigEnv, make, make_vec  # noqa: E402 (the line above says what to install)
 from rig.gym.episode import Now  # noqa: E402
 
-__all__ = ["Now", "RigEnv", "RigVectorEnv", "make", "make_vec"]
+__all__ = ["Now", "RigEnv", "make", "make_vec"]

@@ -147,30 +147,26 @@ class Episode:
         info = {"t": t, "why": why} if why else {"t": t}
         return Stepped(observation, float(self._reward(now)), bool(why), truncated, info)
 
-    def commands(self, action: Any, rigs: int | None = None) -> NDArray[np.float64]:
-        """An action of an agent as an array of commands [SI]: [actuator], or for several rigs [rig, actuator].
-
-        Raises UsageError for anything but real numbers in this shape.
-        """
+    def commands(self, action: Any) -> NDArray[np.float64]:
+        """An action of an agent as commands [SI], one per actuator. Raises UsageError for anything but real numbers."""
         try:
             given = np.asarray(action)
         except ValueError:  # rows of different lengths
             given = np.asarray(None)
-        shape = (len(self.actuators),) if rigs is None else (rigs, len(self.actuators))
+        shape = (len(self.actuators),)
         if given.dtype.kind not in "fiu" or given.shape != shape:
             what = f"numbers of shape {given.shape}" if given.dtype.kind in "fiu" else brief(action)
             raise UsageError(
                 f"the action is {what}; state numbers of shape {shape}, a row of {', '.join(self.actuators)}"
-                f"{'' if rigs is None else ' for each rig'}"
             )
         return given.astype(np.float64, copy=False)
 
-    def check(self, command: Sequence[float], whose: str = "") -> None:
-        """Raise UsageError for a command that is not finite; `whose`: whose it is, in words."""
+    def check(self, command: Sequence[float]) -> None:
+        """Raise UsageError for a command that is not finite."""
         if not isfinite(sum(command)) and not all(map(isfinite, command)):
             values = ", ".join(f"{name} = {u:g}" for name, u in zip(self.actuators, command) if not isfinite(u))
             t = self.runner.t_ns * 1e-9
-            raise UsageError(f"the action{whose} at t = {t:.9g} s has {values}; a command is a finite number")
+            raise UsageError(f"the action at t = {t:.9g} s has {values}; a command is a finite number")
 
     def observation(self) -> list[float]:
         """The latest measurements within their ranges; where there is none, the last one."""

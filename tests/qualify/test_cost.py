@@ -183,32 +183,9 @@ def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypat
     assert "no reference" in CostReport(found)._repr_html_()
 
 
-def test_delay_and_sampling_cost_what_the_first_order_says():
-    """A delay tau, and half a sample period, shift the decay rate in proportion while they are small."""
-    from rig.qualify.cost.delay import TIMES, delayed
-
-    [found] = delayed(rig.load("belt_normal_force"))
-    delays, periods = dict(found.delays), dict(found.periods)
-    assert len(delays) == len(TIMES)
-    assert delays[1e-4] == pytest.approx(10.0 * delays[1e-5], rel=0.1)
-    assert periods[1e-4] == pytest.approx(0.5 * delays[1e-4], rel=0.1)
-    assert found.own[2] == pytest.approx(periods[1e-3], rel=1e-6)
-    assert delayed(rig.load("belt_dither_controlled")) == []
-
-
 def test_the_cost_of_a_rig_that_rests_is_refused():
     with pytest.raises(UsageError, match=r"belt_c: nothing moves from its initial state"):
         cost(rig.load("belt_c", {"drive.speed": 0.0, "start.velocity": 0.0}), None)
-
-
-def test_a_loop_that_cannot_be_designed_for_a_delay_is_told_with_the_others():
-    from rig.qualify.cost.delay import delayed
-
-    [found] = delayed(rig.load("brake_active"))
-    assert 0.0 < dict(found.delays)[1e-5] < 0.1
-    assert math.isinf(dict(found.delays)[1e-4])  # a mode at 668 Hz grows
-    assert "cannot be designed for delays of 0.1, 0.2, " in found.text()
-    assert all(math.isfinite(number) for number in found.own)
 
 
 def test_a_run_takes_what_the_table_of_this_machine_recommends(belt):

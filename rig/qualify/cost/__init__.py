@@ -5,7 +5,6 @@ The simulation problem, its measures and the settings are in rig.analysis.motion
 reference  the reference solution                   timing     the compute time of a setting
 measuring  measures of each setting                 table      rows, kept as CSV and Parquet; recommended setting
 report     the table as text and figure             effects    cost of each effect, change without it
-delay      the error that a control loop causes
 """
 
 from rig.qualify.cost.measuring import FOLDER, chosen, cost, folder_of
