@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from rig.analysis.recorded.against_scene import AgainstScene
     from rig.analysis.recorded.comparison import Compared
     from rig.analysis.recorded.events import Events
-    from rig.analysis.repeat import Repeats
     from rig.analysis.studies import StudyResult
     from rig.analysis.studies.factors import Distribution
     from rig.analysis.studies.search import SearchResult
@@ -72,7 +71,6 @@ __all__ = [
     "normal",
     "open",
     "optimise",
-    "repeat",
     "report",
     "simulate",
     "state_space",
@@ -331,17 +329,6 @@ def map(
 
     loaded = _scene(scene)
     return chart(job(loaded, x, y, output, runs, longest), Path(folder), workers)  # type: ignore[return-value]
-
-
-def repeat(scene: Scene | str | Path, count: int, duration: float | None = None, workers: int | None = None) -> Repeats:
-    """Simulate a scene with `count` seeds and compute the spread: first opening, RMS, spectrum, amplitude, frequency.
-
-    Each run takes `duration` seconds, or as long as its protocol. `workers`: processes, one for each core by default.
-    Raises rig.errors.UsageError for a scene in which nothing is random, WorkerError when a worker is lost.
-    """
-    from rig.analysis.repeat import repeat as run
-
-    return run(_scene(scene), count, duration, workers)
 
 
 def study(

@@ -97,7 +97,6 @@ MADE = {
         "two_dof_dither", "dither.frequency=16:32:2", "dither.amplitude=5 N:80 N:2", folder=folder, workers=1
     ),
     "Regions": regions,
-    "Repeats": lambda folder: rig.repeat("pendulum", 2, 0.5, workers=1),
     "StudyResult": lambda folder: rig.study(
         "belt", {"load.force": [10, 20]}, ["cycle.amplitude"], folder=folder, workers=1
     ),
@@ -152,7 +151,7 @@ def test_a_command_and_a_notebook_draw_what_plot_returns(tmp_path):
 
 
 def test_every_class_of_results_is_tried():
-    rooms = "recorded recorded.sound map regions loop_report repeat studies studies.search control_loop cycle"
+    rooms = "recorded recorded.sound map regions loop_report studies studies.search control_loop cycle"
     for room in (*rooms.split(), "identification.answer", "sweep", "modes", "branches"):
         import_module(f"rig.analysis.{room}")
 

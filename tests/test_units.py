@@ -42,7 +42,6 @@ def test_what_is_no_number_with_a_unit_is_refused(text):
 def test_a_run_of_an_impossible_length_is_refused(duration):
     calls = (
         lambda: rig.simulate("belt", duration),
-        lambda: rig.repeat("belt", 2, duration),
         lambda: rig.study("belt", {"load.force": [10.0]}, ["run.rms"], duration=duration),
         lambda: rig.optimise("belt", {"load.force": (10.0, 20.0)}, "run.rms", duration=duration),
     )

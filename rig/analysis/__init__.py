@@ -14,7 +14,6 @@ stick_speeds        the speeds at which stick ends and begins
 identification      parameters of a rig from recordings, with intervals and verdicts
 recorded            spectra, orders, hysteresis, pressure, sound of a recording
 report              a recording as one page (HTML) that is self-contained
-repeat              one scene simulated with many seeds
 pool                a function over many items in worker processes, with results in a folder
 studies             a scene over parameters, with measures: grids, samples, repeated runs
 motion_measures     measures of the plant's motion with actuators held

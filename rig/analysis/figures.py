@@ -1,4 +1,4 @@
-"""Figures of analyses: limit cycle, vibration modes, sweep, control loop, amplitudes, runs with seeds.
+"""Figures of analyses: limit cycle, vibration modes, sweep, control loop, amplitudes.
 
 Each function takes a result and returns its figure; a class of results names its function in `FIGURE` (rig.results).
 """
@@ -17,7 +17,6 @@ from rig.analysis.cycle_report import Cycle
 from rig.analysis.loop_report import LoopReport
 from rig.analysis.modes import Modes
 from rig.analysis.recorded.amplitude import Amplitudes, Row
-from rig.analysis.repeat import ONSET, Repeats
 from rig.analysis.sweep import Sweep
 from rig.errors import UsageError
 from rig.view.channels import Channels
@@ -329,48 +328,3 @@ def _zero(axes: Axes, upright: bool) -> None:
 
 
 _LIGHT = 0.02  # largest damping ratio of the modes for which the axes of a structure have room
-_MOST = 24  # numbers in the picture
-_BAND = "#b9cce4"
-
-
-@drawn(12.0, 7.0, layout="constrained", dpi=100)
-def repeats_figure(figure: Figure, repeats: Repeats) -> None:
-    """Draw the spread. Raises UsageError if no run was simulated."""
-    if not repeats.seen:
-        raise UsageError(f"nothing to draw: {repeats.ended or 'no run was simulated'}")
-    left, right = figure.subplots(1, 2)
-    _numbers(left, repeats)
-    _spectrum(right, repeats)
-    figure.suptitle(f"{repeats.scene}: {len(repeats.seen)} runs with seeds {repeats.seeds[0]} to {repeats.seeds[-1]}")
-
-
-def _numbers(axes: Axes, repeats: Repeats) -> None:
-    """Every number of every run over its median."""
-    shown = [spread for spread in repeats.spreads if spread.median and spread.least != spread.greatest][:_MOST]
-    for place, spread in enumerate(shown):
-        ratio = np.array(repeats.values(spread.name)) / spread.median
-        axes.plot(ratio, np.full(len(ratio), -place), ".", color=BLUE, alpha=0.6)
-    labels = [f"{spread.name}  {spread.median:.4g} {spread.unit}".rstrip(" 1") for spread in shown]
-    axes.set_yticks([-place for place in range(len(shown))], labels, fontsize=8)
-    axes.set_xlabel("ratio to the median, which stands beside the name")
-    opened = repeats.values(ONSET)
-    axes.set_title(f"{len(opened)} of {len(repeats.seen)} runs open" if opened else "spread over the seeds")
-
-
-def _spectrum(axes: Axes, repeats: Repeats) -> None:
-    """Median and range of the spectra, line by line."""
-    seen = [run for run in repeats.seen if run.s]
-    if not seen:
-        axes.set_axis_off()
-        axes.text(0.5, 0.5, "no run is long enough for a spectrum", ha="center", transform=axes.transAxes)
-        return
-    f = np.array(seen[0].f)[1:]
-    s = np.array([run.s for run in seen if len(run.s) == len(seen[0].s)])[:, 1:]
-    axes.fill_between(f, s.min(axis=0), s.max(axis=0), color=_BAND, label="range")
-    axes.semilogy(f, np.median(s, axis=0), color=BLUE, label="median")
-    axes.set(
-        xlabel="frequency [Hz]",
-        ylabel=f"power spectral density of {seen[0].name} [({seen[0].unit})$^2$/Hz]",
-        title=f"spectrum, {len(s)} runs",
-    )
-    axes.legend()

@@ -288,7 +288,7 @@ def refuse(scene: Scene, study: str) -> None:
     if scene.assemble().film is not None:
         raise UsageError(
             f"{scene.name}: {study} is not defined for a film of points: after the first opening motion is chaotic, "
-            f"and two runs diverge. Compute statistics of several runs: rig simulate {scene.name} --repeat 8, "
-            "with -p noise.force=1e-6 if nothing in the scene is random. "
+            f"and two runs diverge. Compute statistics of several runs: rig study {scene.name} --repeat 8 "
+            "--measure run.rms, with -p noise.force=1e-6 if nothing in the scene is random. "
             f"For sliding with all points closed: rig modes {scene.name} --sweep KEY=A:B:N"
         )

@@ -267,18 +267,10 @@ def simulate(
     force: Force = False,
     budget: Budget = None,
     precision: Accuracy = None,
-    repeat: Annotated[
-        int | None,
-        typer.Option(min=2, max=10_000, metavar="N", help="Simulate with N seeds on all cores and report the spread."),
-    ] = None,
     trust: Trust = False,
     as_json: Json = False,
 ) -> None:
     """Simulate a scene with its controllers in one process, as fast as possible.
-
-    With --repeat: simulate with several seeds on all cores and report the
-    spread of onset, RMS, spectrum and other results. Ctrl-C reports the runs
-    that are finished.
 
     With --from: simulate a recording again up to an instant and continue
     from there. Values given with -p and a --duration count from that instant.
@@ -288,12 +280,10 @@ def simulate(
     links = linked(net, overrides)
     by_method = {} if method is None else {"clock.method": method}
     given = {"SCENE": scene, "--controller": controller, "--net": net, "--method": method, "--accuracy": precision,
-             "--budget": budget, "--repeat": repeat}  # fmt: skip
+             "--budget": budget}  # fmt: skip
     wrong = ", ".join(name for name, value in given.items() if value is not None)
     refuse_all(
         (by_method.keys() & overrides.keys(), "--method and -p: both give clock.method; leave out one of them"),
-        (repeat and out, "--out: --repeat writes no recordings; leave out one of the two"),
-        (repeat and names, "--only: --repeat draws the results of all runs; leave out one of the two"),
         (start is not None and wrong, f"--from {start}: {wrong} cannot be given with it; the recording decides"),
         (start is None and scene is None,
          "name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s"),
@@ -310,9 +300,6 @@ def simulate(
         drawable(names, loaded)
         loaded = configured(loaded, overrides | by_method, precision, budget)
         printing.run_warnings(loaded, length)
-        if repeat is not None:
-            _repeated(loaded, repeat, length, figure, as_json)
-            return
     begin, failed = time.perf_counter(), False
     with _asked_to_stop() as stop:
         try:
@@ -377,20 +364,6 @@ def _asked_to_stop() -> Iterator[Callable[[], str]]:
 
     with told_to_stop(heard):
         yield lambda: f"interrupted by {asked[0]}" if asked else ""
-
-
-def _repeated(scene: Scene, count: int, length: float | None, figure: Path | None, as_json: bool) -> None:
-    from rig.analysis.repeat import repeat
-
-    with _asked_to_stop() as stop, printing.bar("runs") as progress:
-        repeats = repeat(scene, count, length, progress=progress, stop=stop)
-    printing.result(repeats, as_json)
-    if repeats.seen:
-        draw(repeats, figure)
-    if stop():
-        raise typer.Exit(ExitCode.INTERRUPTED)
-    if any(run.fault for run in repeats.seen):
-        raise typer.Exit(ExitCode.STOPPED)
 
 
 def _notes(run: Run) -> Iterator[str]:

@@ -163,7 +163,8 @@ def explain(
         )
         return
     chaotic = ("After the first opening of a contact point the motion is chaotic: only statistics count. "
-               f"Their spread: rig simulate {shlex.quote(scene)} --repeat 8 -p noise.force=1e-6")  # fmt: skip
+               f"Their spread: rig study {shlex.quote(scene)} --repeat 8 -p noise.force=1e-6 "
+               "--measure run.rms")  # fmt: skip
     paragraphs = (
         f"{loaded.title} ({loaded.name})",
         loaded.about,

@@ -80,7 +80,7 @@ def make_vec(
     reward: Reward,
     frames: int = 1,
     duration: Any = None,
-) -> SyncVectorEnv[Array, Array, Any]:
+) -> SyncVectorEnv[Array, Array]:
     """`count` rigs of a scene as one vectorised environment; for the other arguments see `rig.gym.make`.
 
     Raises rig.errors.UsageError with all faults of the arguments.

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from rig.analysis.pool import Store
 from rig.analysis.studies import prepared, study
 from rig.analysis.studies.factors import Distribution, read
 from rig.analysis.studies.result import gathered
-from rig.analysis.studies.runs import StudyRuns
+from rig.analysis.studies.runs import StudyRuns, random_parts
 from rig.errors import SceneError, UsageError
 
 OVER = {"load.force": [10.0, 20.0], "drive.speed": "0.05 m/s:0.1 m/s:2"}
@@ -215,6 +216,21 @@ def test_every_fault_is_told_at_once():
     for text in ("load.forse", "body.mass", "measure nothing", "measure 3: expected", "nothing in it is random",
                  "sampling latim: unknown", "samples = 0: must be", "seed = -1: must be"):  # fmt: skip
         assert text in str(fault.value)
+
+
+def test_seeds_alone_give_the_runs_of_these_seeds_and_their_spread(tmp_path):
+    scene = lab.load("belt_c_damped", {"noise.force": "0.01"})
+    found = lab.study(scene, {}, ["run.rms.velocity"], repeat=3, duration=0.5, folder=tmp_path, workers=1)
+    assert found.work.plan.dimensions == {"repeat": 3}
+    for k, value in enumerate(found.values[:, 0].tolist()):
+        run = lab.simulate(replace(scene, seed=scene.seed + k), 0.5)
+        assert value == run.signals["velocity"].std()
+    assert len({*found.values[:, 0]}) == 3
+    assert "3 points (3) over seeds" in found.text()
+    with pytest.raises(UsageError, match=r"plate: nothing in it is random.*-p noise.force="):
+        prepared(lab.load("plate"), {}, ["run.rms"], repeat=4)
+    assert random_parts(lab.load("pendulum")) != ()  # noise of sensors
+    assert random_parts(lab.load("belt", {"noise.force": "0"})) == random_parts(lab.load("belt"))
 
 
 def test_recordings_of_chosen_points_are_kept_and_repeat(belt, tmp_path):

@@ -270,3 +270,15 @@ def test_the_step_that_is_advised_is_one_that_is_taken(changes, level):
     advised = found[0].remedy.removeprefix("rk4_step of ").removesuffix(" or less")
     again = findings(rig.load("plate", SMALL | changes | {"clock.rk4_step": advised}))
     assert not [one for one in again if "every point closed" in one.what and one.level in ("error", level)]
+
+
+def test_one_run_and_what_it_is_made_of_say_that_it_is_chaotic(rig):
+    opens = ("-p", "plate.damping_ratio=0", "-p", "slider.position=4 mm", "-p", "noise.force=1e-6")
+    code, out, _ = rig("simulate", "plate", *opens, "--duration", "0.14")
+    assert code == 0
+    assert "a point opens first at t = 0.1" in out
+    assert "its numbers are statistics" in out
+    code, out, _ = rig("simulate", "plate", "--duration", "0.02")
+    assert "no point opens" in out
+    assert "chaotic" in rig("explain", "plate")[1]
+    assert "chaotic" not in rig("explain", "belt")[1]

@@ -370,7 +370,7 @@ class StudyResult(Result):
             f"{factor.key} {factor.distribution or f'{len(factor.axis.values)} values'}" for factor in plan.factors
         )
         sizes = " x ".join(map(str, plan.dimensions.values()))
-        yield f"{self.work.scene.name}: {len(self.values)} points ({sizes}) over {over}"
+        yield f"{self.work.scene.name}: {len(self.values)} points ({sizes}) over {over or 'seeds'}"
         if len(self.values) <= _FEW:
             yield from ["", *self._table()]
         yield ""
@@ -407,7 +407,7 @@ class StudyResult(Result):
         texts = [
             f"{factor.key} = {factor.axis.text(v)}" for factor, v in zip(self.work.plan.factors, self.points[point])
         ]
-        return f"{', '.join(texts)}, seed {self.work.plan.seed_of(point)}"
+        return ", ".join([*texts, f"seed {self.work.plan.seed_of(point)}"])
 
     def _table(self) -> Iterator[str]:
         rows = [(*(factor.axis.label for factor in self.work.plan.factors), *map(with_unit, self.names, self.units))]

@@ -141,7 +141,8 @@ def plan(
 ) -> Plan:
     """Return the plan of a study of `scene`. Raises SceneError, UsageError with every fault."""
     faults = Faults()
-    varied: tuple[Factor, ...] = faults(lambda: factors(scene, over), ())
+    seeds_alone = not over and isinstance(repeat, int) and repeat > 1
+    varied: tuple[Factor, ...] = () if seeds_alone else faults(lambda: factors(scene, over), ())
     count = faults(lambda: whole("samples", SAMPLES if samples is None else samples, 1, MOST), 1)
     times = faults(lambda: whole("repeat", repeat, 1, MOST), 1)
     points = Plan(varied, count, sampling, times, faults(lambda: first_seed(scene, seed), 0))

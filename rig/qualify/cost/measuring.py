@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 import math
-import statistics
+import statistics as statistics_of
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -24,8 +24,8 @@ from rig.analysis.motion_measures import (
     problem,
 )
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
-from rig.analysis.repeat import ONSET, Repeats, repeat
 from rig.analysis.studies.runs import random_parts
+from rig.bench.run.simulate import simulate
 from rig.effects.noise import Noise
 from rig.errors import NumericsError, UsageError
 from rig.model import assembly
@@ -33,8 +33,9 @@ from rig.qualify.cost import timing
 from rig.qualify.cost.reference import references
 from rig.qualify.cost.table import WORST, Row, Table, orders, recommended
 from rig.qualify.cost.timing import UNKNOWN, Contender, Cost
+from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
-from rig.record.statistics import FRACTION
+from rig.record.statistics import FRACTION, first_opening, statistics
 from rig.scenes.scene import Scene
 from rig.stability.report import FILM_LIMIT, RK4_LIMIT, fastest_eigenvalue
 
@@ -42,6 +43,7 @@ FOLDER = Path("cost")
 _MACHINE = ("host", "processor", "cores", "python", "numba")
 STARTS = 8
 """Runs of each step of a film; the means of their numbers are compared."""
+ONSET = "first opening"
 _STEPS = 4  # of a film; the last one is the reference
 _NOISE = 1e-6  # N/Hz^0.5: makes the runs of a film differ
 
@@ -143,18 +145,17 @@ def _of_film(scene: Scene, root: Path | None, say: Progress, rounds: int) -> Tab
     asked = Problem(scene, built, system, {}, f"statistics of {STARTS} runs of a film", length, length, 0)
     wanted = {ONSET, f"mean {FRACTION}", *(f"rms {name}" for name in asked.quantities)}
     total, timings = STARTS * len(settings) + 1 + rounds * (len(settings) - 1), itertools.count(STARTS * len(settings))
-    runs: list[Repeats] = []
-    for setting in settings:
-
-        def watched(done: int, _: int) -> None:
-            say(STARTS * len(runs) + done, total)
-
-        runs.append(repeat(setting.applied(scene), STARTS, asked.seconds, progress=watched))
-    known = [name for name in (spread.name for spread in runs[-1].spreads) if name in wanted]
+    starts = [replace(setting.applied(scene), seed=scene.seed + i) for setting in settings for i in range(STARTS)]
+    work = Work(partial(_statistics, asked.seconds), starts, failed=_failed)
+    with temporary(work) as store:
+        by_unit = carry_out(work, store, progress=lambda done, _: say(done, total))
+    every = [Seen.from_json(unpacked(by_unit[unit])) for unit in range(work.total)]
+    runs = [every[i : i + STARTS] for i in range(0, len(every), STARTS)]
+    known = [name for name in runs[-1][0].values if name in wanted]
     truths = {name: finest for name in known if (finest := _mean(runs[-1], name))[0] not in (0.0, math.inf)}
     rows = []
     for setting, repeats in zip(settings[:-1], runs):
-        fault, off, floors = next((seen.fault for seen in repeats.seen if seen.fault), ""), {}, {}
+        fault, off, floors = next((seen.fault for seen in repeats if seen.fault), ""), {}, {}
         for name, (truth, spread) in truths.items():
             mean, own = _mean(repeats, name)
             floors[name] = _STUDENT * math.hypot(spread, own) / abs(truth)
@@ -177,12 +178,22 @@ def _of_film(scene: Scene, root: Path | None, say: Progress, rounds: int) -> Tab
 _STUDENT = 2.145  # 97.5 % of Student's t with 14 degrees of freedom: the means of two times 8 runs
 
 
-def _mean(repeats: Repeats, name: str) -> tuple[float, float]:
+def _statistics(seconds: float, scene: Scene) -> Arrays:
+    """The numbers of one run of a film, from the first opening on."""
+    run = simulate(scene, duration_ns=run_length_ns(seconds), audited=False)
+    opened = first_opening(run)
+    values = {} if opened is None else {ONSET: opened}
+    values |= {number.name: number.value for number in statistics(run, opened or 0.0)}
+    stopped = "" if run.summary.get("ended") in ("done", None) else str(run.summary["ended"])
+    return packed(Seen(values, fault=run.fault.partition("\n")[0] or stopped).to_json())
+
+
+def _mean(repeats: Sequence[Seen], name: str) -> tuple[float, float]:
     """Mean of a number over the runs, and its standard error; infinite if not every run has the number."""
-    values = repeats.values(name)
-    if len(values) < len(repeats.seen):
+    values = [seen.values[name] for seen in repeats if name in seen.values]
+    if len(values) < len(repeats):
         return math.inf, math.inf
-    return statistics.fmean(values), statistics.stdev(values) / math.sqrt(len(values))
+    return statistics_of.fmean(values), statistics_of.stdev(values) / math.sqrt(len(values))
 
 
 def timed(
