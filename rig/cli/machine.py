@@ -45,9 +45,8 @@ def cost(
     uses the table.
     """
     wanted, most = accuracy(target, "--target"), share(budget)
-    from rig.qualify import effects_measured
     from rig.qualify.cost import cost as measure
-    from rig.qualify.cost import effects, folder_of, recommended
+    from rig.qualify.cost import folder_of, recommended
     from rig.qualify.cost.report import COLUMNS, CostReport, lines, notes
     from rig.qualify.cost.table import front
 
@@ -66,24 +65,18 @@ def cost(
         pick, why = recommended(measured.rows, by, wanted, most), ""
     except UsageError as error:
         pick, why = None, str(error)
-    with printing.bar("effects") as progress:
-        parts = effects.effects(loaded, report=progress)
     if as_json:
         report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
         report |= {"recommended": None if pick is None else pick.flat(), "why": why}
-        printing.report({**report, "effects": [result.to_json() for result in parts]})
+        printing.report(report)
     else:
         printing.table(f"{measured.scene}: error and compute time on this machine", COLUMNS, lines(measured, by, pick))
         printing.line()
-        for line in [*notes(measured, by), *(effect.text() for effect in parts)]:
+        for line in notes(measured, by):
             printing.line(f"  {line}")
         printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
     if front(measured.rows, by):
         draw(CostReport(measured, by, pick, most), folder / "cost.png")
-    if parts:
-        effects.write(parts, folder / "effects.csv")
-    if effects_measured.drawn(parts):
-        effects_measured.draw(parts, f"{measured.title}: its effects", measured.machine, folder / "effects.png")
     if not as_json:
         printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
     printing.passed(pick is not None)

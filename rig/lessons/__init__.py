@@ -1,7 +1,7 @@
-"""Lessons: pages with questions, commands and expected numbers, which `rig lesson` shows step by step.
+"""Lessons: pages with questions, commands and expected numbers, which `rig lesson` prints.
 
 page       a page in parts: question, text, commands, their output, expected numbers, solutions; runs a command of a
-           lesson and compares its report with the expected numbers
+           lesson
 pages/     the pages themselves, with their figures: docs/lessons
 """
 
@@ -11,11 +11,9 @@ from rig.lessons.page import (
     FOLDER,
     Command,
     Expected,
-    Found,
     Lesson,
     Outcome,
     attempt,
-    compare,
     lesson,
     lessons,
     readable,
@@ -24,6 +22,6 @@ from rig.lessons.page import (
 )
 
 __all__ = [
-    "FOLDER", "Command", "Expected", "Found", "Lesson", "Outcome", "attempt", "compare", "lesson", "lessons",
+    "FOLDER", "Command", "Expected", "Lesson", "Outcome", "attempt", "lesson", "lessons",
     "readable", "renew", "renewed",
 ]  # fmt: skip

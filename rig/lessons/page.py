@@ -13,7 +13,7 @@ A fence of TOML that begins with a comment with the name of a file (`# mine.toml
 A place is a path of keys and indices. A tolerance is a number in the unit of the expected value, a share of it in %, or
 `exact`. The place `exit code` is that of the command; without such a row it must be 0.
 
-Runs a command of a lesson, and compares its report and its output with the numbers and lines of the page.
+Runs a command of a lesson, and replaces the lines of the page by what it prints.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ from rig.machine.process import STEPS
 
 FOLDER = Path(__file__).parent / "pages"
 """Folder of the pages and their figures."""
-EXIT_CODE = "exit code"
 SECTIONS = ("Question", "Experiment", "Solutions", "What to try next")
 
 _NUMBER = re.compile(r"([-+]?\d[\d.]*(?:e[-+]?\d+)?)\s*(.*)")
@@ -60,14 +59,6 @@ class Expected:
     value: float | str
     unit: str
     tolerance: float
-
-    @property
-    def text(self) -> str:
-        """Value with unit and tolerance, for a reader."""
-        if isinstance(self.value, str):
-            return self.value
-        bound = f" ± {self.tolerance:.2g}" if self.tolerance else ""
-        return f"{self.value:g}{bound} {self.unit}".strip()
 
 
 @dataclass(frozen=True)
@@ -218,23 +209,6 @@ class Outcome:
     printed: str
 
 
-@dataclass(frozen=True)
-class Found:
-    """A number of a report beside the one that the page expects. `value`: None if the report has no such place."""
-
-    expected: Expected
-    value: Any
-    agrees: bool
-
-    @property
-    def text(self) -> str:
-        """The value with its unit, for a reader."""
-        if self.value is None:
-            return "nothing"
-        shown = f"{self.value:.6g}" if isinstance(self.value, float) else str(self.value)
-        return f"{shown} {self.expected.unit}".strip()
-
-
 def attempt(command: Command, folder: Path, as_json: bool = True) -> Outcome:
     """Run `command` in `folder`, with a report as JSON or as a reader sees it; files of an earlier run are replaced.
 
@@ -279,33 +253,6 @@ def _end(process: subprocess.Popen[str]) -> None:
         except subprocess.TimeoutExpired:
             continue
         return
-
-
-def compare(command: Command, outcome: Outcome) -> list[Found]:
-    """The expected numbers beside those that were found; the exit code 0 is expected unless the page says otherwise."""
-    expected = list(command.expected)
-    if EXIT_CODE not in (row.place for row in expected):
-        expected.insert(0, Expected("exit code", EXIT_CODE, 0.0, "", 0.0))
-    return [_found(row, outcome) for row in expected]
-
-
-def _found(expected: Expected, outcome: Outcome) -> Found:
-    value = outcome.code if expected.place == EXIT_CODE else at(outcome.report, expected.place)
-    if isinstance(value, bool):
-        value = "yes" if value else "no"
-    if isinstance(expected.value, str) or not isinstance(value, int | float):
-        return Found(expected, value, value == expected.value)
-    return Found(expected, value, abs(value - expected.value) <= expected.tolerance)
-
-
-def at(report: Any, place: str) -> Any:
-    """What a report has at a place such as `modes.0.growth`; None if there is no such place."""
-    for step in place.split("."):
-        try:
-            report = report[int(step)] if isinstance(report, list) else report[step]
-        except (KeyError, IndexError, TypeError, ValueError):
-            return None
-    return report
 
 
 def renewed(command: Command, printed: str) -> list[str]:

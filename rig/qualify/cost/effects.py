@@ -16,9 +16,8 @@ difference of these two runs are not significant.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,6 @@ from numpy.typing import NDArray
 from rig.analysis.motion_measures import SLOW, Problem, Seen, held, observe, of, problem
 from rig.analysis.pool import Progress
 from rig.errors import NumericsError, RigError
-from rig.machine.files import csv_table, write_file
 from rig.machine.process import no_garbage
 from rig.qualify.cost.timing import QUIET, UNKNOWN, Contender, Spread
 from rig.scenes.scene import Scene
@@ -228,12 +226,6 @@ class Paired:
             return "; ".join(filter(None, (self.switch and f"{self.switch}, measured closed", text)))
         return f"{self.switch}; measured closed: {self.closed.cost()}, {self.closed.change()}"
 
-    def text(self) -> str:
-        """Return cost and change as text."""
-        if self.fault:
-            return f"effect {self.name}: {self.change()}"
-        return f"effect {self.name}: {self.states} states, {self.cost()} per step; change if left out: {self.change()}"
-
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; unknown values are None."""
         tick = {name: _known(value) for name, value in vars(self.tick).items()}
@@ -371,19 +363,3 @@ def _difference(rounds: Array) -> Spread:
 def _quiet(rounds: Array) -> Array:
     """The lower quartile over the rounds: other work on the machine makes rounds longer, never shorter."""
     return np.asarray(np.quantile(rounds, QUIET, axis=0, method="lower"))
-
-
-def write(pairs: Sequence[Paired], path: Path) -> None:
-    """Write one line for each effect and measure. Raises OutputError."""
-    rows: list[list[object]] = [
-        ["effect", "measured", "states", "cost per step [ns]", "low [ns]", "high [ns]", "noise [ns]",
-         "measure", "unit", "with", "without", "change", "significant", "note"]
-    ]  # fmt: skip
-    for paired, how in [(pair, "as held") for pair in pairs] + [(p.closed, "closed") for p in pairs if p.closed]:
-        head = [paired.name, how, paired.states, *paired.to_json()["tick"].values(), paired.to_json()["noise"]]
-        note = paired.fault or paired.note
-        for c in paired.changes:
-            rows.append([*head, c.measure, c.unit, c.whole, c.less, c.size, c.significant, note])
-        if not paired.changes:
-            rows.append([*head, *[""] * 6, note])
-    write_file(path, csv_table(rows))
