@@ -295,13 +295,21 @@ def linked(net: list[str] | None, given: Mapping[str, str]) -> dict[str, str]:
 def the_scene(
     name: str, given: Mapping[str, object], options: Mapping[str, Mapping[str, object]] | None = None
 ) -> Scene:
-    """The scene of a command with the changes `given` with -p; `options`: other option -> its changes; -p wins."""
+    """The scene of a command with the changes `given` with -p; `options`: other option -> its changes; -p wins.
+
+    Values that a change dropped are reported on stderr.
+    """
+    from rig.scenes import load
+
     overrides: dict[str, object] = {}
     places: dict[str, Place] = {}
     for option, changed in {**(options or {}), "-p": given}.items():
         overrides |= changed
         places |= with_option(option, changed)
-    return noted(name, overrides, places)
+    scene = load(name, overrides, places)
+    for line in scene.notes:
+        printing.note(line)
+    return scene
 
 
 def with_option(option: str, keys: Iterable[str]) -> dict[str, Place]:
@@ -309,16 +317,6 @@ def with_option(option: str, keys: Iterable[str]) -> dict[str, Place]:
     from rig.scenes.places import Place
 
     return dict.fromkeys(keys, Place(f"with {option}", 0))
-
-
-def noted(name: str, overrides: Mapping[str, object], places: Mapping[str, Place]) -> Scene:
-    """`rig.scenes.load`; values that a change dropped are reported on stderr."""
-    from rig.scenes import load
-
-    scene = load(name, overrides, places)
-    for line in scene.notes:
-        printing.note(line)
-    return scene
 
 
 def number(given: str, option: str, unit: str, low: float, high: float, also: str = "") -> float:

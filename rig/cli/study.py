@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,17 +19,14 @@ from rig.cli.options import (
     SceneName,
     at,
     changes,
-    noted,
-    scene_file,
     seconds,
     the_scene,
-    with_option,
 )
 from rig.cli.printing import named, refuse, writable
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
-    from rig.scenes.scene import Scene
+    pass
 
 
 Samples = Annotated[
@@ -53,12 +50,7 @@ ClusterName = Annotated[
 
 def study(
     context: typer.Context,
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE", help="Name of a shipped scene, a scene file, or a study file (TOML).", callback=scene_file
-        ),
-    ],
+    scene: SceneName,
     over: Annotated[
         list[str] | None,
         typer.Option(
@@ -89,7 +81,7 @@ def study(
     keep: Keep = None,
     to: Annotated[
         Path | None,
-        typer.Option("--to", metavar="FILE", help="Write the results as NetCDF (.nc) or Zarr (.zarr) as well."),
+        typer.Option("--to", metavar="FILE", help="Write the results as NetCDF (.nc) as well."),
     ] = None,
     workers: Workers = None,
     cluster: ClusterName = "",
@@ -109,24 +101,19 @@ def study(
     from rig.analysis.studies import study as carry_out
     from rig.machine.files import write_file
 
-    loaded, given = _asked(scene, changes(p))
-    own: dict[str, Any] = {
-        "over": values(over, "--over", changes(p)) or None,
-        "measure": measure,
-        "samples": samples,
-        "sampling": sampling,
-    }
-    own |= {"repeat": repeat, "seed": seed, "duration": seconds(duration), "keep": keep}
-    given |= {name: value for name, value in own.items() if value is not None}
+    loaded = the_scene(scene, changes(p))
     _target(context, to)
-    work = prepared(loaded, given.pop("over", {}), given.pop("measure", []), **given)
+    varied = values(over, "--over", changes(p))
+    work = prepared(
+        loaded, varied, measure or [], samples, sampling or "random", repeat or 1, seed, seconds(duration), keep
+    )
     printing.warnings(loaded)
     if not work.of_run:
         idle(loaded, *(factor.axis for factor in work.plan.factors))
     store = Store.of(work.work, at(out))
     refuse(store.folder, ("study.csv",), force)
     with printing.kept(store, "points", len(work.items)), printing.bar("points") as progress:
-        result = carry_out(work, out, workers, progress, given.get("keep"), cluster)
+        result = carry_out(work, out, workers, progress, keep, cluster)
     printing.result(result, as_json)
     figures = result.draw(store.folder)
     write_file(store.folder / "study.csv", result.csv().encode())
@@ -139,18 +126,6 @@ def study(
         if to is not None:
             printing.line(str(to))
     printing.passed(not np.isnan(result.values).all())
-
-
-def _asked(name: str, overrides: dict[str, str]) -> tuple[Scene, dict[str, Any]]:
-    """The scene, and what a study file says about the study."""
-    if name.endswith(".toml"):
-        from rig.analysis.studies.factors import is_study, read
-
-        if is_study(Path(name)):
-            file = read(Path(name))
-            places = file.places | with_option("-p", overrides)
-            return noted(file.scene, {**file.changes, **overrides}, places), file.given
-    return the_scene(name, overrides), {}
 
 
 def values(given: list[str] | None, option: str, changed: Mapping[str, object]) -> dict[str, str]:
@@ -175,10 +150,7 @@ def _target(context: typer.Context, to: Path | None) -> None:
 
         check_path(to)
         named("--to", to)
-        if to.suffix == ".nc":
-            writable(context, "--to", to)
-        elif to.exists():
-            refuse(to.parent, (to.name,), bool(context.params.get("force")))
+        writable(context, "--to", to)
 
 
 def optimise(

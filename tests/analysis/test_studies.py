@@ -13,7 +13,7 @@ from scipy import stats
 import rig as lab
 from rig.analysis.pool import Store
 from rig.analysis.studies import prepared, study
-from rig.analysis.studies.factors import Distribution, read
+from rig.analysis.studies.factors import Distribution
 from rig.analysis.studies.result import gathered
 from rig.analysis.studies.runs import StudyRuns, random_parts
 from rig.errors import SceneError, UsageError
@@ -244,35 +244,19 @@ def test_recordings_of_chosen_points_are_kept_and_repeat(belt, tmp_path):
     assert run.signals["displacement"].max() == found.values[expected[-1], 0]
 
 
-def test_a_study_is_read_from_a_file(rig, tmp_path):
-    file = tmp_path / "mine.toml"
-    file.write_text(
-        'scene = "belt"\nmeasure = ["cycle.period", "own.py:one"]\nduration = "10 ms"\n'
-        '[set]\nbody.damping = "2 N*s/m"\n[over]\nload.force = ["10 N", "20 N"]\n"drive.speed" = "0.05, 0.1 m/s"\n'
-    )
+def test_a_study_of_the_command_line_writes_its_files(rig, tmp_path):
     (tmp_path / "own.py").write_text("def one(run):\n    return 1.0\n")
-    code, out, err = rig("study", file, "--workers", 1, "--out", tmp_path / "studies", "--to", tmp_path / "found.nc")
+    asked = ("belt", "-p", "body.damping=2 N*s/m", "--over", "load.force=10 N, 20 N", "--over",
+             "drive.speed=0.05, 0.1 m/s", "--measure", "cycle.period", "--measure", f"{tmp_path / 'own.py'}:one", "--duration", "10 ms")  # fmt: skip
+    code, out, err = rig("study", *asked, "--workers", 1, "--out", tmp_path / "studies", "--to", tmp_path / "found.nc")
     assert (code, "4 points (2 x 2)" in out) == (0, True), err
     assert (tmp_path / "found.nc").exists()
     folder = next((tmp_path / "studies").iterdir())
     assert {"study.csv", "heat_map.png"} <= {path.name for path in folder.iterdir()}
-    code, _, err = rig("study", file, "--workers", 1, "--out", tmp_path / "studies")
+    code, _, err = rig("study", *asked, "--workers", 1, "--out", tmp_path / "studies")
     assert (code, "has study.csv" in err) == (2, True)
-    code, out, _ = rig("study", file, "--workers", 1, "--out", tmp_path / "studies", "--force", "--json")
+    code, out, _ = rig("study", *asked, "--workers", 1, "--out", tmp_path / "studies", "--force", "--json")
     assert json.loads(out)["dimensions"] == {"load.force": 2, "drive.speed": 2}
-
-
-def test_what_is_wrong_with_a_file_is_told(tmp_path):
-    file = tmp_path / "mine.toml"
-    file.write_text('scene = "belt"\nmeasures = ["cycle.period"]\nsamples = "many"\nduration = "1 kg"\n[over]\n')
-    with pytest.raises(UsageError) as fault:
-        read(file)
-    assert "measures: unknown; did you mean measure?" in str(fault.value)
-    assert "samples = 'many': expected int" in str(fault.value)
-    assert "duration is '1 kg'" in str(fault.value)
-    file.write_text('scene = "belt"\n[set]\n"load.force" = 5\n[over]\n"load.force" = [1]\nload = {force = [2]}\n')
-    with pytest.raises(UsageError, match=r"load.force is given 2 times\n.*load.force: is set and varied"):
-        read(file)
 
 
 def test_a_study_without_any_value_fails(rig, tmp_path):

@@ -112,15 +112,6 @@ def test_the_version_is_printed(rig):
     assert rig("--version")[:2] == (0, f"{package.__version__}\n")
 
 
-def test_a_study_names_its_lines(rig, tmp_path):
-    file = tmp_path / "study.toml"
-    file.write_text(f'\ufeffscene = "belt"\nmeasure = "cycle.amplitude"\nover = {{ "load.force" = "10, 20 N" }}\n{SET}')
-    code, _, err = rig("study", file)
-    assert (code, err.splitlines()[1:]) == (2, [MASS.format(f"{file}, line 6"), SPEED.format(f"{file}, line 8")])
-    code, _, err = rig("study", file, "-p", "body.mas=4 kg")
-    assert (code, err.splitlines()[1:]) == (2, [MASS.format("given with -p"), SPEED.format(f"{file}, line 8")])
-
-
 def test_a_call_is_named():
     with pytest.raises(SceneError) as found:
         package.load("belt", {"body.mas": 3.0, "drive.speed": "3 kg"})

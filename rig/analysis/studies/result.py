@@ -1,4 +1,4 @@
-"""The result of a study: its values as text, JSON, CSV, NetCDF or Zarr, and its figures; and the figure of a search.
+"""The result of a study: its values as text, JSON, CSV or NetCDF, and its figures; and the figure of a search.
 
 Figures: curves or a heat map over a grid, a scatter matrix of samples, a tornado of Sobol indices. Of dimensions that a
 figure does not show (samples, repeats, further parameters) it shows the median; curves show the range as well.
@@ -6,9 +6,7 @@ figure does not show (samples, repeats, further parameters) it shows the median;
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import shutil
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -68,31 +66,11 @@ class Indices:
 
 
 def check_path(path: Path) -> None:
-    """Raise UsageError for what `save` could not write: another suffix, another folder, or a missing library."""
-    if path.suffix not in (".nc", ".zarr"):
-        raise UsageError(f"--to {path}: the name ends in .nc (NetCDF) or .zarr (Zarr)")
-    if path.suffix == ".zarr" and path.exists() and not (path / "zarr.json").is_file():
-        raise UsageError(
-            f"--to {path}: there is a file or folder of this name that is no Zarr folder; name another one"
-        )
+    """Raise UsageError for what `save` could not write: another suffix, or a missing library."""
+    if path.suffix != ".nc":
+        raise UsageError(f"--to {path}: the name of a NetCDF file ends in .nc")
     needed("xarray", "data")
-    if path.suffix == ".nc":
-        needed("h5netcdf", "data")
-    elif importlib.util.find_spec("zarr") is None:
-        raise UsageError(
-            "zarr is not installed; pip install zarr installs it, or write NetCDF: a name that ends in .nc"
-        )
-
-
-def _zarr(made: Dataset, path: Path) -> None:
-    draft = path.with_name(f".{path.name}.part")
-    shutil.rmtree(draft, ignore_errors=True)
-    try:
-        made.to_zarr(draft, mode="w", consolidated=False)  # version 3 of the format has no consolidated metadata
-        shutil.rmtree(path, ignore_errors=True)
-        draft.rename(path)
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
+    needed("h5netcdf", "data")
 
 
 def _suiting(result: StudyResult) -> dict[str, Callable[[StudyResult], Figure]]:
@@ -494,7 +472,7 @@ class StudyResult(Result):
         return made
 
     def save(self, path: Path | str) -> None:
-        """Write the Dataset as NetCDF (.nc) or Zarr (.zarr), completely or not at all.
+        """Write the Dataset as NetCDF (.nc), completely or not at all.
 
         Raises rig.errors.UsageError, OutputError.
         """
@@ -502,9 +480,6 @@ class StudyResult(Result):
         check_path(path)
         made = self.to_xarray()
         try:
-            if path.suffix == ".zarr":
-                _zarr(made, path)
-                return
             made["scene_json"] = ((), made.attrs.pop("scene_json"))  # HDF5 limits attributes to 64 KiB
             path.parent.mkdir(parents=True, exist_ok=True)
             write_file(path, bytes(made.to_netcdf(engine="h5netcdf")))  # HDF5 itself tells a full disk in four lines

@@ -2,7 +2,6 @@
 
 case            a case: a TOML file in `cases`; small rigs that no scene has; the scene of a case
 trial           one run with a check of every step; a run as a user makes it: recorded and verified, and as processes
-wrong_methods   methods that fail, for comparison: contact forces, Runge-Kutta across the sign of the slip speed
 results         the outcome of a run; green, amber or red
 cells           the cells and their results, of all cases in worker processes
 report          JSON and JUnit, and the matrix as a picture

@@ -92,9 +92,8 @@ class Case(Section):
 
     `set` changes values of the rig; `places`: where the file gives them.
 
-    `steps`: sample steps to try. `frame`: loop period, at whose begin modes are settled; by default a step. `wrong`:
-    methods of rig.qualify.torture.wrong_methods that must fail in this case. `limited`: the run ends where the motion
-    leaves a limit of its scene, as every run does. `quick`:
+    `steps`: sample steps to try. `frame`: loop period, at whose begin modes are settled; by default a step.
+    `limited`: the run ends where the motion leaves a limit of its scene, as every run does. `quick`:
     part of the quick matrix, then over `quick_duration` if that is given. `seconds`: time limit of a cell, in processor
     time. `processes`: the scene also runs as processes in lockstep, with its controllers.
     """
@@ -111,7 +110,6 @@ class Case(Section):
     steps: tuple[Nanoseconds, ...] = (1_000_000, 100_000)
     frame: Nanoseconds | None = None
     limited: bool = False
-    wrong: tuple[Literal["held", "clipped", "stale"], ...] = ()
     quick: bool = True
     seconds: Share = 2.0
     processes: bool = False

@@ -16,12 +16,11 @@ from rig.qualify.torture import case as cases
 from rig.qualify.torture.case import Case, Watched, changed, watched
 from rig.qualify.torture.results import FAULTS, CellResult, Found, OutOfTime, fault, judge, red
 from rig.qualify.torture.trial import Trial, processes, recording
-from rig.qualify.torture.wrong_methods import PATIENCE, WRONG
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report
 
-METHODS = ("exact", "dopri5", "rosenbrock", "rk4", "kick", "smooth", *WRONG)
-"""Methods of the solver, and those for comparison, which no scene can select."""
+METHODS = ("exact", "dopri5", "rosenbrock", "rk4", "kick", "smooth")
+"""Methods of the solver."""
 FINER = 4  # refinement of the step of the reference
 TIGHT = 1e-10  # tolerance of the reference
 COUNTED = ("ticks", "opened", "trials", "energy", "stuck", "measurements")
@@ -100,11 +99,7 @@ def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Itera
                 continue  # dopri5 leaves what is linear to exact; exact refuses the rest
             if method == "rosenbrock" and system.linear:
                 continue
-            if method == "sign" and step != case.steps[0]:
-                continue
-            if method in WRONG and method not in (*case.wrong, "sign"):
-                continue
-            scene = watched(case, "auto" if method in (*WRONG, default) else method, step)
+            scene = watched(case, "auto" if method == default else method, step)
             if not quick or method == default or method not in QUICK or shape(scene) in QUICK[method]:
                 yield method, scene
 
@@ -181,22 +176,20 @@ def _reference(case: Case, until: int, seconds: float) -> Found | CellResult:
 
 
 def _cell(case: Case, method: str, scene: Watched, until: int, seconds: float, reference: Found | CellResult) -> Cell:
-    default = scene.clock.method == "auto" and method not in WRONG
-    limit = PATIENCE * seconds if method in case.wrong else seconds
+    default = scene.clock.method == "auto"
     spent, counts = 0.0, dict[str, float]()
     try:
         if isinstance(reference, CellResult):
             result = reference
         else:
-            own = method in WRONG
-            outcome = WRONG[method](case, scene, until, limit) if own else Trial(case, scene, until, limit).run()
+            outcome = Trial(case, scene, until, seconds).run()
             result = judge(case, outcome, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
             if default and result.colour == "green":
                 result = recording(case, scene, until) or result
             spent = outcome.seconds
             counts = {"events": outcome.count} | {name: getattr(outcome, name) for name in COUNTED}
     except FAULTS as error:
-        result, spent = fault(error), limit if isinstance(error, OutOfTime) else spent
+        result, spent = fault(error), seconds if isinstance(error, OutOfTime) else spent
         if result.reason == "refused" and not default:
             result = replace(result, colour="amber")
     return Cell(case.name, method, scene.step_ns * 1e-9, default, result, spent, counts)
