@@ -246,8 +246,9 @@ def test_recordings_of_chosen_points_are_kept_and_repeat(belt, tmp_path):
 
 def test_a_study_of_the_command_line_writes_its_files(rig, tmp_path):
     (tmp_path / "own.py").write_text("def one(run):\n    return 1.0\n")
-    asked = ("belt", "-p", "body.damping=2 N*s/m", "--over", "load.force=10 N, 20 N", "--over",
-             "drive.speed=0.05, 0.1 m/s", "--measure", "cycle.period", "--measure", f"{tmp_path / 'own.py'}:one", "--duration", "10 ms")  # fmt: skip
+    varied = ("--over", "load.force=10 N, 20 N", "--over", "drive.speed=0.05, 0.1 m/s", "-p", "body.damping=2 N*s/m")
+    measured = ("--measure", "cycle.period", "--measure", f"{tmp_path / 'own.py'}:one", "--duration", "10 ms")
+    asked = ("belt", *varied, *measured)
     code, out, err = rig("study", *asked, "--workers", 1, "--out", tmp_path / "studies", "--to", tmp_path / "found.nc")
     assert (code, "4 points (2 x 2)" in out) == (0, True), err
     assert (tmp_path / "found.nc").exists()
