@@ -11,7 +11,7 @@ import pytest
 import rig
 from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
 from rig.errors import UsageError
-from rig.qualify.cost import Row, Table, cost, folder_of, recommended, reference
+from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended
 from rig.qualify.cost.measuring import trials
 from rig.qualify.cost.report import CostReport, notes
 from rig.qualify.cost.table import front
@@ -174,7 +174,7 @@ def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
 
 
 def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypatch, tmp_path):
-    monkeypatch.setattr(reference, "observe", lambda asked, setting, framed: Seen({}, fault=f"{setting} stopped"))
+    monkeypatch.setattr(measuring, "observe", lambda asked, setting, framed: Seen({}, fault=f"{setting} stopped"))
     found = cost(rig.load("belt_c"), None, rounds=1)
     assert all("no reference" in one.fault and one.timed for one in found.rows)
     assert notes(found, "worst")[0].endswith("one of the references stops")

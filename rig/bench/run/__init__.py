@@ -1,13 +1,12 @@
 """One run of a rig: what happens at a tick is the same in every mode.
 
-runner                plant and sensors of a scene, stepped frame by frame; the result depends on ticks only
+runner                plant and sensors of a scene, stepped frame by frame; what controllers receive of them
 plant_truth           what it collects: outputs at every step, mode sets, events, measurements
 experiment            everything that happens at a tick between measurement and integration
 protocol              the steps of an experiment, due at ticks or after a condition
 exchange              commands: taken over, held, clamped, refused, replaced by safe values, or played from a recording
 command_queue         the commands of one controller
 local_controllers     controllers that work in this process: called from Python, or lent to the compiled loop
-heard                 what controllers receive over impaired links
 rig_variants          the same rig with other parameters
 builds                a new matrix takes time: rigs are built beside the frames, and who waits for them
 before                findings before a run

@@ -2,8 +2,8 @@
 
 The simulation problem, its measures and the settings are in rig.analysis.motion_measures.
 
-reference  the reference solution                   timing     the compute time of a setting
-measuring  measures of each setting                 table      rows, kept as CSV and Parquet; recommended setting
+measuring  reference solutions, measures of each setting
+timing     the compute time of a setting            table      rows, kept as CSV and Parquet; recommended setting
 report     the table as text and figure             effects    cost of each effect, change without it
 """
 

@@ -1,18 +1,33 @@
 """Measurement of the cost table of a scene, for `rig cost`; and the setting of a run, chosen from the table of this
 machine, which is measured first if necessary.
+
+Reference solutions: each method is compared with another one at its finest setting.
+
+    exact            compared with rk4, whose two finest steps are extrapolated to zero (Richardson, order 4)
+    dopri5           the same
+    all others       compared with exact, or with dopri5 at 1e-12 if the rig is not linear
+
+Each reference is also compared with itself at twice the step. The difference of the two references is the smallest
+error that can be resolved. Both are stored in the folder of the scene, named by a hash of scene, sources, method and
+its step or tolerance, and used again.
 """
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import json
 import math
 import statistics as statistics_of
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rig.analysis.motion_measures import (
+    TIGHTEST,
     Problem,
     Seen,
     Setting,
@@ -20,6 +35,7 @@ from rig.analysis.motion_measures import (
     eligible,
     errors,
     ladder,
+    numbered,
     observe,
     problem,
 )
@@ -28,9 +44,10 @@ from rig.analysis.studies.runs import random_parts
 from rig.bench.run.simulate import simulate
 from rig.effects.noise import Noise
 from rig.errors import NumericsError, UsageError
+from rig.machine.files import DATA, contents, write_file
 from rig.model import assembly
+from rig.motion.motion import SEGMENTS
 from rig.qualify.cost import timing
-from rig.qualify.cost.reference import references
 from rig.qualify.cost.table import WORST, Row, Table, orders, recommended
 from rig.qualify.cost.timing import UNKNOWN, Contender, Cost
 from rig.quantities import run_length_ns
@@ -38,6 +55,117 @@ from rig.record.provenance import provenance
 from rig.record.statistics import FRACTION, first_opening, statistics
 from rig.scenes.scene import Scene
 from rig.stability.report import FILM_LIMIT, RK4_LIMIT, fastest_eigenvalue
+
+WALL = 4.0  # s, for one run of a reference
+_UNSURE = 1e-3  # a reference that differs so much from itself at twice the step is refined
+_FURTHER, _FINER = 2, 2.5  # most refinements, and the factor of each
+_FINEST = 5e-4  # |lambda| h of the finest step
+_ROOM = SEGMENTS // 4  # steps in a tick; half of them in the run for comparison
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A reference run. `apart`: by measure, its difference from itself at half the resolution (Richardson)."""
+
+    setting: Setting
+    seen: Seen
+    apart: dict[str, float]
+    hash: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        return {"setting": vars(self.setting), "seen": self.seen.to_json(), "apart": self.apart, "hash": self.hash}
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> Reference:
+        """Return the reference of `to_json`."""
+        return cls(Setting(**raw["setting"]), Seen.from_json(raw["seen"]), raw["apart"], raw["hash"])
+
+
+@dataclass(frozen=True)
+class References:
+    """The two references of a problem: `best` by the rig's own best method, `other` by rk4. `floor`: their
+    difference.
+    """
+
+    best: Reference
+    other: Reference
+    floor: dict[str, float]
+
+    def of(self, method: str) -> Reference:
+        """Return the reference for a method."""
+        return self.other if method == self.best.setting.method else self.best
+
+
+def references(problem: Problem, rate: float, best: str, folder: Path | None) -> References:
+    """Return both references, computed or read. `rate` [1/s]: of the fastest mode; `best`: "exact" or "dopri5"."""
+    first = Setting(best, TIGHTEST if best == "dopri5" else 0.0)
+    judged = _kept(problem, folder, (first,) if best == "exact" else (replace(first, tolerance=1e-11), first), 0)
+    fine = _affordable(problem, ladder("rk4", problem.scene, rate)[-1].step_ns, rate)
+    other = _halved(problem, folder, fine)
+    for _ in range(_FURTHER):
+        room = _ROOM * fine / problem.scene.step_ns
+        if max(other.apart.values(), default=0.0) <= _UNSURE or room < _FINER:
+            break
+        fine = _finer(problem, fine, _FINER)
+        other = _halved(problem, folder, fine)
+    stops = judged.seen.fault or other.seen.fault
+    return References(judged, other, {"": math.inf} if stops else errors(problem, judged.seen, other.seen))
+
+
+def _halved(problem: Problem, folder: Path | None, step_ns: int) -> Reference:
+    """Rk4 at a step and at half of it."""
+    runs = (Setting("rk4", step_ns=step_ns), Setting("rk4", step_ns=_finer(problem, step_ns, 2)))
+    return _kept(problem, folder, runs, 4)
+
+
+def _affordable(problem: Problem, step_ns: int, rate: float) -> int:
+    """The finest rk4 step with which a run takes at most `WALL` and that fits into a tick."""
+    begin = time.perf_counter()
+    observe(problem, Setting("rk4", step_ns=step_ns), framed=False)
+    spent = max(time.perf_counter() - begin, 1e-3)
+    wanted = rate * step_ns * 1e-9 / _FINEST
+    return _finer(problem, step_ns, max(min(wanted, 0.5 * WALL / spent, _ROOM * step_ns / problem.scene.step_ns), 1.0))
+
+
+def _finer(problem: Problem, step_ns: int, factor: float) -> int:
+    """A divisor of the sample step that is `factor` finer than `step_ns`, or slightly coarser than that."""
+    whole = problem.scene.step_ns
+    parts = [h for h in range(1, step_ns + 1) if whole % h == 0 and h * factor >= step_ns] if step_ns > 1 else [1]
+    return min(parts)
+
+
+def _kept(problem: Problem, folder: Path | None, runs: tuple[Setting, ...], order: int) -> Reference:
+    """The last of `runs`, with its difference from the one before; extrapolated if the method has an order."""
+    last = runs[-1]
+    name = hashlib.sha256(f"{problem.digest} {problem.kind} {problem.length} {last}".encode()).hexdigest()[:16]
+    path = None if folder is None else folder / f"reference-{last.method}-{name}.json"
+    if path is not None and path.exists():
+        return Reference.from_json(json.loads(contents(path, DATA)))
+    seen = [observe(problem, setting, framed=False) for setting in runs]
+    apart = errors(problem, seen[0], seen[-1])
+    if order and not seen[-1].fault and not seen[0].fault:
+        seen[-1] = extrapolated(seen[0], seen[-1], (runs[0].step_ns / last.step_ns) ** order)
+    made = Reference(last, seen[-1], apart, name)
+    if path is not None:
+        write_file(path, json.dumps(made.to_json(), indent=1).encode())
+    return made
+
+
+def extrapolated(coarse: Seen, fine: Seen, ratio: float) -> Seen:
+    """Extrapolate two runs to step zero; the error of the coarse one is `ratio` times that of the fine one."""
+
+    def zero(a: float, b: float) -> float:
+        return b + (b - a) / (ratio - 1.0)
+
+    values = {name: zero(coarse.values.get(name, math.nan), v) for name, v in fine.values.items()}
+    values = {name: v if math.isfinite(v) else fine.values[name] for name, v in values.items()}
+    before, after = numbered(coarse.events), numbered(fine.events)
+    if before.keys() == after.keys():
+        after = {key: zero(before[key], time) for key, time in after.items()}
+    events = tuple((time, what) for (what, _), time in after.items())
+    return replace(fine, values=values, events=events)
+
 
 FOLDER = Path("cost")
 _MACHINE = ("host", "processor", "cores", "python", "numba")
