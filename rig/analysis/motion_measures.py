@@ -254,7 +254,7 @@ def digest(scene: Scene) -> str:
 def _own_sources() -> str:
     """The sources that define the measurement."""
     rooms = Path(__file__).parents[1]
-    names = ("qualify/cost/reference", "analysis/motion_measures", "analysis/orbit")
+    names = ("qualify/cost/measuring", "analysis/motion_measures", "analysis/orbit")
     return "".join((rooms / f"{name}.py").read_text() for name in names)
 
 
