@@ -174,7 +174,12 @@ def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
 
 
 def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypatch, tmp_path):
-    monkeypatch.setattr(measuring, "observe", lambda asked, setting, framed: Seen({}, fault=f"{setting} stopped"))
+    observe = measuring.observe
+
+    def stopped(asked, setting, framed=True):  # a reference has no frames
+        return observe(asked, setting) if framed else Seen({}, fault=f"{setting} stopped")
+
+    monkeypatch.setattr(measuring, "observe", stopped)
     found = cost(rig.load("belt_c"), None, rounds=1)
     assert all("no reference" in one.fault and one.timed for one in found.rows)
     assert notes(found, "worst")[0].endswith("one of the references stops")
