@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from rig.analysis.identification import cycles
-from rig.analysis.identification.answer import Identified, LawFit, RunFit
+from rig.analysis.identification.answer import MISFIT, Identified, LawFit, RunFit
 from rig.analysis.identification.cycles import (
     EXACT,
     LASTING,
@@ -39,8 +39,6 @@ from rig.analysis.pool import Arrays
 from rig.errors import UsageError
 from rig.record.run import Reals
 
-MISFIT = 0.01
-"""Probability below which a law does not fit."""
 _SCREENED = 0.01  # of a measure: what the screening may miss, since a fit of the cycles follows
 _NEAR = 2.0  # factor about the values of the scene in which other starts lie
 _WIDELY, _VALLEYS, _SAME = 24, 3, 0.1  # starts after a misfit, those that are fitted; coordinates of one valley
