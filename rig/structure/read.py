@@ -94,7 +94,7 @@ class _Matrix:
 
 def structure(
     sources: Sequence[Source],
-    units: str,
+    units: Literal["m-kg-s", "mm-t-s"],
     *,
     job: Path | None = None,
     nodes: Path | None = None,
@@ -108,9 +108,7 @@ def structure(
     the entries of the matrices is added to `flaws` if it is given: contacts and places can be checked all the same.
     """
     faults: list[str] = []
-    if units not in UNITS:
-        faults.append(f'units is {brief(units)}; expected "m-kg-s" or "mm-t-s", the units of the matrices')
-    length = UNITS.get(units, 1.0)
+    length = UNITS[units]
     mesh = tried(lambda: read_mesh(nodes, length), NOTHING, faults) if nodes else NOTHING
     if job is not None:
         sources = [

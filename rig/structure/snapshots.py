@@ -44,7 +44,7 @@ def trained(
     It has at most `vectors` coordinates. Training ends when the largest relative error that is estimated is at most
     `error`, or when more points do not help. Raises UsageError for ranges that cannot be trained.
     """
-    _check(full, over, at, up_to)
+    _check(full, over, at)
     middle = dict(at) | {key: 0.5 * (low + high) for key, (low, high) in over.items()}
     mass, stiffness = full.matrix("mass", middle), full.symmetric_stiffness(middle, closed=True)
     tell("eigenvalues in the middle of the range", 0.0)
@@ -83,7 +83,7 @@ def trained(
         columns = np.hstack([columns, _columns(pairs, mass)])
 
 
-def _check(full: Full, over: Mapping[str, tuple[float, float]], at: Mapping[str, float], up_to: float) -> None:
+def _check(full: Full, over: Mapping[str, tuple[float, float]], at: Mapping[str, float]) -> None:
     """Refuse ranges that cannot be trained, all faults at once."""
     faults = [
         f"reduction.over: {key} multiplies nothing of this structure; it has {', '.join(full.numbers) or 'no numbers'}"
@@ -104,8 +104,6 @@ def _check(full: Full, over: Mapping[str, tuple[float, float]], at: Mapping[str,
     faults += [f"{key} has no value" for key in full.numbers if key not in over and key not in at]
     if len(over) > max(_CANDIDATES):
         faults.append(f"reduction.over has {len(over)} numbers; at most {max(_CANDIDATES)} can be trained together")
-    if not up_to > 0:
-        faults.append("reduction.up_to is missing: the highest frequency that is wanted, e.g. '3 kHz'")
     if faults:
         raise UsageError("\n".join(faults))
 

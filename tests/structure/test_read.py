@@ -316,8 +316,8 @@ def test_all_faults_of_all_files_are_reported_at_once(tmp_path):
     (tmp_path / "damping.op4").write_text("binary")
     mesh = text(tmp_path / "mesh.inp", ["*NODE", "1, 0., 0.", "2, a, 0., 0."])
     rows = text(tmp_path / "rows.csv", ["1,x", "1,u", "2"])
-    faults = refused(sources, "mm-kg-s", rows=rows, nodes=mesh, job=tmp_path / "none")
-    words = ["units is 'mm-kg-s'", "mesh.inp, line 3", "damping.op4: is of an unknown format", "missing.mtx: cannot be"]
+    faults = refused(sources, rows=rows, nodes=mesh, job=tmp_path / "none")
+    words = ["mesh.inp, line 3", "damping.op4: is of an unknown format", "missing.mtx: cannot be"]
     words += [f"none.{suffix}: cannot be read" for suffix in ("sti", "mas", "dof")]
     for word in [*words, "rows.csv, line 2", "rows.csv, line 3"]:
         assert sum(word in fault for fault in faults) == 1

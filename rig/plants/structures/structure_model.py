@@ -230,7 +230,7 @@ def full(p: Tables) -> tuple[Full, Mesh]:
         slave, master = (Selection(s.set or "", s.nodes or (), s.box) for s in (contact.slave, contact.master))
         turning = p.drive if isinstance(p.drive, Turning) and contact.sliding is None else None
         turns: dict[str, Any] = {"axis": turning.axis, "centre": turning.centre} if turning else {}
-        cells = contact.points and (finer * contact.points[0], finer * contact.points[1])
+        cells = (finer * contact.points[0], finer * contact.points[1])
         described = MeshContact(
             name, slave, master, contact.normal, contact.sliding, points=cells, search=contact.search, **turns
         )
@@ -242,7 +242,7 @@ def full(p: Tables) -> tuple[Full, Mesh]:
             tried(partial(points, name, contact, by), none, faults, f"contacts.{name}: ")
             for name, contact in chosen.items()
         )
-        for by, chosen in ((1, p.contacts), (2, {n: c for n, c in p.contacts.items() if c.slave and c.points}))
+        for by, chosen in ((1, p.contacts), (2, {n: c for n, c in p.contacts.items() if c.slave}))
     )
     vectors = {
         where: tried(partial(of_place, place), np.zeros(whole.rows), faults, f"{where}: ")

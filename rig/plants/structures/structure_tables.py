@@ -156,13 +156,18 @@ class Structure(Section):
         return not any(True for _ in self.paths)
 
 
-class Place(Section):
+class Nodes(Section):
+    """Nodes of the mesh: a set, a list, or a box of two corners."""
+
+    set: str | None = None
+    nodes: tuple[int, ...] | None = None
+    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+
+
+class Place(Nodes):
     """Nodes and a direction: one node, a list, a set or a box of the mesh (their mean); or a `row` over coordinates."""
 
     node: int | None = None
-    nodes: tuple[int, ...] | None = None
-    set: str | None = None
-    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
     direction: Direction | None = None
     row: Line | None = None
 
@@ -177,12 +182,8 @@ class Place(Section):
         return self
 
 
-class Surface(Section):
+class Surface(Nodes):
     """The nodes of one side of a contact: a set, a list or a box of the mesh."""
-
-    set: str | None = None
-    nodes: tuple[int, ...] | None = None
-    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -437,12 +438,7 @@ class Tables(WithStack):
                 yield "reduction.over", f"{key} is no number of this scene" + f"; did you mean {near[0]}?" * bool(near)
                 continue
             try:
-                low, high = (si(end, of_scene[key][1]) for end in ends)
-                if not low < high:
-                    yield (
-                        "reduction.over",
-                        f"{key}: the range begins with {low:g} and ends with {high:g}; expected it to rise",
-                    )
+                _ = [si(end, of_scene[key][1]) for end in ends]
             except ValueError as fault:
                 yield "reduction.over", f"{key}: {fault}"
 
