@@ -150,7 +150,7 @@ def test_a_force_on_a_shell_moves_it_as_in_calculix(tmp_path):
 FOLLOWING = {
     "*EQUATION": ["*EQUATION", "2", "7,1,1.,8,1,-1."],
     "*MPC": ["*MPC", "MEANROT,7,7,7,8,8,8,11,11,11,99"],
-    "*RIGID BODY": ["*RIGID BODY, NSET=PAD, REF NODE=98"],
+    "*RIGID BODY": ["*RIGID BODY, NSET=END, REF NODE=98"],
     "*COUPLING": ["*SURFACE, NAME=S, TYPE=NODE", "END", "*COUPLING, REF NODE=98, SURFACE=S, CONSTRAINT NAME=C",
                   "*KINEMATIC", "1,3"],
 }  # fmt: skip
@@ -160,12 +160,12 @@ FOLLOWING = {
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="needs CalculiX")
 @pytest.mark.parametrize("keyword", FOLLOWING)
 def test_nodes_that_follow_others_have_the_frequencies_of_calculix(tmp_path, keyword):
-    """A bar of two bricks, held at one end."""
-    places = [(i, j, k) for i in range(3) for k in range(2) for j in range(2)]
+    """A bar of six bricks, held at one end."""
+    places = [(i, j, k) for i in range(7) for k in range(2) for j in range(2)]
     lines = ["*NODE", *[f"{n}, {0.1 * i}, {0.03 * j}, {0.02 * k}" for n, (i, j, k) in enumerate(places, 1)]]
-    lines += ["98, 0.3, 0., 0.", "99, 0., 0., 1.", "*ELEMENT, TYPE=C3D8, ELSET=ALL"]
-    lines += [f"{e}, {', '.join(str(4 * (e - 1) + n) for n in (1, 5, 6, 2, 3, 7, 8, 4))}" for e in (1, 2)]
-    lines += ["*NSET, NSET=END", "9, 10, 11, 12", "*NSET, NSET=PAD", "9, 10, 11, 12", "*MATERIAL, NAME=M"]
+    lines += ["98, 0.8, 0., 0.", "99, 0., 0., 1.", "*ELEMENT, TYPE=C3D8, ELSET=ALL"]
+    lines += [f"{e}, {', '.join(str(4 * (e - 1) + n) for n in (1, 5, 6, 2, 3, 7, 8, 4))}" for e in range(1, 7)]
+    lines += ["*NSET, NSET=END", "25, 26, 27, 28", "*MATERIAL, NAME=M"]
     lines += ["*ELASTIC", "2e11, 0.3", "*DENSITY", "7800.", "*SOLID SECTION, ELSET=ALL, MATERIAL=M"]
     lines += [*FOLLOWING[keyword], "*BOUNDARY", "1, 1, 3", "2, 1, 3", "3, 1, 3", "4, 1, 3"]
     for name, step in (("bar_matrices", ", SOLVER=MATRIXSTORAGE"), ("bar_frequencies", "")):
