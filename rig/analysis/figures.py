@@ -275,7 +275,7 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
         margin = max(0.08 * (high - low), 0.02 * high, 1e-9)  # a nearly constant curve must look constant
         frequency.set_ylim(low - margin, high + margin)
     locus.set(xlabel="growth [1/s]", ylabel="frequency [Hz]")
-    locus.set_title("root locus")
+    locus.set_title("root locus", loc="center")
     figure.align_ylabels((growth, frequency))
     what = f"loop of {sweep.loop}" if sweep.loop else "steady sliding"
     what += f", {sweep.friction}" if sweep.friction else ""
@@ -301,16 +301,19 @@ def _part(rates: Array, grows: bool) -> Array:
 
 
 def _critical(sweep: Sweep, growth: Axes, frequency: Axes, locus: Axes) -> None:
-    for crossing in sweep.critical:
+    named = len(sweep.critical) if len(sweep.critical) <= _NAMED else _NAMED - 1
+    for number, crossing in enumerate(sweep.critical):
         value, mark = crossing.value / sweep.axis.scale, _MARK[crossing.kind]
         label = f"{crossing.kind} at {sweep.axis.text(crossing.value)}"
+        if number >= named:
+            label = f"and {len(sweep.critical) - named} more" if number == named else "_"
         growth.plot([value], [0.0], mark, color=ALARM, ms=7, zorder=4, label=label)
         frequency.plot([value], [crossing.frequency], mark, color=ALARM, ms=7, zorder=4)
         locus.plot([0.0], [crossing.frequency], mark, color=ALARM, ms=7, zorder=4)
         for axes in (growth, frequency):
             axes.axvline(value, color=ALARM, lw=0.8, ls=":", zorder=1)
     if sweep.critical:
-        growth.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handletextpad=0.3)
+        growth.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=_NAMED, borderaxespad=0.2, handletextpad=0.3)
 
 
 def _zero(axes: Axes, upright: bool) -> None:
@@ -327,4 +330,5 @@ def _zero(axes: Axes, upright: bool) -> None:
         axes.set_ylim(low, high)
 
 
+_NAMED = 3  # critical values in the legend, one line
 _LIGHT = 0.02  # largest damping ratio of the modes for which the axes of a structure have room
