@@ -214,7 +214,9 @@ class Flow:
             return np.asarray(expm(modes.A * time) @ x)
         if not time:
             return x
-        run = solve_ivp(lambda _, x: self.rate(x, key), (0.0, time), x, method="DOP853", rtol=_FINE, atol=_NOTHING)
+        run = solve_ivp(
+            lambda _, x: self.rate(x, key), (0.0, time), x, "DOP853", first_step=abs(time), rtol=_FINE, atol=_NOTHING
+        )
         return np.asarray(run.y[:, -1])
 
     def carried(self, x: Array, time: float, keep: bool = False, ticks: int | None = None) -> Carried:
