@@ -26,16 +26,15 @@ import numpy as np
 PAGES = 10
 SCENE = "belt_normal_force"
 _CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+_READY = "document.getElementById('scene')?.options.length > 3"
 _CHOOSE = """
 const { scene, duration } = %s, one = (name) => document.getElementById(name);
 const there = (true_) => new Promise((done) => {
   const look = () => true_() ? done(true) : setTimeout(look, 20);
   look();
 });
-there(() => one("scene")?.options.length > 3).then(() => {
-  location.hash = `bench/${scene}`;
-  return there(() => one("scene").value === scene && one("values").ariaBusy === "false");
-}).then(() => {
+location.hash = `bench/${scene}`;
+there(() => one("scene").value === scene && one("values").ariaBusy === "false").then(() => {
   one("duration").value = duration;
   one("duration").dispatchEvent(new Event("change"));
   return there(() => one("values").ariaBusy === "false" && !one("start").disabled);
@@ -203,6 +202,8 @@ class _Browser:
         shown = next(target for target in json.loads(line.getresponse().read()) if target["type"] == "page")
         line.close()
         self._socket = connect(shown["webSocketDebuggerUrl"], max_size=None)
+        while self._ask("Runtime.evaluate", {"expression": _READY}).get("result", {}).get("value") is not True:
+            time.sleep(0.1)  # the address with the token leads to the page
 
     def __enter__(self) -> _Browser:
         return self
@@ -227,4 +228,4 @@ class _Browser:
         self._socket.send(json.dumps({"id": 1, "method": method, "params": parameters}))
         while "id" not in (answer := json.loads(self._socket.recv(60.0))):
             pass
-        return answer["result"]
+        return answer.get("result", {})

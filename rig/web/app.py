@@ -60,6 +60,8 @@ from rig.web.sound import Sounds, packed
 
 _URGENT = 64  # most commands to the run that wait for its answer at a time; each waits for a bounded time
 PAGE = Path(__file__).parent / "page"
+WORKLET = "loudspeaker.js"
+"""The module that runs beside the page, in the thread of the sound."""
 LARGEST = 1 << 20
 """Largest request body [bytes]."""
 
@@ -185,7 +187,11 @@ def app(bench: Bench) -> Starlette:
 
 
 async def _page(_: Request) -> Response:
-    return FileResponse(PAGE / "index.html")
+    """The page, which names its modules, so that a browser loads them at once and not one after the other."""
+    modules = (path.relative_to(PAGE).as_posix() for path in sorted(PAGE.rglob("*.js")) if path.name != WORKLET)
+    links = "".join(f'  <link rel="modulepreload" href="/page/{module}">\n' for module in modules)
+    html = (PAGE / "index.html").read_text(encoding="utf-8")
+    return Response(html.replace("</head>", f"{links}</head>"), media_type="text/html")
 
 
 async def _look(_: Request) -> Response:

@@ -60,7 +60,7 @@ const SAME = { brake_shunt: "brake" }; // scene -> the one whose picture is show
 export function create(bench) {
   const moving = new Map(); // canvas -> {solids, frames, number}
   const seen = new Set();
-  let tracks = null, cards = null, timer = null;
+  let tracks = null, cards = null, timer = null, painting = false;
 
   function picture(scene) {
     const canvas = h("canvas", { class: "stage", "aria-hidden": "true" });
@@ -70,7 +70,8 @@ export function create(bench) {
   }
 
   const watcher = new IntersectionObserver((changes) => {
-    for (const { target, isIntersecting } of changes) if (isIntersecting) { seen.add(target); paint(target); } else seen.delete(target);
+    for (const { target, isIntersecting } of changes) if (isIntersecting) seen.add(target); else seen.delete(target);
+    tick();
   });
 
   function paint(canvas) {
@@ -83,7 +84,13 @@ export function create(bench) {
     one.solids.draw(sized(canvas));
   }
 
-  const tick = () => { if (!document.hidden && !element.hidden) for (const canvas of seen) paint(canvas); };
+  /** Paint what is seen, each picture in a task of its own: the page answers between them. */
+  async function tick() {
+    if (painting || document.hidden || element.hidden) return;
+    painting = true;
+    for (const canvas of [...seen]) { paint(canvas); await new Promise((done) => { setTimeout(done); }); }
+    painting = false;
+  }
 
   const card = (scene, [title, about]) => h("a", { href: `#bench/${scene}` }, picture(scene), h("div", {}, h("h3", {}, title), h("p", { class: "small soft" }, about)));
   const row = (one) => h("a", { href: `#bench/${one.name}` }, h("div", {}, h("h3", {}, said(one.title)), h("p", { class: "small soft" }, first(one.about)),
@@ -119,7 +126,7 @@ export function create(bench) {
       timer ??= setInterval(tick, 1000 / RATE);
       if (STILL.matches) { clearInterval(timer); timer = 1; }
       tracks ??= await fetch("/page/tracks.json").then((answer) => answer.json());
-      for (const canvas of seen) paint(canvas);
+      tick();
     },
     state() { start.disabled = store().active || !store().online; },
   };
