@@ -39,6 +39,7 @@ from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
@@ -150,7 +151,7 @@ def app(bench: Bench) -> Starlette:
     routes = [
         Route("/", _page),
         Route("/page/look.css", _look),
-        Mount("/page", StaticFiles(directory=PAGE)),
+        Mount("/page", GZipMiddleware(StaticFiles(directory=PAGE))),
         Route("/api/scenes", _answers(lambda _: bench.catalogue.cards())),
         Route("/api/scene", _answers(bench.form), methods=["POST"]),
         Route("/api/scene/save", _answers(bench.save), methods=["POST"]),
