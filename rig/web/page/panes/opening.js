@@ -7,7 +7,7 @@ import { Solids } from "/page/solids.js";
 import { said, t } from "/page/text.js";
 
 const RATE = 15; // pictures of a track in a second
-const FIRST = "pendulum"; // the demonstration
+const FIRST = "pendulum_by_hand"; // the demonstration
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 /** Places of all numbers in nested lists: [list, index] of each. */
@@ -55,7 +55,7 @@ const GROUPS = [
     tread: [t("Tread block"), t("The edge of a rubber block squeaks on glass at 294 Hz.")],
   }],
 ];
-const SAME = { brake_shunt: "brake" }; // scene -> the one whose picture is shown
+const SAME = { brake_shunt: "brake", pendulum_by_hand: "pendulum" }; // scene -> the one whose picture is shown
 
 export function create(bench) {
   const moving = new Map(); // canvas -> {solids, frames, number}
