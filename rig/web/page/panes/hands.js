@@ -141,7 +141,7 @@ export function create(bench) {
         fault.textContent = said(error.message);
       }
     };
-    return h("div", { class: "row small", style: "flex-wrap: nowrap" }, h("span", { class: "grow" }, t("controller {name} drives {what}", { name, what: drives.join(", ") })),
+    return h("div", { class: "row small drives" }, h("span", { class: "grow" }, t("controller {name} drives {what}", { name, what: drives.join(", ") })),
       h("button", { onclick: act("connect"), id: `connect-${name}` }, t("Connect")),
       h("button", { onclick: act("disconnect"), id: `disconnect-${name}` }, t("Disconnect")));
   }
