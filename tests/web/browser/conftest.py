@@ -98,7 +98,9 @@ class Page:
         """Show a view of the page."""
         self.run("location.hash = arguments[0]", view)
         self.until(
-            lambda: self.run("return !document.getElementById('view-' + arguments[0]).hidden", view.partition("/")[0])
+            lambda: self.run(
+                "return document.getElementById('view-' + arguments[0])?.hidden === false", view.partition("/")[0]
+            )
         )
 
     def choose(self, scene):

@@ -161,6 +161,32 @@ def test_branches_are_computed_and_show_the_present_state(page):
     page.until_phase("ended")
 
 
+def test_a_map_stands_beside_its_slider_with_the_present_values(page):
+    page.choose("belt")
+    body = {
+        "what": "regions",
+        "scene": "belt",
+        "changes": {},
+        "x": "drive.speed=0.05:0.35 m/s:4",
+        "y": "load.force=10:30 N:3",
+    }
+    post = "fetch('/api/studies/work', { method: 'POST', body: JSON.stringify(arguments[0]) })"
+    page.run(post, body)
+    page.driver.refresh()
+    page.until_known()
+    ended = "const done = arguments[0]; fetch('/api/jobs').then((a) => a.json()).then((all) => done(all[0]?.state))"
+    page.until(lambda: page.driver.execute_async_script(ended) == "done", 120.0)
+    page.driver.refresh()
+    page.until(lambda: "load.force 20 N, sliding is unstable" in page.text("branches-note"))
+    assert "boundaries of drive.speed near 0.2 m/s" in page.text("branches-note")
+    below = "return document.getElementById('branches-picture').parentElement.previousSibling.dataset.key"
+    assert page.run(below) == "drive.speed"
+    page.change("drive.speed", "0,3 m/s")
+    page.until(lambda: "drive.speed 0.3 m/s, load.force 20 N, sliding is stable" in page.text("branches-note"))
+    page.change("body.damping", "3")  # of another rig there is no map
+    page.until(lambda: page.text("branches-note") == "no map yet for these values")
+
+
 def test_a_lesson_is_read_and_its_scene_chosen(page):
     page.go("lessons")
     page.until(lambda: page.run("return document.querySelectorAll('#lessons option').length") == len(lessons()))

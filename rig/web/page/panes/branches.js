@@ -20,6 +20,7 @@ export function create(bench) {
   const canvas = h("canvas", { id: "branches-picture", role: "img", "aria-label": t("branches and the present state"), hidden: true });
   const list = h("select", { id: "branches-list", "aria-label": t("branches over"), hidden: true, onchange: () => bench.redraw() });
   const note = h("div", { class: "small soft", id: "branches-note" }), differs = h("div", { class: "small doubtful", id: "branches-differ" });
+  const legend = h("div", { class: "row small" });
   const fault = data("div", { class: "fault pre", id: "branches-fault", role: "alert" });
   const attempt = attempting(fault);
   const field = (name, wide) => h("input", { type: "text", class: `value ${wide}`, id: `branches-${name}`, "aria-label": t(`branches: ${name}`) });
@@ -139,7 +140,7 @@ export function create(bench) {
       if (j && regions[j - 1][i] !== region) pen.fillRect(from, low - 0.8, to - from, 1.6);
     }));
     [pen.font, pen.fillStyle, pen.textAlign, pen.textBaseline] = ["11px system-ui, sans-serif", ink().soft, "center", "middle"];
-    for (const tick of ticks(a, b, width / 90)) pen.fillText(number(tick, 4), x(tick), height - 8);
+    for (const tick of ticks(a, b, width / 90)) pen.fillText(number(tick, 4), Math.min(x(tick), width - 12), height - 8);
     pen.textAlign = "right";
     for (const tick of up ? ticks(c, d, 4) : []) pen.fillText(number(tick, 3), left - 4, y(tick));
     const [at, height0] = [over, up].map((axis) => (axis ? valueNow(axis.key) : 0.5));
@@ -157,23 +158,26 @@ export function create(bench) {
     }).filter(Boolean);
     const where = [over, up].filter(Boolean).map((axis) => `${axis.key} ${quantity(valueNow(axis.key), axis.unit)}`).join(", ");
     return [inside ? t("dot: {where}, {region}", { where, region: REGIONS[region][1] }) : t("the present values are outside of the map: {where}", { where }),
-      inside && next.length ? t("boundaries of {key} near {places}", { key: over.key, places: next.join(", ") }) : "",
-      up ? t("up: {key}", { key: up.key }) : "", [...new Set(regions.flat())].map((one) => `${{ "#2e7d5b": "🟩", "#c98f1e": "🟨", "#b8452f": "🟥", "#6f6fae": "🟦" }[REGIONS[one][0]] ?? "⬜"} ${REGIONS[one][1]}`).join(", ")].filter(Boolean).join("; ");
+      inside && next.length ? t("boundaries of {key} near {places}", { key: over.key, places: next.join(", ") }) : "", up ? t("up: {key}", { key: up.key }) : ""].filter(Boolean).join("; ");
   }
 
   function draw() {
     const { scene, changes, form, good } = bench.chosen?.() ?? {}, text = JSON.stringify([scene, changes]);
     if (form && good && text !== asked) { asked = text; fill(); }
     const shown = known[list.value];
-    if (!shown) { put(differs, ""); return; }
+    if (!shown) { put(differs, ""); legend.replaceChildren(); legend.of = null; return; }
     put(note, shown.regions ? map(shown) : branches(shown));
+    if (legend.of !== shown) {
+      legend.of = shown;
+      legend.replaceChildren(...[...new Set(shown.regions?.flat())].map((one) => h("span", {}, h("span", { class: "key", style: `background-color:${REGIONS[one][0]}` }), REGIONS[one][1])));
+    }
     bench.place(shown.key, block, shown.range);
     const other = store.active ? store.values.filter(({ key: name, value }) => name !== shown.key && name !== shown.axes?.[1]?.key && typeof shown.values[name] === "number"
       && Math.abs(value - shown.values[name]) > 1e-9 * Math.abs(value)) : [];
     put(differs, other.length ? `${t("the run has other values:")} ${other.map((one) => `${one.key} ${number(one.value)} ≠ ${number(shown.values[one.key])}`).join("; ")}` : "");
   }
 
-  const block = h("div", { class: "stack", style: "gap: .2rem" }, list, canvas, note, differs);
+  const block = h("div", { class: "stack", style: "gap: .2rem" }, list, canvas, legend, note, differs);
   return {
     element: h("div", { class: "stack" }, block, h("details", {}, h("summary", {}, t("Draw the map of a value: where it slides, sticks, vibrates")),
       h("div", { class: "row small" }, key, t("from"), " ", from, t("to"), " ", to, h("button", { onclick: compute, id: "branches-compute",
