@@ -25,13 +25,13 @@ from rig.controllers import controller_drives
 from rig.errors import BusError, RigError, UsageError
 from rig.machine.scheduling import stand_back
 from rig.model.assembly import Assembly
+from rig.quantities import finite
 from rig.scenes.scene import Scene
-from rig.units import with_point
 from rig.view import contact
 from rig.view.channels import Channels
 from rig.view.contact import Contacts
 from rig.view.process import TOPICS, fetched
-from rig.web.form import entry_of, hands, kind_of, protocol, read, within
+from rig.web.form import entry_of, hands, kind_of, plain, protocol, within
 from rig.web.frames import Frames
 from rig.web.picture import MovingPicture
 from rig.web.sound import audible
@@ -151,7 +151,7 @@ class LiveValues:
         """Change a value at the next tick, as `rig tune` does; returns the answer of its owner. Raises BusError."""
         process = self.entries[key]["of"] if key in self.entries else "plant"
         inner = key.removeprefix(f"controllers.{process}.")
-        value = with_point(value, key) if isinstance(value, str) else value
+        value = plain(value, key)
         answer: dict[str, Any] = self.session.ask(f"param/{process}", {"set": {inner: value}}, 10.0)
         return answer
 
@@ -228,7 +228,7 @@ class Follower:
         """Send a command to the plant (`rig.bench.live.operator_commands`). Raises UsageError for a refusal."""
         if isinstance(given := body.get("impulse"), str):
             try:
-                body = {**body, "impulse": read(given, "N*s", "impulse")}
+                body = {**body, "impulse": finite(plain(given, "impulse"), "N*s")}
             except ValueError as fault:
                 raise UsageError(f"the impulse {fault}") from None
         with _reason():

@@ -11,6 +11,7 @@ import os
 import re
 import types
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
@@ -308,23 +309,27 @@ def as_text(value: Any, key: str) -> str:
     raise UsageError(f"{key} {value!r:.80} is not a value; expected a number, a truth value or a text such as '2 rpm'")
 
 
-def read(value: Any, unit: str, name: str) -> float:
-    """The number of the field `name` in SI: a number, or a text with a unit, with a decimal point or comma.
+def plain(value: Any, name: str) -> Any:
+    """What stands in the field `name`: a text that is a number becomes one; a decimal comma becomes a point.
 
-    Raises ValueError, UsageError.
+    Raises UsageError.
     """
-    return finite(with_point(value, name) if isinstance(value, str) else value, unit)
+    if isinstance(value, str):
+        value = with_point(value, name)
+        with suppress(ValueError):
+            return float(value)
+    return value
 
 
 def timing(scene: Scene, pace: Any, duration: Any) -> tuple[float | None, float | None]:
     """Pace (None: as fast as possible) and duration [s] (None: that of the protocol) of a run. Raises UsageError."""
     what = "pace"
     try:
-        factor = None if pace == "max" else 1.0 if pace in (None, "") else read(pace, "1", what)
+        factor = None if pace == "max" else 1.0 if pace in (None, "") else finite(plain(pace, what), "1")
         if factor is not None and not PACES[0] <= factor <= PACES[1]:
             raise ValueError(f"is {factor:g}; must be {PACES[0]:g} to {PACES[1]:g}, or max")
         what = "duration"
-        length = None if duration in (None, "") else read(duration, "s", what)
+        length = None if duration in (None, "") else finite(plain(duration, what), "s")
         if length is not None and not 1e-9 <= length <= LONGEST:
             raise ValueError(f"is {length:g} s; must be 1e-09 to {LONGEST:g} s")
     except ValueError as fault:

@@ -49,9 +49,10 @@ def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified
         return {entry["key"]: entry["value"] for entry in page.until("values")}
 
     assert (values(pages[0])["load.force"], values(pages[0])["controllers.nf.gain"]) == (21.0, 200.0)
-    answer = another.post("/api/run/set", key="drive.speed", value="70 mm/s", run=run).json()
+    answer = another.post("/api/run/set", key="drive.speed", value="70,0 mm/s", run=run).json()
     assert answer["values"]["drive.speed"] == 0.07
     assert client.post("/api/run/set", key="controllers.nf.gain", value=150, run=run).status_code == 200
+    assert client.post("/api/run/set", key="load.force", value="15,5", run=run).status_code == 200
     assert (
         client.refused("/api/run/set", key="load.force", value=-1, run=run) == "load.force = -1: must be 0 to 100000 N"
     )

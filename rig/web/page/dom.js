@@ -49,11 +49,10 @@ export function scaled(unit, size) {
   return [1 / factor, prefix + unit];
 }
 
-/** What a user typed, as a value for the server: a plain number becomes a number; a decimal comma is read as a point. */
+/** What a user typed, as a value for the server: a plain number becomes a number; texts with a comma or a unit are read there. */
 export function typed(text) {
   const trimmed = text.trim();
-  const plain = /^[-+]?\d*,\d+$/.test(trimmed) ? trimmed.replace(",", ".") : trimmed;
-  return plain !== "" && Number.isFinite(Number(plain)) ? Number(plain) : plain;
+  return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(trimmed) && Number.isFinite(Number(trimmed)) ? Number(trimmed) : trimmed;
 }
 
 /** Runs actions; what one of them throws stands in the element `fault`. */

@@ -14,6 +14,7 @@ from rig import scenes
 from rig.bench.live.plant_process import warm
 
 pytestmark = pytest.mark.browser
+PLACE = "JSON.stringify(document.getElementById('emergency').getBoundingClientRect())"
 FIREFOX = shutil.which("firefox") or shutil.which("firefox-esr")
 
 
@@ -88,6 +89,14 @@ def test_a_rig_is_started_moved_by_hand_and_played_again(tab, server):
       one.dispatchEvent(new Event('input')); })()""")
     tab.until("document.getElementById('value-load.force').value === '0'")
     tab.until("/N = 0.0 N/.test(document.getElementById('rig-text').textContent)")
+    tab.run("""(() => { const one = document.getElementById('value-load.force'); one.value = '15,5 N';
+      one.dispatchEvent(new Event('change')); })()""")
+    tab.until("/N = 15.5 N/.test(document.getElementById('rig-text').textContent)")
+    for view in ("rigs", "analysis", "lessons", "bench"):
+        tab.run(f"location.hash = '{view}'")
+        tab.until(f"!document.getElementById('view-{view}').hidden")
+        tab.run(f"(window.places ??= new Set()).add({PLACE})")
+    assert tab.run("window.places.size") == 1  # the emergency stop never moves
     tab.run("document.getElementById('stop').click()")
     tab.until("document.getElementById('phase').textContent === 'ended'")
     tab.until("!document.getElementById('look-at-it').hidden && (document.getElementById('look-at-it').click(), true)")

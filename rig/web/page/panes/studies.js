@@ -23,10 +23,9 @@ export function create(bench) {
     key.setAttribute("list", "axis-keys");
     const from = field(t("from"), { placeholder: "0.05 m/s" }), to = field(t("to"), { placeholder: "0.8 m/s" }), count = field(t("values"), { value: COUNT });
     const [a, b, n] = [from, to, count].map((one) => one.querySelector("input"));
-    const point = (one) => one.value.trim().replace(/^([-+]?\d*),(\d)/, "$1.$2"); // a decimal comma
     return {
       element: h("div", { class: "row" }, h("span", { class: "small" }, name), key, from, to, count),
-      text: () => (key.value.trim() ? `${key.value.trim()}=${point(a)}:${point(b)}:${n.value.trim()}` : ""),
+      text: () => (key.value.trim() ? `${key.value.trim()}=${a.value.trim()}:${b.value.trim()}:${n.value.trim()}` : ""),
     };
   }
 
