@@ -43,13 +43,13 @@ export function create(bench) {
   const saved = data("span", { class: "small" });
 
   const command = (text, body, properties) => h("button", { onclick: () => act(() => bench.command(body())), ...properties }, text);
-  const pause = command(t("Pause"), () => ({ do: store.state.phase === "paused" ? "resume" : "pause" }), { id: "pause" });
-  const step = command(t("Single step"), () => ({ do: "step" }), { id: "step", title: t("one frame of the paused run") });
-  const impulse = h("input", { type: "text", inputMode: "decimal", value: "0.05", class: "value", id: "impulse",
+  const pause = command(t("Pause"), () => ({ do: store.state.phase === "paused" ? "resume" : "pause" }), { id: "pause", hidden: true });
+  const step = command(t("Single step"), () => ({ do: "step" }), { id: "step", hidden: true, title: t("one frame of the paused run") });
+  const impulse = h("input", { type: "text", inputMode: "decimal", value: "0.05", class: "value", id: "impulse", hidden: true,
     "aria-label": t("impulse of the knock in N s"), title: t("impulse in N s"), style: "width: 4.5rem" });
-  const unit = data("span", { class: "small" }, "N s");
-  const knock = command(t("Knock"), () => ({ do: "knock", impulse: typed(impulse.value) }), { id: "knock" });
-  const stop = command(t("Stop"), () => ({ do: "stop" }), { id: "stop" });
+  const unit = data("span", { class: "small", hidden: true }, "N s");
+  const knock = command(t("Knock"), () => ({ do: "knock", impulse: typed(impulse.value) }), { id: "knock", hidden: true });
+  const stop = command(t("Stop"), () => ({ do: "stop" }), { id: "stop", hidden: true });
 
   const [rig, hands, branches, time, trust, protocol, portrait, events, hear] = [rigOf, handsOf, branchesOf, timeOf, trustOf, protocolOf, portraitOf, eventsOf, hearOf]
     .map((one) => (one === timeOf ? one.create(() => store, bench.redraw) : one.create(bench)));
