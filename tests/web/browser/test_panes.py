@@ -170,10 +170,9 @@ def test_a_map_stands_beside_its_slider_with_the_present_values(page):
         "x": "drive.speed=0.05:0.35 m/s:4",
         "y": "load.force=10:30 N:3",
     }
-    post = "fetch('/api/studies/work', { method: 'POST', body: JSON.stringify(arguments[0]) })"
-    page.run(post, body)
-    page.driver.refresh()
-    page.until_known()
+    asked = "{ method: 'POST', body: JSON.stringify(body) }"
+    post = f"const [body, done] = arguments; fetch('/api/studies/work', {asked}).then(() => done())"
+    page.driver.execute_async_script(post, body)
     ended = "const done = arguments[0]; fetch('/api/jobs').then((a) => a.json()).then((all) => done(all[0]?.state))"
     page.until(lambda: page.driver.execute_async_script(ended) == "done", 120.0)
     page.driver.refresh()
