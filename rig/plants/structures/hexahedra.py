@@ -211,18 +211,17 @@ def left_out(structure: Structure, kept: Modes, load: Array) -> Array:
     return symmetric.basis @ (moved - vectors @ (vectors.T @ (symmetric.mass @ moved)))  # type: ignore[no-any-return]
 
 
-def compliances(structure: Structure, loads: Array, across: float, groups: NDArray[np.int64]) -> Array:
-    """Work of the static displacements under each load on the others of its group [group, load, load].
+def compliances(structure: Structure, loads: Array, across: float) -> Array:
+    """Work of the static displacements under each load on the others [load, load].
 
     The structure is held; `loads` [unknown, load] N have the symmetry `across` about the middle across.
     """
-    total = np.zeros((len(groups), groups.shape[1], groups.shape[1]))
+    total = np.zeros((loads.shape[1], loads.shape[1]))
     for signs in CLASSES:
         if signs[1] == across:
             basis = _symmetric(structure, signs)
             pushed = np.asarray(basis.T @ loads)
-            moved = factor(basis.T @ structure.stiffness @ basis).solve(pushed)
-            total += np.array([pushed[:, columns].T @ moved[:, columns] for columns in groups])
+            total += pushed.T @ factor(basis.T @ structure.stiffness @ basis).solve(pushed)
     return total
 
 

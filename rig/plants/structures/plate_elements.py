@@ -131,7 +131,8 @@ def left_out(plate: Plate, foam: Foam, kept: Surface, footprint: tuple[float, fl
 
     [position, 2 cells, 2 cells] in m/N: mean displacements along z, then along x, of the `points` (along, across) cells
     on the left half, in order along first, under forces spread evenly over these cells, with `side` 1 and equal forces
-    on their images on the right, with -1 and opposite ones.
+    on their images on the right, with -1 and opposite ones. Unit forces on the nodes under the slider's way give all
+    positions.
     """
     from rig.plants.structures import hexahedra
 
@@ -146,22 +147,27 @@ def left_out(plate: Plate, foam: Foam, kept: Surface, footprint: tuple[float, fl
     ends = width * (np.arange(across + 1) / across - 0.5)
     strips = np.array([_integrals(kept.y, low, high) for low, high in pairwise(ends)])
     strips = (strips + side * strips[::-1])[across // 2 :]
-    cells = [
-        np.array(
-            [_integrals(kept.x, low, high) for low, high in pairwise(place + length * np.arange(along + 1) / along)]
-        )
-        for place in positions.tolist()
-    ]
-    spread = np.array([np.multiply.outer(strip, line).ravel() for lines in cells for line in lines for strip in strips])
-    spread *= along * across / (length * width)
-    count, nodes = len(spread), len(structure.lattice)
-    loads = np.zeros((3 * nodes, 2 * count))
-    loads[2 * nodes + of_plate, :count] = loads[of_plate, count:] = spread.T
-    given = np.concatenate([kept.shapes[:, c].reshape(len(kept.shapes), -1) @ spread.T for c in (2, 0)], axis=1)
+    under = np.flatnonzero(np.any(strips, axis=0))
+    under = under[under >= len(kept.y) // 2]
+    folded = np.zeros((len(kept.y), len(under)))
+    folded[len(kept.y) - 1 - under, np.arange(len(under))] = side
+    folded[under, np.arange(len(under))] = 1.0
+    units = np.einsum("yu,xv->yxuv", folded, np.eye(len(kept.x))).reshape(of_plate.size, -1)
+    loads = np.zeros((3, len(structure.lattice), 2, units.shape[1]))
+    loads[2, of_plate, 0] = loads[0, of_plate, 1] = units
+    loads = loads.reshape(3 * len(structure.lattice), -1)
+    given = np.concatenate([kept.shapes[:, c].reshape(len(kept.shapes), -1) @ units for c in (2, 0)], axis=1)
     given /= 2.0 * math.pi * kept.frequencies[:, None]
-    own = np.arange(2 * count).reshape(2, len(positions), -1).transpose(1, 0, 2).reshape(len(positions), -1)
-    whole = hexahedra.compliances(structure, loads[structure.free], side, own)
-    return np.asarray(whole - np.array([given[:, columns].T @ given[:, columns] for columns in own]))
+    nodal = hexahedra.compliances(structure, loads[structure.free], side) - given.T @ given
+    scale = along * across / (length * width)
+    found = []
+    for place in positions.tolist():
+        ends = place + length * np.arange(along + 1) / along
+        lines = np.array([_integrals(kept.x, low, high) for low, high in pairwise(ends)])
+        spread = scale * np.einsum("sy,lx->lsyx", strips[:, under], lines).reshape(along * len(strips), -1)
+        cells = np.kron(np.eye(2), spread)
+        found.append(cells @ nodal @ cells.T)
+    return np.array(found)
 
 
 def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, int]]:
