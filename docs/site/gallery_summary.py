@@ -9,7 +9,7 @@ from generated import directive, plain, table
 from sphinx.application import Sphinx
 
 GALLERY = Path(__file__).parents[1] / "gallery"
-_SOURCES = ("paper", "reference", "theory")
+_SOURCES = ("paper", "reference", "theory", "coarser")
 
 
 def counts() -> Iterable[str]:

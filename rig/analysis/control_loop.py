@@ -95,11 +95,22 @@ class Loop(Result):
         """Return the open-loop response L at `omega` [rad/s], signed such that -1 is the limit of stability."""
         return self.gain * self._unit_response(omega)
 
+    @cached_property
+    def _triangular(self) -> tuple[Complex, Complex, Complex]:
+        """F, G and H of the open loop over states in which F is triangular: a response without a factorisation."""
+        from scipy.linalg import matrix_balance, schur
+
+        F, scales = matrix_balance(self.model.F, permute=False, separate=True)
+        F, turn = schur(F, "complex")
+        return F, turn.conj().T @ (self.model.G / scales[0]), (self.model.H * scales[0]) @ turn
+
     def _unit_response(self, omega: Array) -> Complex:
         z = np.exp(1j * omega * self.model.period)
-        F, G = self.model.F, self.model.G.astype(np.complex128)
-        held = np.linalg.solve(z[:, None, None] * np.eye(len(F)) - F, np.broadcast_to(G[:, None], (len(z), len(G), 1)))
-        return np.asarray(-(self.model.H @ held)[:, 0])
+        F, G, H = self._triangular
+        held = np.zeros((len(F), len(z)), dtype=np.complex128)
+        for i in reversed(range(len(F))):
+            held[i] = (G[i] + F[i, i + 1 :] @ held[i + 1 :]) / (z - F[i, i])
+        return -(H @ held)
 
     def state_space(self) -> StateSpace:
         """Return the open loop as python-control's StateSpace, sampled with the period; unity feedback closes it."""

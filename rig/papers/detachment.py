@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 import rig
-from rig.analysis.modes import Mode
+from rig.analysis.modes import Mode, at_rest
 from rig.papers.entry import Compared, Comparison, Entry, load, numbered, quiet, tops
 from rig.plants.plate import Parameters
 from rig.plants.structures.plate_model import Reduced
@@ -417,6 +418,91 @@ def scaling(figure: Figure) -> Compared:
     yield Comparison("same speed over pressure: first opening", "s", later, onset, "theory", absolute=1e-4)
 
 
+_AREA = 0.043 * 0.0253  # m^2, of the slider
+_FLUTTER = (39e3, 42e3)  # Hz: the mode with roll of the slider that opens the film
+_RESOLUTIONS: dict[str, tuple[str, dict[str, Any]]] = {  # the coarser one, and what differs from scene plate_converged
+    "40 modes": ("", {"plate__modes": 40}),
+    "60 modes": ("40 modes", {"plate__modes": 60}),
+    "80 modes": ("60 modes", {"plate__modes": 80}),
+    "120 modes": ("80 modes", {}),
+    "160 modes": ("120 modes", {"plate__modes": 160}),
+    "16 x 14 elements": (
+        "120 modes",
+        {"plate__elements_along": 16, "plate__elements_across": 14, "foam__elements_through": 3},
+    ),
+    "16 x 12 points": ("120 modes", {"film__along": 16, "film__across": 12}),
+    "step 0.5 us": ("120 modes", {"clock__rk4_step": 0.5e-6}),
+}
+_MOVES = {("60 modes", "largest growth rate"), ("120 modes", "largest growth rate"), ("120 modes", "flutter begins")}
+
+
+def _sliding(position: float, **changes: Any) -> tuple[float, Any]:
+    """Least pressure [kPa] and eigenvalues [1/s] with positive frequency of steady sliding in scene plate_converged."""
+    _, at = at_rest(load("plate_converged", slider__position=position, **changes))
+    forces = at.modes.normal @ at.x + at.modes.normal_t @ at.T
+    rates = at.eigenvalues()
+    return 1e-3 * float(forces.min()) * len(forces) / _AREA, rates[rates.imag > 0.0]
+
+
+def resolution(figure: Figure) -> Compared:
+    """Draw the flutter that opens the film over resolutions, and the damping ratios below which modes flutter."""
+    growing, critical = figure.subplots(1, 2)
+    places = np.linspace(1.25e-3, 6.25e-3, 21)
+    found: dict[str, dict[str, float]] = {}
+    for name, (coarser, changes) in _RESOLUTIONS.items():
+        own: dict[str, float] = {}
+        if "clock__rk4_step" not in changes:
+            pressures, rates = zip(*(_sliding(place, **changes) for place in places.tolist()))
+            growth = np.array(
+                [r.real[np.abs(r.imag / math.pi - sum(_FLUTTER)) < np.ptp(_FLUTTER)].max() for r in rates]
+            )
+            growing.plot(1e3 * places, growth, label=name, ls="-" if "modes" in name else "--")
+            turns = np.flatnonzero(np.diff(np.sign(growth)))
+            zeros = places[turns] - growth[turns] * np.diff(places)[turns] / np.diff(growth)[turns]
+            own |= {
+                "least pressure at 3.5 mm [kPa]": pressures[9],
+                "largest growth rate [1/s]": float(growth.max()),
+                "flutter begins [mm]": 1e3 * float(zeros[0]),
+                "flutter ends [mm]": 1e3 * float(zeros[-1]),
+            }
+        if coarser in ("80 modes", "120 modes"):
+            own["first opening [s]"] = _onset(rig.simulate(load("plate_converged", **changes), 0.45))
+        for what, ours in own.items():
+            title, unit = what[:-1].split(" [")
+            before = found.get(coarser, {}).get(what, math.nan)
+            missed = (name, title) in _MOVES
+            yield Comparison(f"{name}: {title}", unit, ours, before, "coarser", relative=0.05, missed=missed)
+        found[name] = own
+    growing.axhline(0.0, color=GREY, lw=0.7)
+    growing.set(
+        title="growth at 40 kHz", xlabel="position of the slider [mm]", ylabel="growth rate [1/s]", ylim=(-600.0, None)
+    )
+    growing.legend(fontsize=8)
+    yield from _critical_ratios(critical)
+
+
+def _critical_ratios(axis: Any) -> Compared:
+    """Draw the damping ratio below which each mode flutters, at 23 positions along the travel."""
+    bands = dict[tuple[int, int], float]()
+    for name, colour in (("120 modes", BLUE), ("160 modes", VERMILION)):
+        bare = {"plate__damping": [[0.0, 0.0], [1e5, 0.0]], **_RESOLUTIONS[name][1]}
+        rates = np.concatenate([_sliding(place, **bare)[1] for place in np.linspace(0.0, 0.0437, 23).tolist()])
+        khz, ratio = 5e-4 / math.pi * rates.imag, rates.real / rates.imag
+        axis.plot(khz[ratio > 1e-5], ratio[ratio > 1e-5], "o", color=colour, markersize=3, label=f"undamped, {name}")
+        for low, high in pairwise((0, 25, 30, 44, 60, 70, 80)):
+            worst, before = float(ratio[(khz > low) & (khz < high)].max()), bands.get((low, high), math.nan)
+            bands[low, high] = worst
+            what = f"{name}, {low} to {high} kHz: critical damping ratio"
+            yield Comparison(what, "", worst, before, "coarser", relative=0.05, absolute=1e-6)
+    scene = load("plate_converged").parameters
+    assert isinstance(scene, Parameters)
+    hertz, ratio = np.array(scene.plate.damping).T
+    axis.plot(1e-3 * hertz, ratio, color=GREY, label="of the scene")
+    axis.set(title="damping ratio below which a mode flutters", xlabel="frequency [kHz]", ylabel="ratio [1]",
+             xlim=(0.0, 80.0), ylim=(0.0, 0.012))  # fmt: skip
+    axis.legend(loc="upper left", fontsize=8)
+
+
 ENTRIES = (
     Entry(
         "detachment-5",
@@ -523,6 +609,16 @@ ENTRIES = (
         "disappearance of the line at 11 kHz. The tangential acceleration is that of the slider's lower side. "
         "Motion and spectra above 12 kHz hold for 40 modes of the plate; they have not converged.",
         (9.6, 6.6),
+    ),
+    Entry(
+        "detachment-onset",
+        "detachment",
+        "Section 3.2.3",
+        "onset of the completed plate over resolutions and damping",
+        ("plate_converged",),
+        resolution,
+        "NOTE",
+        (9.6, 4.8),
     ),
     Entry(
         "detachment-vp",

@@ -116,12 +116,13 @@ PAPERS = {
 _MOST_POINTS = 1500  # of a curve in an SVG file
 _PLAIN: dict[str, Any] = {"colors": 96}  # colours of a picture: reduces it to a third of the bytes
 _MAPPED: dict[str, Any] = {"colors": 256, "method": 2}  # octree: few colours would make steps in a colour bar
-Source = Literal["paper", "reference", "theory"]
+Source = Literal["paper", "reference", "theory", "coarser"]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One published number beside ours. `source`: printed in the paper, an independent computation, or a closed form.
+    """One published number beside ours. `source`: printed in the paper, an independent computation, or a closed form;
+    or ours with a coarser resolution.
 
     Ours agrees within `absolute` + `relative` times the expected number; a `floor` must be reached and may be exceeded.
     `missed`: known to lie outside this bound, not reproduced. Without an expected number (NaN) ours is only shown.
@@ -359,7 +360,7 @@ def gallery_page(results: Sequence[Result], machine: str) -> str:
         "",
         "A number agrees when it lies within the bound beside it. *Not reproduced*: it is known to lie outside.",
         "Sources: *paper*, printed there; *reference*, an independent computation of the same equations with the same",
-        "parameters; *theory*, a closed form.",
+        "parameters; *theory*, a closed form; *coarser*, ours with a coarser resolution.",
         "",
         "| figure | what | scenes | numbers | agree |",
         "|---|---|---|---|---|",

@@ -419,7 +419,7 @@ def contact_forces(own, x, travelled, h):
     k, shear, give, mu, reach = own.stiffness, own.shear, own.give, own.mu, own.reach
     normal, friction = x[first : first + points], x[first + points : first + 2 * points]
     deep, place, carried, was = own.pressed, own.seen[0], own.seen[1], own.last[1]
-    given, slid_off, pull, slips = own.lost[0], own.lost[1], own.pull, own.pressed  # `deep` is not needed after P
+    given, slid_off, pull, largest = own.lost[0], own.lost[1], own.pull, own.most
     for i in range(points):
         deep[i] = max(place[i], 0.0)
     across(own.stiff_rows, deep, own.ahead)
@@ -445,31 +445,33 @@ def contact_forces(own, x, travelled, h):
             opened += int((before > 0.0) & (resisted == 0.0))
             normal[i], compressed[i], older[i] = resisted, max(deep[i], 0.0), old[i]
     if directions == 2:
-        for i in range(points):
-            slips[i] = reach[i] * travelled - (carried[i] - was[i])
-        most, after = own.most, first + points * (4 if own.resist.shape[0] else 2)
+        after = first + points * (4 if own.resist.shape[0] else 2)
         speed, state = x[after : after + points * own.told], x[after + points : after + points + points * own.told]
-        for i in range(points):
-            most[i] = mu[i] * normal[i]
         if own.law.shape[0]:
             for i in range(points):  # the speed here from its means over the last two steps
+                most, slip = mu[i] * normal[i], reach[i] * travelled - (carried[i] - was[i])
                 if state[i] == SLIDES:
-                    now = abs(1.5 * slips[i] / h - 0.5 * speed[i])
-                    most[i] *= coefficient(own.code, own.law, now) / own.static
-        for i in range(points):
-            pull[i] = min(max(friction[i] + shear[i] * slips[i], -most[i]), most[i])
+                    now = abs(1.5 * slip / h - 0.5 * speed[i])
+                    most *= coefficient(own.code, own.law, now) / own.static
+                largest[i], pull[i] = most, min(max(friction[i] + shear[i] * slip, -most), most)
+        else:
+            for i in range(points):
+                most, slip = mu[i] * normal[i], reach[i] * travelled - (carried[i] - was[i])
+                pull[i] = min(max(friction[i] + shear[i] * slip, -most), most)
         for i in range(points):
             given[i] += 0.5 * (friction[i] + pull[i]) * (reach[i] * travelled)
         if own.told:
             per_second = 1.0 / h
             for i in range(points):
-                speed[i] = per_second * (slips[i] - give[i] * (pull[i] - friction[i]))
-                state[i] = OPEN if normal[i] == 0.0 else SLIDES if abs(pull[i]) >= most[i] else STICKS
-            if own.law.shape[0]:  # without what the shear yields: a falling law over it has no stable sliding
-                for i in range(points):
-                    speed[i] = per_second * slips[i] if state[i] == SLIDES else speed[i]
+                slip = reach[i] * travelled - (carried[i] - was[i])
+                most = largest[i] if own.law.shape[0] else mu[i] * normal[i]
+                state[i] = OPEN if normal[i] == 0.0 else SLIDES if abs(pull[i]) >= most else STICKS
+                if not own.law.shape[0] or state[i] != SLIDES:  # a falling law over what the shear yields is unstable
+                    slip -= give[i] * (pull[i] - friction[i])
+                speed[i] = per_second * slip
         for i in range(points):
-            slid_off[i] += 0.5 * (friction[i] + pull[i]) * (slips[i] - give[i] * (pull[i] - friction[i]))
+            slip = reach[i] * travelled - (carried[i] - was[i])
+            slid_off[i] += 0.5 * (friction[i] + pull[i]) * (slip - give[i] * (pull[i] - friction[i]))
         copy(points, pull, friction)
     else:
         lateral = x[first + 2 * points : first + 3 * points]

@@ -747,6 +747,9 @@ def test_a_film_refuses_what_its_points_cannot_be(tmp_path):
     closed = THREE | asked | {"contacts": {"pad": THREE["contacts"]["pad"] | {"opens": False}}}
     with pytest.raises(SceneError, match=r"contacts\.pad\.opens: points of a film open"):
         scenes.load(written(tmp_path, closed)).assemble()
+    own_law = THREE | {"contacts": {"pad": THREE["contacts"]["pad"] | {"friction": {"law": "constant", "mu": 0.2}}}}
+    with pytest.raises(SceneError, match=r"contacts\.pad\.friction: all contacts slide under the law of \[friction\]"):
+        scenes.load(written(tmp_path, own_law))
 
 
 def test_a_shunt_that_is_switched_is_refused_beside_a_film_and_runs_without(tmp_path):

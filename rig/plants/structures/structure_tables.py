@@ -216,6 +216,16 @@ class Contact(Section):
     radius: PositiveMetre | None = None
     opens: bool = True
 
+    @model_validator(mode="before")
+    @classmethod
+    def _one_law(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and (own := given.keys() & {"friction", "law", "mu"}):
+            text = (
+                "all contacts slide under the law of [friction]; only stiffness, shear and radius differ between them"
+            )
+            raise refused([(min(own), text)])
+        return given
+
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
         kinds = {
