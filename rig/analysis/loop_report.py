@@ -368,7 +368,7 @@ Ages = Sequence[tuple[int | None, float]]
 DENSE = 10
 """Largest number of states for which the map of S is written out as a matrix."""
 _RESTARTS = 40
-_SEARCHED = 150  # most states for which its radius is searched: a second of processor time; 316 would take 80 s [chosen]
+_SEARCHED = 150  # most states for which its radius is searched, in about a second; 316 would take minutes [chosen]
 
 
 @dataclass(frozen=True)

@@ -433,7 +433,13 @@ _RESOLUTIONS: dict[str, tuple[str, dict[str, Any]]] = {  # the coarser one, and 
     "16 x 12 points": ("120 modes", {"film__along": 16, "film__across": 12}),
     "step 0.5 us": ("120 modes", {"clock__rk4_step": 0.5e-6}),
 }
-_MOVES = {("60 modes", "largest growth rate"), ("120 modes", "largest growth rate"), ("120 modes", "flutter begins")}
+_MOVES = {  # changes of more than 5 %
+    ("60 modes", "largest growth rate"),
+    ("120 modes", "largest growth rate"),
+    ("120 modes", "flutter begins"),
+    ("16 x 12 points", "flutter begins"),
+    ("160 modes", "70 to 80 kHz"),
+}
 
 
 def _sliding(position: float, **changes: Any) -> tuple[float, Any]:
@@ -492,8 +498,9 @@ def _critical_ratios(axis: Any) -> Compared:
         for low, high in pairwise((0, 25, 30, 44, 60, 70, 80)):
             worst, before = float(ratio[(khz > low) & (khz < high)].max()), bands.get((low, high), math.nan)
             bands[low, high] = worst
-            what = f"{name}, {low} to {high} kHz: critical damping ratio"
-            yield Comparison(what, "", worst, before, "coarser", relative=0.05, absolute=1e-6)
+            what, missed = f"{low} to {high} kHz", (name, f"{low} to {high} kHz") in _MOVES
+            what = f"{name}, {what}: critical damping ratio"
+            yield Comparison(what, "", worst, before, "coarser", relative=0.05, absolute=1e-6, missed=missed)
     scene = load("plate_converged").parameters
     assert isinstance(scene, Parameters)
     hertz, ratio = np.array(scene.plate.damping).T
@@ -617,7 +624,12 @@ ENTRIES = (
         "onset of the completed plate over resolutions and damping",
         ("plate_converged",),
         resolution,
-        "NOTE",
+        "The film opens where the slider enters a region in which a mode with its roll flutters at 40 kHz. From "
+        "120 modes (73 kHz) on, greatest growth, least pressure, region and first opening change by less than 5 % "
+        "with modes, elements and step; below, modes between 50 and 73 kHz yield more at 40 kHz than their static "
+        "deflection. With finer points the region begins 0.17 mm later. On the right: below 39 kHz no mode "
+        "flutters without any damping; above 40 kHz the assumed damping decides which modes do, and nobody has "
+        "measured it (docs/plate.md).",
         (9.6, 4.8),
     ),
     Entry(
