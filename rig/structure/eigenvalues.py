@@ -295,7 +295,7 @@ def dense(
     """All eigenvalues l of dense M l^2 + D l + K [2 n], right and left vectors [n, 2 n]; empty those not wanted.
 
     The companion form counts time in periods of a frequency of the matrices, so that its halves are of one size, and
-    has the coordinates in reverse: the QR iteration takes a tenth less time where high frequencies come first.
+    has the coordinates in reverse: the QR iteration takes 1 to 8 % less time where high frequencies come first.
     """
     rows = mass.shape[0]
     if not np.array_equal(mass, np.eye(rows)):
