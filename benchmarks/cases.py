@@ -165,6 +165,7 @@ GROUPS = {
             _most("paced.over_bare", "the same in the longer run", 2.0, "of a bare round trip"),
             _most("paced.lost", "messages lost", 0.0, "messages"),
             _most("plate.verdict", "plate under a slider, paced: not INVALID", 1.0, "verdict"),
+            _most("disc.verdict", "8 points of a squealing disc, two sensors, paced: VALID", 0.0, "verdict"),
         ),
     ),
     "pages": Group(

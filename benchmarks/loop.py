@@ -8,6 +8,9 @@ answers.
 
 from __future__ import annotations
 
+import lzma
+import runpy
+import shutil
 import statistics
 import tempfile
 from pathlib import Path
@@ -22,6 +25,7 @@ from rig.scenes.loader import load
 
 CHANGES = {"sensors.vibrometer.rate": "10000 Hz", "sensors.vibrometer.ideal": False}
 ROUNDS = 5
+ROOT = Path(__file__).parents[1]
 
 
 def beside_bare(
@@ -81,11 +85,25 @@ def plate() -> dict[str, Any]:
     return _timing(_run(None, "plate", {}, web=True))
 
 
+def disc(seconds: float = 10.0) -> dict[str, Any]:
+    """Return timing and losses of the squealing disc of docs/structure.md: eight points with friction on matrices of
+    CalculiX in steps of 1 us, two sensors at 20 kHz, recorder, pace 1.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for scene in (ROOT / "docs").glob("disc_*.toml"):
+            shutil.copy(scene, folder)
+        runpy.run_path(str(ROOT / "docs" / "disc_with_pads.py"))["write"](folder)
+        for packed in (ROOT / "tests" / "data" / "disc_with_pads").glob("*.xz"):
+            (folder / packed.stem).write_bytes(lzma.decompress(packed.read_bytes()))
+        return _timing(_run(seconds, str(folder / "disc_squeal.toml"), {}))
+
+
 def measured(quick: bool, seconds: float) -> dict[str, Any]:
     """Return all of them, with a paced run of the loop over `seconds`."""
     short, longer = beside_bare(2 if quick else ROUNDS), paced(seconds)
     longer["over_bare"] = 1e3 * longer["step_to_command_ms"]["p50"] / short["bare_us"]
-    return {"short": short, "paced": longer, "plate": plate()}
+    return {"short": short, "paced": longer, "plate": plate(), "disc": disc()}
 
 
 def _timing(summary: dict[str, Any]) -> dict[str, Any]:
