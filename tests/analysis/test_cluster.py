@@ -3,8 +3,10 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -102,12 +104,23 @@ def test_a_worker_that_is_killed_costs_nothing_and_values_have_the_same_bits(pro
     assert "processors" not in there.provenance
 
 
-def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch):
+@pytest.mark.parametrize("answer", [None, b"", b"SSH-2.0-"], ids=["nothing listens", "silent", "something else"])
+def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch, answer):
     monkeypatch.setattr(cluster, "ANSWER", 1.0)
-    begin = time.monotonic()
-    with pytest.raises(UsageError, match=r"--cluster tcp://127\.0\.0\.1:9: no scheduler answers within 1 s"):
-        done(trial(str(tmp_path)), tmp_path, "tcp://127.0.0.1:9")
-    assert time.monotonic() - begin < 20.0
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = 9 if answer is None else server.getsockname()[1]
+
+        def listen():
+            with server.accept()[0] as there:
+                there.sendall(answer)
+                there.recv(1)
+
+        if answer is not None:
+            threading.Thread(target=listen, daemon=True).start()
+        begin = time.monotonic()
+        with pytest.raises(UsageError, match=rf"--cluster tcp://127\.0\.0\.1:{port}: no scheduler answers within 1 s"):
+            done(trial(str(tmp_path)), tmp_path, f"tcp://127.0.0.1:{port}")
+        assert time.monotonic() - begin < 20.0
 
 
 @pytest.mark.parametrize(

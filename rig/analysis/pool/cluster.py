@@ -10,6 +10,7 @@ import ctypes
 import logging
 import pickle
 import queue
+import socket
 import sys
 import threading
 import time
@@ -27,6 +28,7 @@ LOOPBACK = "127.0.0.1"
 ANSWER = 10.0  # s within which a scheduler answers
 SPAN = 10.0  # s of a batch
 JOIN = 60.0  # s within which a worker joins
+_LONGEST = 1 << 20  # bytes of a scheduler's first message, which has some hundreds
 _LOOK = 0.2  # s between two reports of progress
 _AHEAD = 2  # batches on their way for each worker, so that none waits for the next
 _PREPARING = 300.0  # s for another process of the same machine to compile
@@ -119,6 +121,22 @@ class Cluster:
         return WorkerError(f"--cluster {self._where}: {what}{self._store.kept}; the same command continues from there")
 
 
+def _hear(where: str) -> None:
+    """Raise OSError if what listens at tcp://HOST:PORT does not speak first: eight bytes, the length of a message.
+
+    dask would wait for a scheduler's answer for ever. Where nothing listens, it tries again for some time.
+    """
+    scheme, _, rest = where.partition("://")
+    host, _, port = rest.rpartition(":")
+    try:
+        connected = socket.create_connection((host.strip("[]"), int(port)), timeout=ANSWER)
+    except OSError:
+        return
+    with connected:
+        if scheme == "tcp" and not 0 < int.from_bytes(connected.recv(8, socket.MSG_WAITALL), "little") <= _LONGEST:
+            raise OSError("what listens there does not speak as dask does")
+
+
 @contextmanager
 def joined(work: Work, store: Store, where: str) -> Iterator[Cluster]:
     """The cluster with the scheduler `where` (tcp://HOST:PORT, tls://HOST:PORT). Raises UsageError."""
@@ -126,6 +144,7 @@ def joined(work: Work, store: Store, where: str) -> Iterator[Cluster]:
     for name in ("distributed", "distributed.client", "asyncio", "tornado"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is reported by this module
     try:
+        _hear(where)
         client = distributed.Client(where, timeout=ANSWER, set_as_default=False, name="friction-rig")
     except (OSError, TimeoutError, ValueError, ImportError, TypeError) as fault:
         if "ssl_context" in str(fault):
