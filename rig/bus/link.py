@@ -46,7 +46,9 @@ def configuration(mode: str, listen: str | None, connect: str | None, **more: An
         "transport/link/tx/lease": _LEASE_MS,
         # a full queue never delays the sender: a message that does not fit is dropped at once
         f"{queues}/congestion_control/drop/wait_before_drop": 0,
-        f"{queues}/congestion_control/block/wait_before_close": 100_000,
+        # but a large model waits for its asker, which on a busy machine reads nothing for a while. If the asker dies
+        # meanwhile, Zenoh does nothing else for as long
+        f"{queues}/congestion_control/block/wait_before_close": 2_000_000,
         **{f"{queues}/size/{priority}": 16 for priority in (*_PRIORITIES, "background")},
         **more,
     }

@@ -95,7 +95,15 @@ class Inbox(Generic[T]):
             return None
 
 
-_WHOLE = zenoh.CongestionControl.BLOCK  # the models of a structure have megabytes, which DROP never delivers
+_AT_ONCE: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP}
+"""How a query is sent, and with it the answer."""
+_WHOLE: dict[str, Any] = {
+    "congestion_control": zenoh.CongestionControl.BLOCK,
+    "priority": zenoh.Priority.DATA_LOW,
+}
+"""The models of a structure have megabytes, which DROP never delivers; what waits holds up its own priority alone."""
+_LARGE = 60_000
+"""Bytes of an answer that fits into one of Zenoh's batches."""
 _MOST = 64
 """Number of waiting functions beyond which the plant waits too: one without a pace could outrun the sender."""
 _SENDER_CLOSING_S = 1.0
@@ -274,6 +282,12 @@ class _Request(Request):
         self.asked = Arrived(user, topic, payload.to_bytes() if payload is not None else b"")
 
     def reply(self, text: bytes) -> None:
+        if len(text) > _LARGE:  # waits for the asker, as nobody else may
+            threading.Thread(target=self._reply, args=(text,), name="bus-reply", daemon=True).start()
+        else:
+            self._reply(text)
+
+    def _reply(self, text: bytes) -> None:
         with contextlib.suppress(zenoh.ZError), self._query as query:  # the asker may have gone
             query.reply(self._key, text)
 
@@ -414,7 +428,7 @@ class ZenohSession(Session):
                 f"{self._prefix}{self._user_of(topic)}/{topic}/{self.user}",
                 payload=text,
                 timeout=timeout,
-                congestion_control=_WHOLE if topic == "scene" else zenoh.CongestionControl.DROP,  # also of the answer
+                **(_WHOLE if topic == "scene" else _AT_ONCE),
             )
             for reply in replies:
                 if reply.ok is not None:

@@ -4,6 +4,7 @@ import os
 import signal
 import socket
 import stat
+import threading
 import time
 
 import pytest
@@ -47,6 +48,17 @@ with bus.join("killed", role="viewer", name="v", wait=5.0) as me:
     while ("plant", "plant") in plant.present:
         plant.poll(0.1)
 print("gone", flush=True)
+"""
+
+
+ASKER = """
+import os, signal, threading
+from rig import bus
+with bus.join("asked", role="viewer", name="v", wait=5.0) as me:
+    me.subscribe("meas/*")
+    me.announce()
+    threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGSTOP)).start()
+    me.ask("scene", {}, 60.0, patient=True)
 """
 
 
@@ -168,6 +180,18 @@ def test_a_hung_listener_never_holds_the_plant_and_its_loss_is_counted(runs, scr
     assert lost > 0
     assert first == 0
     assert received + lost == last + 1 <= laser.sent
+
+
+def test_who_hangs_amid_a_large_answer_holds_nobody(runs, script):
+    with bus.host("asked") as plant:
+        server = plant.serve("scene", lambda body: {"models": ["m" * 60_000_000]})
+        hung, deadline = script(ASKER), time.monotonic() + 20.0
+        while not server.poll(0.1):
+            assert time.monotonic() < deadline
+        assert "bus-reply" in [thread.name for thread in threading.enumerate()]  # it waits there
+        plant.publisher("meas/laser").put(b"x" * 1000, 0)
+        plant.flush()
+        hung.kill()
 
 
 def test_a_killed_plant_is_noticed_and_leaves_nothing_that_hinders(runs, script):
