@@ -30,11 +30,17 @@ last one received.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from rig.errors import BusError
+
 if TYPE_CHECKING:
     from rig.bus.port import Session
+
+TOLD = "-"
+"""In place of a run's name: see `join`."""
 
 
 def host(
@@ -54,9 +60,15 @@ def host(
 def join(run: str | None = None, *, role: str, name: str, wait: float = 0.0) -> Session:
     """Join a live run, by default the only one; wait at most `wait` seconds for it to appear. Raises BusError.
 
+    `TOLD` as `run`: the first line of standard input is its name. A supervisor starts its processes before the plant
+    has one, because their imports take as long as the plant's.
     `session.name` differs from `name` if the run already has a recorder or viewer of that name.
     """
     from rig.bus import address
     from rig.bus.link import open_leaf
 
+    if run == TOLD:
+        run = sys.stdin.readline().strip()
+        if not run:
+            raise BusError("the run that this process was to join has not begun")
     return open_leaf(address.find(run, wait), role, name)

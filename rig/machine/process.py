@@ -354,6 +354,7 @@ class Child:
             self.process.wait(seconds)
         except subprocess.TimeoutExpired:
             return False
+        self.dismiss()
         for reader in self._readers:  # what it has started may keep its output open
             reader.join(1.0)
         return True

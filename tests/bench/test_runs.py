@@ -27,6 +27,7 @@ from rig.bench.live.plant_process import carry_out, warm
 from rig.bench.run.simulate import Recorded, simulate
 from rig.bus import address, messages
 from rig.errors import Interrupted, UsageError
+from rig.machine.process import Child
 from rig.record.message_scan import Scan
 from rig.view.process import TOPICS
 
@@ -154,8 +155,8 @@ def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_tou
         states = session.subscribe("state")
         while states.get(20.0).t_ns < 5 * 10**8:
             pass  # something has been written by then
-        for who, word in {"controller nf": CONTROLLER, "recorder": "record", "viewer": "view"}.items():
-            first.process(f"{word} first").send_signal(signal.SIGKILL)
+        for who, word in {"controller nf": CONTROLLER, "recorder": f"record {folder}/first.mcap", "viewer": "view"}.items():
+            first.process(word).send_signal(signal.SIGKILL)
             first.line(f"{who} was killed by SIGKILL; the plant continues")
             first.line(f"{who} left at t = ")
         first.line("load.force to safe values")
@@ -177,7 +178,7 @@ def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_tou
 def test_nobody_outlives_the_plant(folder, picture):
     going = Going(scenes.load(SCENE), duration=60.0, view=True, out=folder / "run.mcap", name="killed")
     going.line("begins with nf, recorder, viewer")
-    others = [going.process(f"{word} killed") for word in (CONTROLLER, "record", "view")]
+    others = [going.process(word) for word in (CONTROLLER, "record", "view")]
     with bus.join("killed", role="operator", name="test") as session:
         states = session.subscribe("state")
         while states.get(20.0).t_ns < 10**9:
@@ -315,3 +316,10 @@ def test_controller_and_recorder_that_cannot_begin_are_not_waited_for(folder, mo
     assert any("stranger" in line for line in going.lines)
     assert any("run.mcap cannot be written" in line for line in going.lines)
     assert outcome.exit_code == 1 or outcome.summary["verdict"] == "INVALID"
+
+
+def test_a_process_whose_run_never_begins_says_so(tmp_path):
+    recorder = Child("recorder", ["rig", "record", "--run", bus.TOLD], fed=True)
+    recorder.dismiss()
+    assert recorder.wait(30.0)
+    assert (recorder.code, recorder.fault) == (2, "the run that this process was to join has not begun")

@@ -1,6 +1,7 @@
 """Starts, observes and ends the processes of one run: plant, controllers, recorder, viewer.
 
-The plant starts first, and the others when its run can be joined. If another process ends unexpectedly, this is
+All start at once, because their imports take as long as the plant's; the others are told the name of the run when it
+can be joined. If another process ends unexpectedly, this is
 reported, the plant continues, and the timing verdict mentions it. When the plant ends for any reason, all others end
 within seconds. The first Ctrl-C ends the plant in order, a second one ends all processes. Only processes started here
 are ended.
@@ -224,8 +225,11 @@ class RunProcesses:
         return [*self.others.values(), self.plant]
 
     def run(self, live: Live, interrupts: list[str]) -> Outcome:
-        """Wait for the run, start the other processes, observe until the plant has ended, then end all others."""
+        """Start the other processes, wait for the run, observe until the plant has ended, then end all others."""
         told = False
+        for who in self.job.expect:
+            self.others[who] = Child(called(*who), self.arguments(*who), fed=True)
+        self._recorder = self.others.get(RECORDER)
         while not self.name:
             if self.plant.wait(0.02):
                 break
@@ -234,10 +238,10 @@ class RunProcesses:
             if not told and (silent := self._silent()):
                 told = True
                 self._say(f"the plant rehearses the run; {silent}. Ctrl-C ends it")
-        if self.name:
-            for who in self.job.expect:
-                self.others[who] = Child(called(*who), self.arguments(*who))
-            self._recorder = self.others.get(RECORDER)
+        for child in self.others.values():
+            if self.name:
+                child.feed(self.name)
+            child.dismiss()
         session = self._join()
         if session is not None:
             with session:
@@ -273,7 +277,7 @@ class RunProcesses:
 
     def arguments(self, role: str, name: str) -> list[str]:
         """Module and arguments of the process of this role and name."""
-        joining = ["--run", self.name, "--wait", str(JOIN_S)]
+        joining = ["--run", bus.TOLD, "--wait", str(JOIN_S)]
         if role == "controller":
             return ["rig.controllers.runtime.process", name, *joining]
         if role == "recorder":
