@@ -155,7 +155,11 @@ def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_tou
         states = session.subscribe("state")
         while states.get(20.0).t_ns < 5 * 10**8:
             pass  # something has been written by then
-        for who, word in {"controller nf": CONTROLLER, "recorder": f"record {folder}/first.mcap", "viewer": "view"}.items():
+        for who, word in {
+            "controller nf": CONTROLLER,
+            "recorder": f"record {folder}/first.mcap",
+            "viewer": "view",
+        }.items():
             first.process(word).send_signal(signal.SIGKILL)
             first.line(f"{who} was killed by SIGKILL; the plant continues")
             first.line(f"{who} left at t = ")
@@ -322,4 +326,4 @@ def test_a_process_whose_run_never_begins_says_so(tmp_path):
     recorder = Child("recorder", ["rig", "record", "--run", bus.TOLD], fed=True)
     recorder.dismiss()
     assert recorder.wait(30.0)
-    assert (recorder.code, recorder.fault) == (2, "the run that this process was to join has not begun")
+    assert recorder.ending == "recorder ended with code 2: the run that this process was to join has not begun"
