@@ -10,8 +10,9 @@ import pytest
 
 import rig
 from rig.analysis.identification.answer import IDENTIFIED, UNKNOWN
-from rig.analysis.identification.cycles import noise_of, slips
+from rig.analysis.identification.cycles import CycleRun, noise_of, slips
 from rig.analysis.identification.next_experiment import propose
+from rig.analysis.identification.responses import cycle_response
 from rig.analysis.identification.runs import prepared
 from rig.analysis.identification.written import write
 from rig.errors import RigError, UsageError
@@ -143,6 +144,20 @@ FILES = {
     ),
     "a wrong column": ('[[run]]\nfile = "a.csv"\n[run.columns]\nch2 = {reads = "displacement"}', "no column 'ch2'"),
     "a missing file": ('[[run]]\nfile = "b.csv"\n[run.columns]\nch1 = {reads = "displacement"}', "No such file"),
+    "another scene": ('scene = "lever"\n[[run]]\nfile = "a.csv"', "is for the scene 'lever', not for belt"),
+    "per_run that is a number": ('per_run = 3\n[[run]]\nfile = "a.csv"', 'per_run = 3: only ["level"] is known'),
+    "a law that does not exist": (
+        'laws = ["colomb"]\n[[run]]\nfile = "a.csv"',
+        "law colomb: unknown; did you mean coulomb",
+    ),
+    "a column without an output": (
+        '[[run]]\nfile = "a.csv"\n[run.columns]\nch1 = "displacement"',
+        'a: ch1: expected {reads = "OUTPUT"}',
+    ),
+    "a scale without a unit": (
+        '[[run]]\nfile = "a.csv"\nrate = "1 kHz"\n[run.columns]\nt = {reads = "displacement", scale = "0.001"}',
+        'displacement in m; add scale = "1 m"',
+    ),
     "a missing time": (
         '[[run]]\nfile = "a.csv"\n[run.columns]\nch1 = {reads = "displacement", scale = "1 mm"}',
         'add time = "COLUMN, s" or rate = "2 kHz"',
@@ -190,6 +205,8 @@ def test_a_part_of_a_recording_counts_once(twin):
 
 WRONG = {
     "few cycles": ({"end": "3 s"}, {}, "at least 10 are needed: record longer"),
+    "a time before the begin": ({"skip": "-1 s"}, {}, "skip is -1 s; expected 0 s or more"),
+    "no range": ({}, {"body.damping": True}, "expected a range FROM:TO"),
     "unknown column": ({"columns": {"lasr": {"reads": "displacement"}}}, {}, "did you mean laser"),
     "unknown output": ({"columns": {"laser": {"reads": "displacemant"}}}, {}, "no output of the belt"),
     "other unit": ({"columns": {"laser": {"reads": "velocity"}}}, {}, 'add scale = "1 m/s"'),
@@ -224,6 +241,29 @@ def test_a_law_that_does_not_fit_has_no_interval_no_scene_and_no_next_experiment
         write(none, tmp_path / "mine.toml", "belt")
     with pytest.raises(UsageError, match="no law fits"):
         propose(none, {"drive.speed": [0.1]}, 1)
+
+
+def test_missing_samples_are_bridged_and_gaps_leave_cycles_out(twin):
+    run, laser = twin[1][0]["run"], twin[1][0]["run"].measurements["laser"]
+
+    def without(every, length):
+        v = laser.v.copy()
+        v[np.arange(v.size) % every < length] = np.nan
+        return replace(run, measurements=run.measurements | {"laser": laser._replace(v=v)})
+
+    [measured], [singles] = (
+        prepared(rig.load("belt"), [twin[1][0] | {"run": of}], FREE).runs for of in (run, without(100, 1))
+    )
+    model = cycle_response(rig.load("belt", measured.settings), measured)
+    whole, bridged = CycleRun.of(measured, model), CycleRun.of(singles, model)
+    assert len(bridged.begins) >= len(whole.begins) - 1
+    assert np.abs(bridged.medians - whole.medians).max() < 0.02
+    rate = measured.columns[0].rate
+    [gaps] = prepared(
+        rig.load("belt"), [twin[1][0] | {"run": without(round(0.3 * rate), round(0.1 * rate))}], FREE
+    ).runs
+    with pytest.raises(UsageError, match=r"0 of .* cycles in .* can be used; at least 10 are needed"):
+        CycleRun.of(gaps, model)
 
 
 def test_a_slow_sampling_is_refused(twin):

@@ -43,6 +43,7 @@ _LOW, _HIGH = 0.3, 0.8
 _DOUBLE = 1.8  # medians: a longer period is two
 _BEFORE, _AFTER = 0.35, 0.6  # of a period about the begin of a slip: what is fitted of a cycle
 _FAR = 6.0  # times the usual deviation
+_CUT = 2  # cycles of which the ends of a run may cut off a part
 _ROUNDS = 4
 BINS = 5
 
@@ -176,19 +177,19 @@ class CycleRun:
             times = detected.begins
             before, after = column.start + a / column.rate, column.start + b / column.rate
             kept &= ~((times > before) & (times - np.exp(detected.measures[:, 0]) < after))
-        if kept.sum() < LEAST:
-            raise UsageError(
-                f"{run.name}: {int(kept.sum())} of {count} cycles in {run.seconds:.4g} s of {column.name} can be used; "
-                f"at least {LEAST} are needed: record longer, or check its speed, load and scale, or leave the run out"
-            )
-        begins, T = detected.begins, float(np.exp(np.median(detected.measures[kept, 0])))
+        begins, T = detected.begins, float(np.exp(np.median(detected.measures[kept, 0]))) if kept.any() else 0.0
         places = [np.rint((begins - _BEFORE * T - each.start) * each.rate).astype(np.int64)[:, None]
                   + np.arange(int((_BEFORE + _AFTER) * T * each.rate)) for each in run.columns]  # fmt: skip
-        within = [(at[:, 0] >= 0) & (at[:, -1] < each.v.size) for at, each in zip(places, run.columns)]
-        whole = kept & np.all(within, axis=0)
-        samples = [each.v[at[whole]] for at, each in zip(places, run.columns)]
+        within = [(at[:, :1] >= 0) & (at[:, -1:] < each.v.size) for at, each in zip(places, run.columns)]
+        whole = kept & np.all(within, axis=(0, 2))
+        samples = [bridge(each.v)[0][at[whole]] for at, each in zip(places, run.columns)]
         times_ = [each.start + at[whole] / each.rate - begins[whole, None] for at, each in zip(places, run.columns)]
         fine = np.all([np.isfinite(s).all(axis=1) for s in samples], axis=0)
+        if (used := min(int(kept.sum()), int(fine.sum()) + _CUT)) < LEAST:
+            raise UsageError(
+                f"{run.name}: {used} of {count} cycles in {run.seconds:.4g} s of {column.name} can be used; "
+                f"at least {LEAST} are needed: record longer, or check its speed, load and scale, or leave the run out"
+            )
         sigmas = np.array([noise_of(each.v) for each in run.columns])
         return cls(run, slope, n, sigmas, begins[whole][fine], detected.measures[whole][fine], count - int(fine.sum()),
                    tuple(s[fine] for s in samples), tuple(t[fine] for t in times_))  # fmt: skip

@@ -37,7 +37,7 @@ from pydantic import ValidationError
 from rig.analysis.axis import changed, numbers, unknown
 from rig.analysis.recorded.series import Series, series
 from rig.errors import Faults, RigError, SceneError, UsageError
-from rig.laws import class_of, laws_of
+from rig.laws import LAWS, class_of, laws_of
 from rig.model.assembly import Assembly
 from rig.quantities import whole
 from rig.record.imports.channel_map import ChannelMap
@@ -207,8 +207,10 @@ def prepared(
     raw |= {key: value for key, value in stated.items() if value is not None}
     where = str(runs) if isinstance(runs, str | Path) else "recordings"
     count, first = whole("starts", raw.get("starts", 4), 0, 1000), whole("seed", raw.get("seed", 1), 0, 2**62)
-    entries, ranges, level = raw["run"], raw.get("free", {}), [*raw.get("per_run", ())]
+    entries, ranges, level = raw["run"], raw.get("free", {}), raw.get("per_run") or []
     faults = Faults()
+    if Path(str(raw.get("scene", scene.name))).stem != scene.name:
+        faults.found.append(f"{where}: is for the scene {brief(raw['scene'])}, not for {scene.name}; name that scene")
     scene = replace(scene, limits={})
     asked = raw.get("laws", ())
     given = asked if isinstance(asked, Mapping) else {name: {} for name in asked}
@@ -220,7 +222,7 @@ def prepared(
         used = {f.key for law in made if law is not None for f in law.free}
         lost = [key for key in ranges if key.startswith("friction.") and key not in used]
         faults.found += [f"{key}: none of the laws {', '.join(given)} has it" for key in lost]
-    if level not in ([], ["level"]):
+    if level not in ([], ["level"], ("level",)):
         faults.found.append(f'per_run = {brief(level)}: only ["level"] is known, an offset of each record')
     measured = [faults(lambda i=i, e=e: _measured(scene, i, e, bool(level)), None) for i, e in enumerate(entries)]  # type: ignore[misc]
     _known_beside_free(made, measured, faults)
@@ -275,7 +277,8 @@ def _law(scene: Scene, name: str, free: Mapping[str, Any], own: Mapping[str, Any
         known = numbers(scene)
         return Law(name, scene, _free(scene, kept | {k: t for k, t in here.items() if k in known or k in own}))
     model, values = type(scene.parameters), dict[str, Any](law=name)
-    section = class_of(values, laws_of(model))
+    if (section := class_of(values, laws_of(model))) is None:
+        raise UsageError(f"law {name}: unknown; {near(str(name), LAWS)}")
     here = {key: text for key, text in here.items() if key in own or key[9:] in getattr(section, "model_fields", ())}
     for key, text in here.items():
         low, high = _ends(key, text, "")
@@ -297,11 +300,11 @@ def _law(scene: Scene, name: str, free: Mapping[str, Any], own: Mapping[str, Any
 def _ends(key: str, given: Any, unit: str) -> tuple[float, float]:
     """The ends of a range "FROM:TO" or (from, to) in `unit`; "" for the SI unit that the text has."""
     try:
-        parts = [part.strip() for part in given.split(":")] if isinstance(given, str) else list(given)
+        parts = given.split(":") if isinstance(given, str) else list(given) if isinstance(given, list | tuple) else []
         if len(parts) != 2:
             raise ValueError('expected a range FROM:TO, such as "0.1:1"')
         if isinstance(given, str):
-            parts = with_units(parts)
+            parts = with_units([part.strip() for part in parts])
             unit = unit or si_unit(parted(parts[1])[1] or "1")
             parts = [part if parted(part)[1] else float(part) for part in parts]
         low, high = (si(part, unit or "1") for part in parts)
@@ -355,10 +358,16 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     for key, table in (("columns", columns), ("set", settings_)):
         if not isinstance(table, Mapping):
             raise UsageError(f"{name}: {key} = {brief(table)}: expected a table, {key} = {{...}}")
+    faults.found += [
+        f'{name}: {column}: expected {{reads = "OUTPUT"}}, the output of the plant that it measures'
+        for column, table in columns.items()
+        if not isinstance(table, Mapping) or not isinstance(table.get("reads"), str)
+    ]
     if not isinstance(entry.get("fit", True), bool):
         faults.found.append(f"{name}: fit = {brief(entry['fit'])}: expected true or false")
-    run: Run | None = faults(lambda: _recording(given, entry, columns, name), None)
     settings: dict[str, float] = faults(lambda: _settings(scene, settings_, name), {})
+    faults.raise_found()
+    run: Run | None = faults(lambda: _recording(given, entry, columns, name), None)
     faults.raise_found()
     assert run is not None
     columns = columns or _of_sensors(run, name)
@@ -378,10 +387,13 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
 
 def _seconds(entry: Mapping[str, Any], name: str, key: str, default: float, faults: Faults) -> float:
     try:
-        return si(entry[key], "s") if key in entry else default
-    except ValueError as fault:
-        faults.found.append(f"{name}: {key} {fault}")
-        return default
+        if (value := si(entry.get(key, default), "s")) >= 0.0:
+            return value
+        fault: Any = f"is {entry[key]}; expected 0 s or more"
+    except ValueError as wrong:
+        fault = wrong
+    faults.found.append(f"{name}: {key} {fault}")
+    return default
 
 
 def _settings(scene: Scene, given: Mapping[str, Any], name: str) -> dict[str, float]:
@@ -414,7 +426,7 @@ def _recording(given: Any, entry: Mapping[str, Any], columns: Mapping[str, Any],
             raise UsageError(f"{path}: {fault}") from None
     if not columns:
         raise UsageError(f'{path}: name its columns, [run.columns] x = {{reads = "displacement", scale = "1 mm"}}')
-    scales = [str(table.get("scale", "")) if isinstance(table, Mapping) else "" for table in columns.values()]
+    scales = [str(table.get("scale", "")) for table in columns.values()]
     texts = {column: f"c{i}, {scales[i]}" if scales[i] else f"c{i}" for i, column in enumerate(columns)}
     names = {column: f"c{i}" for i, column in enumerate(columns)}
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
@@ -425,9 +437,8 @@ def _recording(given: Any, entry: Mapping[str, Any], columns: Mapping[str, Any],
         except UsageError as fault:  # in the words of this file, not in those of rig import
             text = re.sub(r" = c\d+(, [^:]*)?:", ":", str(fault))
             text = re.sub(r'; add it, such as "c\d.*', '; add scale = "1 mm", that of one unit of it', text)
-            raise UsageError(
-                text.replace('add --time "COLUMN, s" or --rate', 'add time = "COLUMN, s" or rate =')
-            ) from None
+            text = text.replace('add --time "COLUMN, s" or --rate', 'add time = "COLUMN, s" or rate =')
+            raise UsageError(re.sub(r"--rate RATE", 'rate = "2 kHz"', text).replace("--rate", "rate =")) from None
         run = read_recording(out)
     for column, plain in names.items():
         run.measurements[column] = run.measurements.pop(plain)
@@ -444,11 +455,17 @@ def _of_sensors(run: Run, name: str) -> dict[str, dict[str, str]]:
 
 
 def _column(
-    run: Run, name: str, table: Any, rig: Assembly, scene: Scene, where: str, first: float, last: float, level: bool
+    run: Run,
+    name: str,
+    table: Mapping[str, Any],
+    rig: Assembly,
+    scene: Scene,
+    where: str,
+    first: float,
+    last: float,
+    level: bool,
 ) -> Column:
     """One column. Raises UsageError."""
-    if not isinstance(table, Mapping) or not isinstance(table.get("reads"), str):
-        raise UsageError(f'{where}: {name}: expected {{reads = "OUTPUT"}}, the output of the plant that it measures')
     if wrong := [key for key in table if key not in _COLUMN]:
         raise UsageError(f"{where}: {name}.{wrong[0]}: unknown; {near(wrong[0], _COLUMN)}")
     output, offset = table["reads"], RUN if level else table.get("offset", NONE)
@@ -474,7 +491,7 @@ def _column(
         conversion_of = getattr(scene.sensors.get(sensor), "conversion", None)
         if not number and conversion_of and same_unit(samples.unit, scene.sensors[sensor].delivers):
             number, of = repr(conversion_of), unit
-        if not number:
+        if not number or not of:
             stated = samples.unit or "no unit"
             raise UsageError(
                 f'{where}: {name} is in {stated}, {output} in {unit}; add scale = "1 {unit}", that of one unit of it'
