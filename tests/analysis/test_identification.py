@@ -243,6 +243,14 @@ def test_a_law_that_does_not_fit_has_no_interval_no_scene_and_no_next_experiment
         propose(none, {"drive.speed": [0.1]}, 1)
 
 
+def test_a_repetition_of_a_run_is_predicted_to_narrow_intervals_by_no_more_than_its_share(found):
+    """One run of three again: at most twice the cycles, which narrow no interval below 0.7 of what it is."""
+    speed, load = RUNS[0]
+    [again] = propose(found, {"drive.speed": [speed], "load.force": [load]}, 1).proposals
+    for key in KEYS:
+        assert 0.65 < again.widths[key] / again.now[key] < 1.05
+
+
 def test_missing_samples_are_bridged_and_gaps_leave_cycles_out(twin):
     run, laser = twin[1][0]["run"], twin[1][0]["run"].measurements["laser"]
 

@@ -162,8 +162,8 @@ class Prediction:
         else:
             problem = self._measures(evidence, response, evaluator, own)
         left = problem.left(z_own, [response])
-        left = [r - r.mean(axis=0) for r in left] if fit.repeats else left  # a fit expects their mean
         [J] = problem.jacobian(z_own, left, [response], central=True)
+        left = [r - r.mean(axis=0) for r in left] if fit.repeats else left  # a fit expects their mean
         total = len(fit.z) + sum(n not in names for n in own.names)
         place = [*range(p)]
         for n in own.names:
