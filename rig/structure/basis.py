@@ -130,7 +130,7 @@ def _of_modes(full: Full, reduction: Reduction, tell: Told) -> Reduced:
     left_out = Deflections(stiffness, mass, modes)
     added = np.zeros((full.rows, 0))
     contacts = full.contacts
-    if reduction.residual == "attachment":
+    if reduction.residual == "attachment" and modes.square.size < full.rows:
         rows = [matrix for points in contacts for matrix in (points.normal, points.along)]
         loads = np.array(list(full.vectors.values())).reshape(-1, full.rows)
         forces = sp.vstack([*rows, sp.csr_array(loads)]).toarray().T if rows or loads.size else added

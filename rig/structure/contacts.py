@@ -241,7 +241,9 @@ def _flat(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Surfa
     try:
         triangles = Delaunay(mesh.xyz[nodes] @ first.T).simplices
     except (QhullError, ValueError):
-        raise SceneError("", [f"{side}: its {len(nodes)} nodes span no surface across the normal"]) from None
+        what = f"its {len(nodes)} nodes span no surface across the normal"
+        remedy = "give such a contact by its rows, rows = './contact.csv'"
+        raise SceneError("", [f"{side}: {what}; {remedy}"]) from None
     members = np.full((len(triangles), 8), -1, dtype=np.int64)
     members[:, :3] = nodes[triangles]
     places = mesh.xyz[members[:, :3]]

@@ -9,12 +9,14 @@ both.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackError, LinearOperator, SuperLU, eigs, eigsh, splu
 
 from rig.errors import RigError
@@ -121,7 +123,10 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
             if below == kept:
                 rigid = int(np.sum(square[:kept] <= _RIGID * largest))
                 return Modes(square[:kept], signed(shapes[:, :kept]), rigid)
-        elif asked == rows - 1:
+        elif asked == rows - 1:  # every mode is wanted
+            with suppress(np.linalg.LinAlgError):  # rows without mass
+                square, shapes = eigh(stiffness.toarray(), mass.toarray())
+                return Modes(square, signed(shapes), int(np.sum(square <= _RIGID * largest)))
             break
         asked += max(asked // 2, 8)
     if negative := below_count(stiffness, mass, -shift):

@@ -123,6 +123,14 @@ def test_all_complex_eigenvalues_of_two_equal_structures_come_twice():
     assert np.allclose(double, np.repeat(single, 2), rtol=1e-9)
 
 
+def test_where_every_mode_is_in_the_range_the_basis_is_the_whole_structure():
+    full = structure(3)
+    near = build(full, Reduction(up_to=1e7, at=values())).eigenvalues(values(0.4))[0]
+    exact = eigenvalues.dense(*(matrix.toarray() for matrix in full.pencil(values(0.4))), "none")[0]
+    assert near.size == exact.size == 2 * full.rows
+    assert max(np.min(np.abs(exact - value)) / abs(value) for value in near) < 1e-9
+
+
 def test_two_contacts_on_the_same_nodes_share_their_attachment_vectors():
     full = structure()
     pad = full.contacts[0]
