@@ -243,6 +243,15 @@ def test_a_law_that_does_not_fit_has_no_interval_no_scene_and_no_next_experiment
         propose(none, {"drive.speed": [0.1]}, 1)
 
 
+def test_a_wide_parameter_that_acts_as_an_offset_is_not_identifiable(found):
+    C, sd = found.best.covariance.copy(), 0.3
+    C[0, 0], C[0, 4] = sd**2, 0.92 * sd * math.sqrt(C[4, 4])
+    C[4, 0] = C[0, 4]
+    wide = replace(found.best, covariance=C)
+    assert any(line.startswith("friction.mu_static act as offset of laser (correlation 0.92)") for line in wide.words())
+    assert wide.parameters[0].verdict == UNKNOWN
+
+
 def test_a_repetition_of_a_run_is_predicted_to_narrow_intervals_by_no_more_than_its_share(found):
     """One run of three again: at most twice the cycles, which narrow no interval below 0.7 of what it is."""
     speed, load = RUNS[0]
