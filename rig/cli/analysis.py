@@ -227,9 +227,13 @@ def identify(
     try:
         with printing.status() as show:
             found = fit(task, keep, workers, lambda done: show(f"{done} cycles computed"))
+        refused: UsageError | None = None
         if settings is not None:
-            with printing.bar("settings") as progress:
-                found = propose(found, settings, workers, progress)
+            try:
+                with printing.bar("settings") as progress:
+                    found = propose(found, settings, workers, progress)
+            except UsageError as fault:  # the fit took minutes: its report comes first
+                refused = fault
     except KeyboardInterrupt:
         printing.note(f"interrupted: finished cycles are kept in {keep}; the same command continues from there")
         raise
@@ -242,6 +246,8 @@ def identify(
     _put(found, f"Parameters of {loaded.title or loaded.name}", page)
     if out is not None and not as_json:
         printing.line(f"\n{out}, {beside}" if found.told else f"\n{out} is not written: no parameter is identified")
+    if refused is not None:
+        raise refused
     printing.passed(found.complete)
 
 

@@ -46,6 +46,19 @@ def test_the_command_draws_the_fit_and_writes_a_page(rig, tmp_path):
     assert "data:image/png" in page.read_text()
 
 
+def test_a_next_experiment_that_cannot_be_proposed_leaves_the_report(rig, tmp_path):
+    assert rig("simulate", "lever_free_cylinder", "--out", tmp_path / "free.mcap")[0] == 0
+    (tmp_path / "runs.toml").write_text(
+        '[free]\n"cylinder.damping" = "0.01:1 N*m*s"\n[[run]]\nfile = "free.mcap"\nkind = "growth"\n'
+        '[run.columns]\narm_laser = {reads = "arm_displacement"}\n'
+    )
+    given = ("--runs", tmp_path / "runs.toml", "--folder", tmp_path / "fits", "--workers", "1")
+    code, out, err = rig("identify", "lever_free_cylinder", *given, "--next", "cylinder.stiffness=100, 200")
+    assert code == 2
+    assert "cylinder.damping" in out
+    assert "this is done for runs of cycles only" in err
+
+
 def test_a_whole_rig_is_no_experiment():
     with pytest.raises(UsageError, match="is not an identification experiment"):
         experiment(rig.load("lever"))

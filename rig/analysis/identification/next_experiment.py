@@ -82,7 +82,7 @@ def propose(identified: Identified, over: Mapping[str, Any], workers: int | None
             progress: Callable[[int, int], object] = lambda done, total: None) -> Identified:  # fmt: skip
     """The result with proposals, the best first. Raises UsageError for settings that are none, or without a fit."""
     best = identified.best
-    if not best.told:
+    if not best.fits:
         raise UsageError("no next experiment is proposed: no law fits, so that no interval can be predicted")
     if not all(isinstance(run.evidence, CycleRun) for run in best.runs):
         raise UsageError("no next experiment is proposed: this is done for runs of cycles only")
