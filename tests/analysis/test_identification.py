@@ -248,7 +248,9 @@ def test_a_wide_parameter_that_acts_as_an_offset_is_not_identifiable(found):
     C[0, 0], C[0, 4] = sd**2, 0.92 * sd * math.sqrt(C[4, 4])
     C[4, 0] = C[0, 4]
     wide = replace(found.best, covariance=C)
-    assert any(line.startswith("friction.mu_static act as offset of laser (correlation 0.92)") for line in wide.words())
+    assert any(
+        line.startswith("friction.mu_static acts as offset of laser (correlation 0.92)") for line in wide.words()
+    )
     assert wide.parameters[0].verdict == UNKNOWN
 
 

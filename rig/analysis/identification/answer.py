@@ -236,8 +236,9 @@ class LawFit:
             if beside:
                 weakest = min((self.correlation(i, k) for i in those for k in beside), key=abs)
                 named = offsets[beside[0] - len(keys)] if len(beside) == 1 else f"{len(beside)} offsets"
+                act = "act" if len(those) > 1 else "acts"
                 only = "only one level of each record can be told; " if len(beside) == len(self.runs) > 1 else ""
-                yield (f"{' and '.join(keys[i] for i in those)} act as {named} (correlation {weakest:.2f}): {only}"
+                yield (f"{' and '.join(keys[i] for i in those)} {act} as {named} (correlation {weakest:.2f}): {only}"
                        "offset and level: vary the load")  # fmt: skip
 
     def help(self) -> str:
