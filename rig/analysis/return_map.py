@@ -42,6 +42,7 @@ from rig.model.system import System
 from rig.motion.motion import Event, Motion
 from rig.scenes.rooms import assembled as assembled_rig
 from rig.scenes.scene import Scene
+from rig.solve.forces import STATE
 from rig.solve.records import CLOSED, STICK
 from rig.stability.linearisation import inputs, loads, moving_states, own_law, settled, sliding_key
 
@@ -191,15 +192,20 @@ class Flow:
         """dx/dt in a mode set as a function of x, without what is zero in this one."""
         modes, system = self.modes(key), self.system
         contact, (load, load_t) = own_law(system, modes), loads(system, modes)
-        if system.products or system.remembers or load_t.any():
+        of_states = [product for product in system.products if all(f.kind == STATE for f in product.factors)]
+        if len(of_states) < len(system.products) or system.remembers or load_t.any():
             return lambda x: np.asarray(modes.A @ x + modes.b @ inputs(system, modes, x, contact)[0])
         slipping = np.flatnonzero(modes.nonlinear).tolist()
+        products = [[f.index for f in product.factors] for product in of_states]
+        columns = modes.b.T
 
         def rate(x: Array) -> Array:
-            out = modes.A @ x
+            out, values = modes.A @ x, x.tolist()
             for p in slipping:
                 T = contact(p, float(system.slip_rows[p] @ x), float(load[p] @ x))[0]
-                out += modes.b[:, p] * T
+                out += columns[p] * T
+            for j, factors in enumerate(products, len(system.patches)):
+                out += columns[j] * math.prod([values[i] for i in factors])
             return np.asarray(out)
 
         return rate

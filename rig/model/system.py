@@ -65,7 +65,7 @@ class Product:
     name: str
     factors: tuple[Factor, ...]
 
-    @property
+    @cached_property
     def level(self) -> int:
         """The level 0, 1 or 2 of the product (rig.solve.forces)."""
         kinds = {factor.kind for factor in self.factors}
@@ -136,6 +136,12 @@ def tangent(
             continue
         value, slope = 1.0, np.zeros(n)
         for factor in product.factors:
+            if factor.kind == STATE:
+                v = float(x[factor.index])
+                slope *= v
+                slope[factor.index] += value
+                value *= v
+                continue
             v, s = _tangent(factor, x, forces)
             value, slope = value * v, slope * v + value * s
         values[j], slopes[j] = value, slope
@@ -143,8 +149,6 @@ def tangent(
 
 
 def _tangent(factor: Factor, x: Array, forces: tuple[tuple[Array, Array], tuple[Array, Array]]) -> tuple[float, Array]:
-    if factor.kind == STATE:
-        return float(x[factor.index]), np.eye(len(x))[factor.index]
     if factor.row is not None:
         angle = float(factor.row @ x)
         if factor.kind == PRESS:

@@ -66,12 +66,13 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
     """The inputs T at x and their derivatives over x [input, n]: rig.solve.forces with the chain rule."""
     P, n = len(system.patches), system.n
     T, dT = np.zeros(system.inputs), np.zeros((system.inputs, n))
-    closed = np.array([mode == CLOSED for mode in system.modes(modes.key)[1]], dtype=bool).reshape(-1, 1)
+    levels = {product.level for product in system.products}
 
     def multiply(level: int) -> None:
-        if all(product.level != level for product in system.products):
+        if level not in levels:
             return
         if level:
+            closed = np.array([mode == CLOSED for mode in system.modes(modes.key)[1]], dtype=bool).reshape(-1, 1)
             pressed = (
                 closed[:, 0] * (modes.normal @ x + modes.normal_t @ T),
                 closed * (modes.normal + modes.normal_t @ dT),
@@ -90,9 +91,8 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
     slipping = [p for p in np.flatnonzero(modes.nonlinear).tolist() if p not in remembering]
     w = system.slip_rows @ x
     by_speed, by_load, by_state = np.zeros(P), np.zeros(P), np.zeros((P, n))
-    for _ in range(
-        _COUPLED_ROUNDS if np.any(load_t[:, :P]) else 1
-    ):  # N depends on T if an absorber's inertia contributes to N
+    coupled = bool(load_t[:, :P].any())  # N depends on T if an absorber's inertia contributes to N
+    for _ in range(_COUPLED_ROUNDS if coupled else 1):
         N = load @ x + load_t @ T
         before = T.tolist()
         for p in slipping:
@@ -104,7 +104,7 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
             break
     change = by_speed[:, None] * system.slip_rows + by_load[:, None] * (load + load_t[:, P:] @ dT[P:]) + by_state
     try:
-        dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if P else change
+        dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if coupled else change
     except np.linalg.LinAlgError:
         raise Singular(JAMS, system.describe(modes.key), jams=True) from None
     for p in remembering:
@@ -316,7 +316,7 @@ def steady(system: System, key: int, contact: Contact | None = None, beside: Ste
     if beside is not None and beside.modes.key != key:
         beside = None
     modes, near = (assembled(system, key), None) if beside is None else (beside.modes, beside.x)
-    moving = moving_states(system, modes.A)
+    moving = moving_states(system, modes.A) if beside is None else beside.moving
     free = np.union1d(moving, settling(system, modes.A, moving))
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)

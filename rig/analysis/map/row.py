@@ -71,10 +71,11 @@ TOLERANCE = 1e-9
 stick again.
 """
 _SHOWS = 1e-3  # logarithmic decrement: a smaller decay is not seen in two periods
-_SEEN, _MORE, _TRIED = 3.8, 3.2, 16.0  # cycles in a first and a further window where their period is known, and in all
+_SEEN, _MORE, _TRIED = 3.95, 3.2, 16.0  # cycles in a first and a further window where their period is known, and in all
 _FOR_SECTION = 6.5  # cycles in a window whose local maxima are shown
 _FINE = 40  # values of a row: then they show without values between them where no growth rate reaches zero
 _KEPT = 3  # cycles from which the next one is extrapolated
+_NEAR = 2.0  # of the largest difference between these
 _SHORT_RAMP = 3.0  # as RAMP, for cycles that are known
 _PARTS = 4  # steps from one point to the next of a parameter that cannot be ramped
 _SAMPLES = 24  # in a period of the fastest vibration mode
@@ -129,6 +130,7 @@ class Track:
         self._held: dict[int, bool] = {}
         self._begun = self._ended = np.zeros(0)  # when sticking begins and ends in the last window [s]
         self._cycles: list[tuple[float, Array]] = []
+        self._met: dict[float, tuple[Place, Array]] = {}  # cycles at the values, by any run
         self.period = 0.0
         """Of the cycles at the present value, if they are known to be the same [s]."""
 
@@ -319,22 +321,36 @@ class Track:
             place = middle / self.step - 1.0
             before = int(place)
             a, b = self._motion.states[before], self._motion.states[before + 1]
-            self._cycles = [*self._cycles, (self.value, a + (place - before) * (b - a))][-_KEPT:]
+            x = a + (place - before) * (b - a)
+            self._met[self.value] = self.here(), x
+            self._cycles = [*self._cycles, (self.value, x)][-_KEPT:]
 
     def predicted(self, value: float) -> Point | None:
         """The state at `value` where the motion goes on from a cycle extrapolated from those at the last values.
 
+        If a run from the other side has met a cycle there, no further away than those, the motion goes on from it.
         None if it does not repeat, or if too little is known: then it has to be carried there.
         """
         if not (self._slope and self.period and len(self._cycles) == _KEPT):
             return None
-        known = [v for v, _ in self._cycles]
+        known, last = [v for v, _ in self._cycles], self._cycles[-1][1]
+        place, met = self._met.get(value, (None, last))
+        size = np.abs(last) + np.finfo(float).tiny
+        if place is not None and np.max(np.abs(met - last) / size) < _NEAR * max(
+            float(np.max(np.abs(state - last) / size)) for _, state in self._cycles
+        ):
+            self.back(place)
+            return self._concluded()
         x = np.zeros(self._system.n)
         for v, state in self._cycles:
             x += state * math.prod((value - other) / (v - other) for other in known if other != v)
         x[self._at[self._command]], x[self._at[self._slope]] = value, 0.0
         self.value = value
         self._motion.restart(x)
+        return self._concluded()
+
+    def _concluded(self) -> Point | None:
+        """The state of a motion that repeats from here; None if it does not."""
         point = self._repeated()
         if point.state == UNDECIDED:
             return None
