@@ -10,6 +10,7 @@ import importlib.metadata
 import importlib.util
 import json
 import math
+import os
 import subprocess
 import sys
 import time
@@ -17,8 +18,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import points
+
 G, STEEP, SETTLED = 9.81, math.radians(20.0), 0.2
-SYSTEM_PYTHON = Path("/usr/bin/python3")
+SYSTEM_PYTHON = Path(os.environ.get("SICONOS_PYTHON", "/usr/bin/python3"))
+"""The Python of siconos: that of Debian, for which it is a package."""
 Measured = tuple[float, float]
 """The value, and the processor time [s] of the run without preparation."""
 
@@ -292,6 +296,11 @@ def siconos_conveyor(step: float) -> Measured:
     return float(body.q()[0]) + v / w * (1.0 - math.cos(w * 100.0)), time.process_time() - begin
 
 
+def siconos_points(step: float) -> Measured:
+    """Complementarity of gap and force for each point, theta and gamma 1/2, Lemke's method."""
+    return points.siconos(step)
+
+
 OTHERS = (
     Other("MuJoCo", "mujoco", "slope", mujoco_slope, (1e-3,), "step"),
     Other("MuJoCo, noslip 10", "mujoco", "slope", lambda step: mujoco_slope(step, 10), (1e-3, 1e-4), "step"),
@@ -300,6 +309,7 @@ OTHERS = (
     Other("MuJoCo, noslip 10", "mujoco", "grip", lambda step: mujoco_grip(step, 10), (1e-3, 1e-4), "step"),
     Other("PathSim", "pathsim", "conveyor", pathsim_conveyor, (1e-6, 1e-9), "tolerance"),
     Other("siconos", "siconos", "conveyor", siconos_conveyor, (1e-2, 1e-3), "step"),
+    Other("siconos", "siconos", "points", siconos_points, (2e-5, 1e-4), "step"),
     Other("exudyn", "exudyn", "lugre", exudyn_lugre, (1e-8, 1e-10), "tolerance"),
     Other("exudyn", "exudyn", "belt", exudyn_belt, (1e-4, 1e-5), "step"),
 )

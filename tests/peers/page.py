@@ -7,15 +7,17 @@ the shortest of several for ours.
 from __future__ import annotations
 
 import math
+import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from other_races import RACES as RACES_BEYOND
 from others import OTHERS, mujoco_slope
 from problems import HERE, PROBLEMS, at_end, timed
-from race import cheapest, race
+from race import OURS, cheapest, race
 
 import rig
 from rig.machine.files import write_file
@@ -56,7 +58,7 @@ def values() -> Iterator[str]:
         exact, ours = problem.exact(), problem.ours()
         yield from (f"### {problem.title}", "", f"{problem.source}. {problem.measure.capitalize()}: **{exact:.12g} "
                     f"{problem.unit}** ({problem.by}).", "")  # fmt: skip
-        rows = [("friction-rig", "the whole call", number(abs(ours.value - exact)), number(ours.seconds))]
+        rows = [("friction-rig", problem.how, number(abs(ours.value - exact)), number(ours.seconds))]
         rows += [(name, "published", number(abs(v - exact)), "") for name, v in problem.stored.items()]
         for other in OTHERS:
             if PROBLEMS[other.problem] is problem and other.available():
@@ -78,10 +80,21 @@ def races() -> Iterator[str]:
                 ratio = ours.factor / entry.factor
                 near |= {entry.peer} if ratio < 10.0 else set()
                 rows.append((f"{target:g}", entry.peer, entry.setting, number(entry.error), f"{ratio:.3g}"))
+        exact = min((entry for entry in entries if entry.peer == OURS), key=lambda entry: entry.error)
+        for entry in [entry for entry in entries if entry.peer == "heyoka" and not entry.fault][-1:]:  # its tightest
+            factor = f"{exact.factor / entry.factor:.3g}"
+            rows.append(("least of both", entry.peer, entry.setting, number(entry.error), factor))
         yield from (f"### {title}", "")
         yield from table(("error at most", "solver", "its setting", "its error", "friction-rig is faster by"), rows)
         yield from ([f"Less than ten times: {', '.join(sorted(near))}.", ""] if near else [])
         yield from (parts(name, method), "")
+
+
+def other_races() -> Iterator[str]:
+    """Races beyond a mass on a belt."""
+    for measure in RACES_BEYOND:
+        rows = [(r.what, r.who, number(r.error), f"{r.figure:.3g} {r.unit}") for r in measure()]
+        yield from table(("case", "program", "relative error", "figure"), rows)
 
 
 def parts(name: str, method: str, seconds: float = 4.0) -> str:
@@ -189,6 +202,9 @@ def better() -> Iterator[str]:
 
 EQUAL = """Mass on a belt that sticks and slips for 4 s with a state every millisecond; the error is that of the times
 at which stick begins and ends, as a share of a period."""
+LOADS = """Processor time of one core, but the paced loop in wall time, which other programs lengthen (load, below). The
+error of the disc is that of the slider's place, of its range; that of the map the difference up to which cycles count
+as the same, and for scipy the error of the period after twelve cycles."""
 TEXT = """# The tests of others
 
 Values that other projects use to test themselves or to show what they can do, answered by this one, and by those
@@ -206,9 +222,11 @@ python tests/peers/page.py            # makes this page again
 def main() -> None:
     """Write the page."""
     machine = provenance(0, ("page.py",))
+    load = f"load {os.getloadavg()[2]:.0f} in the last 15 minutes"
     where = ", ".join(f"{key} {machine[key]}" for key in ("date", "processor", "cores", "python", "numpy", "scipy"))
     parts = (TEXT, "## Values", "", *values(), "## Speed at equal error", "", EQUAL, "", *races())
-    lines = [*parts, "## Where another is better", "", *better(), f"Measured on: {where}."]
+    parts += ("## Other loads", "", LOADS, "", *other_races())
+    lines = [*parts, "## Where another is better", "", *better(), f"Measured on: {where}, {load}."]
     write_file(ROOT / "docs" / "peers.md", ("\n".join(lines) + "\n").encode())
 
 

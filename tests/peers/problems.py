@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
+import points
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
@@ -46,6 +47,7 @@ class Problem(NamedTuple):
     ours: Callable[[], Answer]
     tolerance: float
     stored: Mapping[str, float] = {}
+    how: str = "the whole call"
 
 
 def timed(run: Callable[[], Any], least: float = 0.05) -> tuple[Any, float]:
@@ -74,6 +76,10 @@ def at_end(name: str, output: str, factor: float = 1.0, **changes: Any) -> Calla
 def _period() -> Answer:
     cycle, seconds = timed(lambda: rig.limit_cycle(rig.load("belt", STRIBECK)))
     return Answer(cycle.period, seconds)
+
+
+def _points() -> Answer:
+    return Answer(*timed(points.ours(100_000, 100)))
 
 
 def _end_of_stick_slip() -> Answer:
@@ -237,5 +243,10 @@ PROBLEMS = {
         "End of stick-slip over the speed", "bSTAB (Stender, Hoffmann 2022): m = k = 1, damping ratio 0.05",
         "speed", "m/s", lambda: 1.836600972198, "continuation at 1e-12", _end_of_stick_slip, 1e-9,
         {"bSTAB (shares of 4000 starts: all stick-slip from)": 1.85},
+    ),
+    "points": Problem(
+        "24 points that open and close", "ring of 24 masses on contact springs under a travelling force (points.py)",
+        "height of the first point at 0.2 s", "m", points.exact, "explicit method of order 8 at 1e-12", _points, 1e-9,
+        how="film, steps of 1 us",
     ),
 }  # fmt: skip
