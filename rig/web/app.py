@@ -17,7 +17,7 @@
     POST /api/studies/work        {what, scene, changes, x, y} -> a job: eigenvalues, a map, a cost table, branches
     POST /api/studies/beside      {scene, changes} -> the finished branches and maps of this scene
     GET  /api/lessons             the lessons;  GET /lessons/NAME: a figure of one
-    POST /api/lesson              {number} -> the text of a lesson as HTML
+    POST /api/lesson              {number, language} -> the text of a lesson as HTML
     POST /api/lesson/run          {number, command} -> a job: a command of the lesson
     GET  /api/jobs                jobs, the newest first;  GET /jobs/NUMBER: the result of one
     POST /api/jobs/stop           {number} -> the jobs
@@ -61,8 +61,8 @@ from rig.web.sound import Sounds, packed
 
 _URGENT = 64  # most commands to the run that wait for its answer at a time; each waits for a bounded time
 PAGE = Path(__file__).parent / "page"
-WORKLET = "loudspeaker.js"
-"""The module that runs beside the page, in the thread of the sound."""
+BESIDE = ("gallery.js", "loudspeaker.js")
+"""Modules that run beside the page, in threads of their own: pictures, sound."""
 LARGEST = 1 << 20
 """Largest request body [bytes]."""
 
@@ -189,7 +189,7 @@ def app(bench: Bench) -> Starlette:
 
 async def _page(_: Request) -> Response:
     """The page, which names its modules, so that a browser loads them at once and not one after the other."""
-    modules = (path.relative_to(PAGE).as_posix() for path in sorted(PAGE.rglob("*.js")) if path.name != WORKLET)
+    modules = (path.relative_to(PAGE).as_posix() for path in sorted(PAGE.rglob("*.js")) if path.name not in BESIDE)
     links = "".join(f'  <link rel="modulepreload" href="/page/{module}">\n' for module in modules)
     html = (PAGE / "index.html").read_text(encoding="utf-8")
     return Response(html.replace("</head>", f"{links}</head>"), media_type="text/html")

@@ -29,6 +29,10 @@ from rig.web.form import Catalogue, as_text
 from rig.web.jobs import Jobs
 
 
+GERMAN = Path(__file__).parent / "page" / "german.json"
+"""The catalogue of the page: sections of English texts with their translations."""
+
+
 def listed(_: dict[str, Any]) -> Any:
     """Number, title, time and scene of every lesson."""
     return [
@@ -38,8 +42,10 @@ def listed(_: dict[str, Any]) -> Any:
 
 
 def text(body: dict[str, Any]) -> Any:
-    """The text of a lesson as HTML. Raises UsageError for a number that no lesson has."""
-    return {"html": html(lesson(_number(body)).file.read_text(encoding="utf-8"))}
+    """The text of a lesson as HTML, in German for `language` "de". Raises UsageError for a number that no lesson has."""
+    german = json.loads(GERMAN.read_text(encoding="utf-8")) if body.get("language") == "de" else {}
+    known = {text: other for entries in german.values() for text, other in entries.items()}
+    return {"html": html(lesson(_number(body)).file.read_text(encoding="utf-8"), known)}
 
 
 def _number(body: dict[str, Any]) -> int:
@@ -65,13 +71,18 @@ def figure(name: str) -> Path:
     return figures[name]
 
 
-def html(page: str) -> str:
-    """A page as HTML, its figures from /lessons/. Links to other pages of the site become plain text."""
+def html(page: str, known: Mapping[str, str]) -> str:
+    """A page as HTML, its figures from /lessons/. Links to other pages of the site become plain text.
+
+    A paragraph, heading or cell that is `known` (with spaces for ends of lines) is replaced; output stays as it is.
+    """
     from markdown_it import MarkdownIt
 
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = parser.parse(readable(page))
     for block in tokens:
+        if block.type == "inline" and (other := known.get(block.content.replace("\n", " "))):
+            block.children = parser.parseInline(other)[0].children
         block.children = [token for token in block.children or () if token.type not in ("link_open", "link_close")]
         for token in block.children:
             if token.type == "image":

@@ -21,6 +21,21 @@ def test_lessons_are_listed_and_shown_with_their_figures(client):
             assert figure.content.startswith(b"\x89PNG")
 
 
+def test_a_lesson_in_german_keeps_its_commands_output_and_figures(client):
+    parts = re.compile(r"<(p|li|t[dh]|h\d)[^>]*>(.*?)</\1>", re.DOTALL)
+    for one in lessons():
+        english, german = (
+            client.post("/api/lesson", number=one.number, language=language).json()["html"] for language in ("xx", "de")
+        )
+        for kept in (r"<pre>.*?</pre>", r"<code>.*?</code>", r'src="[^"]*"'):
+            assert re.findall(kept, english, re.DOTALL) == re.findall(kept, german, re.DOTALL)
+        pairs = list(zip(parts.findall(english), parts.findall(german), strict=True))
+        same = [text for (_, text), (_, other) in pairs if text == other]
+        assert [text for text in same if re.search("[a-z]{4}", re.sub("<code>.*?</code>", "", text))] == []
+        for (_, text), (_, other) in pairs:  # a number of the text is that of the translation
+            assert sorted(re.findall(r"\d+(?:\.\d+)?", text)) == sorted(re.findall(r"\d+(?:\.\d+)?", other)), other
+
+
 def test_a_command_of_a_lesson_runs_and_no_other(client):
     job = client.job("/api/lesson/run", number=1, command="rig modes belt")
     assert job["code"] == 0

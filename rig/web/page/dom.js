@@ -1,6 +1,6 @@
 // Elements and numbers. Numbers are written with a point in every language, as scenes and the command line write them.
 
-import { said } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 /** Element `tag` with properties (on...: listeners, class, others: attributes or properties) and children. */
 export function h(tag, properties = {}, ...children) {
@@ -70,3 +70,6 @@ export const joined = (text) => text.replace(/([^\n])\n(?=\S)/g, "$1 ");
 
 /** A list of names as words: friction_force is "friction force". */
 export const words = (name) => name.replaceAll("_", " ");
+
+/** The value of a key in words: as the plant declares it among `hands`, else by its last name. */
+export const called = (key, hands = {}) => t(hands?.[key] ?? words(key.slice(key.lastIndexOf(".") + 1)));

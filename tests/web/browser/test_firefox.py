@@ -79,7 +79,7 @@ def tab(tmp_path):
 def test_a_rig_is_started_moved_by_hand_and_played_again(tab, server):
     warm(scenes.load("belt"))
     tab.open(server.address)
-    tab.until("document.querySelectorAll('.cards canvas[width]').length > 3")
+    tab.until("document.querySelectorAll('.cards canvas[data-painted]').length > 3")
     tab.run("location.hash = 'bench/belt'")
     tab.until("document.getElementById('title').textContent === 'Mass on a belt'")
     tab.until("document.getElementById('start').disabled === false && (document.getElementById('start').click(), true)")

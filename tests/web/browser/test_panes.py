@@ -137,6 +137,7 @@ def test_branches_are_computed_and_show_the_present_state(page):
     page.show("branches-note")
     page.until(lambda: page.text("branches-note") == "no map yet for these values")
     page.run("document.getElementById('branches-compute').closest('details').open = true")
+    assert page.run("return document.getElementById('branches-over').selectedOptions[0].text") == "belt speed"
     page.write("branches-from", "0.1")
     page.write("branches-to", "0.8")
     page.press("branches-compute")
@@ -154,7 +155,7 @@ def test_branches_are_computed_and_show_the_present_state(page):
     assert page.text("branches-differ") == ""
     page.write("value-load.force", "15")
     page.show("branches-picture")
-    page.until(lambda: "load.force 15 ≠ 20" in page.text("branches-differ"))
+    page.until(lambda: "normal force 15 ≠ 20 N" in page.text("branches-differ"))
     page.show("branches-picture")
     page.picture("branches")
     page.press("stop")
@@ -176,12 +177,12 @@ def test_a_map_stands_beside_its_slider_with_the_present_values(page):
     ended = "const done = arguments[0]; fetch('/api/jobs').then((a) => a.json()).then((all) => done(all[0]?.state))"
     page.until(lambda: page.driver.execute_async_script(ended) == "done", 120.0)
     page.driver.refresh()
-    page.until(lambda: "load.force 20 N, sliding is unstable" in page.text("branches-note"))
-    assert "boundaries of drive.speed near 0.2 m/s" in page.text("branches-note")
+    page.until(lambda: "normal force 20 N, sliding is unstable" in page.text("branches-note"))
+    assert "boundaries of belt speed near 0.2 m/s" in page.text("branches-note")
     below = "return document.getElementById('branches-picture').parentElement.previousSibling.dataset.key"
     assert page.run(below) == "drive.speed"
     page.change("drive.speed", "0,3 m/s")
-    page.until(lambda: "drive.speed 0.3 m/s, load.force 20 N, sliding is stable" in page.text("branches-note"))
+    page.until(lambda: "belt speed 0.3 m/s, normal force 20 N, sliding is stable" in page.text("branches-note"))
     page.change("body.damping", "3")  # of another rig there is no map
     page.until(lambda: page.text("branches-note") == "no map yet for these values")
 

@@ -2,7 +2,7 @@
 // where the rig slides and vibrates, over one or two; the boundaries, and a dot for the present state.
 
 import { post } from "/page/api.js";
-import { attempting, data, h, number, put, quantity, scaled, words } from "/page/dom.js";
+import { attempting, called, data, h, number, put, quantity, scaled, words, written } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { ink, sized, ticks } from "/page/plot.js";
 import { said, t } from "/page/text.js";
@@ -24,8 +24,10 @@ export function create(bench) {
   const fault = data("div", { class: "fault pre", id: "branches-fault", role: "alert" });
   const attempt = attempting(fault);
   const field = (name, wide) => h("input", { type: "text", class: `value ${wide}`, id: `branches-${name}`, "aria-label": t(`branches: ${name}`) });
-  const key = field("over", "wide"), from = field("from", ""), to = field("to", "");
+  const key = h("select", { id: "branches-over", "aria-label": t("branches over"), style: "width: auto", onchange: propose }), from = field("from", ""), to = field("to", ""), unit = data("span");
   let known = [], asked = "", named = "";
+
+  const inWords = (one) => called(one, bench.chosen().form?.hands);
 
   const valueOf = (name) => bench.chosen().form?.sections.flatMap(({ values }) => values).find((one) => one.key === name)?.value;
   const liveOf = (name) => (store.active ? store.values.find((one) => one.key === name) : undefined);
@@ -34,29 +36,39 @@ export function create(bench) {
   jobs.element.id = "branches-jobs";
   const compute = () => attempt(async () => {
     const { scene, changes } = bench.chosen();
-    await post("/api/studies/work", { what: "branches", scene, changes, x: `${key.value.trim()}=${from.value.trim()}:${to.value.trim()}` });
+    await post("/api/studies/work", { what: "branches", scene, changes, x: `${key.value}=${from.value.trim()}:${to.value.trim()}` });
     jobs.look();
   });
 
   /** The branches that are there for the chosen scene with its values. */
   async function fill() {
-    const { scene, changes } = bench.chosen();
-    if (!scene) return;
+    const { scene, changes, form } = bench.chosen();
+    if (!form) return;
     await attempt(async () => {
       known = await post("/api/studies/beside", { scene, changes });
       list.replaceChildren(...known.map((one, i) => h("option", { value: i },
-        one.regions ? `${t("map")}: ${one.axes.map(({ key: over }) => over).join(" × ")}` : `${t(words(one.output))} / ${one.key}`)));
+        one.regions ? `${t("map")}: ${one.axes.map(({ key: over }) => inWords(over)).join(" × ")}` : `${t(words(one.output))} / ${inWords(one.key)}`)));
       list.hidden = known.length < 2;
       canvas.hidden = !known.length;
       note.textContent = known.length ? "" : t("no map yet for these values");
     });
-    if (scene !== named) { // propose a range about the present value
+    if (scene !== named) {
       named = scene;
-      const now = valueOf("drive.speed");
-      key.value = now === undefined ? "" : "drive.speed";
-      [from.value, to.value] = now > 0 ? [number(now / WIDE), number(now * WIDE)] : ["", ""];
+      const { sections, hands } = form, over = sections.flatMap(({ values }) => values).filter(({ value, kind }) => kind === "number" && value !== 0);
+      const first = [...Object.keys(hands), "drive.speed"].filter((one) => over.some(({ key: other }) => other === one));
+      key.replaceChildren(...[...new Set([...first, ...over.map(({ key: one }) => one)])].map((one) =>
+        data("option", { value: one, selected: one === "drive.speed" }, first.includes(one) ? inWords(one) : `${inWords(one)} (${one})`)));
+      propose();
     }
     bench.redraw();
+  }
+
+  /** Propose a range about the present value, as far as values are allowed. */
+  function propose() {
+    const { value, limits, unit: of } = bench.chosen().form.sections.flatMap(({ values }) => values).find((one) => one.key === key.value) ?? {};
+    const ends = [value / WIDE, value * WIDE].sort((a, b) => a - b), [least, most] = limits ?? [-Infinity, Infinity];
+    [from.value, to.value] = value ? [number(Math.max(ends[0], least)), number(Math.min(ends[1], most))] : ["", ""];
+    unit.textContent = written(of);
   }
 
   /** Value of the parameter, extremes and latest value of the output, as far as they are known. */
@@ -107,7 +119,7 @@ export function create(bench) {
     [pen.strokeStyle, pen.lineWidth] = [ink().text, 1.3];
     for (const [name, value, ...pair] of shown.specials) { // the boundaries that are crossed
       pen.setLineDash([2, 4]); pen.beginPath(); pen.moveTo(x(value), edge); pen.lineTo(x(value), height - bottom); pen.stroke(); pen.setLineDash([]);
-      pen.fillText(name.slice(0, 18), Math.min(Math.max(x(value), left + 40), width - 44), edge + 5);
+      pen.fillText(said(name).slice(0, 18), Math.min(Math.max(x(value), left + 40), width - 44), edge + 5);
       for (const one of pair) { pen.strokeRect(x(value) - 3, y(one) - 3, 6, 6); }
     }
     if (a <= here.at && here.at <= b) {
@@ -121,7 +133,8 @@ export function create(bench) {
     const specials = shown.specials.map(([name, value]) => t("{name} at {value}", { name: said(name), value: quantity(value, shown.unit, 5) })).join(", ");
     const at = quantity(here.at, shown.unit);
     const state = here.low <= here.high ? t("dot: the run at {at}, with its extremes of the last second", { at }) : t("line: {at}", { at });
-    return `${[specials, t("full: stable, dashed: unstable, from violet (slip) to yellow (stick)"), state].filter(Boolean).join("; ")} [${unit}]`;
+    const up = t("up: {key}", { key: `${t(words(shown.output))}${unit && ` [${unit}]`}` });
+    return [specials, t("full: stable, dashed: unstable, from violet (slip) to yellow (stick)"), state, up].filter(Boolean).join("; ");
   }
 
   /** Draw a map: the region of each point, the boundaries between them, the present values; returns what to say of it. */
@@ -156,9 +169,9 @@ export function create(bench) {
       for (let i = column; i + way >= 0 && i + way < many; i += way) if (line[i + way] !== region) return quantity((over.values[i] + over.values[i + way]) / 2, over.unit, 3);
       return "";
     }).filter(Boolean);
-    const where = [over, up].filter(Boolean).map((axis) => `${axis.key} ${quantity(valueNow(axis.key), axis.unit)}`).join(", ");
+    const where = [over, up].filter(Boolean).map((axis) => `${inWords(axis.key)} ${quantity(valueNow(axis.key), axis.unit)}`).join(", ");
     return [inside ? t("dot: {where}, {region}", { where, region: REGIONS[region][1] }) : t("the present values are outside of the map: {where}", { where }),
-      inside && next.length ? t("boundaries of {key} near {places}", { key: over.key, places: next.join(", ") }) : "", up ? t("up: {key}", { key: up.key }) : ""].filter(Boolean).join("; ");
+      inside && next.length ? t("boundaries of {key} near {places}", { key: inWords(over.key), places: next.join(", ") }) : "", up ? t("up: {key}", { key: `${inWords(up.key)}${up.unit === "1" ? "" : ` [${written(up.unit)}]`}` }) : ""].filter(Boolean).join("; ");
   }
 
   function draw() {
@@ -174,13 +187,13 @@ export function create(bench) {
     bench.place(shown.key, block, shown.range);
     const other = store.active ? store.values.filter(({ key: name, value }) => name !== shown.key && name !== shown.axes?.[1]?.key && typeof shown.values[name] === "number"
       && Math.abs(value - shown.values[name]) > 1e-9 * Math.abs(value)) : [];
-    put(differs, other.length ? `${t("the run has other values:")} ${other.map((one) => `${one.key} ${number(one.value)} ≠ ${number(shown.values[one.key])}`).join("; ")}` : "");
+    put(differs, other.length ? `${t("the run has other values:")} ${other.map((one) => `${inWords(one.key)} ${number(one.value)} ≠ ${quantity(shown.values[one.key], one.unit)}`).join("; ")}` : "");
   }
 
   const block = h("div", { class: "stack", style: "gap: .2rem" }, list, canvas, legend, note, differs);
   return {
     element: h("div", { class: "stack" }, block, h("details", {}, h("summary", {}, t("Draw the map of a value: where it slides, sticks, vibrates")),
-      h("div", { class: "row small" }, key, t("from"), " ", from, t("to"), " ", to, h("button", { onclick: compute, id: "branches-compute",
+      h("div", { class: "row small" }, key, t("from"), " ", from, t("to"), " ", to, unit, h("button", { onclick: compute, id: "branches-compute",
         title: t("stable and unstable motions; most rigs take seconds") }, t("Compute")))), fault, jobs.element),
     draw,
     state: () => bench.redraw(),

@@ -1,7 +1,7 @@
 // Values by hand, before a run and in it, by the checks of the command line: the few that matter for the rig as sliders, the
 // others behind a search; owned actuators; controllers.
 
-import { data, h, number, quantity, typed, written } from "/page/dom.js";
+import { called, data, h, number, quantity, typed, words, written } from "/page/dom.js";
 import { said, t } from "/page/text.js";
 
 const EVERY = 100; // [ms] between two values of a slider that is being moved
@@ -40,6 +40,7 @@ export function create(bench) {
   const live = () => store.active && store.values.length > 0;
   const entries = () => (live() ? store.values.filter(({ kind }) => kind !== "text" && kind !== "choice")
     : bench.chosen().form?.sections.flatMap(({ values }) => values) ?? []);
+  const declaredHands = () => (live() ? store.setup : bench.chosen().form)?.hands ?? {};
   const entryOf = (key) => entries().find((one) => one.key === key);
 
   /** Change a value; the row of a running rig shows nothing else until it has been read back, or LATE has passed. */
@@ -50,7 +51,7 @@ export function create(bench) {
     try {
       const answer = await bench.set(key, value);
       const owner = answer.overruled?.[key];
-      fault.textContent = owner ? t("{owner} drives {key}: the value takes effect when {owner} is disconnected", { owner, key }) : "";
+      fault.textContent = owner ? t("{owner} drives {key}: the value takes effect when {owner} is disconnected", { owner, key: called(key, declaredHands()) }) : "";
       if (last()) row?.expect(answer.values?.[key.replace(`controllers.${entryOf(key)?.of}.`, "")], performance.now() + (owner ? 0 : LATE));
       setTimeout(() => row?.show(entryOf(key)), LATE + 1); // it was limited, or another operator has changed it
     } catch (error) {
@@ -105,7 +106,7 @@ export function create(bench) {
     widen([]);
     const range = limits ? `${number(limits[0])} – ${quantity(limits[1], unit)}` : "";
     const element = data("div", { class: "hand", "data-key": key, title: [key, range, entry.note, entry.place].filter(Boolean).join("\n") },
-      h("div", { class: "row" }, h("span", { class: "grow" }, named || words(key), " ", owner, entry.origin && !named ? h("span", { class: "small soft" }, `  ${said(entry.origin)}`) : null),
+      h("div", { class: "row" }, h("span", { class: "grow" }, named || called(key), " ", owner, entry.origin && !named ? h("span", { class: "small soft" }, `  ${said(entry.origin)}`) : null),
         field, h("span", { class: "small unit" }, written(unit))), line);
 
     /** Let the slider reach over a range too, as far as values are allowed. */
@@ -119,7 +120,8 @@ export function create(bench) {
     function show(now) {
       if (!now || (live() && now.value !== wanted && performance.now() < until)) return;
       until = 0;
-      const changed = !live() && key in bench.chosen().changes, value = changed ? bench.chosen().changes[key] : now.value;
+      const { changes, good } = bench.chosen(), changed = !live() && key in changes;
+      const value = changed && (!good || box.ariaBusy === "true") ? changes[key] : now.value; // as it was typed, until it has been read
       if (field.type === "checkbox") field.checked = Boolean(now.value);
       else if (field.tagName === "SELECT") field.value = now.value;
       else if (field.tagName === "INPUT" && document.activeElement !== field && !held) field.value = now.value === null ? "" : number(value, live() ? 6 : 8);
@@ -130,8 +132,6 @@ export function create(bench) {
     return { element, widen, show, expect(value, time) { [wanted, until] = [value, time]; } };
   }
 
-  const words = (key) => key.slice(key.lastIndexOf(".") + 1).replaceAll("_", " ");
-
   function control(name, { drives }) {
     const act = (what) => async () => {
       try {
@@ -141,7 +141,7 @@ export function create(bench) {
         fault.textContent = said(error.message);
       }
     };
-    return h("div", { class: "row small drives" }, h("span", { class: "grow" }, t("controller {name} drives {what}", { name, what: drives.join(", ") })),
+    return h("div", { class: "row small drives" }, h("span", { class: "grow" }, t("controller {name} drives {what}", { name, what: drives.map((key) => called(key, store.setup.hands)).join(", ") })),
       h("button", { onclick: act("connect"), id: `connect-${name}` }, t("Connect")),
       h("button", { onclick: act("disconnect"), id: `disconnect-${name}` }, t("Disconnect")));
   }
@@ -150,7 +150,7 @@ export function create(bench) {
     const asked = find.value.toLowerCase().split(/\s+/).filter(Boolean);
     for (const section of sections.children) {
       const all = [...section.querySelectorAll(".hand")];
-      for (const one of all) one.hidden = !asked.every((word) => one.dataset.key.replaceAll("_", " ").includes(word) || one.dataset.key.includes(word));
+      for (const one of all) one.hidden = !asked.every((word) => `${one.dataset.key} ${words(one.dataset.key)} ${one.textContent.toLowerCase()}`.includes(word));
       section.hidden = all.every((one) => one.hidden);
       if (asked.length) section.open = true;
     }
@@ -160,7 +160,7 @@ export function create(bench) {
     const { id, value } = document.activeElement; // what one is typing outlasts the new rows
     const open = new Set([...sections.querySelectorAll("details[open]")].map((one) => one.dataset.name));
     rows.clear();
-    const declared = (live() ? store.setup : bench.chosen().form)?.hands ?? {}, tables = new Map();
+    const declared = declaredHands(), tables = new Map();
     const hands = Object.fromEntries(Object.entries(declared).filter(([key]) => all.some((one) => one.key === key)).slice(0, MOST));
     for (const entry of all) {
       const named = entry.key in hands ? t(hands[entry.key]) : "", made = row(entry, named);
@@ -169,7 +169,7 @@ export function create(bench) {
     }
     first.replaceChildren(...Object.keys(hands).filter((key) => rows.has(key)).map((key) => rows.get(key).element));
     sections.replaceChildren(...[...tables].map(([table, elements]) =>
-      h("details", { open: open.has(table), "data-name": table }, data("summary", {}, table), ...elements)));
+      h("details", { open: open.has(table), "data-name": table }, data("summary", {}, table.split(".").map((one) => t(words(one))).join(": ")), ...elements)));
     count.textContent = t("All other values ({count})", { count: all.length - first.children.length });
     sift();
     const again = id && document.activeElement?.id !== id ? document.getElementById(id) : null;

@@ -4,7 +4,7 @@
 import { get, post } from "/page/api.js";
 import { attempting, data, h, pane } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
-import { t } from "/page/text.js";
+import { language, said, t } from "/page/text.js";
 
 export function create(bench) {
   const fault = data("div", { class: "fault", role: "alert" });
@@ -29,7 +29,7 @@ export function create(bench) {
   function show() {
     return attempt(async () => {
       if (shown === list.value) return;
-      const { html } = await post("/api/lesson", { number: chosen().number });
+      const { html } = await post("/api/lesson", { number: chosen().number, language });
       shown = list.value;
       text.innerHTML = html;
       text.querySelectorAll("pre").forEach((one) => { one.tabIndex = 0; offer(one); });
@@ -42,7 +42,7 @@ export function create(bench) {
     enter: (number) => attempt(async () => {
       if (!all.length) {
         all = await get("/api/lessons");
-        list.replaceChildren(...all.map((one) => h("option", { value: one.number }, `${one.number}. ${one.title} (${one.time})`)));
+        list.replaceChildren(...all.map((one) => h("option", { value: one.number }, `${one.number}. ${said(one.title)} (${said(one.time)})`)));
       }
       if (number) list.value = number;
       await show();

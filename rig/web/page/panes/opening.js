@@ -1,33 +1,11 @@
-// The opening: rigs as moving pictures, from short recordings of their scenes (tracks.json), a search, and one Start.
+// The opening: rigs as moving pictures, from short recordings of their scenes (gallery.js), a search, and one Start.
 
 import { get } from "/page/api.js";
 import { data, h, joined } from "/page/dom.js";
-import { sized } from "/page/plot.js";
-import { Solids } from "/page/solids.js";
 import { said, t } from "/page/text.js";
 
-const RATE = 15; // pictures of a track in a second
 const FIRST = "pendulum_by_hand"; // the demonstration
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
-
-/** Places of all numbers in nested lists: [list, index] of each. */
-const leaves = (value) => value.flatMap((one, i) => (Array.isArray(one) ? leaves(one) : [[value, i]]));
-
-/** The frames of a track, as docs/page_tracks.py packs them. */
-function unpacked({ count, first, moves }) {
-  const frames = [first, ...Array.from({ length: count - 1 }, () => ({}))];
-  for (const [path, name, which, steps] of moves) {
-    let value = first[path]?.[name];
-    for (let k = 1; k < count; k += 1) {
-      if (which) {
-        const all = leaves(value = structuredClone(value));
-        which.forEach((i, j) => { const [list, at] = all[i]; list[at] += steps[(k - 1) * which.length + j] / 1000; });
-      } else value = steps[k - 1];
-      if (value !== null) (frames[k][path] ??= {})[name] = value;
-    }
-  }
-  return frames;
-}
 
 const GROUPS = [
   [t("Stick-slip"), {
@@ -58,39 +36,27 @@ const GROUPS = [
 const SAME = { brake_shunt: "brake", pendulum_by_hand: "pendulum" }; // scene -> the one whose picture is shown
 
 export function create(bench) {
-  const moving = new Map(); // canvas -> {solids, frames, number}
-  const seen = new Set();
-  let tracks = null, cards = null, timer = null, painting = false;
+  const gallery = new Worker("/page/gallery.js", { type: "module" }), canvases = [];
+  let cards = null;
 
   function picture(scene) {
-    const canvas = h("canvas", { class: "stage", "aria-hidden": "true" });
-    moving.set(canvas, { scene: SAME[scene] ?? scene, solids: null, number: 0 });
-    watcher.observe(canvas);
+    const canvas = h("canvas", { class: "stage", "aria-hidden": "true" }), drawn = canvas.transferControlToOffscreen();
+    gallery.postMessage({ id: canvases.push(canvas) - 1, canvas: drawn, scene: SAME[scene] ?? scene }, [drawn]);
+    places.observe(canvas);
+    views.observe(canvas);
     return canvas;
   }
 
-  const watcher = new IntersectionObserver((changes) => {
-    for (const { target, isIntersecting } of changes) if (isIntersecting) seen.add(target); else seen.delete(target);
-    tick();
+  const places = new ResizeObserver((changes) => {
+    for (const { target, contentRect: { width, height } } of changes) gallery.postMessage({ id: canvases.indexOf(target), width, height, ratio: devicePixelRatio || 1 });
   });
-
-  function paint(canvas) {
-    const one = moving.get(canvas), track = tracks?.[one.scene];
-    if (!track) return;
-    one.solids ??= new Solids(track.still);
-    track.frames ??= unpacked(track);
-    one.solids.move(track.frames[one.number % track.count]);
-    one.number += 1;
-    one.solids.draw(sized(canvas));
-  }
-
-  /** Paint what is seen, each picture in a task of its own: the page answers between them. */
-  async function tick() {
-    if (painting || document.hidden || element.hidden) return;
-    painting = true;
-    for (const canvas of [...seen]) { paint(canvas); await new Promise((done) => { setTimeout(done); }); }
-    painting = false;
-  }
+  const views = new IntersectionObserver((changes) => { // of a view that is not shown no picture is seen
+    for (const { target, isIntersecting: seen } of changes) gallery.postMessage({ id: canvases.indexOf(target), seen });
+  });
+  const hold = () => gallery.postMessage({ hold: document.hidden || STILL.matches });
+  document.addEventListener("visibilitychange", hold);
+  gallery.onmessage = ({ data: { painted } }) => { canvases[painted].dataset.painted = ""; };
+  hold();
 
   const card = (scene, [title, about]) => h("a", { href: `#bench/${scene}` }, picture(scene), h("div", {}, h("h3", {}, title), h("p", { class: "small soft" }, about)));
   const row = (one) => h("a", { href: `#bench/${one.name}` }, h("div", {}, h("h3", {}, said(one.title)), h("p", { class: "small soft" }, first(one.about)),
@@ -122,12 +88,6 @@ export function create(bench) {
 
   return {
     element,
-    async enter() {
-      timer ??= setInterval(tick, 1000 / RATE);
-      if (STILL.matches) { clearInterval(timer); timer = 1; }
-      tracks ??= await fetch("/page/tracks.json").then((answer) => answer.json());
-      tick();
-    },
     state() { start.disabled = store().active || !store().online; },
   };
 

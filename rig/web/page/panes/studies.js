@@ -1,7 +1,7 @@
 // Maps and cost tables: those of the folder, with their figures, and new ones of the scene that is chosen.
 
 import { get, post } from "/page/api.js";
-import { attempting, data, front, h, pane } from "/page/dom.js";
+import { attempting, called, data, front, h, pane } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { said, t } from "/page/text.js";
 
@@ -32,7 +32,7 @@ export function create(bench) {
   function offer() {
     const { form } = bench.chosen();
     const numbers = (form?.sections ?? []).flatMap(({ values }) => values).filter(({ value, live }) => live && typeof value === "number");
-    keys.replaceChildren(...numbers.map(({ key }) => h("option", { value: key })));
+    keys.replaceChildren(...numbers.map(({ key }) => h("option", { value: key, label: called(key, form.hands) })));
   }
 
   const x = axis(t("over")), y = axis(t("and over"));
