@@ -28,7 +28,6 @@ from rig.scenes.scene import Scene
 from rig.web.form import Catalogue, as_text
 from rig.web.jobs import Jobs
 
-
 GERMAN = Path(__file__).parent / "page" / "german.json"
 """The catalogue of the page: sections of English texts with their translations."""
 
@@ -42,7 +41,7 @@ def listed(_: dict[str, Any]) -> Any:
 
 
 def text(body: dict[str, Any]) -> Any:
-    """The text of a lesson as HTML, in German for `language` "de". Raises UsageError for a number that no lesson has."""
+    """The text of a lesson as HTML, in German for "de". Raises UsageError for a number that no lesson has."""
     german = json.loads(GERMAN.read_text(encoding="utf-8")) if body.get("language") == "de" else {}
     known = {text: other for entries in german.values() for text, other in entries.items()}
     return {"html": html(lesson(_number(body)).file.read_text(encoding="utf-8"), known)}

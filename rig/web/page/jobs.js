@@ -41,7 +41,7 @@ export function jobs(commands, attempt, ended = () => {}) {
       ? h("button", { class: "small", onclick: () => attempt(async () => { await post("/api/jobs/stop", { number: one.number }); look(); }) }, t("Stop")) : null;
     const lines = data("pre", { class: "scroll", tabIndex: 0 }, ...one.lines.filter((line) => !PROGRESS.test(line)).flatMap(output));
     const before = shown.get(one.number)?.element;
-    return h("details", { open: before?.open ?? true, class: "small" }, h("summary", {}, h("span", {}, said(one.title)), ": ", `${state}${code} `),
+    return h("details", { open: before?.open ?? true, class: "small job" }, h("summary", {}, h("span", {}, said(one.title)), ": ", `${state}${code} `),
       h("div", { class: "stack" }, ...result(one), stop), progress(one), lines);
   }
 

@@ -2,7 +2,7 @@
 // samples are played slower or faster, so that the pitch changes with the pace.
 
 import { data, h, number } from "/page/dom.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 const VOLUME = 10; // of 100: the volume at first
 
@@ -97,7 +97,7 @@ export function create(bench) {
       const { sensors, why } = store.setup.sound;
       box.hidden = false;
       for (const one of [list, button.parentElement]) one.hidden = why !== "";
-      told.textContent = why; // there is no sensor to hear
+      told.textContent = said(why); // there is no sensor to hear
       list.replaceChildren(...Object.entries(sensors).map(([name, { unit, rate }]) =>
         h("option", { value: name, selected: name === before }, `${name} (${unit}, ${number(rate / 1e3)} kHz)`)));
       fault.textContent = "";

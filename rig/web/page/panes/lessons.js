@@ -19,10 +19,10 @@ export function create(bench) {
   function offer(block) {
     for (const line of block.textContent.split("\n").filter((one) => /^rig [a-z]/.test(one)).reverse()) {
       const jobs = jobsOf([line], attempt);
-      block.after(h("div", { class: "row small" }, h("button", { class: "run", onclick: () => attempt(async () => {
+      block.after(h("div", { class: "row small" }, h("button", { class: "run", title: line, onclick: () => attempt(async () => {
         await post("/api/lesson/run", { number: chosen().number, command: line });
         jobs.look();
-      }) }, t("Run")), data("code", { class: "grow" }, line)), jobs.element);
+      }) }, t("Run"))), jobs.element);
     }
   }
 

@@ -59,7 +59,7 @@ export function create(bench) {
   hold();
 
   const card = (scene, [title, about]) => h("a", { href: `#bench/${scene}` }, picture(scene), h("div", {}, h("h3", {}, title), h("p", { class: "small soft" }, about)));
-  const row = (one) => h("a", { href: `#bench/${one.name}` }, h("div", {}, h("h3", {}, said(one.title)), h("p", { class: "small soft" }, first(one.about)),
+  const row = (one) => h("a", { href: `#bench/${one.name}` }, h("div", {}, h("h2", {}, said(one.title)), h("p", { class: "small soft" }, first(one.about)),
     data("p", { class: "small soft" }, one.name)));
 
   /** The first sentence of a description. */
@@ -68,7 +68,7 @@ export function create(bench) {
   const found = h("div", { class: "cards", id: "found", "aria-live": "polite" });
   const groups = h("div", { class: "groups" }, ...GROUPS.map(([title, scenes]) => h("section", { "aria-label": title }, h("h2", {}, title),
     h("div", { class: "cards" }, ...Object.entries(scenes).map(([scene, texts]) => card(scene, texts))))));
-  const search = h("input", { type: "search", id: "search", placeholder: t("Search all rigs: squeal, seal, dither, shunt"), "aria-label": t("search rigs"), oninput: look });
+  const search = h("input", { type: "search", id: "search", placeholder: t("Search: squeal, seal, dither, shunt"), "aria-label": t("search rigs"), oninput: look });
 
   async function look() {
     cards ??= await get("/api/scenes");

@@ -3,7 +3,7 @@
 import { data, h, put, words } from "/page/dom.js";
 import { sized } from "/page/plot.js";
 import { Solids } from "/page/solids.js";
-import { t } from "/page/text.js";
+import { said, t } from "/page/text.js";
 
 export function create(bench) {
   const { store } = bench;
@@ -32,7 +32,7 @@ export function create(bench) {
       if (!run && !form) return;
       if (solids) {
         solids.draw(place);
-        put(text, run ? solids.text.replace(/^(stick|slip[+-]|open)(?= {2,}) */, "").replace(/ {2,}/g, ",  ") : t("at rest")); // the state stands beside it
+        put(text, run ? solids.text.replace(/^(stick|slip[+-]|open)(?= {2,}) */, "").split(/ {2,}/).map(said).join(",  ") : t("at rest")); // the state stands beside it
       } else if (run) {
         bars(place, store);
         text.textContent = t("The plant of this scene declares no picture. Its outputs now, each as a share of the largest so far.");
