@@ -10,8 +10,10 @@ export const language = localStorage.getItem(KEPT) ?? (navigator.language.starts
 document.documentElement.lang = language === MARKED ? "en" : language;
 
 const sections = language === "en" ? {} : await fetch("/page/german.json").then((answer) => answer.json());
-const german = Object.assign({}, ...Object.values(sections));
-const patterns = Object.entries(sections.messages ?? {}).filter(([text]) => text.includes("{"))
+const { "words of keys": keys, ...others } = sections; // a scene is called belt too: what the server tells has names
+const told = Object.assign({}, ...Object.values(others)), german = { ...keys, ...told };
+const literal = ([text]) => text.replace(/\{\w+\}/g, "").length; // the pattern with the most words of its own is the right one
+const patterns = Object.entries(sections.messages ?? {}).filter(([text]) => text.includes("{")).sort((one, other) => literal(other) - literal(one))
   .map(([text, other]) => [new RegExp(`^${text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>.+?)")}$`), text, other]);
 
 const filled = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
@@ -23,7 +25,7 @@ export function t(text, values = {}) { return marked(filled(language === "de" ? 
 /** A text of the server in the present language: as a whole, by a pattern of the catalogue, or line by line; else as it is. */
 export function said(text) {
   if (language === "en" || !text) return text;
-  if (text in german) return t(text);
+  if (text in told) return t(text);
   for (const [shape, own, other] of patterns) {
     const values = text.match(shape)?.groups;
     if (values) return marked(filled(language === "de" ? other : own, Object.fromEntries(Object.entries(values).map(([name, value]) => [name, language === "de" ? said(value) : value]))));

@@ -11,6 +11,7 @@ import pytest
 
 import rig
 from rig import scenes
+from rig.analysis.branches.figure import SYMBOLS
 from rig.analysis.branches.result import WORDS
 from rig.bench.live.plant_process import warm
 from rig.machine.files import RUNS
@@ -193,7 +194,7 @@ def test_the_german_catalogue_is_complete():
     wanted |= {
         *contact.NAMES,
         *ORIGINS,
-        *WORDS.values(),
+        *(WORDS.get(kind, kind) for kind in SYMBOLS),
         *(words for plant in PLANTS.shipped for words in getattr(PLANTS[plant], "HANDS", {}).values()),
     }
     for name in scenes.names():

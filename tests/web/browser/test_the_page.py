@@ -77,6 +77,10 @@ def test_numbers_are_the_same_in_browsers_of_every_language(in_language, languag
     page.unfold()
     assert page.run("return (0.5).toLocaleString()") == ("0.5" if language == "en-GB" else "0,5")
     assert page.value("value-drive.speed") == "0.06"
+    page.write("value-load.force", "-3")
+    page.until(lambda: page.text("form-fault"))
+    assert ("muss mindestens 0 N sein" if language == "de-DE" else "must be at least 0 N") in page.text("form-fault")
+    page.write("value-load.force", "20 N")
     page.write("value-drive.speed", "0,07")  # a decimal comma is understood
     page.until(lambda: page.value("value-drive.speed") == "0.07")
     page.write("duration", "0,5")

@@ -117,9 +117,11 @@ export function create(bench) {
     }
     pen.setLineDash([]);
     [pen.strokeStyle, pen.lineWidth] = [ink().text, 1.3];
-    for (const [name, value, ...pair] of shown.specials) { // the boundaries that are crossed
+    let free = left; // [px] where there is room for a name
+    for (const [name, value, ...pair] of shown.specials.toSorted((one, other) => one[1] - other[1])) { // the boundaries that are crossed
       pen.setLineDash([2, 4]); pen.beginPath(); pen.moveTo(x(value), edge); pen.lineTo(x(value), height - bottom); pen.stroke(); pen.setLineDash([]);
-      pen.fillText(said(name).slice(0, 18), Math.min(Math.max(x(value), left + 40), width - 44), edge + 5);
+      const half = pen.measureText(said(name)).width / 2 + 3, place = Math.min(Math.max(x(value), free + half), width - edge - half);
+      if (place - half >= free && Math.abs(place - x(value)) <= half) { pen.fillText(said(name), place, edge + 5); free = place + half; }
       for (const one of pair) { pen.strokeRect(x(value) - 3, y(one) - 3, 6, 6); }
     }
     if (a <= here.at && here.at <= b) {

@@ -36,9 +36,15 @@ export function create(bench, views) {
     put(cause, why);
   }
 
+  const brand = h("a", { class: "brand", href: "#rigs", translate: "no" }, "friction-rig"), narrow = matchMedia("(max-width: 720px)"); // as in style.css
+  const rest = [h("nav", { "aria-label": t("views") }, ...links), h("span", { class: "status" }, run, doing, time, phase)];
+  const order = () => (narrow.matches ? emergency : brand).after(...rest); // of keys as it is seen
+  const element = h("header", {}, brand, speaks, emergency, fault, cause);
+  narrow.addEventListener("change", order);
+  order();
+
   return {
-    element: h("header", {}, h("a", { class: "brand", href: "#rigs", translate: "no" }, "friction-rig"), h("nav", { "aria-label": t("views") }, ...links),
-      h("span", { class: "status" }, run, doing, time, phase), speaks, emergency, fault, cause),
+    element,
     tell,
     draw,
     show(view) { links.forEach((one, i) => (Object.keys(views)[i] === view ? one.setAttribute("aria-current", "page") : one.removeAttribute("aria-current"))); },
