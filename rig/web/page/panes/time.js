@@ -50,7 +50,7 @@ export function create(source, redraw, { whole = false, other = () => null, move
   });
   canvas.addEventListener("pointerdown", (event) => { dragged = { x: event.offsetX, end: end ?? source().t }; set(Math.min(Math.max(timeAt(event), 0), source().t)); });
   addEventListener("pointerup", () => { dragged = null; });
-  canvas.addEventListener("pointerleave", () => { if (!whole) set(null); });
+  canvas.addEventListener("pointerleave", () => { if (!whole && document.activeElement !== canvas) set(null); }); // keys hold the cursor
   canvas.addEventListener("wheel", (event) => { if (event.ctrlKey) { event.preventDefault(); zoom(event.deltaY > 0 ? 1.25 : 0.8); } }, { passive: false });
   canvas.addEventListener("keydown", (event) => {
     const [t0, t1] = range(), step = (t1 - t0) / 100;
