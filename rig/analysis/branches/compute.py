@@ -40,7 +40,7 @@ from rig.analysis.modes import at_rest, dithers
 from rig.analysis.orbit import refuse
 from rig.analysis.pool import Store, Work, digest, packed, unpacked
 from rig.analysis.return_map import Family, ReturnMap
-from rig.analysis.sweep import Sweep, sweep
+from rig.analysis.sweep import Critical, Sweep, sweep
 from rig.errors import RigError, UsageError
 from rig.machine.files import write_file
 from rig.model.formulation import signal_rows
@@ -66,6 +66,7 @@ SAVE = 2.0
 """Seconds between two savings: an interruption loses at most so much."""
 _SAME_PERIOD, _SAME_SIZE = 1e-3, 2e-2  # of two motions at one value, one of them interpolated: they are one branch
 _SMALL = 1e-9  # of the largest speed of a surface: it rests
+_NEAR = 1e-7  # of a critical value: growth is straight up to there
 
 
 @dataclass(frozen=True)
@@ -416,11 +417,33 @@ def _equilibria(job: Job, swept: Sweep) -> Iterator[Branch]:
                     here = min(part, key=lambda point: abs(point.value - value))
                     kind = "hopf" if critical.kind == "flutter" else critical.kind
                     period = 1.0 / critical.frequency if critical.frequency else math.nan
-                    accuracy = curves.RELATIVE * abs(value)
+                    accuracy = _rounding(job, critical) if period == period else curves.RELATIVE * abs(value)
                     specials.append(SpecialPoint(kind, value, accuracy, here.low, here.high, period))
             yield Branch(SLIDING, -1, (), tuple(part), tuple(specials))
     if rest:
         yield Branch(REST, -1, (), tuple(rest))
+
+
+def _rounding(job: Job, critical: Critical) -> float:
+    """How far rounding can move the value of a critical point: the error of its eigenvalue, by the angle between its
+    left and right vector in balanced coordinates, over the slope of its growth.
+    """
+    from scipy.linalg import matrix_balance
+
+    def mode(value: float) -> tuple[float, float]:
+        at = at_rest(job.axis.at(job.scene, value))[1]
+        A = matrix_balance(at.A[np.ix_(at.moving, at.moving)])[0]
+        rates, right, left = curves.of_matrix(A)
+        i = int(np.abs(rates - 2j * math.pi * critical.frequency).argmin())
+        angle = np.linalg.norm(left[:, i]) * np.linalg.norm(right[:, i]) / max(abs(left[:, i] @ right[:, i]), _SMALL)
+        return float(rates[i].real), float(curves.RELATIVE * np.linalg.norm(A, 2) * angle)
+
+    value, low, high = critical.value, *sorted(job.axis.values[:: len(job.axis.values) - 1])
+    (a, x), (b, y) = (
+        (mode(p)[0], p) for p in (max(value - _NEAR * abs(value), low), min(value + _NEAR * abs(value), high))
+    )
+    exact = curves.RELATIVE * abs(value)
+    return max(exact, mode(value)[1] * abs(y - x) / abs(b - a)) if b != a else exact
 
 
 def _output(at: Steady, row: dict[str, float]) -> float:

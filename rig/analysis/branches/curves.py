@@ -7,8 +7,9 @@ parameter, and from there along its branch to the zero of the same distance. Eac
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -52,6 +53,8 @@ _BEFORE, _AHEAD = 0.03, 0.003  # along the branch: where a cycle is carried from
 _SMALL = 1e-4  # of a step: difference for the tangent
 _LEAST = 1e-3  # of the whole way: the shortest step
 _POINTS = 300  # of a branch
+_TRACK = 4  # cycles from which the next one is extrapolated
+_NEARLY = 0.999  # of the way to a value: no further step for the rest
 
 
 @dataclass(frozen=True)
@@ -261,6 +264,7 @@ class _Follower:
         self.q: float = saved["q"]
         self.why: str = saved["why"]
         self.last = rebuilt(family, saved["last"])
+        self.track = [(self.q, self.last.u)]  # the cycles a little before the special point, with the second parameter
 
     def raw(self) -> dict[str, Any]:
         """Return what is computed as JSON values."""
@@ -279,15 +283,18 @@ class _Follower:
 
     def _step(self, value: float, step: float) -> float:
         """Go on to a value, or by a step towards it; return the next step."""
-        target = value if abs(step) >= abs(value - self.q) else self.q + step
+        target = value if abs(step) > _NEARLY * abs(value - self.q) else self.q + step
         try:
-            at = _carried(self.last, self.q, target, self.measure) if target != self.q else self.last
+            at = _carried(self.last, self.track, target, self.measure) if target != self.q else self.last
             u, end = stepped(at, _AHEAD, at.end.met)
             best, p, _ = zero(place(at.map, u, end, at.t), _AHEAD, at, self.measure)
             self.last, self.q = _back(best), target
+            self.track += [(target, self.last.u)] if target != self.track[-1][0] else []
         except (*FAILURES, KeyError):
             if abs(step) < 2.0 * self.least:
                 raise
+            if abs(step) <= abs(self.track[-1][0] - self.track[-2:][0][0]):
+                self.track = self.track[-1:]
             return 0.5 * step
         if target == value:
             self.points[value] = p
@@ -300,22 +307,29 @@ def _back(at: Place) -> Place:
     return place(at.map, u, end, at.t)
 
 
-def _carried(at: Place, q: float, value: float, measure: Measure) -> Place:
-    """The cycle at another value of the second parameter, on the plane across the branch through the tangent in it."""
-    n = len(at.u) - 2
+def _carried(at: Place, track: Sequence[tuple[float, Array]], value: float, measure: Measure) -> Place:
+    """The cycle at another value of the second parameter, on the plane across the branch through a guess: what those
+    before it lead to, or the tangent in this parameter from the first one.
+    """
+    q = track[-1][0]
     M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), at.t])
-    small = _SMALL * (value - q)
-    beside = at.map.at(q + small).end(at.u)
-    slope = np.zeros(n + 2)
-    if beside.met == at.end.met:
-        slope[:n] = (at.map.ends(at.u, beside) - at.map.ends(at.u, at.end)).ravel() / small
-    guess = at.u - np.linalg.lstsq(M, slope, rcond=1e-13)[0] * (value - q)
+    if len(track) > 1:
+        known = track[-_TRACK:]
+        weights = [math.prod((value - b) / (a - b) for b, _ in known if b != a) for a, _ in known]
+        guess = np.sum([weight * u for weight, (_, u) in zip(weights, known)], axis=0)
+    else:
+        small = _SMALL * (value - q)
+        beside = at.map.at(q + small).end(at.u)
+        slope = np.zeros(len(at.u))
+        if beside.met == at.end.met:
+            slope[:-2] = (at.map.ends(at.u, beside) - at.map.ends(at.u, at.end)).ravel() / small
+        guess = at.u - np.linalg.lstsq(M, slope, rcond=1e-13)[0] * (value - q)
 
     def plane(v: Array, _: Carried) -> tuple[float, Array]:
         return float(at.t @ (v - guess)), at.t
 
     map = at.map.at(value)
-    u, end = map.newton(guess, plane, guess, at.end.met, first=M)
+    u, end = map.newton(guess, plane, track[0][1], at.end.met, first=M)
     new = place(map, u, end, at.t)
     measure(new)
     return new

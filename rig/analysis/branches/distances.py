@@ -25,7 +25,7 @@ from rig.solve.records import CLOSED, OPEN
 
 Array = NDArray[np.float64]
 _ROUNDS = 12
-_SAME = 1e-13  # of the length of a tick: an extremum is located
+_SAME = 1e-7  # of the length of a tick: an extremum is located, and its value to rounding
 
 
 class Interval(NamedTuple):

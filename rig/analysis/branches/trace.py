@@ -243,7 +243,7 @@ def follow(
         if _linear(at):
             if float(at.t[:-2] @ (at.u - _equilibrium(at))[:-2]) < 0.0:  # it shrinks
                 watch(at)
-                yield Segment([at], end=Special("hopf", at, at.p, 0.0))
+                yield Segment([at], end=Special("hopf", at, at.p, CLOSED_TO * abs(at.p)))
                 return
             if (grown := _grown(at)) is not at:  # the upright line from the equilibrium
                 watch(at)
