@@ -358,7 +358,7 @@ class Family:
         for axis in self.axes:
             if axis.key in commands:
                 other = self.assembled(axis.at(self.scene, 0.5 * (axis.values[0] + axis.values[-1])), keys).sliding()
-                if not _same(assembly.sliding(), other):
+                if not same(assembly.sliding(), other):
                     commands -= {axis.key}
         return commands
 
@@ -383,8 +383,8 @@ class Family:
         return Flow(scene, self.assembled(scene, self._commanded), output=self.output)
 
 
-def _same(a: System, b: System) -> bool:
-    """Whether two systems differ in nothing but their start; False of laws that are compiled, which tell nothing."""
+def same(a: System, b: System) -> bool:
+    """Return whether two systems differ in their start alone; False of laws that are compiled, which tell nothing."""
     try:
         return pickle.dumps(replace(a, start=a.start * 0.0)) == pickle.dumps(replace(b, start=b.start * 0.0))
     except pickle.PicklingError:

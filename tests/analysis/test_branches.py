@@ -16,6 +16,7 @@ from rig.analysis.branches import Branches, Threshold, branches, curves, job
 from rig.analysis.branches.begin import Start, from_start
 from rig.analysis.branches.result import SpecialPoint
 from rig.analysis.cycle import stuck
+from rig.analysis.modes import at_rest
 from rig.analysis.return_map import Family
 from rig.analysis.stick_speeds import upper_speed
 from rig.errors import SceneError, UsageError
@@ -127,6 +128,26 @@ def test_a_linear_rig_lifts_off_lands_and_reverses(tmp_path):
             break
     else:
         pytest.fail("no lift-off between 0.9 and 1")
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-6, 1e-3])
+def test_the_accuracy_of_a_hopf_point_counts_the_rounding_of_its_eigenvalue(tmp_path, damping):
+    """Where two eigenvalues meet, rounding moves them far. Exact: Hurwitz determinant of the two masses' equations."""
+    from scipy.optimize import brentq
+
+    changes = {"limits": "none", "spring_1.damping": damping, "spring_2.damping": damping}
+
+    def hurwitz(mu):
+        K, C = (
+            -at_rest(lab.load("two_dof", {**changes, "friction.mu": mu}))[1].A[2:4, cut]
+            for cut in (np.s_[:2], np.s_[2:4])
+        )
+        a, b = np.trace(C), np.trace(K) + np.linalg.det(C)
+        c, e = K[0, 0] * C[1, 1] + K[1, 1] * C[0, 0] - K[0, 1] * C[1, 0] - K[1, 0] * C[0, 1], np.linalg.det(K)
+        return a * b * c - c**2 - a**2 * e if damping else b**2 - 4.0 * e
+
+    [hopf] = branches(job(lab.load("two_dof", changes), "friction.mu=0.3:0.5", None, ()), tmp_path).specials
+    assert abs(hopf.value - brentq(hurwitz, 0.33, 0.4, xtol=1e-15)) < hopf.accuracy < 1e-9
 
 
 @pytest.fixture(scope="module")
@@ -254,6 +275,8 @@ def test_the_end_of_a_branch_is_told_in_every_form(bstab, kind, name):
         ("belt", {}, "drive.sped=0.1:0.2 m/s", "drive.speed"),
         ("lever", {}, "springs.order=2:5", "not a numeric parameter"),
         ("belt", {"clock.method": "rk4"}, "drive.speed=0.1:0.2 m/s", "clock.method"),
+        ("belt", {}, "start.displacement=0.001:0.002 m", "start.displacement acts on no steady motion"),
+        ("belt", {}, "drive.speed_max=1:1.1 m/s", "drive.speed_max acts on no steady motion"),
     ],
 )
 def test_what_cannot_be_followed_is_said(scene, changes, over, words):
@@ -657,6 +680,67 @@ def test_folds_and_a_period_doubling_of_an_own_plant(escape):
         assert sorted(escape.special(kind)) == pytest.approx(values, abs=1e-9)
     assert {special.kind for special in escape.specials} == {"fold", "period doubling"}
     assert max(point.residual for *_, point in escape.points()) <= CLOSED
+
+
+UNBALANCE_PLANT = (
+    ESCAPE_PLANT.replace("    dither: MassDither\n", "")
+    .replace(
+        """    a.product("xx", "x", "x")
+    a.push("x", {"xx": p.body.stiffness})
+""",
+        """    W = p.drive.speed / 0.05
+    a.signal("unbalance.sin", {"unbalance.cos": W}, 0.0, "unbalance")
+    a.signal("unbalance.cos", {"unbalance.sin": -W}, 0.01 * W**2, "unbalance")
+    a.push("x", {"unbalance.sin": 1.0})
+""",
+    )
+    .replace('    dither.add(a, p.dither, "contact", "load", "x")\n', "")
+)
+UNBALANCE = """
+title = "A mass that a rotor with unbalance shakes while it slips"
+plant = "./unbalance.py"
+body = { mass = "5 kg", stiffness = "2500 N/m", damping = "20 N*s/m" }
+drive = { speed = "1 m/s" }
+load = { force = "20 N" }
+friction = { law = "coulomb", mu_static = 0.3, mu_kinetic = 0.3 }
+"""
+
+
+def test_an_unbalance_of_an_own_plant_forces_motions_over_the_speed_of_its_drive(tmp_path):
+    """Linear while it slips: response of the oscillator to m e W^2 sin(W t), in closed form."""
+    (tmp_path / "unbalance.py").write_text(UNBALANCE_PLANT)
+    (tmp_path / "unbalance.toml").write_text(UNBALANCE)
+    scene = lab.load(tmp_path / "unbalance.toml")
+    result = branches(job(scene, "drive.speed=0.8 m/s:1.5 m/s"), tmp_path)
+    assert {branch.name for branch in result.branches} == {"slip"}
+    assert result.notes == ("unbalance is on: motions with its period are followed, and no steady sliding exists",)
+    assert len(list(result.points())) > 10
+    for *_, p in result.points():
+        W = p.value / 0.05
+        amplitude = 0.01 * W**2 / math.hypot(2500.0 - 5.0 * W**2, 20.0 * W)
+        assert p.residual <= CLOSED
+        assert p.period == pytest.approx(2.0 * math.pi / W, rel=1e-12)
+        assert np.array([p.low, p.high]) == pytest.approx(0.0024 + amplitude * np.array([-1.0, 1.0]), rel=1e-6)
+        assert np.abs(p.multipliers) == pytest.approx(math.exp(-2.0 * p.period), abs=1e-8)
+    with pytest.raises(UsageError, match="unbalance is on; curves over two parameters"):
+        lab.branches(scene, "drive.speed=0.8 m/s:1.5 m/s", second="load.force=10 N:20 N:2", folder=tmp_path)
+
+
+def test_forced_motions_begin_where_the_starts_say_and_are_followed_once(tmp_path):
+    over, changes = "drive.speed=0.1 m/s:0.24 m/s", {"friction.mu": 0.25}
+    whole = followed(tmp_path, "belt_fluctuating_load", over, ("simulation",), **changes)
+    assert [len({p.value for p in b.points}) > 2 for b in whole.branches] == [True, True]
+    upwards = followed(tmp_path, "belt_fluctuating_load", over, (0.2,), **changes)
+    assert [b.points[0].value for b in upwards.branches] == pytest.approx([0.2, 0.2])
+    assert (
+        "begins at no Hopf point" in followed(tmp_path, "belt_fluctuating_load", over, ("hopf",), **changes).notes[-1]
+    )
+
+
+def test_controllers_are_named_that_are_left_out(tmp_path):
+    result = followed(tmp_path, "belt_velocity_feedback", "drive.speed=0.1 m/s:0.24 m/s", ("simulation",))
+    assert result.notes == ("plant alone: without controller belt",)
+    assert len(result.branches) == 3, "sliding, and stick-slip to both sides, once"
 
 
 def test_a_torus_point_of_a_forced_slip_with_falling_friction(tmp_path):

@@ -250,7 +250,7 @@ def from_forced(family: Family, value: float) -> Place:
         x[flow.moving] = run.x[flow.moving]
         run = flow.carried(x, T, keep=True)
         size = sizes(np.ptp(run.states, axis=0), flow)
-        if np.abs((x - last)[flow.moving] / size).max() < _DECAYS:
+        if repeats := bool(np.abs((x - last)[flow.moving] / size).max() < _DECAYS):
             break
         last = x
     times = [0.0, *(t for t, _ in run.events), T]
@@ -263,5 +263,11 @@ def from_forced(family: Family, value: float) -> Place:
     map = ReturnMap(family, size, T, abs(value) or 1.0, (), period_of, phase)
     u = map.unknowns(x, T, value)
     closing = parameter(value / map.P0, len(u))
-    u, end = map.newton(u, closing, u, map.end(u).met)
+    try:
+        u, end = map.newton(u, closing, u, map.end(u).met)
+    except NoCycle:
+        if repeats:
+            raise
+        raise NoCycle(f"the motion does not repeat with the period of its generator within {_PERIODS} periods: it is "
+                      "quasi-periodic, chaotic or of a longer period") from None  # fmt: skip
     return place(map, u, end, closing(u, end)[1], held=True)

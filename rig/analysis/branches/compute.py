@@ -36,10 +36,10 @@ from rig.analysis.branches.trace import (
     place,
 )
 from rig.analysis.cycle import limit_cycle
-from rig.analysis.modes import at_rest, dithers
+from rig.analysis.modes import at_rest
 from rig.analysis.orbit import refuse
 from rig.analysis.pool import Store, Work, digest, packed, unpacked
-from rig.analysis.return_map import Family, ReturnMap
+from rig.analysis.return_map import Family, ReturnMap, same
 from rig.analysis.sweep import Critical, Sweep, sweep
 from rig.errors import RigError, UsageError
 from rig.machine.files import write_file
@@ -137,6 +137,8 @@ def _unfit(scene: Scene, axis: Axis) -> Iterator[str]:
             f"{running} runs on: the surface is uneven, the motion follows its turns, and no cycle repeats. "
             "Leave the unevenness out (-p waviness=none, -p inhomogeneity=none, -p sector=none), or use rig map"
         )
+    if same(first, last) and np.array_equal(settled(first, first.start), settled(last, last.start)):
+        yield f"{axis.key} acts on no steady motion of the rig"
     if (why := _changed(first, last)) or (why := _turned(axis, first, last)):
         yield why
 
@@ -188,6 +190,13 @@ def branches(job: Job, root: Path = ROOT, watch: Watch = lambda text: None) -> B
         return result
 
 
+def driven_by(job: Job) -> str:
+    """Return the name of the generator that forces the rig of a job, such as "dither"; "" if none does."""
+    system = job.axis.at(job.scene, job.axis.values[-1]).assemble().system()
+    running = (system.names[a] for a, b, _ in system.generators if system.start[[a, b]].any())
+    return next(running, "").split(".")[0]
+
+
 def store_of(job: Job, root: Path = ROOT) -> Store:
     """Return the store of a job under `root`."""
     return Store.of(job.work, root)
@@ -208,8 +217,10 @@ class _Computation:
 
     def run(self) -> Branches:
         """Compute everything."""
-        if dithers(self.job.scene, self.axis.key):
-            self._forced()
+        if controllers := self.job.scene.controllers:
+            self.notes.append(f"plant alone: without controller{'s' * (len(controllers) > 1)} {', '.join(controllers)}")
+        if forcing := driven_by(self.job):
+            self._forced(forcing)
         else:
             self._sliding_and_cycles()
         unit = self.job.scene.assemble().outputs[self.job.output].unit
@@ -295,10 +306,18 @@ class _Computation:
         """Whether a branch from a value leaves the range at once."""
         return value >= self.high if sign > 0.0 else value <= self.low
 
-    def _forced(self) -> None:
-        """Follow forced motions from the middle and the ends of the range."""
-        self.notes.append("the dither is on: motions with its period are followed, and no steady sliding exists")
-        for value in (0.5 * (self.low + self.high), self.low, self.high):
+    def _forced(self, forcing: str) -> None:
+        """Follow forced motions from the values of the starts; a simulation: from the middle and the ends."""
+        self.notes.append(f"{forcing} is on: motions with its period are followed, and no steady sliding exists")
+        values: list[float] = []
+        for start in self.job.starts:
+            if start == SIMULATION:
+                values += [0.5 * (self.low + self.high), self.low, self.high]
+            elif start != HOPF:
+                values.append(start.value if isinstance(start, Start) else float(start))
+        if not values:
+            self.notes.append("such a motion begins at no Hopf point: --start simulation, or a value")
+        for value in values:
             known = any(branch.kind == FORCED for branch, _ in self._at(value))
             for sign in (1.0, -1.0):
 
@@ -435,8 +454,9 @@ def _rounding(job: Job, critical: Critical) -> float:
         A = matrix_balance(at.A[np.ix_(at.moving, at.moving)])[0]
         rates, right, left = curves.of_matrix(A)
         i = int(np.abs(rates - 2j * math.pi * critical.frequency).argmin())
-        angle = np.linalg.norm(left[:, i]) * np.linalg.norm(right[:, i]) / max(abs(left[:, i] @ right[:, i]), _SMALL)
-        return float(rates[i].real), float(curves.RELATIVE * np.linalg.norm(A, 2) * angle)
+        along = float(np.abs(left[:, i] @ right[:, i]))
+        angle = float(np.linalg.norm(left[:, i]) * np.linalg.norm(right[:, i])) / max(along, _SMALL)
+        return float(rates[i].real), curves.RELATIVE * float(np.linalg.norm(A, 2)) * angle
 
     value, low, high = critical.value, *sorted(job.axis.values[:: len(job.axis.values) - 1])
     (a, x), (b, y) = (
@@ -471,7 +491,7 @@ def _interval(at: Steady, row: dict[str, float]) -> tuple[float, float] | None:
 def _point(at: Place) -> Point:
     """The point of a place."""
     flow, run = at.flow, at.run
-    low, high = -_highest(-run.values), _highest(run.values)
+    low, high = -_highest(-run.values, flow.step, at.period), _highest(run.values, flow.step, at.period)
     stuck = [
         any(flow.stuck(part.key, p) for p in range(len(flow.system.patches)))
         for part in intervals(flow, run, at.period)
@@ -490,14 +510,18 @@ def _point(at: Place) -> Point:
     )
 
 
-def _highest(values: Array) -> float:
+def _highest(values: Array, step: float, period: float) -> float:
     """The maximum of a periodic series, by a parabola through its largest values."""
+    times = step * np.arange(len(values))
+    kept = times < period - 0.5 * step
+    times, values = times[kept], values[kept]
     k = int(values.argmax())
-    if not 0 < k < len(values) - 1:
+    x, y = (np.roll(series, 1 - k)[:3] for series in (times, values))
+    if len(y) < 3 or max(y[0], y[2]) >= y[1]:
         return float(values[k])
-    a, b, c = values[k - 1 : k + 2].tolist()
-    bend = a - 2.0 * b + c
-    return float(b - 0.125 * (c - a) ** 2 / bend) if bend < 0.0 and (c - b) * (b - a) < 0.0 else float(b)
+    x = (x - times[k] + 0.5 * period) % period - 0.5 * period
+    bend, slope, top = np.polyfit(x / step, y - values[k], 2).tolist()
+    return float(values[k] + (top - 0.25 * slope**2 / bend if bend < 0.0 else 0.0))
 
 
 def _special(special: Special) -> SpecialPoint:

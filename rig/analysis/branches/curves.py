@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rig.analysis import eigenvalue_curves
 from rig.analysis.axis import Axis
 from rig.analysis.branches import begin
-from rig.analysis.branches.compute import ROOT, SAVE, Job, raw_of, rebuilt
+from rig.analysis.branches.compute import ROOT, SAVE, Job, driven_by, raw_of, rebuilt
 from rig.analysis.branches.result import TURNS, named
 from rig.analysis.branches.trace import (
     FAILURES,
@@ -128,6 +128,10 @@ def curves(job: Job, second: Axis, root: Path = ROOT, progress: Progress = lambd
     Raises UsageError if there is no special point to follow, and if the folder cannot be used. After an interruption
     the same call continues.
     """
+    if forcing := driven_by(job):
+        raise UsageError(
+            f"{job.scene.name}: {forcing} is on; curves over two parameters of forced motions are not computed"
+        )
     store = curves_store(job, second, root)
     work, family = _work(job, second), Family(job.scene, [job.axis, second])
     with store.open(work):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 SLIDING, REST, CYCLES, FORCED = "sliding", "rest in stick", "cycles", "forced motion"
 TURNS = {kind: f"{kind} fold" for kind in ("grazing", "lift-off", "landing")}
+_ROUNDED = 1e-12
 WORDS = {"unresolved": "not followed further", "hopf": "Hopf point"}
 
 
@@ -261,7 +262,8 @@ class Branches(Result):
         out = []
         for branch in self.branches:
             for a, b in zip(branch.points, branch.points[1:]):
-                if min(a.value, b.value) <= value <= max(a.value, b.value) and a.value != b.value:
+                low, high = sorted((a.value, b.value))  # which are rounded
+                if low - _ROUNDED * abs(low) <= value <= high + _ROUNDED * abs(high) and low != high:
                     share = (value - a.value) / (b.value - a.value)
                     low, high, period, stick = (
                         float(np.interp(share, [0.0, 1.0], [x, y]))
