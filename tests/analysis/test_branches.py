@@ -413,7 +413,11 @@ def test_least_knocks_are_confirmed_where_a_tick_is_a_large_part_of_a_period(tmp
     [pulse] = Threshold(result, 0.4, "load.force 50 ms").knocks()  # no such change ends the stick-slip
     assert pulse.confirmed
     assert (pulse.size, pulse.unit) == (pytest.approx(200.45486, rel=1e-5), "N")
-    for wrong in ("load.forc 50 ms", "load.force 50 m", "load.force", "load.force -1 s"):
+    for ends in ((math.nan, 1.0), (1.0, -1.0), (0.0, math.inf)):
+        with pytest.raises(UsageError, match="two finite numbers, the smaller one first"):
+            Threshold(result, 0.4).share({"x": ends})
+    assert "no knock back" in Threshold(result, 0.675).text()  # too near to the fold
+    for wrong in ("load.forc 50 ms", "load.force 50 m", "load.force", "load.force -1 s", "load.force 100 s"):
         with pytest.raises(UsageError, match=r"knock load\.forc"):
             Threshold(result, 0.4, wrong)
 

@@ -43,6 +43,7 @@ _PHASES, _SIMULATED = 400, 12  # of a stable cycle at which a knock is tried, on
 _FINEST, _SIZES = 1.0 / 128.0, 15  # share of the largest knock that is tried, and how many up to it
 _BEYOND = 32.0  # ranges of the unstable cycle that an impulse may lead away
 _REPEATS = 1e-7  # of a period: a vibration with stick repeats
+_LONGEST = 100  # periods of the unstable cycle that a pulse may last
 _SIGMA = 1.6448536269514722  # of a normal distribution: 90 % lie within
 
 
@@ -145,6 +146,11 @@ class Threshold:
                 "sliding; branches with dashed lines show where there is one"
             )
         self.unstable = self._place(unstable[0][0])
+        if self.pulse and self.pulse.duration > _LONGEST * self.unstable.period:
+            most = _LONGEST * self.unstable.period
+            raise UsageError(
+                f"knock {knock}: is too long; at most {most:.3g} s, {_LONGEST} periods of the unstable cycle"
+            )
         stable = [entry for entry in candidates if entry[1].stable]
         self.stable = self._place(stable[0][0]) if stable else None
         self.rest = Rest(self.sliding, stuck(self.flow.system, self.sliding.x))
@@ -336,6 +342,8 @@ class Threshold:
         draw = np.random.default_rng(seed)
         for name, ends in ranges.items():
             low, high = (si(end, "1") if isinstance(end, str) else float(end) for end in ends)
+            if not (low < high and math.isfinite(high - low)):
+                raise UsageError(f"start {name}={low:g}:{high:g}: expected two finite numbers, the smaller one first")
             starts[:, names.index(name)] = draw.uniform(low, high, count)
         return starts
 
@@ -384,6 +392,10 @@ class Threshold:
             at = f"{knock.phase:.4g} s into the period" if knock.back else ""
             rows.append((what, f"{knock.size:.8g} {knock.unit}", at, "yes" if knock.confirmed else "no"))
         lines = [*columns(rows, "<><<")]
+        if self.stable is None:
+            lines.append(
+                "no stable cycle was followed at this value, which may lie beside its end: no knock back is computed"
+            )
         if share is not None:
             how = "by simulation" if share.simulated else "by the threshold"
             interval = f"{100.0 * share.low:.4g} to {100.0 * share.high:.4g} % with 90 %"
