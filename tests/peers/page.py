@@ -201,10 +201,11 @@ def better() -> Iterator[str]:
 
 
 EQUAL = """Mass on a belt that sticks and slips for 4 s with a state every millisecond; the error is that of the times
-at which stick begins and ends, as a share of a period."""
+at which stick begins and ends, as a share of a period. The solvers take turns; processor time, the shortest run."""
 LOADS = """Processor time of one core, but the paced loop in wall time, which other programs lengthen (load, below). The
 error of the disc is that of the slider's place, of its range; that of the map the difference up to which cycles count
-as the same, and for scipy the error of the period after twelve cycles."""
+as the same, and for scipy the error of the period after twelve cycles. Our two processes of the paced loop ask for
+real-time scheduling; those of the socket do not."""
 TEXT = """# The tests of others
 
 Values that other projects use to test themselves or to show what they can do, answered by this one, and by those
