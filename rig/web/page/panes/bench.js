@@ -116,7 +116,7 @@ export function create(bench) {
   const look = () => act(async () => {
     const live = await get("/api/live");
     others.replaceChildren(...live.map(({ run, started, why }) => h("div", { class: "row small" },
-      data("span", { class: "grow" }, run, h("div", { class: "soft" }, why || `${new Date(started * 1000).toISOString().slice(0, 19).replace("T", " ")} UTC`)),
+      data("span", { class: "grow" }, run, h("div", { class: "soft" }, told(why) || `${new Date(started * 1000).toISOString().slice(0, 19).replace("T", " ")} UTC`)),
       h("button", { class: "follow", disabled: why !== "" || store.active, onclick: () => act(() => post("/api/run/follow", { run })) }, t("Follow")))),
     ...(live.length ? [] : [h("p", { class: "small soft" }, t("none; runs of other users are not shown"))]),
     h("button", { class: "small", onclick: look }, t("Look again")));
@@ -133,7 +133,7 @@ export function create(bench) {
       saved.textContent = file;
       await fill(list.value);
     } catch (error) {
-      saved.textContent = error.message;
+      saved.textContent = told(error.message);
     }
   };
 

@@ -80,8 +80,8 @@ export function create(bench) {
     });
   }
 
-  const facts = (one) => (one ? one.fault || [one.began && new Date(one.began * 1000).toISOString().slice(0, 19).replace("T", " "),
-    one.seconds !== null && `${number(one.seconds)} s`, one.timing, `${number(one.bytes / 1e6, 3)} MB`, ...one.notes].filter(Boolean).join(", ") : "");
+  const facts = (one) => (one ? said(one.fault) || [one.began && new Date(one.began * 1000).toISOString().slice(0, 19).replace("T", " "),
+    one.seconds !== null && `${number(one.seconds)} s`, said(one.timing), `${number(one.bytes / 1e6, 3)} MB`, ...one.notes.map(said)].filter(Boolean).join(", ") : "");
 
   const row = (one) => h("a", { href: `#recordings/${one.name}`, class: "small" }, h("strong", {}, said(one.title) || one.name), data("div", { class: "soft" }, facts(one)));
 
