@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model.friction_law import Law
+from rig.model.friction_law import Law, pack, width
 from rig.solve.film_steps import OPEN, SLIDES, STICKS, SUMS
 
 Array = NDArray[np.float64]
@@ -53,9 +53,9 @@ class Film:
     rows [place, direction, coordinate, point]: normal, along and, if present, across the sliding. Rows of points on a
     travelling slider have several places, at each `pitch` [m] of the state `travel`; its travel is at most `longest` m.
     `stiffness`, `shear` [N/m], `damping` [N s/m], `mu` (friction coefficient at rest) and `reach` (r above) are of each
-    point; one number serves all. x, y [point]: positions of the points, for the centre of pressure [m]. `law`: over the
-    slip speed the coefficients change as this law does; by default they do not. `tells`: slip speed and contact state
-    of each point are states too.
+    point; one number serves all. x, y [point]: positions of the points, for the centre of pressure [m]. `laws`, of each
+    point or one for all: in slip the coefficient of a point is that of its law, which is `mu` at rest; by default it is
+    `mu`. `tells`: slip speed and contact state of each point are states too.
     """
 
     rows: Array
@@ -70,7 +70,7 @@ class Film:
     travel: str = ""
     pitch: float = 0.0
     longest: float = 0.0
-    law: Law | None = None
+    laws: tuple[Law, ...] = ()
     tells: bool = False
 
     def __post_init__(self) -> None:
@@ -80,14 +80,14 @@ class Film:
         bare = np.flatnonzero(~((self.stiffness > 0.0) & (self.shear > 0.0)))
         if len(bare):
             raise ValueError(f"points {', '.join(map(str, bare + 1))} of the film have no stiffness: they need an area")
-        if self.law is not None:
+        if self.laws:
             object.__setattr__(self, "tells", True)
-            if self.law.states or self.law.backward is not None:
+            if any(law.states or law.backward is not None for law in self.laws):
                 raise ValueError("the points of a film support no law with memory or with a direction")
             if self.directions > 2:
                 raise ValueError("the points of a film support a law over speed along the sliding only")
-            if self.law.constant and self.law.numbers[0] == self.law.static:
-                object.__setattr__(self, "law", None)
+            same = all(law.constant and law.numbers[0] == law.static for law in self.laws)
+            object.__setattr__(self, "laws", () if same else self.laws * (self.points // len(self.laws)))
 
     @property
     def points(self) -> int:
@@ -126,7 +126,8 @@ class Film:
         )  # point, q, direction
         images = rows.copy()
         images[:, :, 2:] *= -1.0
-        numbers = np.stack([self.stiffness, self.shear, self.damping, self.mu, self.reach], axis=1)
+        laws = self.packed if self.laws else ()
+        numbers = np.column_stack([self.stiffness, self.shear, self.damping, self.mu, self.reach, *laws])
         parity, free = np.zeros(rows.shape[1]), np.ones(self.points, dtype=bool)
         first: list[int] = []
         second: list[int] = []
@@ -154,6 +155,13 @@ class Film:
         far = np.abs(self.rows[..., second] - signs[:, :, None] * self.rows[..., first]).max(axis=(0, 1, 3))
         return Mirror(np.array(first + second), parity) if (far <= _ALIKE * size).all() else None
 
+    @cached_property
+    def packed(self) -> tuple[NDArray[np.int64], Array]:
+        """Codes [point] and numbers [point, width] of the laws for the kernels; of length zero without laws."""
+        if not self.laws:
+            return np.zeros(0, np.int64), np.zeros((0, 0))
+        return pack(self.laws, [(0, 0)] * self.points, width(self.laws))
+
     @property
     def order(self) -> NDArray[np.int64]:
         """The points in the order of their states: with one of each mirrored pair first, then their images."""
@@ -165,9 +173,8 @@ class Film:
         A contact with a negative force counts as open; one without slip counts as stuck, without shear.
         """
         P = np.maximum(pressed, 0.0)
-        f = np.sign(slip) * self.mu * P
-        if self.law is not None:
-            f *= self.law.over(np.abs(slip)) / self.law.static
+        mu = np.array([law.mu(speed) for law, speed in zip(self.laws, np.abs(slip).tolist())]) if self.laws else self.mu
+        f = np.sign(slip) * mu * P
         normal = float(P.sum())
         share = P / normal if normal else P
         sums = normal, float(f.sum()), float(np.mean(P > 0.0)), float(self.x @ share), float(self.y @ share), 0.0

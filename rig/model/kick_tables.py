@@ -40,9 +40,8 @@ def no_film() -> FilmTables:
         give=z(0),
         resist=z(0),
         mu=z(0),
-        code=0,
-        law=z(0),
-        static=0.0,
+        code=z(0, np.int64),
+        law=z((0, 0)),
         reach=z(0),
         told=0,
         below=none,
@@ -187,6 +186,7 @@ def tables_of_film(system: System, modes: ModeSet, step: float, outputs: Array, 
     normal[:, : film.points] = film.rows[0, 0][np.ix_(slider_coordinates, order)]
     stiff[:, : film.points] = normal[:, : film.points] * (film.stiffness / film.stiffness[order[0]])[order]
     sums = first + nq + np.arange(len(SUMS))
+    codes, numbers = film.packed
     mirror = film.mirror
     alike, against = (_side(film, mirror, parity) for parity in (1.0, -1.0))
     return FilmTables(
@@ -205,9 +205,8 @@ def tables_of_film(system: System, modes: ModeSet, step: float, outputs: Array, 
         give=1.0 / film.shear[order],
         resist=(film.damping / (2.0 * step))[order] if film.damping.any() else np.zeros(0),
         mu=film.mu[order],
-        code=film.law.code if film.law is not None else 0,
-        law=film.law.row() if film.law is not None else np.zeros(0),
-        static=film.law.static if film.law is not None else 1.0,
+        code=codes[order] if film.laws else codes,
+        law=numbers[order] if film.laws else numbers,
         reach=film.reach[order],
         told=int(film.tells),
         below=np.array([-1]),

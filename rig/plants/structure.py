@@ -227,23 +227,21 @@ def _modal(table: tuple[tuple[float, float], ...], mass: Array, stiffness: Array
 def _add_contacts(
     a: Assembly, p: Tables, model: Full, springs: list[Array], speed: Row, row: Callable[..., Row]
 ) -> None:
-    """Add friction patches and normal forces; points with the same slip speed belong to one patch."""
-    assert p.friction is not None
-    law = p.friction.friction()
-    patches: list[tuple[str, Array, float]] = []
+    """Add friction patches and normal forces; points with the same slip speed and law belong to one patch."""
+    patches: list[tuple[str, Array, float, Law]] = []
     of_points: dict[str, Output] = {}
     for points, stiffness in zip(model.contacts, springs):
-        contact = p.contacts[points.name]
+        contact, law = p.contacts[points.name], p.law_of(points.name)
         for i, (name, normal, along) in enumerate(zip(_names(points), points.normal, points.along)):
             radius = float(points.radius[i])
             same = (
                 patch
-                for patch, other, at in patches
-                if at == radius and np.abs(along - other).max() <= _SAME * np.abs(other).max()
+                for patch, other, at, of_patch in patches
+                if at == radius and law == of_patch and np.abs(along - other).max() <= _SAME * np.abs(other).max()
             )
             if (patch := next(same, "")) == "":
                 patch = name
-                patches.append((patch, along, radius))
+                patches.append((patch, along, radius, law))
                 a.patch(patch, row(along), {state: radius * value for state, value in speed.items()}, law)
             a.normal(name, patch, row(normal, factor=-float(stiffness[i])), row(normal), opens=contact.opens)
             of_points |= {
@@ -253,7 +251,7 @@ def _add_contacts(
         of_contact = [entry[0] for entry in a.normals[-len(points.area) :]]
         a.outputs[f"normal_force_{points.name}"] = Output({f"N:{name}": 1.0 for name in of_contact}, "N", Plot())
     if _as_film(a, p):
-        _add_film(a, p, model, springs, law, speed)
+        _add_film(a, p, model, springs, speed)
         return
     first = patches[0][0]
     a.outputs |= of_points
@@ -268,24 +266,25 @@ def _add_contacts(
 
 def _as_film(a: Assembly, p: Tables) -> bool:
     """Whether the contacts run as points of a film. Raises SceneError if they are to, but cannot."""
-    law, asked = p.friction.friction() if p.friction else None, p.structure.film
+    laws, asked = [p.law_of(name) for name in p.contacts], p.structure.film
     wrong = [
         f"contacts.{name}.opens: points of a film open; leave it out" for name, c in p.contacts.items() if not c.opens
     ]
-    if law is not None and (law.states or law.backward is not None):
+    if any(law.states or law.backward is not None for law in laws):
         wrong.append("friction.law: points of a film support no law with memory or with a direction")
     if asked and wrong:
         raise SceneError("structure.film", wrong)
     return not wrong and (6 ** len(a.patches) > MANY if asked is None else asked)
 
 
-def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], law: Law, speed: Row) -> None:
+def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], speed: Row) -> None:
     """Make the contacts points of a film, with outputs of each point.
 
     Without `shear` a point is as stiff along the sliding as across it.
     """
     a.signal("slid", dict(speed), 0.0, "drive")
     names = [name for name, *_ in a.normals]
+    laws = tuple(p.law_of(points.name) for points in model.contacts for _ in points.area)
     of_points = list(zip(model.contacts, springs, strict=True))
     shears = [
         stiffness if (shear := p.of_stiffness(points.name).shear) is None else shear * points.area
@@ -297,11 +296,11 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], law: La
         slid="slid",
         stiffness=np.concatenate(springs),
         shear=np.concatenate(shears),
-        mu=np.array(law.static),
+        mu=np.array([law.static for law in laws]),
         reach=np.concatenate([points.radius for points, _ in of_points]),
         x=np.concatenate([points.position[:, 0] for points, _ in of_points]),
         y=np.concatenate([points.position[:, 1] for points, _ in of_points]),
-        law=law,
+        laws=laws,
         tells=True,
     )  # fmt: skip
     first = 0
@@ -327,13 +326,15 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], law: La
 
 
 def tension(system: System, step: float) -> Iterator[Finding]:
-    """Points that would have to pull at steady sliding with every contact closed."""
+    """What nothing holds, and points that would have to pull, at steady sliding with every contact closed."""
     if system.film is not None:  # its forces are those of the contacts already
         start = system.start.copy()
         start[[system.names.index(film.on(name)) for name in system.coordinates]] = 0.0
         system = replace(system, start=start)
     at = steady(system, sliding_key(system))
     if not at.balanced:
+        if unheld := at.unheld:
+            yield Finding("error", unheld.partition(";")[0], 0.0, "hold it by a support or by a contact that presses")
         return
     forces = (at.modes.normal @ at.x + at.modes.normal_t @ at.T).tolist()
     pulls = sorted((force, normal.name) for force, normal in zip(forces, system.normals) if force <= 0.0)
@@ -360,11 +361,12 @@ def _begin(
     q = np.zeros(len(a.coordinates))
     if p.load is not None:
         held = stiffness.copy()
-        speed, law = (p.drive.speed if p.drive else 0.0), p.friction.friction() if p.friction else None
+        speed = p.drive.speed if p.drive else 0.0
         for points, own in zip(model.contacts, springs):
+            law = p.law_of(points.name)
             for k, normal, along, radius in zip(own, points.normal, points.along, points.radius.tolist()):
                 slip = radius * speed
-                mu = math.copysign(law.mu(abs(slip)), slip) if law is not None else 0.0
+                mu = math.copysign(law.mu(abs(slip)), slip)
                 held += k * np.outer(normal + mu * along, normal)
         sliding = np.linalg.lstsq(held, pressing * p.load.force, rcond=None)[0]
         q = sliding if p.start.at == "sliding" else q

@@ -109,8 +109,10 @@ def _effects(scene: Scene) -> Iterator[Effect]:
         owned.setdefault(assembly.owners.get(name, "structure"), []).append(name)
     yield Effect("structure", True, tuple(owned.pop("structure", ())), "mass, damping, stiffness")
     patches = [name for name, *_ in assembly.patches]
-    for patch in patches if len(patches) <= _SINGLE else [f"{len(patches)} points"]:
-        law = getattr(scene.parameters, "friction", None)
+    contacts = getattr(scene.parameters, "contacts", {})
+    for patch in patches if len(patches) <= _SINGLE else [*contacts] or [f"{len(patches)} points"]:
+        contact = contacts.get(patch, contacts.get(patch.rpartition("_")[0]))
+        law = getattr(contact, "friction", None) or getattr(scene.parameters, "friction", None)
         code = code_of(type(law))
         source = f" (SHA-256 {code.short}...)" if code is not None else ""
         motion = "stick and slip" if getattr(law, "sticks", True) else "it deflects before it slips, without true stick"

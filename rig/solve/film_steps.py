@@ -87,9 +87,8 @@ class FilmTables(NamedTuple):
     give: Array  # [point, m/N] one over it
     resist: Array  # [point] damping [N s/m] over 2 h; of length zero without damping
     mu: Array  # [point] at rest
-    code: int  # of the friction law
-    law: Array  # its numbers; of length zero for one coefficient in stick and slip
-    static: float  # its value at rest
+    code: NDArray[np.int64]  # [point] of the friction law
+    law: Array  # [point, numbers]; of length zero where each point has one coefficient in stick and slip
     reach: Array  # [point] distance slid over that of the drive
     told: int  # 1: slip speed and contact state of each point are states
     below: NDArray[np.int64]  # scratch [1] the place at which `rise` begins; -1: none yet
@@ -452,7 +451,7 @@ def contact_forces(own, x, travelled, h):
                 most, slip = mu[i] * normal[i], reach[i] * travelled - (carried[i] - was[i])
                 if state[i] == SLIDES:
                     now = abs(1.5 * slip / h - 0.5 * speed[i])
-                    most *= coefficient(own.code, own.law, now) / own.static
+                    most = coefficient(own.code[i], own.law[i], now) * normal[i]
                 largest[i], pull[i] = most, min(max(friction[i] + shear[i] * slip, -most), most)
         else:
             for i in range(points):

@@ -233,7 +233,7 @@ class Steady:
         if sizes[-1] > _LOOSE * sizes[0]:
             return ""
         free = [name for name, part in zip(self.system.coordinates, np.abs(shapes[-1])) if part > _LOOSE]
-        return f"no spring holds {', '.join(free)}, so nothing balances the friction; give the structure a stiffness"
+        return f"no spring holds {', '.join(free)}, so forces there find no balance; give the structure a stiffness"
 
     def eigenvalues(self) -> NDArray[np.complex128]:
         """The eigenvalues [1/s] of the moving states, the least stable first."""

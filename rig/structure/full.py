@@ -73,6 +73,11 @@ class Points:
     flexibility: Array | float = 0.0
 
     @property
+    def friction_key(self) -> str:
+        """The number of the scene that is the coefficient of friction of these points alone, in steady sliding."""
+        return f"contacts.{self.name}.{FRICTION}"
+
+    @property
     def stiffness_key(self) -> str:
         """The number of the scene that is the normal stiffness per area [N/m^3]."""
         return f"contacts.{self.name}.stiffness"
@@ -84,7 +89,7 @@ class Points:
 
     def stiffness(self, values: Mapping[str, float]) -> Matrix:
         """sum_c k_c (n_c n_c^T + mu t_c n_c^T): what closed points that slide add to the stiffness."""
-        rows = self.normal + values.get(FRICTION, 0.0) * self.along
+        rows = self.normal + values.get(self.friction_key, values.get(FRICTION, 0.0)) * self.along
         return rows.T @ (sp.diags_array(self.springs(values)) @ self.normal)
 
 
@@ -169,10 +174,11 @@ class Full:
         kept = replace(self, parts=tuple(p for p in self.parts if p.of != "stiffness" or p.symmetric))
         total = kept.matrix("stiffness", values)
         for points in self.contacts if closed else ():
-            total = total + points.stiffness({**values, FRICTION: 0.0})
+            total = total + points.stiffness({**values, points.friction_key: 0.0})
         return total
 
     def frictionless(self, values: Mapping[str, float]) -> dict[str, float]:
         """These `values` without friction: what multiplies an unsymmetric stiffness is zero."""
         friction = {p.key for p in self.parts if p.of == "stiffness" and p.key and p.power > 0 and not p.symmetric}
-        return {**values, **dict.fromkeys(sorted(friction | {FRICTION}), 0.0)}
+        own = {points.friction_key for points in self.contacts}
+        return {**values, **dict.fromkeys(sorted(friction | own | {FRICTION}), 0.0)}

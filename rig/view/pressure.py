@@ -232,8 +232,8 @@ def _maps(figure: Figure, place: SubplotSpec, run: Run, points: Points, instants
         drawn.append(axes)
         now = [pressures[number] for pressures in maps]
         draw_map(axes, points.surfaces, now, points.scale)
-        share = float(np.mean(np.concatenate([pressures.ravel() for pressures in now]) > 0.0))
-        axes.set_title(f"{run.time[instant.sample]:.5g} s, {100 * share:.0f} % in contact\n{instant.why}", fontsize=9)
+        share = "" if several else f", {100 * float(np.mean(now[0] > 0.0)):.0f} % in contact"  # else under each map
+        axes.set_title(f"{run.time[instant.sample]:.5g} s{share}\n{instant.why}", fontsize=9)
         last = number >= len(instants) - 2
         axes.tick_params(labelsize=8.5, labelbottom=last or several, labelleft=number % 2 == 0)
         if last:

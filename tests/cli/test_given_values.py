@@ -46,7 +46,7 @@ def test_a_decimal_comma_is_a_point_on_the_command_line(rig):
     ("scene", "told"),
     [
         ("belt_c", "nothing vibrates and nothing decays in steady sliding"),
-        ("belt", "no spring holds x, so nothing balances the friction"),
+        ("belt", "no spring holds x, so forces there find no balance"),
     ],
 )
 def test_a_rig_that_cannot_vibrate_is_told(rig, scene, told):

@@ -300,7 +300,10 @@ def test_a_structure_that_nothing_holds_says_so(tmp_path):
         "K": {"of": "stiffness", "values": np.diag([0.0, 1.0, 1.0]).tolist()},
     }
     free = THREE | {"structure": THREE["structure"] | {"parts": parts}}
-    assert "no spring holds x" in rig.modes(scenes.load(written(tmp_path, free))).text()
+    scene = scenes.load(written(tmp_path, free))
+    assert "no spring holds x" in rig.modes(scene).text()
+    with pytest.raises(SceneError, match="no spring holds x, so forces there find no balance"):
+        rig.simulate(scene, 0.01)
 
 
 def test_ranges_of_a_training_are_read_and_values_outside_are_named(tmp_path, monkeypatch):
@@ -594,6 +597,45 @@ THREE_PADS = THREE["contacts"] | {
 }
 
 
+def test_contacts_have_laws_of_their_own_in_a_film_like_exact_contacts(tmp_path):
+    """Against the rows of the matrices too: each closed point adds k (n + mu t) n^T with its own mu at its speed."""
+    falling = {"law": "stribeck", "mu_static": 0.5, "mu_dynamic": 0.3, "speed_scale": 0.4}
+    pads = THREE_PADS | {"edge": THREE_PADS["edge"] | {"friction": falling}}
+    exact, film = (three(tmp_path, pads, step, start={"velocity": 1e-3}) for step in (None, "25 us"))
+    n, t = (
+        np.array([[*(pad[row].get(name, 0.0) for name in "xyu")] for pad in pads.values()]) for row in ("gap", "along")
+    )
+    mu, k = np.array([0.3, 0.3 + 0.2 * np.exp(-0.5 / 0.4), 0.3]), np.array([pad["spring"] for pad in pads.values()])
+    for scene in (exact, film):
+        system = scene.assemble().system()
+        stiffness = system.stiffness + (k[:, None] * (n + mu[:, None] * t)).T @ n
+        at = np.linalg.solve(stiffness, [0.0, -20.0, 0.0])
+        tables = rig.modes(scene).sliding.equilibrium
+        pressed = [tables["normal_force_pad"], tables["normal_force_edge"], tables["normal_force_rim"]]
+        assert pressed == pytest.approx(-k * (n @ at), rel=1e-9)
+        assert tables["friction_force"] == pytest.approx(mu @ pressed, rel=1e-9)
+        told = {effect.name: effect.about for effect in explain(scene).effects}
+        assert "law stribeck" in told["friction at edge"]
+        assert "law constant" in told["friction at rim"]
+    runs = [rig.simulate(scene, 0.2) for scene in (exact, film)]
+    assert all((runs[1].signals[f"state_of_{pad}"] == 2.0).all() for pad in pads)
+    for name in ("body_velocity", "normal_force", "friction_force"):
+        v = runs[0].signals[name]
+        assert runs[1].signals[name] == pytest.approx(v, abs=1e-3 * np.abs(v).max())
+
+
+def test_eigenvalues_of_contacts_with_laws_of_their_own_are_those_of_the_full_matrices(disc):
+    """The estimate uses the full matrices: with one coefficient for both pads it would tell errors of the growth."""
+    pads = {name: contact | {"points": [2, 2]} for name, contact in FE["contacts"].items()}
+    own = pads | {"pad_up": pads["pad_up"] | {"friction": {"law": "constant", "mu": 0.6}}}
+    scene = scenes.load(written(disc, FE | {"contacts": own}, "own"))
+    errors = [rig.modes(changed(scene, {"contacts.pad_up.friction.mu": mu})).sliding for mu in (0.6, 0.3)]
+    assert all(max(mode.error for mode in at.modes if mode.frequency < 3000.0) < 1e-4 for at in errors)
+    same = rig.modes(scenes.load(written(disc, FE | {"contacts": pads}, "same"))).sliding.modes
+    assert [m.growth for m in errors[1].modes] == pytest.approx([m.growth for m in same], rel=1e-9)
+    assert errors[0].modes[0].growth > 1.1 * same[0].growth > 50.0
+
+
 def masses_in_flutter(folder, _):
     return three(folder, THREE_PADS, "200 us", factors={"soft": 20.0}, start={"velocity": 1e-8}), "body_velocity", 70.0
 
@@ -747,9 +789,10 @@ def test_a_film_refuses_what_its_points_cannot_be(tmp_path):
     closed = THREE | asked | {"contacts": {"pad": THREE["contacts"]["pad"] | {"opens": False}}}
     with pytest.raises(SceneError, match=r"contacts\.pad\.opens: points of a film open"):
         scenes.load(written(tmp_path, closed)).assemble()
-    own_law = THREE | {"contacts": {"pad": THREE["contacts"]["pad"] | {"friction": {"law": "constant", "mu": 0.2}}}}
-    with pytest.raises(SceneError, match=r"contacts\.pad\.friction: all contacts slide under the law of \[friction\]"):
-        scenes.load(written(tmp_path, own_law))
+    memory = {"law": "dahl", "mu_kinetic": 0.4, "sigma0": 1e5}
+    own_law = THREE | asked | {"contacts": {"pad": THREE["contacts"]["pad"] | {"friction": memory}}}
+    with pytest.raises(SceneError, match="points of a film support no law with memory"):
+        scenes.load(written(tmp_path, own_law)).assemble()
 
 
 def test_a_shunt_that_is_switched_is_refused_beside_a_film_and_runs_without(tmp_path):

@@ -24,7 +24,7 @@ def carried(film, step_ns, duration=0.05, points=ONE, shear=1e9, law=None, matri
     rig = {"speed": 5.0, "load": (0.0, 20.0), "start": (0.0, -1e-3)} | rig
     a = structure(*(matrices or (MASS, DAMPING, STIFFNESS)), points | {"shear": shear}, film=film, **rig)
     if law is not None and film:
-        a.film = replace(a.film, law=law)
+        a.film = replace(a.film, laws=(law,))
     elif law is not None:
         a.patches = [(name, direction, surface, law, travel) for name, direction, surface, _, travel in a.patches]
     method = "kick" if film else "exact" if law is None else "dopri5"

@@ -40,7 +40,7 @@ ALPHA, BETA = "damping.alpha", "damping.beta"
 def values_of(p: Tables) -> dict[str, float]:
     """Every number that multiplies matrices or springs, by key: those of the scene, and what follows from them.
 
-    "friction.mu" is the coefficient in steady sliding, below zero for sliding backwards.
+    "friction.mu" and "contacts.NAME.friction.mu" are coefficients in steady sliding, below zero for sliding backwards.
     """
     values = {key: value for key, (value, _) in p.numbers.items()}
     values[ALPHA], values[BETA] = p.damping.rayleigh
@@ -50,7 +50,10 @@ def values_of(p: Tables) -> dict[str, float]:
     if p.friction is not None and p.drive is not None:
         radius = max((contact.radius or 0.0 for contact in p.contacts.values()), default=0.0) or 1.0
         speed = p.drive.speed * (radius if isinstance(p.drive, Turning) else 1.0)
-        values[FRICTION] = math.copysign(p.friction.friction().mu(abs(speed)), speed)
+        of_contacts = {f"contacts.{name}.": contact.friction for name, contact in p.contacts.items()}
+        for where, law in {"": p.friction, **of_contacts}.items():
+            if law is not None:
+                values[f"{where}{FRICTION}"] = math.copysign(law.friction().mu(abs(speed)), speed)
     return values
 
 
@@ -85,7 +88,19 @@ class Given:
         return hash(self._key)
 
 
-_SWEPT = ("film", "stiffness", "stiffness_of", "shear", "spring", "opens", "speed", "speed_min", "speed_max", "lag")
+_SWEPT = (
+    "film",
+    "stiffness",
+    "stiffness_of",
+    "shear",
+    "spring",
+    "opens",
+    "friction",
+    "speed",
+    "speed_min",
+    "speed_max",
+    "lag",
+)
 
 
 def _plain(value: Any) -> Any:
@@ -142,6 +157,7 @@ def _reduction(p: Tables) -> basis.Reduction:
     keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"} - {""}
     if kind == "snapshots":
         keys |= {part.scaling[0] for part in p.structure.parts.values()} - {""} | {ALPHA, BETA, FRICTION}
+        keys |= {f"contacts.{name}.{FRICTION}" for name in p.contacts}
     keys |= {f"contacts.{name}.stiffness" for name in p.contacts}
     units = {key: unit for key, (_, unit) in p.numbers.items()}
     over = {key: tuple(si(end, units[key]) for end in ends) for key, ends in given.over.items()}

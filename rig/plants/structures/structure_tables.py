@@ -18,6 +18,7 @@ from rig.effects.drive import BeltDrive, DiscDrive
 from rig.effects.load import Load
 from rig.effects.piezo import Piezo, WithStack
 from rig.laws import Friction
+from rig.model.friction_law import Law
 from rig.quantities import (
     Hertz,
     MetrePerSecond,
@@ -197,7 +198,7 @@ class Contact(Section):
 
     `stiffness`, `shear`: normal and along, per area; with `stiffness_of` those of another contact. `gap`, `along`: rows
     over typed coordinates, with the `spring` of the contact [N/m] and the `radius` at which it slides on a turning
-    surface. `opens`: it lifts off.
+    surface. `friction`: a law of its own, instead of [friction]. `opens`: it lifts off.
     """
 
     slave: Surface | None = None
@@ -214,17 +215,8 @@ class Contact(Section):
     along: Line | None = None
     spring: NewtonPerMetre | None = None
     radius: PositiveMetre | None = None
+    friction: Friction | None = None
     opens: bool = True
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one_law(cls, given: Any) -> Any:
-        if isinstance(given, Mapping) and (own := given.keys() & {"friction", "law", "mu"}):
-            text = (
-                "all contacts slide under the law of [friction]; only stiffness, shear and radius differ between them"
-            )
-            raise refused([(min(own), text)])
-        return given
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -480,6 +472,12 @@ class Tables(WithStack):
     def of_stiffness(self, name: str) -> Contact:
         """The contact whose stiffness and shear the contact `name` has: its own, or that of `stiffness_of`."""
         return self.contacts[self.contacts[name].stiffness_of or name]
+
+    def law_of(self, name: str) -> Law:
+        """The friction law of a contact: its own, or that of [friction]. A contact needs one of them."""
+        law = self.contacts[name].friction or self.friction
+        assert law is not None
+        return law.friction()
 
     @cached_property
     def numbers(self) -> dict[str, tuple[float, str]]:
