@@ -495,13 +495,21 @@ def test_a_cycle_is_followed_from_which_motions_depart_by_many_orders_of_magnitu
 
 @pytest.mark.slow
 def test_a_canard_keeps_its_parameter_from_the_sticking_side(tmp_path):
-    """Motions beside it depart by many orders of magnitude and then stick, so that its multiplier is zero."""
-    loaded = lab.load("seal_l", {"limits": "none", "body.damping": 8.0})
-    result = branches(job(loaded, "drive.speed=8.5 mm/s:9 mm/s", None, (8.55e-3,), 50), tmp_path)
+    """Motions beside it depart by many orders of magnitude and then stick, so that its multiplier is zero. It ends
+    where the motion from a standing start no longer sticks, by bisection.
+    """
+    loaded = lab.load("seal_l", {"limits": "none"})
+    result = branches(job(loaded, "drive.speed=9 mm/s:9.4 mm/s", None, (9.15e-3,), 60), tmp_path)
     upwards = next(b for b in result.branches if b.kind == "cycles")
     assert max(p.residual for *_, p in result.points()) <= CLOSED
-    assert upwards.points[-1].value == pytest.approx(8.631159125e-3, rel=1e-8)
     assert [special.kind for special in result.specials if special.kind != "hopf"] == []
+    family, (low, high) = Family(loaded, [result.axis]), (9.15e-3, 9.4e-3)
+    while high - low > 1e-9 * high:
+        middle = 0.5 * (low + high)
+        flow = family.flow((middle,))
+        settled = flow.carried(stuck(flow.system, steady(flow.system, flow.key).x), 1.5).x
+        low, high = (middle, high) if flow.carried(settled, 0.2).events else (low, middle)
+    assert upwards.points[-1].value == pytest.approx(low, rel=1e-8)
 
 
 def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):

@@ -371,7 +371,7 @@ class _Computation:
                 saved_at = time.monotonic()
 
         try:
-            left = self.job.most - sum(len(b.points) for b in made) - len(points)
+            left = self.job.most - sum(len(b.points) for b in made) - len(points) + continued
             for segment in follow(first, self.low, self.high, max(left, 1), note, self.job.longest):
                 specials = tuple(_special(special) for special in segment.specials)
                 end = _special(segment.end) if segment.end else None
