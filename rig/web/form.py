@@ -73,15 +73,15 @@ def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
 
 
 def hands(scene: Scene) -> dict[str, str]:
-    """Words of the values that matter at the bench, by key: of the controllers, and as the plant declares."""
-    declared = PLANTS[scene.plant].__dict__.get("HANDS", {})
+    """Words of the values that matter at the bench, by key: three of the plant, of the controllers, more of the plant."""
+    declared = list(PLANTS[scene.plant].__dict__.get("HANDS", {}).items())
     strong = {
         f"controllers.{name}.{key}": words
         for name, section in scene.controllers.items()
         for key, words in {"gain": "gain of the controller", "amplitude": "amplitude of the controller"}.items()
         if isinstance(getattr(section, key, None), float)
     }
-    return {**strong, **declared}
+    return {**dict(declared[:3]), **strong, **dict(declared[3:])}
 
 
 def picture(scene: Scene, assembly: Assembly) -> dict[str, Any] | None:
