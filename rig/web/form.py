@@ -73,7 +73,7 @@ def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
 
 
 def hands(scene: Scene) -> dict[str, str]:
-    """Words of the values that matter at the bench, by key: three of the plant, of the controllers, more of the plant."""
+    """Words of the values that matter at the bench, by key: three of the plant, controllers, the rest of the plant."""
     declared = list(PLANTS[scene.plant].__dict__.get("HANDS", {}).items())
     strong = {
         f"controllers.{name}.{key}": words
