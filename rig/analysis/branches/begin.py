@@ -265,9 +265,9 @@ def from_forced(family: Family, value: float) -> Place:
     closing = parameter(value / map.P0, len(u))
     try:
         u, end = map.newton(u, closing, u, map.end(u).met)
-    except NoCycle:
-        if repeats:
-            raise
-        raise NoCycle(f"the motion does not repeat with the period of its generator within {_PERIODS} periods: it is "
-                      "quasi-periodic, chaotic or of a longer period") from None  # fmt: skip
+    except NoCycle as error:
+        how = f"within {_PERIODS} periods: it is quasi-periodic, chaotic or of a longer period"
+        raise (
+            error if repeats else NoCycle(f"the motion does not repeat with the period of its generator {how}")
+        ) from None
     return place(map, u, end, closing(u, end)[1], held=True)

@@ -217,8 +217,8 @@ class _Computation:
 
     def run(self) -> Branches:
         """Compute everything."""
-        if controllers := self.job.scene.controllers:
-            self.notes.append(f"plant alone: without controller{'s' * (len(controllers) > 1)} {', '.join(controllers)}")
+        named = self.job.scene.controllers
+        self.notes += [f"plant alone: without controller{'s' * (len(named) > 1)} {', '.join(named)}"] if named else []
         if forcing := driven_by(self.job):
             self._forced(forcing)
         else:
@@ -309,12 +309,9 @@ class _Computation:
     def _forced(self, forcing: str) -> None:
         """Follow forced motions from the values of the starts; a simulation: from the middle and the ends."""
         self.notes.append(f"{forcing} is on: motions with its period are followed, and no steady sliding exists")
-        values: list[float] = []
-        for start in self.job.starts:
-            if start == SIMULATION:
-                values += [0.5 * (self.low + self.high), self.low, self.high]
-            elif start != HOPF:
-                values.append(start.value if isinstance(start, Start) else float(start))
+        simulated = [0.5 * (self.low + self.high), self.low, self.high]
+        wanted = [s.value if isinstance(s, Start) else s for s in self.job.starts if s != HOPF]
+        values = [value for s in wanted for value in (simulated if isinstance(s, str) else [s])]
         if not values:
             self.notes.append("such a motion begins at no Hopf point: --start simulation, or a value")
         for value in values:
@@ -454,16 +451,15 @@ def _rounding(job: Job, critical: Critical) -> float:
         A = matrix_balance(at.A[np.ix_(at.moving, at.moving)])[0]
         rates, right, left = curves.of_matrix(A)
         i = int(np.abs(rates - 2j * math.pi * critical.frequency).argmin())
-        along = float(np.abs(left[:, i] @ right[:, i]))
-        angle = float(np.linalg.norm(left[:, i]) * np.linalg.norm(right[:, i])) / max(along, _SMALL)
+        lengths = float(np.linalg.norm(left[:, i]) * np.linalg.norm(right[:, i]))
+        angle = lengths / max(float(np.abs(left[:, i] @ right[:, i])), _SMALL)
         return float(rates[i].real), curves.RELATIVE * float(np.linalg.norm(A, 2)) * angle
 
     value, low, high = critical.value, *sorted(job.axis.values[:: len(job.axis.values) - 1])
     (a, x), (b, y) = (
         (mode(p)[0], p) for p in (max(value - _NEAR * abs(value), low), min(value + _NEAR * abs(value), high))
     )
-    exact = curves.RELATIVE * abs(value)
-    return max(exact, mode(value)[1] * abs(y - x) / abs(b - a)) if b != a else exact
+    return max(curves.RELATIVE * abs(value), mode(value)[1] * abs(y - x) / abs(b - a) if b != a else 0.0)
 
 
 def _output(at: Steady, row: dict[str, float]) -> float:
@@ -512,10 +508,8 @@ def _point(at: Place) -> Point:
 
 def _highest(values: Array, step: float, period: float) -> float:
     """The maximum of a periodic series, by a parabola through its largest values."""
-    times = step * np.arange(len(values))
-    kept = times < period - 0.5 * step
-    times, values = times[kept], values[kept]
-    k = int(values.argmax())
+    values = values[: math.ceil(period / step - 0.5)]
+    k, times = int(values.argmax()), step * np.arange(len(values))
     x, y = (np.roll(series, 1 - k)[:3] for series in (times, values))
     if len(y) < 3 or max(y[0], y[2]) >= y[1]:
         return float(values[k])

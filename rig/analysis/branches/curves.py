@@ -53,8 +53,7 @@ _BEFORE, _AHEAD = 0.03, 0.003  # along the branch: where a cycle is carried from
 _SMALL = 1e-4  # of a step: difference for the tangent
 _LEAST = 1e-3  # of the whole way: the shortest step
 _POINTS = 300  # of a branch
-_TRACK = 4  # cycles from which the next one is extrapolated
-_NEARLY = 0.999  # of the way to a value: no further step for the rest
+_TRACK, _NEARLY = 4, 0.999  # cycles from which the next is extrapolated; of the way to a value: no step for the rest
 
 
 @dataclass(frozen=True)

@@ -147,10 +147,7 @@ class Threshold:
             )
         self.unstable = self._place(unstable[0][0])
         if self.pulse and self.pulse.duration > _LONGEST * self.unstable.period:
-            most = _LONGEST * self.unstable.period
-            raise UsageError(
-                f"knock {knock}: is too long; at most {most:.3g} s, {_LONGEST} periods of the unstable cycle"
-            )
+            raise UsageError(f"knock {knock}: is too long; at most {_LONGEST} periods of the unstable cycle")
         stable = [entry for entry in candidates if entry[1].stable]
         self.stable = self._place(stable[0][0]) if stable else None
         self.rest = Rest(self.sliding, stuck(self.flow.system, self.sliding.x))
@@ -391,11 +388,8 @@ class Threshold:
             what = "from stick-slip to sliding" if knock.back else "from sliding to stick-slip"
             at = f"{knock.phase:.4g} s into the period" if knock.back else ""
             rows.append((what, f"{knock.size:.8g} {knock.unit}", at, "yes" if knock.confirmed else "no"))
-        lines = [*columns(rows, "<><<")]
-        if self.stable is None:
-            lines.append(
-                "no stable cycle was followed at this value, which may lie beside its end: no knock back is computed"
-            )
+        near = "no stable cycle was followed at this value, which may lie beside its end: no knock back is computed"
+        lines = [*columns(rows, "<><<"), *([near] if self.stable is None else [])]
         if share is not None:
             how = "by simulation" if share.simulated else "by the threshold"
             interval = f"{100.0 * share.low:.4g} to {100.0 * share.high:.4g} % with 90 %"
