@@ -203,6 +203,13 @@ class ModeSets:
         count = len(self.sets)
         return not self._free and count >= KEPT and count * self._size > MOST_BYTES
 
+    @property
+    def states_at_once(self) -> int:
+        """How many states a motion may keep: the mode sets of kept states cannot be forgotten."""
+        if len(self.tables.mode_set_of) <= KEPT:
+            return 1 << 30  # there is room for all
+        return (max(MOST_BYTES // max(self._size, 1), KEPT) - TALLIED) // 2
+
     def forget(self, needed: NDArray[np.int64]) -> bool:
         """Forget the least recently used quarter of the mode sets, but not the indices `needed`.
 

@@ -374,15 +374,16 @@ class PlantRunner:
     def _carry(self, most: int) -> bool:
         """Advance the motion by up to `most` frames; see `Motion.advance`."""
         motion, truth = self.motion, self.truth
+        rows = min(ROWS, motion.mode_sets.states_at_once)
         if truth is None:  # a longer call would only need more memory
             try:
-                return motion.advance(min(most, max(ROWS // self.steps, 1)) * self.steps)
+                return motion.advance(min(most, max(rows // self.steps, 1)) * self.steps)
             finally:
                 if self.bands is not None:
                     self.bands.add(motion)
-        if motion.kept + self.steps > ROWS:
+        if motion.kept and motion.kept + self.steps > rows:
             self.hand_over(truth)
-        room = (ROWS - motion.kept) // self.steps
+        room = max((rows - motion.kept) // self.steps, 1)
         try:
             return motion.advance(min(most, room) * self.steps, keep=True)
         finally:
