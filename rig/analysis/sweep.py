@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from rig.analysis import eigenvalue_curves as curves
 from rig.analysis.axis import Axis, fixed
@@ -328,7 +329,8 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
     dithered = dithers(scene, axis.key)
 
     def spectrum(value: float) -> curves.Spectrum:
-        return curves.equilibrium(axis.at(scene, value), bool(dithered))
+        with threadpool_limits(1, "blas"):  # a hundred rows take twice as long with two threads
+            return curves.equilibrium(axis.at(scene, value), bool(dithered))
 
     how = {None: "", True: "friction averaged over the dither", False: "without the dither"}[dithered]
     return replace(along(scene.name, axis, spectrum, fixed=fixed(scene, [axis])), friction=how)

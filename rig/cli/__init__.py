@@ -29,9 +29,7 @@ def main() -> None:
     try:
         os.environ["RIG_OWN_PROCESS"] = "1"  # see rig.compiled.kernel: for this process and those it starts
         os.environ["PYDANTIC_DISABLE_PLUGINS"] = "__all__"  # to look for some takes 20 ms; no scene has any
-        os.environ.setdefault(
-            "OPENBLAS_THREAD_TIMEOUT", "4"
-        )  # its threads sleep; else they begin with 30 ms of waiting
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # see rig.machine.process.Child
         from rig.machine.process import as_process
 
         as_process(_run)

@@ -236,6 +236,9 @@ STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (getattr(signal, "SIGKILL"
 class Child:
     """A process `python -P -m ...` in a session of its own, so that Ctrl-C in the terminal reaches only its parent.
 
+    Linear algebra has one thread, unless the environment says otherwise: eigenvalues of a hundred rows take twice as
+    long with two (measured), and the processes of a run or a pool need the cores themselves.
+
     A file of the working folder does not hide a module of this name (-P): there may be a rig.py or a queue.py.
 
     Its output on stdout and stderr is kept line by line: new lines for `new_lines`, the last ones in `tail`. What it
@@ -265,7 +268,7 @@ class Child:
                 encoding="utf-8",
                 errors="replace",
                 start_new_session=True,
-                env={**os.environ, "PYTHONPATH": path, PARENT: str(number)},
+                env={"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONPATH": path, PARENT: str(number)},
                 **inherited,
             )
         except BaseException:
