@@ -84,7 +84,7 @@ def test_computed_decay_is_that_of_simulations(belt, monkeypatch, about, runs, e
     one = link(**about)
     computed = jump_growth(belt, "nf", one, Link())
     network = Network(meas={"vibrometer": one})
-    found = loop_report.simulated(belt, "nf", network, computed.mean_square, computed.hertz)
+    found = loop_report.simulated(belt, "nf", network, computed.mean_square, computed)
     assert found.growth == pytest.approx(computed.mean_square, rel=error)
 
 

@@ -21,7 +21,7 @@ from scipy.stats import t as student
 
 import rig
 from rig import scenes
-from rig.analysis import mode_shapes, recorded
+from rig.analysis import loop_report, mode_shapes, recorded
 from rig.analysis.axis import Axis, changed
 from rig.analysis.control_loop import loop
 from rig.analysis.figures import modes_figure
@@ -842,6 +842,15 @@ def test_the_squealing_disc_is_quiet_by_control_of_the_normal_force_as_the_page_
     before, after = (np.std(v[(t > begin) & (t < begin + 0.05)]) for begin in (0.25, 0.55))
     assert before == pytest.approx(0.2, rel=0.25)
     assert after < 0.005
+
+
+@pytest.mark.slow
+def test_a_loop_over_a_poor_link_grows_in_runs_as_computed(disc):
+    """24 points: the runs begin along the mode that grows, although velocities are 1e4 times the displacements."""
+    points = {f"contacts.{pad}.points": [3, 4] for pad in ("pad_up", "pad_down")}
+    told = loop_report.report(scenes.load(str(disc / "disc_controlled.toml"), points), "press")
+    assert told.checked is not None
+    assert told.checked.growth == pytest.approx(told.computed, rel=0.05)
 
 
 @pytest.mark.slow
