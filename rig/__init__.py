@@ -284,8 +284,8 @@ def branches(
     """Follow stable and unstable motions over a parameter: `rig.branches("belt", "drive.speed=0.05 m/s:0.8 m/s")`.
 
     Steady sliding and cycles with any sequence of events, with Floquet multipliers, and their special points: Hopf,
-    fold, grazing, period doubling, torus, lift-off, landing, begin and end of stick, jump. `start`: what branches of
-    cycles begin from: "hopf" (the Hopf points of sliding), "simulation" (limit cycles in the middle and at the ends of
+    fold, grazing, period doubling, torus, lift-off, landing, begin and end of stick, jump, canard. `start`: what
+    branches of cycles begin from: "hopf" (the Hopf points of sliding), "simulation" (limit cycles in the middle and at the ends of
     the range), a value at which to simulate, a map, a recording. `output`: plant output of the figure, by default the
     first. `points`: most points of a branch. `second`: a further parameter, KEY=FROM:TO:COUNT; then the result is the
     curves of the special points over both, the boundaries of sliding, stick-slip and both. Results go to a folder of

@@ -16,6 +16,8 @@ from rig.analysis.branches import Branches, Threshold, branches, curves, job
 from rig.analysis.branches.begin import Start, from_start
 from rig.analysis.branches.result import SpecialPoint
 from rig.analysis.cycle import stuck
+from rig.analysis.map.job import RUNS
+from rig.analysis.map.steady_state import STICK_SLIP
 from rig.analysis.modes import at_rest
 from rig.analysis.return_map import Family
 from rig.analysis.stick_speeds import upper_speed
@@ -494,22 +496,26 @@ def test_a_cycle_is_followed_from_which_motions_depart_by_many_orders_of_magnitu
 
 
 @pytest.mark.slow
-def test_a_canard_keeps_its_parameter_from_the_sticking_side(tmp_path):
+@pytest.mark.parametrize(("scene", "low", "high"), [("seal_l", 9.15, 9.4), ("seal_p", 6.98, 7.1)])
+def test_stick_slip_beside_a_steep_law_ends_at_a_canard(tmp_path, scene, low, high):
     """Motions beside it depart by many orders of magnitude and then stick, so that its multiplier is zero. It ends
-    where the motion from a standing start no longer sticks, by bisection.
+    where the motion from a standing start no longer sticks, by bisection, and within the bracket of a fine map.
     """
-    loaded = lab.load("seal_l", {"limits": "none"})
-    result = branches(job(loaded, "drive.speed=9 mm/s:9.4 mm/s", None, (9.15e-3,), 60), tmp_path)
-    upwards = next(b for b in result.branches if b.kind == "cycles")
-    assert max(p.residual for *_, p in result.points()) <= CLOSED
-    assert [special.kind for special in result.specials if special.kind != "hopf"] == []
-    family, (low, high) = Family(loaded, [result.axis]), (9.15e-3, 9.4e-3)
+    over, low, high = f"drive.speed={low} mm/s:{high} mm/s", 1e-3 * low, 1e-3 * high
+    result = followed(tmp_path, scene, over, (low * (1.0 + 1e-9),))
+    [canard] = result.special("canard")
+    assert {special.kind for special in result.specials} == {"canard"}
+    chart = lab.map(
+        scene, f"drive.speed={canard - 4.5e-8}:{canard + 4.5e-8}:10", runs=("far",), folder=tmp_path, workers=1
+    )
+    assert (chart.state[RUNS.index("far"), 0] == STICK_SLIP).tolist() == [True] * 5 + [False] * 5
+    family = Family(lab.load(scene, {"limits": "none"}), [result.axis])
     while high - low > 1e-9 * high:
         middle = 0.5 * (low + high)
         flow = family.flow((middle,))
         settled = flow.carried(stuck(flow.system, steady(flow.system, flow.key).x), 1.5).x
         low, high = (middle, high) if flow.carried(settled, 0.2).events else (low, middle)
-    assert upwards.points[-1].value == pytest.approx(low, rel=1e-8)
+    assert canard == pytest.approx(low, rel=1e-8)
 
 
 def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):

@@ -55,6 +55,7 @@ _PART, _SAMPLES = 20.0, 400  # growth in a part that is cut, and states of a per
 _AWAY, _SOON = 3.0, 1e-9  # ticks: no part begins closer to an event; seconds: times that are the same
 _RESCALE = 2.0
 _LEVEL = 1e-6  # slope of a branch in the parameter: below it the branch is upright
+_UPRIGHT = 12  # places in parts whose parameters are the same to the digits of their motions: a canard
 _GROWS = 1e-8  # a multiplier beyond the unit circle by this, and by ten times its error, is unstable
 _LOOSE, _PASSES = 1e-7, 4  # of the parameter: a zero that is not reached; and how often the way to it is halved then
 _CLOSINGS = 3  # Newton steps that close a motion which is small in the scales of the map
@@ -66,6 +67,7 @@ _TRIES = (1.0, 3.0, 10.0, 30.0, 100.0)
 _BEYOND = (1e-3, 1e-2, 3e-4, 0.03)
 _SHORT_OF = 1e-3  # of the largest cycle of a linear rig: where the branch is followed from
 _GRAZES = 1.5  # times the way to the nearest zero of a distance: others so near vanish with it
+_DIGITS = "cycles beyond it change within less than the digits of the parameter"
 FAILURES = (NoCycle, NumericsError, SceneError)
 
 
@@ -306,6 +308,10 @@ def _along(
             ds = min(ds * _GROWTH, longest * math.sqrt(len(at.map.ticks)))
         segment.places.append(replace(centred, step=ds))
         watch(segment.places[-1])
+        upright = [place.p for place in segment.places[-_UPRIGHT:] if place.map.cuts]
+        if len(upright) == _UPRIGHT and float(np.ptp(upright)) < CLOSE * abs(new.p):
+            segment.end = Special("canard", segment.places[-1], new.p, CLOSED_TO * abs(new.p), turns=True, why=_DIGITS)
+            return None
     segment.end = Special("most", segment.places[-1], segment.places[-1].p, 0.0, why=f"{most} points")
     return None
 
@@ -448,7 +454,7 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
     if at is not segment.places[-1]:
         segment.places.append(at)
     if kind == "jump" or at.map.cuts:
-        why = "" if kind == "jump" else "cycles beyond it change within less than the digits of the parameter"
+        why = "" if kind == "jump" else _DIGITS
         segment.end = Special(kind or "unresolved", at, p, accuracy, contact, name=name, why=why)
         return None
     beyond = _switched(at, other)
