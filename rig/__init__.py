@@ -285,12 +285,12 @@ def branches(
 
     Steady sliding and cycles with any sequence of events, with Floquet multipliers, and their special points: Hopf,
     fold, grazing, period doubling, torus, lift-off, landing, begin and end of stick, jump, canard. `start`: what
-    branches of cycles begin from: "hopf" (the Hopf points of sliding), "simulation" (limit cycles in the middle and at the ends of
-    the range), a value at which to simulate, a map, a recording. `output`: plant output of the figure, by default the
-    first. `points`: most points of a branch. `second`: a further parameter, KEY=FROM:TO:COUNT; then the result is the
-    curves of the special points over both, the boundaries of sliding, stick-slip and both. Results go to a folder of
-    their own in `folder`; an interrupted computation goes on from its last point. Raises rig.errors.SceneError and
-    UsageError.
+    branches of cycles begin from: "hopf" (the Hopf points of sliding), "simulation" (limit cycles in the middle and at
+    the ends of the range), a value at which to simulate, a map, a recording. `output`: plant output of the figure, by
+    default the first. `points`: most points of a branch. `second`: a further parameter, KEY=FROM:TO:COUNT; then the
+    result is the curves of the special points over both, the boundaries of sliding, stick-slip and both. Results go to
+    a folder of their own in `folder`; an interrupted computation goes on from its last point. Raises
+    rig.errors.SceneError and UsageError.
     """
     from pathlib import Path
 
