@@ -1,6 +1,6 @@
 """A structure of the user's own: matrices of a finite element program, or typed in; contacts, loads, a piezo stack.
 
-    M q'' + D q' + K q = sum_c (n_c N_c + t_c T_c) + p F        N_c = -k_c n_c q,  w_c = r_c W - t_c q'
+    M q'' + D q' + K q = sum_c (n_c N_c + t_c T_c) + p F        N_c = -k_c n_c q - d_c n_c q',  w_c = r_c W - t_c q'
     M, D, K: sums of parts; a part may be multiplied by a number of the scene: KEY, KEY^2 or 1/KEY
 
 n_c, t_c: rows of contact point c, gap and motion along the sliding relative to the master. k_c is the stiffness per
@@ -120,7 +120,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
             a.push(coordinate, {state: share * value for state, value in pushed.items()})
     springs = [points.springs(given) for points in model.contacts]
     if p.friction is not None:
-        _add_contacts(a, p, model, springs, speed, row)
+        _add_contacts(a, p, model, springs, [points.dampers(given) for points in model.contacts], speed, row)
     if p.piezo is not None:
         piezo.add(a, p, row(model.forces[1][-1]), moved)
     for name in p.outputs:
@@ -225,12 +225,13 @@ def _modal(table: tuple[tuple[float, float], ...], mass: Array, stiffness: Array
 
 
 def _add_contacts(
-    a: Assembly, p: Tables, model: Full, springs: list[Array], speed: Row, row: Callable[..., Row]
-) -> None:
+    a: Assembly, p: Tables, model: Full, springs: list[Array], dampers: list[Array], speed: Row,
+    row: Callable[..., Row],
+) -> None:  # fmt: skip
     """Add friction patches and normal forces; points with the same slip speed and law belong to one patch."""
     patches: list[tuple[str, Array, float, Law]] = []
     of_points: dict[str, Output] = {}
-    for points, stiffness in zip(model.contacts, springs):
+    for points, stiffness, damping in zip(model.contacts, springs, dampers):
         contact, law = p.contacts[points.name], p.law_of(points.name)
         for i, (name, normal, along) in enumerate(zip(_names(points), points.normal, points.along)):
             radius = float(points.radius[i])
@@ -243,7 +244,10 @@ def _add_contacts(
                 patch = name
                 patches.append((patch, along, radius, law))
                 a.patch(patch, row(along), {state: radius * value for state, value in speed.items()}, law)
-            a.normal(name, patch, row(normal, factor=-float(stiffness[i])), row(normal), opens=contact.opens)
+            pressed = row(normal, factor=-float(stiffness[i]))
+            if damping[i]:
+                pressed |= row(normal, "'", -float(damping[i]))
+            a.normal(name, patch, pressed, row(normal), opens=contact.opens)
             of_points |= {
                 f"normal_force_of_{name}": Output({f"N:{name}": 1.0}, "N", _OF_POINTS[0]),
                 f"slip_speed_of_{name}": Output({f"w:{patch}": 1.0}, "m/s", _OF_POINTS[1]),
@@ -251,7 +255,7 @@ def _add_contacts(
         of_contact = [entry[0] for entry in a.normals[-len(points.area) :]]
         a.outputs[f"normal_force_{points.name}"] = Output({f"N:{name}": 1.0 for name in of_contact}, "N", Plot())
     if _as_film(a, p):
-        _add_film(a, p, model, springs, speed)
+        _add_film(a, p, model, springs, dampers, speed)
         return
     first = patches[0][0]
     a.outputs |= of_points
@@ -272,12 +276,17 @@ def _as_film(a: Assembly, p: Tables) -> bool:
     ]
     if any(law.states or law.backward is not None for law in laws):
         wrong.append("friction.law: points of a film support no law with memory or with a direction")
-    if asked and wrong:
+    damped = [name for name in p.contacts if (own := p.of_stiffness(name)).damping or own.damper]
+    if damped and (wrong or asked is False):
+        wrong += [
+            f"contacts.{name}: only points of a film have damping; leave it out, or make them a film" for name in damped
+        ]
+    if wrong and (asked or damped):
         raise SceneError("structure.film", wrong)
-    return not wrong and (6 ** len(a.patches) > MANY if asked is None else asked)
+    return not wrong and (bool(damped) or 6 ** len(a.patches) > MANY if asked is None else asked)
 
 
-def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], speed: Row) -> None:
+def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers: list[Array], speed: Row) -> None:
     """Make the contacts points of a film, with outputs of each point.
 
     Without `shear` a point is as stiff along the sliding as across it.
@@ -296,6 +305,7 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], speed: 
         slid="slid",
         stiffness=np.concatenate(springs),
         shear=np.concatenate(shears),
+        damping=np.concatenate(dampers),
         mu=np.array([law.static for law in laws]),
         reach=np.concatenate([points.radius for points, _ in of_points]),
         x=np.concatenate([points.position[:, 0] for points, _ in of_points]),

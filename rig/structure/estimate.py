@@ -227,9 +227,10 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array)
         return []
     finer = replace(reduced, model=replace(reduced.model, contacts=reduced.model.finer))
     count, more = (sum(points.area.size for points in each.model.contacts) for each in (reduced, finer))
-    (mass, _, few), (_, _, many), n = reduced.pencil(values), finer.pencil(values), reduced.coordinates
+    (mass, *few), (_, *many), n = reduced.pencil(values), finer.pencil(values), reduced.coordinates
     changed = jacobian.copy()
-    changed[n : 2 * n, :n] -= np.linalg.solve(mass, many - few)
+    for columns, a, b in zip((slice(n, 2 * n), slice(n)), few, many):
+        changed[n : 2 * n, columns] -= np.linalg.solve(mass, b - a)
     near, exact = (np.linalg.eigvals(matrix).astype(complex) for matrix in (jacobian, changed))
     near, exact = near[in_range(near, reduced.up_to)], exact[in_range(exact, reduced.up_to)]
     left = near.tolist()

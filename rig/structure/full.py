@@ -57,10 +57,10 @@ class Part:
 class Points:
     """The points of one contact: rows [point, row] of the gap and of the relative displacement along the sliding.
 
-    A gap that closes is negative: N_c = -k_c normal_c x with k_c = stiffness per area times `area` [m^2]. The slip
-    speed is `radius` times the speed of the drive minus along_c x'; `radius` is 1 for sliding along a line. `position`
-    [point, 3] and `sliding` [point, 3], a unit vector, are for pictures. `flexibility` [point] in m/N is in series with
-    the spring of each point: what a basis leaves out.
+    A gap that closes is negative: N_c = -k_c normal_c x - d_c normal_c x' with k_c and d_c = stiffness and damping per
+    area times `area` [m^2]. The slip speed is `radius` times the speed of the drive minus along_c x'; `radius` is 1 for
+    sliding along a line. `position` [point, 3] and `sliding` [point, 3], a unit vector, are for pictures. `flexibility`
+    [point] in m/N is in series with the spring of each point: what a basis leaves out.
     """
 
     name: str
@@ -82,15 +82,32 @@ class Points:
         """The number of the scene that is the normal stiffness per area [N/m^3]."""
         return f"contacts.{self.name}.stiffness"
 
+    @property
+    def damping_key(self) -> str:
+        """The number of the scene that is the normal damping per area [N s/m^3]."""
+        return f"contacts.{self.name}.damping"
+
     def springs(self, values: Mapping[str, float]) -> Array:
         """The normal stiffness of each point [N/m] for these `values` by key."""
         stiffness = values[self.stiffness_key] * self.area
         return np.asarray(stiffness / (1.0 + stiffness * self.flexibility))
 
+    def dampers(self, values: Mapping[str, float]) -> Array:
+        """The normal damping of each point [N s/m], beside its spring; both are in series with the flexibility."""
+        series = 1.0 + values[self.stiffness_key] * self.area * self.flexibility
+        return np.asarray(values.get(self.damping_key, 0.0) * self.area / series**2)
+
     def stiffness(self, values: Mapping[str, float]) -> Matrix:
-        """sum_c k_c (n_c n_c^T + mu t_c n_c^T): what closed points that slide add to the stiffness."""
+        """sum_c k_c (n_c + mu t_c) n_c^T: what closed points that slide add to the stiffness."""
+        return self._sliding(self.springs(values), values)
+
+    def damping(self, values: Mapping[str, float]) -> Matrix:
+        """sum_c d_c (n_c + mu t_c) n_c^T: what they add to the damping."""
+        return self._sliding(self.dampers(values), values)
+
+    def _sliding(self, numbers: Array, values: Mapping[str, float]) -> Matrix:
         rows = self.normal + values.get(self.friction_key, values.get(FRICTION, 0.0)) * self.along
-        return rows.T @ (sp.diags_array(self.springs(values)) @ self.normal)
+        return rows.T @ (sp.diags_array(numbers) @ self.normal)
 
 
 @dataclass(frozen=True)
@@ -150,10 +167,12 @@ class Full:
 
     def pencil(self, values: Mapping[str, float]) -> tuple[Matrix, Matrix, Matrix]:
         """M, D and K of small motions about steady sliding with all points closed, for these `values` by key."""
-        stiffness = self.matrix("stiffness", values)
+        damping, stiffness = self.matrix("damping", values), self.matrix("stiffness", values)
         for points in self.contacts:
             stiffness = stiffness + points.stiffness(values)
-        return self.matrix("mass", values), self.matrix("damping", values), stiffness
+            if values.get(points.damping_key):
+                damping = damping + points.damping(values)
+        return self.matrix("mass", values), damping, stiffness
 
     @property
     def forces(self) -> tuple[Matrix, Matrix]:

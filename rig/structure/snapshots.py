@@ -62,7 +62,7 @@ def trained(
             stiffness,
             kind="snapshots",
             up_to=up_to,
-            trained={key: over.get(key, (middle[key], middle[key])) for key in full.numbers},
+            trained={key: over.get(key, (middle[key], middle[key])) for key in (*full.numbers, *over)},
             points=tuple(points),
         )
         fresh: set[int] = set()
@@ -88,7 +88,7 @@ def _check(full: Full, over: Mapping[str, tuple[float, float]], at: Mapping[str,
     faults = [
         f"reduction.over: {key} multiplies nothing of this structure; it has {', '.join(full.numbers) or 'no numbers'}"
         for key in over
-        if key not in full.numbers
+        if key not in (*full.numbers, *(points.damping_key for points in full.contacts))
     ]
     faults += [
         f"reduction.over: {key} is trained from {low:g} to {high:g}; the second number must be larger"

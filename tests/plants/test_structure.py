@@ -636,6 +636,64 @@ def test_eigenvalues_of_contacts_with_laws_of_their_own_are_those_of_the_full_ma
     assert errors[0].modes[0].growth > 1.1 * same[0].growth > 50.0
 
 
+def test_damping_of_points_is_that_of_the_matrices(tmp_path):
+    """Each closed point adds d (n + mu t) n^T to D: eigenvalues, and the motion of a run by the matrix exponential."""
+    from scipy.linalg import expm
+
+    dampers = (2.0, 0.0, 0.5)
+    pads = {name: pad | {"damper": d} for (name, pad), d in zip(THREE_PADS.items(), dampers)}
+    scene = three(tmp_path, pads, "25 us", start={"velocity": 1e-3})
+    n, t = (
+        np.array([[*(pad[row].get(name, 0.0) for name in "xyu")] for pad in pads.values()]) for row in ("gap", "along")
+    )
+    system, rows = scene.assemble().system(), n + 0.3 * t
+    springs = np.array([pad["spring"] for pad in pads.values()])
+    K = system.stiffness + (springs[:, None] * rows).T @ n
+    D = system.damping + (np.array(dampers)[:, None] * rows).T @ n
+    A = np.block([[np.zeros((3, 3)), np.eye(3)], [-np.linalg.solve(system.mass, np.hstack([K, D]))]])
+    rates = np.linalg.eigvals(A)
+    rates = rates[rates.imag > 0.0]
+    modes = rig.modes(scene).sliding.modes
+    assert sorted(m.growth for m in modes) == pytest.approx(sorted(rates.real), rel=1e-9)
+    assert sorted(m.frequency for m in modes) == pytest.approx(sorted(rates.imag / (2.0 * np.pi)), rel=1e-9)
+    assert min(abs(rates.real)) > 1.5 * min(
+        abs(m.growth) for m in rig.modes(three(tmp_path, THREE_PADS, "25 us")).sliding.modes
+    )
+    run = rig.simulate(scene, 1.0)
+    assert (run.signals["state_of_pad"] == 2.0).all()
+    v = np.zeros(6)
+    v[5] = 1e-3
+    step, expected = expm(A * (run.time[1] - run.time[0])), []
+    for _ in run.time:
+        expected.append(v[5])
+        v = step @ v
+    assert run.signals["body_velocity"] == pytest.approx(expected, abs=1e-3 * 1e-3)
+    assert abs(run.energy["error"]) < 1e-3 * run.energy["friction"]
+
+
+def test_only_points_of_a_film_have_damping(tmp_path):
+    damped = THREE["contacts"]["pad"] | {"damper": 2.0}
+    for tables, what in (
+        ({"contacts": {"pad": damped}, "structure": THREE["structure"] | {"film": False}}, "make them a film"),
+        ({"contacts": {"pad": damped | {"opens": False}}}, "contacts.pad.opens: points of a film open"),
+        (
+            {"contacts": {"pad": THREE["contacts"]["pad"] | {"damping": 2.0}}},
+            "contacts.pad.damping = 2.0: does not belong",
+        ),
+        (
+            {
+                "contacts": {
+                    "pad": damped,
+                    "edge": {"gap": {"y": 1.0}, "along": {"x": 1.0}, "stiffness_of": "pad", "damper": 1},
+                }
+            },
+            "contacts.edge.damper = 1.*: does not belong beside stiffness_of",
+        ),
+    ):
+        with pytest.raises(SceneError, match=what):
+            scenes.load(written(tmp_path, THREE | tables)).assemble()
+
+
 def masses_in_flutter(folder, _):
     return three(folder, THREE_PADS, "200 us", factors={"soft": 20.0}, start={"velocity": 1e-8}), "body_velocity", 70.0
 

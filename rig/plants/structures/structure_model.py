@@ -47,6 +47,8 @@ def values_of(p: Tables) -> dict[str, float]:
     for name in p.contacts:
         contact = p.of_stiffness(name)
         values[f"contacts.{name}.stiffness"] = contact.stiffness or contact.spring or 0.0
+        if damping := contact.damping or contact.damper:
+            values[f"contacts.{name}.damping"] = damping
     if p.friction is not None and p.drive is not None:
         radius = max((contact.radius or 0.0 for contact in p.contacts.values()), default=0.0) or 1.0
         speed = p.drive.speed * (radius if isinstance(p.drive, Turning) else 1.0)
@@ -91,9 +93,11 @@ class Given:
 _SWEPT = (
     "film",
     "stiffness",
+    "damping",
     "stiffness_of",
     "shear",
     "spring",
+    "damper",
     "opens",
     "friction",
     "speed",
@@ -157,7 +161,7 @@ def _reduction(p: Tables) -> basis.Reduction:
     keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"} - {""}
     if kind == "snapshots":
         keys |= {part.scaling[0] for part in p.structure.parts.values()} - {""} | {ALPHA, BETA, FRICTION}
-        keys |= {f"contacts.{name}.{FRICTION}" for name in p.contacts}
+        keys |= {f"contacts.{name}.{own}" for name in p.contacts for own in (FRICTION, "damping")}
     keys |= {f"contacts.{name}.stiffness" for name in p.contacts}
     units = {key: unit for key, (_, unit) in p.numbers.items()}
     over = {key: tuple(si(end, units[key]) for end in ends) for key, ends in given.over.items()}

@@ -24,6 +24,7 @@ from rig.quantities import (
     MetrePerSecond,
     Newton,
     NewtonPerMetre,
+    NewtonSecondPerMetre,
     Number,
     PositiveMetre,
     PositiveNewton,
@@ -41,6 +42,7 @@ from rig.units import si
 Line = dict[str, float]
 """A row over typed coordinates."""
 PerArea: Any = quantity("N/m^3", Ge(1e-3), Le(1e18))
+DampingPerArea: Any = quantity("N*s/m^3", Ge(0.0), Le(1e18))
 PerSecond: Any = quantity("1/s", Ge(0.0))
 Seconds: Any = quantity("s", Ge(0.0))
 _TIMES = re.compile(r"(?P<one>1\s*/\s*)?(?P<key>[A-Za-z]\w*(\.\w+)+)(\s*\^\s*(?P<power>[1-9]))?")
@@ -196,9 +198,10 @@ class Surface(Nodes):
 class Contact(Section):
     """A contact between two surfaces of the mesh, grouped into `points`; or of rows: a file, or `gap` and `along`.
 
-    `stiffness`, `shear`: normal and along, per area; with `stiffness_of` those of another contact. `gap`, `along`: rows
-    over typed coordinates, with the `spring` of the contact [N/m] and the `radius` at which it slides on a turning
-    surface. `friction`: a law of its own, instead of [friction]. `opens`: it lifts off.
+    `stiffness`, `shear`: normal and along, per area, and `damping` of the normal motion; with `stiffness_of` those of
+    another contact. `gap`, `along`: rows over typed coordinates, with the `spring` and the `damper` of the contact and
+    the `radius` at which it slides on a turning surface. `friction`: a law of its own, instead of [friction]. `opens`:
+    it lifts off.
     """
 
     slave: Surface | None = None
@@ -209,11 +212,13 @@ class Contact(Section):
     search: PositiveMetre = 1e-3
     stiffness: Annotated[PerArea | None, Unit("N/m^3")] = None
     shear: Annotated[PerArea | None, Unit("N/m^3")] = None
+    damping: Annotated[DampingPerArea | None, Unit("N*s/m^3")] = None
     stiffness_of: str | None = None
     rows: str | None = None
     gap: Line | None = None
     along: Line | None = None
     spring: NewtonPerMetre | None = None
+    damper: NewtonSecondPerMetre | None = None
     radius: PositiveMetre | None = None
     friction: Friction | None = None
     opens: bool = True
@@ -234,15 +239,18 @@ class Contact(Section):
                 wrong.append((key, f"is missing beside {other}"))
         needed, beside = ("spring", "stiffness") if self.gap is not None else ("stiffness", "spring")
         if self.stiffness_of is not None:
-            of_own = [key for key in ("stiffness", "shear", "spring") if getattr(self, key) is not None]
+            numbers = ("stiffness", "shear", "damping", "spring", "damper")
+            of_own = [key for key in numbers if getattr(self, key) is not None]
             wrong += [
                 (key, f"does not belong beside stiffness_of: it is that of {self.stiffness_of}") for key in of_own
             ]
         elif getattr(self, needed) is None:
             unit = "N/m" if needed == "spring" else "N/m^3, per area"
             wrong.append((needed, f"is missing; expected the stiffness of the contact [{unit}]"))
-        if getattr(self, beside) is not None and self.stiffness_of is None:
-            wrong.append((beside, f"does not belong to {given[0] if given else 'it'}: give {needed}"))
+        pairs = {"stiffness": "damping", "spring": "damper"}
+        for key, instead in ((beside, needed), (pairs[beside], pairs[needed])):
+            if getattr(self, key) is not None and self.stiffness_of is None:
+                wrong.append((key, f"does not belong to {given[0] if given else 'it'}: give {instead}"))
         if wrong:
             raise refused(wrong)
         return self
