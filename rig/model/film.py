@@ -36,7 +36,9 @@ _ALIKE = 1e-9
 
 
 class Mirror(NamedTuple):
-    """A mirror symmetry of a film: `order` [point] has one of each pair of points first, then their images.
+    """A mirror symmetry of a film's rows: `order` [point] has one of each pair of points first, then their images.
+
+    Stiffness, friction and the other numbers of two images may differ: each point has its own.
 
     `parity` [coordinate]: 1 if it moves both sides alike (in opposite directions across the sliding), -1 if it moves
     them in opposite directions.
@@ -126,8 +128,6 @@ class Film:
         )  # point, q, direction
         images = rows.copy()
         images[:, :, 2:] *= -1.0
-        laws = self.packed if self.laws else ()
-        numbers = np.column_stack([self.stiffness, self.shear, self.damping, self.mu, self.reach, *laws])
         parity, free = np.zeros(rows.shape[1]), np.ones(self.points, dtype=bool)
         first: list[int] = []
         second: list[int] = []
@@ -139,7 +139,7 @@ class Film:
             turned = np.where(known, parity, 1.0)[:, None] * rows[point]
             far, against = np.abs(images - turned), np.abs(images + turned)
             far = np.where(known[:, None], far, np.minimum(far, against))
-            alike = free & (far.max(axis=(1, 2)) < _ALIKE) & (numbers == numbers[point]).all(axis=1)
+            alike = free & (far.max(axis=(1, 2)) < _ALIKE)
             if not first:
                 alike &= np.arange(self.points) == partner
             if not alike.any():

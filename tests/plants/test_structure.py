@@ -31,6 +31,7 @@ from rig.bench.again.verify import verify
 from rig.bench.run.before import findings
 from rig.errors import SceneError, UsageError
 from rig.model.assembly import Assembly
+from rig.model.film import Film
 from rig.plants import structure as of_matrices
 from rig.record.compare import compare
 from rig.scenes.explain import explain
@@ -788,6 +789,46 @@ def test_a_film_vibrates_like_exact_contacts_and_like_itself_with_half_the_step(
         interval = student.ppf(0.975, 7) * np.sqrt(variances[0] + variances[other])
         assert abs(means[0] - means[other]) < max(0.1 * means[other], interval)
         assert interval < 0.15 * means[other]
+
+
+def test_the_mirror_symmetry_of_two_shoes_is_used_and_changes_nothing(tmp_path, monkeypatch):
+    """Three masses each and springs between them, on contacts of their own; a run in which points open and stick."""
+    count = 3
+    shoe = 1e5 * (np.diag([3.0, 4.0, 3.0]) - np.eye(3, k=1) - np.eye(3, k=-1))
+    shoe = np.block([[shoe, -0.7e5 * np.eye(3)], [-0.7e5 * np.eye(3), 0.6 * shoe]])  # along x, across y
+    link = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.diag([2e4] * 3 + [1e4] * 3))
+    names = [f"{what}{side}{i}" for side in "ab" for what in "xy" for i in range(count)]
+    matrices = {
+        "M": {"of": "mass", "values": np.eye(12).tolist()},
+        "K": {"of": "stiffness", "values": (np.kron(np.eye(2), shoe) + link).tolist()},
+    }
+    contacts = {
+        f"at_{side}{i}": {"gap": {f"y{side}{i}": 1.0}, "along": {f"x{side}{i}": 1.0}, "spring": k}
+        for side, k in (("a", 1.0e5), ("b", 1.2e5))
+        for i in range(count)
+    }
+    tables = {
+        "structure": {"units": "m-kg-s", "coordinates": names, "parts": matrices, "film": True},
+        "reduction": {"kind": "modes", "modes": 12, "contact": "open"},
+        "contacts": contacts,
+        "drive": {"speed": 0.01},
+        "load": {"force": 20.0, "at": {name: {"row": {name: -1.0}} for name in names if name[0] == "y"}},
+        "friction": {"law": "constant", "mu": 0.4},
+        "outputs": {"first": {"row": {"ya0": 1.0}}},
+        "start": {"velocity": 0.3},
+        "knock": {"at": "first"},
+        "clock": {"rk4_step": "50 us"},
+    }
+    path = written(tmp_path, tables)
+    assert scenes.load(path).assemble().film.mirror.order.tolist() == list(range(6))
+    used = rig.simulate(scenes.load(path), 0.2)
+    monkeypatch.setattr(Film, "mirror", None)
+    whole = rig.simulate(scenes.load(path), 0.2)
+    assert used.signals["openings"][-1] > 0.0
+    assert (used.signals["state_of_at_b0"] == 1.0).any()
+    for name in ("first_velocity", "normal_force", "friction_force", "slip_speed_of_at_b2"):
+        v = whole.signals[name]
+        assert used.signals[name] == pytest.approx(v, abs=1e-9 * np.abs(v).max())
 
 
 @pytest.mark.parametrize("points", [(2, 6), (1, 2)], ids=["film", "mode sets"])
