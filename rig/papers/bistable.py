@@ -237,7 +237,7 @@ def beam(figure: Figure) -> Compared:
     axis.set_xlim(0.0, 3.0)
     part = (made.time > 1.2) & (made.time < 1.21)
     near.plot(MM * (made.time[part] - 1.2), made.signals["acceleration"][part], color=BLUE, lw=0.8)
-    near.set(xlabel="time [ms], from 1.2 s", ylabel="acceleration [m/s²]")
+    near.set(xlabel="time since 1.2 s [ms]", ylabel="acceleration [m/s²]")
     yield Comparison("last stick at rising speed", "mm/s", _critical(made)[0], 13.0, "paper", absolute=0.4)
     more, _ = _critical(rig.simulate(load("tip_beam", beam__modes=5, clock__frame=5e-6)))
     yield Comparison("last stick at rising speed, five modes", "mm/s", more, math.nan, "paper")
