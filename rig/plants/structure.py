@@ -36,6 +36,7 @@ from rig.plants.structures.contact_map import Surface, surface_of
 from rig.plants.structures.structure_model import Given, full, reduced, values_of
 from rig.plants.structures.structure_tables import Tables, Turning
 from rig.solve.film_steps import COUNTED
+from rig.solve.records import CLOSED, OPEN
 from rig.stability.linearisation import sliding_key, steady
 from rig.structure import estimate
 from rig.structure.full import Full, Part, Points
@@ -336,19 +337,26 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers
 
 
 def tension(system: System, step: float) -> Iterator[Finding]:
-    """What nothing holds, and points that would have to pull, at steady sliding with every contact closed."""
+    """What nothing holds, also with every contact open if none presses, and points that would have to pull."""
     if system.film is not None:  # its forces are those of the contacts already
         start = system.start.copy()
         start[[system.names.index(film.on(name)) for name in system.coordinates]] = 0.0
         system = replace(system, start=start)
-    at = steady(system, sliding_key(system))
+    key = sliding_key(system)
+    at = steady(system, key)
+    apart, remedy = "", "hold it by a support or by a contact that presses"
     if not at.balanced:
         if unheld := at.unheld:
-            yield Finding("error", unheld.partition(";")[0], 0.0, "hold it by a support or by a contact that presses")
+            yield Finding("error", unheld.partition(";")[0], 0.0, remedy)
         return
     forces = (at.modes.normal @ at.x + at.modes.normal_t @ at.T).tolist()
     pulls = sorted((force, normal.name) for force, normal in zip(forces, system.normals) if force <= 0.0)
-    if pulls:
+    if pulls and len(pulls) == len(forces):
+        slip, _, limiters, *_ = system.modes(key)
+        apart = steady(system, system.key(slip, [OPEN if k.opens else CLOSED for k in system.normals], limiters)).unheld
+    if apart:
+        yield Finding("error", f"no contact presses, and {apart.partition(';')[0]}", 0.0, remedy)
+    elif pulls:
         shown = ", ".join(f"{name} ({force:.3g} N)" for force, name in pulls[:4])
         more = f" and {len(pulls) - 4} more" if len(pulls) > 4 else ""
         what = f"{len(pulls)} of {len(forces)} contact points do not press at steady sliding: {shown}{more}"

@@ -72,7 +72,7 @@ def contact(run: Run) -> str:
         return ""
     opened = first_opening(run)
     if opened is None:
-        return "no point opens"
+        return "no point opens" if np.nanmax(run.signals[FRACTION], initial=0.0) > 0.0 else "no point closes"
     closed = run.signals[FRACTION][run.time >= opened]
     closed = closed[np.isfinite(closed)]
     return (

@@ -33,6 +33,7 @@ from rig.errors import SceneError, UsageError
 from rig.model.assembly import Assembly
 from rig.model.film import Film
 from rig.plants import structure as of_matrices
+from rig.record import statistics
 from rig.record.compare import compare
 from rig.scenes.explain import explain
 from rig.structure import model_store
@@ -305,6 +306,14 @@ def test_a_structure_that_nothing_holds_says_so(tmp_path):
     assert "no spring holds x" in rig.modes(scene).text()
     with pytest.raises(SceneError, match="no spring holds x, so forces there find no balance"):
         rig.simulate(scene, 0.01)
+    parts["K"] = {"of": "stiffness", "values": np.diag([1.0, 0.0, 1.0]).tolist()}
+    pulled = free | {"structure": free["structure"] | {"parts": parts, "film": True}}
+    assert rig.simulate(scenes.load(written(tmp_path, pulled)), 0.01).signals["contact_fraction"].all()
+    pulled["load"] = {"force": 20.0, "at": {"top": {"row": {"y": 1.0}}}}
+    with pytest.raises(SceneError, match="no contact presses, and no spring holds y, so forces there find no balance"):
+        rig.simulate(scenes.load(written(tmp_path, pulled)), 0.01)
+    run = rig.simulate(scenes.load(written(tmp_path, pulled | {"clock": {"unstable": "run"}})), 0.01)
+    assert statistics.contact(run) == "no point closes"
 
 
 def test_ranges_of_a_training_are_read_and_values_outside_are_named(tmp_path, monkeypatch):
