@@ -235,6 +235,10 @@ def test_faults_of_a_case_are_told_together(tmp_path):
         read(path)
     assert 'duration = "3 m": expected a unit that converts to s' in told.value.faults
     assert any(fault.startswith("speed: unknown key; ") for fault in told.value.faults)
+    for steps, fault in (('["1 ms", "0.5 us"]', "steps below 1 us need frames"), ("[]", "steps")):
+        path.write_text(f'title = "x"\nabout = "y"\nscene = "belt_c"\nduration = "3 s"\nsteps = {steps}\n')
+        with pytest.raises(SceneError, match=fault):
+            read(path)
     path.write_text('title = "x"\nbased_on = "belt"\n')
     with pytest.raises(SceneError, match=r'is a scene; a case names one, scene = "bad.toml"'):
         read(path)

@@ -28,7 +28,7 @@ from rig.quantities import Nanoseconds, Section
 from rig.scenes import faults, places, source
 from rig.scenes.faults import lines
 from rig.scenes.places import Place
-from rig.scenes.protocol import Clock
+from rig.scenes.protocol import Clock, Frame
 from rig.scenes.scene import Scene
 from rig.sensors.chain.instrument import Instrument
 from rig.sensors.displacement_laser import DisplacementLaser
@@ -107,8 +107,8 @@ class Case(Section):
     places: dict[str, Place] = Field(default_factory=dict, exclude=True)
     duration: Nanoseconds
     quick_duration: Nanoseconds | None = None
-    steps: tuple[Nanoseconds, ...] = (1_000_000, 100_000)
-    frame: Nanoseconds | None = None
+    steps: tuple[Nanoseconds, ...] = Field((1_000_000, 100_000), min_length=1)
+    frame: Frame | None = None
     limited: bool = False
     quick: bool = True
     seconds: Share = 2.0
@@ -120,6 +120,8 @@ class Case(Section):
     def _frames(self) -> Self:
         if self.frame and any(act.do not in ("set", "knock", "blocks") or act.over for act in self.acts):
             raise ValueError("actions that count frames need frames of one step: leave `frame` out")
+        if not self.frame and min(self.steps) < 1_000:
+            raise ValueError("steps below 1 us need frames of several steps: give `frame`")
         if self.processes and self.rig:
             raise ValueError("processes = true needs a scene: no process knows a rig of the torture test")
         return self
