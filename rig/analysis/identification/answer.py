@@ -312,10 +312,11 @@ class Identified(Result):
         lines = [
             f"{self.task.scene.name}: {counted(len(best.runs), 'run')}{law}, {how}; {best.evaluations} evaluations"
         ]
-        rows = [("", "found", "90 % from", "to", "stated", "", "verdict")]
+        rows, of_scene = [("", "found", "90 % from", "to", "stated", "", "verdict")], self.task.scene.values()
         for p in self.parameters:
+            stated = f"{p.stated:.5g}" if p.key in of_scene else "-"  # another law has keys that the scene lacks
             ends = (f"{p.low:.5g}", f"{p.high:.5g}") if math.isfinite(p.low) and p.verdict != UNKNOWN else ("-", "-")
-            rows.append((p.key, f"{p.value:.5g}", *ends, f"{p.stated:.5g}", _plain(p.unit), p.verdict))
+            rows.append((p.key, f"{p.value:.5g}", *ends, stated, _plain(p.unit), p.verdict))
         lines += columns(rows, "<>>>><<")
         runs = [("run", "cycles", "left out", "rms / noise", "p of the misfit")]
         for run in best.runs:
@@ -326,11 +327,11 @@ class Identified(Result):
             lines += ["", *_prediction(run)]
         if len(self.fits) > 1:
             head = "rms / noise" if best.repeats else "deviation between runs"
-            table = [("law", head, "p of the misfit", "")]
-            table += [
-                (f.law.name, f"{f.size:.3g}", f"{f.p:.2g}", "fits" if f.fits else "does not fit") for f in self.fits
-            ]
-            lines += ["", *columns(table, "<>><")]
+            table = [("law", head, "p of the misfit", "", UNKNOWN)]
+            for f in self.fits:
+                unknown = ", ".join(p.key for p in f.parameters if p.verdict == UNKNOWN)
+                table.append((f.law.name, f"{f.size:.3g}", f"{f.p:.2g}", "fits" if f.fits else "does not fit", unknown))
+            lines += ["", *columns(table, "<>><<")]
         words = [*best.words()]
         lines += ["", *(f"  {word}" for word in words)] if words else []
         for proposal in self.proposals:
@@ -356,7 +357,8 @@ class Identified(Result):
             "runs": [{"name": r.name, "cycles": r.cycles, "left_out": r.dropped, "rms": r.rms, "p": r.p}
                      for r in best.runs],
             "predicted": [_prediction_json(run) for run in best.predicted],
-            "laws": [{"law": f.law.name, "size": f.size, "p": f.p, "fits": f.fits} for f in self.fits],
+            "laws": [{"law": f.law.name, "size": f.size, "p": f.p, "fits": f.fits,
+                      "verdicts": {p.key: p.verdict for p in f.parameters}} for f in self.fits],
             "notes": [*best.words()],
             "next": [proposal.to_json() for proposal in self.proposals],
         }  # fmt: skip
