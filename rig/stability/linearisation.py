@@ -257,8 +257,20 @@ class Steady:
         return 2.0 * np.pi / fastest, 2.0 * np.pi / float(rates[rates > 1e-6 * fastest].min())
 
     def eigenvectors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """The eigenvalues [i], the least stable first, and the mode shapes [state, i] over all states."""
-        values, vectors = np.linalg.eig(self.A[np.ix_(self.moving, self.moving)])
+        """The eigenvalues [i], the least stable first, and the mode shapes [state, i] over all states.
+
+        Motions in which a stuck contact would slip are left out: their eigenvalues are zero, twice each, and rounding
+        would make some of them grow.
+        """
+        A, memory = self.A[np.ix_(self.moving, self.moving)], [patch.memory for patch in self.system.patches]
+        stuck = [p for p, mode in enumerate(self.system.modes(self.modes.key)[0]) if mode == STICK and not memory[p]]
+        if stuck:
+            rows = self.system.slip_rows[stuck][:, self.moving]
+            within = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
+            values, vectors = np.linalg.eig(within.T @ A @ within)
+            vectors = within @ vectors
+        else:
+            values, vectors = np.linalg.eig(A)
         order = np.lexsort((-values.imag, -values.real))
         shapes = np.zeros((self.system.n, len(values)), dtype=np.complex128)
         shapes[self.moving] = vectors[:, order]

@@ -36,6 +36,8 @@ from rig.plants import structure as of_matrices
 from rig.record import statistics
 from rig.record.compare import compare
 from rig.scenes.explain import explain
+from rig.solve.records import CLOSED, STICK
+from rig.stability.linearisation import steady
 from rig.structure import model_store
 from rig.structure.contacts import node_vector
 from rig.view import contact, pressure
@@ -830,6 +832,11 @@ def test_the_mirror_symmetry_of_two_shoes_is_used_and_changes_nothing(tmp_path, 
     }
     path = written(tmp_path, tables)
     assert scenes.load(path).assemble().film.mirror.order.tolist() == list(range(6))
+    system = scenes.load(path).assemble().system()
+    sizes = np.abs(steady(system, system.key([STICK] * 6, [CLOSED] * 6, [])).eigenvectors()[0])
+    zeros = sizes[sizes < 1e-3 * sizes.max()]
+    assert zeros.size == 6  # where the stuck points rest is free; slip is left out
+    assert zeros.max() < 1e-10 * sizes.max()
     used = rig.simulate(scenes.load(path), 0.2)
     monkeypatch.setattr(Film, "mirror", None)
     whole = rig.simulate(scenes.load(path), 0.2)
