@@ -147,6 +147,11 @@ def curves(job: Job, second: Axis, root: Path = ROOT, progress: Progress = lambd
         ]
         specials, done = saved[0]["specials"], 0
         for number, special in enumerate(specials):
+            if special["last"] is None:
+                here = {own: special["p"]} if own in second.values else {}
+                what = f"not followed from {own:.6g}: {special['why']}"
+                out.append(Curve(special["kind"], special["contact"], tuple(here), tuple(here.values()), what))
+                continue
             parts: dict[float, float] = {}
             whys: list[str] = []
             above = sorted(v for v in second.values if v >= own)
@@ -188,9 +193,13 @@ def _work(job: Job, second: Axis) -> Work:
 
 
 def _saved(special: Special) -> dict[str, Any]:
-    """A special point as JSON values, with the cycle a little before it."""
+    """A special point as JSON values, with the cycle a little before it; without one if it cannot be followed."""
     kind = TURNS.get(special.kind, special.kind) if special.turns else special.kind
-    return {"kind": kind, "contact": special.contact, "name": special.name, "last": raw_of(_back(special.at))}
+    told = {"kind": kind, "contact": special.contact, "name": special.name, "p": special.p, "last": None}
+    try:
+        return told | ({"why": special.why} if special.at.map.cuts else {"last": raw_of(_back(special.at))})
+    except FAILURES as error:
+        return told | {"why": " ".join(str(error).split())}
 
 
 def _hopf_curves(job: Job, second: Axis) -> Iterator[Curve]:
@@ -212,7 +221,7 @@ def _specials(job: Job, family: Family, q: float) -> Iterator[Special]:
     for first in _beginnings(job, family, q):
         for segment in follow(first, low, high, _POINTS):
             for special in (*segment.specials, *([segment.end] if segment.end else [])):
-                usable = special.kind == "fold" or special.name is not None
+                usable = special.kind in ("fold", "canard") or special.name is not None
                 new = not any(abs(special.p - p) <= 1e-6 * abs(p) for p in seen)
                 if usable and new:
                     seen.append(special.p)
