@@ -350,6 +350,7 @@ FILM_LIMIT = 1.6
 """The same for a film. Beyond, points that open and close gain energy (1.7 % of the work at 1.87). # derived"""
 FILM_COARSE = 1.0
 """Up to this, the growth rate of the film's flutter has an error of at most 4 %, its first opening 1 %. # derived"""
+_SHORTEST = 1e-8  # s; of clock.rk4_step
 _FINE = 1e-4  # share of the width of a law: slip speed errors up to this keep its events right
 _COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
 
@@ -475,12 +476,15 @@ def _film(system: System, step: float, substeps: int) -> Iterator[Finding]:
     h = step / substeps
     size = assembly.fastest(system, h) * h
     if size > FILM_LIMIT:
+        most = _short_enough(system, h, FILM_LIMIT)
         yield Finding(
             "error",
             f"kick is unstable at a step of {h:g} s: omega h = {size:.3g} with every point closed and stuck, "
             f"at most {FILM_LIMIT}",
             size,
-            f"rk4_step of {part(step, _short_enough(system, h, FILM_LIMIT))} or less",
+            f"rk4_step of {part(step, most)} or less"
+            if most >= _SHORTEST
+            else f"less stiffness or damping of the points: no rk4_step of {_SHORTEST:g} s or more is short enough",
         )
     elif size > FILM_COARSE:
         yield Finding(

@@ -684,6 +684,9 @@ def test_damping_of_points_is_that_of_the_matrices(tmp_path):
 
 
 def test_only_points_of_a_film_have_damping(tmp_path):
+    rigid = three(tmp_path, {"pad": THREE["contacts"]["pad"] | {"damper": 1e9}}, "25 us")
+    with pytest.raises(SceneError, match="less stiffness or damping of the points: no rk4_step of 1e-08 s or more"):
+        rig.simulate(rigid, 0.01)
     damped = THREE["contacts"]["pad"] | {"damper": 2.0}
     for tables, what in (
         ({"contacts": {"pad": damped}, "structure": THREE["structure"] | {"film": False}}, "make them a film"),
