@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rig.analysis.identification.responses import Response
-from rig.analysis.identification.runs import Measured
+from rig.analysis.identification.runs import MOTIONS, Measured
 from rig.errors import UsageError
 from rig.record.run import Reals
 from rig.record.run_data import bridge
@@ -45,6 +45,7 @@ _BEFORE, _AFTER = 0.35, 0.6  # of a period about the begin of a slip: what is fi
 _FAR = 6.0  # times the usual deviation
 _CUT = 2  # cycles of which the ends of a run may cut off a part
 _ROUNDS = 4
+_JUMP = 0.1  # of the range of a column, between two points of a period
 BINS = 5
 
 
@@ -158,6 +159,12 @@ class CycleRun:
                 f"{run.name}: {column.name} has {motion * column.rate:.3g} samples in a motion of {motion:.3g} s "
                 f"between two sticks; at least {SAMPLED} are needed: sample at {SAMPLED / motion:.3g} Hz or more"
             )
+        for each, wave in zip(run.columns, model.waves):
+            if each.unit not in MOTIONS and np.abs(np.diff(wave)).max() > _JUMP * np.ptp(wave):
+                raise UsageError(
+                    f"{run.name}: {each.name} reads {each.output}, which jumps where a motion ends: cycles are fitted to "
+                    "displacements and velocities; leave this column out"
+                )
         v, _ = bridge(column.v)
         lost = ~np.isfinite(v)
         v = np.interp(np.arange(v.size), np.flatnonzero(~lost), v[~lost]) if lost.any() else v

@@ -52,6 +52,8 @@ from rig.units import brief, conversion, parted, same_unit, si, si_unit, with_un
 NONE, FREE, RUN = "none", "free", "run"
 MEAN, LARGEST = "mean", "largest"
 TRANSIENT, RESPONSE = "transient", "response"
+MOTIONS = ("m", "m/s", "rad", "rad/s")
+"""Units of outputs without jumps: an acceleration or a force may jump where a motion ends."""
 KINDS = ("cycles", TRANSIENT, RESPONSE, "growth", "stages")
 _RUN = ("file", "name", "time", "rate", "skip", "end", "set", "columns", "fit", "kind")
 _COLUMN = ("reads", "scale", "offset", "sensor", "feature")
@@ -370,8 +372,8 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     run: Run | None = faults(lambda: _recording(given, entry, columns, name), None)
     faults.raise_found()
     assert run is not None
-    columns = columns or _of_sensors(run, name)
     outputs = scene.assemble()
+    columns = columns or _of_sensors(run, name, outputs, kind)
     made: list[Column] = [faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
             for c, t in columns.items()]  # fmt: skip
     faults.raise_found()
@@ -446,12 +448,15 @@ def _recording(given: Any, entry: Mapping[str, Any], columns: Mapping[str, Any],
     return run
 
 
-def _of_sensors(run: Run, name: str) -> dict[str, dict[str, str]]:
-    """The columns of a recording of this product: what its instruments read."""
+def _of_sensors(run: Run, name: str, rig: Assembly, kind: str) -> dict[str, dict[str, str]]:
+    """The columns of a recording of this product: what its instruments read, of cycles the motions if there are any."""
     if run.measured or not run.scene:
         raise UsageError(f'{name}: say what its columns are, [run.columns] laser = {{reads = "displacement"}}')
     sensors = Scene.from_json(run.scene).sensors
-    return {s: {"reads": section.reads, "sensor": s} for s, section in sensors.items() if s in run.measurements}
+    read = {s: {"reads": section.reads, "sensor": s} for s, section in sensors.items() if s in run.measurements}
+    outputs = rig.outputs
+    moves = {s: c for s, c in read.items() if c["reads"] in outputs and outputs[c["reads"]].unit in MOTIONS}
+    return moves if moves and kind == "cycles" else read
 
 
 def _column(
