@@ -198,6 +198,10 @@ def test_a_part_of_a_recording_counts_once(twin):
     entry = twin[1][0]
     with pytest.raises(UsageError, match="would count twice; leave one out"):
         rig.identify("belt", [entry, entry | {"skip": "2 s"}], FREE, workers=1)
+    copy = entry | {"run": replace(entry["run"]), "skip": "2 s", "name": "copy"}
+    with pytest.raises(UsageError, match="run 1, copy: have the same samples of displacement, which would count twice"):
+        rig.identify("belt", [entry, copy], FREE, workers=1)
+    assert len(prepared(rig.load("belt"), [entry, copy | {"fit": False}], FREE).runs) == 2
     parts = [entry | {"end": "3 s", "name": "a"}, entry | {"skip": "3.5 s", "name": "a"}]
     with pytest.raises(UsageError, match="a: is the name of two runs"):
         rig.identify("belt", parts, FREE, workers=1)
@@ -209,6 +213,11 @@ WRONG = {
     "no range": ({}, {"body.damping": True}, "expected a range FROM:TO"),
     "unknown column": ({"columns": {"lasr": {"reads": "displacement"}}}, {}, "did you mean laser"),
     "unknown output": ({"columns": {"laser": {"reads": "displacemant"}}}, {}, "no output of the belt"),
+    "a column that jumps": (
+        {"columns": {"laser": {"reads": "displacement"}, "accelerometer": {"reads": "acceleration"}}},
+        {},
+        "accelerometer reads acceleration, which jumps where a motion ends",
+    ),
     "other unit": ({"columns": {"laser": {"reads": "velocity"}}}, {}, 'add scale = "1 m/s"'),
     "unknown key": ({"set": {"drive.spead": 0.1}}, {}, "drive.speed"),
     "set and free": ({"set": {"body.damping": 2.0}}, {}, "is set, and free"),
@@ -228,6 +237,28 @@ def test_what_is_refused_and_what_to_do(twin, wrong):
     run, free, message = WRONG[wrong]
     with pytest.raises(RigError, match=message):
         rig.identify("belt", [twin[1][0] | run], FREE | free, starts=0, workers=1)
+
+
+def test_columns_of_an_own_recording_are_those_that_read_motions_of_cycles(twin):
+    """An acceleration jumps where a motion ends: as a column of a cycle it made a misfit of the right law."""
+    entry = {key: value for key, value in twin[1][0].items() if key != "columns"}
+    [cycles] = prepared(rig.load("belt"), [entry], FREE).runs
+    [growth] = prepared(rig.load("belt"), [entry | {"kind": "growth"}], FREE).runs
+    assert [column.name for column in cycles.columns] == ["vibrometer", "laser"]
+    assert "accelerometer" in [column.name for column in growth.columns]
+
+
+def test_a_column_in_volts_is_told_which_scale_it_needs(tmp_path):
+    (tmp_path / "a.csv").write_text("t [s],ch1 [V]\n" + "".join(f"{0.001 * i},{i % 7}\n" for i in range(2000)))
+    run = {"file": tmp_path / "a.csv", "time": "t"}
+    for scale, message in (({}, 'add scale = "1 m/V"'), ({"scale": "1 mm"}, 'expected scale = "1 mm/V"')):
+        columns = {"ch1": {"reads": "displacement", **scale}}
+        with pytest.raises(UsageError, match=message):
+            prepared(rig.load("belt"), [run | {"columns": columns}], FREE)
+    [read] = prepared(
+        rig.load("belt"), [run | {"columns": {"ch1": {"reads": "displacement", "scale": "1 mm/V"}}}], FREE
+    ).runs
+    assert np.ptp(read.columns[0].v) == pytest.approx(6e-3)
 
 
 def test_a_law_that_does_not_fit_has_no_interval_no_scene_and_no_next_experiment(twin, found, tmp_path):

@@ -162,8 +162,8 @@ class CycleRun:
         for each, wave in zip(run.columns, model.waves):
             if each.unit not in MOTIONS and np.abs(np.diff(wave)).max() > _JUMP * np.ptp(wave):
                 raise UsageError(
-                    f"{run.name}: {each.name} reads {each.output}, which jumps where a motion ends: cycles are fitted to "
-                    "displacements and velocities; leave this column out"
+                    f"{run.name}: {each.name} reads {each.output}, which jumps where a motion ends: cycles are fitted "
+                    "to displacements and velocities; leave this column out"
                 )
         v, _ = bridge(column.v)
         lost = ~np.isfinite(v)
@@ -176,8 +176,8 @@ class CycleRun:
         if detected is None:
             raise UsageError(
                 f"{run.name}: {column.name} shows no cycles of stick and slip in {run.seconds:.4g} s: it slides "
-                f"steadily, or stays at rest; at least {LEAST} are needed: choose a speed at which the rig "
-                "vibrates, or leave the run out"
+                f"steadily, stays at rest, or ends too early; at least {LEAST} are needed: record longer, choose a "
+                "speed at which the rig vibrates, or leave the run out"
             )
         kept, count = _usable(detected.measures), len(detected.begins)
         for a, b in zip(*_gaps(lost)):

@@ -262,8 +262,21 @@ def _told_apart(runs: Sequence[Measured], entries: Sequence[Mapping[str, Any]], 
                 f"{a.name}, {b.name}: are the same part of {a.name if isinstance(given, Run) else given}, which would "
                 "count twice; leave one out, or use other parts of it (skip, end)"
             )
+        elif a.fitted and b.fitted and _copied(a.columns[0], b.columns[0]):
+            faults.found.append(
+                f"{a.name}, {b.name}: have the same samples of {a.columns[0].output}, which would count twice; leave "
+                "one out, or use other parts of the recording (skip, end)"
+            )
         elif a.name == b.name:
             faults.found.append(f'{a.name}: is the name of two runs; give each its own, name = "..."')
+
+
+def _copied(a: Column, b: Column) -> bool:
+    """Whether two columns have the same samples at their common times."""
+    begin = max(a.start, b.start)
+    first, second = (column.v[round((begin - column.start) * column.rate) :] for column in (a, b))
+    count = min(first.size, second.size)
+    return count > 1 and np.array_equal(first[:count], second[:count], equal_nan=True)
 
 
 def _law_name(scene: Scene) -> str:
@@ -439,6 +452,7 @@ def _recording(given: Any, entry: Mapping[str, Any], columns: Mapping[str, Any],
         except UsageError as fault:  # in the words of this file, not in those of rig import
             text = re.sub(r" = c\d+(, [^:]*)?:", ":", str(fault))
             text = re.sub(r'; add it, such as "c\d.*', '; add scale = "1 mm", that of one unit of it', text)
+            text = re.sub(r"expected a scale per (\S+)", r'expected scale = "1 mm/\1"', text)
             text = text.replace('add --time "COLUMN, s" or --rate', 'add time = "COLUMN, s" or rate =')
             raise UsageError(re.sub(r"--rate RATE", 'rate = "2 kHz"', text).replace("--rate", "rate =")) from None
         run = read_recording(out)
@@ -498,8 +512,10 @@ def _column(
             number, of = repr(conversion_of), unit
         if not number or not of:
             stated = samples.unit or "no unit"
+            per = f"/{samples.unit}" if run.measured and samples.unit not in ("", "1") else ""
             raise UsageError(
-                f'{where}: {name} is in {stated}, {output} in {unit}; add scale = "1 {unit}", that of one unit of it'
+                f"{where}: {name} is in {stated}, {output} in {unit}; "
+                f'add scale = "1 {unit}{per}", that of one unit of it'
             )
         try:
             factor, shift = conversion(of, unit)
