@@ -178,7 +178,7 @@ class ModeSets:
             "powers": forms,
             "work": integrals,
         }
-        new |= {f"{name}_entries": entries_of(new[name]) for name in sparse(0, 0, 0, 0)}
+        new |= {f"{name}_entries": entries_of(new[name][:rows]) for name, (rows, _) in sparse(system).items()}
         stacked: dict[str, Any] = {name: _put(getattr(t, name), at, new[name]) for name in new}
         if self._wide:
             stacked["many_states"] = t.many_states._replace(

@@ -163,6 +163,8 @@ class Tables(NamedTuple):
     law_speed_entries: NDArray[np.int64]
     law_load_entries: NDArray[np.int64]
     law_load_t_entries: NDArray[np.int64]
+    A_entries: NDArray[np.int64]  # without rows if friction forces are the only inputs
+    b_entries: NDArray[np.int64]
     active: NDArray[np.int64]  # [mode set, terms] 1: the power is not identically zero
     powers: Array  # [mode set, terms, n, n] quadratic forms of power
     work: Array  # [mode set, level, terms, n, n] their integrals over step / 2^level
@@ -200,12 +202,16 @@ class Tables(NamedTuple):
     step: Array  # [1] s
 
 
-def sparse(P: int, K: int, n: int, I: int) -> dict[str, tuple[int, int]]:
+def sparse(s: System) -> dict[str, tuple[int, int]]:
     """Rows whose entries that are not zero are listed in the tables, by name, and the shape of each."""
+    n, P, K, I = s.n, len(s.patches), len(s.normals), s.inputs
+    whole = n if P < I else 0  # each product and each rate of a law is an input: most entries are zero
     return {"press": (K, n), "press_t": (K, I), "friction": (P, n), "friction_t": (P, I)} | {
         "law_speed": (P, n),
         "law_load": (P, n),
         "law_load_t": (P, I),
+        "A": (whole, n),
+        "b": (whole, I),
     }
 
 
@@ -266,10 +272,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         guard_needs_inputs=z((0, g), dtype=np.int64),
         press=z((0, K, n)),
         press_t=z((0, K, I)),
-        **{
-            f"{name}_entries": z((0, rows, 1 + columns), dtype=np.int64)
-            for name, (rows, columns) in sparse(P, K, n, I).items()
-        },
+        **{f"{name}_entries": z((0, rows, 1 + columns), dtype=np.int64) for name, (rows, columns) in sparse(s).items()},
         active=z((0, TERMS), dtype=np.int64),
         powers=z((0, TERMS, n, n)),
         work=z((0, 1, TERMS, n, n)),

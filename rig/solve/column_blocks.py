@@ -44,7 +44,8 @@ def sparse_dot(row, entries, x):
     """The same product, in the same order, over the indices that are not zero: entries[1 .. entries[0]]."""
     s = 0.0
     for e in range(1, entries[0] + 1):
-        s += row[entries[e]] * x[entries[e]]
+        j = np.uintp(entries[e])  # unsigned: no index counts from the end
+        s += row[j] * x[j]
     return s
 
 

@@ -260,11 +260,13 @@ class ProductTables(NamedTuple):
 def _fill(t, begin, end, T):
     """T of the products `begin` to `end` - 1."""
     p = t.products
+    first, place, values, patches = p.first, p.place, p.values, p.patches[0]
     for j in range(begin, end):
-        value = 1.0
-        for f in range(p.first[j], p.first[j + 1]):
-            value *= p.values[p.place[f]]
-        T[p.patches[0] + j] = value
+        at, behind = first[j], first[j + 1]
+        value = values[np.uintp(place[at])]  # unsigned: no index counts from the end
+        for f in range(at + 1, behind):
+            value *= values[np.uintp(place[f])]
+        T[np.uintp(patches + j)] = value
 
 
 @inner
@@ -551,6 +553,16 @@ def derivative(shape, f, nonlinear, x, k):
 
     If no friction force depends on another one, as on most rigs, the friction forces are not stored in memory.
     """
+    if has_products(shape) and f.t.A_entries.shape[1]:
+        inputs(f.t, f.mode_set, x, f.T, f.scratch)
+        for i in range(state_count(shape)):
+            s = sparse_dot(f.A[i], f.t.A_entries[f.mode_set, i], x)
+            entries = f.t.b_entries[f.mode_set, i]
+            for e in range(1, entries[0] + 1):
+                at = np.uintp(entries[e])
+                s += f.b[i, at] * f.T[at]
+            k[i] = s
+        return
     for i in range(state_count(shape)):
         s = 0.0
         for j in range(state_count(shape)):
