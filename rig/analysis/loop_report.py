@@ -177,9 +177,8 @@ class _Linear:
 def _run(scene: Scene, name: str, output: str, seconds: float, shape: Array) -> Array:
     """The values of `output` at every sample step, from a small motion along `shape`."""
     at = plant(scene)
-    places = [
-        i for i, state in enumerate(at.states) if not state.endswith("'")
-    ]  # a fast mode has much larger velocities
+    # by displacements: a fast mode has much larger velocities
+    places = [i for i, state in enumerate(at.states) if not state.endswith("'")]
     shape = shape * _SHARE * (np.abs(at.equilibrium[places]).max() or 1e-3) / np.abs(shape[places]).max()
     described = design.described(scene)
 

@@ -262,10 +262,9 @@ def _fill(t, begin, end, T):
     p = t.products
     first, place, values, patches = p.first, p.place, p.values, p.patches[0]
     for j in range(begin, end):
-        at, behind = first[j], first[j + 1]
-        value = values[np.uintp(place[at])]  # unsigned: no index counts from the end
-        for f in range(at + 1, behind):
-            value *= values[np.uintp(place[f])]
+        value = 1.0
+        for f in range(first[j], first[j + 1]):
+            value *= values[np.uintp(place[f])]  # unsigned: no index counts from the end
         T[np.uintp(patches + j)] = value
 
 
@@ -557,7 +556,7 @@ def derivative(shape, f, nonlinear, x, k):
         inputs(f.t, f.mode_set, x, f.T, f.scratch)
         for i in range(state_count(shape)):
             s = sparse_dot(f.A[i], f.t.A_entries[f.mode_set, i], x)
-            entries = f.t.b_entries[f.mode_set, i]
+            entries = f.t.b_entries[f.mode_set, i]  # one sum, in the order of the dense rows: their bits
             for e in range(1, entries[0] + 1):
                 at = np.uintp(entries[e])
                 s += f.b[i, at] * f.T[at]

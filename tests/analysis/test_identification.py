@@ -263,6 +263,11 @@ def test_a_column_in_volts_is_told_which_scale_it_needs(tmp_path):
 
 def test_a_law_that_does_not_fit_has_no_interval_no_scene_and_no_next_experiment(twin, found, tmp_path):
     none = replace(found, fits=(replace(found.best, p=0.009),))
+    both = replace(found, fits=(found.best, *none.fits))
+    unknown = ", ".join(parameter.key for parameter in found.parameters)
+    told = [line for line in both.text().splitlines() if line.startswith("  stribeck ")]
+    assert [line.endswith(unknown) for line in told] == [False, True]
+    assert both.to_json()["laws"][1]["verdicts"] == dict.fromkeys((p.key for p in found.parameters), UNKNOWN)
     assert all(math.isnan(parameter.low) and parameter.verdict == UNKNOWN for parameter in none.parameters)
     assert "together" not in none.text()
     assert "law stribeck does not fit (p = 9.0e-03): its parameters have no interval; try another law" in none.text()

@@ -26,7 +26,7 @@ SYMBOLS = {
     "fold": ("D", "fold", BLUE),
     "grazing": ("s", "grazing", VERMILION),
     "jump": ("X", "jump", ALARM),
-    "canard": ("d", "canard: the end of stick-slip", BLUE),
+    "canard": ("d", "canard", BLUE),
     "period doubling": ("P", "period doubling", PURPLE),
     "torus": ("h", "torus point", PURPLE),
     "lift-off": ("^", "lift-off", GREEN),
