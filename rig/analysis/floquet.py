@@ -33,7 +33,7 @@ from rig.bench.run.rig_variants import with_values
 from rig.errors import NumericsError, Singular
 from rig.model.assembly import Assembly
 from rig.scenes.scene import Scene
-from rig.stability.linearisation import Steady, linearised, loads, own_law, settling
+from rig.stability.linearisation import Steady, linearised, own_law, settling
 
 Array = NDArray[np.float64]
 _MANY, _SHOWN = 10, 6  # more multipliers than the first number are cut down to the second
@@ -162,9 +162,7 @@ def forced(scene: Scene, assembly: Assembly, at: Steady, sine: int, cosine: int,
     if not (reverses or at.modes.nonlinear.any() or at.system.products or at.system.remembers):
         why = _pulls(at, states @ at.modes.normal.T + at.modes.normal_t @ at.T)
         rates, shapes = at.eigenvectors()
-        over_x, over_t = loads(at.system, at.modes)
-        friction = at.modes.friction @ at.x + at.modes.friction_t @ at.T
-        means = at.x, at.T, friction, over_x @ at.x + over_t @ at.T
+        means = at.x, at.T, at.friction, at.load
         return _least_stable_first(rates, at, shapes, Forced(_NONE.diagonal(), _NONE, not why, True, why, means))
     slow = [at.x + response.real]
     with suppress(NumericsError, Singular):
@@ -234,9 +232,9 @@ def _means(flow: Flow, x: Array, key: int, tau: float) -> tuple[Array, Array, Ar
         states.append(flow.within(states[-1], key, tau / _POINTS))
     law, X = own_law(system, modes), np.array(states)
     T = np.array([linearised(system, modes, state, law)[1] for state in states])
-    over_x, over_t = loads(system, modes)
     friction = X @ modes.friction.T + T @ modes.friction_t.T
-    return X.mean(axis=0), T.mean(axis=0), friction.mean(axis=0), (X @ over_x.T + T @ over_t.T).mean(axis=0)
+    load = X @ modes.load.T + T @ modes.load_t.T
+    return X.mean(axis=0), T.mean(axis=0), friction.mean(axis=0), load.mean(axis=0)
 
 
 def _least_stable_first(main: Complex, at: Steady, shapes: Complex, motion: Forced, tau: float = 0.0) -> Forced:

@@ -44,7 +44,7 @@ from rig.scenes.rooms import assembled as assembled_rig
 from rig.scenes.scene import Scene
 from rig.solve.forces import STATE
 from rig.solve.records import CLOSED, STICK
-from rig.stability.linearisation import inputs, loads, moving_states, own_law, settled, sliding_key
+from rig.stability.linearisation import inputs, moving_states, own_law, settled, sliding_key
 
 Array = NDArray[np.float64]
 TIGHT = 1e-11
@@ -191,7 +191,7 @@ class Flow:
     def _rate(self, key: int) -> Callable[[Array], Array]:
         """dx/dt in a mode set as a function of x, without what is zero in this one."""
         modes, system = self.modes(key), self.system
-        contact, (load, load_t) = own_law(system, modes), loads(system, modes)
+        contact, load, load_t = own_law(system, modes), modes.load, modes.load_t
         of_states = [product for product in system.products if all(f.kind == STATE for f in product.factors)]
         if len(of_states) < len(system.products) or system.remembers or load_t.any():
             return lambda x: np.asarray(modes.A @ x + modes.b @ inputs(system, modes, x, contact)[0])

@@ -43,8 +43,9 @@ class ModeSet:
     """One mode set: x' = A x + b T, with every force and guard as a row over x and, if it depends on inputs, over T.
 
     T: inputs [friction forces, products, rates of laws with memory]. Rows `friction` + `friction_t` T give the friction
-    force of every patch (in stick, the reaction), `normal` + `normal_t` T the normal forces. `sigma` is +-1 in slip,
-    otherwise 0. `nonlinear`: the patch slips with a speed-dependent law. `jam` = det(Me)/det(M).
+    force of every patch (in stick, the reaction), `normal` + `normal_t` T the normal forces, `load` + `load_t` T the
+    sum of the closed ones of every patch. `sigma` is +-1 in slip, otherwise 0. `nonlinear`: the patch slips with a
+    speed-dependent law. `jam` = det(Me)/det(M).
     """
 
     key: int
@@ -55,6 +56,8 @@ class ModeSet:
     friction_t: Array
     normal: Array
     normal_t: Array
+    load: Array
+    load_t: Array
     sigma: Array
     nonlinear: NDArray[np.bool_]
     guards: Array
@@ -209,6 +212,10 @@ def assemble(system: System, key: int) -> ModeSet:
     landing[:, still] = 0.0
 
     loads = _loads(system, rows, a)
+    load = np.zeros((P, n + inputs))
+    for k, contact in enumerate(system.normals):
+        if contacts.closed[k]:
+            load[contact.patch] += loads[k]
     friction = _friction(system, contacts, reactions, loads)
     _in_order(system, friction[:, n:], loads[:, n:])
     guards, kinds, owners = _guards(system, key, contacts, friction, loads, gains)
@@ -221,6 +228,8 @@ def assemble(system: System, key: int) -> ModeSet:
         friction_t=friction[:, n:],
         normal=loads[:, :n],
         normal_t=loads[:, n:],
+        load=load[:, :n],
+        load_t=load[:, n:],
         sigma=contacts.sigma,
         nonlinear=contacts.nonlinear,
         guards=guards[:, :n],

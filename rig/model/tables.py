@@ -98,10 +98,12 @@ def scales_of_memory(s: System) -> Array:
     """
     size = np.zeros(s.n)
     for p, patch in enumerate(s.patches):
+        if not patch.memory:
+            continue
         speed = max(abs(float(s.slip_rows[p] @ s.start)), _SLOW)
         load = sum(abs(float(normal.row @ s.start)) for normal in s.normals if normal.patch == p)
         for law in s.laws(p):
-            if law.formula is not None and patch.memory:
+            if law.formula is not None:
                 size[list(patch.memory)] = _SHARE * np.abs(law.formula.steady(law.numbers, speed, load))
     return size
 

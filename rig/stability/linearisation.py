@@ -47,19 +47,7 @@ def own_law(system: System, modes: ModeSet) -> Contact:
 def linearised(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array, Array]:
     """The Jacobian at x, and the inputs T and the normal forces [patch] there."""
     T, dT = inputs(system, modes, x, contact)
-    load, load_t = loads(system, modes)
-    return modes.A + modes.b @ dT, T, load @ x + load_t @ T
-
-
-def loads(system: System, modes: ModeSet) -> tuple[Array, Array]:
-    """Rows of the sum of closed normal forces of each patch: over x [patch, n] and over the inputs [patch, inputs]."""
-    P, closed = len(system.patches), system.modes(modes.key)[1]
-    load, load_t = np.zeros((P, system.n)), np.zeros((P, system.inputs))
-    for k, normal in enumerate(system.normals):
-        if closed[k] == CLOSED:
-            load[normal.patch] += modes.normal[k]
-            load_t[normal.patch] += modes.normal_t[k]
-    return load, load_t
+    return modes.A + modes.b @ dT, T, modes.load @ x + modes.load_t @ T
 
 
 def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array]:
@@ -86,7 +74,7 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
 
     multiply(0)
     multiply(1)
-    load, load_t = loads(system, modes)
+    load, load_t = modes.load, modes.load_t
     remembering = [p for p, patch in enumerate(system.patches) if patch.memory]
     slipping = [p for p in np.flatnonzero(modes.nonlinear).tolist() if p not in remembering]
     w = system.slip_rows @ x
@@ -126,7 +114,7 @@ def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> t
     """
     patch, law, sigma = system.patches[p], system.law(p, modes.key), float(modes.sigma[p])
     assert law.formula is not None
-    w, loaded = float(system.slip_rows[p] @ x), bool(np.any(loads(system, modes)[0][p]) or N)
+    w, loaded = float(system.slip_rows[p] @ x), bool(np.any(modes.load[p]) or N)
     sign = sigma or (-1.0 if w < 0.0 and not loaded else 1.0)
     if system.modes(modes.key)[0][p] == STICK and loaded:
         w = 0.0
@@ -187,10 +175,11 @@ class Steady:
     """Steady sliding in one mode set, and the Jacobian about it.
 
     `exists`: the equilibrium was found, agrees with the modes and does not jam; if not, `x` is the last point of the
-    search. `A`: the Jacobian. `moving`: the states whose eigenvalues count. `speed`, `load`, `friction` [patch]: slip
-    speed, normal force and friction force. `T`: the inputs. `inertia`: determinant of the mass matrix with friction
-    included, divided by that without; at zero and below the rig jams. `balanced`: all forces balance at `x`. `beyond`:
-    the first output beyond the bound of the scene at an equilibrium that would exist otherwise, in words.
+    search. `A`: the Jacobian. `moving`: the states whose eigenvalues count; `settling`: with those that only approach
+    a steady value. `speed`, `load`, `friction` [patch]: slip speed, normal force and friction force. `T`: the inputs.
+    `inertia`: determinant of the mass matrix with friction included, divided by that without; at zero and below the rig
+    jams. `balanced`: all forces balance at `x`. `beyond`: the first output beyond the bound of the scene at an
+    equilibrium that would exist otherwise, in words.
     """
 
     system: System
@@ -199,6 +188,7 @@ class Steady:
     x: Array
     A: Array
     moving: NDArray[np.int64]
+    settling: NDArray[np.int64]
     speed: Array
     load: Array
     friction: Array
@@ -328,8 +318,11 @@ def steady(system: System, key: int, contact: Contact | None = None, beside: Ste
     if beside is not None and beside.modes.key != key:
         beside = None
     modes, near = (assembled(system, key), None) if beside is None else (beside.modes, beside.x)
-    moving = moving_states(system, modes.A) if beside is None else beside.moving
-    free = np.union1d(moving, settling(system, modes.A, moving))
+    if beside is None:
+        moving = moving_states(system, modes.A)
+        free = np.union1d(moving, settling(system, modes.A, moving))
+    else:
+        moving, free = beside.moving, beside.settling
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
     equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False, near)
@@ -348,12 +341,14 @@ def steady(system: System, key: int, contact: Contact | None = None, beside: Ste
     exists = not stuck and balanced and _agrees(system, modes, equilibrium) and inertia > 0.0
     beyond = _beyond(system, modes, x, T) if exists else ""
     return Steady(
-        system, modes, exists and not beyond, x, A, moving, speed, load, friction, T, inertia, balanced, beyond
+        system, modes, exists and not beyond, x, A, moving, free, speed, load, friction, T, inertia, balanced, beyond
     )
 
 
 def _beyond(system: System, modes: ModeSet, x: Array, T: Array) -> str:
     """The first output beyond its bound at x, in words; "" if there is none."""
+    if not system.bounds:
+        return ""
     over_x, over_t = signal_rows(system, modes, [dict(bound.row) for bound in system.bounds])
     for bound, value in zip(system.bounds, (over_x @ x + over_t @ T).tolist()):
         if not abs(value) <= bound.limit:
@@ -405,7 +400,8 @@ def _newton(
     A, T, load = linearised(system, modes, x, law)
     if _remember(system, modes, x, load):
         A, T, load = linearised(system, modes, x, law)
-    residual, scale = _rest(system, modes, free, x, T)
+    preloads = np.abs(np.linalg.inv(system.mass)) @ np.abs(system.force)
+    residual, scale = _rest(preloads, modes, free, x, T)
     for _ in range(rounds):
         if residual <= _TOLERANCE * scale:
             break
@@ -415,7 +411,7 @@ def _newton(
             y = x.copy()
             y[columns] -= share * step
             linearisation = linearised(system, modes, y, law)
-            residual, scale = _rest(system, modes, free, y, linearisation[1])
+            residual, scale = _rest(preloads, modes, free, y, linearisation[1])
             if residual < before:
                 break
             share *= 0.5
@@ -445,7 +441,7 @@ def _remember(system: System, modes: ModeSet, x: Array, load: Array) -> bool:
 
 def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact: Contact) -> float:
     """det(M with friction)/det(M), for constant and speed-dependent coefficients together."""
-    P, by_force = len(system.patches), loads(system, modes)[1][:, : len(system.patches)]
+    P, by_force = len(system.patches), modes.load_t[:, : len(system.patches)]
     if not np.any(by_force):
         return modes.jam
     by_load = np.array(
@@ -454,15 +450,14 @@ def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact:
     return modes.jam * float(np.linalg.det(np.eye(P) - by_load[:, None] * by_force))
 
 
-def _rest(system: System, modes: ModeSet, free: NDArray[np.int64], x: Array, T: Array) -> tuple[float, float]:
+def _rest(preloads: Array, modes: ModeSet, free: NDArray[np.int64], x: Array, T: Array) -> tuple[float, float]:
     """The largest rate of the states `free` at x, and the largest sum of the absolute values of its terms.
 
     Every preload counts as a term of its own, because the matrix holds it already combined with the contact force that
-    balances it.
+    balances it. `preloads` [coordinate, n]: absolute accelerations by them.
     """
     rate = modes.A @ x + modes.b @ T
     terms = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
-    nq = len(system.coordinates)
-    if nq:
-        terms[nq : 2 * nq] += np.abs(np.linalg.inv(system.mass)) @ np.abs(system.force) @ np.abs(x)
+    nq = len(preloads)
+    terms[nq : 2 * nq] += preloads @ np.abs(x)
     return float(np.abs(rate[free]).max(initial=0.0)), float(terms[free].max(initial=0.0)) or 1.0

@@ -43,6 +43,7 @@ from rig.analysis.map.steady_state import (
     VIBRATION,
     Judge,
     Point,
+    Sticking,
     Window,
     closed,
     extremes,
@@ -128,7 +129,7 @@ class Track:
         self._short = max(8, round(WINDOW_PERIODS * self.slowest / self.step))
         self.window_ticks = self._short
         self._held: dict[int, bool] = {}
-        self._begun = self._ended = np.zeros(0)  # when sticking begins and ends in the last window [s]
+        self._sticking: Sticking  # in the last window
         self._cycles: list[tuple[float, Array]] = []
         self._met: dict[float, tuple[Place, Array]] = {}  # cycles at the values, by any run
         self.period = 0.0
@@ -296,18 +297,18 @@ class Track:
 
     def _repeated(self) -> Point:
         """Whether the motion repeats like that at the value before: a few of its cycles tell."""
-        spent, window, begun, ended = 0.0, BLANK, np.zeros(0), np.zeros(0)
+        spent, begun, ended = 0.0, np.zeros(0), np.zeros(0)
         while self.period and spent < _TRIED * self.period:
             cycles = _FOR_SECTION if self.settings.section else _MORE if spent else _SEEN
             span = math.ceil(cycles * self.period / self.step)
-            window = self._watch(span)
-            begun, ended = np.append(begun, spent + self._begun), np.append(ended, spent + self._ended)
+            last = self._simulated(span)
+            begun, ended = np.append(begun, spent + last.begun), np.append(ended, spent + last.ended)
             spent += span * self.step
-            if closed(begun[-max(CYCLES + 1, len(self._begun)) :], ended):  # and all that the window measures
-                return Point(STICK_SLIP, window._replace(closed=True), spent)
-            if not window.share:
+            if closed(begun[-max(CYCLES + 1, len(last.begun)) :], ended):  # and all that the window measures
+                return Point(STICK_SLIP, self._window(last)._replace(closed=True), spent)
+            if not last.share:
                 break
-        return Point(UNDECIDED, window, spent)
+        return Point(UNDECIDED, BLANK, spent)
 
     def _note(self, point: Point) -> None:
         """Note the cycle of a point, from which the next ones are predicted."""
@@ -315,9 +316,10 @@ class Track:
         if point.state != STICK_SLIP or not point.window.closed:
             return
         self.period = point.window.period
-        whole = self._begun[self._begun < self._ended.max(initial=0.0)]  # sticks that end in the window
+        begun, ended = self._sticking.begun, self._sticking.ended
+        whole = begun[begun < ended.max(initial=0.0)]  # sticks that end in the window
         if len(whole):
-            middle = 0.5 * float(whole[-1] + self._ended[np.searchsorted(self._ended, whole[-1])])
+            middle = 0.5 * float(whole[-1] + ended[np.searchsorted(ended, whole[-1])])
             place = middle / self.step - 1.0
             before = int(place)
             a, b = self._motion.states[before], self._motion.states[before + 1]
@@ -363,7 +365,7 @@ class Track:
         try:
             while spent < longest:
                 span = max(self.window_ticks, turn)
-                window = self._watch(span)
+                window = self._window(self._simulated(span))
                 spent += span * self.step
                 state = judge.take(window)
                 if state != UNDECIDED:
@@ -385,10 +387,20 @@ class Track:
         rates = [abs(float(sector.row @ (at.modes.A @ at.x))) / sector.period for sector in self._system.sectors]
         return min(_ROOM, math.ceil(1.0 / (min(rates) * self.step))) if min(rates) > 0.0 else self._short
 
-    def _watch(self, ticks: int) -> Window:
-        """Simulate one window and return its statistics."""
+    def _simulated(self, ticks: int) -> Sticking:
+        """Simulate one window and return when a contact sticks in it."""
         motion = self._motion
         motion.advance(ticks)
+        count = motion.event_count
+        event = motion.log.event[:count]
+        times = (event[:, 0] + motion.log.place[:count]) * self.step
+        held = np.array([self._sticks(key) for key in event[:, 3].tolist()], dtype=bool)
+        self._sticking = sticking(times, held, self._sticks(motion.key), ticks * self.step)
+        return self._sticking
+
+    def _window(self, s: Sticking) -> Window:
+        """The statistics of the last window, in which contacts stick like that."""
+        motion = self._motion
         states, system, values = motion.states, motion.system, self.values()
         nq = len(system.coordinates)
         slips = states @ system.slip_rows.T
@@ -399,14 +411,8 @@ class Track:
             swing = max(swing, 0.5 * float(np.ptp(slips[:, p])) / surface if surface > 0.0 else math.inf)
             bottom, top = extremes(states[:, :nq] @ system.slip_rows[p, nq : 2 * nq])
             travel = math.hypot(travel, 0.5 * (top - bottom))
-        count = motion.event_count
-        event = motion.log.event[:count]
-        times = (event[:, 0] + motion.log.place[:count]) * self.step
-        held = np.array([self._sticks(key) for key in event[:, 3].tolist()], dtype=bool)
-        s = sticking(times, held, self._sticks(motion.key), ticks * self.step)
         cycles = values[math.ceil(s.first / self.step) : math.ceil(s.last / self.step)]
         rms, low_high = float(cycles.std()), extremes(values)
-        self._begun, self._ended = s.begun, s.ended
         return Window(*low_high, rms, travel, swing, s.share, s.begins, s.period, moving, closed(s.begun, s.ended))
 
     def decays(self, at: Steady, rate: complex) -> Point | None:

@@ -127,14 +127,13 @@ def sticking(times: Array, stuck: NDArray[np.bool_], after: bool, span: float) -
     """Compute it from the `times` of the events within `span` [s]; `stuck` before each of them, `after` behind the
     last.
     """
-    held = np.append(stuck, after)
-    ends = np.append(times, span)
-    for i in np.flatnonzero(np.diff(ends, prepend=0.0) < _INSTANT * span):  # released and stuck at one instant
+    held, edges = np.array([*stuck.tolist(), after]), np.array([0.0, *times.tolist(), span])  # np.append takes longer
+    for i in np.flatnonzero(edges[1:] - edges[:-1] < _INSTANT * span):  # released and stuck at one instant
         held[i] = held[i - 1] if i else held[1]
     begins = times[~held[:-1] & held[1:]]
     count = len(begins)
     first, last = (float(begins[0]), float(begins[-1])) if count > 1 else (0.0, span)
-    edges = np.clip(np.append(0.0, ends), first, last)
+    edges = np.minimum(np.maximum(edges, first), last)
     period = (last - first) / (count - 1) if count > 1 else _NO
     share = float((edges[1:] - edges[:-1]) @ held) / (last - first)
     return Sticking(share, count, period, first, last, begins, times[held[:-1] & ~held[1:]])
@@ -148,8 +147,8 @@ def closed(begins: Array, ends: Array) -> bool:
     """
     if len(begins) < CYCLES + 1:
         return False
-    cycles = np.column_stack([np.diff(begins), ends[np.searchsorted(ends, begins[:-1])] - begins[:-1]])
-    steps = np.abs(np.diff(cycles, axis=0)).max(axis=1) / cycles[0, 0]
+    cycles, stuck = begins[1:] - begins[:-1], ends[np.searchsorted(ends, begins[:-1])] - begins[:-1]
+    steps = np.maximum(np.abs(cycles[1:] - cycles[:-1]), np.abs(stuck[1:] - stuck[:-1])) / cycles[0]
     left = steps[-1] ** 2 / (steps[-2] - steps[-1]) if steps[-1] < steps[-2] else math.inf
     return bool(steps.max() <= CLOSE and (left <= CLOSE or steps.max() <= _SETTLED))
 

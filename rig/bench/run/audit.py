@@ -47,7 +47,7 @@ from rig.motion.motion import Motion
 from rig.scenes.scene import Scene
 from rig.scenes.variants import SWITCHED, absent, added, declared, dropped, switches, without
 from rig.solve.records import CLOSED, HIGH, LINEAR, LOW, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
-from rig.stability.linearisation import inputs, linearised, loads, own_law
+from rig.stability.linearisation import inputs, linearised, own_law
 
 Array = NDArray[np.float64]
 MOST_STATES = 1 << 16
@@ -654,9 +654,9 @@ def _in_equilibrium(system: System, other: System, modes: ModeSet, x: Array) -> 
 
 def _forces(system: System, modes: ModeSet, x: Array) -> _Forces:
     T, _ = inputs(system, modes, x, own_law(system, modes))
-    load, load_t = loads(system, modes)
     friction, normal = (modes.friction, modes.friction_t), (modes.normal, modes.normal_t)
-    return _Forces(T, *(over_x @ x + over_t @ T for over_x, over_t in (friction, normal, (load, load_t))))
+    load = modes.load, modes.load_t
+    return _Forces(T, *(over_x @ x + over_t @ T for over_x, over_t in (friction, normal, load)))
 
 
 def _departures(system: System, modes: ModeSet, x: Array) -> dict[tuple[int, str], int]:
