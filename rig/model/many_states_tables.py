@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rig.model.energy_forms import gathered
 from rig.solve import expm
-from rig.solve.column_blocks import BLOCK, blocks, zeros
+from rig.solve.column_blocks import BLOCK, LANE, blocks, zeros
 from rig.solve.many_states import (
     CHECKS,
     MARGIN,
@@ -101,7 +101,7 @@ def empty(n: int, inputs: int, guards: int, signals: int, outputs: int) -> ManyS
     filled = -(-n // BLOCK) * BLOCK
     return ManyStatesTables(
         **{name: zeros((0, many, n, BLOCK)) for name, many in needed.items()},
-        field=zeros((0, filled // BLOCK, n + inputs, BLOCK)),
+        field=zeros((0, n + inputs, -(-n // LANE) * LANE)),
         whole=zeros((0, n, filled)),
         part=zeros((0, n, filled)),
         nodes=0.5 * (NODES + 1.0),
@@ -164,7 +164,7 @@ def tables(
         "margin": blocks(margin),
         "state": blocks(polynomial.reshape(-1, n)),
         "guard": blocks(over_guards.reshape(-1, n)),
-        "field": blocks(field),
+        "field": np.pad(field.T, ((0, 0), (0, -len(field) % LANE))),
         "whole": np.zeros((n, -(-n // BLOCK) * BLOCK)),
         "part": np.zeros((n, -(-n // BLOCK) * BLOCK)),
     }

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from rig.model.film import Film
 from rig.model.friction_law import Law
-from rig.solve.column_blocks import entries_of
+from rig.solve.column_blocks import LANE, entries_of, zeros
 from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, MemoryTables, ProductTables
 from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN, SLIP_MINUS
 
@@ -77,7 +77,7 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
     angles: list[Array] = []
     presses: list[Array] = []
     known: dict[tuple[bool, bytes], int] = {}
-    kind, index, first = [], [], [0]
+    kind, index = [], []
     for product in products:
         for factor in product.factors:
             kind.append(factor.kind)
@@ -88,20 +88,28 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
                 index[-1] = known.setdefault((pressed, (factor.row + 0.0).tobytes()), len(rows))  # -0.0 is 0.0
                 if index[-1] == len(rows):
                     rows.append(factor.row)
-        first.append(len(kind))
     levels = [product.level for product in products]
     ends = np.cumsum([0, n, len(angles), len(angles), normals, patches, len(presses)])  # in the order of the kinds
-    values = np.zeros(ends[-1])
+    values = np.ones(ends[-1] + 1)  # the last one stays: the factor of a product that has fewer
+    values[:-1] = 0.0
+    values_at = zeros((len(values), LANE))
+    values_at[-1] = 1.0
+    places = iter((ends[np.array(kind, dtype=np.int64)] + np.array(index, dtype=np.int64)).tolist())
+    most = max((len(product.factors) for product in products), default=0)
+    place = np.full((max(most, 2), len(products)), ends[-1])
+    for j, product in enumerate(products):
+        place[: len(product.factors), j] = [next(places) for _ in product.factors]
     parts = [values[begin:end] for begin, end in pairwise(ends)]
     return ProductTables(
         patches=np.array([patches]),
         upto=np.array([sum(level <= top for level in levels) for top in range(3)]),
-        first=np.array(first),
-        place=ends[np.array(kind, dtype=np.int64)] + np.array(index, dtype=np.int64),
+        place=place,
         angles=np.array(angles).reshape(-1, n),
         presses=np.array(presses).reshape(-1, n),
+        turns=zeros(-(-2 * len(angles) // LANE) * LANE),
         angle_entries=entries_of(np.array(angles).reshape(-1, n)),
         press_entries=entries_of(np.array(presses).reshape(-1, n)),
+        values_at=values_at,
         values=values,
         **dict(zip(("state", "sine", "versine", "normal", "friction", "pressed"), parts)),
     )

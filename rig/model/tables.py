@@ -38,13 +38,14 @@ UNROLLED = 8
 def workspace(system: System, read: int, guards: int) -> Workspace:
     """Scratch for a system with `read` outputs for sensors and at most `guards` guards in a mode set."""
     n, P = system.n, len(system.patches)
-    both = np.zeros(n + system.inputs)
+    width = -(-n // LANE) * LANE
     nodes, weights = np.polynomial.legendre.leggauss(LANE - PART)
     return Workspace(
-        k=np.zeros((7, n)),
-        k16=np.zeros((16, n)),
-        y=np.zeros(n),
-        y2=np.zeros(n),
+        k=zeros((7, width)),
+        k16=zeros((16, width)),
+        bends=zeros((4, width)),
+        y=zeros(width)[:n],
+        y2=zeros(width)[:n],
         x0=np.zeros(n),
         copy=np.zeros(n),
         size=scales_of_memory(system),
@@ -55,10 +56,9 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         law_load_x=np.zeros(n),
         law_argument_p=np.zeros(system.inputs),
         law_load_p=np.zeros(system.inputs),
-        state_and_inputs=both,
-        at=both[:n],
-        rates=np.zeros(n),
-        T=both[n:],
+        at=zeros(width)[:n],
+        rates=zeros(width)[:n],
+        T=np.zeros(system.inputs),
         scratch=np.zeros((P, P)),
         generators_at_begin=np.zeros((len(system.generators), 2)),
         derivatives=np.zeros((ROOT_DEGREE + 1, n)),

@@ -158,7 +158,7 @@ def evaluate_outputs(tables, loan, states, mode_sets, values, first):
         if t.film.begins.shape[0]:
             film_steps.film_outputs(t.film, states[i], values[:, first + i])
             i += 1
-        elif alike == LANE and not loan.plan.many_states:
+        elif alike == LANE:
             write_outputs(t, s, w, states[i : i + LANE], values, first + i)
             i += LANE
         else:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -469,33 +470,40 @@ def _across(typing: Any, table: Any, weights: Any, out: Any) -> Emission:
 across: Any = intrinsic(_across)
 
 
+def _sums_along(context: Any, builder: Any, signature: Any, arguments: Any, adds: bool) -> ir.Value:
+    table, x, out = _arrays(context, builder, signature, arguments)
+    count, width = (builder.extract_value(table.shape, axis) for axis in range(2))
+
+    def several(first: Any, vectors: int) -> None:
+        sums, places = [], [builder.add(first, _whole(LANE * k)) for k in range(vectors)]
+        for place in places:
+            sums.append(_place(builder))
+            builder.store(load(builder, out.data, place) if adds else _ZERO, sums[-1])
+        with cgutils.for_range(builder, count) as row:  # type: ignore[no-untyped-call]
+            factor = spread(builder, builder.load(builder.gep(x.data, [row.index])))
+            begin = builder.mul(row.index, width)
+            for place, total in zip(places, sums):
+                values = load(builder, table.data, builder.add(begin, place))
+                builder.store(add_product(builder, factor, values, builder.load(total)), total)
+        for place, total in zip(places, sums):
+            store(builder, builder.load(total), out.data, place)
+
+    _in_wide_blocks(builder, width, several)
+    return context.get_dummy_value()
+
+
 def _along(typing: Any, table: Any, x: Any, out: Any) -> Emission:
     """out[lane] = sum_j x[j] table[j, lane]; every sum runs in the order of j. `x` has an entry for every row.
 
     The number of lanes is a multiple of LANE.
     """
+    return types.none(table, x, out), partial(_sums_along, adds=False)
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
-        table, x, out = _arrays(context, builder, signature, arguments)
-        count, width = (builder.extract_value(table.shape, axis) for axis in range(2))
 
-        def several(first: Any, vectors: int) -> None:
-            sums = [_place(builder) for _ in range(vectors)]
-            for total in sums:
-                builder.store(_ZERO, total)
-            with cgutils.for_range(builder, count) as row:  # type: ignore[no-untyped-call]
-                factor = spread(builder, builder.load(builder.gep(x.data, [row.index])))
-                begin = builder.add(first, builder.mul(row.index, width))
-                for k, total in enumerate(sums):
-                    values = load(builder, table.data, builder.add(begin, _whole(LANE * k)))
-                    builder.store(add_product(builder, factor, values, builder.load(total)), total)
-            for k, total in enumerate(sums):
-                store(builder, builder.load(total), out.data, builder.add(first, _whole(LANE * k)))
-
-        _in_wide_blocks(builder, width, several)
-        return context.get_dummy_value()
-
-    return types.none(table, x, out), codegen
+def _add_along(typing: Any, table: Any, x: Any, out: Any) -> Emission:
+    """Go on with the sums of `along` in `out`."""
+    return types.none(table, x, out), partial(_sums_along, adds=True)
 
 
 along: Any = intrinsic(_along)
+add_along: Any = intrinsic(_add_along)

@@ -13,7 +13,7 @@ import numpy as np
 
 from rig.compiled.kernel import inlined, inner
 from rig.compiled.records import lent
-from rig.solve.column_blocks import copy
+from rig.solve.column_blocks import along, copy
 from rig.solve.dopri5 import (
     ENDED,
     EVENT_FREE,
@@ -31,7 +31,7 @@ from rig.solve.dopri5 import (
 )
 from rig.solve.forces import derivative, right_hand_side
 from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, patch_friction, stage
-from rig.solve.specialised import local, local_stages, state_count
+from rig.solve.specialised import is_unrolled, local, local_stages, state_count
 
 STAGES, EXTENDED, DEGREE = 12, 16, 7
 _GROW = 5.0
@@ -297,16 +297,25 @@ PATH = _path()
 
 
 @inlined
+def weighted_sum(shape, weights, k, count, out):
+    """Write the sum of the first `count` derivatives k times `weights`, in their order, to `out`."""
+    if is_unrolled(shape):
+        for i in range(state_count(shape)):
+            out[i] = 0.0
+        for j in range(count):
+            if weights[j] != 0.0:
+                for i in range(state_count(shape)):
+                    out[i] += weights[j] * k[j, i]
+    else:  # rows padded to whole lanes
+        along(k[:count], weights, out)
+
+
+@inlined
 def stages_from(shape, f, friction, first, last, late, k, x, h, z):
     """Compute the derivatives number `first` to `last` of a step h from x, the last of them at z."""
     n = state_count(shape)
     for s in range(first, last + 1):
-        for i in range(n):
-            z[i] = 0.0
-        for j in range(s - 1):
-            if A[s, j] != 0.0:
-                for i in range(n):
-                    z[i] += A[s, j] * k[j, i]
+        weighted_sum(shape, A[s], k, s - 1, z)
         for i in range(n):
             z[i] = x[i] + h * z[i]
         late = stage(shape, f, friction, h * A[s, s - 1], z, k, s - 1, late)
@@ -317,13 +326,8 @@ def stages_from(shape, f, friction, first, last, late, k, x, h, z):
 def long_error(shape, k, y, size, h, tolerance, a, b):
     """The local error in units of the tolerance, as in rig.solve.dopri5.local_error; a and b are scratch."""
     n, fifth, third = state_count(shape), 0.0, 0.0
-    for i in range(n):
-        a[i] = b[i] = 0.0
-    for j in range(STAGES):
-        if ERRORS[0, j] != 0.0:
-            for i in range(n):
-                a[i] += ERRORS[0, j] * k[j, i]
-                b[i] += ERRORS[1, j] * k[j, i]
+    weighted_sum(shape, ERRORS[0], k, STAGES, a)
+    weighted_sum(shape, ERRORS[1], k, STAGES, b)
     for i in range(n):
         if not (abs(a[i]) + abs(b[i]) + abs(y[i]) < np.inf):
             return np.inf
@@ -337,18 +341,13 @@ def long_error(shape, k, y, size, h, tolerance, a, b):
 
 
 @inlined
-def write_path(shape, k, x, y, h, d):
-    """Write the coefficients d[0..7] of the path through the step."""
+def write_path(shape, k, x, y, h, bends, d):
+    """Write the coefficients d[0..7] of the path through the step; bends[0..3] is scratch."""
     for p in range(4):
-        for i in range(state_count(shape)):
-            d[4 + p, i] = 0.0
-        for j in range(EXTENDED):
-            if _D[p, j] != 0.0:
-                for i in range(state_count(shape)):
-                    d[4 + p, i] += _D[p, j] * k[j, i]
+        weighted_sum(shape, _D[p], k, EXTENDED, bends[p])
     for i in range(state_count(shape)):
         change, begin, end = y[i] - x[i], h * k[0, i], h * k[STAGES, i]
-        a, b, c, e = h * d[4, i], h * d[5, i], h * d[6, i], h * d[7, i]
+        a, b, c, e = h * bends[0, i], h * bends[1, i], h * bends[2, i], h * bends[3, i]
         d[0, i] = x[i]
         for p in range(DEGREE):
             d[p + 1, i] = ((PATH[p, 0] * change + PATH[p, 1] * begin) + (PATH[p, 2] * end + PATH[p, 3] * a)) + (
@@ -369,7 +368,7 @@ def take_long_steps(shape, t, w, state, log, seg, plan, ticks):
     field = right_hand_side(t, mode_set, w.T, w.scratch)
     f, friction = lent(field), lent(patch_friction(shape, field, True, t, w, state, log, seg, plan))
     k, y, z, d = local_stages(shape, w.k16), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives)
-    here = local(shape, w.copy)
+    here, bends = local(shape, w.copy), local(shape, w.bends)
     tick, place, next_h, hoped, most = now.tick, now.place, now.next_length, now.suggested_length, now.trial_limit
     copy(n, x, here)
     copy(n, w.k[0], k[0])
@@ -382,7 +381,7 @@ def take_long_steps(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         h = next_h if next_h < left - 1e-9 * tick_length else left
         stages_from(shape, f, friction, 1, STAGES, begin_stages(shape, friction, k, 0), k, here, h, y)
-        e = long_error(shape, k, y, size, h, plan.tolerance, z, d[1])
+        e = long_error(shape, k, y, size, h, plan.tolerance, bends[0], bends[1])
         now.trials += 1
         if not (e <= 1.0):
             next_h, again = h * max(SHRINK, SAFETY * e ** (-0.125)), refused
@@ -400,7 +399,7 @@ def take_long_steps(shape, t, w, state, log, seg, plan, ticks):
         refused = False
         hoped = h * grow
         stages_from(shape, f, friction, 13, 15, begin_stages(shape, friction, k, STAGES), k, here, h, z)
-        write_path(shape, k, here, y, h, d)
+        write_path(shape, k, here, y, h, bends, d)
         plain = free_of_events(shape, f, d, DEGREE, size)
         if looked or not plain:
             now.step_length = h

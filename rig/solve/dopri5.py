@@ -20,10 +20,10 @@ import numpy as np
 from rig.compiled.kernel import inlined, inner
 from rig.compiled.records import lent
 from rig.solve.collocation import take_cell
-from rig.solve.column_blocks import LANE, ROUND, copy, dot, lane, lanes, rounding
+from rig.solve.column_blocks import LANE, ROUND, alike, copy, dot, lane, lanes, rounding
 from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.forces import derivative, inputs, right_hand_side
-from rig.solve.places import PART, add_powers, inputs_at, row_times, states_at, write_output_quartic
+from rig.solve.places import PART, add_powers, inputs_at, row_times, states_at, write_output_quartic, write_quartic
 from rig.solve.roots import NONE, first_crossing
 from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, patch_friction, stage
 from rig.solve.segment_output import close_segment, nearly_full, part_of_quartic, quartic_coefficients
@@ -384,23 +384,35 @@ def add_long_powers(t, mode_set, w, degree, end, h, energy):
 def emit_segment(t, mode_set, w, degree, from_theta, to_theta, end, h, start, seg, energy):
     """Write one segment of the outputs between two places in the step; `end`, `energy`: as in `look_inside`.
 
-    An output that depends on no input is a row over the quartic of the state. Any other, and every output along a
-    path of higher degree, is a quartic through five points.
+    An output that depends on no input is a row over the path of the state. Any other, and one along a path of higher
+    degree, is a quartic through five points.
     """
     at_once, width, asked = seg.count[0], to_theta - from_theta, False
     for s in range(seg.coef.shape[1]):
-        if degree > 4 or t.output_needs_inputs[mode_set, s]:
+        if t.output_needs_inputs[mode_set, s]:
             asked = True
             continue
-        coef = seg.coef[at_once, s]
-        for c in range(5):
-            coef[c] = dot(t.signals[mode_set, s], w.derivatives[c])
-        part_of_quartic(coef, from_theta, width)
+        coef, path = seg.coef[at_once, s], w.poly
+        for c in range(degree + 1):
+            path[c] = 0.0
+        for i in range(t.signals.shape[2]):
+            f = t.signals[mode_set, s, i]
+            if f != 0.0:  # most outputs depend on few states
+                for c in range(degree + 1):
+                    path[c] += f * w.derivatives[c, i]
+        if degree > 4:
+            y = alike(path[degree])
+            for c in range(degree - 1, -1, -1):
+                y = path[c] + (from_theta + width * lanes(w.quarters)) * y
+            write_quartic(y, coef)
+        else:
+            copy(5, path, coef)
+            part_of_quartic(coef, from_theta, width)
     if asked or end > 0.0:
         look_inside(t, mode_set, w, degree, from_theta, to_theta, asked, end, h, energy)
     if asked:
         for s in range(seg.coef.shape[1]):
-            if degree > 4 or t.output_needs_inputs[mode_set, s]:
+            if t.output_needs_inputs[mode_set, s]:
                 write_output_quartic(t, mode_set, s, w.x_at, w.T_at, seg.coef[at_once, s])
     close_segment(start, width * h, seg)
 

@@ -37,6 +37,7 @@ a command. A sticking contact therefore carries it, and the energy balance inclu
 
 from __future__ import annotations
 
+from math import factorial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,7 +47,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import Emission, inlined, inner, kernel
-from rig.solve.column_blocks import dot, is_zero, sparse_dot
+from rig.solve.column_blocks import LANE, alike, between, dot, is_zero, lane, lanes, sparse_dot, write
 from rig.solve.expm import exponential_factors
 from rig.solve.specialised import has_products, state_count
 
@@ -241,13 +242,14 @@ class ProductTables(NamedTuple):
 
     patches: NDArray[np.int64]  # [1] number of friction forces, which precede the products among the inputs
     upto: NDArray[np.int64]  # [3] number of products up to each level
-    first: NDArray[np.int64]  # [product + 1] first factor of each
-    place: NDArray[np.int64]  # [factor] its index in `values`
+    place: NDArray[np.int64]  # [factors, product] index of each factor in `values`; of a missing one, the last index
     angles: Array  # [angle, n]
     presses: Array  # [press, n]
+    turns: Array  # [2 angles padded to lanes] scratch: each angle and its half, then their sines
     angle_entries: NDArray[np.int64]  # rig.solve.column_blocks.sparse_dot
     press_entries: NDArray[np.int64]
-    values: Array  # everything that may be a factor, stored one after the other:
+    values_at: Array  # [factor, LANE] `values` at several places of a step (rig.solve.places)
+    values: Array  # everything that may be a factor, stored one after the other, and a one:
     state: Array  # [n]
     sine: Array  # [angle]
     versine: Array  # [angle]
@@ -260,12 +262,34 @@ class ProductTables(NamedTuple):
 def _fill(t, begin, end, T):
     """T of the products `begin` to `end` - 1."""
     p = t.products
-    first, place, values, patches = p.first, p.place, p.values, p.patches[0]
-    for j in range(begin, end):
-        value = 1.0
-        for f in range(first[j], first[j + 1]):
-            value *= values[np.uintp(place[f])]  # unsigned: no index counts from the end
-        T[np.uintp(patches + j)] = value
+    place, values, patches = p.place, p.values, p.patches[0]
+    for j in range(begin, end):  # unsigned: no index counts from the end
+        T[np.uintp(patches + j)] = values[np.uintp(place[0, j])] * values[np.uintp(place[1, j])]
+    for f in range(2, place.shape[0]):
+        for j in range(begin, end):
+            T[np.uintp(patches + j)] *= values[np.uintp(place[f, j])]
+
+
+_SMALL = 0.8  # rad; the series is accurate to 2e-19 up to here
+_SINE = tuple((-1.0) ** j / float(factorial(2 * j + 1)) for j in range(9))
+
+
+@inlined
+def write_sines(u, first, end, out):
+    """Write the sines of the angles in the lanes u to `out` [LANE].
+
+    Together if all are small, as where a contact moves over a disc by little. Otherwise one after the other, and only
+    those of lanes `first` to `end` - 1.
+    """
+    if between(-_SMALL, u, _SMALL):
+        z = u * u
+        rest = alike(_SINE[8])
+        for j in range(7, 0, -1):
+            rest = _SINE[j] + z * rest
+        write(u + u * (z * rest), out)
+    else:
+        for q in range(first, end):
+            out[q] = np.sin(lane(u, q))
 
 
 @inner
@@ -278,10 +302,15 @@ def early_products(t, mode_set, x, T):
         T[i] = 0.0
     for i in range(x.shape[0]):
         p.state[i] = x[i]
-    for a in range(p.angles.shape[0]):
+    count, turns = p.angles.shape[0], p.turns
+    for a in range(count):
         angle = sparse_dot(p.angles[a], p.angle_entries[a], x)
-        half = np.sin(0.5 * angle)
-        p.sine[a], p.versine[a] = np.sin(angle), -2.0 * half * half
+        turns[2 * a], turns[2 * a + 1] = angle, 0.5 * angle
+    for i in range(0, 2 * count, LANE):
+        write_sines(lanes(turns[i:]), 0, min(2 * count - i, LANE), turns[i:])
+    for a in range(count):
+        half = turns[2 * a + 1]
+        p.sine[a], p.versine[a] = turns[2 * a], -2.0 * half * half
     for a in range(p.presses.shape[0]):
         p.pressed[a] = max(sparse_dot(p.presses[a], p.press_entries[a], x), 0.0)
     _fill(t, 0, p.upto[0], T)

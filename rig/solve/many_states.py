@@ -47,7 +47,7 @@ class ManyStatesTables(NamedTuple):
     margin: Array  # guard columns
     state: Array  # ORDER n columns, over a cell
     guard: Array  # a block of ORDER + 1 columns for each guard, over a cell
-    field: Array  # n columns over [x, T]: the derivative, for rigs that are not linear
+    field: Array  # [mode set, n + inputs, n padded to lanes] the derivative over [x, T], for rigs that are not linear
     whole: Array  # [mode set, n, n padded to blocks] sum of x x^T over whole ticks
     part: Array  # the same: integral of x x^T over parts of ticks
     nodes: Array  # Gauss-Legendre nodes in [0, 1], for the powers along a part of a cell; their weights

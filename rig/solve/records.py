@@ -61,9 +61,10 @@ PROGRESS = np.dtype(
 class Workspace(NamedTuple):
     """Scratch memory of one motion, allocated once (rig.model.tables). n: number of states."""
 
-    k: Array  # [7, n] derivatives at the stages of a step
-    k16: Array  # [16, n] the same of dop853
-    y: Array  # [n] state at the end of a step, or at a quadrature node
+    k: Array  # [7, n padded to whole lanes] derivatives at the stages of a step
+    k16: Array  # [16, n padded] the same of dop853, and
+    bends: Array  # [4, n padded] sums of them for the error and the path
+    y: Array  # [n] state at the end of a step, or at a quadrature node; like y2, at and rates with room for whole lanes
     y2: Array  # [n] state at a stage or at a place within a step
     x0: Array  # [n] state at the begin of a step (rk4) or of a row of quiet ticks (exact)
     copy: Array  # [n] copy of the state for its landing projection
@@ -75,10 +76,9 @@ class Workspace(NamedTuple):
     law_load_x: Array  # [n] its rate of change as a row over the state
     law_argument_p: Array  # [inputs] rates of change of the argument and of the load with each product
     law_load_p: Array  # [inputs]
-    state_and_inputs: Array  # [n + inputs] state and inputs in one array: first `at`, then T
-    at: Array  # [n] state at which `whole_derivative` computes the derivative: a view of `state_and_inputs`
+    at: Array  # [n] state at which `whole_derivative` computes the derivative
     rates: Array  # [n] the derivative at `at`
-    T: Array  # [inputs] friction forces and products: a view of `state_and_inputs`
+    T: Array  # [inputs] friction forces and products
     scratch: Array  # [patch, patch] matrix of the equations of coupled friction forces
     generators_at_begin: Array  # [generator, 2] its states at the begin of the block
     derivatives: Array  # [DEGREE + 1, n] coefficients of the state as a polynomial of the place in a step or cell

@@ -188,13 +188,13 @@ def fill_slopes(t, mode_set, begin, end, S):
     """Write the derivatives of the products `begin` to `end` - 1 to their rows of S; their factors are known."""
     p = t.products
     for j in range(begin, end):
-        for f in range(p.first[j], p.first[j + 1]):
+        for f in range(p.place.shape[0]):
             weight = 1.0
-            for other in range(p.first[j], p.first[j + 1]):
+            for other in range(p.place.shape[0]):
                 if other != f:
-                    weight *= p.values[p.place[other]]
-            if weight != 0.0:
-                add_factor_slope(t, mode_set, p.place[f], weight, S, S[p.patches[0] + j])
+                    weight *= p.values[p.place[other, j]]
+            if weight != 0.0 and p.place[f, j] < p.values.shape[0] - 1:
+                add_factor_slope(t, mode_set, p.place[f, j], weight, S, S[p.patches[0] + j])
 
 
 @inlined

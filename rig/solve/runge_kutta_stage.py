@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import fused, inlined, inner
-from rig.solve.column_blocks import copy, is_zero, multiply
+from rig.solve.column_blocks import LANE, add_along, along, copy, is_zero, lanes, write
 from rig.solve.forces import STRIBECK, derivative, inputs, law_force, right_hand_side
-from rig.solve.specialised import call, has_products, local, state_count
+from rig.solve.specialised import call, has_products, is_unrolled, local, state_count
 
 Array = NDArray[np.float64]
 
@@ -109,8 +109,9 @@ def only_states(f):
     """Whether every input but the friction forces is a product of states, and no load depends on one."""
     p = f.t.products
     for i in range(p.place.shape[0]):
-        if p.place[i] >= p.state.shape[0]:
-            return False
+        for j in range(p.place.shape[1]):
+            if p.state.shape[0] <= p.place[i, j] < p.values.shape[0] - 1:
+                return False
     return f.T.shape[0] == f.t.memory.inputs[0] and is_zero(f.law_load_t[0])
 
 
@@ -122,10 +123,10 @@ def whole_derivative(shape, t, w, state, log, seg, plan, ticks):
     """
     mode_set = t.mode_set_of[state.progress[0].key]
     if plan.many_states:
+        n, field = w.at.shape[0], t.many_states.field[mode_set]
+        along(field[:n], w.at, w.rates)  # does not wait for the inputs
         inputs(t, mode_set, w.at, w.T, w.scratch)
-        tables = t.many_states
-        multiply(tables.field[mode_set], w.state_and_inputs, 0, tables.field.shape[1], tables.product)
-        copy(w.rates.shape[0], tables.product, w.rates)
+        add_along(field[n:], w.T, w.rates)
     else:
         derivative(shape, right_hand_side(t, mode_set, w.T, w.scratch), True, w.at, w.rates)
     return 0
@@ -182,20 +183,25 @@ def stage(shape, f, friction, reach, z, k, last, late):
                 s += f.A[i, j] * z[j]
             k[last + 1, i] = s
         if has_products(shape) and friction.added:
-            copy(n, z, friction.at)
             p = f.t.products
-            for j in range(p.first.shape[0] - 1):
-                value = 1.0
-                for factor in range(p.first[j], p.first[j + 1]):
-                    value *= friction.at[p.place[factor]]
+            copy(n, z, p.state)
+            for j in range(p.place.shape[1]):
+                value = p.values[p.place[0, j]] * p.values[p.place[1, j]]
+                for factor in range(2, p.place.shape[0]):
+                    value *= p.values[p.place[factor, j]]
                 argument_rate += friction.law_argument_p[j] * value
                 load_rate += friction.law_load_p[j] * value
                 for i in range(n):
                     k[last + 1, i] += f.b[i, 1 + j] * value
     else:  # arrays kept in registers must not be passed: copy
-        for i in range(n):
-            z[i] += reach * k[last, i]
-            friction.at[i] = z[i]
+        if is_unrolled(shape):
+            for i in range(n):
+                z[i] += reach * k[last, i]
+                friction.at[i] = z[i]
+        else:
+            for i in range(0, n, LANE):
+                write(lanes(z[i:]) + reach * lanes(k[last, i:]), z[i:])
+                write(lanes(z[i:]), friction.at[i:])
         call(
             friction.plan.whole_derivative,
             shape,
@@ -207,5 +213,9 @@ def stage(shape, f, friction, reach, z, k, last, late):
             friction.plan,
             0,
         )
-        copy(n, friction.rates, k[last + 1])
+        if is_unrolled(shape):
+            copy(n, friction.rates, k[last + 1])
+        else:
+            for i in range(0, n, LANE):
+                write(lanes(friction.rates[i:]), k[last + 1, i:])
     return force, argument_rate, load_rate

@@ -66,6 +66,18 @@ def _state_count(typing: Any, shape: Any) -> Emission:
 state_count: Any = intrinsic(_state_count)
 
 
+def _is_unrolled(typing: Any, shape: Any) -> Emission:
+    """Whether the number of states is a constant of the compiled code."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
+        return context.get_constant(types.boolean, bool(shape.states))
+
+    return types.boolean(shape), codegen
+
+
+is_unrolled: Any = intrinsic(_is_unrolled)
+
+
 def _has_products(typing: Any, shape: Any) -> Emission:
     """Whether there may be products of states. If not, the code that evaluates them is not compiled."""
 

@@ -12,6 +12,7 @@ from rig.model import friction_law
 from rig.motion.motion import Motion
 from rig.solve.column_blocks import LANE, alike, between, lane, lanes, total, write
 from rig.solve.expm import exponential_factors, exponential_factors_of_lanes, has_lane_factors
+from rig.solve.forces import write_sines
 from tests.solve.conftest import oscillator
 
 LAWS = {
@@ -79,6 +80,21 @@ def test_exponentials_of_lanes_are_those_of_numbers(values):
     out = np.zeros((2, LANE))
     assert _exponentials(np.array(values), out)
     assert out[0].tobytes() == out[1].tobytes()
+
+
+@kernel
+def _sines(u, out):
+    write_sines(lanes(u), 0, LANE, out)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=LANE, max_size=LANE))
+def test_sines_agree_with_the_library_to_the_last_place(values):
+    """Below 0.8 rad they are a series, otherwise the library's."""
+    u, out = np.array(values), np.zeros(LANE)
+    _sines(u, out)
+    off = np.abs(out - np.sin(u))
+    assert (off <= np.spacing(np.abs(u)) * (np.abs(u).max() < 0.8)).all()
 
 
 @pytest.mark.parametrize("outside", [-60.0, 30.0, np.nan, np.inf])

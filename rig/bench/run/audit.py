@@ -537,7 +537,7 @@ class Comparison:
             if modes is None:
                 continue
             if i not in self._own:
-                at = visited.system, modes, visited.x
+                at = visited.system, modes, visited.x, _forces(visited.system, modes, visited.x)
                 self._own[i] = _compared_values(*at), _departures(*at)
             mine, departing = self._own[i]
             other = self._counterpart(visited, departing, *variant(visited.scene), added_states(visited.tick))
@@ -568,8 +568,8 @@ class Comparison:
         other: System,
         inputs: Mapping[str, Input],
         more: Mapping[str, float],
-    ) -> tuple[System, ModeSet, Array] | None:
-        """The state of the other rig, its mode set and the rig: what both have is as visited, as far as it can be.
+    ) -> tuple[System, ModeSet, Array, _Forces] | None:
+        """The other rig, its mode set, state and forces: what both have is as visited, as far as it can be.
 
         The other rig is in another mode set where a contact would leave its own, and where the visited rig does not;
         a slip that reverses because it changes by little does so in the visited rig too, a moment later.
@@ -589,14 +589,16 @@ class Comparison:
             if there is None:
                 return None
             x = _in_equilibrium(visited.system, other, there, x)
-            departures = {part: mode for part, mode in _departures(other, there, x).items() if part not in excused}
+            forces = _forces(other, there, x)
+            departing = _departures(other, there, x, forces)
+            departures = {part: mode for part, mode in departing.items() if part not in excused}
             if not departures:
-                break
+                return other, there, x, forces
             excused |= departures.keys()
             for kind, parts in enumerate(_parts(other)):
                 at[kind] = [departures.get((kind, part.name), mode) for part, mode in zip(parts, at[kind])]
         there = self.modes(other, other.key(*at))
-        return None if there is None else (other, there, x)
+        return None if there is None else (other, there, x, _forces(other, there, x))
 
 
 def _slips(system: System, key: int, x: Array) -> dict[str, tuple[float, int]]:
@@ -659,10 +661,10 @@ def _forces(system: System, modes: ModeSet, x: Array) -> _Forces:
     return _Forces(T, *(over_x @ x + over_t @ T for over_x, over_t in (friction, normal, load)))
 
 
-def _departures(system: System, modes: ModeSet, x: Array) -> dict[tuple[int, str], int]:
+def _departures(system: System, modes: ModeSet, x: Array, forces: _Forces) -> dict[tuple[int, str], int]:
     """Parts that cannot be in their mode at x -> the mode they take. A part: 0 and a patch, 1 and a normal force."""
     patches, normals, *_ = system.modes(modes.key)
-    _, friction, normal, load = _forces(system, modes, x)
+    _, friction, normal, load = forces
     speed, scale = system.slip_rows @ x, np.abs(system.slip_rows) @ np.abs(x)
     departures = {}
     for p, (patch, mode) in enumerate(zip(system.patches, patches)):
@@ -678,10 +680,10 @@ def _departures(system: System, modes: ModeSet, x: Array) -> dict[tuple[int, str
     return departures
 
 
-def _compared_values(system: System, modes: ModeSet, x: Array) -> Compared:
+def _compared_values(system: System, modes: ModeSet, x: Array, forces: _Forces) -> Compared:
     """(value, size of its terms, weight) of each acceleration, each other rate and each contact force."""
     nq = len(system.coordinates)
-    T, friction, _, load = _forces(system, modes, x)
+    T, friction, _, load = forces
     rates = modes.A @ x + modes.b @ T
     sizes = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
     compared = {
