@@ -80,7 +80,9 @@ def _cluster(workers: Workers) -> Iterator[str]:
         return
     distributed: Any = importlib.import_module("distributed")
 
-    with distributed.LocalCluster(workers.number, 1, dashboard_address=None, silence_logs=50) as cluster:
+    with distributed.LocalCluster(
+        n_workers=workers.number, threads_per_worker=1, dashboard_address=None, silence_logs=50
+    ) as cluster:
         yield cluster.scheduler_address
 
 

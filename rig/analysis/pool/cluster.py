@@ -7,6 +7,7 @@ sent, results are saved as they come, and workers are checked for the same sourc
 from __future__ import annotations
 
 import ctypes
+import importlib
 import logging
 import pickle
 import queue
@@ -200,7 +201,7 @@ def _compute(
     """Compute a batch on a worker: a fault ("" if there is none), results, seconds, type of the processor."""
     if sources() != expected:
         return f"a worker has other sources: {sources()}, not {expected}", {}, 0.0, ""
-    with _TAKEN:
+    with _TAKEN, _unwatched():
         try:
             work = _work(pickled)
             begin = time.perf_counter()
@@ -218,6 +219,21 @@ def _work(pickled: bytes) -> Work:
     with kernel.FOLDER.claimed("pool", _PREPARING):
         work.prepare()
     return work
+
+
+@contextmanager
+def _unwatched() -> Iterator[None]:
+    """Keep dask from looking at the stack of its worker, as it often does: a twentieth of the time of short points."""
+    worker = importlib.import_module("distributed").get_worker()
+    look = worker.periodic_callbacks.get("profile")
+    if look is None:
+        yield
+        return
+    worker.loop.add_callback(look.stop)
+    try:
+        yield
+    finally:
+        worker.loop.add_callback(look.start)
 
 
 def _keep_memory() -> None:
