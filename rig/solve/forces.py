@@ -278,8 +278,8 @@ _SINE = tuple((-1.0) ** j / float(factorial(2 * j + 1)) for j in range(9))
 def write_sines(u, first, end, out):
     """Write the sines of the angles in the lanes u to `out` [LANE].
 
-    Together if all are small, as where a contact moves over a disc by little. Otherwise one after the other, and only
-    those of lanes `first` to `end` - 1.
+    Together if all are small, as where a contact moves over a disc by little. Otherwise one after the other, only those
+    of lanes `first` to `end` - 1; the others are 0.
     """
     if between(-_SMALL, u, _SMALL):
         z = u * u
@@ -288,6 +288,7 @@ def write_sines(u, first, end, out):
             rest = _SINE[j] + z * rest
         write(u + u * (z * rest), out)
     else:
+        write(alike(0.0), out)
         for q in range(first, end):
             out[q] = np.sin(lane(u, q))
 

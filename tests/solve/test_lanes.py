@@ -135,3 +135,11 @@ def test_what_an_earlier_call_left_in_unused_lanes_does_not_reach_the_energy():
     motion.work.T_at[:] = np.nan
     motion.advance(40)
     assert np.isfinite(motion.terms()).all()
+
+
+@pytest.mark.parametrize("method", ["dopri5", "dop853"])
+def test_the_energy_closes_while_a_contact_moves_far_round_a_disc(method):
+    """Sines of angles beyond 0.8 rad are the library's, one after the other and in the lanes that are needed."""
+    run = rig.simulate(rig.load("disc_slider_a", {"clock.method": method, "clock.tolerance": 1e-7}), 0.5)
+    assert np.ptp(run.signals["angle"]) > 0.8
+    assert run.energy["error"] < 1e-4
