@@ -7,12 +7,14 @@ import math
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
+import zenoh
 from problems import timed
 from scipy.integrate import solve_ivp
 
@@ -20,6 +22,7 @@ import rig
 from rig.analysis.map import job
 from rig.analysis.map.row import units
 from rig.bench.live import supervise
+from rig.bus.link import configuration
 from rig.model.singular import assembled
 from rig.motion.motion import Motion
 from rig.solve.records import CLOSED, SLIP_PLUS, STICK
@@ -154,10 +157,15 @@ def disc(seconds: float = 0.2) -> list[Raced]:
 
 def loop() -> list[Raced]:
     """Steps of a loop at 1 kHz with a controller in Python, in processor time: between runs of 10 s and of 20 s."""
-    scene = rig.load("belt_normal_force")
-    spent = [timed(lambda s=s: rig.simulate(scene, duration=s))[1] for s in (10.0, 20.0)]
     what = "mass on a belt, 1 kHz, controller in Python"
-    lines = [Raced(what, "friction-rig, two sensors, outputs kept", math.nan, 1e4 / (spent[1] - spent[0]), "steps/s")]
+    lines = []
+    for changes, who in (
+        ({}, "two sensors, outputs kept"),
+        ({"controllers.nf": "none"}, "the same without the controller"),
+    ):
+        scene = rig.load("belt_normal_force", changes)
+        spent = [timed(lambda s=s, scene=scene: rig.simulate(scene, duration=s))[1] for s in (10.0, 20.0)]
+        lines.append(Raced(what, f"friction-rig, {who}", math.nan, 1e4 / (spent[1] - spent[0]), "steps/s"))
     if importlib.util.find_spec("mujoco"):
         import mujoco
 
@@ -186,8 +194,44 @@ while (got := s.recvfrom(64))[0]: s.sendto(*got)
 """
 
 
+_ZENOH_ECHO = """
+import sys, zenoh
+from rig.bus.link import configuration
+with zenoh.open(configuration("peer", sys.argv[1], None)) as session:
+    back = session.declare_publisher("back")
+    there = session.declare_subscriber("there", lambda sample: back.put(sample.payload))
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+def by_zenoh(count: int) -> list[int]:
+    """Times [ns] from a message to its echo by another process over Zenoh alone."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        where = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    trips, heard, command = [], threading.Event(), [sys.executable, "-c", _ZENOH_ECHO, where]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as echo:
+        assert echo.stdout is not None
+        echo.stdout.readline()
+        with zenoh.open(configuration("peer", None, where)) as session:
+            _back = session.declare_subscriber("back", lambda _: heard.set())
+            there = session.declare_publisher("there")
+            time.sleep(1.0)  # until both know of each other
+            for _ in range(count):
+                begin = time.perf_counter_ns()
+                there.put(bytes(32))
+                if heard.wait(5.0):
+                    trips.append(time.perf_counter_ns() - begin)
+                heard.clear()
+                time.sleep(1e-3)
+    return trips
+
+
 def paced(seconds: float = 5.0) -> list[Raced]:
-    """From a step to its answer at 1 kHz, wall time: our loop with two sensors and a recorder beside a bare socket."""
+    """From a step to its answer at 1 kHz, wall time: our loop with two sensors and a recorder beside a bare socket, and
+    beside the bus alone.
+    """
     trips = []
     with subprocess.Popen([sys.executable, "-c", _ECHO], stdout=subprocess.PIPE, text=True) as echo:
         assert echo.stdout is not None
@@ -201,7 +245,7 @@ def paced(seconds: float = 5.0) -> list[Raced]:
                 trips.append(time.perf_counter_ns() - begin)
                 time.sleep(1e-3)
             own.sendto(b"", there)
-    bare = np.percentile(trips, [50, 99]) * 1e-3
+    bare, bus = (np.percentile(times, [50, 99]) * 1e-3 for times in (trips, by_zenoh(round(1e3 * seconds))))
     with TemporaryDirectory() as folder:
         run = supervise.run(rig.load("belt_normal_force"), duration=seconds, out=Path(folder) / "loop.mcap",
                             say=lambda _: None)  # fmt: skip
@@ -210,6 +254,7 @@ def paced(seconds: float = 5.0) -> list[Raced]:
     lines = []
     for i, share in enumerate(("p50", "p99")):
         lines.append(Raced(f"{what}, {share}", "friction-rig, controller and recorder", math.nan, trip[share], "us"))
+        lines.append(Raced(f"{what}, {share}", "Zenoh alone", math.nan, float(bus[i]), "us"))
         lines.append(Raced(f"{what}, {share}", "bare UDP socket", math.nan, float(bare[i]), "us"))
     return lines
 
