@@ -106,11 +106,6 @@ class ModeSets:
         met = tuple(system.law(p, key) for p in range(len(system.patches)))
         code, numbers = friction_law.pack(met, [system.places(p) for p in range(len(met))], t.numbers.shape[2])
         closed = 1.0 - np.array(normal_modes, dtype=np.float64).reshape(-1, 1)
-        load, load_t = np.zeros_like(modes.friction), np.zeros_like(modes.friction_t)
-        for k, contact in enumerate(system.normals):
-            if normal_modes[k] == 0:
-                load[contact.patch] += modes.normal[k]
-                load_t[contact.patch] += modes.normal_t[k]
         rows, rows_t = signal_rows(system, modes, self.rows)
         stiff = len(E) - 1 > (WIDE_STIFF if self._wide else STIFF)
         broad: dict[str, Array] = {}
@@ -158,16 +153,16 @@ class ModeSets:
             "normal_t": modes.normal_t,
             "friction": modes.friction,
             "friction_t": modes.friction_t,
-            "load": load,
-            "load_t": load_t,
+            "load": modes.load,
+            "load_t": modes.load_t,
             "sigma": modes.sigma,
             "law_speed": modes.sigma[:, None] * system.slip_rows,
-            "law_load": modes.sigma[:, None] * load,
-            "law_load_t": modes.sigma[:, None] * load_t,
+            "law_load": modes.sigma[:, None] * modes.load,
+            "law_load_t": modes.sigma[:, None] * modes.load_t,
             "signals": rows,
             "signals_t": rows_t,
             "output_needs_inputs": rows_t.any(axis=1).astype(np.int64),
-            "coupled": int(load_t[:, : len(system.patches)].any()),
+            "coupled": int(modes.load_t[:, : len(system.patches)].any()),
             "guard_needs_inputs": _padded(np.array(modes.guards_t.any(axis=1), dtype=np.int64), g),
             "store": store(system, key),
             "loss": loss_rows(system, modes),
