@@ -454,7 +454,7 @@ def _rest(preloads: Array, modes: ModeSet, free: NDArray[np.int64], x: Array, T:
     """The largest rate of the states `free` at x, and the largest sum of the absolute values of its terms.
 
     Every preload counts as a term of its own, because the matrix holds it already combined with the contact force that
-    balances it. `preloads` [coordinate, n]: absolute accelerations by them.
+    balances it. `preloads` [coordinate, n]: the accelerations that they cause, as absolute values.
     """
     rate = modes.A @ x + modes.b @ T
     terms = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
