@@ -95,17 +95,26 @@ def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Sc
     return loaded
 
 
-def _scene(scene: Scene | str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
-    """A scene that is loaded, or named, as `load` does. Raises UsageError for anything else."""
+def _scene(
+    scene: Scene | str | Path,
+    overrides: Mapping[str, object] | None = None,
+    untold: Mapping[str, object] | None = None,
+    redesign: bool = False,
+) -> Scene:
+    """A scene that is loaded, or named, as `load` does. Raises UsageError for anything else.
+
+    `untold`, `redesign`: what its controllers believe of the rig (rig.scenes.belief).
+    """
     from pathlib import Path
 
     from rig.errors import UsageError
+    from rig.scenes.belief import believing
     from rig.scenes.scene import Scene
 
-    if isinstance(scene, Scene):
-        return scene
     if isinstance(scene, str | Path):
-        return load(scene, overrides)
+        scene = load(scene, overrides)
+    if isinstance(scene, Scene):
+        return believing(scene, untold or {}, redesign)
     raise UsageError(f"{scene!r:.60} is no scene; give a name, a file, or what rig.load returns")
 
 
@@ -114,6 +123,7 @@ def simulate(
     duration: float | None = None,
     stop: Callable[[], str] | None = None,
     controllers: Mapping[str, Any] | None = None,
+    untold: Mapping[str, object] | None = None,
 ) -> Run:
     """Run a scene in this process, with its controllers, for `duration` seconds or as long as its protocol takes.
 
@@ -121,8 +131,9 @@ def simulate(
     (docs/own_controller.md), a discrete system of python-control with named inputs (sensors) and outputs (actuators,
     `_` for the dot), or, for a scene given by name, the path of a file as `rig simulate --controller` takes it. A
     controller of the scene with the same name is replaced; its delay is kept. `stop` is called ten times per simulated
-    second: "" continues the run, any other text ends it and is the reason. The run has its provenance (versions,
-    machine, command), which `Run.save` writes.
+    second: "" continues the run, any other text ends it and is the reason. `untold`: values of the rig, by dotted key,
+    that the controllers do not know: they are designed without them (docs/belief.md). The run has its provenance
+    (versions, machine, command), which `Run.save` writes.
 
     Raises rig.errors.SceneError for controllers that cannot be designed or do not fit the scene, UsageError for objects
     that are not controllers and for a scene without an end, ControllerFailed for an exception of a controller; the
@@ -136,7 +147,7 @@ def simulate(
     from rig.record.provenance import provenance
 
     files, objects = divided(controllers or {}, isinstance(scene, str | Path))
-    loaded, guests = placed(_scene(scene, files), objects)
+    loaded, guests = placed(_scene(scene, files, untold), objects)
     result = run(loaded, duration_ns=run_length_ns(duration), stop=stop, guests=guests)
     result.provenance = provenance(loaded.seed)
     return result.checked()
@@ -223,30 +234,40 @@ def modes(scene: Scene | str | Path) -> Modes:
     return solve(_scene(scene))
 
 
-def sweep(scene: Scene | str | Path, key: str, values: Iterable[float], controller: str = "") -> Sweep:
+def sweep(
+    scene: Scene | str | Path,
+    key: str,
+    values: Iterable[float],
+    controller: str = "",
+    *,
+    untold: Mapping[str, object] | None = None,
+    redesign: bool = False,
+) -> Sweep:
     """Compute eigenvalues about steady sliding over a parameter of the rig, `values` in SI, and the critical values.
 
     With `controller`, these are those of its closed loop; the key may then be one of the controller
-    (controllers.NAME.gain). Raises rig.errors.SceneError for a key that is not a number of the rig and for values that
-    the scene cannot have.
+    (controllers.NAME.gain). The controller keeps the numbers that it has for the scene; it is told only set-points
+    (speed of the drive, load) and with `redesign` every value. `untold`: see `simulate`. Raises rig.errors.SceneError
+    for a key that is not a number of the rig and for values that the scene cannot have.
     """
     from rig.analysis.axis import Axis
     from rig.analysis.control_loop import sweep_loop
     from rig.analysis.sweep import sweep as solve
 
-    loaded = _scene(scene)
+    loaded = _scene(scene, None, untold, redesign)
     axis = Axis.of(key, values, loaded, controller)
     return sweep_loop(loaded, axis, controller) if controller else solve(loaded, axis)
 
 
-def loop(scene: Scene | str | Path, controller: str) -> Loop:
+def loop(scene: Scene | str | Path, controller: str, *, untold: Mapping[str, object] | None = None) -> Loop:
     """Analyse a closed loop about steady sliding: eigenvalues, range of gains, margins of phase and delay.
 
-    Raises rig.errors.SceneError for a controller that is not a linear feedback and where nothing slides steadily.
+    `untold`: see `simulate`. Raises rig.errors.SceneError for a controller that is not a linear feedback and where
+    nothing slides steadily.
     """
     from rig.analysis.control_loop import loop as solve
 
-    return solve(_scene(scene), controller)
+    return solve(_scene(scene, None, untold), controller)
 
 
 def state_space(scene: Scene | str | Path, delay: float = 0.0) -> StateSpace:
@@ -345,6 +366,8 @@ def study(
     folder: str | Path = "studies",
     workers: int | None = None,
     cluster: str = "",
+    untold: Mapping[str, object] | None = None,
+    redesign: bool = False,
 ) -> StudyResult:
     """Evaluate measures over parameters: `rig.study("belt", {"load.force": [10, 20, 30]}, ["cycle.amplitude"])`.
 
@@ -355,15 +378,15 @@ def study(
     times, point number k with the seed `seed` + k. `duration` [s] of a run: by default the length of its protocol.
     `keep`: condition for keeping the recording of a run, such as "cycle.amplitude > 5 mm". Results go to a folder of
     their own in `folder`, from which an interrupted study continues. `workers`: processes, one for each core by
-    default. `cluster`: the address of a dask scheduler. Raises rig.errors.SceneError and UsageError
-    with every fault, WorkerError if workers fail.
+    default. `cluster`: the address of a dask scheduler. `untold`, `redesign`: what the controllers are told, as for
+    `sweep`. Raises rig.errors.SceneError and UsageError with every fault, WorkerError if workers fail.
     """
     from pathlib import Path
 
     from rig.analysis.studies import prepared
     from rig.analysis.studies import study as carry_out
 
-    loaded = _scene(scene)
+    loaded = _scene(scene, None, untold, redesign)
     work = prepared(loaded, over, measure, samples, sampling, repeat, seed, duration, keep)
     return carry_out(work, Path(folder), workers, keep=keep, cluster=cluster)
 
@@ -380,19 +403,22 @@ def optimise(
     folder: str | Path = "searches",
     workers: int | None = None,
     cluster: str = "",
+    untold: Mapping[str, object] | None = None,
+    redesign: bool = False,
 ) -> SearchResult:
     """Find the smallest value of a measure: `rig.optimise("belt", {"load.force": (10, 30)}, "cycle.amplitude")`.
 
     `over`: dotted key -> range in SI, or text such as "10 N:30 N". `measure`: as for `rig.study`; `largest`: search for
     its largest value. At most `evaluations` points are computed, by differential evolution, all with `seed`. Results go
     to a folder of their own in `folder`, from which an interrupted search, or one with more evaluations, continues.
-    `duration`, `workers`, `cluster`: as for `rig.study`. Raises rig.errors.SceneError, UsageError and WorkerError.
+    `duration`, `workers`, `cluster`, `untold`, `redesign`: as for `rig.study`. Raises rig.errors.SceneError,
+    UsageError and WorkerError.
     """
     from pathlib import Path
 
     from rig.analysis.studies.search import prepared, search
 
-    loaded = _scene(scene)
+    loaded = _scene(scene, None, untold, redesign)
     work = prepared(loaded, over, measure, largest, evaluations, seed, duration)
     return search(work, Path(folder), workers, cluster=cluster)
 

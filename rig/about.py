@@ -8,6 +8,8 @@ An effect is a table that a plant may be without, or an optional value of a tabl
     lag: Annotated[PositiveSecond | None, About("a first-order actuator")] = None       # a value: of its field
     speed_max: Annotated[MetrePerSecond | None, Bound(of="speed", sign=1)] = None       # two bounds are one effect
 
+    speed: Annotated[MetrePerSecond, SetPoint()]                # an operator sets it: controllers are told of a change
+
 What a field declares comes before what its class declares. An optional value that declares nothing is no effect.
 """
 
@@ -40,3 +42,11 @@ class Bound(About):
     text: str = "a clamp inside the plant, behind a lag"
     of: str = ""
     sign: int = 1
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """Marks a value that an operator sets at the bench and everybody there knows: the speed of a drive, a load.
+
+    Controllers are told of a change of it; of no other value of the rig (rig.scenes.belief).
+    """

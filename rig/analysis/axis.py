@@ -12,7 +12,7 @@ import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from rig.bench.run.rig_variants import with_values
 from rig.errors import SceneError
+from rig.scenes.belief import varied
 from rig.scenes.faults import near, shortened, shown, unit_of
 from rig.scenes.scene import Scene
+from rig.scenes.sections import PARTS
 from rig.units import parted, si, with_point
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 MOST, POINTS = 100_000, 10_000_000
 """Largest number of values of one axis, and of points of all axes together."""
-_PARTS = ("sensors", "controllers")
 FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
 _LETTERS = 12.0  # letters of the second line in an inch
 
@@ -127,7 +127,7 @@ class Axis:
 
     def at(self, scene: Scene, value: float) -> Scene:
         """Return `scene` with this parameter at `value` (SI). Raises SceneError if the scene refuses the value."""
-        return changed(scene, {self.key: value})
+        return varied(scene, {self.key: value})
 
     @cached_property
     def scale(self) -> float:
@@ -209,33 +209,16 @@ def value_count(text: str) -> int:
 def numbers(scene: Scene, parts: Iterable[str] | None = None) -> dict[str, str]:
     """Return key and unit of every number of the rig and of `parts`, such as controllers.nf; None: of all parts."""
     units = dict(sweepable(scene.parameters))
-    for room in _PARTS:
+    for room in PARTS:
         for name, section in getattr(scene, room).items():
             if parts is None or f"{room}.{name}" in parts:
                 units |= sweepable(section, f"{room}.{name}")
     return units
 
 
-def changed(scene: Scene, values: Mapping[str, float], seed: int | None = None) -> Scene:
-    """Return `scene` with values (SI) of dotted keys, and a seed. Raises SceneError if it refuses one."""
-    changes: dict[str, Any] = {} if seed is None else {"seed": seed}
-    by_part: dict[tuple[str, str], dict[str, float]] = {}
-    for key, value in values.items():
-        room, _, rest = key.partition(".")
-        name, _, field = rest.partition(".") if room in _PARTS else ("", "", key)
-        by_part.setdefault((room if name else "", name), {})[field] = value
-    for (room, name), given in by_part.items():
-        if not room:
-            changes["parameters"] = with_values(scene.parameters, given)
-        else:
-            sections = changes.setdefault(room, dict(getattr(scene, room)))
-            sections[name] = with_values(sections[name], given)
-    return replace(scene, **changes)
-
-
 def unknown(key: str, known: Iterable[str], scene: Scene) -> str:
     """The fault of a key that is no number of a scene: names that are like it, or how a choice is changed."""
-    at: Any = scene if key.partition(".")[0] in _PARTS else scene.parameters
+    at: Any = scene if key.partition(".")[0] in PARTS else scene.parameters
     for part in key.split("."):
         at = at.get(part) if isinstance(at, Mapping) else getattr(at, part, None)
     if isinstance(at, bool | str):
@@ -265,7 +248,7 @@ def in_words(key: str, scene: Scene, declared: bool = False) -> str:
     `declared`: "" without a title.
     """
     room, _, rest = key.partition(".")
-    of_parts = room in _PARTS
+    of_parts = room in PARTS
     *path, name = (rest if of_parts else key).split(".")
     section: Any = getattr(scene, room) if of_parts else scene.parameters
     for part in path:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -36,6 +36,8 @@ from rig.errors import PartError, SceneError, Singular
 from rig.printable import columns
 from rig.quantities import unit_of
 from rig.results import Result
+from rig.scenes.belief import lines as belief_lines
+from rig.scenes.belief import of_varied
 from rig.scenes.faults import near
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
@@ -57,7 +59,7 @@ class Loop(Result):
 
     `gain`: gain of the controller; a controller without a gain parameter gets a factor on its input, nominally 1.
     `model`: the loop at a gain of one. `energy`: form over the states of the rig (rig.analysis.control_loop). `others`:
-    controllers of the scene that are left open.
+    controllers of the scene that are left open. `belief`: lines on what the controller believes of the rig.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:loop_figure"
@@ -71,6 +73,7 @@ class Loop(Result):
     model: Sampled
     energy: Array
     others: tuple[str, ...] = ()
+    belief: tuple[str, ...] = ()
 
     @cached_property
     def spectrum(self) -> Spectrum:
@@ -206,6 +209,7 @@ class Loop(Result):
             "gain_range": None if ends is None else list(ends),
             "gain_ranges": [list(limits) for limits in self.gain_ranges],
             "margins": self.margins,
+            "belief": list(self.belief),
         }
 
     def _closed_modes(self) -> list[tuple[float, float]]:
@@ -220,6 +224,7 @@ class Loop(Result):
             f"{self.scene}: loop of {self.controller} ({self.through}), gain {self.gain:g} {self.unit}".rstrip(),
             f"  linearised about steady sliding, within all limits; {hold}, exactly discretised",
             *([f"  left open: {', '.join(self.others)}"] if self.others else []),
+            *(f"  {line}" for line in self.belief),
             "",
         ]
         modes = self._closed_modes()
@@ -319,6 +324,7 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
         model=model,
         energy=rig.energy,
         others=tuple(other for other in scene.controllers if other != name),
+        belief=tuple(belief_lines(scene)),
     )
 
 
@@ -336,7 +342,8 @@ def sweep_loop(scene: Scene, axis: Axis, name: str) -> Sweep:
         except Singular as error:
             return absent("no loop", error.why)
 
-    return along(scene.name, axis, spectrum, name)
+    belief = tuple(of_varied(scene, [axis.key]))
+    return replace(along(scene.name, axis, spectrum, name), belief=belief)
 
 
 ORDER = 8

@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 from rig.analysis.averaged import averaged, fast_motion
 from rig.analysis.orbit import OnePeriod, Orbit
 from rig.analysis.return_map import Carried, Family, Flow, NoCycle, NotSmooth, ReturnMap, multipliers, parameter, sizes
-from rig.bench.run.rig_variants import with_values
 from rig.errors import NumericsError, Singular
 from rig.model.assembly import Assembly
 from rig.scenes.scene import Scene
+from rig.scenes.sections import with_values
 from rig.stability.linearisation import Steady, linearised, own_law, settling
 
 Array = NDArray[np.float64]

@@ -140,13 +140,14 @@ def simulated(scene: Scene, name: str, network: Network, expected: float, of: Gr
     if "enable_at" in type(section).model_fields:
         section = section.model_copy(update={"enable_at": 0})
     sensors: dict[str, Any] = {key: _Linear(sensor) for key, sensor in scene.sensors.items()}
-    alone = replace(scene, controllers={name: section}, sensors=sensors, protocol=(), faults={}, limits={})
+    described = design.described(replace(scene, controllers={name: section}))[name]  # with the noise of its sensor
+    alone = replace(scene, controllers={name: section}, sensors=sensors, believed={}, protocol=(), faults={}, limits={})
     long = min(max(_DECADES / max(abs(expected), 1e-9), _PERIODS[0] / hertz), _PERIODS[1] / hertz)
     if expected > 0.0:
         long = min(long, 3.0 / expected)
     output = scene.sensors[ends(scene, name)[0]].reads
     seeded = (replace(alone, network=network.model_copy(update={"seed": seed})) for seed in range(1, RUNS + 1))
-    runs = np.array([_run(scene, name, output, long, of.shape) for scene in seeded])
+    runs = np.array([_run(scene, name, described, output, long, of.shape) for scene in seeded])
     steps = 1e9 / hertz / alone.step_ns
     ends_of = np.rint(np.arange(int(runs.shape[1] / steps) + 1) * steps).astype(int)  # of periods
     square = np.array([runs[:, a:b].var(axis=1).mean() for a, b in pairwise(ends_of.tolist())])
@@ -174,13 +175,15 @@ class _Linear:
         return replace(unlimited, offset=0.0, slope=0.0, warmth=0.0, noise=0.0, resolution=0.0, dropout_rate=0.0)
 
 
-def _run(scene: Scene, name: str, output: str, seconds: float, shape: Array) -> Array:
-    """The values of `output` at every sample step, from a small motion along `shape`."""
+def _run(scene: Scene, name: str, described: dict[str, Any], output: str, seconds: float, shape: Array) -> Array:
+    """The values of `output` at every sample step, from a small motion along `shape`.
+
+    `described`: the description of controller `name`.
+    """
     at = plant(scene)
     # by displacements: a fast mode has much larger velocities
     places = [i for i, state in enumerate(at.states) if not state.endswith("'")]
     shape = shape * _SHARE * (np.abs(at.equilibrium[places]).max() or 1e-3) / np.abs(shape[places]).max()
-    described = design.described(scene)
 
     def move(experiment: Experiment) -> None:
         motion = experiment.runner.motion
@@ -188,7 +191,7 @@ def _run(scene: Scene, name: str, output: str, seconds: float, shape: Array) -> 
             motion.write(motion.system.names.index(state), float(value))
 
     ticks = round(seconds * 1e9) // scene.frame_ns
-    experiment, working = begun(scene, {name: restored(described[name])}, ticks * scene.frame_ns, before=move)
+    experiment, working = begun(scene, {name: restored(described)}, ticks * scene.frame_ns, before=move)
     runner = experiment.runner
     try:
         while experiment.begin():
@@ -265,7 +268,8 @@ class LoopReport(Result):
         rows = [("delay budget", f"ms at {hertz:.4g} Hz", "deg", "origin")]
         rows += [(o.part, f"{1e3 * o.seconds:.4g}", f"{360 * o.seconds * hertz:.3g}", o.origin) for o in self.items]
         rows += [("sum", f"{1e3 * total:.4g}", f"{360 * total * hertz:.3g}", "")]
-        lines = [f"{self.scene}: loop of {self.found.controller} ({self.found.through})", "", *columns(rows, "<>><")]
+        lines = [f"{self.scene}: loop of {self.found.controller} ({self.found.through})"]
+        lines += [*(f"  {line}" for line in self.found.belief), "", *columns(rows, "<>><")]
         return "\n".join([*lines, "", *self._margins(), "", *self._curves(), "", *self._check()])
 
     def _margins(self) -> Iterator[str]:

@@ -43,7 +43,6 @@ from numpy.typing import NDArray
 
 from rig.analysis.cycle import stuck
 from rig.analysis.orbit import Dense, Orbit, all_round, repeating, turn_of
-from rig.bench.run.rig_variants import with_values
 from rig.bench.run.runner import PlantRunner
 from rig.compiled import kernel
 from rig.errors import NumericsError
@@ -54,6 +53,7 @@ from rig.model.system import System
 from rig.motion.motion import SEGMENTS, Event
 from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
+from rig.scenes.sections import with_values
 from rig.solve.film_steps import GROUP
 from rig.stability.linearisation import sliding_key, steady
 from rig.stability.report import RK4_LIMIT

@@ -21,12 +21,12 @@ from rig.analysis.averaged import averaged, not_fast
 from rig.analysis.axis import Axis, heading
 from rig.analysis.eigenvalue_curves import EDGE, NOTHING, Growth, brackets, looked, none, root, stretches
 from rig.analysis.modes import GENERATOR, Slow, missing
-from rig.bench.run.rig_variants import with_values
 from rig.errors import Singular
 from rig.machine.files import csv_table
 from rig.printable import columns
 from rig.results import Result
 from rig.scenes.scene import Scene
+from rig.scenes.sections import with_values
 from rig.stability.linearisation import Steady, sliding_key, steady
 from rig.view.palette import page
 

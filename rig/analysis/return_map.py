@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.axis import Axis, changed
+from rig.analysis.axis import Axis
 from rig.errors import NumericsError, RigError
 from rig.model.assembly import Assembly
 from rig.model.formulation import ModeSet
@@ -345,9 +345,7 @@ class Family:
 
     def rig(self, values: tuple[float, ...]) -> Scene:
         """Return the scene with these values."""
-        return (
-            changed(self.scene, {axis.key: value for axis, value in zip(self.axes, values)}) if values else self.scene
-        )
+        return self.scene.with_values({axis.key: value for axis, value in zip(self.axes, values)})
 
     def _with_commands(self) -> frozenset[str]:
         """The parameters that are actuators with a state of their own, if they act on nothing but that state."""

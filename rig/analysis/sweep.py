@@ -203,6 +203,7 @@ class Sweep(Result):
     steadily, and `notes` [value] what makes the eigenvalues invalid. `gaps`: ranges without steady sliding, and why.
     `resolution`: critical values closer together than this may be missed. `loop`: the controller whose loop is closed,
     "" for none. `fixed`: the main parameters that the sweep holds constant, in words.
+    `belief`: lines on what the controllers are told of the rig.
     `friction`: how a scene with dither is analysed, in words. Of a reduced structure: `errors` [value, branch], the
     estimated relative error of each rate, NaN where there is none; `outside` [value]: in which numbers a value lies
     outside of the range that the reduction holds for, in words. Both are empty for other rigs. Its heavily damped
@@ -224,6 +225,7 @@ class Sweep(Result):
     loop: str = ""
     fixed: str = ""
     friction: str = ""
+    belief: tuple[str, ...] = ()
     errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
     outside: tuple[str, ...] = ()
 
@@ -270,6 +272,7 @@ class Sweep(Result):
             ],
             "gaps": [gap._asdict() for gap in self.gaps],
             "resolution": self.resolution,
+            "belief": list(self.belief),
             **({"outside": list(self.outside)} if any(self.outside) else {}),
         }
 
@@ -278,7 +281,7 @@ class Sweep(Result):
         axis = self.axis
         what = f"the loop of {self.loop}" if self.loop else "steady sliding"
         what += f", {self.friction}," if self.friction else ""
-        lines = [f"{self.scene}: {what} over {axis.label}"]
+        lines = [f"{self.scene}: {what} over {axis.label}", *(f"  {line}" for line in self.belief)]
         for critical in self.critical:
             at = f" at {critical.frequency:.6g} Hz" if critical.frequency else ""
             what = critical.sides if critical.kind == "jamming" else f"{critical.kind}{at}, {critical.sides}"

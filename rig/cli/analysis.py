@@ -15,8 +15,10 @@ from rig.cli.options import (
     Json,
     Net,
     Page,
+    Redesign,
     Results,
     SceneName,
+    Untold,
     added,
     changes,
     linked,
@@ -57,6 +59,8 @@ def modes(
         ),
     ] = None,
     controller: Controller = None,
+    untold: Untold = None,
+    redesign: Redesign = False,
     figure: Figure = None,
     shapes: Annotated[
         Path | None,
@@ -72,7 +76,7 @@ def modes(
 ) -> None:
     """Compute eigenvalues and eigenmodes at steady sliding, open or closed loop, also over a parameter (--sweep)."""
     asked = [] if controller is None else [controller]
-    loaded = the_scene(scene, changes(p), {"--controller": added(asked)})
+    loaded = the_scene(scene, changes(p), {"--controller": added(asked)}, untold, redesign)
     controller = next(iter(named(asked)), None)
     if along is not None or controller is not None:
         if shapes is not None:
@@ -272,6 +276,7 @@ def loop(
     controller: Annotated[
         str | None, loop_option("Controller of the loop. Default: the only one of the scene.")
     ] = None,
+    untold: Untold = None,
     measure: Measure = False,
     figure: Figure = None,
     force: Force = False,
@@ -286,7 +291,7 @@ def loop(
 
     given = changes(p)
     asked = [] if controller is None else [controller]
-    loaded = the_scene(scene, given, {"--controller": added(asked), "--net": linked(net, given)})
+    loaded = the_scene(scene, given, {"--controller": added(asked), "--net": linked(net, given)}, untold)
     name = next(iter([*named(asked), *loaded.controllers]), "")
     if controller is None and len(loaded.controllers) != 1:
         known = ", ".join(loaded.controllers) or "none"

@@ -106,12 +106,14 @@ SceneName = Annotated[
 ]
 
 
-def paired(given: list[str] | None) -> list[str] | None:
+def paired(parameter: typer.CallbackParam, given: list[str] | None) -> list[str] | None:
     """Check that each `-p` has a key and a value; before the arguments are counted, where -p KEY VALUE has one more."""
+    option = parameter.opts[0]
     for text in given or []:
         key, equals, _ = text.partition("=")
         if not equals or not key.strip():
-            raise UsageError(f'-p {text}: expected KEY=VALUE with "=" between them, e.g. -p drive.speed="2 rpm"')
+            example = f'{option} drive.speed="2 rpm"'
+            raise UsageError(f'{option} {text}: expected KEY=VALUE with "=" between them, e.g. {example}')
     return given
 
 
@@ -123,6 +125,18 @@ Changes = Annotated[
         callback=paired,
         help='Change a value: -p drive.speed="2 rpm". "none" removes it. Repeatable.',
     ),
+]
+Untold = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--untold",
+        metavar="KEY=VALUE",
+        callback=paired,
+        help="Give the rig a value that its controllers do not know: they are designed without it. Repeatable.",
+    ),
+]
+Redesign = Annotated[
+    bool, typer.Option("--redesign", help="Tell the controllers all that is varied: they are designed for each rig.")
 ]
 Controllers = Annotated[
     list[str] | None,
@@ -236,10 +250,10 @@ def separated(names: str | None) -> list[str]:
     return [name.strip() for name in (names or "").split(",") if name.strip()]
 
 
-def changes(given: list[str] | None) -> dict[str, str]:
+def changes(given: list[str] | None, option: str = "-p") -> dict[str, str]:
     """Dotted key -> value as text, of all `-p`."""
     pairs = (text.partition("=") for text in given or [])
-    return {key.strip(): with_point(value.strip(), f"-p {key.strip()} =") for key, _, value in pairs}
+    return {key.strip(): with_point(value.strip(), f"{option} {key.strip()} =") for key, _, value in pairs}
 
 
 def loop_option(help_text: str) -> Any:
@@ -293,13 +307,19 @@ def linked(net: list[str] | None, given: Mapping[str, str]) -> dict[str, str]:
 
 
 def the_scene(
-    name: str, given: Mapping[str, object], options: Mapping[str, Mapping[str, object]] | None = None
+    name: str,
+    given: Mapping[str, object],
+    options: Mapping[str, Mapping[str, object]] | None = None,
+    untold: list[str] | None = None,
+    redesign: bool = False,
 ) -> Scene:
     """The scene of a command with the changes `given` with -p; `options`: other option -> its changes; -p wins.
 
-    Values that a change dropped are reported on stderr.
+    `untold`, `redesign`: what its controllers believe of the rig (rig.scenes.belief). Values that a change dropped are
+    reported on stderr.
     """
     from rig.scenes import load
+    from rig.scenes.belief import believing
 
     overrides: dict[str, object] = {}
     places: dict[str, Place] = {}
@@ -309,7 +329,7 @@ def the_scene(
     scene = load(name, overrides, places)
     for line in scene.notes:
         printing.note(line)
-    return scene
+    return believing(scene, changes(untold, "--untold"), redesign)
 
 
 def with_option(option: str, keys: Iterable[str]) -> dict[str, Place]:

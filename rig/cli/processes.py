@@ -23,6 +23,7 @@ from rig.cli.options import (
     RunName,
     SceneName,
     Trust,
+    Untold,
     Wait,
     When,
     changes,
@@ -41,6 +42,7 @@ from rig.printable import printable
 def plant(
     scene: SceneName,
     p: Changes = None,
+    untold: Untold = None,
     speed: Pace = None,
     lockstep: Lockstep = False,
     duration: Duration = None,
@@ -59,7 +61,7 @@ def plant(
     from rig.bench.live.plant_process import carry_out
     from rig.bench.live.status import Live
 
-    loaded = the_scene(scene, overrides)
+    loaded = the_scene(scene, overrides, untold=untold)
     printing.run_warnings(loaded, length)
     job = Job(
         loaded.to_json(),

@@ -32,6 +32,7 @@ from rig.cli.options import (
     Pace,
     SceneName,
     Trust,
+    Untold,
     When,
     accuracy,
     added,
@@ -99,6 +100,7 @@ def demo(view: View = False, web: Web = False) -> None:
 def run(
     scene: SceneName,
     p: Changes = None,
+    untold: Untold = None,
     controller: Controllers = None,
     net: Net = None,
     speed: Pace = None,
@@ -129,7 +131,7 @@ def run(
     from rig.bench.live.outcome import keeps_up
     from rig.bench.live.supervise import run as supervise
 
-    loaded = the_scene(scene, given, {"--controller": added(controller), "--net": links})
+    loaded = the_scene(scene, given, {"--controller": added(controller), "--net": links}, untold)
     there(controller, loaded)
     drawable(names, loaded)
     keeps_up(loaded, factor)
@@ -248,6 +250,7 @@ def simulate(
     ] = None,
     start: Start = None,
     p: Changes = None,
+    untold: Untold = None,
     controller: Controllers = None,
     net: Net = None,
     duration: Duration = None,
@@ -279,8 +282,15 @@ def simulate(
     names = listed(only, figure)
     links = linked(net, overrides)
     by_method = {} if method is None else {"clock.method": method}
-    given = {"SCENE": scene, "--controller": controller, "--net": net, "--method": method, "--accuracy": precision,
-             "--budget": budget}  # fmt: skip
+    given = {
+        "SCENE": scene,
+        "--untold": untold,
+        "--controller": controller,
+        "--net": net,
+        "--method": method,
+        "--accuracy": precision,
+        "--budget": budget,
+    }
     wrong = ", ".join(name for name, value in given.items() if value is not None)
     refuse_all(
         (by_method.keys() & overrides.keys(), "--method and -p: both give clock.method; leave out one of them"),
@@ -295,7 +305,7 @@ def simulate(
             "--net": links,
             "--method": by_method,
         }
-        loaded = the_scene(scene, overrides, by_option)
+        loaded = the_scene(scene, overrides, by_option, untold)
         there(controller, loaded)
         drawable(names, loaded)
         loaded = configured(loaded, overrides | by_method, precision, budget)
@@ -388,10 +398,12 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
     from rig.model.assembly import portrait
     from rig.printable import counted
     from rig.record.statistics import contact
+    from rig.scenes.belief import lines as belief_lines
 
     plant, length = run.summary["plant"], float(run.time[-1])
     yield "run", f"{length:g} s simulated in {wall:.2f} s, compiling included; ended: {run.summary['ended']}"
     yield from (("fork", event["text"]) for event in run.plant_events if event["kind"] == "fork")
+    yield from (("belief", line) for line in belief_lines(scene))
     yield "plant", status.plant(plant, plant["energy_error"])
     for name in portrait(scene.assemble().outputs) or ():
         v = run.signals[name]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Changes, Figure, Force, Json, SceneName, changes, the_scene
+from rig.cli.options import Changes, Figure, Force, Json, SceneName, Untold, changes, the_scene
 from rig.cli.printing import new, writable
 from rig.errors import LogError, UsageError
 from rig.machine.files import write_file
@@ -112,6 +112,7 @@ def new_scene(
 def explain(
     scene: SceneName,
     p: Changes = None,
+    untold: Untold = None,
     everything: Annotated[bool, typer.Option("--all", help="Show default values too.")] = False,
     measure: Annotated[
         bool,
@@ -126,6 +127,7 @@ def explain(
     For a recording (FILE.mcap): show which effects had no influence in the
     run, and which were missing.
     """
+    from rig.scenes.belief import lines
     from rig.scenes.explain import explain as take_apart
     from rig.scenes.sections import dump
 
@@ -134,7 +136,7 @@ def explain(
     if scene.endswith(".mcap"):
         _audited(scene, as_json)
         return
-    explanation = take_apart(the_scene(scene, changes(p)))
+    explanation = take_apart(the_scene(scene, changes(p), untold=untold))
     loaded = explanation.scene
     if measure:
         _measured(loaded, figure, as_json)
@@ -158,6 +160,8 @@ def explain(
                 "actuators": [vars(actuator) for actuator in explanation.actuators],
                 "faults": {name: dump(fault) for name, fault in loaded.faults.items()},
                 "network": {topic: dump(link) for topic, link in loaded.network.links.items()},
+                "controllers": _believed(loaded)[0],
+                "belief": lines(loaded),
                 "values": [_value(v) for v in values],
             }
         )
@@ -181,6 +185,7 @@ def explain(
                  for a in explanation.actuators]  # fmt: skip
     printing.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
     printing.line()
+    _print_controllers(loaded)
     if loaded.network:
         _print_network(loaded)
     if loaded.faults:
@@ -195,6 +200,47 @@ def explain(
 
 def _unit(unit: str) -> str:
     return "" if unit == "1" else unit
+
+
+_MANY = 4  # numbers of a list that are shown one by one
+
+
+def _believed(scene: Scene) -> tuple[dict[str, dict[str, Any]], str]:
+    """The numbers of each controller, and why they cannot be had."""
+    from rig.design import numbers
+    from rig.errors import SceneError
+
+    try:
+        return numbers(scene), ""
+    except SceneError as fault:
+        return {}, "; ".join(fault.faults)
+
+
+def _print_controllers(scene: Scene) -> None:
+    """What the controllers believe of the rig: their numbers from the design, and values that are not so."""
+    from rig.scenes.belief import lines
+
+    if not scene.controllers:
+        return
+    by_controller, fault = _believed(scene)
+    rows = [(name, key, _short(value)) for name, numbers in by_controller.items() for key, value in numbers.items()]
+    title = "controllers: what they believe of the rig, from the values of this scene"
+    printing.table(title, ("controller", "number", "value"), rows)
+    without = [name for name, numbers in by_controller.items() if not numbers]
+    if without:
+        printing.line(f"{', '.join(without)}: no number of the rig")
+    for line in filter(None, [fault and f"cannot be designed: {fault}", *lines(scene)]):
+        printing.line(line)
+    printing.line(
+        "set-points (speed of the drive, load) are told when they are varied, other values are not: docs/belief.md\n"
+    )
+
+
+def _short(value: Any) -> str:
+    """A number of a controller as text; of a long list its length."""
+    if not isinstance(value, list):
+        return printing.number(value)
+    return str(value) if len(value) <= _MANY and not any(isinstance(v, list) for v in value) else f"{len(value)} values"
 
 
 def _print_network(scene: Scene) -> None:

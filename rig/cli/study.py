@@ -15,8 +15,10 @@ from rig.cli.options import (
     Duration,
     Force,
     Json,
+    Redesign,
     Results,
     SceneName,
+    Untold,
     at,
     changes,
     seconds,
@@ -69,6 +71,8 @@ def study(
         ),
     ] = None,
     p: Changes = None,
+    untold: Untold = None,
+    redesign: Redesign = False,
     samples: Samples = None,
     sampling: Annotated[
         str | None, typer.Option(metavar="HOW", help="random (default), latin, sobol; saltelli for Sobol indices.")
@@ -101,9 +105,9 @@ def study(
     from rig.analysis.studies import study as carry_out
     from rig.machine.files import write_file
 
-    loaded = the_scene(scene, changes(p))
+    loaded = the_scene(scene, changes(p), untold=untold, redesign=redesign)
     _target(context, to)
-    varied = values(over, "--over", changes(p))
+    varied = values(over, "--over", _set(p, untold))
     work = prepared(
         loaded, varied, measure or [], samples, sampling or "random", repeat or 1, seed, seconds(duration), keep
     )
@@ -128,8 +132,16 @@ def study(
     printing.passed(not np.isnan(result.values).all())
 
 
-def values(given: list[str] | None, option: str, changed: Mapping[str, object]) -> dict[str, str]:
-    """Dotted key -> values as text, of all options of this name; `changed`: keys of -p, which cannot be varied too."""
+def _set(p: list[str] | None, untold: list[str] | None) -> dict[str, dict[str, str]]:
+    """Option -> the keys that it sets."""
+    return {"-p": changes(p), "--untold": changes(untold, "--untold")}
+
+
+def values(given: list[str] | None, option: str, changed: Mapping[str, Mapping[str, object]]) -> dict[str, str]:
+    """Dotted key -> values as text, of all options of this name.
+
+    `changed`: other option -> its keys, which cannot be varied too.
+    """
     texts: dict[str, str] = {}
     for assignment in given or []:
         key, _, text = (part.strip() for part in assignment.partition("="))
@@ -137,8 +149,9 @@ def values(given: list[str] | None, option: str, changed: Mapping[str, object]) 
             raise UsageError(f'{option} {assignment}: expected KEY=VALUES, such as {option} "load.force=10 N:30 N:5"')
         if key in texts:
             raise UsageError(f"{option} {assignment}: {key} is given twice")
-        if key in changed:
-            raise UsageError(f"{option} {assignment}: {key} is set with -p; leave one of the two out")
+        for other, keys in changed.items():
+            if key in keys:
+                raise UsageError(f"{option} {assignment}: {key} is set with {other}; leave one of the two out")
         texts[key] = text
     return texts
 
@@ -165,6 +178,8 @@ def optimise(
     ] = None,
     maximise: Annotated[str | None, typer.Option(metavar="MEASURE", help="Measure to maximise instead.")] = None,
     p: Changes = None,
+    untold: Untold = None,
+    redesign: Redesign = False,
     evaluations: Annotated[
         int, typer.Option(min=1, max=1_000_000, metavar="N", help="Largest number of points.")
     ] = 600,
@@ -187,8 +202,9 @@ def optimise(
 
     if (minimise is None) == (maximise is None):
         raise UsageError("state one measure: --minimise cycle.amplitude, or --maximise")
-    loaded = the_scene(scene, changes(p))
-    measure, ranges = minimise or maximise or "", values(over, "--over", changes(p))
+    loaded = the_scene(scene, changes(p), untold=untold, redesign=redesign)
+    measure = minimise or maximise or ""
+    ranges = values(over, "--over", _set(p, untold))
     work = prepared(loaded, ranges, measure, maximise is not None, evaluations, seed, seconds(duration))
     printing.warnings(loaded)
     if not work.of_run:

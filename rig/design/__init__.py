@@ -19,7 +19,6 @@ from rig import controllers
 from rig.controllers import controller_drives, controller_reads
 from rig.design.rig import DesignRig
 from rig.errors import PartError, SceneError
-from rig.model.assembly import Assembly
 from rig.parts import calling, code_of, file_of
 from rig.scenes.faults import near, shown
 from rig.scenes.scene import Scene
@@ -28,11 +27,15 @@ from rig.units import brief
 __all__ = ["described", "numbers"]
 
 
-def numbers(scene: Scene, assembly: Assembly | None = None) -> dict[str, dict[str, Any]]:
-    """The numbers of each controller of `scene`, as plain JSON values. Raises SceneError with all faults."""
+def numbers(scene: Scene) -> dict[str, dict[str, Any]]:
+    """The numbers of each controller of `scene`, as plain JSON values, from what it believes of the rig.
+
+    Raises SceneError with all faults.
+    """
     if not scene.controllers:
         return {}
-    rig = DesignRig(assembly or scene.assemble(), scene.sensors, scene.parameters)
+    believed = scene.designed_for
+    rig = DesignRig(believed.assemble(), believed.sensors, believed.parameters)
     by_controller: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
     for name, section in scene.controllers.items():

@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from rig.about import About, Bound
+from rig.about import About, Bound, SetPoint
 from rig.model.assembly import Assembly, Input
 from rig.model.named_rows import Row
 from rig.quantities import MetrePerSecond, PositiveSecond, RadianPerSecond, Section
@@ -46,7 +46,7 @@ class _Drive(Section):
 class BeltDrive(_Drive):
     """The drive of a belt; speeds in m/s."""
 
-    speed: Annotated[MetrePerSecond, Field(title="belt speed")]
+    speed: Annotated[MetrePerSecond, Field(title="belt speed"), SetPoint()]
     speed_min: Annotated[MetrePerSecond | None, _LOW] = None
     speed_max: Annotated[MetrePerSecond | None, _HIGH] = None
 
@@ -54,7 +54,7 @@ class BeltDrive(_Drive):
 class DiscDrive(_Drive):
     """The drive of a disc; speeds in rad/s (a scene may state rpm)."""
 
-    speed: Annotated[RadianPerSecond, Field(title="disc speed")]
+    speed: Annotated[RadianPerSecond, Field(title="disc speed"), SetPoint()]
     speed_min: Annotated[RadianPerSecond | None, _LOW] = None
     speed_max: Annotated[RadianPerSecond | None, _HIGH] = None
 

@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from rig.about import About, Bound
+from rig.about import About, Bound, SetPoint
 from rig.effects.drive import Lag, actuator
 from rig.model.assembly import Assembly
 from rig.model.named_rows import Row
@@ -26,7 +26,7 @@ class Load(Section):
 
     declares: ClassVar = About("presses the bodies together")
 
-    force: Annotated[NonNegativeNewton, Field(title="load")]
+    force: Annotated[NonNegativeNewton, Field(title="load"), SetPoint()]
     lag: Lag = None
     force_min: NonNegativeNewton = 0.0
     force_max: Annotated[NonNegativeNewton | None, Bound(of="force")] = None

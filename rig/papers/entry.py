@@ -190,6 +190,10 @@ def numbered(
     return compared(rows, unit, source, **bound)
 
 
+TOLD = "Controllers are designed for the scene of each run; they know the rig."
+"""The note of a figure with control loops: which rig its controllers believe in (rig.scenes.belief)."""
+
+
 @dataclass(frozen=True)
 class Entry:
     """A figure or table: `name` in the commands, its paper, number and title, and its scenes."""

@@ -33,7 +33,7 @@ from scipy.optimize import brentq, curve_fit, minimize_scalar
 import rig
 from rig.analysis.recorded.sound import hear
 from rig.analysis.regions import sliding
-from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, value
+from rig.papers.entry import TOLD, Compared, Comparison, Entry, compared, load, quiet, value
 from rig.record.run import Reals
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import sliding_key, steady
@@ -516,7 +516,7 @@ ENTRIES = (
         active,
         "An observer of the modes near 2140 Hz feeds the pad's velocity back to the stack, at 20 kHz. The text of "
         "the paper states no numbers; the axes of its figure end at 10 mm/s and 50 V. The amplifier of the scene "
-        "is limited to the latter.",
+        f"is limited to the latter. {TOLD}",
     ),
     Entry(
         "kroeger-17",
@@ -542,7 +542,7 @@ ENTRIES = (
         "turn of the disc. The paper connects its optimal shunt and states that the squeal stops immediately. Here "
         "the coil gives the fastest decay. With a coil tuned to the squeal of the open stack 20 dB take longer. The "
         "paper writes of a small variation of the frequency and of the sound of motor and environment, without "
-        "numbers: both are calibrated.",
+        f"numbers: both are calibrated. {TOLD}",
         size=(10.4, 7.6),
     ),
     Entry(

@@ -15,6 +15,7 @@ import rig
 from rig.analysis.averaged import mean_friction
 from rig.papers.entry import (  # fmt: skip
     Compared,
+    TOLD,
     Comparison,
     Entry,
     compared,
@@ -239,13 +240,13 @@ ENTRIES = (
     Entry("kroeger-18", "kroeger", "Figure 18", "energy input under normal-force feedback",
           ("belt_normal_force", "belt_b", "belt"), normal_force_energy, size=(9.6, 7.0)),
     Entry("kroeger-20", "kroeger", "Figure 20", "normal-force feedback", ("belt_normal_force",), feedback,
-          "Orange: the normal force, in antiphase with the velocity after the loop is closed.", (9.6, 7.6)),
+          f"Orange: the normal force, in antiphase with the velocity after the loop is closed. {TOLD}", (9.6, 7.6)),
     Entry("kroeger-22", "kroeger", "Figure 22", "belt-velocity feedback", ("belt_velocity_feedback",), belt_feedback,
-          size=(9.6, 8.4)),
+          TOLD, (9.6, 8.4)),
     Entry("kroeger-23", "kroeger", "Figure 23", "tuned mass over tilt and damping", ("belt_tuned_mass",), tuned_mass,
           "The map is mirror-symmetric about -atan(mu)/2 (dashed). Marks: the two histories, which start in stick."),
     Entry("kroeger-loops", "kroeger", "Section 4", "remaining vibration over gain and delay of the loops",
-          ("belt_normal_force", "belt_velocity_feedback"), loops, "A selection from the tables that the tests compare.",
-          (9.6, 4.1)),
+          ("belt_normal_force", "belt_velocity_feedback"), loops,
+          f"A selection from the tables that the tests compare. {TOLD}", (9.6, 4.1)),
     Entry("kroeger-dither", "kroeger", "Section 4", "mean friction under dither", ("belt_dither",), dither),
 )  # fmt: skip

@@ -21,10 +21,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import model_validator
 
+from rig.about import SetPoint
 from rig.effects import drive, inhomogeneity, piezo
 from rig.effects.disc_modes import Disc
 from rig.effects.drive import DiscDrive
@@ -84,7 +85,7 @@ class Linings(Section):
     `radius`: radius [m] of the circle on which the pads rub. `exponent`: exponent of the stiffness over the pressure.
     """
 
-    pressure: Pascal
+    pressure: Annotated[Pascal, SetPoint()]
     force: NonNegativeNewton
     stiffness: NewtonPerMetre
     exponent: Number = 0.0

@@ -18,10 +18,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Self
+from typing import Annotated, Self
 
 from pydantic import model_validator
 
+from rig.about import SetPoint
 from rig.effects import dither, drive, load
 from rig.effects.disc_modes import Disc, Geometry, Mode, Slope, free_modes
 from rig.effects.dither import MassDither
@@ -75,7 +76,7 @@ class Slider(Section):
 class Drive(Section):
     """The drive of the disc: its speed [rad/s]."""
 
-    speed: RadianPerSecond
+    speed: Annotated[RadianPerSecond, SetPoint()]
 
 
 class Probe(Section):

@@ -63,6 +63,11 @@ class Scene(Result):
     driven: frozenset[str] = frozenset()
     """Actuators that somebody else drives: an operator, or a controller that the scene does not know. Not recorded with
     the scene: the events of the run tell it."""
+    believed: dict[str, Any] = field(default_factory=dict)
+    """What its controllers believe where the rig is another one: dotted key of the rig or of a sensor -> value in SI
+    (rig.scenes.belief)."""
+    redesign: bool = False
+    """Whether controllers are told of every value that is varied: they are designed anew for each rig."""
 
     @property
     def frame_ns(self) -> int:
@@ -108,6 +113,29 @@ class Scene(Result):
         seed = seed if self.network.seed is None else self.network.seed
         links: dict[str, Link] = getattr(self.network, room)
         return {name: link.made(f"{room}/{name}", seed, self.frame_ns) for name, link in links.items()}
+
+    @cached_property
+    def designed_for(self) -> Scene:
+        """The scene for which its controllers are designed: this one, with what they believe of the rig."""
+        return replace(self, believed={}).with_values(self.believed) if self.believed else self
+
+    def with_values(self, values: Mapping[str, Any], seed: int | None = None) -> Scene:
+        """The same scene with values (SI, or texts with units) of dotted keys of the rig and its parts, and a seed.
+
+        Raises SceneError if it refuses one.
+        """
+        changes: dict[str, Any] = {} if seed is None else {"seed": seed}
+        by_part: dict[tuple[str, str], dict[str, Any]] = {}
+        for key, value in values.items():
+            room, name, field = sections.parted(key)
+            by_part.setdefault((room, name), {})[field] = value
+        for (room, name), given in by_part.items():
+            if not room:
+                changes["parameters"] = sections.with_values(self.parameters, given)
+            else:
+                parts = changes.setdefault(room, dict(getattr(self, room)))
+                parts[name] = sections.with_values(parts[name], given)
+        return replace(self, **changes)
 
     @property
     def in_plant(self) -> frozenset[str]:
@@ -171,6 +199,8 @@ class Scene(Result):
         made |= {"parts": parts} if parts else {}
         made |= {"network": sections.dump(self.network)} if self.network else {}
         made |= {"faults": {name: sections.dump(fault) for name, fault in self.faults.items()}} if self.faults else {}
+        made |= {"believed": self.believed} if self.believed else {}
+        made |= {"redesign": True} if self.redesign else {}
         return json.dumps(
             {
                 "format": 1 + FORMAT,
@@ -239,6 +269,8 @@ class Scene(Result):
             seed=raw["seed"],
             origins={key: Origin(*origin) for key, origin in raw["origins"].items()},
             models=raw.get("models", {}),
+            believed=raw.get("believed", {}),
+            redesign=raw.get("redesign", False),
         )
 
     def made_with(self, models: Mapping[str, bytes]) -> Scene:

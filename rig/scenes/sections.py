@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from annotated_types import Gt
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from rig.about import SetPoint
 from rig.controllers import controller_class, controller_reads, kind_of_file
 from rig.controllers.blocks.base import gets_every_sample
-from rig.errors import UsageError
+from rig.errors import SceneError, UsageError
 from rig.parts import is_file
 from rig.quantities import Range, Section, Unit, finite
 from rig.scenes import faults, merged, protocol
@@ -50,12 +51,44 @@ def values_of(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple
             yield key, (value if isinstance(value, str) else plain[name], faults.unit_of(info))  # of a file its name
 
 
+PARTS = ("sensors", "controllers")
+"""The tables of a scene whose entries are parts with values of their own: sensors.NAME.KEY."""
+
+
+def parted(key: str) -> tuple[str, str, str]:
+    """Table, name and key of a value of a part, such as sensors.laser.noise; ("", "", key) for a value of the rig."""
+    room, _, rest = key.partition(".")
+    name, _, inner = rest.partition(".")
+    return (room, name, inner) if room in PARTS and name else ("", "", key)
+
+
+def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
+    """A copy of a section with changed values of dotted keys, validated. Raises SceneError with all faults."""
+    raw = section.model_dump()
+    for key, value in changes.items():
+        *path, last = key.split(".")
+        at = faults.lookup(raw, path)
+        if not isinstance(at, dict) or last not in at:
+            raise SceneError(key, ["is not a parameter of this rig"])
+        at[last] = value
+    try:
+        return type(section).model_validate(raw)
+    except ValidationError as error:
+        raise SceneError(", ".join(changes), [line for _, line in faults.lines(error, type(section), raw)]) from None
+
+
 def field_of(section: Any, key: str) -> FieldInfo | None:
     """The declaration of the value with this dotted key in a section; None if it has none."""
     *path, last = key.split(".")
     for name in path:
         section = section.get(name) if isinstance(section, dict) else getattr(section, name, None)
     return type(section).model_fields.get(last) if isinstance(section, BaseModel) else None
+
+
+def is_set_point(section: Any, key: str) -> bool:
+    """Whether the value with this dotted key is one that an operator sets: a speed, a load (rig.about.SetPoint)."""
+    info = field_of(section, key)
+    return info is not None and any(isinstance(entry, SetPoint) for entry in info.metadata)
 
 
 def range_of(section: Any, key: str) -> Range | None:

@@ -32,8 +32,9 @@ def feedback(sensor, **given):
     section = NormalForce(
         **{"kind": "normal_force", "sensor": sensor, "velocity": "observed", "gain": 200.0, "enable_at": 4.0} | given
     )
-    scene = SimpleNamespace(name="PEND", controllers={"feedback": section}, sensors=SENSORS, parameters=None)
-    return controllers.build(section, design.numbers(scene, pend())["feedback"])
+    parts = {"name": "PEND", "controllers": {"feedback": section}, "sensors": SENSORS, "parameters": None}
+    scene = SimpleNamespace(**parts, designed_for=SimpleNamespace(**parts, assemble=pend))
+    return controllers.build(section, design.numbers(scene)["feedback"])
 
 
 class Instrument:

@@ -61,8 +61,10 @@ def rig(radius=None, lag=None):
     return a
 
 
-def scene(**sections):
-    return SimpleNamespace(name="PEND", controllers=sections, sensors=SENSORS, parameters=None)
+def scene(assembly, sensors=SENSORS, **sections):
+    """What the design step takes of a scene whose controllers believe in the rig `assembly`."""
+    parts = {"name": "PEND", "controllers": sections, "sensors": sensors, "parameters": None}
+    return SimpleNamespace(**parts, designed_for=SimpleNamespace(**parts, assemble=lambda: assembly))
 
 
 def normal_force(**given):
@@ -70,7 +72,7 @@ def normal_force(**given):
 
 
 def test_a_measured_velocity_needs_scales_and_no_observer():
-    found = design.numbers(scene(a=normal_force(sensor="vibrometer", velocity="measured")), rig())["a"]
+    found = design.numbers(scene(rig(), a=normal_force(sensor="vibrometer", velocity="measured")))["a"]
     assert found == {
         "frequency": pytest.approx(3.5588, abs=1e-4),
         "read_scale": pytest.approx(1.0),
@@ -83,7 +85,7 @@ def test_a_measured_velocity_needs_scales_and_no_observer():
 def test_a_pendulum_is_commanded_in_its_own_unit(lag):
     belt = BeltVelocity(kind="belt_velocity", sensor="encoder", gain=2.0)
     sampled = SampledDither(kind="dither_sampled", amplitude=0.1)
-    found = design.numbers(scene(belt=belt, sampled=sampled), rig(RADIUS, lag))
+    found = design.numbers(scene(rig(RADIUS, lag), belt=belt, sampled=sampled))
     assert found["belt"]["read_scale"] == pytest.approx(RADIUS)
     for numbers in found.values():
         assert numbers["drive_scale"] == pytest.approx(1.0 / RADIUS)
@@ -93,18 +95,18 @@ def test_a_pendulum_is_commanded_in_its_own_unit(lag):
 @pytest.mark.parametrize("sensor", ["laser", "accelerometer", "vibrometer"])
 @pytest.mark.parametrize("radius", [None, RADIUS])
 def test_the_observer_is_stable_and_the_same_for_belt_and_pendulum(sensor, radius):
-    found = design.numbers(scene(a=normal_force(sensor=sensor)), rig(radius))["a"]["observer"]
+    found = design.numbers(scene(rig(radius), a=normal_force(sensor=sensor)))["a"]["observer"]
     F, C, L = (np.array(found[key]) for key in ("transition", "output", "gain"))
     poles = np.log(np.linalg.eigvals(F - F @ np.outer(L, C))) / 1e-3
     assert poles.real.max() < (0.0 if sensor == "vibrometer" else -1.0)  # what no velocity sees may creep
-    reference = design.numbers(scene(a=normal_force(sensor=sensor)), rig())["a"]["observer"]
+    reference = design.numbers(scene(rig(), a=normal_force(sensor=sensor)))["a"]["observer"]
     for ours, theirs in ((radius or 1.0, found), (1.0, reference)):
         assert ours * np.array(theirs["gain"])[1] == pytest.approx(reference["gain"][1], rel=1e-6)
 
 
 def test_the_gain_is_that_of_the_riccati_equation():
     """The same observer, unscaled and by scipy alone."""
-    found = design.numbers(scene(a=normal_force(unknown_force=10.0)), rig())["a"]["observer"]
+    found = design.numbers(scene(rig(), a=normal_force(unknown_force=10.0)))["a"]["observer"]
     f = math.sqrt(500.0) / (2.0 * math.pi)
     A = np.array([[0.0, 1.0, 0.0], [-500.0, -0.4, 0.2], [0.0, 0.0, -f]])
     C, T = np.array([[1.0, 0.0, 0.0]]), 1e-3
@@ -119,7 +121,7 @@ def test_the_gain_is_that_of_the_riccati_equation():
 
 @pytest.mark.parametrize("sensor", ["laser", "accelerometer"])
 def test_a_wrong_zero_of_the_instrument_is_no_velocity(sensor):
-    o = observer(design.numbers(scene(a=normal_force(sensor=sensor)), rig())["a"]["observer"])
+    o = observer(design.numbers(scene(rig(), a=normal_force(sensor=sensor)))["a"]["observer"])
     zero = {"laser": 1e-3, "accelerometer": 0.02}[sensor]
     z = at_rest(o, zero)
     for _ in range(10_000):
@@ -130,18 +132,19 @@ def test_a_wrong_zero_of_the_instrument_is_no_velocity(sensor):
 def test_the_law_of_friction_does_not_enter():
     a, b = rig(), rig()
     b.patches[0] = (*b.patches[0][:3], stribeck(0.9, 0.1, 0.2), *b.patches[0][4:])
-    found = design.numbers(scene(a=normal_force()), a)
-    assert found == design.numbers(scene(a=normal_force()), b) == json.loads(json.dumps(found))
+    found = design.numbers(scene(a, a=normal_force()))
+    assert found == design.numbers(scene(b, a=normal_force())) == json.loads(json.dumps(found))
 
 
 def test_all_faults_are_told_at_once_with_their_keys():
     faulty = scene(
+        rig(),
         a=normal_force(velocity="measured"),
         b=normal_force(period="1.5 ms"),
         c=normal_force(sensor="vibrometer", drive="drive.speed"),
     )
     with pytest.raises(SceneError) as told:
-        design.numbers(faulty, rig())
+        design.numbers(faulty)
     assert "controllers.a.velocity: is 'measured', but laser reads displacement" in str(told.value)
     assert "controllers.b.period: is 0.0015 s; an observer needs a fresh sample each time" in str(told.value)
     assert "controllers.c.drive: drive.speed does not move" in str(told.value)
@@ -167,7 +170,7 @@ def dithered(on, radius=None):
 @pytest.mark.parametrize("radius", [None, RADIUS])
 @pytest.mark.parametrize("on", ["belt", "mass"])
 def test_a_dither_is_told_in_the_unit_of_its_generator(on, radius):
-    found = design.numbers(scene(a=Dither(kind="dither", sensor="vibrometer")), dithered(on, radius))["a"]
+    found = design.numbers(scene(dithered(on, radius), a=Dither(kind="dither", sensor="vibrometer")))["a"]
     assert found["nominal"] == 0.06  # without the dither that shakes the surface at the start
     assert found["frequency"] == 200.0
     controller = controllers.build(Dither(kind="dither", sensor="vibrometer"), found)
@@ -181,16 +184,16 @@ def test_a_dither_is_told_in_the_unit_of_its_generator(on, radius):
 def test_the_belt_speed_may_be_measured_at_the_disc(radius, reads):
     section = Dither(kind="dither", sensor="vibrometer", speed_sensor="disc")
     sensors = SENSORS | {"disc": DiscSpeed(reads=reads)}
-    given = SimpleNamespace(name="PEND", controllers={"a": section}, sensors=sensors, parameters=None)
-    found = design.numbers(given, dithered("belt", radius))["a"]
+    given = scene(dithered("belt", radius), sensors, a=section)
+    found = design.numbers(given)["a"]
     assert found["speed_scale"] == pytest.approx(1.0 if reads == "surface_speed" else RADIUS)
 
 
 def test_a_dither_of_the_load_has_no_search():
     with pytest.raises(SceneError, match="searches a tangential dither"):
-        design.numbers(scene(a=Dither(kind="dither", sensor="vibrometer")), dithered("load"))
+        design.numbers(scene(dithered("load"), a=Dither(kind="dither", sensor="vibrometer")))
     with pytest.raises(SceneError, match=r"controllers.a.kind: .* no \[dither\]"):
-        design.numbers(scene(a=Dither(kind="dither", sensor="vibrometer")), rig())
+        design.numbers(scene(rig(), a=Dither(kind="dither", sensor="vibrometer")))
 
 
 def test_every_scene_that_ships_gets_its_numbers(shipped):

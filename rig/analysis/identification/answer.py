@@ -294,9 +294,7 @@ class Identified(Result):
     @property
     def scene(self) -> Scene:
         """The scene with the parameters that are identified."""
-        from rig.analysis.axis import changed
-
-        return changed(self.best.law.scene, {p.key: p.value for p in self.told})
+        return self.best.law.scene.with_values({p.key: p.value for p in self.told})
 
     @property
     def told(self) -> tuple[Parameter, ...]:

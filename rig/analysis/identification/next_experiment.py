@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.axis import changed
 from rig.analysis.identification.answer import Identified, LawFit
 from rig.analysis.identification.cycles import (
     EXACT,
@@ -36,6 +35,7 @@ from rig.analysis.studies.factors import factors
 from rig.errors import NumericsError, RigError, UsageError
 from rig.printable import columns
 from rig.record.run import Reals
+from rig.scenes.belief import varied
 
 _LONGER = 4.0
 """Duration of the simulation of a candidate, over that of the runs: its scores are means over more cycles."""
@@ -137,7 +137,7 @@ class Prediction:
         whole = like.run.settings | dict(settings)
         free = {f.key: f.value(c) for f, c in zip(fit.law.free, fit.z.tolist())}
         try:
-            scene, run = changed(fit.law.scene, whole | free), replace(like.run, settings=whole)
+            scene, run = varied(fit.law.scene, whole | free), replace(like.run, settings=whole)
             twin = simulated(on_cycle(scene), run, like.sigma, fit.density, _LONGER * self.seconds, SEED)
             responder = Responder(fit.law, (twin,), cycle_response)
             with Evaluator(responder, None, 1) as evaluator:

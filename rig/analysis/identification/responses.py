@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.axis import changed
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.cycle_report import Cycle
 from rig.analysis.identification.runs import Law, Measured
@@ -25,6 +24,7 @@ from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Store, Work, digest, pool, temporary
 from rig.errors import NumericsError, RigError, SceneError
 from rig.record.run import Reals
+from rig.scenes.belief import varied
 from rig.scenes.scene import Scene
 
 POINTS = 2048
@@ -96,7 +96,7 @@ class Responder:
         for key, factor in zip(self.candidates, values[len(self.keys) :]):
             if factor != 1.0:
                 settings[key] = factor * settings.get(key, float(self.law.scene.values()[key][0]))
-        return changed(self.law.scene, settings)
+        return varied(self.law.scene, settings)
 
     def compute(self, unit: int, run: float, *values: float) -> Arrays:
         """The response of run number `run`, or for -1 - run its twin; `why` tells why there is none."""

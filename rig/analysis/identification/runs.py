@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from rig.analysis.axis import changed, numbers, unknown
+from rig.analysis.axis import numbers, unknown
 from rig.analysis.recorded.series import Series, series
 from rig.errors import Faults, RigError, SceneError, UsageError
 from rig.laws import LAWS, class_of, laws_of
@@ -45,6 +45,7 @@ from rig.record.imports.import_run import import_files
 from rig.record.reader import open as read_recording
 from rig.record.run import Reals, Run
 from rig.scenes import sections, source
+from rig.scenes.belief import varied
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 from rig.units import brief, conversion, parted, same_unit, si, si_unit, with_units
@@ -345,7 +346,7 @@ def _free(scene: Scene, ranges: Mapping[str, Any]) -> tuple[Free, ...]:
                     f"{key} = {brief(given)}: the value of the scene, {stated:g}, where the fit begins, is outside"
                 )
             for end in (low, high):  # of what the rig allows
-                changed(scene, {key: end}) if key.partition(".")[0] != "friction" else None
+                varied(scene, {key: end}) if key.partition(".")[0] != "friction" else None
             made.append(Free(key, known[key], low, high, stated))
         except UsageError as fault:
             faults.append(str(fault))
@@ -423,7 +424,7 @@ def _settings(scene: Scene, given: Mapping[str, Any], name: str) -> dict[str, fl
             faults.append(f"{name}: set {key}: {fault}")
     if faults:
         raise UsageError("\n".join(faults))
-    changed(scene, values)
+    varied(scene, values)
     return values
 
 

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.axis import changed
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.cycle_report import Cycle
 from rig.analysis.identification.cycles import REPEATS, CycleRun
@@ -26,6 +25,7 @@ from rig.analysis.pool import Arrays
 from rig.bench.run.simulate import simulate
 from rig.errors import SceneError, UsageError
 from rig.record.run import Reals
+from rig.scenes.belief import varied
 from rig.scenes.scene import Scene
 
 SEED = 4711
@@ -61,7 +61,7 @@ def _fine(scene: Scene, rate: float) -> Scene:
         frame = 1e9 / scene.frame_ns
         dense = {f"sensors.{name}.rate": frame * math.ceil(rate / frame - 1e-9)}
         try:
-            made = changed(replace(scene, sensors={name: sensor}), dense)
+            made = varied(replace(scene, sensors={name: sensor}), dense)
         except SceneError:
             continue
         if made.step_ns <= 1.001e9 / rate:
@@ -78,14 +78,14 @@ def on_cycle(scene: Scene, cycle: Cycle | None = None) -> Scene:
     stated = np.array([float(scene.values()[key][0]) for key in keys])
 
     def start(values: Reals) -> Reals:
-        begun = changed(scene, dict(zip(keys, values.tolist()))).assemble().start
+        begun = varied(scene, dict(zip(keys, values.tolist()))).assemble().start
         return np.array([begun.get(name, 0.0) for name in cycle.state])
 
     try:
         here = start(stated)
         slopes = np.stack([(start(stated + _STATED * row) - here) / _STATED for row in np.eye(len(keys))], axis=1)
         step, *_ = np.linalg.lstsq(slopes, np.array([*cycle.state.values()]) - here, rcond=None)
-        return changed(scene, dict(zip(keys, (stated + step).tolist())))
+        return varied(scene, dict(zip(keys, (stated + step).tolist())))
     except SceneError:
         return scene
 

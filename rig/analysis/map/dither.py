@@ -27,7 +27,6 @@ from rig.analysis.averaged import averaged, fast_motion, not_fast
 from rig.analysis.map.job import Job
 from rig.analysis.modes import GENERATOR
 from rig.analysis.pool import Arrays
-from rig.bench.run.rig_variants import with_values
 from rig.errors import NumericsError
 from rig.machine.files import csv_table
 from rig.model.method import chosen
@@ -37,6 +36,7 @@ from rig.printable import columns
 from rig.results import Result
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
+from rig.scenes.sections import with_values
 
 Array = NDArray[np.float64]
 OFFSET = 0.02

@@ -349,6 +349,7 @@ class StudyResult(Result):
         )
         sizes = " x ".join(map(str, plan.dimensions.values()))
         yield f"{self.work.scene.name}: {len(self.values)} points ({sizes}) over {over or 'seeds'}"
+        yield from (f"  {line}" for line in self.work.belief)
         if len(self.values) <= _FEW:
             yield from ["", *self._table()]
         yield ""
@@ -421,6 +422,7 @@ class StudyResult(Result):
             "scene": self.work.scene.name,
             "over": {factor.key: str(factor.distribution or list(factor.axis.values)) for factor in plan.factors},
             "dimensions": plan.dimensions,
+            "belief": self.work.belief,
             "units": dict(zip(self.names, self.units)) | {factor.key: factor.axis.unit for factor in plan.factors},
             "points": list(self.records()),
             "indices": None if indices is None else {

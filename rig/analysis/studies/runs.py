@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.axis import changed
 from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, digest, temporary
 from rig.analysis.pool.cluster import check as check_cluster
@@ -34,6 +33,7 @@ from rig.machine.files import draft_of
 from rig.quantities import run_length_ns, whole
 from rig.record.provenance import provenance
 from rig.record.save_run import save
+from rig.scenes.belief import of_varied, varied
 from rig.scenes.scene import Scene
 from rig.scenes.variants import optional
 
@@ -223,6 +223,11 @@ class StudyRuns:
         return any(measure.of_run for measure in self.measures)
 
     @property
+    def belief(self) -> list[str]:
+        """Lines on what the controllers are told of the rig; empty if no measure has any."""
+        return of_varied(self.scene, [factor.key for factor in self.plan.factors]) if self.of_run else []
+
+    @property
     def unportable(self) -> str:
         """Names of the measures that other processes cannot load: functions that no file holds."""
         return ", ".join(each.name for each in self.measures if each.function and not each.function.portable)
@@ -256,7 +261,7 @@ class StudyRuns:
         refuses the values together.
         """
         values = dict(zip((factor.key for factor in self.plan.factors), given)) or self.plan.values(unit)
-        return changed(self.scene, values, self.plan.seed_of(unit))
+        return varied(self.scene, values, self.plan.seed_of(unit))
 
     def compute(self, unit: int, *given: float) -> Arrays:
         """Compute the measures of a point; a fault of it becomes the reason of missing values."""

@@ -63,6 +63,8 @@ class SearchResult(Result):
     settled: bool
     provenance: Mapping[str, str]
     folder: Path
+    belief: tuple[str, ...] = ()
+    """Lines on what the controllers are told of the rig."""
 
     @cached_property
     def best(self) -> int | None:
@@ -91,7 +93,8 @@ class SearchResult(Result):
         if self.best is None:
             return "\n".join([f"{self.scene.name}: no point has a value of {self.measure}", *missing])
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
-        lines = [f"{self.scene.name}: {what} {self.value:.6g}{unit}, point {self.best + 1} of {len(self.values)}", ""]
+        lines = [f"{self.scene.name}: {what} {self.value:.6g}{unit}, point {self.best + 1} of {len(self.values)}"]
+        lines += [*(f"  {line}" for line in self.belief), ""]
         rows: list[tuple[str, ...]] = [("parameter", "best", "from", "to", "")]
         for factor, value in zip(self.factors, self.points[self.best].tolist()):
             low, high = factor.axis.values
@@ -116,6 +119,7 @@ class SearchResult(Result):
             "parameters": self.parameters,
             "ranges": {factor.key: list(factor.axis.values) for factor in self.factors},
             "evaluations": len(self.values),
+            "belief": list(self.belief),
             "settled": self.settled,
             "folder": str(self.folder),
         }
@@ -261,6 +265,7 @@ def search(
         settled=bool(ended.success),
         provenance=provenance(work.plan.seed),
         folder=store.folder,
+        belief=tuple(work.belief),
     )
 
 

@@ -245,13 +245,14 @@ class Plant:
     def __init__(self, session: Session, job: Job, stopping: Callable[[], str], sets: Iterable[int] = ()) -> None:
         self.session, self.job = session, job
         self.scene = scene = Scene.from_json(job.scene)
-        with model_store.collected() as self.models:
+        with model_store.collected() as self.models:  # those of the rig that the controllers believe in, too
             self.runner = runner = PlantRunner(scene, piece=length(scene, job.pace))
+            described = design.described(scene)
         duration_ns = run_length_ns(job.duration)
         self.experiment = Experiment(scene, runner, duration_ns, self._retune)
         self.cores = scheduling.choose()
         """Cores of the plant's thread (in a paced run) and of the threads of the bus."""
-        self.setup = self._setup()
+        self.setup = self._setup(described)
         self.hub = hub = Hub(session, self.experiment, self.setup, job.in_lockstep)
         self.operator = Operator(hub)
         self.prepared_rigs: PreparedRigs | None = None
@@ -286,7 +287,7 @@ class Plant:
         """Whether a recorder is that of the run: expected, or under a name that no guest can use."""
         return name in self.session.inbound.reserved or ("recorder", name) in self.job.expect
 
-    def _setup(self) -> Setup:
+    def _setup(self, controllers: dict[str, dict[str, Any]]) -> Setup:
         scene, runner = self.scene, self.runner
         return Setup(
             run=self.session.run,
@@ -295,7 +296,7 @@ class Plant:
             step_ns=runner.step_ns,
             outputs={name: runner.units[name] for name in runner.outputs},
             sensors={n: (u, p) for n, u, p in zip(runner.bank.names, runner.bank.units, runner.bank.periods_ns)},
-            controllers=design.described(scene),
+            controllers=controllers,
             paced=self.job.pace is not None,
             core=self.cores[1],
             provenance=provenance(scene.seed, self.job.command or tuple(sys.argv)),

@@ -34,6 +34,7 @@ from rig.bus.impaired_link import counters
 from rig.controllers import controller_drives
 from rig.errors import LogError, NumericsError, RigError, UsageError
 from rig.quantities import finite
+from rig.scenes import belief
 from rig.scenes.faults import near, shortened, shown
 from rig.scenes.part_faults import ActuatorFault, PartFault, described
 from rig.scenes.protocol import Connect, flat
@@ -239,6 +240,8 @@ class Experiment:
         self._delay_warnings = DelayWarnings(scene, self.journal)
         if length is not None:
             self._delay_warnings.check(length)
+        for line in belief.lines(scene):
+            self.journal.note("belief", line)
         reported = [event for event in events if event.get("source", PLANT) == PLANT]  # others may publish anything
         self.builds = Builds(runner)
         self.postponed = PostponedSteps(runner, self.journal, self._wants, self.builds, reported)

@@ -11,14 +11,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from pydantic import ValidationError
-
 from rig.errors import RigError, SceneError
 from rig.model.assembly import Assembly
 from rig.motion.motion import Motion
 from rig.motion.ready import Ready
-from rig.scenes.faults import lines, lookup
 from rig.scenes.scene import Scene
+from rig.scenes.sections import with_values
 
 
 class Wanted(NamedTuple):
@@ -40,21 +38,6 @@ class RigVariant:
     scene: Scene
     assembly: Assembly
     ready: Ready
-
-
-def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
-    """A copy of a section with changed values of dotted keys, validated. Raises SceneError with all faults."""
-    raw = section.model_dump()
-    for key, value in changes.items():
-        *path, last = key.split(".")
-        at = lookup(raw, path)
-        if not isinstance(at, dict) or last not in at:
-            raise SceneError(key, ["is not a parameter of this rig"])
-        at[last] = value
-    try:
-        return type(section).model_validate(raw)
-    except ValidationError as error:
-        raise SceneError(", ".join(changes), [line for _, line in lines(error, type(section), raw)]) from None
 
 
 class RigVariants:

@@ -73,10 +73,11 @@ def simulate(
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; state a duration, e.g. --duration 10")
     duration_ns = scene.duration_ns if duration_ns is None else duration_ns
-    own = design.described(scene) if controllers is None else {}
-    if controllers is None:
-        controllers = {name: restored(description) for name, description in own.items()}
-    with model_store.collected() as models:
+    own: dict[str, dict[str, Any]] = {}
+    with model_store.collected() as models:  # those of the rig that the controllers believe in, too
+        if controllers is None:
+            own = design.described(scene)
+            controllers = {name: restored(description) for name, description in own.items()}
         carried = carry_out(scene, controllers, duration_ns, recorded, stop, tell, guests)
     for model in models.values():  # drawing the run assembles its rig again
         model_store.offer(model)
