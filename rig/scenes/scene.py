@@ -134,6 +134,8 @@ class Scene(Result):
                 changes["parameters"] = sections.with_values(self.parameters, given)
             else:
                 parts = changes.setdefault(room, dict(getattr(self, room)))
+                if name not in parts:
+                    raise SceneError(self.name, [f"{room}.{name}: the scene has none of this name"])
                 parts[name] = sections.with_values(parts[name], given)
         return replace(self, **changes)
 
@@ -269,8 +271,8 @@ class Scene(Result):
             seed=raw["seed"],
             origins={key: Origin(*origin) for key, origin in raw["origins"].items()},
             models=raw.get("models", {}),
-            believed=raw.get("believed", {}),
-            redesign=raw.get("redesign", False),
+            believed=dict(raw.get("believed", {})),
+            redesign=bool(raw.get("redesign", False)),
         )
 
     def made_with(self, models: Mapping[str, bytes]) -> Scene:
