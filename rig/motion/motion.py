@@ -23,6 +23,7 @@ from rig.model.singular import singular
 from rig.model.system import System
 from rig.model.tables import scales_of_memory
 from rig.motion.balance import Balance, CurrentState
+from rig.motion.changed_film import follow_change
 from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, parts, prepared
 from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, energy_in_contacts, evaluate_outputs
@@ -408,9 +409,12 @@ class Motion:
             self.state.tally[min(mode_set, TALLIED - 1)] += ticks
         if system.n != old.n:
             self.log = self.log._replace(out=np.zeros((len(self.log.out), system.n)))
+        step = self.integration.step_ns * 1e-9 / self.integration.substeps
+        lost = follow_change(system, self.mode_sets.tables.film, step, old, kept)
+        self.state.energy[energy_balance.NAMES.index("friction")] += lost
         self.state.progress["key"] = system.corresponding_key(old, key, kept)
         self.state.progress["pending"] = CHECK
-        balance.impulses += self._current_state().stored() - before
+        balance.impulses += self._current_state().stored() - before + lost
         balance.go_on(self._current_state())
         self._lend()
         self._run(0, 0)

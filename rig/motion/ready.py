@@ -188,7 +188,8 @@ def build_ahead(mode_sets: ModeSets, now: int, keys: Iterable[int], most: int) -
 
 def parts(system: System) -> tuple[list[str], ...]:
     """What two systems must have in common for a motion to continue from one to the other."""
-    return [p.name for p in system.patches], [k.name for k in system.normals], [s.name for s in system.sectors]
+    film = [] if system.film is None else [f"{system.film.points} points in {system.film.directions} directions"]
+    return [p.name for p in system.patches], [k.name for k in system.normals], [s.name for s in system.sectors], film
 
 
 def carried_state(system: System, old: System, x: Array) -> Array:

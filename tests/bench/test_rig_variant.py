@@ -130,3 +130,29 @@ def test_commands_of_a_controller_whose_admission_was_not_recorded_end_in_words(
     found = verify(tmp_path / "late.mcap")
     assert not found.passed
     assert "mine are recorded, but not that it was admitted" in found.faults[0]
+
+
+FILM = {
+    "film.along": 2, "film.across": 2, "film.lateral": True, "film.retardation": 1e-8, "clock.rk4_step": "0.125 us",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1])
+def test_the_energy_closes_where_the_stiffness_of_a_film_is_changed_by_the_protocol(factor):
+    raw = json.loads(rig.load("plate", FILM).to_json())
+    young = raw["parameters"]["film"]["young"]
+    hold = {"step": "hold", "time": 0.02}
+    change = {"step": "set", "target": "film.young", "to": factor * young}
+    run = rig.simulate(Scene.from_json(json.dumps(raw | {"protocol": [hold, change, hold]})))
+    assert abs(run.energy["error"]) < 1e-5
+    assert run.energy["impulses"] * (factor - 1.0) > 0.0
+    assert run.signals["openings"][-1] > 20.0
+
+
+def test_a_film_that_becomes_too_stiff_for_its_step_or_has_other_points_is_refused():
+    runner = PlantRunner(shorn("plate", FILM | {"clock.rk4_step": "2 us"}))
+    runner.frame()
+    with pytest.raises(SceneError, match=r"kick is unstable at a step of 2e-06 s.*rk4_step of"):
+        runner.set_parameter("film.young", 1e11)
+    with pytest.raises(SceneError, match="changes the contacts of the rig"):
+        runner.set_parameter("film.along", 3)

@@ -16,18 +16,36 @@ from typing import Any
 
 from rig.bench.run.journal import Journal
 from rig.controllers import controller_drives
+from rig.errors import SceneError
 from rig.model.method import chosen
 from rig.model.system import Finding, System
 from rig.scenes.protocol import Follow, Hold, Load, Ramp, Repeat, Set
 from rig.scenes.scene import Scene
-from rig.stability.report import stability_report
+from rig.stability.report import stability_report, step_findings
 
 
 def findings(scene: Scene, system: System | None = None) -> list[Finding]:
     """All findings about the rig of `scene`, the most severe first. `system`: its matrices, if already assembled."""
     clock, system = scene.clock, scene.assemble().system() if system is None else system
-    substeps = max(1, scene.step_ns // int(clock.rk4_step))
-    return stability_report(system, chosen(clock.method, system), scene.step_ns * 1e-9, substeps, clock.tolerance)
+    return stability_report(system, *_steps(scene, system), clock.tolerance)
+
+
+def _steps(scene: Scene, system: System) -> tuple[str, float, int]:
+    """The method of a scene, its sample step [s], and the number of steps of the method in it."""
+    substeps = max(1, scene.step_ns // int(scene.clock.rk4_step))
+    return chosen(scene.clock.method, system), scene.step_ns * 1e-9, substeps
+
+
+def refuse_stiff_film(scene: Scene, system: System) -> None:
+    """Raise SceneError if a film whose numbers change in a run of `scene` is too stiff for the steps of the run.
+
+    Not if the scene lets unstable rigs run.
+    """
+    if system.film is None or scene.clock.unstable != "refuse":
+        return
+    findings = step_findings(system, *_steps(scene, system), scene.clock.tolerance, (0.0, ""))
+    if faults := [f"{finding.what}: {finding.remedy}" for finding in findings if finding.level == "error"]:
+        raise SceneError(scene.name, faults)
 
 
 SPEED = "drive.speed"

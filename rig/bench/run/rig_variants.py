@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+from rig.bench.run.before import refuse_stiff_film
 from rig.errors import RigError, SceneError
 from rig.model.assembly import Assembly
 from rig.motion.motion import Motion
@@ -65,9 +66,11 @@ class RigVariants:
             driven=before.driven.union(wanted.driven),
         )
         assembly = scene.assemble()
+        system = assembly.system()
+        refuse_stiff_film(scene, system)
         rows = {name: output.row for name, output in assembly.outputs.items()}
         try:
-            ready = self._motion.ready(assembly.system(), [rows.get(name, {}) for name in self._outputs])
+            ready = self._motion.ready(system, [rows.get(name, {}) for name in self._outputs])
         except ValueError as error:
             raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
         return RigVariant(before, wanted, scene, assembly, ready)
