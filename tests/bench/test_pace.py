@@ -86,7 +86,9 @@ def test_a_pause_is_given_up_in_one_piece(policy):
     pacer.wait()
     _, late = pacer.wait()
     assert late == 0
-    assert pacer.given_up == [(1, 9999 * MS, 9999)]
+    assert pacer.take_given_up() == [(1, 9999 * MS, 9999)]
+    assert pacer.given_up == []
+    assert pacer.frames_given_up == 9999
 
 
 @pytest.mark.parametrize("spin_ns", [0, 100_000])

@@ -5,6 +5,7 @@ compared with what the run tells, never with the clock.
 """
 
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -224,6 +225,29 @@ def test_a_plant_that_was_held_up_says_so_and_has_lost_nobody(folder):
     longest = max((event for event in run.events if event["kind"] == "pause"), key=lambda e: e["data"]["late_ns"])
     assert np.any(run.commands["nf"].tick > longest["tick"] + 100)
     assert verify(folder / "run.mcap").passed == (not summary["lost"])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_a_plant_that_is_held_up_all_the_time_does_not_grow(folder):
+    """From minute 2 to minute 15 by at most 5 MB, with several pauses and safe values in each second."""
+    going = Going(scenes.load(SCENE), duration=900.0, out=folder / "run.mcap")
+    going.line("begin: ")
+    plant, controller = going.process(PLANT), going.process(f"{CONTROLLER} nf")
+    held, sizes, begun = random.Random(1), [], time.monotonic()
+    while (minutes := (time.monotonic() - begun) / 60.0) < 15.0:
+        time.sleep(held.uniform(0.02, 0.3))
+        process = held.choice([plant, plant, controller])
+        process.suspend()
+        time.sleep(held.choice([0.005, 0.02, 0.06, 0.06, 0.15, 0.3]))
+        process.resume()
+        if minutes > 2.0:
+            sizes.append(plant.memory_info().rss)
+    os.kill(plant.pid, signal.SIGINT)
+    outcome = going.wait(60.0)
+    pauses = [event for event in rig.open(folder / "run.mcap").events if event["kind"] in ("pause", "safe", "back")]
+    assert len(pauses) > 1000, outcome.text()
+    assert max(sizes) - sizes[0] < 5e6
 
 
 def test_processes_that_hung_take_part_again(folder):

@@ -46,8 +46,8 @@ class Housekeeper:
         self._experiment, self._runner = hub.experiment, hub.runner
         self._due = self._health_due = 0
         self._marked = (0, 0)
-        self._given_up = 0
-        self._passed_ns: list[int] = []
+        # Number of pauses of the wall clock so far, and their length [ns].
+        self._pauses, self._passed_ns = 0, 0
         # Processes that were expected, or present at the first frame.
         self._known: set[tuple[str, str]] = set(job.expect)
         # Processes that have left and not come back -> the entry in `faults`.
@@ -171,16 +171,16 @@ class Housekeeper:
 
     def _count_given_up(self, pacer: pace.Pacer) -> None:
         """Record time of the wall clock that was skipped; its frames count as late."""
-        new = pacer.given_up[self._given_up :]
-        self._given_up += len(new)
+        new = pacer.take_given_up()
         self._timing.given_up += sum(skipped.frames for skipped in new)
         journal = self._experiment.journal
         for skipped in new:
             if skipped.late_ns > pace.PAUSE:
                 journal.note("pause", _passed(skipped.late_ns), frame=skipped.frame, late_ns=skipped.late_ns)
-                before = _passed(*self._passed_ns)  # one fault for all pauses: an overloaded machine has many
-                self._passed_ns.append(skipped.late_ns)
-                self.faults = [fault for fault in self.faults if fault != before] + [_passed(*self._passed_ns)]
+                before = _passed(self._passed_ns, self._pauses)
+                self._pauses, self._passed_ns = self._pauses + 1, self._passed_ns + skipped.late_ns
+                told = _passed(self._passed_ns, self._pauses)  # one fault for all: an overloaded machine has many
+                self.faults = [fault for fault in self.faults if fault != before] + [told]
             else:
                 journal.repeated("overrun", "time of the wall clock was given up", frames=skipped.frames)
         if (asleep := pace.asleep_ns()) > self._asleep + ATTEND_NS:
@@ -190,9 +190,9 @@ class Housekeeper:
         self._asleep = asleep
 
 
-def _passed(*late_ns: int) -> str:
-    times = f", in {len(late_ns)} pieces" if len(late_ns) > 1 else ""
-    return f"{sum(late_ns) / 1e9:.3g} s of the wall clock passed without a frame{times}"
+def _passed(late_ns: int, pieces: int = 1) -> str:
+    times = f", in {pieces} pieces" if pieces > 1 else ""
+    return f"{late_ns / 1e9:.3g} s of the wall clock passed without a frame{times}"
 
 
 class RecorderLag:

@@ -287,7 +287,6 @@ class Hub:
         session.before_batches(self._complete)
         self.single = True
         """Whether each piece is one frame."""
-        self._events_sent = 0
         self.commands = CommandInbox(session, experiment.exchange, self._step, stamped=not waits)
         self.totals = session.subscribe("total/*", polled=True)
         self.watch = session.watch("*/*")
@@ -408,11 +407,9 @@ class Hub:
 
     def put_events(self) -> None:
         """Send the new events of the journal."""
-        events = self.experiment.journal.events
-        while self._events_sent < len(events):
-            event = events[self._events_sent]
-            self._events_sent += 1
-            self._events.put(messages.event(*event), event.t_ns)
+        if self.experiment.journal.events:
+            for event in self.experiment.journal.take():
+                self._events.put(messages.event(*event), event.t_ns)
 
     def put_health(self, **values: Any) -> None:
         """Send a health message with the fields `values`."""

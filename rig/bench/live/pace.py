@@ -192,6 +192,9 @@ class Pacer:
         self.waited = False
         """Whether there was time to wait before this frame. If not, the plant was busy until after the deadline."""
         self.given_up: list[GivenUp] = []
+        """What was given up since `take_given_up`."""
+        self.frames_given_up = 0
+        """Number of frames (pieces) of the wall clock that were skipped."""
         self.stopped = False
         """Whether an overrun has ended the run (policy stop)."""
         self._clock = clock
@@ -221,13 +224,15 @@ class Pacer:
         if self.policy == "stop":
             self.stopped = True
         elif self.policy != "catch-up" or late > self.pause_ns:
-            self.given_up.append(GivenUp(self.frame, late, int(late // wall_ns)))
+            frames = int(late // wall_ns)
+            self.given_up.append(GivenUp(self.frame, late, frames))
+            self.frames_given_up += frames
             self._start += late if self.policy == "slow" else int(late // wall_ns * wall_ns)
 
-    @property
-    def frames_given_up(self) -> int:
-        """Number of frames (pieces) of the wall clock that were skipped."""
-        return sum(skipped.frames for skipped in self.given_up)
+    def take_given_up(self) -> list[GivenUp]:
+        """What was given up since the last call, which the pacer forgets."""
+        taken, self.given_up = self.given_up, []
+        return taken
 
 
 class Waiting(NamedTuple):

@@ -448,7 +448,7 @@ class Plant:
                 self._report(show)
 
         lockstep, runner = Lockstep(hub, housekeeper, lambda: bool(self._stopping())), self.runner
-        events, ahead = experiment.journal.events, 1
+        journal, ahead = experiment.journal, 1
         lag = RecorderLag(hub, self.recorders, serve, lambda: bool(self._why()), self.say) if pacer is None else None
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
@@ -463,7 +463,7 @@ class Plant:
             operator.poll()
             self.in_plant.poll()
             self.in_plant.partners = lockstep.look()
-            first, begun, noted = runner.tick, clock(), len(events)
+            first, begun, noted = runner.tick, clock(), journal.count
             # neither a clock nor an operator nor a controller in the plant process has to act at each tick
             quiet = pacer is None and not operator.paused and not self.in_plant.at_work
             until = min(experiment.until(), hub.checkpoint_due, first + ahead) if quiet else first + frames
@@ -476,7 +476,7 @@ class Plant:
                         self.in_plant.carry_on(until)
                     else:
                         goes_on = self._carry(frames)
-                    if not goes_on or runner.tick >= until or runner.limited or len(events) > noted:
+                    if not goes_on or runner.tick >= until or runner.limited or journal.count > noted:
                         break
             except Stopped:
                 self._ends(pacer)

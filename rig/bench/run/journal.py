@@ -25,6 +25,9 @@ class Journal:
 
     def __init__(self, frame_ns: int, now: Callable[[], int], source: str = "plant") -> None:
         self.events: list[Event] = []
+        """The events that nobody has taken."""
+        self.count = 0
+        """Number of events so far."""
         self._frame_ns, self._now, self._source = frame_ns, now, source
         self._apart = max(1_000_000_000 // frame_ns, 1)
         self._noted: dict[str, tuple[int, int]] = {}
@@ -36,6 +39,12 @@ class Journal:
     def note_at(self, tick: int, kind: str, text: str, **data: Any) -> None:
         """Add an event of tick `tick`."""
         self.events.append(Event(tick * self._frame_ns, tick, self._source, kind, text, data))
+        self.count += 1
+
+    def take(self) -> list[Event]:
+        """The events since the last call, which the journal forgets: a live run would fill the memory with them."""
+        taken, self.events = self.events, []
+        return taken
 
     def repeated(self, kind: str, text: str, **data: Any) -> None:
         """Add an event unless the same was added less than 1 s of simulated time ago; then only count it."""
