@@ -47,7 +47,7 @@ def cost(
     wanted, most = accuracy(target, "--target"), share(budget)
     from rig.qualify.cost import cost as measure
     from rig.qualify.cost import folder_of, recommended
-    from rig.qualify.cost.report import COLUMNS, CostReport, lines, notes
+    from rig.qualify.cost.report import CostReport, heads, lines, notes
     from rig.qualify.cost.table import front
 
     loaded = the_scene(scene, changes(p))
@@ -70,7 +70,8 @@ def cost(
         report |= {"recommended": None if pick is None else pick.flat(), "why": why}
         printing.report(report)
     else:
-        printing.table(f"{measured.scene}: error and compute time on this machine", COLUMNS, lines(measured, by, pick))
+        title = f"{measured.scene}: error and compute time on this machine"
+        printing.table(title, heads(measured), lines(measured, by, pick))
         printing.line()
         for line in notes(measured, by):
             printing.line(f"  {line}")

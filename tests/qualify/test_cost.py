@@ -7,16 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import rig
 from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
 from rig.errors import UsageError
+from rig.model import assembly
 from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended
-from rig.qualify.cost.measuring import trials
-from rig.qualify.cost.report import CostReport, notes
-from rig.qualify.cost.table import front
+from rig.qualify.cost.measuring import steps_of_film, trials
+from rig.qualify.cost.report import CostReport, heads, lines, notes
+from rig.qualify.cost.table import front, runs_needed
 from rig.qualify.cost.timing import QUIET, Cost, Spread, spread
 from rig.scenes.protocol import Hold
+from rig.stability.report import FILM_LIMIT, RK4_LIMIT
 
 
 def row(error, p99, share=0.0, method="rk4", floor=0.0):
@@ -217,6 +220,38 @@ def test_what_is_recommended_holds_when_it_is_judged_anew():
     assert found.ratio >= 1.0
 
 
+@pytest.mark.parametrize(("half", "target"), [(0.02, 1e-3), (3e-3, 1e-3), (1e-3, 2e-3), (0.5, 1e-2)])
+def test_the_runs_that_a_target_needs_are_the_fewest_whose_interval_meets_it(half, target):
+    needed, spread = runs_needed(8, half, target), half * np.sqrt(8.0) / stats.t.ppf(0.975, 14)
+    halves = [stats.t.ppf(0.975, 2 * runs - 2) * spread / np.sqrt(runs) for runs in (needed, max(needed - 1, 2))]
+    assert halves[0] <= target
+    assert needed == 2 or halves[1] > target
+
+
+def test_statistics_and_step_are_told_apart_where_no_step_of_a_film_meets_the_target():
+    cost_of = Cost(*4 * [Spread(1.0, 1.0, 1.0)])
+    steps = ((2000, 0.03, 0.02), (1000, 0.015, 0.012))
+    rows = [
+        Row(Setting("kick", 0.0, h), {"rms x": off}, {"rms x": half}, cost_of, 0.1, 0, "", 8) for h, off, half in steps
+    ]
+    with pytest.raises(UsageError) as told:
+        recommended(rows, "worst", 1e-3, None)
+    for part in ("kick at 1 us in rms x is 3.0e-03 by the step and 1.2e-02 by statistics", "means of 8 runs",
+                 f"statistics alone need {runs_needed(8, 0.012, 1e-3)} runs of each step for 1e-03"):  # fmt: skip
+        assert part in str(told.value)
+    assert recommended(rows, "worst", 0.016, None) is rows[1]
+
+
+@pytest.mark.parametrize("own", ["5 us", "0.7 us", "40 us"])
+def test_the_step_of_the_scene_is_among_those_compared(own):
+    scene = rig.load("structure", {"structure.film": True, "clock.rk4_step": own})
+    rate = assembly.fastest(scene.assemble().system(), float(scene.clock.rk4_step) * 1e-9) * RK4_LIMIT / FILM_LIMIT
+    steps = [setting.step_ns for setting in steps_of_film(scene, rate)]
+    assert int(scene.clock.rk4_step) in steps[:-1]
+    assert steps == sorted(steps, reverse=True)
+    assert 2 * steps[-1] <= steps[-2]
+
+
 def test_a_film_of_points_is_measured_by_statistics_of_several_runs(tmp_path):
     changes = {"structure.film": True, "start.velocity": 0.3, "drive.speed": 1.0, "sensors.vibrometer.rate": "10 kHz"}
     scene = replace(rig.load("structure", changes), protocol=(Hold(step="hold", time="300 ms"),))
@@ -226,10 +261,13 @@ def test_a_film_of_points_is_measured_by_statistics_of_several_runs(tmp_path):
     assert {"first opening", "mean contact_fraction", "rms pad_velocity"} <= set(table.values)
     steps = [row.setting.step_ns for row in table.rows]
     assert steps == sorted(steps, reverse=True)
-    assert len(steps) == 3
+    assert int(scene.clock.rk4_step) in steps
     for row in table.rows:
         assert row.timed
         assert all(0.0 <= row.floors[name] <= error < 0.3 for name, error in row.errors.items())
     assert recommended(table.rows, "worst", 0.3, None) in table.rows
-    assert "half of the 95 % interval" in "\n".join(notes(table, "worst"))
+    assert "half of the 95 % interval of the means of 8 runs" in "\n".join(notes(table, "worst"))
+    (head, part), row = heads(table)[2:4], lines(table, "worst", None)[0]
+    assert (head, part) == ("error", "by statistics")
+    assert float(row[3]) == pytest.approx(table.rows[0].floor(table.rows[0].worst), rel=0.1)
     assert Table.read(folder_of(scene, tmp_path)).rows == table.rows

@@ -23,6 +23,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ from rig.machine.files import DATA, contents, write_file
 from rig.model import assembly
 from rig.motion.motion import SEGMENTS
 from rig.qualify.cost import timing
-from rig.qualify.cost.table import WORST, Row, Table, orders, recommended
+from rig.qualify.cost.table import WORST, Row, Table, orders, recommended, student
 from rig.qualify.cost.timing import UNKNOWN, Contender, Cost
 from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
@@ -172,7 +173,7 @@ _MACHINE = ("host", "processor", "cores", "python", "numba")
 STARTS = 8
 """Runs of each step of a film; the means of their numbers are compared."""
 ONSET = "first opening"
-_STEPS = 4  # of a film; the last one is the reference
+_STEPS = 4  # of a film, beside that of the scene; the last one is the reference
 _NOISE = 1e-6  # N/Hz^0.5: makes the runs of a film differ
 
 
@@ -256,7 +257,8 @@ def _of_film(scene: Scene, root: Path | None, say: Progress, rounds: int) -> Tab
     """The table of a film of points: steps of kick, by the means of the numbers of `STARTS` runs.
 
     After the first opening two runs diverge. The error of a step is therefore the difference of its means from those of
-    the finest step and half the 95 % interval of this difference, which is the smallest error that can be resolved.
+    the finest step and half the 95 % interval of this difference, which is the smallest error that can be resolved: the
+    part of statistics.
     """
     given = scene
     if all(key.startswith("sensors.") for key in random_parts(scene)):
@@ -264,7 +266,7 @@ def _of_film(scene: Scene, root: Path | None, say: Progress, rounds: int) -> Tab
     built, step_ns = scene.assemble(), scene.step_ns
     system, length = built.system(), max((scene.duration_ns or 10**9) // step_ns, 1)
     rate = assembly.fastest(system, float(scene.clock.rk4_step) * 1e-9) * RK4_LIMIT / FILM_LIMIT
-    settings = ladder("kick", scene, rate)[:_STEPS]
+    settings = steps_of_film(scene, rate)
     if len(settings) < 2:
         raise UsageError(
             f"{scene.name}: no two steps to compare: with all points stuck the film needs steps of at most "
@@ -286,9 +288,9 @@ def _of_film(scene: Scene, root: Path | None, say: Progress, rounds: int) -> Tab
         fault, off, floors = next((seen.fault for seen in repeats if seen.fault), ""), {}, {}
         for name, (truth, spread) in truths.items():
             mean, own = _mean(repeats, name)
-            floors[name] = _STUDENT * math.hypot(spread, own) / abs(truth)
+            floors[name] = student(STARTS) * math.hypot(spread, own) / abs(truth)
             off[name] = abs(mean - truth) / abs(truth) + floors[name]
-        rows.append(Row(setting, {} if fault else off, floors, Cost(*4 * [UNKNOWN]), math.nan, 0, fault))
+        rows.append(Row(setting, {} if fault else off, floors, Cost(*4 * [UNKNOWN]), math.nan, 0, fault, STARTS))
     cost_table = Table(
         scene=scene.name, title=scene.title, digest=digest(given), kind=asked.kind, seconds=asked.seconds,
         frame=scene.frame_ns * 1e-9, step=asked.step, machine=provenance(scene.seed),
@@ -303,7 +305,18 @@ def _of_film(scene: Scene, root: Path | None, say: Progress, rounds: int) -> Tab
     return cost_table
 
 
-_STUDENT = 2.145  # 97.5 % of Student's t with 14 degrees of freedom: the means of two times 8 runs
+def steps_of_film(scene: Scene, rate: float) -> list[Setting]:
+    """The steps of kick that are compared, coarse to fine, with that of the scene; the last one is the reference."""
+    whole = scene.step_ns
+    compared = ladder("kick", scene, rate)[: _STEPS - 1]
+    if not compared:
+        return []
+    if whole not in {scene.clock.substeps(whole) * setting.step_ns for setting in compared}:
+        compared.append(Setting("kick", step_ns=int(scene.clock.rk4_step)))
+        compared.sort(key=lambda setting: -setting.step_ns)
+    least = -(-2 * whole // compared[-1].step_ns)
+    finer = (whole // count for count in range(least, whole + 1) if whole % count == 0)
+    return [*compared, *(Setting("kick", step_ns=h) for h in islice(finer, 1))]
 
 
 def _statistics(seconds: float, scene: Scene) -> Arrays:

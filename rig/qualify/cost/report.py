@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "rt factor", "")
+_COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "rt factor", "")
+_OF_STATISTICS = "by statistics"
 
 
 @dataclass(frozen=True)
@@ -41,23 +42,32 @@ class CostReport(Result):
     def text(self) -> str:
         """Return the table and the notes on it as text."""
         table = self.table
-        rows = columns([COLUMNS, *lines(table, self.metric, self.pick)], "<<><>>>>><")
+        rows = columns(
+            [heads(table), *lines(table, self.metric, self.pick)], "<<>><>>>>><" if table.statistical else "<<><>>>>><"
+        )
         told = (f"  {note}" for note in notes(table, self.metric))
         return "\n".join([f"{table.scene}: error and compute time on this machine", "", *rows, "", *told])
 
 
+def heads(table: Table) -> tuple[str, ...]:
+    """Return the heads of the columns; the errors of statistics have one more, with the part of statistics."""
+    return (*_COLUMNS[:3], _OF_STATISTICS, *_COLUMNS[3:]) if table.statistical else _COLUMNS
+
+
 def lines(table: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
-    """Return the rows of the table as text."""
+    """Return the rows of the table as text, in the columns of `heads`."""
     best = front(table.rows, metric)
     rows = []
     for row in table.rows:
         method, _, dial = str(row.setting).partition(" at ")
         if row.fault:
-            rows.append((method, dial, row.fault, *[""] * 7))
+            rows.append((method, dial, row.fault, *[""] * (len(heads(table)) - 3)))
             continue
         p50, p99, factor = row.cost.p50.value, row.cost.p99, row.cost.factor.value
         mark = "recommended" if row is pick else "front" if row in best else ""
-        rows.append((method, dial, f"{row.error(metric):.1e}", row.worst if metric == WORST else metric, f"{p50:.3g}",
+        name = row.worst if metric == WORST else metric
+        part = (f"{row.floor(name):.1e}",) if table.statistical else ()
+        rows.append((method, dial, f"{row.error(metric):.1e}", *part, name, f"{p50:.3g}",
                      f"{p99.value:.3g}", f"{p99.low:.3g} .. {p99.high:.3g}", f"{row.share:.2%}",
                      f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}", mark))  # fmt: skip
     return rows
@@ -68,7 +78,7 @@ def _agreement(table: Table, metric: str) -> str:
     row = table.rows[0]
     apart = row.floor(metric)
     if table.statistical:
-        return f"errors contain half of the 95 % interval of the means, {apart:.0e}"
+        return f"errors contain half of the 95 % interval of the means of {row.repeats} runs, up to {apart:.0e}"
     if math.isfinite(apart):
         return f"the references agree to {apart:.0e}"
     measures = [name for name, floor in row.floors.items() if name and math.isinf(floor)]

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
+from scipy.special import stdtrit
 
 from rig.analysis.motion_measures import THEORY, Setting
 from rig.errors import UsageError
@@ -32,6 +33,7 @@ _LARGEST = 0.1
 SAME = 1.1  # ratio of costs that count as equal
 _RESOLVED = 2.0  # an error below this multiple of the difference between the references is not resolved
 _SPREADS = ("p50", "p99", "factor", "tick")
+_NORMAL = 1.95  # below the limit of `student` for many runs
 _RANGE = 1.5  # smallest ratio of steps: similar steps, as where frames cut them all, give no order
 
 
@@ -105,6 +107,14 @@ def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None,
     within = "" if budget is None else f" within {_percent(budget)} of a frame"
     name = best.worst if metric == WORST else metric
     error, floor = best.error(metric), best.floor(name)
+    if best.repeats and target is not None:
+        parts = f"{error - floor:.1e} by the step and {floor:.1e} by statistics"
+        provably = "provably " if floor > target else ""
+        return (
+            f"no setting {provably}reaches a relative error of {target:.0e}{within}: that of {best.setting} in "
+            f"{name} is {parts}, half of the 95 % interval of the means of {best.repeats} runs"
+            f"{_more_runs(best, floor, target)}"
+        )
     if error <= _RESOLVED * floor:
         return (
             f"no setting provably reaches a relative error of {target:.0e}{within}: the references agree only to "
@@ -114,13 +124,38 @@ def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None,
     return f"no setting reaches a relative error of {target:.0e}{within}; {has}"
 
 
+def _more_runs(row: Row, floor: float, target: float) -> str:
+    needed = runs_needed(row.repeats, floor, target)
+    return f"; statistics alone need {needed} runs of each step for {target:.0e}" if needed > row.repeats else ""
+
+
+def student(runs: int) -> float:
+    """97.5 % of Student's t for the difference of the means of two times `runs` runs."""
+    return float(stdtrit(2 * runs - 2, 0.975))
+
+
+def runs_needed(runs: int, half: float, target: float) -> int:
+    """The number of runs of each step whose means have a 95 % interval of at most twice `target`.
+
+    `half`: half the interval of the means of `runs` runs. The spread of the runs is taken as known from these.
+    """
+    spread = half / student(runs) * math.sqrt(runs)
+    needed = max(math.ceil((_NORMAL * spread / target) ** 2), 2)
+    while student(needed) * spread > target * math.sqrt(needed):
+        needed += 1
+    return needed
+
+
 def _percent(share: float | None) -> str:
     return "all" if share is None else f"{100.0 * share:g} %"
 
 
 @dataclass(frozen=True)
 class Row:
-    """One setting: its errors by measure, the resolution of each, its cost, its share of a frame at p99."""
+    """One setting: its errors by measure, the resolution of each, its cost, its share of a frame at p99.
+
+    `repeats`: number of runs whose means are compared, of a film; the resolution is then the part of statistics.
+    """
 
     setting: Setting
     errors: dict[str, float]
@@ -129,6 +164,7 @@ class Row:
     share: float
     steps: int = 0
     fault: str = ""
+    repeats: int = 0
 
     @property
     def p99(self) -> float:
@@ -163,6 +199,7 @@ class Row:
     def flat(self) -> dict[str, Any]:
         """Return the row as a flat record."""
         out: dict[str, Any] = vars(self.setting) | {"fault": self.fault, "steps": self.steps, "share_p99": self.share}
+        out["repeats"] = self.repeats
         for name, spread in vars(self.cost).items():
             out |= {name: spread.value, f"{name}_low": spread.low, f"{name}_high": spread.high}
         out |= {f"error {name}": value for name, value in self.errors.items()}
@@ -179,7 +216,9 @@ class Row:
         spreads = (Spread(*(raw[f"{name}{end}"] for end in ("", "_low", "_high"))) for name in _SPREADS)
         setting = Setting(raw["method"], raw["tolerance"], raw["step_ns"])
         errors, floors = under("error "), under("floor ")
-        return cls(setting, errors, floors, Cost(*spreads), raw["share_p99"], raw["steps"], raw["fault"])
+        return cls(
+            setting, errors, floors, Cost(*spreads), raw["share_p99"], raw["steps"], raw["fault"], raw["repeats"]
+        )
 
 
 @dataclass
