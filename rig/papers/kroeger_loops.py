@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 import rig
 from rig.analysis.averaged import mean_friction
 from rig.papers.entry import (  # fmt: skip
-    Compared,
     TOLD,
+    Compared,
     Comparison,
     Entry,
     compared,
