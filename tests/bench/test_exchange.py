@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rig.bench.run.command_queue import CLAMPED, SAFE
 from rig.bench.run.exchange import Exchange, Playback
 from rig.bench.run.journal import Journal
+from rig.bus.impaired_link import ImpairedLink
 from rig.errors import UsageError
 
 MS = 1_000_000
@@ -61,6 +62,52 @@ def test_the_delay_of_a_loop_is_a_queue_and_a_late_command_waits_no_longer_than_
     assert (loop.queue.counts.late, loop.queue.counts.oldest) == (0, 3)
     loop.at(20, (14, 50.0))
     assert (loop.load, loop.queue.counts.late) == (50.0, 1)
+
+
+def test_a_command_that_is_too_old_when_it_would_take_effect_is_discarded_and_counted(runner):
+    loop = Loop(runner, hold=5, delay_ns=3 * MS)
+    assert loop.queue.oldest == 3 + 1 + 5
+    loop.at(3, (0, 30.0))
+    loop.at(30, (20, 40.0), (10, 41.0), (19, 42.0))
+    assert (loop.load, loop.queue.status) == (20.0, SAFE)
+    loop.at(31, (20, 40.0), (22, 43.0), (21, 44.0))  # the last one that may take effect does
+    assert (loop.load, loop.queue.answered) == (43.0, 22)
+    counts = loop.queue.counts
+    assert (counts.outdated, counts.overtaken, counts.taken, counts.oldest) == (5, 0, 2, 9)
+    assert [event.text for event in loop.exchange.journal.events if event.kind == "outdated"] == [
+        "commands of nf are older than 9 ms and are discarded"
+    ]
+
+
+def test_the_longest_delay_of_its_link_does_not_make_a_command_too_old(runner):
+    link = ImpairedLink("act/nf", 1, MS, delay_ns=20 * MS, jitter_ns=10 * MS)
+    runner.tick = 0
+    exchange = Exchange(runner, MS, 5, Journal(MS, lambda: runner.tick), {"nf": link})
+    exchange.admit("nf", ["load.force"], MS)
+    loop = exchange.queues["nf"]
+    assert loop.oldest == 30 + 1 + 5
+    for tick in range(200):
+        runner.tick = tick
+        exchange.receive("nf", tick, (30.0,))
+        exchange.take_over()
+    assert loop.counts.outdated == 0
+    assert 25 < loop.counts.oldest <= 30
+    exchange.receive("nf", 199 - 30, (40.0,))  # in time without its link
+    for runner.tick in range(200, 231):
+        exchange.take_over()
+    assert loop.counts.outdated == 1
+    assert {value for _, _, value in runner.done} == {30.0, 20.0}  # 20 N: the safe value
+
+
+def test_a_command_that_waits_too_long_for_its_rig_is_discarded(runner):
+    loop = Loop(runner, hold=5)
+    loop.builds(False, 20.0)
+    loop.at(5, (0, 90.0))
+    for tick in (6, 7):
+        loop.at(tick)
+    loop.builds(True)
+    loop.at(8)
+    assert (loop.load, loop.queue.wanted, loop.queue.counts.outdated) == (20.0, (), 1)
 
 
 def test_a_missing_command_is_held_then_replaced_by_the_safe_value(loop):

@@ -26,7 +26,8 @@ class Counts:
 
     `late`: commands that took effect more than one frame after the measurement they answer (beyond the stated delay).
     `oldest`: age of the oldest command that took effect [frames]. `held`: frames in which a command was due but had not
-    arrived. `safe`: number of times that safe values replaced missing commands.
+    arrived. `outdated`: commands that were too old to take effect (`CommandQueue.oldest`). `safe`: number of times that
+    safe values replaced missing commands.
     """
 
     taken: int = 0
@@ -34,6 +35,7 @@ class Counts:
     oldest: int = 0
     held: int = 0
     overtaken: int = 0
+    outdated: int = 0
     clamped: int = 0
     not_finite: int = 0
     refused: int = 0
@@ -45,18 +47,22 @@ class CommandQueue:
 
     __slots__ = (
         "_columns", "answered", "connected", "counts", "delay", "drives", "hold", "last", "link", "name",
-        "oldest_in_time", "period", "queue", "status", "values", "wanted",
+        "oldest", "oldest_in_time", "period", "queue", "status", "values", "wanted",
     )  # fmt: skip
 
     def __init__(
-        self, name: str, drives: Sequence[str], period: int, delay: int, link: ImpairedLink | None = None
+        self, name: str, drives: Sequence[str], period: int, delay: int, hold: int, link: ImpairedLink | None = None
     ) -> None:
         self.name, self.drives, self.period, self.delay = name, tuple(drives), period, delay
+        self.hold = hold
+        """Time for which the last command is held when commands are missing."""
         self.queue: deque[tuple[int, int, Sequence[float]]] = deque()
         self.link = link
         """The link that its commands come over; None: a perfect one."""
         self.oldest_in_time = delay + (0 if link is None else link.most)
         """Largest age at which a command is in time [frames], one frame of the bus left out."""
+        self.oldest = self.oldest_in_time + period + hold
+        """Largest age at which a command may take effect [frames]: after this time safe values replace it."""
         self.connected = True
         self.values: tuple[float, ...] = ()
         """The command in force; () before the first one."""

@@ -5,6 +5,7 @@
     two at once     the later command counts, the other one is `overtaken`
     another matrix  in a paced run takes effect when the matrix is built (rig.bench.run.builds); other values at once
     missing         the last command is held; `hold` ticks after the missing one was due, safe values replace it
+    outdated        is discarded: older than its delay, its period, `hold` and the longest delay of its link together
     not finite      the actuator keeps its value
     out of range    clamped
     not its own     refused and reported: each actuator has one owner
@@ -170,7 +171,7 @@ class Exchange:
         """Add a queue for a controller. Raises UsageError if the controller cannot be admitted."""
         self.check(name, drives, period_ns)
         period, delay = period_ns // self._frame_ns, delay_ns // self._frame_ns
-        queue = CommandQueue(name, drives, period, delay, self.links.get(name))
+        queue = CommandQueue(name, drives, period, delay, self._hold, self.links.get(name))
         if name in self.all_queues:
             queue.follow(self.all_queues[name])
         self.queues[name] = self.all_queues[name] = queue
@@ -211,23 +212,37 @@ class Exchange:
         changed.clear()
         for queue in self._order:
             waiting = queue.queue
-            if waiting and waiting[0][0] <= tick:
-                _, answered, values = waiting.popleft()
-                while waiting and waiting[0][0] <= tick:
-                    _, answered, values = waiting.popleft()
-                    queue.counts.overtaken += 1
-                self._take(queue, tick, answered, values)
+            if waiting and waiting[0][0] <= tick and (command := self._last_due(queue, tick)) is not None:
+                self._take(queue, tick, *command)
                 changed.append(queue)
             elif queue.wanted and self._catches_up(queue):
                 changed.append(queue)
             elif queue.values and tick - queue.last >= queue.period and queue.status != SAFE:
                 queue.counts.held += 1
-                if tick - queue.last >= queue.period + self._hold:
+                if tick - queue.last >= queue.period + queue.hold:
                     self._step_in(queue, tick)
                     changed.append(queue)
         if self._steps:
             self._step()
         return changed
+
+    def _last_due(self, queue: CommandQueue, tick: int) -> tuple[int, Sequence[float]] | None:
+        """Take the commands that are due at `tick` from the queue; return the last one that is not outdated."""
+        last = None
+        while queue.queue and queue.queue[0][0] <= tick:
+            _, answered, values = queue.queue.popleft()
+            if tick - answered > queue.oldest:
+                self._discard(queue)
+                continue
+            if last is not None:
+                queue.counts.overtaken += 1
+            last = answered, values
+        return last
+
+    def _discard(self, queue: CommandQueue) -> None:
+        queue.counts.outdated += 1
+        limit = queue.oldest * self._frame_ns / 1e6
+        self.journal.repeated("outdated", f"commands of {queue.name} are older than {limit:g} ms and are discarded")
 
     def until(self, but: Collection[str] = ()) -> int | None:
         """Return the first later tick at which `take_over` must act if no command arrives; None: never.
@@ -266,6 +281,10 @@ class Exchange:
 
     def _catches_up(self, queue: CommandQueue) -> bool:
         """Put the waiting values into force whose rig is built by now; whether there are any."""
+        if queue.status != SAFE and self._runner.tick - queue.answered > queue.oldest:
+            queue.wanted = ()
+            self._discard(queue)
+            return False
         if (wanted := in_range(self._runner.inputs, queue.drives, queue.wanted)) != queue.wanted:
             queue.status = CLAMPED
             queue.counts.clamped += 1
