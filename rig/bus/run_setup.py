@@ -34,10 +34,23 @@ class Setup:
     """Processor core for the bus and the controllers."""
     models: tuple[bytes, ...] = ()
     """The reduced models to which the scene refers."""
+    skipped: dict[str, Any] = field(default_factory=dict)
+    """In a replay: controller -> data of its recorded events about steps that it did not answer. Not recorded."""
 
     def to_json(self) -> dict[str, Any]:
         """The setup as plain values for JSON; `from_json` reads them."""
-        return asdict(self) | {"models": [base64.b64encode(model).decode() for model in self.models]}
+        values = asdict(self) | {"models": [base64.b64encode(model).decode() for model in self.models]}
+        if not self.skipped:
+            del values["skipped"]
+        return values
+
+    @property
+    def hold_frames(self) -> int | None:
+        """Frames for which the last command of a controller is held; None of a scene that is damaged."""
+        try:
+            return int(json.loads(self.scene)["clock"]["hold_frames"])
+        except (KeyError, TypeError, ValueError):
+            return None
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Setup:

@@ -138,6 +138,7 @@ LEVELS = {
         ("missing", "left", "evicted", "safe", "held", "not finite", "refused", "flood", "overruled"), WARN
     ),
     **dict.fromkeys(("never", "timeout", "overrun", "pause", "scheduling", "warning"), WARN),
+    **dict.fromkeys(("outdated", "skipped"), WARN),
 }
 """Kind of an event -> how serious it is; all other kinds are news."""
 BLOCK_NS, STATE_NS = 20_000_000, 5_000_000

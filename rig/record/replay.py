@@ -32,6 +32,7 @@ import numpy as np
 from rig import controllers
 from rig.bus import encode, impaired_link, messages, port, run_setup, topics
 from rig.controllers.blocks.base import Controller, gets_every_sample
+from rig.controllers.runtime.skipped import KIND, SkippedSteps
 from rig.errors import BusError, LogError
 from rig.machine.scheduling import ANY
 from rig.record import curves, reader, recorded_setup
@@ -150,6 +151,8 @@ class RecordedController:
     saved: bool
     answers: dict[int, tuple[float, ...]] = field(default_factory=dict)
     """Tick -> command as it was sent."""
+    skipped: list[dict[str, Any]] = field(default_factory=list)
+    """Data of its events about steps that it did not answer."""
     tuned: dict[int, dict[str, Any]] = field(default_factory=dict)
     """Tick after which parameters were changed -> changes."""
     lives: list[list[int]] = field(default_factory=list)
@@ -165,6 +168,8 @@ class RecordedController:
         elif kind == "event" and sender == self.name and content.kind == "parameter":
             data = _data(content)
             self._tune(data.get("after_tick"), data.get("set"))
+        elif kind == "event" and sender == self.name and content.kind == KIND:
+            self.skipped.append(_data(content))
         elif kind == "event" and sender == "plant" and content.kind == "parameter" and self.saved:
             self._note_protocol(content)
         elif kind == "act" and sender == self.name:
@@ -371,7 +376,9 @@ def replay(
             recorded[name].answers = sent(run.commands[name]) if name in run.commands else {}
     refused = decode.refused_text()
     traffic = rebuilt or (r for r in scan if not decode.refused or decode(r.topic, r.payload) is not None)
-    shown = replace(setup, run=session.run, core=ANY, controllers={**setup.controllers, **(described or {})})
+    skipped = {name: controller.skipped for name, controller in recorded.items() if controller.skipped}
+    described = {**setup.controllers, **(described or {})}
+    shown = replace(setup, run=session.run, core=ANY, controllers=described, skipped=skipped)
     player = _Replay(session, shown, into, recorded, processes, initial or {}, pace, wait, progress)
     result = player.carry_out(traffic)
     result.fault = "; ".join(filter(None, (run.damage,) if run is not None else (scan.fault, refused)))
@@ -414,6 +421,7 @@ class _Replay:
         self._acts: port.Receiver = session.subscribe("act/*")
         self._events = [session.subscribe(f"event/{name}") for name in into]
         self._result = Replayed(compared=dict.fromkeys(into, 0), silent=dict.fromkeys(into, 0))
+        self._skipped = {name: SkippedSteps(controller.skipped).unanswered for name, controller in recorded.items()}
         self._begins = {name: list(recorded_controller.begins) for name, recorded_controller in recorded.items()}
         self._changes = {
             name: sorted(recorded_controller.tuned.items()) for name, recorded_controller in recorded.items()
@@ -462,7 +470,8 @@ class _Replay:
             late = self._sleep_until(record.t_ns * 1e-9) if timed else 0.0
             if kind == "step":
                 self._late.append(late)
-                self._open = {name for name in self._starts if not record.t_ns % self._into[name].period_ns}
+                due = [name for name in self._starts if not record.t_ns % self._into[name].period_ns]
+                self._open = {name for name in due if tick not in self._skipped[name]}
             self._session.publisher(record.topic).put(record.payload, record.t_ns)
             result.messages += 1
             if timed:

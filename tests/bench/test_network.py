@@ -64,7 +64,7 @@ def test_a_link_that_loses_all_commands_leaves_the_actuator_to_the_protocol():
 def test_a_controller_that_hears_nothing_commands_nothing():
     run = rig.simulate(belt({"network.meas.vibrometer.loss": 1}), 0.5)
     assert run.commands["nf"].tick.size == 0
-    assert run.summary["controllers"]["nf"] == {"updates": 0, "held": 500, "refused": 0}
+    assert run.summary["controllers"]["nf"] == {"updates": 0, "held": 500, "refused": 0, "skipped": 0}
 
 
 def test_a_recorded_run_is_simulated_again_to_the_bit_and_its_commands_are_checked(bad, tmp_path):

@@ -28,7 +28,7 @@ def test_nothing_is_said_before_the_first_sample():
     loop = Loop(feedback())
     assert loop.answer(0, (NAN,)) == ()
     assert loop.answer(1_000_000, (0.05,)) == (10.0,)
-    assert loop.counters() == {"updates": 1, "held": 1, "refused": 0}
+    assert loop.counters() == {"updates": 1, "held": 1, "refused": 0, "skipped": 0}
 
 
 @pytest.mark.parametrize("bad", [NAN, -math.inf])
@@ -43,7 +43,7 @@ def test_a_value_that_is_no_number_holds_command_and_state(bad):
 def test_an_answer_that_is_no_number_is_not_sent_and_the_state_starts_afresh():
     loop = Loop(Faulty())
     assert [loop.answer(k, (0.0,)) for k in range(5)] == [(0.0,), (1.0,), (1.0,), (0.0,), (1.0,)]
-    assert loop.counters() == {"updates": 4, "held": 0, "refused": 1}
+    assert loop.counters() == {"updates": 4, "held": 0, "refused": 1, "skipped": 0}
 
 
 class Touchy:

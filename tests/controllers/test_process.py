@@ -86,6 +86,82 @@ def test_only_steps_that_are_due_are_answered():
         assert plant.answer(0.1) is None
 
 
+def caught_up(ticks, **given):
+    """A plant that has sent the steps of all `ticks`, and the worker that found them and has answered."""
+    hub = Twin()
+    plant = Plant(hub.open("plant", "plant"))
+    setup = described(**given)
+    worker = process.Worker(hub.open("controller", "feedback"), setup, process.made(setup, "feedback"))
+    for tick in ticks:
+        plant.send(tick, 0.01 * tick)
+    while (step := worker.next_step()) is not None:
+        worker.answer_step(step)
+    return plant, worker
+
+
+def answers(plant):
+    return [message.said.tick for message in plant.acts.drain()]
+
+
+def test_a_controller_that_is_behind_by_no_more_than_the_hold_answers_every_step():
+    plant, worker = caught_up(range(51))
+    assert answers(plant) == [*range(51)]
+    assert (worker.loop.skipped, plant.events.get()) == (0, None)
+
+
+def test_a_controller_that_is_behind_by_more_skips_to_the_newest_step_that_is_due_and_says_so():
+    plant, worker = caught_up(range(3, 70), period="4 ms")
+    assert answers(plant) == [68]
+    assert worker.loop.counters() == {"updates": 1, "held": 0, "refused": 0, "skipped": 16}
+    event = plant.event()
+    assert (event.kind, event.tick) == ("skipped", 68)
+    assert json.loads(event.data) == {"first": 4, "last": 64, "arrived": [[4, 64]]}
+
+
+def test_a_step_that_did_not_arrive_is_told_with_the_next_one():
+    plant, worker = caught_up([0, 1, 4, 5])
+    assert answers(plant) == [0, 1, 4, 5]
+    assert worker.loop.skipped == 0
+    assert json.loads(plant.event().data) == {"first": 2, "last": 3, "arrived": []}
+
+
+def test_a_controller_of_every_sample_gets_those_of_the_steps_that_it_skipped():
+    heard = []
+
+    class Watch:
+        reads, drives, period_ns, every_sample = ("vibrometer",), ("load.force",), FRAME, True
+
+        def start(self):
+            return None
+
+        def update(self, state, t_ns, values):
+            heard.append((t_ns, *values[0]))
+            return None, (20.0,)
+
+    hub = Twin()
+    plant = Plant(hub.open("plant", "plant"))
+    worker = process.Worker(hub.open("controller", "feedback"), described(), Watch())
+    steps = [
+        encode.step(tick, tick * FRAME, [0.0, 0.0], np.array([0, 2]), {1: np.array([tick, 0.5])}) for tick in range(104)
+    ]
+    worker.answer_step(messages.decode("step", steps[0]))
+    for tick in (1, 2, *range(4, 104)):
+        plant.step.put(steps[tick], tick * FRAME)
+    while (step := worker.next_step()) is not None:
+        worker.answer_step(step)
+    arrived = [tick for tick in range(1, 104) if tick != 3]
+    assert heard == [(0, 0.0, 0.5), (103 * FRAME, *(number for tick in arrived for number in (tick, 0.5)))]
+    data = json.loads(plant.event().data)
+    assert data == {"first": 1, "last": 102, "arrived": [[1, 2], [4, 102]]}
+
+    live, heard[:] = [*heard], []  # a replay of it: all steps come, and none is waited for
+    again = replace(described(), skipped={"feedback": [data]})
+    worker = process.Worker(hub.open("controller", "feedback"), again, Watch())
+    for step in steps:
+        worker.answer_step(messages.decode("step", step))
+    assert heard == live
+
+
 def test_parameters_are_read_and_set_while_it_works():
     with at_work() as plant:
         asked = plant.session.ask("param/feedback", {"get": ["gain", "lowest"]}, 5.0)

@@ -21,7 +21,7 @@ def described(**given):
     """A stand with two sensors and one controller that reads the second."""
     return Setup(
         run="twin",
-        scene="{}",
+        scene='{"clock": {"hold_frames": 50}}',
         frame_ns=FRAME,
         step_ns=FRAME,
         outputs={},

@@ -31,6 +31,7 @@ from rig.bench.run.journal import OPERATOR
 from rig.bench.run.runner import Resumption
 from rig.bench.run.simulate import Recorded, Stop, begun, simulate
 from rig.controllers.blocks.base import Controller, retune, tunable
+from rig.controllers.runtime.skipped import KIND, SkippedSteps
 from rig.errors import LogError, RigError, UsageError
 from rig.record import reader
 from rig.record.provenance import provenance
@@ -145,7 +146,7 @@ def fork(
     events += [_action("parameter", tick, now, "", {"set": changes})] if changes else []
 
     def continued(resumption: Resumption | None) -> Run:
-        recorded = Recorded(run.commands, events, tick, resumption)
+        recorded = Recorded(run.commands, events, tick, resumption, _skipped_before(run, tick))
         try:
             continuation = simulate(scene, None, end, recorded, None if stop is None else ask)
         except LogError as fault:
@@ -232,6 +233,15 @@ def _events_before(run: Run, tick: int) -> list[dict[str, Any]]:
             changes = {f"controllers.{event['source']}.{key}": value for key, value in values.items()}
             told.append(_action("parameter", at + 1, (at + 1) * run.frame_ns, event["text"], {"set": changes}))
     return sorted(told, key=lambda event: int(event["t_ns"]))
+
+
+def _skipped_before(run: Run, tick: int) -> dict[str, SkippedSteps]:
+    """Controller -> the steps before `tick` that it did not answer."""
+    known: dict[str, list[dict[str, Any]]] = {}
+    for event in run.events:
+        if event["kind"] == KIND and event["source"] in run.commands:
+            known.setdefault(event["source"], []).append(event["data"])
+    return {name: SkippedSteps(events).before(tick) for name, events in known.items()}
 
 
 def _action(kind: str, tick: int, t_ns: int, text: str, data: Mapping[str, Any]) -> dict[str, Any]:

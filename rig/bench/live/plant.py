@@ -33,7 +33,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
@@ -53,6 +53,7 @@ from rig.bench.run.runner import PlantRunner
 from rig.bus import messages
 from rig.bus.port import Session
 from rig.bus.run_setup import Setup
+from rig.controllers.runtime.loop import Loop
 from rig.errors import BusError, ExitCode, NumericsError, RigError
 from rig.machine import scheduling
 from rig.machine.process import no_garbage
@@ -91,12 +92,14 @@ def finalise(plant: Plant) -> dict[str, Any]:
             plant.housekeeper.faults.append(
                 f"{counted(counts['refused'], 'answer')} of {name} not finite, and not sent"
             )
+        if counts["skipped"]:
+            plant.housekeeper.faults.append(f"{name} was behind and skipped {counted(counts['skipped'], 'step')}")
     experiment.journal.note("end", ended)
     hub.put_events()
     plant.in_plant.leave()
     plant.housekeeper.tell_health(now)
     lost, unknown = _lost_elsewhere(plant)
-    lost |= _unanswered(plant)
+    lost |= _unanswered(plant, {name: counts["skipped"] for name, counts in counters.items()})
     hub.commands.receive()
     lost |= hub.commands.lost()
     verdict = timing_verdict(plant, lost, unknown)
@@ -169,12 +172,15 @@ def _counters(plant: Plant) -> dict[str, dict[str, int]]:
         if name not in counters and ("controller", name) in here:
             with suppress(BusError, LookupError, TypeError, ValueError):  # one in another language has none
                 told = plant.session.ask(f"param/{name}", {"get": []}, COUNTERS_S)["counters"]
-                counters[name] = {what: int(told[what]) for what in ("updates", "held", "refused")}
+                counters[name] = {what: int(told[what]) for what in Loop.COUNTED}
     return counters
 
 
-def _unanswered(plant: Plant) -> dict[str, int]:
-    """Return the number of steps without an answer, for each controller that was connected during the whole run."""
+def _unanswered(plant: Plant, skipped: Mapping[str, int]) -> dict[str, int]:
+    """Return the number of steps without an answer, for each controller that was connected during the whole run.
+
+    `skipped`: controller -> number of steps that it received and left out.
+    """
     hub, unanswered = plant.hub, {}
     if plant.job.in_lockstep:  # a step in lockstep is repeated until it is answered
         return {}
@@ -182,9 +188,10 @@ def _unanswered(plant: Plant) -> dict[str, int]:
     deadline = time.monotonic() + LAST_ANSWER_S
     asked = plant.scene.controllers.keys() - hub.in_plant
     for name in sorted(name for role, name in here if role == "controller" and name in asked):
-        while hub.commands.unanswered(name) > 0 and (left := deadline - time.monotonic()) > 0.0:
+        left_out = skipped.get(name, 0)
+        while hub.commands.unanswered(name) > left_out and (left := deadline - time.monotonic()) > 0.0:
             hub.commands.next(left)
-        if (count := hub.commands.unanswered(name)) > 0:
+        if (count := hub.commands.unanswered(name) - left_out) > 0:
             unanswered[f"step to {name}"] = count
     return unanswered
 

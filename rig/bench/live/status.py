@@ -170,10 +170,11 @@ def _loop(outcome: Mapping[str, Any]) -> list[str]:
 
 def unanswered(counts: Mapping[str, int]) -> list[str]:
     """What a controller with these counters (`Loop.counters`) did not answer, in words."""
-    held, refused = counts["held"], counts["refused"]
+    held, refused, skipped = counts["held"], counts["refused"], counts.get("skipped", 0)
     return [
         *([f"{counted(held, 'update')} left out, because a measurement was missing"] if held else []),
         *([f"{counted(refused, 'answer')} not finite, and not sent"] if refused else []),
+        *([f"{counted(skipped, 'step')} skipped, because it was behind"] if skipped else []),
     ]
 
 

@@ -33,6 +33,7 @@ from rig.controllers.lti import LTI, of_python_control
 from rig.controllers.runtime.file import faults_of
 from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.native import Native, Uncompiled
+from rig.controllers.runtime.skipped import SkippedSteps
 from rig.errors import ControllerLost, SceneError, Untrusted, UsageError
 from rig.scenes import checks
 from rig.scenes.scene import Scene
@@ -173,6 +174,8 @@ class ControllerInProcess:
         self._native: Native | None = None
         self._trial = 0
         self.loop = loop
+        self.skipped = SkippedSteps()
+        """Steps that it did not answer in the recording that is continued."""
         self._journal = experiment.journal
         self.columns = [self._runner.bank.names.index(sensor) for sensor in loop.controller.reads]
         self._speaks = hasattr(loop.controller, "take_messages")
@@ -234,6 +237,10 @@ class ControllerInProcess:
     def _called(self, t_ns: int, heard: Any) -> Values:
         """The answer of its code at `t_ns` [ns]. Raises ControllerFailed for any exception of this code."""
         loop, tick, first = self.loop, t_ns // self._runner.frame_ns, not self.loop.refused
+        if tick in self.skipped.unanswered:
+            if tick in self.skipped.arrived:
+                loop.skip(heard)
+            return ()
         for call in CALLS:
             call(self.name)
         try:

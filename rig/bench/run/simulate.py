@@ -10,6 +10,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from rig.bench.run.runner import PlantRunner, ResumedRunner, Resumption
 from rig.controllers import controller_drives, restored
 from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.controllers.runtime.loop import Loop
+from rig.controllers.runtime.skipped import SkippedSteps
 from rig.errors import ControllerFailed, NumericsError, UsageError
 from rig.record.run import Commands, Run
 from rig.scenes.protocol import Connect, Disconnect, Repeat
@@ -39,7 +41,8 @@ Stop = Callable[[], str]
 class Recorded(NamedTuple):
     """Actions of a recorded run, repeated at the same ticks with the same values: commands and actions of operators.
 
-    Before tick `end` no command of a controller counts; without `end` none in the whole run.
+    Before tick `end` no command of a controller counts; without `end` none in the whole run. `skipped`: controller ->
+    the steps before `end` that it did not answer.
 
     `resumption`: where to begin to simulate; before that measurements are played. None: at the begin.
     """
@@ -48,6 +51,7 @@ class Recorded(NamedTuple):
     events: Iterable[Mapping[str, Any]] = ()
     end: int | None = None
     resumption: Resumption | None = None
+    skipped: Mapping[str, SkippedSteps] = MappingProxyType({})
 
 
 def simulate(
@@ -184,6 +188,8 @@ def begun(
     working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(loops.items())]
     for asked in working:
         asked.expect(frames // asked.queue.period)
+        if recorded is not None and asked.name in recorded.skipped:
+            asked.skipped = recorded.skipped[asked.name]
     return experiment, working
 
 

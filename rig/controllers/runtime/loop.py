@@ -7,10 +7,11 @@ a run over the bus handle a missing sample or a faulty controller in the same wa
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import chain
 from math import isfinite
 from typing import Any
 
-from rig.controllers.blocks.base import Controller, State, Values, gets_every_sample, retune
+from rig.controllers.blocks.base import Controller, Samples, State, Values, gets_every_sample, retune
 from rig.errors import ControllerFailed, PartError, RigError, UsageError
 from rig.machine.process import copies, end_copy
 from rig.parts import code_of, foreign_fault
@@ -49,7 +50,21 @@ def failure(name: str, t_ns: int, error: BaseException) -> ControllerFailed:
 class Loop:
     """One controller with its state. `command` is the last finite answer, () before the first."""
 
-    __slots__ = ("command", "controller", "every_sample", "held", "last_input", "refused", "state", "updates")
+    __slots__ = (
+        "_waiting",
+        "command",
+        "controller",
+        "every_sample",
+        "held",
+        "last_input",
+        "refused",
+        "skipped",
+        "state",
+        "updates",
+    )
+
+    COUNTED = ("updates", "held", "refused", "skipped")
+    """Names of `counters`."""
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
@@ -60,6 +75,8 @@ class Loop:
         self.updates = 0
         self.held = 0  # number of ticks without an update, because a value was not finite
         self.refused = 0  # number of answers that were not finite: not sent, and the controller started again
+        self.skipped = 0  # number of ticks without an update, because the controller was behind
+        self._waiting: list[Samples] = []  # samples of skipped ticks
 
     def due(self, t_ns: int) -> bool:
         """Whether an update falls on simulated time t_ns."""
@@ -71,6 +88,8 @@ class Loop:
         if not (all(map(_finite, values)) if self.every_sample else isfinite(sum(values)) or _finite(values)):
             self.held += 1
             return self.command
+        if self._waiting:
+            values = self._with_waiting(values)
         controller = self.controller
         before = copies[0]
         try:
@@ -91,6 +110,18 @@ class Loop:
         self.updates += 1
         self.last_input, self.state, self.command = (t_ns, values), state, command
         return command
+
+    def skip(self, values: Any) -> None:
+        """Leave out the update for `values`; a controller of every sample gets them with those of its next update."""
+        self.skipped += 1
+        if self.every_sample and all(map(_finite, values)):
+            self._waiting.append(values)
+
+    def _with_waiting(self, values: Samples) -> Samples:
+        """The samples of each sensor that wait, followed by `values`."""
+        rows = [*self._waiting, values]
+        self._waiting = []
+        return tuple([list(chain.from_iterable(samples)) for samples in zip(*rows)])
 
     def adopt(self, updates: int, t_ns: int, values: Values, state: State, command: Values) -> None:
         """Adopt the result of updates elsewhere: their number, time and values of the last one, state, command."""
@@ -122,5 +153,5 @@ class Loop:
             ) from fault
 
     def counters(self) -> dict[str, int]:
-        """Numbers of updates, of ticks with a held command, and of refused answers."""
-        return {"updates": self.updates, "held": self.held, "refused": self.refused}
+        """Numbers of updates, of ticks with a held command, of refused answers, and of skipped ticks."""
+        return {name: getattr(self, name) for name in self.COUNTED}

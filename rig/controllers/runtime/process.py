@@ -15,6 +15,7 @@ import argparse
 import math
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -27,6 +28,7 @@ from rig.controllers.blocks.base import Controller, Samples
 from rig.controllers.runtime.file import load_file
 from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.service import Service
+from rig.controllers.runtime.skipped import KIND, SkippedSteps, Ticks
 from rig.errors import BusError, RigError, UsageError
 from rig.machine.process import as_process, no_garbage, stopping, tell
 from rig.machine.scheduling import CONTROLLER, ahead, anywhere, come_first, locked, placed
@@ -63,6 +65,13 @@ class Worker(Service):
             raise UsageError(f"{session.name} reads {', '.join(missing)}; the sensors are {', '.join(sensors)}")
         self.columns = [sensors.index(name) for name in controller.reads]
         self.steps = session.subscribe("step")
+        self._waiting = deque[Any]()
+        """Steps that have arrived and are not answered."""
+        self._most_behind, self._frame_ns = described.hold_frames, described.frame_ns
+        self._recorded = SkippedSteps(described.skipped.get(session.name, ()))
+        self._period = controller.period_ns // (described.frame_ns or 1)
+        self._expected, self._arrived = -1, Ticks(most=self._period)
+        """Tick of the next step to answer, -1 before the first one; skipped steps since the last answer."""
         self.act = session.publisher(f"act/{session.name}")
         self.plant = session.watch("plant/*")
         if session.name not in described.controllers:
@@ -77,9 +86,8 @@ class Worker(Service):
         self.session.announce()
         try:
             while not stopped():
-                message = self.steps.get(timeout=PATIENCE)
-                if message is not None:
-                    self.answer_step(message.said)
+                if (step := self.next_step()) is not None:
+                    self.answer_step(step)
                 elif not self._plant_lives(0.0) and self.session.ended:
                     break
                 elif news := self.session.inbound.news():  # only while no step is due
@@ -90,6 +98,46 @@ class Worker(Service):
             raise why from error
         finally:
             self.leave()
+
+    def next_step(self) -> Any:
+        """The step to answer next; None if none arrives within `PATIENCE`.
+
+        A controller that is behind by more than the hold skips to the newest step that is due: the plant would discard
+        its answers to the others. While the plant waits for answers there is only one that is due.
+        """
+        waiting = self._waiting
+        if not waiting:
+            if (message := self.steps.get(timeout=PATIENCE)) is None:
+                return None
+            waiting.append(message.said)
+        waiting.extend([message.said for message in self.steps.drain()])
+        if self._most_behind is not None and waiting[-1].tick - waiting[0].tick > self._most_behind:
+            newest = next((step for step in reversed(waiting) if self.loop.due(step.t_ns)), None)
+            while newest is not None and waiting[0] is not newest:
+                self._skip(waiting.popleft())
+        return waiting.popleft()
+
+    def _skip(self, step: Any) -> None:
+        """Leave a step unanswered."""
+        if step.tick <= self.tick:
+            return
+        self.tick, self.t_ns, self.answered = step.tick, step.t_ns, b""
+        if self.loop.due(step.t_ns):
+            self._arrived.add(step.tick)
+            if self._expected < 0:
+                self._expected = step.tick
+            self.loop.skip(self._measurements(step))
+
+    def _tell_skipped(self, tick: int) -> None:
+        """Publish which steps before `tick`, which is answered now, have no answer, and which of them arrived."""
+        if 0 <= self._expected < tick:
+            last = tick - self._period
+            data = {"first": self._expected, "last": last, "arrived": self._arrived.intervals()}
+            begin, end = (at * self._frame_ns * 1e-9 for at in (self._expected, last))
+            text = f"{self.session.name} was behind or missed steps: no answer to those from {begin:g} to {end:g} s"
+            self.publish(KIND, text, data)
+            self._arrived = Ticks(most=self._period)
+        self._expected = tick + self._period
 
     def answer_step(self, step: Any) -> None:
         """Answer one step: with an update if it is new and due; a repeated step gets the same answer."""
@@ -102,8 +150,13 @@ class Worker(Service):
         if self._begins_with:
             self.changed(self._begins_with, tick - 1)
             self._begins_with = None
+        if tick in self._recorded.unanswered:
+            if tick in self._recorded.arrived and loop.due(t_ns):
+                loop.skip(self._measurements(step))
+            return
         if loop.due(t_ns):
-            values = self._new_samples(step) if loop.every_sample else tuple(map(step.values.__getitem__, self.columns))
+            self._tell_skipped(tick)
+            values = self._measurements(step)
             held, refused, begin = loop.held, loop.refused, time.perf_counter_ns()
             self.answered = encode.act(tick, t_ns, loop.answer(t_ns, values))
             self.act.put(self.answered, t_ns)
@@ -117,6 +170,10 @@ class Worker(Service):
                 anywhere()
             if loop.held and not held:
                 self.held()
+
+    def _measurements(self, step: Any) -> Any:
+        """What the controller gets with a step: all new samples of its sensors, or the latest ones."""
+        return self._new_samples(step) if self.loop.every_sample else tuple(map(step.values.__getitem__, self.columns))
 
     def _new_samples(self, step: Any) -> Samples:
         """The new samples of the sensors that are read; NaN for a sensor that the step does not contain."""
