@@ -12,7 +12,7 @@ import json
 import math
 import struct
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from google.protobuf.message import DecodeError
@@ -23,24 +23,45 @@ from rig.errors import BusError
 
 QUESTION = 1 << 16
 """Longest query [bytes]."""
+DEEPEST = 32
+"""Most levels of lists and objects inside each other."""
 
 
 def read_json(data: bytes, limit: int = QUESTION, *, finite: bool = True) -> dict[str, Any]:
     """Read the JSON object in `data`.
 
-    Raises Refused if it is longer than `limit` bytes, not a JSON object, or has (with `finite`) a number that is not
-    finite.
+    Raises Refused if it is longer than `limit` bytes, not a JSON object, has more than `DEEPEST` levels, or has (with
+    `finite`) a number that is not finite as a double.
     """
     if len(data) > limit:
         raise Refused("too long", f"{len(data)} bytes; at most {limit} are read")
     try:
-        content = json.loads(data, parse_constant=_finite if finite else None, parse_float=_finite if finite else None)
+        checks: dict[str, Any] = (
+            {"parse_constant": _finite, "parse_float": _finite, "parse_int": _whole} if finite else {}
+        )
+        content = json.loads(data, **checks)
         json.dumps(content, ensure_ascii=False).encode()  # raises for half a surrogate pair
     except (ValueError, RecursionError) as fault:
         raise Refused("not JSON", f"{data[:40]!r} is not JSON: {fault}") from None
     if not isinstance(content, dict):
         raise Refused("not JSON", f"{data[:40]!r} is not a JSON object")
+    level: list[Any] = [content]
+    for _ in range(DEEPEST):
+        level = [inner for outer in level for inner in _inside(outer)]
+    if level:
+        raise Refused("not JSON", f"{data[:40]!r} has more than {DEEPEST} levels")
     return content
+
+
+def _inside(content: Any) -> Collection[Any]:
+    if isinstance(content, dict):
+        return content.values()
+    return content if isinstance(content, list) else ()
+
+
+def _whole(text: str) -> int:
+    _finite(text)
+    return int(text)
 
 
 def _finite(text: str) -> float:
@@ -214,7 +235,7 @@ class InboundCheck:
                 if not 0 <= getattr(content, name) < limit:
                     raise Refused("out of bounds", f"{name} = {getattr(content, name)} of a {granted.kind}")
             if granted.kind == "Event":
-                read_json(content.data.encode() or b"{}", PAYLOAD, finite=False)
+                read_json(content.data.encode() or b"{}", PAYLOAD, finite=user != "plant")  # it tells what diverged
             elif granted.kind == "Totals":
                 _check_totals(topic, content, counts, now)
         if not count.received:

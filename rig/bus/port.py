@@ -305,6 +305,15 @@ def param_request(body: dict[str, Any]) -> ParamRequest:
     return ParamRequest("list" in body, keys, changes)
 
 
+def _check_parameters(answer: dict[str, Any], everything: bool) -> None:
+    """Raise Refused for an answer on `param/<process>` of another form; `everything`: it lists all that can be set."""
+    values, units, overruled = (answer.get(key, {}) for key in ("values", "units", "overruled"))
+    if not all(isinstance(part, dict) for part in (values, units, overruled)) or "values" not in answer:
+        raise Refused("not parameters", 'it has no object of "values"')
+    if everything and (strange := [key for key in values if not isinstance(units.get(key), str)]):
+        raise Refused("not parameters", f"{strange[0]!r:.80} has no unit")
+
+
 class Server(ABC):
     """Answers the queries on one topic, in the thread that calls `poll`."""
 
@@ -499,7 +508,10 @@ class Session(ABC):
                 if not granted:
                     raise BusError(f"{topic} of run {self.run} refused: {answer[:4096].decode(errors='replace')}")
                 try:
-                    return read_json(answer, PAYLOAD, finite=False)
+                    read = read_json(answer, PAYLOAD, finite=False)
+                    if topic.startswith("param/"):
+                        _check_parameters(read, "list" in body)
+                    return read
                 except Refused as fault:
                     raise BusError(f"the answer of {topic} in run {self.run} cannot be read: {fault}") from None
             if not patient:

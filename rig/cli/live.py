@@ -179,7 +179,14 @@ def _owner(session: Session, key: str) -> tuple[str, str]:
 
 def _list_tunable(session: Session, as_json: bool) -> None:
     names = ("plant", *_controllers(session))
-    answers = {name: session.ask(f"param/{name}", {"list": True}, timeout=10.0) for name in names}
+    answers = dict[str, Any]()
+    for name in names:
+        try:
+            answers[name] = session.ask(f"param/{name}", {"list": True}, timeout=10.0)
+        except BusError as fault:
+            if name == "plant":
+                raise
+            printing.note(f"{name}: {fault}")
     rows = [
         {"key": key if name == "plant" else f"{name}.{key}", "value": value, "unit": answer["units"][key], "of": name}
         for name, answer in answers.items()

@@ -41,7 +41,7 @@ from typing import Any
 from starlette.applications import Starlette
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -55,6 +55,7 @@ from rig.web.broadcast import Broadcast
 from rig.web.form import Catalogue, as_text, form, timing
 from rig.web.jobs import Jobs
 from rig.web.lists import Recordings, Studies
+from rig.web.plain_json import Answer
 from rig.web.playback import recorded
 from rig.web.run_control import RunControl
 from rig.web.sound import Sounds, packed
@@ -203,7 +204,7 @@ def _answers(handler: Handler, run: Runs = asyncio.to_thread) -> Callable[[Reque
     """A route that calls `handler` with the JSON object of the request by `run`, and answers in JSON."""
 
     async def answer(request: Request) -> Response:
-        return await run(lambda body: JSONResponse(handler(body)), await _body(request))
+        return await run(lambda body: Answer(handler(body)), await _body(request))
 
     return _guarded(answer)
 
@@ -217,9 +218,9 @@ def _guarded(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Requ
         except ClientDisconnect:  # in the middle of its request: nobody gets this answer
             return Response(status_code=400)
         except RigError as fault:
-            return JSONResponse({"error": str(fault)}, 422)
+            return Answer({"error": str(fault)}, 422)
         except OSError as fault:  # of the system, as a full disk
-            return JSONResponse({"error": str(fault)}, 507)
+            return Answer({"error": str(fault)}, 507)
 
     return guarded
 

@@ -9,7 +9,6 @@ until the client has answered the one before, and is replaced by a newer one.
 from __future__ import annotations
 
 import base64
-import json
 import math
 import queue
 import sys
@@ -26,6 +25,7 @@ from rig.bus.port import Receiver, Session
 from rig.bus.run_setup import Setup
 from rig.errors import BusError, RigError, UsageError
 from rig.extras import needed
+from rig.web import plain_json
 
 DEPTH = 1024
 """Most messages that wait for a client."""
@@ -88,7 +88,7 @@ class Client:
 
     def say(self, **content: Any) -> None:
         """Send a message to the client."""
-        self._send(json.dumps(content, allow_nan=False))
+        self._send(plain_json.text(content))
 
     def say_end(self) -> None:
         """Tell the client that the run has ended, after what waits for it, and how much it did not get."""

@@ -12,6 +12,8 @@ from collections import deque
 from contextlib import suppress
 from typing import Any
 
+from rig.web import plain_json
+
 KEPT = 6
 """Frames that are joined for a page which was busy: 0.3 s. Of older ones it gets those with events."""
 HISTORY = 240
@@ -42,7 +44,7 @@ class Broadcast:
     def put(self, kind: str, content: Any) -> None:
         """Replace the message of a kind; every page gets the newest one."""
         self._version += 1
-        self._newest[kind] = (self._version, json.dumps({"kind": kind, kind: content}))
+        self._newest[kind] = (self._version, plain_json.text({"kind": kind, kind: content}))
         if kind == "setup":  # frames of another run
             self._frames.clear()
         self._wake()

@@ -105,22 +105,22 @@ class LiveValues:
 
         The ends of a slider come from the value of the scene: a protocol may begin with a rig at rest.
         """
-        of_scene = self._scene.values()
         for process in ("plant", *self._scene.controllers):
-            try:
-                told = self.session.ask(f"param/{process}", {"list": True}, PATIENCE_S)
-            except BusError:
-                continue
-            before = "" if process == "plant" else f"controllers.{process}."
-            for inner, value in told["values"].items():
-                key = before + inner
-                actuator = self._inputs.get(key)
-                name, unit = key.rpartition(".")[2], told["units"][inner]
-                usual, _ = of_scene.get(key, (value, unit))
-                entry = entry_of(key, name, usual, unit, within(self._scene, key, actuator))
-                entry |= {**kind_of(self._scene, key, value), "value": value}
-                self.entries[key] = {**entry, "of": process, "actuator": actuator is not None, "owner": ""}
+            with suppress(BusError):
+                self._read(process, self.session.ask(f"param/{process}", {"list": True}, PATIENCE_S))
         self.look()
+
+    def _read(self, process: str, told: Mapping[str, Any]) -> None:
+        of_scene = self._scene.values()
+        before = "" if process == "plant" else f"controllers.{process}."
+        for inner, value in told["values"].items():
+            key = before + inner
+            actuator = self._inputs.get(key)
+            name, unit = key.rpartition(".")[2], told["units"][inner]
+            usual, _ = of_scene.get(key, (value, unit))
+            entry = entry_of(key, name, usual, unit, within(self._scene, key, actuator))
+            entry |= {**kind_of(self._scene, key, value), "value": value}
+            self.entries[key] = {**entry, "of": process, "actuator": actuator is not None, "owner": ""}
 
     def look(self) -> bool:
         """Read the actuators and who drives them; whether something is new."""
@@ -136,16 +136,20 @@ class LiveValues:
         return new
 
     def hear(self, event: Mapping[str, Any]) -> bool:
-        """Take over the values of an event `parameter`; whether something is new."""
-        if event["kind"] != "parameter":
+        """Take over the values of an event `parameter`; whether something is new.
+
+        A process other than the plant can only change values of its own.
+        """
+        changes = event["data"].get("set")
+        if event["kind"] != "parameter" or not isinstance(changes, dict):
             return False
-        new = event["data"].get("set", {})
         prefix = "" if event["source"] == "plant" else f"controllers.{event['source']}."
-        for key, value in new.items() if isinstance(new, dict) else ():
-            entry = self.entries.get(key) or self.entries.get(prefix + key)
-            if entry is not None and not entry["owner"]:
-                entry["value"] = value
-        return bool(new)
+        new = False
+        for key, value in changes.items():
+            entry = self.entries.get(prefix + key)
+            if entry is not None and not entry["owner"] and isinstance(value, int | float | str):
+                entry["value"], new = value, True
+        return new
 
     def set(self, key: str, value: Any) -> dict[str, Any]:
         """Change a value at the next tick, as `rig tune` does; returns the answer of its owner. Raises BusError."""

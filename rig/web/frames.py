@@ -22,7 +22,6 @@ null are not finite.
 from __future__ import annotations
 
 import json
-import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -36,6 +35,7 @@ from rig.model.system import System
 from rig.view.contact import Contacts, Modes
 from rig.view.process import Spans, latest, of_samples, of_steps
 from rig.web.picture import MovingPicture
+from rig.web.plain_json import finite
 
 ROWS, SAMPLES, STEPS, EVENTS = 25, 50, 500, 40
 """Most spans of outputs and of a sensor, steps of the phase portrait, and events of one frame. Where more have come,
@@ -158,12 +158,3 @@ def _plain(values: Any) -> Any:
         rounded = rounded.astype(object)
         rounded[~known] = None
     return rounded.tolist()
-
-
-def finite(content: Any) -> Any:
-    """The same without numbers that JSON does not have."""
-    if isinstance(content, dict):
-        return {key: finite(value) for key, value in content.items()}
-    if isinstance(content, list):
-        return [finite(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content

@@ -21,8 +21,9 @@ from rig.view.channels import Channels
 from rig.view.contact import Contacts, Modes
 from rig.view.process import joined
 from rig.web.follower import description
-from rig.web.frames import columns, finite
+from rig.web.frames import columns
 from rig.web.picture import MovingPicture
+from rig.web.plain_json import finite
 
 SPANS, PICTURES = 3000, 600
 """Most spans of an output or a sensor; most pictures."""

@@ -48,3 +48,23 @@ def test_signs_of_life_of_another_form_are_refused(key):
     watch.queue.put(Arrived("nf", "alive/controller/nf"))
     assert [(p.role, p.name) for p in watch.poll()] == [("controller", "nf")]
     assert watch.inbound.total == 1
+
+
+DEEP = '{"x": ' + "[" * 32 + "]" * 32 + "}"
+
+
+@pytest.mark.parametrize(
+    "data", ['{"x": NaN}', '{"x": [-Infinity]}', '{"x": 1e999}', '{"x": 1' + "0" * 400 + "}", DEEP, "[1]", "1"]
+)
+def test_an_event_with_data_that_are_no_json_object_is_refused(data):
+    door, counts = InboundCheck(frozenset({"plant"})), {}
+    event = messages.TYPES["Event"](source="me", kind="parameter", data=data).SerializeToString()
+    assert door.let_in(lambda a: door.message(a, counts), arrived("event/me", event, 0, user="guest-1")) is None
+    assert door.total == 1
+    assert not counts
+
+
+def test_the_plant_may_tell_what_diverged():
+    door, counts = InboundCheck(frozenset({"plant"})), {}
+    event = messages.event(0, 0, "plant", "diverged", "it grew", {"state": [float("inf"), float("nan")]})
+    assert door.message(arrived("event/plant", event, 0), counts).said.kind == "diverged"

@@ -51,6 +51,7 @@ from rig.bench.run.builds import CommandedRigs, PreparedRigs
 from rig.bench.run.experiment import BEGIN, Experiment
 from rig.bench.run.runner import PlantRunner
 from rig.bus import messages
+from rig.bus.inbound import TICKS
 from rig.bus.port import Session
 from rig.bus.run_setup import Setup
 from rig.controllers.runtime.loop import Loop
@@ -170,9 +171,11 @@ def _counters(plant: Plant) -> dict[str, dict[str, int]]:
     counters, here = plant.in_plant.counters(), plant.hub.watch.present
     for name in plant.experiment.exchange.queues:
         if name not in counters and ("controller", name) in here:
-            with suppress(BusError, LookupError, TypeError, ValueError):  # one in another language has none
+            with suppress(BusError, LookupError, TypeError):  # one in another language has none
                 told = plant.session.ask(f"param/{name}", {"get": []}, COUNTERS_S)["counters"]
-                counters[name] = {what: int(told[what]) for what in Loop.COUNTED}
+                counts = {what: told[what] for what in Loop.COUNTED}
+                if all(type(count) is int and 0 <= count < TICKS for count in counts.values()):
+                    counters[name] = counts
     return counters
 
 
