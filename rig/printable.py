@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, count
+from pathlib import Path
 
 # Control characters except tab and end of line, and lone surrogates
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
@@ -24,6 +25,15 @@ def unprintable(text: str) -> list[str]:
 def printable(text: str) -> str:
     r"""Return `text` with each such character as its escape, e.g. `\u001b`, which means the same in JSON."""
     return _UNPRINTABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
+
+
+def utf8(path: Path) -> bool:
+    """Whether the name of a file or folder is UTF-8, so that it can be written down."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def counted(number: int, noun: str) -> str:

@@ -40,6 +40,7 @@ from rig.bus import inbound, topics
 from rig.bus.messages import FINGERPRINT
 from rig.errors import BusError
 from rig.machine import files
+from rig.printable import printable, utf8
 
 GUESTS = 16
 COMMON = ("recorder", "viewer", "operator")
@@ -237,6 +238,11 @@ def directory() -> Path:
         )
     base = os.environ.get("XDG_RUNTIME_DIR")
     here = Path(base) / "friction-rig" if base else Path(tempfile.gettempdir()) / f"friction-rig-{os.getuid()}"
+    if not utf8(here):
+        raise BusError(
+            f"the name of the directory of runs {printable(str(here))} is not UTF-8; "
+            "set XDG_RUNTIME_DIR to a directory with another name"
+        )
     try:
         here.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = here.lstat()

@@ -20,7 +20,7 @@ import typer
 
 from rig.errors import ExitCode, UsageError
 from rig.machine.files import FIGURES, figure_format, recording_name, takes, unused
-from rig.printable import columns, printable
+from rig.printable import columns, printable, utf8
 from rig.results import Result
 
 if TYPE_CHECKING:
@@ -310,9 +310,13 @@ def writable(context: typer.Context, option: str, path: Path, check: Callable[[P
     """Raise UsageError unless the command can write the file of an option; `check`: of its name.
 
     It cannot if the file has something in it, unless --force is given, if another process is writing it, if it is an
-    input file, if its folder does not exist (it may be a slip of the keyboard), or if the place cannot be written.
+    input file, if its folder does not exist (it may be a slip of the keyboard), if its name is not UTF-8, or if the
+    place cannot be written.
     """
     named(option, path)
+    if not utf8(path):
+        told = f"{option} {printable(str(path))}"
+        raise UsageError(f"{told}: the name is not UTF-8; give the file or its folder another name")
     _claim(context, option, path)
     try:
         if path.is_dir():

@@ -355,10 +355,11 @@ def checksum(name: str, values: Mapping[str, str]) -> str:
 class Writer:
     """An MCAP file that is written from front to back to `stream`; `finish` does not close the stream.
 
-    Errors of the stream are raised to the caller; the file is then cut off there.
+    `folder`: for a temporary file that a long run needs, on the disk of the file. Errors of the stream are raised to
+    the caller; the file is then cut off there.
     """
 
-    def __init__(self, stream: BinaryIO, chunk_size: int) -> None:
+    def __init__(self, stream: BinaryIO, chunk_size: int, folder: Path | None = None) -> None:
         self.__stream = stream
         self._chunk_size = chunk_size
         self._compressor = zstandard.ZstdCompressor(_LEVEL, write_checksum=True)
@@ -379,7 +380,7 @@ class Writer:
         self._noted: list[MetadataIndex] = []
         self._begin_chunk()
         self._put(MAGIC + _packed(Header(PROFILE, PROFILE)))
-        self._chunk_indexes = tempfile.SpooledTemporaryFile(SPILL)
+        self._chunk_indexes = tempfile.SpooledTemporaryFile(SPILL, dir=None if folder is None else str(folder))
 
     def _put(self, raw: bytes) -> None:
         self.__stream.write(raw)

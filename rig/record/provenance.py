@@ -17,6 +17,8 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 
+from rig.printable import printable
+
 _ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("friction-rig", "numpy", "scipy", "numba", "eclipse-zenoh", "mcap", "protobuf")
 
@@ -25,7 +27,7 @@ def provenance(seed: int, command: Sequence[str] = tuple(sys.argv)) -> dict[str,
     """Return everything that is needed to repeat the run."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": shlex.join([Path(command[0]).name, *command[1:]]) if command else "",
+        "command": printable(shlex.join([Path(command[0]).name, *command[1:]])) if command else "",
         "seed": str(seed),
         **_process(),
     }

@@ -102,7 +102,7 @@ def _copy(recovered: Recovered, scan: message_scan.Scan, file: BinaryIO) -> None
     attachments, metadata, known = dict(scan.attachments), dict(scan.metadata), dict(scan.schemas)
     metadata["recovered"] = {"from": scan.path.name, "fault": recovered.fault, "lost": recovered.losses()}
     metadata["recording"] = {"began": str(scan.began_ns), **metadata.get("recording", {})}
-    out = mcap_file.Writer(file, writer.CHUNK)
+    out = mcap_file.Writer(file, writer.CHUNK, Path(file.name).parent)
     schemas: dict[int, int] = {}
     channels: dict[str, int] = {}
 

@@ -121,7 +121,7 @@ class Writer:
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = opened_new(path, replace)
-        self._mcap = mcap_file.Writer(self._file, CHUNK)
+        self._mcap = mcap_file.Writer(self._file, CHUNK, path.parent)
         try:
             with self._guarded():
                 self._describe()

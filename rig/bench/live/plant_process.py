@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
+import sys
 from pathlib import Path
 from typing import Any
 
 from rig import bus
-from rig.bench.live.outcome import CALLING, Job, keeps_up
+from rig.bench.live.outcome import Job, keeps_up
 from rig.bench.live.plant import Plant, Say, Show
 from rig.bench.live.rehearsal import marked, visited
 from rig.bench.run.runner import PlantRunner
@@ -59,21 +59,19 @@ def warm(scene: Scene) -> tuple[int, ...]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """`python -m rig.bench.live.plant_process JOB SUMMARY`, started by a supervisor, which is told status lines
-    (say).
+    """`python -m rig.bench.live.plant_process CALLING`, started by a supervisor, which sends the job as a line of JSON.
+
+    It is told status lines (say) and the summary, or why there was no run. None of this needs room on a disk.
     """
     parser = argparse.ArgumentParser(prog="rig.bench.live.plant_process", description=__doc__.partition("\n")[0])
-    parser.add_argument("job", type=Path, help="file with the job as JSON")
-    parser.add_argument(
-        "summary", type=Path, help="file for the summary as JSON, or for the reason why there was no run"
-    )
+    parser.add_argument("calling", type=Path, help="file for the name of the controller that the rehearsal calls")
     given = parser.parse_args(arguments)
     try:
-        job = Job.from_json(given.job.read_text())
-        summary = carry_out(job, lambda text: tell("say", text), calling=given.summary.with_name(CALLING))
+        job = Job.from_json(sys.stdin.readline())
+        summary = carry_out(job, lambda text: tell("say", text), calling=given.calling)
     except RigError as error:
         summary = {"failed": str(error), "exit_code": error.exit_code}
-    given.summary.write_text(json.dumps(summary))
+    tell("summary", summary)
     return int(summary["exit_code"])
 
 

@@ -34,6 +34,7 @@ FATAL = [
     getattr(signal, name) for name in ("SIGSEGV", "SIGABRT", "SIGFPE", "SIGILL", "SIGALRM") if hasattr(signal, name)
 ]
 """Signals of code that crashes, and of a library in C that does not return (rig.controllers.c)."""
+_NAME = 80  # bytes for the name of a controller, which has up to 64 characters
 LONGEST_S = 3.0
 """Longest duration of a rehearsal [s]. # chosen: all but one of the shipped scenes need less"""
 
@@ -43,18 +44,27 @@ def marked(path: Path | None) -> Iterator[None]:
     """Keep in the file `path`, until the end of the block, the name of the controller that is being called.
 
     Controllers run in this process here, and one that crashes takes it along. Without a file nobody else could tell
-    which one: this process writes it to standard error as its last words.
+    which one: this process writes it to standard error as its last words. So it does if the disk of the file is full.
     """
-    if path is None:
+    if path is None or not _has_room(path):
         calling = [""]
         put = partial(calling.__setitem__, 0)
         with _last_words(lambda: calling[0]), _heard(put):
             yield
         return
-    with path.open("wb", buffering=0) as file:
+    with path.open("r+b", buffering=0) as file:
         with _heard(lambda name: os.pwrite(file.fileno(), f"{name}\n".encode(), 0)):
             yield
         file.truncate(0)
+
+
+def _has_room(path: Path) -> bool:
+    """Make the file with room for each name; whether it could be written."""
+    try:
+        path.write_bytes(b"\n" * _NAME)
+    except OSError:
+        return False
+    return True
 
 
 @contextmanager

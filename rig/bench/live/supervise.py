@@ -13,7 +13,6 @@ The messages of the last live run, kept for a bug report: at most `MOST` lines i
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sys
@@ -204,11 +203,11 @@ class RunProcesses:
     ) -> None:
         self._trigger, self._begun = trigger, begun
         self.job, self._out, self._replace, self._web, self._say = job, out, replace, web, say
-        self._summary = folder / "summary.json"
-        description = folder / "job.json"
-        description.write_text(job.to_json())
-        arguments = ["rig.bench.live.plant_process", str(description), str(self._summary)]
-        self.plant = Child("the plant", arguments)
+        self._calling_file = folder / CALLING
+        self._summary: dict[str, Any] = {}  # what the plant told at its end
+        self.plant = Child("the plant", ["rig.bench.live.plant_process", str(self._calling_file)], fed=True)
+        self.plant.feed(job.to_json())
+        self.plant.dismiss()
         self.others: dict[tuple[str, str], Child] = {}
         self.died: list[str] = []
         self.name = ""
@@ -253,7 +252,8 @@ class RunProcesses:
                     self._hear()
                     self._show(health, live)
                 self._events.show(events)
-        summary = self._published()
+        self._hear()
+        summary = self._summary  # or why there was no run; empty if the plant died
         begun = "failed" not in summary  # else the others may wait for it still
         recorder = self.others.get(RECORDER)
         rest = [child for child in self.others.values() if child is not recorder]
@@ -304,6 +304,8 @@ class RunProcesses:
                 self._begun(value)
             elif kind == "say":
                 self._say(value)
+            elif kind == "summary":
+                self._summary = value
         for kind, value in self._recorder.new_words() if self._recorder is not None else ():
             if kind == "file":
                 self._file = value
@@ -345,12 +347,6 @@ class RunProcesses:
                 for child in self.children:
                     child.send(signal.SIGTERM if self._asked == 1 else signal.SIGKILL)
             self._asked += 1
-
-    def _published(self) -> dict[str, Any]:
-        """The summary that the plant wrote, or why there was no run; empty if the plant died."""
-        with suppress(OSError, ValueError):
-            return dict(json.loads(self._summary.read_text()))
-        return {}
 
     def _outcome(self, summary: dict[str, Any]) -> Outcome:
         if not summary:
@@ -395,9 +391,8 @@ class RunProcesses:
 
     def _calling(self) -> tuple[str, float]:
         """The controller that the rehearsal is calling, "" if none, and since when (time.time)."""
-        file = self._summary.with_name(CALLING)
         with suppress(OSError):
-            return file.read_text().partition("\n")[0], file.stat().st_mtime
+            return self._calling_file.read_text().partition("\n")[0], self._calling_file.stat().st_mtime
         return "", 0.0
 
     def _owns(self, path: Path) -> bool:
