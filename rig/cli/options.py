@@ -21,6 +21,7 @@ from rig.errors import UsageError
 from rig.units import number_or_text, with_point
 
 if TYPE_CHECKING:
+    from rig.bench.live.outcome import Pace as LivePace
     from rig.record.windows import Trigger
     from rig.scenes.places import Place
     from rig.scenes.scene import Scene
@@ -190,7 +191,8 @@ Pace = Annotated[
         "--pace",
         metavar="FACTOR",
         show_default=False,
-        help='Real-time factor: simulated seconds per second, or "max". Default: 1; with --lockstep: max.',
+        help='Real-time factor: simulated seconds per second; "auto": 1, or the largest that holds on this machine; '
+        '"max". Default: 1; with --lockstep: max.',
     ),
 ]
 Lockstep = Annotated[
@@ -372,11 +374,16 @@ def trigger(when: str | None, before: str | None, after: str | None, most: int |
     return Trigger(condition(when), earlier or 0.0, later or 0.0, most or 100)
 
 
-def pace(given: str | None, lockstep: bool = False) -> float | None:
-    """Simulated seconds for each second of the clock; None for as fast as it goes, as in lockstep by default."""
+def pace(given: str, others: str = ', or "max"') -> float | None:
+    """Simulated seconds for each second of the clock; None for as fast as it goes. `others`: words that it may be."""
+    return None if given == "max" else number(given, "--pace", "1", *PACES, others)
+
+
+def live_pace(given: str | None, lockstep: bool) -> LivePace:
+    """The pace of a live run; by default 1, in lockstep as fast as it goes."""
     if given is None:
         return None if lockstep else 1.0
-    return None if given == "max" else number(given, "--pace", "1", *PACES, ', or "max"')
+    return "auto" if given == "auto" else pace(given, ', "auto" or "max"')
 
 
 def share(given: str | None) -> float | None:

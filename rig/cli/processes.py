@@ -27,7 +27,7 @@ from rig.cli.options import (
     Wait,
     When,
     changes,
-    pace,
+    live_pace,
     refuse_all,
     seconds,
     the_scene,
@@ -55,7 +55,7 @@ def plant(
     ] = "30",
 ) -> None:
     """Start the plant with its sensors. Controllers, recorder and viewer may join at any time."""
-    factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
+    factor, length, overrides = live_pace(speed, lockstep), seconds(duration), changes(p)
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.bench.live.outcome import Job, Outcome
     from rig.bench.live.plant_process import carry_out
@@ -63,10 +63,10 @@ def plant(
 
     loaded = the_scene(scene, overrides, untold=untold)
     printing.run_warnings(loaded, length)
-    job = Job(
-        loaded.to_json(),
+    job = Job.at(
+        factor,
+        loaded,
         run=name,
-        pace=factor,
         lockstep=lockstep,
         duration=length,
         expect=tuple(("controller", n) for n in loaded.controllers if n not in loaded.in_plant) if patience else (),

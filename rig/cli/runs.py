@@ -38,7 +38,7 @@ from rig.cli.options import (
     added,
     changes,
     linked,
-    pace,
+    live_pace,
     refuse_all,
     scene_file,
     seconds,
@@ -122,7 +122,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run a scene in real time, with plant, controllers and recorder as processes."""
-    factor, length, given = pace(speed, lockstep), seconds(duration), changes(p)
+    factor, length, given = live_pace(speed, lockstep), seconds(duration), changes(p)
     names = listed(only, figure)
     links = linked(net, given)
     windows = trigger(when, before, after, most)

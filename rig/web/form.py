@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 import numpy as np
 
-from rig.bench.live.outcome import keeps_up
+from rig.bench.live.outcome import AUTO, Pace, keeps_up
 from rig.bench.run.before import findings, meets_edge
 from rig.bench.run.protocol import Protocol
 from rig.controllers import controller_drives
@@ -321,13 +321,23 @@ def plain(value: Any, name: str) -> Any:
     return value
 
 
-def timing(scene: Scene, pace: Any, duration: Any) -> tuple[float | None, float | None]:
-    """Pace (None: as fast as possible) and duration [s] (None: that of the protocol) of a run. Raises UsageError."""
+def _pace(given: Any) -> Pace:
+    """The pace that the page asks for. Raises ValueError."""
+    if given == "max":
+        return None
+    if given == AUTO:
+        return AUTO
+    factor = 1.0 if given in (None, "") else finite(given, "1")
+    if not PACES[0] <= factor <= PACES[1]:
+        raise ValueError(f"is {factor:g}; must be {PACES[0]:g} to {PACES[1]:g}, auto or max")
+    return factor
+
+
+def timing(scene: Scene, pace: Any, duration: Any) -> tuple[Pace, float | None]:
+    """Pace and duration [s] (None: that of the protocol) of a run. Raises UsageError."""
     what = "pace"
     try:
-        factor = None if pace == "max" else 1.0 if pace in (None, "") else finite(plain(pace, what), "1")
-        if factor is not None and not PACES[0] <= factor <= PACES[1]:
-            raise ValueError(f"is {factor:g}; must be {PACES[0]:g} to {PACES[1]:g}, or max")
+        factor = _pace(plain(pace, what))
         what = "duration"
         length = None if duration in (None, "") else finite(plain(duration, what), "s")
         if length is not None and not 1e-9 <= length <= LONGEST:

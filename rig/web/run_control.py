@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.live import supervise
-from rig.bench.live.outcome import Outcome
+from rig.bench.live.outcome import AUTO, Outcome, Pace
 from rig.bus import address
 from rig.bus.messages import FINGERPRINT
 from rig.bus.topics import Message
@@ -80,7 +80,7 @@ class RunControl:
         return list(self._follower.events) if self._follower is not None else []
 
     def start(
-        self, scene: Scene, given: str, changes: dict[str, str], pace: float | None = 1.0, duration: float | None = None
+        self, scene: Scene, given: str, changes: dict[str, str], pace: Pace = 1.0, duration: float | None = None
     ) -> dict[str, Any]:
         """Start a run of `scene` and return the state. Raises UsageError while another one is going on.
 
@@ -89,7 +89,8 @@ class RunControl:
         """
         command = ["rig", "run", given]
         command += [part for key, value in changes.items() for part in ("-p", f"{key}={value}")]
-        command += ["--pace", "max" if pace is None else f"{pace:g}"] if pace != 1.0 else []
+        given_pace = "max" if pace is None else AUTO if pace == AUTO else f"{pace:g}"
+        command += ["--pace", given_pace] if pace != 1.0 else []
         command += ["--duration", repr(duration)] if duration is not None else []
         with self._lock:
             self._refuse_second()
@@ -198,7 +199,7 @@ class RunControl:
             how = "stop following it first" if self._foreign else "stop it first, or wait for its end"
             raise UsageError(f"run {what} is active; {how}")
 
-    def _begin(self, scene: str, title: str, pace: float | None, command: str) -> None:
+    def _begin(self, scene: str, title: str, pace: Pace, command: str) -> None:
         self._phase, self._number, self._follower = "starting", self._number + 1, None
         self._interrupts, self._lines = [], deque(maxlen=LINES)
         self._looked = self._leaving = False
@@ -227,7 +228,7 @@ class RunControl:
             self._run(*self._orders.get())
             self._idle.set()
 
-    def _run(self, scene: Scene, pace: float | None, duration: float | None, command: list[str]) -> None:
+    def _run(self, scene: Scene, pace: Pace, duration: float | None, command: list[str]) -> None:
         try:
             outcome = supervise.run(
                 scene, pace=pace, duration=duration, say=self._hear, command=command, interrupts=self._interrupts,
@@ -306,6 +307,9 @@ class RunControl:
             self._changed()
         elif kind == "values" and self._phase == "starting":  # it reads them when the first frame has been computed
             self._phase = "running"
+        elif kind == "status" and self._facts["pace"] == AUTO:
+            self._facts["pace"] = content["pace"]
+            self._changed()
         elif kind == "status" and self._foreign and not self._looked:  # what happened before it was followed
             self._looked, self._facts["pace"] = True, content["pace"]
             self._phase = "paused" if content["paused"] else self._phase

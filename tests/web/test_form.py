@@ -125,6 +125,7 @@ def test_what_is_no_scene_no_change_no_pace_is_refused(tmp_path):
         with pytest.raises(UsageError, match="the duration "):
             timing(belt, 1.0, length)
     assert timing(belt, "max", "500 ms") == (None, 0.5)
+    assert timing(belt, "auto", None) == ("auto", None)
     assert timing(belt, "0,5", "10,5 s") == (0.5, 10.5)
 
 

@@ -1,9 +1,12 @@
 """How a run of another terminal ends for the page, without processes."""
 
+import threading
+import time
 from types import SimpleNamespace
 
 import pytest
 
+import rig
 from rig.errors import UsageError
 from rig.web import run_control
 from rig.web.run_control import RunControl
@@ -58,3 +61,24 @@ def test_news_of_a_run_before_the_present_one_count_for_nothing(control):
     before.news("left", None)
     before.news("phase", "paused")
     assert (control.state["run"], control.state["phase"]) == ("belt-2", "running")
+
+
+def test_an_automatic_pace_is_that_of_the_plant_once_it_is_known(monkeypatch):
+    monkeypatch.setattr(run_control, "Follower", Follower)
+    told, plays = [], threading.Event()
+
+    def run(scene, *, pace, begun, **options):
+        told.append(pace)
+        begun("belt-1")
+        plays.wait(10.0)
+        raise UsageError("over")
+
+    monkeypatch.setattr(run_control.supervise, "run", run)
+    control = RunControl(lambda: None, lambda *_: None, lambda *_: None)
+    assert control.start(rig.load("belt"), "belt", {}, "auto")["command"] == "rig run belt --pace auto"
+    for _ in range(1000):
+        if control.state["pace"] != "auto":
+            break
+        time.sleep(0.01)
+    assert (told, control.state["pace"]) == (["auto"], 0.5)
+    plays.set()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 from rig.bench.live import status
 from rig.bench.live.timing import NOTHING_LOST
@@ -19,6 +19,10 @@ from rig.scenes.scene import Scene
 
 CALLING = "calling"
 """File beside that of the summary, with the name of the controller that the rehearsal is calling."""
+AUTO: Literal["auto"] = "auto"
+"""The pace of a run that finds on its machine which one holds: real time, or the largest one below it."""
+Pace = float | Literal["auto"] | None
+"""The pace that a user asks for: simulated time over wall time, `AUTO`, or None: as fast as the controllers answer."""
 
 
 def called(role: str, name: str) -> str:
@@ -31,7 +35,8 @@ class Job:
     """The settings of one run of the plant. Raises UsageError for a pace that is not positive.
 
     `scene`: the scene as JSON text (`Scene.to_json`). `pace`: simulated time over wall time; None: lockstep, as fast as
-    the controllers answer. `duration`: simulated time [s]; by default the duration of the protocol. `expect`: role and
+    the controllers answer. `adapts`: whether the run takes a smaller pace where this one does not hold on its machine.
+    `duration`: simulated time [s]; by default the duration of the protocol. `expect`: role and
     name of the processes for which the first frame waits. `wait`: longest wait for them [s]. `parent`: id of the parent
     process; this process ends when the parent has ended. 0: none. `command`: the user's command line, for the
     recording.
@@ -42,6 +47,7 @@ class Job:
     endpoint: str | None = None
     pace: float | None = 1.0
     lockstep: bool = False
+    adapts: bool = False
     duration: float | None = None
     expect: tuple[tuple[str, str], ...] = ()
     wait: float = 20.0
@@ -57,6 +63,13 @@ class Job:
         """Whether each frame waits for the answers of the controllers."""
         return self.lockstep or self.pace is None
 
+    @classmethod
+    def at(cls, pace: Pace, scene: Scene, **settings: Any) -> Job:
+        """The job of a run of `scene` at the pace that its user asks for."""
+        if pace != AUTO:
+            return cls(scene.to_json(), pace=pace, **settings)
+        return cls(scene.to_json(), pace=min(scene.clock.pace_limit or 1.0, 1.0), adapts=True, **settings)
+
     def to_json(self) -> str:
         """The job as JSON text."""
         return json.dumps(asdict(self))
@@ -69,13 +82,14 @@ class Job:
         return cls(**{**fields, "command": tuple(fields["command"])})
 
 
-def keeps_up(scene: Scene, pace: float | None) -> None:
-    """Raise UsageError if `pace` exceeds the pace limit that `scene` states (None: without a clock)."""
+def keeps_up(scene: Scene, pace: Pace) -> None:
+    """Raise UsageError if `pace` exceeds the pace limit that `scene` states."""
     limit = scene.clock.pace_limit
-    if pace is not None and limit is not None and pace > limit:
+    if pace is not None and pace != AUTO and limit is not None and pace > limit:
         raise UsageError(
             f"{scene.name} cannot run at a pace of {pace:g}: {scene.slow}. What works: rig simulate; "
-            f"rig run --lockstep; rig run --pace {limit:g}. To try it anyway: -p clock.pace_limit={pace:g}"
+            f"rig run --lockstep; rig run --pace {limit:g}, or --pace auto where this machine is slower. To try it "
+            f"anyway: -p clock.pace_limit={pace:g}"
         )
 
 

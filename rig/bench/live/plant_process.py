@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rig import bus
+from rig.bench.live.frame_cost import FrameCost, kept_pace
 from rig.bench.live.outcome import Job, keeps_up
 from rig.bench.live.plant import Plant, Say, Show
-from rig.bench.live.rehearsal import marked, visited
+from rig.bench.live.rehearsal import marked, rehearse
 from rig.bench.run.runner import PlantRunner
 from rig.bus import address
 from rig.errors import Interrupted, RigError
@@ -33,7 +35,12 @@ def carry_out(
     if job.run is not None:
         address.check(job.run)
     with marked(calling):  # Ctrl-C may interrupt this, but nothing after it
-        sets = visited(scene, job) if job.pace is not None else warm(scene)
+        if job.pace is None:
+            sets = warm(scene)
+        else:
+            rehearsal = rehearse(scene, job)
+            sets = rehearsal.sets
+            job = _at_pace_kept(scene, job, job.pace, rehearsal.cost, say)
     asked: list[str] = []
     with told_to_stop(asked.append):
         scheduling.come_first()  # the threads of the bus inherit it
@@ -46,6 +53,16 @@ def carry_out(
             if asked:
                 raise Interrupted(f"stopped by {asked[0]} before the first frame")
             return plant.run(show)
+
+
+def _at_pace_kept(scene: Scene, job: Job, pace: float, cost: FrameCost | None, say: Say) -> Job:
+    """The job at the pace that it takes on this machine; `say` gets what its user should know of it."""
+    if cost is None:
+        return job
+    kept, told = kept_pace(scene, pace, cost, job.adapts)
+    if told:
+        say(told)
+    return replace(job, pace=kept)
 
 
 def warm(scene: Scene) -> tuple[int, ...]:

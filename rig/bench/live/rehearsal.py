@@ -5,6 +5,9 @@ simulated in this process with all controllers, as fast as possible. The paced r
 commands arrive one frame later. The rehearsal also loads or compiles all code that a frame calls, and the code for a
 controller that joins and is not in the scene: compiling takes a minute, for which no frame has time. Controllers that
 the plant process calls in short frames are compiled here and compared with Python's answers.
+
+It also measures the processor time of frames, so that a pace that does not hold on this machine is known before the
+start (rig.bench.live.frame_cost).
 """
 
 from __future__ import annotations
@@ -14,19 +17,23 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from rig import controllers, design
+from rig.bench.live.frame_cost import FrameCost
 from rig.bench.live.outcome import Job
 from rig.bench.live.pace import length
-from rig.bench.run.local_controllers import CALLS, asked_often
+from rig.bench.live.timing import Interruptions
+from rig.bench.run.local_controllers import CALLS, CompiledControllers, asked_often
 from rig.bench.run.rig_variants import Wanted
 from rig.bench.run.runner import PlantRunner
-from rig.bench.run.simulate import carry_out
-from rig.errors import ControllerFailed, ExitCode, RigError
+from rig.bench.run.simulate import begun, carry_on
+from rig.controllers.blocks.base import Controller
+from rig.errors import ControllerFailed, ExitCode, NumericsError, RigError
 from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
 
@@ -37,6 +44,12 @@ FATAL = [
 _NAME = 80  # bytes for the name of a controller, which has up to 64 characters
 LONGEST_S = 3.0
 """Longest duration of a rehearsal [s]. # chosen: all but one of the shipped scenes need less"""
+PART_NS = 100_000_000
+"""Simulated time [ns] of a part of the protocol that is measured or passed over as a whole."""
+PIECES = 100
+"""Most pieces that are measured in a part."""
+PARTS = 20
+"""Measured parts after which they are twice as far apart. # chosen: the first two seconds are measured as a whole"""
 
 
 @contextmanager
@@ -102,12 +115,19 @@ def _last_words(calling: Callable[[], str]) -> Iterator[None]:
             libc.signal(number, before)
 
 
-def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, ...]:
-    """The mode sets that the protocol of `scene` visits, in the order of their first visits.
+@dataclass(frozen=True)
+class Rehearsal:
+    """What a rehearsal finds: the mode sets in the order of their first visits, and the cost of frames.
 
-    The rehearsal ends after `longest_s` of wall time, and then some may be missing. The first 0.1 s of simulated time
-    does not count, because kernels are loaded or compiled in it.
+    `cost`: None if the plant did not get through a frame.
     """
+
+    sets: tuple[int, ...]
+    cost: FrameCost | None
+
+
+def rehearse(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> Rehearsal:
+    """Simulate the protocol of `scene` for at most `longest_s` of wall time, without that for compiling."""
     working = {}
     for name, description in design.described(scene).items():
         if name not in scene.in_plant and getattr(scene.controllers[name], "kind", "") == "c":
@@ -116,24 +136,121 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
             working[name] = controllers.restored(description)
             if name in scene.in_plant and length(scene, job.pace) > 1:
                 asked_often(working[name])
-    duration_ns = scene.duration_ns if job.duration is None else run_length_ns(job.duration)
-    begun: list[float] = []
-
-    def stop() -> str:
-        now = time.perf_counter()
-        begun.append(now)
-        return "rehearsed" if now - begun[0] >= longest_s else ""
-
     try:
-        rehearsed = carry_out(scene, working, duration_ns, stop=stop)
-        failed = rehearsed.failed is not None
-    except ControllerFailed:
-        failed = True
-    if failed:  # the controller says why in the run
-        begun.clear()
-        rehearsed = carry_out(scene, {}, duration_ns, stop=stop)
+        rehearsed = _Frames(scene, job, working, longest_s)
+        rehearsed.run()
+    except ControllerFailed:  # the controller says why in the run
+        rehearsed = _Frames(scene, job, {}, longest_s)
+        rehearsed.run()
     _joined(rehearsed.runner)
-    return rehearsed.runner.motion.mode_sets.keys
+    return Rehearsal(rehearsed.runner.motion.mode_sets.keys, rehearsed.cost)
+
+
+def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, ...]:
+    """The mode sets that the protocol of `scene` visits; some may be missing after `longest_s` of wall time."""
+    return rehearse(scene, job, longest_s).sets
+
+
+class _Frames:
+    """The frames of a rehearsal: in parts of the protocol as in the run, one piece after the other, with their times.
+
+    Between two measured parts the plant is simulated as fast as possible. They are farther apart the longer the
+    rehearsal lasts, so that a long protocol is measured to its end.
+    """
+
+    def __init__(self, scene: Scene, job: Job, working: Mapping[str, Controller], longest_s: float) -> None:
+        self._scene, self._longest_ns = scene, round(longest_s * 1e9)
+        duration_ns = scene.duration_ns if job.duration is None else run_length_ns(job.duration)
+        self._experiment, self._working = begun(scene, working, duration_ns)
+        self.runner = self._experiment.runner
+        self._compiled = CompiledControllers(self._experiment)
+        inside = scene.controllers.keys() if job.in_lockstep else scene.in_plant  # in lockstep the plant waits for all
+        self._inside = [asked for asked in self._working if asked.name in inside]
+        self._outside = [asked for asked in self._working if asked.name not in inside]
+        self._piece = length(scene, job.pace)
+        self._window = max(PART_NS // scene.frame_ns, self._piece)
+        self._interruptions = Interruptions()
+        self._begun_ns = 0
+        self._means_ns: list[float] = []
+        self._whole = False
+
+    @property
+    def cost(self) -> FrameCost | None:
+        """The cost of the frames so far; None if none was measured."""
+        if not self._means_ns:
+            return None
+        return FrameCost(tuple(self._means_ns), self.runner.t_ns * 1e-9, self._whole)
+
+    def run(self) -> None:
+        """Simulate the protocol. Raises ControllerFailed."""
+        self._begun_ns = time.perf_counter_ns()
+        window = 0
+        with self._interruptions.watched(), suppress(NumericsError):  # the frames up to there count
+            while not self._over():
+                part = self.runner.tick // self._window
+                if part >= window:
+                    window = part + 2 ** (len(self._means_ns) // PARTS)
+                    goes_on = self._measure()
+                else:
+                    goes_on = self._pass_over()
+                if not goes_on:
+                    self._whole = True
+                    break
+        self._experiment.end()
+
+    def _over(self) -> bool:
+        """Whether the rehearsal has lasted long enough."""
+        now = time.perf_counter_ns()
+        compiling_ns = self._interruptions.within("compile", self._begun_ns, now)
+        return now - self._begun_ns - compiling_ns >= self._longest_ns
+
+    def _pass_over(self) -> bool:
+        """Simulate up to the end of this part as fast as possible, and return whether the run goes on."""
+        if not self._experiment.begin():
+            return False
+        runner = self.runner
+        until = min(self._experiment.until(), runner.tick + self._window - runner.tick % self._window)
+        carry_on(self._experiment, self._working, until, self._compiled)
+        return True
+
+    def _measure(self) -> bool:
+        """Simulate at most `PIECES` pieces as a run does, with the mean time of a frame; whether the run goes on."""
+        frames, spent_ns, goes_on = 0, 0, True
+        for _ in range(PIECES):
+            piece = self._timed_piece()
+            if piece is None:
+                goes_on = False
+                break
+            frames += piece[0]
+            spent_ns += piece[1]
+            if self._over():
+                break
+        if frames:
+            self._means_ns.append(spent_ns / frames)
+        return goes_on
+
+    def _timed_piece(self) -> tuple[int, int] | None:
+        """Frames and processor time [ns] of the next piece; None at the end of the run.
+
+        No frames count if something was built or compiled in it, which a run does before.
+        """
+        runner, motion = self.runner, self.runner.motion
+        built, begun_ns, tick = len(motion.mode_sets.sets), time.perf_counter_ns(), runner.tick
+        begin_ns = time.thread_time_ns()
+        if not self._experiment.begin():
+            return None
+        spent_ns = time.thread_time_ns() - begin_ns
+        for asked in self._outside:
+            asked.answer()
+        until = min(tick + self._piece - tick % self._piece, self._experiment.until())
+        begin_ns = time.thread_time_ns()
+        carry_on(self._experiment, self._inside, until, self._compiled)
+        spent_ns += time.thread_time_ns() - begin_ns
+        for asked in self._outside:
+            asked.catch_up(runner.tick)
+        same = runner.motion is motion and len(motion.mode_sets.sets) == built
+        interrupted = self._interruptions.within("compile", begun_ns, time.perf_counter_ns())
+        return (runner.tick - tick, spent_ns) if same and not interrupted else (0, 0)
 
 
 def _joined(runner: PlantRunner) -> None:

@@ -28,7 +28,7 @@ from typing import Any
 import platformdirs
 
 from rig import bus
-from rig.bench.live.outcome import CALLING, Job, Outcome, called
+from rig.bench.live.outcome import CALLING, Job, Outcome, Pace, called
 from rig.bench.live.pace import MachineLoad
 from rig.bench.live.status import Live
 from rig.bus import address
@@ -123,7 +123,7 @@ PRINTED = 5  # most lines that a process prints which are shown at a time, ten t
 def run(
     scene: Scene,
     *,
-    pace: float | None = 1.0,
+    pace: Pace = 1.0,
     lockstep: bool = False,
     duration: float | None = None,
     view: bool = False,
@@ -140,11 +140,12 @@ def run(
 ) -> Outcome:
     """Run `scene` as processes; returns when all have ended.
 
-    `pace` None: as fast as the controllers answer. `out`, which is overwritten only to `replace` it, is the recording.
-    `trigger`: options of `rig record` for windows instead of the whole run.
-    `say` gets lines; without it they go to standard error, under the live line. `command`: the command line that the
-    recording states, by default that of this process. `interrupts`: a list that is looked at ten times a second; an
-    entry acts as Ctrl-C does, and is its name. `begun` gets the name of the run when it can be joined.
+    `pace` None: as fast as the controllers answer; "auto": real time, or the largest pace below it that holds on this
+    machine. `out`, which is overwritten only to `replace` it, is the recording. `trigger`: options of `rig record` for
+    windows instead of the whole run. `say` gets lines; without it they go to standard error, under the live line.
+    `command`: the command line that the recording states, by default that of this process. `interrupts`: a list that
+    is looked at ten times a second; an entry acts as Ctrl-C does, and is its name. `begun` gets the name of the run
+    when it can be joined.
     """
     address.directory()  # on a system without live runs this raises before anything starts
     if record and out is None:
@@ -158,10 +159,10 @@ def run(
     if view or web:
         check("rerun", "view", "the live view")
         expect += [VIEWER]
-    job = Job(
-        scene.to_json(),
+    job = Job.at(
+        pace,
+        scene,
         run=name,
-        pace=pace,
         lockstep=lockstep,
         duration=duration,
         expect=tuple(expect),
