@@ -139,8 +139,9 @@ def _table(cells: list[Cell]) -> None:
     for cell in cells:
         v = cell.result
         name = f"{cell.method} (default)" if cell.default else cell.method
-        rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.detail, f"{cell.seconds:.2f} s"))
-    printing.table("", ("case", "method", "step", "result", "reason", "detail", "time"), rows)
+        speed = "" if cell.speed is None else f"{cell.speed:.3g}"
+        rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.detail, speed, f"{cell.seconds:.2f} s"))
+    printing.table("", ("case", "method", "step", "result", "reason", "detail", "real-time factor", "time"), rows)
     counts = {colour: sum(cell.result.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
     bad = sum(not cell.good for cell in cells)
     counted = ", ".join(f"{count} {colour}" for colour, count in counts.items())

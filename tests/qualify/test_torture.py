@@ -124,7 +124,7 @@ def caught(name, way, step_ns):
     until = case.quick_duration or case.duration
     scene = watched(case, "auto", step_ns)
     reference = trial.Trial(case, scene, until, 60.0).run()
-    result = judge(case, WRONG[way](case, scene, until, 60.0), reference, until * 1e-9, step_ns * 1e-9)
+    result = judge(case, WRONG[way](case, scene, until, 60.0), reference, step_ns * 1e-9)
     return result.colour, result.reason
 
 
@@ -146,7 +146,7 @@ def test_a_film_keeps_its_energy():
     names = ["film_felt_late", "film_rows_late", "film_on_matrices", "film_step_beyond"]
     found = torture.matrix(names, quick=True)
     default = [cell for cell in found if cell.default]
-    assert [cell for cell in default if cell.result.colour == "red" or cell.result.reason not in ("", "overrun")] == []
+    assert [cell for cell in default if cell.result.colour != "green"] == []
     assert {cell.case for cell in default} == set(names)
 
 
@@ -192,10 +192,10 @@ def test_a_contact_felt_late_gains_energy_in_proportion_to_the_step():
 def test_results():
     case = load("stick_below_limit")
     good = Found(events=[(0.1, "contact slip+"), (0.2, "contact stick")], count=2)
-    assert judge(case, good, good, 1.0).colour == "green"
+    assert judge(case, good, good).colour == "green"
 
     def told(**changes):
-        found = judge(case, Found(**({"events": good.events, "count": 2} | changes)), good, 1.0)
+        found = judge(case, Found(**({"events": good.events, "count": 2} | changes)), good)
         return found.colour, found.reason
 
     assert told(not_finite=1) == ("red", "NaN")
@@ -209,15 +209,14 @@ def test_results():
     assert told(count=3) == ("red", "chatter")
     assert told(events=[(0.1, "contact slip-"), (0.2, "contact stick")]) == ("red", "order lost")
     assert told(events=[(0.1, "contact slip+"), (0.21, "contact stick")]) == ("amber", "order lost")
-    assert told(carrying=1.1) == ("amber", "overrun")
-    assert told(seconds=1.1, carrying=0.9) == ("green", "")  # looking at every step is no work of the plant
+    assert told(seconds=11.0, carrying=10.0) == ("green", "")  # a slow computer says nothing of stability
 
 
 def test_what_comes_at_one_instant_may_come_in_any_order():
     case = load("two_at_once")
     one = Found(events=[(0.1, "a slip+"), (0.1, "b slip+"), (0.3, "a stick")], count=3)
     other = Found(events=[(0.1, "b slip+"), (0.1, "a slip+"), (0.3, "a stick")], count=3)
-    assert judge(case, other, one, 1.0).colour == "green"
+    assert judge(case, other, one).colour == "green"
 
 
 def test_a_case_names_a_scene_file_by_its_path_from_its_own_folder(tmp_path):

@@ -13,7 +13,7 @@ from rig.qualify.torture.cells import Cell
 from rig.qualify.torture.results import CellResult
 
 CELLS = [
-    Cell("one", "exact", 1e-3, True, CellResult("green"), 0.1, {"events": 3}),
+    Cell("one", "exact", 1e-3, True, CellResult("green"), 0.1, {"events": 3}, 0.96),
     Cell("one", "rk4", 1e-3, False, CellResult("red", "missed event", "1 of 39"), 0.1, {}),
     Cell("two", "exact", 1e-3, True, CellResult("red", "energy", "too much"), 0.1, {}),
     Cell("two", "exact", 1e-4, True, CellResult("amber", "cost", "too long"), 2.0, {}),
@@ -27,6 +27,7 @@ def test_report(tmp_path):
     assert [cell["colour"] for cell in told["cells"]] == ["green", "red", "red", "amber"]
     assert told["cells"][1]["reason"] == "missed event"
     assert told["cells"][0]["counts"] == {"events": 3}
+    assert [cell["speed"] for cell in told["cells"]] == [0.96, None, None, None]  # slower than the clock, and green
     suite = ElementTree.parse(tmp_path / "junit.xml").getroot()
     assert suite.attrib["tests"] == "4"
     assert suite.attrib["failures"] == "2"  # of the default: one red, one amber
@@ -44,7 +45,9 @@ def test_exit_code_is_that_of_the_default(tmp_path, monkeypatch, capsys, last, c
     with pytest.raises(SystemExit) as ended:
         program(["torture", "--case", "one", "--out", str(tmp_path)])
     assert ended.value.code == code
-    assert "missed event" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "missed event" in printed
+    assert "0.96" in printed
 
 
 def test_a_case_of_every_scene_is_many(monkeypatch):

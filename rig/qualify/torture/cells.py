@@ -36,7 +36,10 @@ QUICK = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One case with one method and step. `default`: the method of a scene that selects none."""
+    """One case with one method and step. `default`: the method of a scene that selects none.
+
+    `speed`: real-time factor of the plant and its sensors, in processor time; None if no run was measured.
+    """
 
     case: str
     method: str
@@ -45,6 +48,7 @@ class Cell:
     result: CellResult
     seconds: float
     counts: dict[str, float]
+    speed: float | None = None
 
     @property
     def good(self) -> bool:
@@ -177,22 +181,23 @@ def _reference(case: Case, until: int, seconds: float) -> Found | CellResult:
 
 def _cell(case: Case, method: str, scene: Watched, until: int, seconds: float, reference: Found | CellResult) -> Cell:
     default = scene.clock.method == "auto"
-    spent, counts = 0.0, dict[str, float]()
+    spent, speed, counts = 0.0, None, dict[str, float]()
     try:
         if isinstance(reference, CellResult):
             result = reference
         else:
             outcome = Trial(case, scene, until, seconds).run()
-            result = judge(case, outcome, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
+            result = judge(case, outcome, _as_reported(reference, method), scene.step_ns * 1e-9)
             if default and result.colour == "green":
                 result = recording(case, scene, until) or result
-            spent = outcome.seconds
+            spent, simulated = outcome.seconds, outcome.ticks * scene.step_ns * 1e-9
+            speed = simulated / outcome.carrying if simulated else None
             counts = {"events": outcome.count} | {name: getattr(outcome, name) for name in COUNTED}
     except FAULTS as error:
         result, spent = fault(error), seconds if isinstance(error, OutOfTime) else spent
         if result.reason == "refused" and not default:
             result = replace(result, colour="amber")
-    return Cell(case.name, method, scene.step_ns * 1e-9, default, result, spent, counts)
+    return Cell(case.name, method, scene.step_ns * 1e-9, default, result, spent, counts, speed)
 
 
 def _as_reported(reference: Found, method: str) -> Found:

@@ -59,7 +59,12 @@ def junit(cells: Sequence[Cell], path: Path) -> None:
 
 
 COLOURS = {"green": "#bfe0cb", "amber": "#f6dfae", "red": "#e59c90"}
-NOTE = "Steps are side by side, the coarsest first. Blank: not run (it is the default, or not in the quick matrix)."
+SPEED = "real time"
+"""Heading of the column with the real-time factors of the default, which are no test results and have no colour."""
+NOTE = (
+    "Steps are side by side, the coarsest first. Blank: not run (it is the default, or not in the quick matrix). "
+    f"{SPEED.capitalize()}: real-time factor of the default."
+)
 _STYLE: dict[str, Any] = {"font.size": 8.5, "axes.titlelocation": "left"}
 _ROW, _COLUMN, _NAMES, _ABOVE, _BELOW, _LEAST = 0.19, 0.76, 2.35, 1.05, 0.45, 6.5  # inches
 Rows = list[tuple[str, str]]
@@ -105,11 +110,14 @@ def _blocks(cells: Sequence[Cell]) -> list[Rows]:
 def _methods(cells: Sequence[Cell], rows: Rows) -> list[str]:
     """The columns of a block: methods that one of its cases was run with."""
     cases = {case for case, _ in rows}
-    return [
-        m
-        for m in ("default", "processes", *METHODS)
-        if any(cell.case in cases and m in _columns(cell) for cell in cells)
-    ]
+    own = [cell for cell in cells if cell.case in cases]
+    methods = [m for m in ("default", "processes", *METHODS) if any(m in _columns(cell) for cell in own)]
+    return [*methods, *([SPEED] if any(_timed(cell) for cell in own) else [])]
+
+
+def _timed(cell: Cell) -> bool:
+    """Whether the column of real-time factors shows this cell."""
+    return cell.default and cell.speed is not None
 
 
 def _block(axes: Axes, cells: Sequence[Cell], rows: Rows, methods: list[str]) -> None:
@@ -118,6 +126,9 @@ def _block(axes: Axes, cells: Sequence[Cell], rows: Rows, methods: list[str]) ->
             own = [cell for cell in cells if cell.case == case and method in _columns(cell)]
             for at, cell in enumerate(own):
                 _box(axes, column + at / len(own), row, 1.0 / len(own), cell)
+        if SPEED in methods:
+            speeds = [f"{cell.speed:.2g}" for cell in cells if cell.case == case and _timed(cell)]
+            axes.text(methods.index(SPEED) + 0.5, row + 0.52, "  ".join(speeds), ha="center", va="center", fontsize=5.0)
     axes.set(xlim=(0, len(methods)), ylim=(len(rows), 0))
     axes.set_yticks([row + 0.5 for row in range(len(rows))], [name for _, name in rows])
     for (case, _), label in zip(rows, axes.get_yticklabels()):

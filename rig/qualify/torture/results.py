@@ -50,8 +50,6 @@ class Found:
     energy: float = 0.0
     with_film: bool = False
     """The rig is a film of points: the residual of its energy balance falls with the square of the step."""
-    pace: float = 1.0
-    """Pace of the clock that the scene states."""
     burst: int = 0
     """Frames run without a wait after a pause."""
     ended: dict[str, float] = field(default_factory=dict)
@@ -62,7 +60,7 @@ class Found:
     seconds: float = 0.0
     """Processor time in total [s]."""
     carrying: float = 0.0
-    """Processor time of the plant alone [s], without building and checking."""
+    """Processor time of the plant alone [s], without building and checking: its speed is no test result."""
     notes: list[str] = field(default_factory=list)
     slips: list[Array] = field(default_factory=list)
     """For methods without a mode for stick: the largest slip speed of any contact at every step."""
@@ -123,11 +121,11 @@ def fault(error: Exception) -> CellResult:
     return red(kinds.get(type(error), "energy" if finite else "NaN"), f"at {error.time:.6g} s: {text}")
 
 
-def judge(case: Case, outcome: Found, reference: Found | None, simulated: float, step: float = 1e-3) -> CellResult:
-    """Return the result of a run of `simulated` seconds in steps of `step` that completed: its first fault."""
+def judge(case: Case, outcome: Found, reference: Found | None, step: float = 1e-3) -> CellResult:
+    """Return the result of a run in steps of `step` [s] that completed: its first fault."""
     green = CellResult("green", "", ", ".join(outcome.notes))
     return next(itertools.chain(_physical(case, outcome, reference), _expected(case, outcome, reference),
-                                _on_time(outcome, simulated, step)), green)  # fmt: skip
+                                _on_time(outcome, step)), green)  # fmt: skip
 
 
 def _physical(case: Case, outcome: Found, reference: Found | None) -> Iterator[CellResult]:
@@ -189,10 +187,7 @@ def _tie(outcome: Found, reference: Found, at: int) -> bool:
     return ours == theirs
 
 
-def _on_time(outcome: Found, simulated: float, step: float) -> Iterator[CellResult]:
+def _on_time(outcome: Found, step: float) -> Iterator[CellResult]:
     """Faults of pace."""
     if outcome.burst * step > PAUSE * 1e-9:
         yield red("overrun", f"{outcome.burst} frames in one burst after a pause")
-    if outcome.carrying * outcome.pace > simulated:
-        at = "" if outcome.pace == 1.0 else f" at the pace limit {outcome.pace:g} of the scene"
-        yield amber("overrun", f"{outcome.pace * outcome.carrying / simulated:.3g} times slower than the clock{at}")

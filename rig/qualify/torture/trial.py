@@ -78,7 +78,7 @@ class Trial:
 
     def __init__(self, case: Case, scene: Watched, until_ns: int, seconds: float) -> None:
         self.case, self.until_ns = case, until_ns
-        self.found = Found(pace=scene.clock.pace_limit or 1.0)
+        self.found = Found()
         self._stop = seconds
         self._begin = time.thread_time()
         self.runner = PlantRunner(scene, piece=ROWS * scene.step_ns // scene.frame_ns)
