@@ -84,6 +84,8 @@ def modes(
         printing.warnings(loaded)
     result: Modes | Loop | Sweep
     errors: list[Finding] = []
+    if controller is None:
+        printing.left_out(loaded)
     if along is not None:
         result = _swept(loaded, along, controller)
     elif controller is not None:
@@ -371,6 +373,7 @@ def map_(
 
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
+    printing.left_out(loaded)
     if eigenvalues:
         todo, name = regions_job(loaded, x, y), "regions"
     else:
@@ -437,6 +440,9 @@ def branches(
             metavar="PULSE", help='With --threshold: a pulse of an actuator, "load.force 20 ms", not an impulse.'
         ),
     ] = "",
+    alone: Annotated[
+        bool, typer.Option("--plant-alone", help="With --threshold: leave out the controllers of the scene.")
+    ] = False,
     starts: Annotated[
         str | None,
         typer.Option(
@@ -458,15 +464,31 @@ def branches(
     continues. --force draws finished branches again.
     """
     from rig.analysis.axis import axes
-    from rig.analysis.branches import Branches, Curves, Threshold, curves, curves_store, job, store_of
+    from rig.analysis.branches import (
+        Branches,
+        Curves,
+        Threshold,
+        curves,
+        curves_store,
+        job,
+        refuse_controllers,
+        store_of,
+    )
     from rig.analysis.branches import branches as follow
 
     refuse_all(
-        (threshold is None and (knock or starts), "--knock and --starts belong to --threshold VALUE"),
+        (
+            threshold is None and (knock or starts or alone),
+            "--knock, --starts and --plant-alone belong to --threshold VALUE",
+        ),
         (threshold and second, "--threshold needs branches; leave out --second"),
     )
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
+    if threshold:
+        refuse_controllers(loaded, alone)
+    if second:
+        printing.left_out(loaded)
     todo = job(loaded, over, output, tuple(separated(start)), points)
     along = next(iter(axes(loaded, {"--second": second})), None)
     name = "curves" if along else "branches"
@@ -481,7 +503,7 @@ def branches(
         else:
             with printing.status() as show:
                 found = follow(todo, out, show)
-                edge = Threshold.parse(found, threshold, starts, knock) if threshold else None
+                edge = Threshold.parse(found, threshold, starts, knock, alone) if threshold else None
     written(found, store.folder, name, as_json, **({"threshold": edge.to_json()} if edge else {}))
     draw(found, figure)
     _put(found, f"Branches of {loaded.title or loaded.name}", page)

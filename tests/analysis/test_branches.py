@@ -835,3 +835,41 @@ def test_smooth_special_points_are_those_of_auto(escape, tmp_path):
     assert (len(values["fold"]), len(values["period doubling"])) == (2, 1)
     for kind, expected in values.items():
         assert sorted(escape.special(kind)) == pytest.approx(expected, rel=1e-8), kind
+
+
+def test_a_threshold_of_a_scene_with_controllers_is_that_of_the_plant_alone_if_asked_for(tmp_path):
+    over, friction = "drive.speed=0.2 m/s:0.8 m/s", {"load.force": "20 N"}
+    bare = followed(tmp_path / "bare", "belt", over, ("hopf",), **friction)
+    result = followed(tmp_path / "with", "belt_normal_force", over, ("hopf",), **friction)
+    with pytest.raises(UsageError, match=r"this scene has nf: .*--plant-alone computes"):
+        Threshold(result, 0.4)
+    alone, known = Threshold(result, 0.4, plant_alone=True).knocks()[0], Threshold(bare, 0.4).knocks()[0]
+    assert alone.size == pytest.approx(known.size, rel=1e-6)
+
+
+def test_the_commands_refuse_or_name_the_controllers_that_they_leave_out(rig, tmp_path):
+    over = ("branches", "belt_normal_force", "--over", "drive.speed=0.2 m/s:0.8 m/s", "--out", str(tmp_path))
+    code, _, err = rig(*over, "--threshold", "0.4 m/s")
+    assert (code, "belt_normal_force: a threshold is computed without controllers" in err) == (2, True)
+    assert not [*tmp_path.iterdir()]
+    code, _, err = rig(*over, "--plant-alone")
+    assert (code, "belong to --threshold" in err) == (2, True)
+    left_out = "plant alone: without controller nf"
+    assert left_out in rig("modes", "belt_normal_force")[2]
+    assert left_out in rig("modes", "belt_normal_force", "--sweep", "drive.speed=0.1:0.2:2")[2]
+    assert left_out not in rig("modes", "belt_normal_force", "--controller", "nf")[2]
+    assert left_out not in rig("modes", "belt_normal_force", "-p", "controllers.nf=none")[2]
+    assert left_out in rig("map", "belt_normal_force", "--x", "drive.speed=0.1:0.2:2", "--eigenvalues",
+                           "--out", str(tmp_path))[2]  # fmt: skip
+    study = (
+        "study",
+        "belt_normal_force",
+        "--over",
+        "load.force=5:35:4",
+        "--out",
+        str(tmp_path),
+        "--duration",
+        "0.1 s",
+    )
+    assert f"modes.growth: {left_out}" in rig(*study, "--measure", "modes.growth", "--measure", "run.rms")[2]
+    assert left_out not in rig(*study, "--measure", "run.rms")[2]

@@ -13,7 +13,7 @@ from rig.analysis.branches.begin import HOPF, SIMULATION, Start, values_of
 from rig.analysis.branches.compute import FILE, POINTS, ROOT, Job, branches, job, store_of
 from rig.analysis.branches.curves import Curve, Curves, curves, curves_store
 from rig.analysis.branches.result import Branch, Branches, Point, SpecialPoint
-from rig.analysis.branches.threshold import Knock, Share, Threshold
+from rig.analysis.branches.threshold import Knock, Share, Threshold, refuse_controllers
 
 __all__ = [
     "FILE",
@@ -36,6 +36,7 @@ __all__ = [
     "curves",
     "curves_store",
     "job",
+    "refuse_controllers",
     "store_of",
     "values_of",
 ]

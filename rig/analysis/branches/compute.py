@@ -37,7 +37,7 @@ from rig.analysis.branches.trace import (
 )
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.modes import at_rest
-from rig.analysis.orbit import refuse
+from rig.analysis.orbit import plant_alone, refuse
 from rig.analysis.pool import Store, Work, digest, packed, unpacked
 from rig.analysis.return_map import Family, ReturnMap, same
 from rig.analysis.sweep import Critical, Sweep, sweep
@@ -217,8 +217,7 @@ class _Computation:
 
     def run(self) -> Branches:
         """Compute everything."""
-        named = self.job.scene.controllers
-        self.notes += [f"plant alone: without controller{'s' * (len(named) > 1)} {', '.join(named)}"] if named else []
+        self.notes += filter(None, [plant_alone(self.job.scene)])
         if forcing := driven_by(self.job):
             self._forced(forcing)
         else:

@@ -126,12 +126,25 @@ def _ends(
     return None
 
 
+def refuse_controllers(scene: Scene, plant_alone: bool) -> None:
+    """Raise UsageError for a scene with controllers, unless the threshold of the `plant_alone` is asked for."""
+    if scene.controllers and not plant_alone:
+        raise UsageError(
+            f"{scene.name}: a threshold is computed without controllers, but this scene has "
+            f"{', '.join(scene.controllers)}: with a controller the least knock is another one. "
+            "--plant-alone computes that of the plant without it; "
+            "rig study SCENE --over start.KEY=VALUES --measure run.rms simulates starts with it"
+        )
+
+
 class Threshold:
     """The unstable cycle at a value (SI) of the parameter of `branches`; `knock`: actuator and duration of its pulse,
-    such as "load.force 20 ms". Raises UsageError if there is no such cycle.
+    such as "load.force 20 ms". `plant_alone`: leave out the controllers of the scene. Raises UsageError if there is no
+    such cycle, and for a scene with controllers unless `plant_alone`.
     """
 
-    def __init__(self, branches: Branches, value: float, knock: str = "") -> None:
+    def __init__(self, branches: Branches, value: float, knock: str = "", plant_alone: bool = False) -> None:
+        refuse_controllers(branches.scene, plant_alone)
         axis = branches.axis
         self.value, self.text_of_value, self.knock = value, axis.text(value), knock
         self.ranges: dict[str, tuple[float | str, float | str]] = {}
@@ -352,13 +365,15 @@ class Threshold:
         return Share(p, *interval(p, count), count, not self.planar)
 
     @classmethod
-    def parse(cls, branches: Branches, value: str, starts: str | None = None, knock: str = "") -> Threshold:
+    def parse(
+        cls, branches: Branches, value: str, starts: str | None = None, knock: str = "", plant_alone: bool = False
+    ) -> Threshold:
         """Return the threshold at a value with a unit; `starts`: ranges of states. Raises UsageError."""
         try:
             at = si(value, branches.axis.unit)
         except ValueError as fault:
             raise UsageError(f"--threshold {value}: {fault}") from None
-        made = cls(branches, at, knock)
+        made = cls(branches, at, knock, plant_alone)
         for part in (starts or "").split(","):
             if part.strip():
                 name, _, ends = part.partition("=")
