@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.floquet import Floquet
 from rig.analysis.orbit import REPEAT
-from rig.printable import columns
+from rig.printable import columns, counted
 from rig.results import Result
 from rig.scenes.scene import Scene
 
@@ -107,7 +107,7 @@ class Cycle(Result):
         attracts, sticks = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT), any(self.stick_time.values())
         kind = "limit cycle" if sticks or attracts or self.repels else "periodic motion"
         kind = f"{'unstable ' * self.repels}{kind}{'' if sticks else ' in which nothing sticks'}"
-        newton = f", the last of the way by {self.newton} steps of Newton's method" if self.newton else ""
+        newton = f", the last of the way by {counted(self.newton, 'step')} of Newton's method" if self.newton else ""
         lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}"]
         lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]
         for name, time in self.stick_time.items():

@@ -293,7 +293,7 @@ class LoopReport(Result):
             rates = f"decay rate computed {-self.computed:.6g}, simulated {-checked.growth:.6g} 1/s"
             means = "that of the mean against that of the mean square, which grows at least as fast"
             told = means if self.error is None else f"relative error {self.error:.2g}"
-            yield f"  {rates} ({checked.runs} runs of {checked.seconds:.3g} s); {told}"
+            yield f"  {rates} ({counted(checked.runs, 'run')} of {checked.seconds:.3g} s); {told}"
         yield from (f"  {checked}" for checked in self.notes)
 
 

@@ -298,7 +298,7 @@ def _delays(commands: Commands, frame_ns: int) -> Iterator[tuple[str, str]]:
         ages = f"{age.mean():.3g} frames of {frame_ns * 1e-6:g} ms on average, {age.max()} at most"
         yield "age of a command", f"{ages}, from its measurement to its effect"
     yield "clamped or completed", str(np.count_nonzero(commands.status == _CLAMPED))
-    yield "safe values", f"{np.count_nonzero(~answers)} commands"
+    yield "safe values", f"{counted(int(np.count_nonzero(~answers)), 'command')}"
     ends = [f"{number(float(v.min()))} to {number(float(v.max()))}" for v in commands.values.T]
     yield "range of the commands", "; ".join(ends)
 

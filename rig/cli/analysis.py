@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -159,10 +160,12 @@ def cycle(
     most, loaded = seconds(longest, "--longest"), the_scene(scene, changes(p))
     printing.warnings(loaded)
     with printing.status() as show:
-        agree = "s simulated, successive periods agree to"
-        motion = limit_cycle(
-            loaded, longest=most, watch=lambda now, drift: show(f"{now:.3g} {agree} {drift:.0e} of a period")
-        )
+
+        def watch(now: float, drift: float) -> None:
+            agree = f", successive periods agree to {drift:.0e} of a period" if math.isfinite(drift) else ""
+            show(f"{now:.3g} s simulated{agree}")
+
+        motion = limit_cycle(loaded, longest=most, watch=watch)
     printing.result(motion, as_json)
     parts = ("controller", loaded.controllers), ("sensor", loaded.sensors)
     left = " and ".join(f"{what}{'s' * (len(names) > 1)} {', '.join(names)}" for what, names in parts if names)

@@ -13,7 +13,7 @@ from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paire
 from rig.cli.printing import named, reads, refuse, writable
 from rig.errors import UsageError
 from rig.machine.files import RUNS
-from rig.printable import printable
+from rig.printable import counted, printable
 from rig.units import number_or_text
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def recover(
     printing.either(
         as_json,
         {**vars(saved), "complete": saved.complete},
-        f"{saved.path}: {saved.messages} messages, {saved.seconds:.3f} s; the original: {saved.fault}",
+        f"{saved.path}: {counted(saved.messages, 'message')}, {saved.seconds:.3f} s; the original: {saved.fault}",
         *(f"  skipped {place}" for place in saved.skipped),
         f"  {saved.losses()}",
     )

@@ -26,6 +26,7 @@ from rig.cli.options import (
 )
 from rig.cli.printing import named, refuse, writable
 from rig.errors import UsageError
+from rig.printable import counted
 
 if TYPE_CHECKING:
     pass
@@ -127,7 +128,7 @@ def study(
     if not as_json:
         printing.line(f"\n{store.folder}/{', '.join(['study.csv', *(path.name for path in figures)])}")
         if result.recordings:
-            printing.line(f"{len(result.recordings)} recordings in {store.folder / 'runs'}")
+            printing.line(f"{counted(len(result.recordings), 'recording')} in {store.folder / 'runs'}")
         if to is not None:
             printing.line(str(to))
     printing.passed(not np.isnan(result.values).all())

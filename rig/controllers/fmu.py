@@ -88,6 +88,11 @@ def described(file: Binary) -> dict[str, Any]:
         raise PartError(f"is not usable: {error.strerror}") from None
     try:
         model = fmpy.read_model_description(io.BytesIO(file.content))
+    except (LookupError, AttributeError, TypeError):  # of the reader, whose words name nothing in the file
+        raise PartError(
+            "is not a usable FMU: its modelDescription.xml contradicts itself or lacks an entry, such as a variable to "
+            "which ModelStructure refers by its index; export it again, or check it with fmpy validate"
+        ) from None
     except Exception as error:  # of many kinds
         raise PartError(f"is not a usable FMU: {_brief(error)}") from None
     if model.fmiMajorVersion not in (2, 3):

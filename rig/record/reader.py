@@ -84,7 +84,7 @@ def open(path: Path | str) -> run.Run:
     scan = Scan(Path(path))
     gathered = scan.payloads(_KEPT)
     setup = recorded_setup.setup_of(scan)
-    absent = _absent(scan, gathered.keys(), setup)
+    lacking = absent(scan, gathered.keys(), setup)
     for model in setup.models:  # offered to whoever assembles the rig of this run
         model_store.offer(model)
     decode = Decoder(setup)
@@ -108,7 +108,7 @@ def open(path: Path | str) -> run.Run:
     stopped = summary.pop("fault", "")
     recovery = scan.metadata.get("recovered", {})
     lost = recovery.get("lost") or recovery["fault"] if "fault" in recovery else ""
-    damage = "; ".join(filter(None, (scan.fault, decode.refused_text(), absent)))
+    damage = "; ".join(filter(None, (scan.fault, decode.refused_text(), lacking)))
     return run.Run(
         scene=setup.scene,
         step_ns=setup.step_ns,
@@ -139,7 +139,7 @@ def open(path: Path | str) -> run.Run:
     )
 
 
-def _absent(scan: Scan, topics: Collection[str], setup: run_setup.Setup) -> str:
+def absent(scan: Scan, topics: Collection[str], setup: run_setup.Setup) -> str:
     """The channels that the run had and of which no message is in the file, in words; "" if there are none."""
     outputs = [f"truth/{name}" for name in setup.outputs]
     if scan.metadata.get("log", {}).get("made") != "saved" and not any(topic.startswith("truth/") for topic in topics):

@@ -29,6 +29,7 @@ from rig.bus.messages import WAITING
 from rig.errors import BusError, OutputError
 from rig.machine import process, scheduling
 from rig.machine.files import RUNS
+from rig.printable import counted
 from rig.record.windows import Trigger, Windows, path_of
 from rig.record.writer import Writer
 
@@ -153,8 +154,8 @@ class Recording:
             )
         untold = f", unknown how many of {', '.join(self.untold)} from before a restart" if self.untold else ""
         late = f", {sum(self.late.values())} sent before it began to listen" if self.late else ""
-        made = f"{self.windows}, {self.messages}" if self.windows else f"{self.path}: {self.messages}"
-        return f"{made} messages, {lost}{untold}{late}, {self.seconds:.3f} s ({self.ended})"
+        made = f"{self.windows}, " if self.windows else f"{self.path}: "
+        return f"{made}{counted(self.messages, 'message')}, {lost}{untold}{late}, {self.seconds:.3f} s ({self.ended})"
 
 
 def default_path(run: str, windows: bool = False) -> Path:

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 
 from rig.errors import LogError, OutputError, UsageError
 from rig.machine.files import draft_of, regular, unused
+from rig.printable import counted
 from rig.record import mcap_file, message_scan, reader, recorded_setup, writer
 
 
@@ -42,7 +43,9 @@ class Recovered:
         """Return the losses in words."""
         if self.lost is None:
             return "lost: an unknown number of messages where the file is cut off or damaged"
-        return f"lost: {self.lost} of {self.messages + self.lost} messages" if self.lost else "no message lost"
+        return (
+            f"lost: {self.lost} of {counted(self.messages + self.lost, 'message')}" if self.lost else "no message lost"
+        )
 
 
 def recover(source: Path, target: Path | None = None, replace: bool = False) -> Recovered:
@@ -56,12 +59,12 @@ def recover(source: Path, target: Path | None = None, replace: bool = False) -> 
         if target.samefile(source):
             raise UsageError(f"--out {target}: is the damaged file itself; name another one")
     scan = message_scan.Scan(source)
-    decode = _surveyed(scan)
+    decode, topics = _surveyed(scan)
+    lacking = reader.absent(scan, topics, recorded_setup.setup_of(scan))
     if scan.whole and not decode.refused:
-        state = "is whole" if scan.sealed else "has no digest (an older version recorded it) and shows no damage"
-        raise LogError(f"{source} {state}; there is nothing to recover")
+        raise LogError(f"{source} {_undamaged(scan, lacking)}; there is nothing to recover")
     lost = None if scan.missing is None else max(scan.missing, 0) + decode.refused.total()
-    damage = "; ".join(filter(None, (scan.fault, decode.refused_text())))
+    damage = "; ".join(filter(None, (scan.fault, decode.refused_text(), lacking)))
     recovered = Recovered(
         str(target),
         scan.count - decode.refused.total(),
@@ -87,14 +90,25 @@ def recover(source: Path, target: Path | None = None, replace: bool = False) -> 
     return recovered
 
 
-def _surveyed(scan: message_scan.Scan) -> reader.Decoder:
-    """Scan the whole of `scan`; return a decoder that has counted undecodable messages."""
+def _undamaged(scan: message_scan.Scan, lacking: str) -> str:
+    """What a file without damage is: whole, as rig verify means it, or without messages that its run had."""
+    if lacking:
+        return f"has no damage, but is not complete: {lacking}"
+    if lost := scan.metadata.get("recovered", {}).get("lost", ""):
+        return f"is a copy that rig recover wrote, and has no damage of its own ({lost})"
+    return "is whole" if scan.sealed else "has no digest (an older version recorded it) and shows no damage"
+
+
+def _surveyed(scan: message_scan.Scan) -> tuple[reader.Decoder, set[str]]:
+    """Scan the whole of `scan`; return a decoder that has counted undecodable messages, and the topics in the file."""
     for _ in scan:
         pass
     decode = reader.Decoder(recorded_setup.setup_of(scan))
+    topics = set()
     for record in scan:
+        topics.add(record.topic)
         decode(record.topic, record.payload)
-    return decode
+    return decode, topics
 
 
 def _copy(recovered: Recovered, scan: message_scan.Scan, file: BinaryIO) -> None:

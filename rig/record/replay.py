@@ -35,6 +35,7 @@ from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.controllers.runtime.skipped import KIND, SkippedSteps
 from rig.errors import BusError, LogError
 from rig.machine.scheduling import ANY
+from rig.printable import counted
 from rig.record import curves, reader, recorded_setup
 from rig.record.message_scan import Record, Scan
 from rig.record.run import Commands, Integers, Run
@@ -287,12 +288,13 @@ class Replayed:
 
     def text(self) -> str:
         """The result as text."""
-        lines = [f"{self.messages} messages, {self.steps} steps, {self.seconds:.3f} s of simulated time"]
+        messages, steps = counted(self.messages, "message"), counted(self.steps, "step")
+        lines = [f"{messages}, {steps}, {self.seconds:.3f} s of simulated time"]
         if self.timing is not None:
             lines.append(f"timing error of the steps: {self.timing}")
         for name, count in self.compared.items():
             lines.append(
-                f"{name}: {count} commands compared"
+                f"{name}: {counted(count, 'command')} compared"
                 if count
                 else f"{name}: the recording has no command of {name}, so nothing was compared"
             )

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 
 from rig.machine.files import recording_name
+from rig.printable import counted
 from rig.record.film_points import grouped
 from rig.record.run_data import Commands, Integers, Reals, RunData, Samples, period
 from rig.results import Result
@@ -44,12 +45,12 @@ def _lines(run: RunData) -> Iterator[str]:
     else:
         yield _line("run", f"{_scene(run)}, {length:g} s, step {run.step_ns / 1e6:g} ms")
         yield _line("timing", _timing(run))
-        yield _line("outputs", f"{run.time.size} rows{_rate(np.rint(run.time * 1e9).astype(np.int64))}")
+        yield _line("outputs", f"{counted(run.time.size, 'row')}{_rate(np.rint(run.time * 1e9).astype(np.int64))}")
         yield from _some(_outputs(run), len(grouped(run.signals)))
     if run.measurements:
         yield _line("sensors", str(len(run.measurements)))
         yield from _some(_sensors(run), len(run.measurements))
-    commands = (f"{name}: {sent.tick.size} commands" for name, sent in run.commands.items())
+    commands = (f"{name}: {counted(sent.tick.size, 'command')}" for name, sent in run.commands.items())
     yield _line("controllers", ", ".join(commands) or "none")
     kinds = Counter(event["kind"] for event in run.events)
     yield _line("events", ", ".join(f"{kind} {number}" for kind, number in kinds.items()) or "none")
@@ -94,7 +95,8 @@ def _outputs(run: RunData) -> Iterator[str]:
 
 def _sensors(run: RunData) -> Iterator[str]:
     for name, (t_ns, v) in run.measurements.items():
-        yield f"  {name:<{_NAME}} {_range([v])} {run.units.get(f'meas/{name}', '')}, {v.size} rows{_rate(t_ns)}"
+        unit, rows = run.units.get(f"meas/{name}", ""), counted(v.size, "row")
+        yield f"  {name:<{_NAME}} {_range([v])} {unit}, {rows}{_rate(t_ns)}"
 
 
 def _range(values: list[Reals]) -> str:

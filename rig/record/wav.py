@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.errors import UsageError
+from rig.printable import counted
 from rig.record.run_data import Reals
 
 _HEADROOM = 0.9
@@ -24,7 +25,7 @@ def write(v: Reals, rate: float, path: Path) -> float:
     """
     if v.size > _MOST:
         raise UsageError(
-            f"{path.name}: {v.size} samples; a WAV file has at most {_MOST} of 24 bit: choose a lower --rate"
+            f"{path.name}: {counted(v.size, 'sample')}; a WAV file has at most {_MOST} of 24 bit: choose a lower --rate"
         )
     peak = max(
         (float(np.nanmax(np.abs(part), where=np.isfinite(part), initial=0.0)) for part in _parts(v)), default=0.0

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.model.system import System
+from rig.printable import counted
 from rig.record.run import Integers, Reals, Run
 from rig.view import contact
 from rig.view.channels import Channels
@@ -52,7 +53,12 @@ def _rows(run: Run, modes: Integers) -> list[tuple[str, str]]:
     summary = run.summary
     plant = summary.get("plant", {}) if isinstance(summary.get("plant"), dict) else {}
     steps = f"{run.step_ns / 1e6:g} ms"
-    rows = [("integration", f"{plant.get('method', 'unknown')}, {steps} samples, {plant.get('events', 0)} events")]
+    rows = [
+        (
+            "integration",
+            f"{plant.get('method', 'unknown')}, {steps} samples, {counted(plant.get('events', 0), 'event')}",
+        )
+    ]
     if modes.size:
         mean = f", mean of {len(modes)} contacts" if len(modes) > 1 else ""
         rows.append(("stick share", f"{(modes == 0).mean():.1%} of {end_of(run):g} s{mean}"))

@@ -38,6 +38,7 @@ from rig.errors import BusError
 from rig.machine.process import stopping
 from rig.machine.scheduling import stand_back
 from rig.parts import trust_scene
+from rig.printable import counted
 from rig.structure import model_store
 from rig.view import viewer
 from rig.view.base import Columns
@@ -327,7 +328,7 @@ class Viewing:
     def __str__(self) -> str:
         missing = sum(self.lost.values()) + self.dropped
         refused = f", {self.refused} refused" if self.refused else ""
-        return f"{self.ended}; {self.messages} messages shown, {missing or 'none'} dropped{refused}"
+        return f"{self.ended}; {counted(self.messages, 'message')} shown, {missing or 'none'} dropped{refused}"
 
 
 def view(

@@ -22,6 +22,7 @@ from rig.analysis.recorded.comparison import flattened
 from rig.errors import UsageError
 from rig.lessons import FOLDER, lesson, lessons, readable
 from rig.machine.files import DATA, contents
+from rig.printable import counted
 from rig.record.contents import SUFFIX
 from rig.record.run_list import runs
 from rig.scenes.scene import Scene
@@ -293,7 +294,10 @@ def _about(folder: Path) -> str:
         job = json.loads(contents(folder / "job.json", DATA))
         shown = [Axis(axis["key"], axis["unit"], tuple(axis["values"]), axis["shown"]) for axis in job["axes"] if axis]
         ends = [(axis, *axis.shown_values[[0, -1]]) for axis in shown]
-        over = [f"{a.key} from {low:.4g} to {high:.4g} {a.shown}, {len(a.values)} values" for a, low, high in ends]
+        over = [
+            f"{a.key} from {low:.4g} to {high:.4g} {a.shown}, {counted(len(a.values), 'value')}"
+            for a, low, high in ends
+        ]
         how = "stable and unstable regions, " if job["settings"].get("eigenvalues") else ""
         return f"{job['scene']['title']}: {how}{'; '.join(over)}"
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, ZeroDivisionError, RecursionError):

@@ -160,3 +160,21 @@ def test_a_scheduler_that_is_killed_is_told_and_the_same_call_continues(processe
     processes.worker()
     assert squares(done(work, tmp_path, processes.address)) == {unit: unit**2 for unit in range(24)}
     assert {unit: counts(tmp_path)[unit] for unit in saved} == saved
+
+
+class _Client:
+    """A dask client whose workers answer with their sources, or with what ended them."""
+
+    def __init__(self, **answers):
+        self.answers = answers
+
+    def run(self, function, on_error):
+        return self.answers
+
+
+def test_a_worker_that_is_lost_before_it_tells_its_sources_is_no_other_version():
+    mine, lost = cluster.sources(), OSError("in <TCP>: stream is closed")
+    cluster.compare_sources(_Client(first=mine, second=lost, third=TimeoutError()), "tcp://here:1")
+    for wrong, told in ((ImportError("no rig"), "cannot load this version"), ("0.1 abc", "second: 0.1 abc")):
+        with pytest.raises(UsageError, match=told):
+            cluster.compare_sources(_Client(first=mine, second=wrong, third=lost), "tcp://here:1")

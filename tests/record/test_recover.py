@@ -1,5 +1,7 @@
 """Recovery of damaged recordings: what rig recover writes and tells, and what it leaves alone."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -106,6 +108,22 @@ def test_a_recording_of_an_older_version_has_no_digest_and_is_not_called_whole(l
     assert not reader.open(old).damage
     with pytest.raises(LogError, match=r"has no digest \(.*nothing to recover"):
         recover(old)
+
+
+def test_a_file_without_the_messages_of_an_output_is_not_called_whole(tmp_path):
+    path, log = tmp_path / "run.mcap", Writer(tmp_path / "run.mcap", SETUP, "recorded")
+    for k in range(200):
+        log.write("meas/s", encode.block(k, k * 1_000_000, 1_000_000, [1.0]), k * 1_000_000, k, 0)
+    log.close({}, {})
+    assert reader.open(path).damage == "no message of state is in it; the other channels can be read"
+    with pytest.raises(LogError, match=r"is not complete: no message of state is in it.*nothing to recover"):
+        recover(path)
+
+
+def test_a_recovered_copy_is_called_one(cut):
+    copy = recover(cut).path
+    with pytest.raises(LogError, match=r"is a copy that rig recover wrote, .*\((no message )?lost"):
+        recover(Path(copy))
 
 
 @pytest.fixture

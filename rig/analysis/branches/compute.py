@@ -48,6 +48,7 @@ from rig.model.friction_law import coulomb
 from rig.model.method import ADAPTIVE, chosen
 from rig.model.singular import assembled
 from rig.model.system import System
+from rig.printable import counted
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 from rig.solve.records import CLOSED, SLIP_MINUS, SLIP_PLUS
@@ -384,9 +385,8 @@ class _Computation:
     def _progress(self, made: Sequence[Branch], point: Point) -> str:
         count = sum(len(b.points) for b in (*self.branches, *made))
         how = "stable" if point.stable else "unstable"
-        return (
-            f"branch {len(self.branches) + len(made) + 1}: {self.axis.text(point.value)}, {how}; {count} points before"
-        )
+        number = len(self.branches) + len(made) + 1
+        return f"branch {number}: {self.axis.text(point.value)}, {how}; {counted(count, 'point')} before"
 
     def _save(self, made: Sequence[Branch], last: Place | None, done: bool, notes: Sequence[str]) -> None:
         raw: dict[str, Any] = {

@@ -25,7 +25,7 @@ from rig.analysis.cycle import Rest, stuck
 from rig.analysis.orbit import repeating
 from rig.analysis.return_map import Family, Flow
 from rig.errors import UsageError
-from rig.printable import columns
+from rig.printable import columns, counted
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, steady
 from rig.units import si
@@ -408,5 +408,7 @@ class Threshold:
         if share is not None:
             how = "by simulation" if share.simulated else "by the threshold"
             interval = f"{100.0 * share.low:.4g} to {100.0 * share.high:.4g} % with 90 %"
-            lines.append(f"{100.0 * share.slides:.4g} % of {share.count} starts come to slide ({interval}; {how})")
+            lines.append(
+                f"{100.0 * share.slides:.4g} % of {counted(share.count, 'start')} come to slide ({interval}; {how})"
+            )
         return "\n".join(lines)

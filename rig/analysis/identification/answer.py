@@ -376,7 +376,7 @@ def _prediction(run: RunFit) -> Iterator[str]:
     if run.response is None:
         yield f"{run.name} (not fitted): no prediction: {run.why}"
         return
-    yield f"{run.name} (not fitted), {run.cycles} cycles"
+    yield f"{run.name} (not fitted), {counted(run.cycles, 'cycle')}"
     rows: list[tuple[str, ...]] = [("", "measured", "predicted", "95 % from", "to", "")]
     for i, (name, inside) in enumerate((name, run.inside[name]) for name in MEASURES[:4]):
         m, e, b = (float(v[i]) for v in (run.measures, run.model, run.band))

@@ -24,6 +24,7 @@ import numpy as np
 from rig.analysis.identification.responses import Response
 from rig.analysis.identification.runs import MOTIONS, Measured
 from rig.errors import UsageError
+from rig.printable import counted
 from rig.record.run import Reals
 from rig.record.run_data import bridge
 
@@ -171,7 +172,9 @@ class CycleRun:
         sigma = noise_of(v)
         n = window(sigma, column.rate, 0.0 if math.isnan(slope) else slope, motion)
         if n >= v.size:
-            raise UsageError(f"{run.name}: {column.name} has {v.size} samples; record at least {LEAST} cycles")
+            raise UsageError(
+                f"{run.name}: {column.name} has {counted(v.size, 'sample')}; record at least {LEAST} cycles"
+            )
         detected = slips(v, column.rate, column.start, slope, column.unit.endswith("/s"), n)
         if detected is None:
             raise UsageError(

@@ -29,6 +29,7 @@ from rig.analysis.identification.runs import LARGEST, TRANSIENT, Column, Measure
 from rig.analysis.modes import at_rest
 from rig.bench.run.simulate import simulate
 from rig.errors import Singular, UsageError
+from rig.printable import counted
 from rig.record.run import Reals
 from rig.scenes.protocol import Hold, duration_ns
 from rig.scenes.scene import Scene
@@ -241,7 +242,9 @@ def _growth(run: Measured, column: Column) -> tuple[Reals, Reals]:
     known = np.isfinite(column.v)
     t, x = column.t[known][_SKIP:], column.v[known][_SKIP:]
     if x.size < 20:
-        raise UsageError(f"{run.name}: {column.name} has {x.size} samples; a growth or decay needs at least 20")
+        raise UsageError(
+            f"{run.name}: {column.name} has {counted(x.size, 'sample')}; a growth or decay needs at least 20"
+        )
     s, w, errors = vibration(t, x)
     return np.array([s, w]), errors
 

@@ -16,6 +16,7 @@ import numpy as np
 from rig.analysis.identification.answer import Identified, Parameter
 from rig.errors import UsageError
 from rig.machine.files import write_file
+from rig.printable import counted
 from rig.scenes.scene import Scene
 from rig.scenes.source import FORMAT
 
@@ -45,7 +46,7 @@ def scene_text(identified: Identified, based_on: str) -> str:
     today = datetime.now(UTC).date().isoformat()
     scene, runs = identified.task.scene, len(identified.best.runs)
     lines = [
-        f"# Parameters that rig identify found in {identified.task.where} on {today}: {runs} runs.",
+        f"# Parameters that rig identify found in {identified.task.where} on {today}: {counted(runs, 'run')}.",
         "# Keys that it could not identify keep the values of the scene that this one is based on.",
         f"format = {FORMAT}",
         f"based_on = {json.dumps(based_on)}",
@@ -60,7 +61,7 @@ def scene_text(identified: Identified, based_on: str) -> str:
         tables.setdefault(table, []).append(needed)
     for p in identified.told:
         table, _, field = p.key.rpartition(".")
-        note = f"{Path(identified.task.where).name}, {today}, {runs} runs, 90 % {p.low:.6g} to {p.high:.6g}"
+        note = f"{Path(identified.task.where).name}, {today}, {counted(runs, 'run')}, 90 % {p.low:.6g} to {p.high:.6g}"
         tables.setdefault(table, []).append(_line(field, f"{p.value:.9g}", p.unit, "identified", note))
     for table, rows in tables.items():
         lines += ["", f"[{table}]", *rows]

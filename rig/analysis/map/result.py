@@ -116,10 +116,10 @@ class Map(Result):
         """Return the report as text."""
         job, x = self.job, self.job.x
         settings = job.settings
-        span = f"{x.key} from {x.text(x.values[0])} to {x.text(x.values[-1])}, {len(x.values)} values"
+        span = f"{x.key} from {x.text(x.values[0])} to {x.text(x.values[-1])}, {counted(len(x.values), 'value')}"
         if job.y is not None:
             y = job.y
-            span += f"; {y.key} from {y.text(y.values[0])} to {y.text(y.values[-1])}, {len(y.values)} values"
+            span += f"; {y.key} from {y.text(y.values[0])} to {y.text(y.values[-1])}, {counted(len(y.values), 'value')}"
         lines = [f"{job.scene.name}: {span}", f"  runs: {', '.join(settings.runs)}; output {settings.output}", ""]
         counts = np.bincount(self.regions.ravel(), minlength=len(REGIONS))
         lines += columns(

@@ -159,17 +159,19 @@ def joined(work: Work, store: Store, where: str) -> Iterator[Cluster]:
             f"dask scheduler --host {LOOPBACK}"
         ) from None
     try:
-        _compare(client, where)
+        compare_sources(client, where)
         yield Cluster(work, store, where, client)
     finally:
         with suppress(Exception):
             client.close(timeout=ANSWER)
 
 
-def _compare(client: Any, where: str) -> None:
-    """Raise UsageError if a worker has other sources, or none."""
+def compare_sources(client: Any, where: str) -> None:
+    """Raise UsageError if a worker has other sources, or none; one that is lost before it answers is no such worker."""
     mine, wrong = sources(), []
     for address, theirs in client.run(sources, on_error="return").items():
+        if isinstance(theirs, OSError | TimeoutError):  # its connection has ended: dask starts another, or has others
+            continue
         if isinstance(theirs, BaseException):
             why = " ".join(str(theirs).split())[:120]
             wrong.append(f"\n  {address}: cannot load this version of friction-rig ({why})")

@@ -21,7 +21,7 @@ from rig.analysis.recorded.amplitude import growth, index
 from rig.analysis.stick_speeds import stuck
 from rig.errors import RigError, UsageError
 from rig.parts import is_binary
-from rig.printable import columns
+from rig.printable import columns, counted
 from rig.record.compare import Comparison, Difference, Series, series_of
 from rig.record.compare import compare as compare_signals
 from rig.record.run import Run
@@ -124,12 +124,12 @@ class Compared(Result):
     def _lines(self) -> Iterator[str]:
         signals = self.signals
         if signals.identical:
-            yield f"identical: {signals.compared} numbers, bit by bit"
+            yield f"identical: {counted(signals.compared, 'number')}, bit by bit"
         elif self.agree:
             how = "bit by bit" if signals.agree else f"to {self.tolerance:g} of the range of each channel"
-            yield f"agree at all common instants: {signals.compared} numbers, {how}"
+            yield f"agree at all common instants: {counted(signals.compared, 'number')}, {how}"
         else:
-            yield f"differ; {signals.compared} numbers compared at common instants"
+            yield f"differ; {counted(signals.compared, 'number')} compared at common instants"
         yield from self.notes
         if self.values:
             yield "scene"

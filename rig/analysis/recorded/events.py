@@ -209,15 +209,15 @@ def events(
     others = {other.name: other for other in (series(run, beside, first, last) for beside in named)}
     if channel.v.size < 8 * 16:
         raise UsageError(
-            f"{channel.name}: {channel.v.size} samples at {channel.rate:g} Hz are too few for eight windows of 16 "
-            "samples each; give a longer time span, or a channel with a higher rate"
+            f"{channel.name}: {counted(channel.v.size, 'sample')} at {channel.rate:g} Hz are too few for eight windows "
+            "of 16 samples each; give a longer time span, or a channel with a higher rate"
         )
     v = channel.v - np.nanmean(channel.v)
     strongest = _strongest(v, channel.rate)
     length = round((window or max(_WINDOW, min(_PERIODS / strongest, v.size / channel.rate / 12.0))) * channel.rate)
     if length < 16 or v.size < 8 * length:
         raise UsageError(
-            f"{channel.name}: {v.size} samples at {channel.rate:g} Hz are too few for windows of "
+            f"{channel.name}: {counted(v.size, 'sample')} at {channel.rate:g} Hz are too few for windows of "
             f"{length / channel.rate:.3g} s, of which eight are needed with 16 samples each; give another --window, a "
             "longer time span, or a channel with a higher rate"
         )

@@ -230,7 +230,7 @@ def _points(axes: Axes, portrait: Portrait, section: Section) -> None:
     if section.name == portrait.x_name:
         name, unit, values, whole = portrait.y_name, portrait.y_unit, section.y, portrait.y
     axes.plot(section.t, values, "o", ms=3, color=ALARM)
-    title = f"{section.t.size} points"
+    title = f"{counted(section.t.size, 'point')}"
     if section.returns:
         title += f", repeat after {section.returns}: period {section.period:.6g} s"
     axes.set(title=f"Poincare section, {title}", xlabel="time [s]", ylabel=f"{plain(name)} [{unit}]")

@@ -72,7 +72,7 @@ class Portrait(Result):
         """Return the report as text."""
         lines = [
             f"{self.scene}: {self.y_name} [{self.y_unit}] over {self.x_name} [{self.x_unit}], {self.t[0]:.5g} to "
-            f"{self.t[-1]:.5g} s, {self.t.size} samples",
+            f"{self.t[-1]:.5g} s, {counted(self.t.size, 'sample')}",
             *(f"  {gap}" for gap in self.gaps),
             *(
                 f"  {name}: {np.nanmin(v):.6g} to {np.nanmax(v):.6g} {unit}"

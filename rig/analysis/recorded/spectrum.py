@@ -330,8 +330,8 @@ def length(signal: Series, window: float | None) -> int:
     """Return the samples of a window of `window` [s], or of the default window. Raises UsageError."""
     if signal.v.size < FEWEST:
         raise UsageError(
-            f"{signal.name}: {signal.v.size} samples at {signal.rate:g} Hz; a spectrum needs at least {FEWEST}. Take a "
-            "longer range of time or a faster channel"
+            f"{signal.name}: {counted(signal.v.size, 'sample')} at {signal.rate:g} Hz; a spectrum needs at least "
+            f"{FEWEST}. Take a longer range of time or a faster channel"
         )
     if window is None:
         return max(signal.v.size // _OF_DENSITY, FEWEST)
@@ -425,7 +425,7 @@ def _stretch(signal: Series, v: Reals, t: Reals, speed: Reals) -> tuple[int, int
     if lengths[best] < FEWEST + 2 * _EDGE:
         raise UsageError(
             f"orders: the longest stretch in which {signal.name} has no gap and the speed is at least a tenth of its "
-            f"largest has {lengths[best]} samples; at least {FEWEST + 2 * _EDGE} are needed"
+            f"largest has {counted(lengths[best], 'sample')}; at least {FEWEST + 2 * _EDGE} are needed"
         )
     return int(cuts[best]), int(cuts[best + 1])
 

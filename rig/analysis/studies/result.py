@@ -27,7 +27,7 @@ from rig.analysis.studies.runs import REPEAT, SAMPLE, StudyRuns
 from rig.errors import OutputError, UsageError
 from rig.extras import needed
 from rig.machine.files import csv_table, write_file
-from rig.printable import columns
+from rig.printable import columns, counted
 from rig.results import Result
 from rig.view.palette import page, put
 
@@ -130,7 +130,7 @@ def search_figure(result: SearchResult) -> Figure:
 
 @contextmanager
 def _page(result: StudyResult, width: float, height: float, what: str) -> Iterator[Figure]:
-    title = f"{result.work.scene.title}: {what}, {len(result.values)} points"
+    title = f"{result.work.scene.title}: {what}, {counted(len(result.values), 'point')}"
     with page(width, height, title, layout="constrained") as figure:
         yield figure
 
@@ -345,10 +345,11 @@ class StudyResult(Result):
     def _lines(self) -> Iterator[str]:
         plan = self.work.plan
         over = ", ".join(
-            f"{factor.key} {factor.distribution or f'{len(factor.axis.values)} values'}" for factor in plan.factors
+            f"{factor.key} {factor.distribution or counted(len(factor.axis.values), 'value')}"
+            for factor in plan.factors
         )
         sizes = " x ".join(map(str, plan.dimensions.values()))
-        yield f"{self.work.scene.name}: {len(self.values)} points ({sizes}) over {over or 'seeds'}"
+        yield f"{self.work.scene.name}: {counted(len(self.values), 'point')} ({sizes}) over {over or 'seeds'}"
         yield from (f"  {line}" for line in self.work.belief)
         if len(self.values) <= _FEW:
             yield from ["", *self._table()]

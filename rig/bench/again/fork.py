@@ -33,6 +33,7 @@ from rig.bench.run.simulate import Recorded, Stop, begun, simulate
 from rig.controllers.blocks.base import Controller, retune, tunable
 from rig.controllers.runtime.skipped import KIND, SkippedSteps
 from rig.errors import LogError, RigError, UsageError
+from rig.printable import counted
 from rig.record import reader
 from rig.record.provenance import provenance
 from rig.record.run import Run
@@ -265,5 +266,5 @@ def _repeats(log: Path, run: Run, repeated: Run, scene: Scene, until: float) -> 
         counts = [int(np.searchsorted(times, until * 1e9 - 0.5)) for times in (t_ns, repeated.measurements[name].t_ns)]
         if missing := counts[1] - counts[0]:
             which = "missing" if missing > 0 else "there more than once"
-            raise LogError(f"{log}: {abs(missing)} samples of {name} before {until:g} s are {which}, so it is not "
-                           f"certain that they repeat; {remedy}")  # fmt: skip
+            raise LogError(f"{log}: {counted(abs(missing), 'sample')} of {name} before {until:g} s are {which}, so it "
+                           f"is not certain that they repeat; {remedy}")  # fmt: skip

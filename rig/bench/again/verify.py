@@ -253,11 +253,11 @@ class Verification:
         rounded = "bit by bit" if self.identical or self.opened else "except for rounding errors"
         agreement = f"to {self.deviation:.1e} of their range" if self.deviation else rounded
         events = f", and {counted(self.events, 'event')}" if self.events else ""
-        lines = [f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {agreement}{events}"]
+        lines = [f"  {self.seconds:g} s simulated again, {counted(self.compared, 'number')} agree {agreement}{events}"]
         if self.opened is not None:
             lines = [
                 f"  {self.seconds:g} s simulated again; a contact point opens first at t = {self.opened:.6g} s",
-                f"  before: {self.compared} numbers agree {agreement} ({BEFORE:g} is allowed)",
+                f"  before: {counted(self.compared, 'number')} agree {agreement} ({BEFORE:g} is allowed)",
                 "  from there on the motion is chaotic: statistics, recorded and here (what is allowed)",
                 *(f"    {statistic}" for statistic in self.statistics),
             ]
@@ -395,7 +395,9 @@ def _gaps(run: Run, again: Run) -> Iterator[str]:
     for way, count in (lost if isinstance(lost, dict) else {}).items():
         if way.startswith("applied/") and way.endswith(" to recorder"):
             name = way.removeprefix("applied/").removesuffix(" to recorder")
-            yield f"{count} messages of the commands of {name} were lost on their way: the run cannot be repeated"
+            were = "was" if count == 1 else "were"
+            messages = counted(count, "message")
+            yield f"{messages} of the commands of {name} {were} lost on the way: the run cannot be repeated"
     for name in run.commands.keys() - again.commands.keys():
         yield f"the commands of {name} are recorded, but not that it was admitted: the run cannot be repeated"
     for name, (t_ns, _) in run.measurements.items():
@@ -409,7 +411,7 @@ def _gaps(run: Run, again: Run) -> Iterator[str]:
             yield f"{counted(missing, 'sample')} of {name} {_are(missing)} missing"
         elif missing:
             ended = again.summary["ended"]
-            yield f"{-missing} samples of {name} are more than the re-simulation has, which ended: {ended}"
+            yield f"{counted(-missing, 'sample')} of {name} are more than the re-simulation has, which ended: {ended}"
     t_ns, history_ns = np.rint(run.time * 1e9).astype(np.int64), history_end(run)
     old = t_ns <= history_ns  # outputs of a history may be farther apart than those that were simulated after it
     rows = _missing_rows(t_ns[old]) + _missing_rows(t_ns[~old], history_ns if old.any() else None)

@@ -33,6 +33,7 @@ from rig.bus.port import Publisher, Session
 from rig.bus.run_setup import Setup
 from rig.bus.topics import BLOCK_NS, STATE_NS, Count, Presence, Refused
 from rig.errors import UsageError
+from rig.printable import counted
 from rig.scenes.sections import sensors_in_full
 from rig.sensors.chain.bank import Bank
 from rig.sensors.chain.instants import Instants
@@ -234,7 +235,9 @@ class CommandInbox:
             before, owed = self._counted.get(topic, (0, 0))
             new = sent - before
             if new > owed + 4 * steps + _TOO_MANY:
-                lines.append(f"controller {topic[4:]} sent {new} commands for {owed + steps} steps")
+                lines.append(
+                    f"controller {topic[4:]} sent {counted(new, 'command')} for {counted(owed + steps, 'step')}"
+                )
             due = ticks // queue.period if queue is not None else 0
             self._counted[topic] = (sent, max(owed + due - new, 0))
         return lines

@@ -90,7 +90,7 @@ def summary(outcome: Mapping[str, Any], log: str = "", following: Iterable[str] 
 def parts(outcome: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
     """The summary of a run without its audit: label and lines of each part; a part without lines says nothing."""
     refused = sorted(outcome.get("refused", {}).items(), key=lambda sender: -sender[1])
-    others = [f"{sum(count for _, count in refused[REFUSED:])} others"] if refused[REFUSED:] else []
+    others = [f"{counted(sum(count for _, count in refused[REFUSED:]), 'other')}"] if refused[REFUSED:] else []
     lost = [f"{count} of {topic}" for topic, count in outcome["lost"].items()]
     late_share, machine = outcome["timing"].get("late_share", 0.0), outcome.get("machine", {})
     return [
@@ -124,7 +124,7 @@ def _table(labelled: Iterable[tuple[str, Iterable[str]]]) -> str:
 
 def _timing(outcome: Mapping[str, Any]) -> list[str]:
     wall = f" in {outcome['wall_seconds']:.3g} s" if outcome["wall_seconds"] else ""  # unknown of a plant that died
-    frames = f"{outcome['ticks']} frames, {outcome['seconds']:g} s simulated{wall}"
+    frames = f"{counted(outcome['ticks'], 'frame')}, {outcome['seconds']:g} s simulated{wall}"
     lines = [
         f"{outcome['verdict']}: {'; '.join(outcome['reasons'])}",
         f"{frames} ({outcome['mode']}); ended: {outcome['ended']}",
@@ -155,12 +155,12 @@ def _loop(outcome: Mapping[str, Any]) -> list[str]:
                      f"{trip['max'] / 1e3:.2f} ms (p50, p99, worst)")  # fmt: skip
     for name, counts in outcome["loop"].items():
         if name == "refused":
-            lines += [f"{sender}: {count} commands refused" for sender, count in counts.items()]
+            lines += [f"{sender}: {counted(count, 'command')} refused" for sender, count in counts.items()]
         else:
             others = (
                 (what.replace("_", " "), n) for what, n in counts.items() if n and what not in ("taken", "oldest")
             )
-            words = [f"{counts['taken']} commands", *(f"{n} {what}" for what, n in others)]
+            words = [f"{counted(counts['taken'], 'command')}", *(f"{n} {what}" for what, n in others)]
             words += [f"oldest {counted(counts['oldest'], 'frame')}"] if counts["oldest"] else []
             lines.append(f"{name}: {', '.join(words)}")
     for name, counts in outcome.get("controllers", {}).items():

@@ -61,10 +61,7 @@ def junit(cells: Sequence[Cell], path: Path) -> None:
 COLOURS = {"green": "#bfe0cb", "amber": "#f6dfae", "red": "#e59c90"}
 SPEED = "real time"
 """Heading of the column with the real-time factors of the default, which are no test results and have no colour."""
-NOTE = (
-    "Steps are side by side, the coarsest first. Blank: not run (it is the default, or not in the quick matrix). "
-    f"{SPEED.capitalize()}: real-time factor of the default."
-)
+NOTE = "Steps are side by side, the coarsest first. Blank: not run. Real time: real-time factor of the default."
 _STYLE: dict[str, Any] = {"font.size": 8.5, "axes.titlelocation": "left"}
 _ROW, _COLUMN, _NAMES, _ABOVE, _BELOW, _LEAST = 0.19, 0.76, 2.35, 1.05, 0.45, 6.5  # inches
 Rows = list[tuple[str, str]]

@@ -190,4 +190,4 @@ def _tie(outcome: Found, reference: Found, at: int) -> bool:
 def _on_time(outcome: Found, step: float) -> Iterator[CellResult]:
     """Faults of pace."""
     if outcome.burst * step > PAUSE * 1e-9:
-        yield red("overrun", f"{outcome.burst} frames in one burst after a pause")
+        yield red("overrun", f"{counted(outcome.burst, 'frame')} in one burst after a pause")

@@ -187,7 +187,7 @@ class Trial:
                 clock.time += length_ns
             self.found.burst += not pacer.waited and frame > 0
             self._carry((self.motion.tick + 1) * self._step)
-        self.found.notes.append(f"{pacer.frames_given_up} frames given up, {self.found.burst} caught up")
+        self.found.notes.append(f"{counted(pacer.frames_given_up, 'frame')} given up, {self.found.burst} caught up")
 
     def _carry(self, until_ns: int) -> None:
         motion, until = self.motion, until_ns // self._step

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rig.bus import encode, run_setup
 from rig.errors import OutputError, UsageError
+from rig.printable import counted
 from rig.quantities import Condition, finite
 from rig.record.imports.channel_map import Channel, ChannelMap, proposed
 from rig.record.imports.measurement_file import MeasurementFile, opened
@@ -100,7 +101,7 @@ class TimeBase:
             self.samples - 1 - self.gaps,
         )  # times may be rounded: the mean
         rate = f", {count / whole:.6g} Hz" if count > 0 and whole > 0.0 else ""
-        told = f"{self.file}: {self.samples} samples{rate}, t = {self.begin:g} to {self.last:g} s"
+        told = f"{self.file}: {counted(self.samples, 'sample')}{rate}, t = {self.begin:g} to {self.last:g} s"
         told += f"; moved by {self.shift:.9g} s" if self.shift else ""
         if self.gaps:
             told += f"; {self.gaps} gap{'s' * (self.gaps > 1)}, the longest {self.longest:.6g} s"
@@ -155,7 +156,7 @@ class Listed:
         """A line for each column, the time bases, and the proposal as TOML."""
         width = max(len(row[1]) for row in self.rows)
         lines = [
-            f"{file}: {name:<{width}}  {low:.6g} .. {high:.6g} {unit or '(no unit stated)'}, {count} values"
+            f"{file}: {name:<{width}}  {low:.6g} .. {high:.6g} {unit or '(no unit stated)'}, {counted(count, 'value')}"
             + f" at {rate:.6g} Hz" * (rate > 0.0)
             for file, name, unit, low, high, count, rate in self.rows
         ]

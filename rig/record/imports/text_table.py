@@ -21,6 +21,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from rig.errors import UsageError
+from rig.printable import counted
 from rig.record.run_data import Reals
 from rig.units import si_unit
 
@@ -91,8 +92,8 @@ class TextTable:
                 break
         if not form.rows:
             raise UsageError(
-                f"{path}: there is no table of numbers in its first {len(lines)} lines; expected rows of numbers "
-                f"with one separator of {', '.join(map(repr, _SEPARATORS))}"
+                f"{path}: there is no table of numbers in its first {counted(len(lines), 'line')}; expected rows of "
+                f"numbers with one separator of {', '.join(map(repr, _SEPARATORS))}"
             )
         stamps = [text for text in form.split(lines[form.skip]) if _TIME.fullmatch(text)]
         iso = all(map(_ISO.fullmatch, stamps))
@@ -199,7 +200,7 @@ class TextTable:
                 and all(map(number.fullmatch, other))
             ]
             hint = f"; with {others[0]!r} in place of {self.separator!r} it would be right" if others else ""
-            yield f"{len(cells)} values, the other rows have {len(names)}{ended}{hint}"
+            yield f"{counted(len(cells), 'value')}, the other rows have {len(names)}{ended}{hint}"
             return
         for name, cell, stamped in zip(names, cells, self.stamped, strict=True):
             right = _TIME if stamped else _NUMBER[self.decimal]
