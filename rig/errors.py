@@ -24,6 +24,7 @@ A user's mistake never ends in a traceback: the commands print `str(error)` and 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from enum import IntEnum
 from typing import Any, TypeVar
@@ -51,6 +52,19 @@ class ExitCode(IntEnum):
     TIMING = 3
     STOPPED = 4
     INTERRUPTED = 130
+
+
+_ADDRESS = re.compile(r"\s*For further information visit https://errors\.pydantic\.dev/\S*")
+
+
+def kind_and_text(error: BaseException) -> str:
+    """Return kind and text of any exception in one line, without the addresses that pydantic adds."""
+    kind = type(error).__name__
+    try:
+        text = " ".join(_ADDRESS.sub("", str(error)).split())
+    except Exception:  # of a class of the user, whose text cannot be made
+        return kind
+    return f"{kind}: {text}" if text else kind
 
 
 class RigError(Exception):

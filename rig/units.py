@@ -265,9 +265,17 @@ def number_or_text(text: str) -> float | str:
 
 
 def brief(value: Any) -> str:
-    """`repr` of a value, shortened to 60 characters."""
-    text = repr(value)
+    """`repr` of a value, shortened to 60 characters; of one whose `repr` fails its type."""
+    try:
+        text = repr(value)
+    except Exception:  # of a class of the user
+        text = f"a {type(value).__name__}"
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _named(unit: str) -> str:

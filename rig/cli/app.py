@@ -116,7 +116,9 @@ def run(arguments: list[str] | None = None) -> None:
         where = f"{error.filename}: " if error.filename else ""
         printing.note(where + (MORE_FILES if error.errno in NO_FILES else error.strerror or str(error)))
         sys.exit(ExitCode.FAILED)
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         from rig.parts import foreign_fault
 
         if not (text := foreign_fault(error)):  # of this project, not of a part from a file

@@ -7,6 +7,7 @@ function: its bits do not depend on what else is loaded. It is stored on disk un
 from __future__ import annotations
 
 import builtins
+import dis
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -72,6 +73,21 @@ def _named(function: FunctionType) -> Iterator[tuple[str, Any]]:
     """The globals that a function names."""
     names = {name for code in _codes(function.__code__) for name in code.co_names}
     return ((name, function.__globals__[name]) for name in sorted(names) if name in function.__globals__)
+
+
+def raised_lines(function: Any) -> set[int]:
+    """The lines that raise an exception (`raise`, `assert`), in a formula and in the functions that it calls."""
+    lines = set[int]()
+
+    def look(own: FunctionType) -> FunctionType:
+        for code in _codes(own.__code__):
+            for step in dis.get_instructions(code):
+                if step.opname == "RAISE_VARARGS" and step.positions is not None:
+                    lines.add(step.positions.lineno or code.co_firstlineno)
+        return own
+
+    converted(function, look)
+    return lines
 
 
 def _described(what: Any, told: set[int]) -> str:

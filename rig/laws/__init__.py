@@ -20,10 +20,11 @@ from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from rig.about import About
 from rig.errors import PartError
-from rig.model.friction_law import InternalState, Law, from_formula
-from rig.parts import Room, calling, code_of, file_of, is_file, named, one_class
+from rig.model.friction_law import InternalState, Law, Origin, from_formula
+from rig.model.row_checks import name_fault
+from rig.parts import Room, calling, code_of, file_of, is_file, named, one_class, place_of
 from rig.quantities import Section
-from rig.units import brief
+from rig.units import brief, is_number, unit_fault
 
 __all__ = ["LAWS", "Friction", "FrictionLaw", "InternalState"]
 LAW = "law"
@@ -162,6 +163,8 @@ def _from_formulas(section: FrictionLaw) -> Law:
     with calling(module):
         numbers, states, jumps = section.numbers(), tuple(section.states), tuple(map(float, section.jumps))
         rest = None if (static := section.static()) is None else float(static)
+    if code_of(module) is not None and (wrong := [*_wrong_states(states)]):  # of a property, which depends on values
+        raise PartError("\n".join(f"{file_of(module)}: {kind.__name__}.states {line}" for line in wrong))
     try:
         shape = compiled.shape_of(numbers)
     except TypeError as error:
@@ -178,13 +181,17 @@ def _from_formulas(section: FrictionLaw) -> Law:
     formula = compiled.formula_of(kind, module, shape, states, section.sticks)
     first = formula.evaluate(row, 0.0, 1.0, np.array([state.start for state in states]))[0]
     at_rest = float(first[0]) if rest is None else rest
-    if foreign and (lines := list(checks.faults(formula, row, at_rest, jumps))):
+    origin = None
+    if foreign:
         values = ", ".join(f"{key} = {brief(value)}" for key, value in section if key != LAW)
         head = f"{file_of(module)}: friction law {section.law}" + (f" ({values})" if values else "")
-        raise PartError("\n".join(f"{head}: {line}" for line in lines))
+        if lines := list(checks.faults(formula, row, at_rest, jumps)):
+            raise PartError("\n".join(f"{head}: {line}" for line in lines))
+        places = {name: place_of(function) for name, function in compiled.formulas_of(kind).items()}
+        origin = Origin(head, places)
     if len(_LAWS) >= _KEPT:
         _LAWS.clear()
-    _LAWS[which] = from_formula(at_rest, row, formula)
+    _LAWS[which] = from_formula(at_rest, row, formula, origin)
     return _LAWS[which]
 
 
@@ -221,8 +228,7 @@ def _misdeclared(own: type[FrictionLaw]) -> Iterator[str]:
 
     states = own.states
     if isinstance(states, tuple):
-        if strange := [state for state in states if not isinstance(state, InternalState)]:
-            yield f"{own.__name__}.states contains {brief(strange[0])}; expected rig.laws.InternalState(NAME, UNIT)"
+        yield from (f"{own.__name__}.states {line}" for line in _wrong_states(states))
     elif not isinstance(states, property):
         yield f"{own.__name__}.states is {brief(states)}; expected a tuple of rig.laws.InternalState"
     if not isinstance(own.declares, About):
@@ -234,6 +240,26 @@ def _misdeclared(own: type[FrictionLaw]) -> Iterator[str]:
         yield f"{own.__name__}.sticks is False without states; a contact that does not stick needs a deflection"
     if own.friction is FrictionLaw.friction:
         yield from (f"{line}" for line in lacking(own, bool(states)))
+
+
+def _wrong_states(states: tuple[Any, ...]) -> Iterator[str]:
+    """What is wrong with the internal states of a law, a line each: the end of a sentence."""
+    for state in states:
+        if not isinstance(state, InternalState):
+            yield f"contains {brief(state)}; expected rig.laws.InternalState(NAME, UNIT)"
+            return
+    names = [state.name for state in states]
+    for i, state in enumerate(states):
+        if fault := name_fault(state.name):
+            yield f"contains a state whose name {fault}"
+        elif state.name in names[:i]:
+            yield f"contains two states {state.name!r}; give each a name of its own"
+        if fault := unit_fault(state.unit):
+            yield f"contains {brief(state.name)}, whose unit {fault}"
+        if not is_number(state.start):
+            yield f"contains {brief(state.name)}, whose start is {brief(state.start)}; expected a finite number"
+        if not isinstance(state.along, bool):
+            yield f"contains {brief(state.name)}, whose along is {brief(state.along)}; expected True or False"
 
 
 LAWS: Room[type[FrictionLaw]] = Room("laws", __name__, __path__, _law)

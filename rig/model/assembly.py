@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import SceneError
+from rig.errors import PartError, SceneError
 from rig.model.film import Film, at, on
 from rig.model.named_rows import Circuit, Part, Row, Rows, Variation
 from rig.model.system import (
@@ -375,10 +375,14 @@ class Assembly(Rows):
     nodes: Callable[[], Nodes] | None = None
 
     def add_memory(self) -> None:
-        """Add the internal states of the friction laws as outputs."""
+        """Add the internal states of the friction laws as outputs. Raises PartError for the name of another output."""
         for patch, _, _, law, _ in self.patches:
             for state in law.states:
-                self.outputs[f"{patch}_{state.name}"] = Output({f"{patch}_{state.name}": 1.0}, state.unit, Plot())
+                if (name := f"{patch}_{state.name}") in self.outputs:
+                    raise PartError(
+                        f"the rig has an output {name!r} already; rename the state {state.name!r} of its law"
+                    )
+                self.outputs[name] = Output({name: 1.0}, state.unit, Plot())
 
     def system(self) -> System:
         """The matrices. Raises SceneError if a row names an unknown state."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import PartError
 from rig.solve.forces import (
     COULOMB,
     FALLING,
@@ -83,11 +85,28 @@ class Formula:
         return z
 
 
+FASTEST = 100.0
+"""Slip speed up to which a law from elsewhere has to be finite [m/s]."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a law from elsewhere comes from, for messages.
+
+    law     file, name and values
+    places  lines of its formulas: name -> the end of the name in a message, such as " (line 25)"
+    """
+
+    law: str
+    places: Mapping[str, str]
+
+
 @dataclass(frozen=True)
 class Law:
     """A friction law: static coefficient, code of the law, its numbers, and for FORMULA and MEMORY its functions.
 
-    `backward`: the law of slip in negative direction, if it is another one.
+    `backward`: the law of slip in negative direction, if it is another one. `origin`: of a law from elsewhere. The
+    methods of such a law raise PartError for a value that is not finite at a slip speed up to `FASTEST`.
     """
 
     static: float
@@ -95,6 +114,7 @@ class Law:
     numbers: tuple[float, ...]
     formula: Formula | None = None
     backward: Law | None = None
+    origin: Origin | None = field(default=None, compare=False)
 
     def towards(self, direction: float) -> Law:
         """The law of slip in this direction, and of friction forces of this sign in stick."""
@@ -128,8 +148,11 @@ class Law:
     def mu(self, speed: float) -> float:
         """The coefficient at slip speed `speed` >= 0 [m/s]; of a law with memory that of steady slip under 1 N."""
         if self.formula is not None and self.states:
-            return float(self.formula.evaluate(self.numbers, speed, 1.0, self._steady(speed))[0][0])
-        return float(coefficient(self.code, self.row(), speed))
+            mu = float(self.formula.evaluate(self.numbers, speed, 1.0, self.steady(speed, 1.0))[0][0])
+        else:
+            mu = float(coefficient(self.code, self.row(), speed))
+        self._require_finite("mu", mu, speed)
+        return mu
 
     def over(self, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
         """The coefficients at many slip speeds >= 0 [m/s], as `mu`."""
@@ -137,18 +160,58 @@ class Law:
             return np.array([self.mu(speed) for speed in speeds.tolist()])
         values = np.zeros(len(speeds))
         coefficients(self.code, self.row(), speeds, values)
+        if self.origin is not None and not np.isfinite(values).all():
+            for speed, mu in zip(speeds.tolist(), values.tolist()):
+                self._require_finite("mu", mu, speed)
         return values
 
     def slope(self, speed: float) -> float:
         """The slope d mu / d speed [s/m] at `speed` > 0 [m/s]; of a law with memory along steady slip under 1 N."""
         if self.formula is not None and self.states:
-            d = self.formula.evaluate(self.numbers, speed, 1.0, self._steady(speed))[1]
+            d = self.formula.evaluate(self.numbers, speed, 1.0, self.steady(speed, 1.0))[1]
+            self._require_finite("slopes", float(d.sum()), speed)
             return float(d[0, 0] - d[0, 2:] @ np.linalg.lstsq(d[1:, 2:], d[1:, 0], rcond=None)[0])
-        return float(slope(self.code, self.row(), speed))
+        change = float(slope(self.code, self.row(), speed))
+        self._require_finite("slope", change, speed)
+        return change
 
-    def _steady(self, speed: float) -> Array:
+    def steady(self, speed: float, N: float) -> Array:
+        """The internal states in steady slip at `speed` > 0 [m/s] under the load N [N], see `Formula.steady`."""
         assert self.formula is not None
-        return self.formula.steady(self.numbers, speed, 1.0)
+        try:
+            z = self.formula.steady(self.numbers, speed, N)
+        except np.linalg.LinAlgError:
+            if self.origin is None:
+                raise
+            z = np.full(len(self.states), np.nan)
+        self._require_finite("a state in steady slip", float(z.sum()), speed)
+        return z
+
+    def _require_finite(self, what: str, value: float, speed: float) -> None:
+        if self.origin is not None and not isfinite(value) and 0.0 <= speed <= FASTEST:
+            raise PartError(self._not_finite(what, value, f"w = {speed:.6g} m/s"))
+
+    def _not_finite(self, what: str, value: float, where: str) -> str:
+        assert self.origin is not None
+        named = f"{what}{self.origin.places.get(what, '')}"
+        return f"{self.origin.law}: {named} is {value:g} at {where}; it must be finite from 0 to {FASTEST:g} m/s"
+
+    def fault(self, speed: float, N: float, z: Array) -> str:
+        """What of a law from elsewhere is not finite at a slip speed, a load and internal states; "" if all is.
+
+        `speed` [m/s], at least 0; N: load [N]; z: internal states in the direction of slip [state].
+        """
+        if self.origin is None or self.formula is None or not 0.0 <= speed <= FASTEST:
+            return ""
+        values, slopes = self.formula.evaluate(self.numbers, speed, N, z)
+        states = "".join(f", {state.name} = {value:.6g}" for state, value in zip(self.states, z.tolist()))
+        under = f", N = {N:.6g} N" if isfinite(N) else ""  # the load may depend on this friction force
+        where = f"w = {speed:.6g} m/s{under}{states}"
+        for what, value in zip(["mu", *["rates"] * len(self.states), "stored"], values.tolist()):
+            if not isfinite(value):
+                return self._not_finite(what, value, where)
+        wrong = slopes[~np.isfinite(slopes)]
+        return self._not_finite("slopes" if self.states else "slope", wrong[0], where) if wrong.size else ""
 
     def row(self, first: int = 0, rate: int = 0) -> Array:
         """The numbers as kernels read them. `first`, `rate`: indices of the first internal state, and of its rate."""
@@ -193,9 +256,9 @@ def table(speeds: NDArray[np.float64], values: NDArray[np.float64], static: floa
     return Law(static, TABLE, tuple(float(v) for v in numbers))
 
 
-def from_formula(static: float, numbers: Sequence[float], formula: Formula) -> Law:
+def from_formula(static: float, numbers: Sequence[float], formula: Formula, origin: Origin | None = None) -> Law:
     """A law from the compiled functions of a file."""
-    return Law(static, MEMORY if formula.states else FORMULA, tuple(numbers), formula)
+    return Law(static, MEMORY if formula.states else FORMULA, tuple(numbers), formula, origin=origin)
 
 
 def width(laws: Iterable[Law]) -> int:

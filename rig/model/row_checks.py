@@ -5,6 +5,7 @@ Rows of shipped plants are not checked, because they are right and are built oft
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping
 from math import isfinite, isnan
 from typing import Any, get_args
@@ -17,12 +18,25 @@ from rig.model.named_rows import Block
 from rig.picture import Plot
 from rig.units import brief, unit_fault
 
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
+"""A name of an output that a recording can hold."""
+
+
+def name_fault(name: Any) -> str:
+    """What is wrong with the name of an output or an actuator, in words; "" for one that a recording can hold."""
+    if isinstance(name, str) and _NAME.fullmatch(name):
+        return ""
+    return f"{brief(name)} cannot be recorded; expected 1 to 64 letters, digits, '_', '.', '-'"
+
 
 def faults(a: Assembly) -> Iterator[str]:
     """Yield the faults of a rig that cannot be computed, one line each: unknown names, numbers that are not finite."""
     unnamed = [what for what in ("outputs", "inputs", "start") if not isinstance(getattr(a, what), dict)]
     yield from (f"{what} is {brief(getattr(a, what))}; expected a dict, by name" for what in unnamed)
     if unnamed:
+        return
+    if strange := [*_strange_names(a)]:
+        yield from strange
         return
     coordinates, states = set(a.coordinates), {*a.names}
     if not coordinates:
@@ -63,6 +77,17 @@ def faults(a: Assembly) -> Iterator[str]:
         return
     of_film = set(a.film.states(a.coordinates)) if a.film is not None else set()
     yield from _outputs(a, states | products | of_film, contacts, normals)
+
+
+def _strange_names(a: Assembly) -> Iterator[str]:
+    """Names that a recording cannot hold, and names that are no texts."""
+    for what, names in (("output", a.outputs), ("input", a.inputs)):
+        yield from (f"{what}: {fault}" for name in names if (fault := name_fault(name)))
+    contacts, normals = [entry[0] for entry in a.patches], [entry[0] for entry in a.normals]
+    for what, others in (("friction contact", contacts), ("normal force", normals), ("state", a.names)):
+        yield from (
+            f"{what}: {brief(name)} is no name; expected a text" for name in others if not isinstance(name, str)
+        )
 
 
 def _outputs(a: Assembly, known: set[str], contacts: Collection[str], normals: Collection[str]) -> Iterator[str]:

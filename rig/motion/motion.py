@@ -24,6 +24,7 @@ from rig.model.system import System
 from rig.model.tables import scales_of_memory
 from rig.motion.balance import Balance, CurrentState
 from rig.motion.changed_film import follow_change
+from rig.motion.law_fault import law_fault
 from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, parts, prepared
 from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, energy_in_contacts, evaluate_outputs
@@ -492,6 +493,8 @@ class Motion:
         self._reached(first, last if status == DONE else int(self.state.progress[0]["reached"]))
         if status not in (DONE, LOOK):
             stop, what = why(status, self.system, self.integration, self.state, self.log, len(self.segments.start))
+            if status == LOST:
+                what = law_fault(self.system, self.key, self.state.x) or what
             raise stop(what, *self._where())
         return status == LOOK  # type: ignore[no-any-return]
 

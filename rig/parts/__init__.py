@@ -14,7 +14,7 @@ A part from a file or from another package is called foreign. A recording holds 
 from __future__ import annotations
 
 from rig.parts.binary import Binary, DataFile, is_binary
-from rig.parts.code import Code, calling, code_of, file_of, foreign_fault, require, trust
+from rig.parts.code import Code, calling, code_of, file_of, foreign_fault, place_of, require, trust
 from rig.parts.room import Parts, Room, carried, is_file, named, one_class, package_of, trust_scene
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "named",
     "one_class",
     "package_of",
+    "place_of",
     "require",
     "trust",
     "trust_scene",

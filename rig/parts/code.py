@@ -7,6 +7,7 @@ the same texts: they find the hashes in the environment.
 
 from __future__ import annotations
 
+import inspect
 import linecache
 import os
 import re
@@ -21,7 +22,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from rig.errors import PartError, RigError, Untrusted
+from pydantic import PydanticUserError
+
+from rig.errors import PartError, RigError, Untrusted, kind_and_text
 from rig.machine.files import contents
 from rig.machine.process import copies, end_copy
 
@@ -139,12 +142,12 @@ class Code(Hashed):
         before = copies[0]
         try:
             exec(compile(self.text, name, "exec", dont_inherit=True), vars(module))
-        except (Exception, SystemExit) as error:
-            del sys.modules[self.called]
-            raise PartError(foreign_fault(error) or f"{_PATHS[name]}: {type(error).__name__}: {error}") from error
-        except BaseException:
+        except KeyboardInterrupt:
             del sys.modules[self.called]
             raise
+        except BaseException as error:  # a part may raise GeneratorExit or a kind of its own
+            del sys.modules[self.called]
+            raise PartError(foreign_fault(error) or f"{_PATHS[name]}: {kind_and_text(error)}") from error
         finally:
             end_copy(before)
         MODULES[self.called] = self
@@ -169,6 +172,12 @@ def file_of(module: ModuleType) -> str:
     return module.__name__ if code is None else code.file
 
 
+def place_of(function: Any) -> str:
+    """The line of a function of a foreign part, as the end of its name in a message; "" if it is not known."""
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    return f" (line {code.co_firstlineno})" if code is not None and code.co_filename in _PATHS else ""
+
+
 @contextmanager
 def calling(module: ModuleType, *expected: type[Exception]) -> Iterator[None]:
     """Raise what goes wrong in a call of the foreign part `module` as PartError, with file and, if known, line.
@@ -176,17 +185,17 @@ def calling(module: ModuleType, *expected: type[Exception]) -> Iterator[None]:
     A call that does not fit (a function with too few arguments) fails outside of the part; it is the part's fault too.
     `expected`: what the caller handles.
     """
-    passed: tuple[type[Exception], ...] = (RigError, *expected)
+    passed: tuple[type[BaseException], ...] = (KeyboardInterrupt, RigError, *expected)
     before = copies[0]
     try:
         yield
     except passed:
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         text = foreign_fault(error)
         if not text and code_of(module) is None:
             raise
-        raise PartError(text or f"{file_of(module)}: {type(error).__name__}: {error}") from error
+        raise PartError(text or f"{file_of(module)}: {kind_and_text(error)}") from error
     finally:
         end_copy(before)
 
@@ -223,7 +232,18 @@ def foreign_fault(error: BaseException) -> str:
         return f"{_PATHS[error.filename]}: {type(error).__name__}: {error.msg} (line {error.lineno})"
     if not frames:
         return ""
-    text = f"{_PATHS[frames[-1].filename]}: {type(error).__name__}: {error} (line {frames[-1].lineno})"
+    text = f"{_PATHS[frames[-1].filename]}: {_without_type(error) or kind_and_text(error)} (line {frames[-1].lineno})"
     name = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
     now = next((new for old, new in MOVED.items() if f"{name}.".startswith(f"{old}.")), "")
     return f"{text}; it is now {now}" if now else text
+
+
+def _without_type(error: BaseException) -> str:
+    """The fault of a class of values, one of which has no type; "" for any other error."""
+    if not isinstance(error, PydanticUserError) or error.code != "model-field-missing-annotation":
+        return ""
+    name = error.message.partition("`")[2].partition(" =")[0]
+    return (
+        f"{name} in a class of values has no type. Write {name}: TYPE for a value of the table, {name}: ClassVar for "
+        "another attribute; move an import above the class"
+    )

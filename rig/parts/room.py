@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from pydantic import BaseModel, create_model
 
-from rig.errors import PartError
+from rig.errors import PartError, kind_and_text
 from rig.parts.binary import binaries
 from rig.parts.code import Code, calling, file_of, keep, trust, trust_hashes
 
@@ -112,9 +112,11 @@ class Room(Mapping[str, T], Generic[T]):
                             "name the file of the part")  # fmt: skip
         try:
             module, code = importlib.import_module(entry.module), _code(entry)
-        except (Exception, SystemExit) as error:
-            cause = f"{type(error).__name__}: {error}"
-            raise PartError(f"part {name} of {package_of(entry)} cannot be imported: {cause}") from error
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            where = f"part {name} of {package_of(entry)}"
+            raise PartError(f"{where} cannot be imported: {kind_and_text(error)}") from error
         if code is not None:
             keep(module, code)
         return module

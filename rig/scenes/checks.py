@@ -17,13 +17,13 @@ from pydantic_core import PydanticSerializationError
 from rig.controllers import controller_class, controller_drives, controller_reads
 from rig.controllers.blocks import base, compiled
 from rig.errors import PartError
-from rig.parts import calling, file_of
+from rig.parts import calling, file_of, place_of
 from rig.quantities import LONGEST
 from rig.scenes import sections, source
 from rig.scenes.faults import lookup, near, shown, unit_of
 from rig.scenes.protocol import Clock, Connect, Disconnect, Repeat, extremes, flat, moves, targets
 from rig.sensors.chain.front_end import FrontEnd
-from rig.units import brief, same_unit, unit_fault
+from rig.units import brief, is_number, same_unit, unit_fault
 
 
 def units(
@@ -126,11 +126,16 @@ def foreign(key: str, section: Any) -> Iterator[source.Fault]:
                 lines.append(f"{file}: {name} = {fault}")
         try:
             with calling(sys.modules[type(section).__module__]):
-                end = section.front_end()
+                end, factor, back = section.front_end(), section.sensitivity, section.conversion
         except PartError as error:
             lines.append(str(error))
         else:
-            lines += end.faults() if isinstance(end, FrontEnd) else [f"flawed gives {brief(end)}; expected a FrontEnd"]
+            of_end = end.faults() if isinstance(end, FrontEnd) else [f"is {brief(end)}; expected a FrontEnd"]
+            lines += [f"{file}: flawed(){place_of(type(section).flawed)}: {line}" for line in of_end]
+            if not is_number(factor):
+                lines.append(f"{file}: sensitivity is {brief(factor)}; expected a finite number")
+            if back is not None and not is_number(back):
+                lines.append(f"{file}: conversion is {brief(back)}; expected a finite number, or None")
     else:
         from rig.controllers.runtime.file import section_faults  # where a scene names a file
 

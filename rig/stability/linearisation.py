@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import Singular, UsageError
+from rig.errors import PartError, Singular, UsageError
 from rig.model.formulation import ModeSet, signal_rows
 from rig.model.singular import JAMS, assembled
 from rig.model.system import System, tangent
@@ -433,7 +433,9 @@ def _remember(system: System, modes: ModeSet, x: Array, load: Array) -> bool:
         law, sigma = system.law(p, modes.key), float(modes.sigma[p])
         if law.formula is not None and patch.memory and sigma != 0.0:
             speed = max(sigma * float(system.slip_rows[p] @ x), 0.0)
-            states = law.formula.steady(law.numbers, speed, float(load[p]))
+            states = law.steady(speed, float(load[p]))
+            if fault := law.fault(speed, float(load[p]), states):
+                raise PartError(fault)
             x[list(patch.memory)] = [sigma * z if state.along else z for state, z in zip(law.states, states)]
             remembers = True
     return remembers

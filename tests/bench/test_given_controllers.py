@@ -162,7 +162,7 @@ class Failing(Feedback):
         return super().update(state, t_ns, values)
 
 
-@pytest.mark.parametrize("fault", [ZeroDivisionError("of mine"), SystemExit(0)])
+@pytest.mark.parametrize("fault", [ZeroDivisionError("of mine"), SystemExit(0), GeneratorExit()])
 def test_the_run_up_to_the_fault_of_a_controller_is_kept(own, tmp_path, fault):
     with pytest.raises(ControllerFailed, match=r"controller nf failed at t = 0\.1 s: ") as failed:
         rig.simulate("belt_normal_force", 0.3, controllers={"nf": Failing(fault)})

@@ -187,6 +187,7 @@ def test_values_are_changed_by_option_and_while_the_rig_runs(own):
 
 
 MU, SLOPE, FIRST = "p.mu_slow + p.rise", "* math.exp(1.0 - u) / p.peak", "    mu_slow:"
+BUMP = "    return u * math.exp(1.0 - u)"
 WRONG = [
     ("def mu(p, w):", "def mew(p, w):", r"friction\.law: example_law\.py: Rubber defines no mu\(p, w\): the coeff"),
     ("def mu(p, w):", "def mu(p, w, N, z):", r"Rubber\.mu takes other arguments; .* without .* mu\(p, w\)"),
@@ -196,6 +197,17 @@ WRONG = [
     (SLOPE, "* math.exp(1.0 - u)", r"slope gives .* s/m at w = .*, differences of mu .*; correct"),
     (MU, "p.mu_slow * (0.5 if w > 0.1 else 1.0) + p.rise", r"mu jumps at w = 0\.1 m/s; make it continuous"),
     (FIRST, f"    def static(self):\n        return 0.1\n\n{FIRST}", r"static coefficient is 0\.1, below mu = 0\.2 in"),
+    (MU, "(math.nan if 0.03 < w < 0.0301 else p.mu_slow) + p.rise", r"mu is nan at w = 0\.03 m/s; it must be finite"),
+    (
+        BUMP,
+        f"    assert u < 10.0\n{BUMP}",
+        r"mu raises an exception \(line \d+\), which compiled code loses; return a num",
+    ),
+    (
+        FIRST,
+        f"    def numbers(self):\n        raise GeneratorExit\n\n{FIRST}",
+        r"example_law\.py: GeneratorExit \(line",
+    ),
     ("(FrictionLaw)", "(object)", r"defines no class derived from rig\.laws\.FrictionLaw"),
 ]
 
@@ -234,6 +246,73 @@ def test_what_is_wrong_with_a_law_with_memory_is_told(own, old, new, told):
         ))  # fmt: skip
     lines = faults(own / "bristles.toml")
     assert re.search(told, "\n".join(lines)), lines
+
+
+STATE = 'InternalState("deflection", "m", along=True)'
+BY_VALUE = "@property\n    def states(self):\n        return"
+DECLARED = [
+    ('"m", along', '"mm", along', "contains 'deflection', whose unit 'mm' is not SI"),
+    ('"m", along', "None, along", "contains 'deflection', whose unit None is not a unit"),
+    ('"deflection"', '"de/flection"', "contains a state whose name 'de/flection' cannot be recorded; expected 1 to 64"),
+    ('"deflection"', "3", "contains a state whose name 3 cannot be recorded"),
+    ("along=True", "float('inf')", "contains 'deflection', whose start is inf; expected a finite number"),
+    ("along=True", "along=1", "contains 'deflection', whose along is 1; expected True or False"),
+    (STATE, f"{STATE}, {STATE}", "contains two states 'deflection'; give each a name of its own"),
+    ("states =", BY_VALUE.replace("return", "return 'x',"), "contains 'x'; expected rig.laws.InternalState"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "told"), DECLARED, ids=range(len(DECLARED)))
+def test_what_is_wrong_with_internal_states_is_told_before_the_rig_moves(own, old, new, told):
+    changed(own / "bristles.py", (old, new))
+    lines = faults(own / "bristles.toml")
+    assert f"bristles.py: Bristles.states {told}" in "\n".join(lines), lines
+
+
+BAND = "0.05999 < w < 0.06001"
+NARROW = [
+    ("example_law", MU, f"(math.nan if {BAND} else p.mu_slow) + p.rise", r"mu \(line \d+\) is nan at w = 0\.06 m/s"),
+    (
+        "example_law",
+        "u = w / p.peak",
+        f"u = math.inf if {BAND} else w / p.peak",
+        r"slope \(line \d+\) is nan at w = 0\.06",
+    ),
+    (
+        "bristles",
+        SPRING,
+        f"return math.nan if {BAND} else p.stiffness * z[0]\n",
+        r"mu \(line \d+\) is nan at w = 0\.06 m",
+    ),
+    (
+        "bristles",
+        "d[0, 2] =",
+        f"d[0, 2] = math.nan if {BAND} else",
+        r"slopes \(line \d+\) is nan at w = 0\.06 m/s, N = 20 N",
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new", "told"), NARROW, ids=range(len(NARROW)))
+def test_a_law_that_fails_only_at_the_operating_point_is_told(rig, own, name, old, new, told):
+    file = own / f"{name}.py"
+    file.write_text(f"import math\n{file.read_text()}")
+    changed(file, (old, new))
+    for command in ("modes", "simulate"):
+        code, _, err = rig(command, own / f"{name}.toml")
+        assert (code, bool(re.search(rf"{name}\.py: friction law {name}\.py \(.*\): {told}", err))) == (2, True), err
+
+
+def test_a_law_that_fails_while_the_rig_moves_is_told_and_the_recording_is_whole(rig, own, tmp_path):
+    """Where the law fails no step ends: the run stops there, at the deflection that the law cannot take."""
+    changed(own / "bristles.py", (SPRING, "return math.nan if 2.0e-5 < z[0] < 2.1e-5 else p.stiffness * z[0]\n"))
+    (own / "bristles.py").write_text(f"import math\n{(own / 'bristles.py').read_text()}")
+    log = tmp_path / "run.mcap"
+    code, _, err = rig("simulate", own / "bristles.toml", "--duration", "1", "--out", log)
+    assert (code, "mu (line 15) is nan at" in err, "deflection = 2e-05" in err) == (4, True, True), err
+    run = lab.open(log, trust=True)
+    assert 0.0 < run.time[-1] < 1.0
+    assert run.summary["ended"] == "stopped by the numerics"
 
 
 def test_a_jump_that_is_declared_is_allowed(own):

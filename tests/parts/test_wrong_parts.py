@@ -49,6 +49,7 @@ def test_they_are_right_as_they_are(toys):
 
 LAMP = "    from rig.model.assembly import Input\n    a.inputs['lamp'] = Input({})\n    return a\n"
 BACK, CLASS = "    return a\n", "class Mass("
+MUTE = f"class Mute(Exception):\n    def __str__(self):\n        1 / 0\n\n\nraise Mute\n{CLASS}"
 
 
 @pytest.mark.parametrize(("file", "old", "new", "told"), [
@@ -63,8 +64,18 @@ BACK, CLASS = "    return a\n", "class Mass("
     ("twin.py", 'a.coordinate("r"', 'a.coordinate("l"', r"the rig has a state 'l' already.* \(line \d+\)"),
     ("eddy.py", "section, frame, moved)", "section, frame)", r"eddy.py: TypeError: add\(\) takes 3 positional"),
     ("eddy.py", '"eddy_force"', '"v_left"', "eddy.py: the rig has an output 'v_left' already"),
+    ("twin.py", '"x_left"', '"x/left"', "twin.py: output: 'x/left' cannot be recorded; expected 1 to 64 letters"),
+    ("twin.py", BACK, LAMP.replace("'lamp'", "7").format("'N', 0, 3, 1, 0"), "twin.py: input: 7 cannot be recorded"),
+    ("twin.py", BACK, f"    raise GeneratorExit\n{BACK}", r"twin\.py: GeneratorExit \(line \d+\)"),
+    ("twin.py", CLASS, f"raise BaseException('all')\n{CLASS}", r"twin\.py: BaseException: all \(line \d+\)"),
+    ("twin.py", CLASS, MUTE, r"plant: .*twin\.py: Mute \(line \d+\)"),
+    ("twin.py", COUPLING, f"{COUPLING}\n    import math", r"twin\.py: math in a class of values has no type"),
+    ("twin.py", CLASS, f"Section(a=1)\n{CLASS}", r"twin\.py: ValidationError: (?!.*errors\.pydantic)"),
+    ("lead.py", "gain:", "colour = 3\n    gain:", r"lead\.py: colour in a class of values has no type.*\(line \d+\)"),
+    ("coil.py", "return self.gain_at", "raise GeneratorExit", r"coil\.py: GeneratorExit \(line \d+\)"),
+    ("coil.py", "return self.gain_at", "return 'loud'", r"coil\.py: TypeError: .* \(line \d+\)"),
     ("scene.toml", '"eddy.py"', '"drive"', "eddy.effect: drive does not act on any plant; plants that have this"),
-    ("coil.py", "return self.gain_at", 'return float("nan")', "sensors.coil.kind: gain is nan; expected a finite"),
+    ("coil.py", "return self.gain_at", 'return float("nan")', r"coil.py: flawed\(\) \(line \d+\): gain is nan; exp"),
 ])  # fmt: skip
 def test_what_is_wrong_is_a_fault_of_the_scene(toys, file, old, new, told):
     scene = changed(toys, file, old, new)

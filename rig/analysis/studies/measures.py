@@ -46,7 +46,7 @@ from rig.analysis.motion_measures import observe, of, problem
 from rig.analysis.pool import Arrays
 from rig.analysis.recorded.amplitude import index
 from rig.bench.run.simulate import simulate
-from rig.errors import NumericsError, RigError, SceneError, UsageError
+from rig.errors import NumericsError, RigError, SceneError, UsageError, kind_and_text
 from rig.machine.files import contents
 from rig.model.assembly import portrait
 from rig.quantities import run_length_ns
@@ -317,9 +317,10 @@ class Function:
             returned = (self._loaded() if self.portable else _OWN[self.text])(run)
         except UsageError as fault:
             return math.nan, "", str(fault)
-        except (Exception, SystemExit) as fault:
-            why = " ".join(f"{type(fault).__name__}: {fault}".split())
-            return math.nan, "", f"{self.name}: {why}{self._line(fault)}"
+        except KeyboardInterrupt:
+            raise
+        except BaseException as fault:
+            return math.nan, "", f"{self.name}: {kind_and_text(fault)}{self._line(fault)}"
         value, unit = returned if isinstance(returned, tuple) and len(returned) == 2 else (returned, "")
         number = None if isinstance(value, str) or not isinstance(unit, str) else _as_number(value)
         if number is None:
@@ -441,9 +442,9 @@ def _module(file: str, text: str) -> ModuleType:
             exec(compile(text, file, "exec"), module.__dict__)
     except BaseException as fault:
         del sys.modules[name]
-        if isinstance(fault, UsageError) or not isinstance(fault, Exception | SystemExit):
+        if isinstance(fault, UsageError | KeyboardInterrupt):
             raise
-        raise UsageError(f"{file}: {type(fault).__name__}: {fault}") from None
+        raise UsageError(f"{file}: {kind_and_text(fault)}") from None
     finally:
         _LOADING.pop()
     return module

@@ -145,9 +145,9 @@ def loop_of(name: str, controller: Controller) -> Loop:
         call(name)
     try:
         loop = Loop(controller)
-    except (ControllerLost, Untrusted):
+    except (ControllerLost, KeyboardInterrupt, Untrusted):
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         raise failure(name, 0, error) from error
     for call in CALLS:
         call("")
@@ -248,9 +248,9 @@ class ControllerInProcess:
             said = loop.controller.take_messages() if self._speaks else ()  # type: ignore[attr-defined]
             for call in CALLS:
                 call("")
-        except ControllerLost:
+        except (ControllerLost, KeyboardInterrupt):
             raise
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
             raise failure(self.name, t_ns, error) from error
         if first and loop.refused:
             self._journal.note_at(tick, "not finite", NOT_FINITE.format(self.name), controller=self.name)

@@ -12,7 +12,7 @@ from math import isfinite
 from typing import Any
 
 from rig.controllers.blocks.base import Controller, Samples, State, Values, gets_every_sample, retune
-from rig.errors import ControllerFailed, PartError, RigError, UsageError
+from rig.errors import ControllerFailed, PartError, RigError, UsageError, kind_and_text
 from rig.machine.process import copies, end_copy
 from rig.parts import code_of, foreign_fault
 from rig.units import brief
@@ -44,7 +44,7 @@ def failure(name: str, t_ns: int, error: BaseException) -> ControllerFailed:
     if isinstance(error, ControllerFailed):
         return error
     told = str(error) if isinstance(error, RigError) else foreign_fault(error)
-    return ControllerFailed(name, t_ns * 1e-9, told or f"{type(error).__name__}: {error}")
+    return ControllerFailed(name, t_ns * 1e-9, told or kind_and_text(error))
 
 
 class Loop:
@@ -146,10 +146,12 @@ class Loop:
             self.controller = retune(old, changes)  # a new object: the tried one may have stored something
         except UsageError:
             raise
-        except (Exception, SystemExit) as fault:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as fault:
             given = ", ".join(f"{key} = {value!s:.80}" for key, value in changes.items())
             raise UsageError(
-                f"{type(old).__name__} cannot be retuned to {given or 'its values'}: {type(fault).__name__}: {fault}"
+                f"{type(old).__name__} cannot be retuned to {given or 'its values'}: {kind_and_text(fault)}"
             ) from fault
 
     def counters(self) -> dict[str, int]:

@@ -93,7 +93,9 @@ class Worker(Service):
                 elif news := self.session.inbound.news():  # only while no step is due
                     self.publish("refused", "; ".join(news), {"refused": self.session.inbound.refusals()})
                 self.server.poll()
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             self.failed(why := failure(self.session.name, self.t_ns, error))
             raise why from error
         finally:

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model.friction_law import Formula
+from rig.model.friction_law import FASTEST, Formula, from_formula
 
 Array = NDArray[np.float64]
-SPEEDS = np.geomspace(1e-9, 100.0, 111)
+SPEEDS = np.geomspace(1e-9, FASTEST, 111)
 """Slip speeds [m/s] at which a law without internal states is checked, beside 0."""
+_CLOSE = np.geomspace(1e-6, FASTEST, 20_001)
+"""Slip speeds [m/s], 0.1 % apart, at which its coefficient is checked to be finite."""
 _FEW = np.geomspace(1e-7, 100.0, 6)
 _LOADS = (1e-2, 1.0, 1e3)  # N
 _STEP, _NEAR, _ROUND = 1e-6, 2e-5, 1e-8  # difference step, allowed difference, rounding of mu: relative
@@ -56,6 +58,10 @@ def _over_speed(formula: Formula, numbers: Sequence[float], rest: float, jumps: 
             i = int(np.argmin(np.isfinite(values)))
             yield f"{name} is {values[i]:g} {_at(speeds[i])}; it must be finite from 0 to 100 m/s"
     if not (np.isfinite(mu).all() and np.isfinite(slope).all()):
+        return
+    if not np.isfinite(close := from_formula(rest, numbers, formula).over(_CLOSE)).all():
+        i = int(np.argmin(np.isfinite(close)))
+        yield f"mu is {close[i]:g} {_at(float(_CLOSE[i]))}; it must be finite from 0 to 100 m/s"
         return
     size = float(np.abs(mu).max())
     if mu.min() < 0.0:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rig.compiled.c_functions import Uncompilable, c_function, plain
+from rig.compiled.c_functions import Uncompilable, c_function, plain, raised_lines
 from rig.errors import PartError
 from rig.model.friction_law import Formula, InternalState
 from rig.parts import calling, file_of
@@ -29,6 +29,8 @@ _WHY = {
     "rates": "the rates of its internal states",
     "mu": "the coefficient of friction",
 }
+_LOST = "0.0 / 0.0"
+"""No number: the coefficient where a formula fails in compiled code, which writes nothing then and goes on."""
 _LINE = re.compile(r'File "(.*?)", line (\d+)')
 
 
@@ -121,13 +123,13 @@ def _formula(kind: type, module: ModuleType, shape: Shape, states: tuple[Interna
     slopes = [*head, f"out = carray(_out, ({m + 1}, {m + 2}))"]
     if m:
         stored = "stored(p, N, z)" if "stored" in functions else "0.0"
-        values += ["out[0] = mu(p, w, N, z)", f"for i in range({m}):", "    out[1 + i] = 0.0",
+        values += [f"out[0] = {_LOST}", "out[0] = mu(p, w, N, z)", f"for i in range({m}):", "    out[1 + i] = 0.0",
                    f"rates(p, w, N, z, out[1:{m + 1}])", f"out[{m + 1}] = {stored}"]  # fmt: skip
         slopes += [f"for i in range({m + 1}):", f"    for j in range({m + 2}):", "        out[i, j] = 0.0",
                    "slopes(p, w, N, z, out)"]  # fmt: skip
     else:
-        values += ["out[0] = mu(p, w)", "out[1] = 0.0"]
-        slopes += ["out[0, 0] = slope(p, w)", "out[0, 1] = 0.0"]
+        values += [f"out[0] = {_LOST}", "out[0] = mu(p, w)", "out[1] = 0.0"]
+        slopes += [f"out[0, 0] = {_LOST}", "out[0, 0] = slope(p, w)", "out[0, 1] = 0.0"]
     made = []
     for name, lines in (("values", values), ("slopes", slopes)):
         text = "\n    ".join([f"def {name}(_p, w, N, _z, _out):", *lines]) + "\n"
@@ -154,6 +156,10 @@ def _refused(message: str, functions: dict[str, Any], module: ModuleType) -> str
 def try_in_python(kind: type, module: ModuleType, numbers: Any, states: Sequence[InternalState]) -> None:
     """Run the formulas once in Python, where what fails has its line. Raises PartError."""
     functions, m = formulas_of(kind), len(states)
+    for name, function in functions.items():
+        if lines := raised_lines(function):
+            what = f"{name} raises an exception (line {min(lines)}), which compiled code loses"
+            raise PartError(f"{file_of(module)}: {what}; return a number for every slip speed from 0 to 100 m/s")
     z = np.array([state.start for state in states])
     for w in (0.0, 1e-6, 1e-2, 1.0, 100.0):
         own: dict[str, tuple[Any, ...]] = dict.fromkeys(STATIC, (w,))

@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from rig.sensors.chain.instants import Instants
-from rig.units import brief
+from rig.units import brief, is_number
 
-_POSITIVE = ("noise", "resolution", "dropout_rate", "dropout_shortest", "dropout_longest")
-_NUMBERS = ("direct", "gain", "offset", "slope", "warmth", "fade", "rise", *_POSITIVE)
+_POSITIVE = ("fade", "rise", "noise", "resolution", "dropout_rate", "dropout_shortest", "dropout_longest")
+_NUMBERS = ("direct", "gain", "offset", "slope", "warmth", *_POSITIVE)
+_LIMITS = ("low", "high", "slew")
+_LONGEST_DELAY = 100_000_000_000  # ns, as `rig.sensors.chain.units.Delay`
 
 
 @dataclass(frozen=True)
@@ -53,13 +55,43 @@ class FrontEnd:
         return self.instants.period_ns
 
     def faults(self) -> Iterator[str]:
-        """What keeps it from being run, a line each: numbers that are not finite, poles that do not decay."""
+        """What keeps it from being run, a line each: values of a wrong type, numbers that are not finite, poles that do
+        not decay.
+        """
+        if not isinstance(self.instants, Instants):
+            yield f"instants is {brief(self.instants)}; expected self.instants"
+        whole = isinstance(self.delay_ns, int) and not isinstance(self.delay_ns, bool)
+        if not whole or not 0 <= self.delay_ns <= _LONGEST_DELAY:
+            yield f"delay_ns is {brief(self.delay_ns)}; expected whole nanoseconds from 0 to {_LONGEST_DELAY:g}"
+        for name in ("averages", "holds"):
+            if not isinstance(getattr(self, name), bool):
+                yield f"{name} is {brief(getattr(self, name))}; expected True or False"
+        yield from self._wrong_numbers()
+        yield from self._wrong_filter()
+        yield from self._wrong_echoes()
+
+    def _wrong_numbers(self) -> Iterator[str]:
         for name in _NUMBERS:
             value = getattr(self, name)
-            if not isinstance(value, int | float) or not math.isfinite(value):
+            if not is_number(value):
                 yield f"{name} is {brief(value)}; expected a finite number"
             elif name in _POSITIVE and value < 0.0:
                 yield f"{name} is {value:g}; expected at least 0"
+        strange = [name for name in _LIMITS if not _is_limit(getattr(self, name))]
+        yield from (f"{name} is {brief(getattr(self, name))}; expected a number, or math.inf" for name in strange)
+        if not strange and self.low > self.high:
+            yield f"low is {self.low:g}, above high = {self.high:g}"
+        if not strange and self.slew <= 0.0:
+            yield f"slew is {self.slew:g}; expected above 0"
+        lengths = self.dropout_shortest, self.dropout_longest
+        if all(map(is_number, lengths)) and lengths[0] > lengths[1]:
+            yield f"dropout_shortest is {lengths[0]:g} s, above dropout_longest = {lengths[1]:g} s"
+
+    def _wrong_filter(self) -> Iterator[str]:
+        if not all(isinstance(values, tuple | list) for values in (self.poles, self.residues)):
+            both = f"poles are {brief(self.poles)}, residues {brief(self.residues)}"
+            yield f"{both}; expected two tuples of numbers, as those of rig.sensors.chain.filters"
+            return
         if len(self.poles) != len(self.residues):
             yield f"there are {len(self.poles)} poles and {len(self.residues)} residues; expected as many of both"
         for name in ("poles", "residues"):
@@ -68,6 +100,14 @@ class FrontEnd:
                     yield f"{name} contain {brief(value)}; expected finite numbers"
                 elif name == "poles" and value.real >= 0.0:
                     yield f"a pole is {value:g}; expected a negative real part, so that it decays"
+
+    def _wrong_echoes(self) -> Iterator[str]:
+        pairs = self.echoes if isinstance(self.echoes, tuple | list) else (self.echoes,)
+        for pair in pairs:
+            fits = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))
+            if not fits or not 0.0 <= pair[1] <= 1e-9 * _LONGEST_DELAY:
+                most = f"{1e-9 * _LONGEST_DELAY:g}"
+                yield f"echoes contain {brief(pair)}; expected pairs (share, delay), the delay from 0 to {most} s"
 
     def response(self, s: complex) -> complex:
         """The complex response to exp(s t), without saturation and other limits."""
@@ -78,6 +118,11 @@ class FrontEnd:
             filtered = self.direct + sum(_pole(r, p, s) for p, r in zip(self.poles, self.residues))
         echoes = sum(share * cmath.exp(-s * later) for share, later in self.echoes)
         return self.gain * filtered * (1.0 + echoes) * cmath.exp(-s * 1e-9 * self.delay_ns)
+
+
+def _is_limit(value: object) -> bool:
+    """Whether a value is a number, which may be infinite."""
+    return isinstance(value, int | float) and not math.isnan(value)
 
 
 def _pole(residue: complex, pole: complex, s: complex) -> complex:
