@@ -1,5 +1,6 @@
 """The site that `make site` builds: complete, without anything from another host, its formulas and its reference."""
 
+import ast
 import json
 import os
 import re
@@ -15,6 +16,8 @@ import rig
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 SITE = DOCS / "site"
+CODE = re.compile(r"^(```|~~~).*?^\1|`[^`\n]+`", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\]\(([^)\s]+)")
 TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 
@@ -33,6 +36,43 @@ def test_every_page_is_in_a_table_of_contents():
     assert len(pages) > 30
     assert {one for one in pages if one not in entries and f"{os.path.dirname(one)}/*" not in entries} == set()
     assert {one for one in entries if "*" not in one} <= pages
+
+
+def shown_files():
+    """Files outside of the pages that a page includes, as the module `pages` of the site lists them."""
+    module = ast.parse((SITE / "pages.py").read_text())
+    values = [node.value for node in module.body if isinstance(node, ast.Assign) and node.targets[0].id == "SHOWN"]
+    return {ROOT / f"{file}.md" for file in ast.literal_eval(values[0])}
+
+
+def anchors(page):
+    """The anchors of a page: its headings down to level four, as `myst_heading_anchors` of the site has them."""
+    headings = re.findall(
+        r"^#{1,4} (.*)$", CODE.sub(lambda code: code[0].replace("#", ""), page.read_text()), re.MULTILINE
+    )
+    return {re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
+
+
+def astray(page, shown):
+    """The links of a page that lead to no page of the site, to no heading of one, or to no file."""
+    for target in LINK.findall(CODE.sub("", page.read_text())):
+        name, _, part = target.partition("#")
+        file = Path(os.path.normpath(page.parent / name)) if name else page
+        if re.match(r"\w+:", target):
+            continue
+        if not file.is_file() or (file.suffix == ".md" and not file.is_relative_to(DOCS) and file not in shown):
+            yield target
+        elif part and file.suffix == ".md" and part not in anchors(file):
+            yield target
+
+
+def test_a_link_of_a_page_leads_to_a_page_of_the_site():
+    """As Sphinx sees it: a page outside of the folder of the pages is none, unless a page includes it."""
+    shown = shown_files()
+    pages = [*DOCS.rglob("*.md"), *shown]
+    assert sum(len(LINK.findall(page.read_text())) for page in pages) > 300
+    wrong = {page.relative_to(ROOT).as_posix(): [*astray(page, shown)] for page in pages}
+    assert {page: links for page, links in wrong.items() if links} == {}
 
 
 def test_the_reference_of_python_has_every_function():
