@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from rig.parts.binary import Binary, DataFile, is_binary
 from rig.parts.code import Code, calling, code_of, file_of, foreign_fault, place_of, require, trust
-from rig.parts.room import Parts, Room, carried, is_file, named, one_class, package_of, trust_scene
+from rig.parts.room import Parts, Room, carried, is_file, named, one_class, package_of, require_types, trust_scene
 
 __all__ = [
     "Binary",
@@ -35,6 +35,7 @@ __all__ = [
     "package_of",
     "place_of",
     "require",
+    "require_types",
     "trust",
     "trust_scene",
 ]

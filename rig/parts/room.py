@@ -12,11 +12,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
-from pydantic import BaseModel, create_model
+from pydantic import BaseModel, PydanticUndefinedAnnotation, PydanticUserError, TypeAdapter, create_model
 
 from rig.errors import PartError, kind_and_text
 from rig.parts.binary import binaries
 from rig.parts.code import Code, calling, file_of, keep, trust, trust_hashes
+from rig.units import brief
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -191,12 +192,34 @@ def named(
 ) -> Any:
     """The table of a foreign part: the fields of `bases`, more `fields`, and `key`, the name of the part.
 
-    One class for equal arguments, so that equal tables are equal.
+    One class for equal arguments, so that equal tables are equal. Raises PartError for a type that no value can have.
     """
     which = module.__name__, bases, key, name
     if which not in _NAMED:
         given: dict[str, Any] = {key: (Literal[name], name), **(fields or {})}
-        _NAMED[which] = create_model(
+        made = create_model(
             bases[0].__name__, __base__=bases, __module__=module.__name__, __doc__=bases[0].__doc__, **given
         )
+        require_types(made, module)
+        _NAMED[which] = made
     return _NAMED[which]
+
+
+def require_types(model: type[BaseModel], module: ModuleType) -> None:
+    """Raise PartError for a table of a foreign part with a value whose type is unknown, or is none for a scene."""
+    try:
+        model.model_rebuild()
+    except (PydanticUserError, PydanticUndefinedAnnotation) as error:
+        wrong = [name for name, info in model.model_fields.items() if not _is_type(info.annotation)]
+        value = f"{model.__name__}{f'.{wrong[0]}' if wrong else ''}"
+        kinds = "a quantity, a number, a text, or tuples and dicts of these"
+        why = brief(model.model_fields[wrong[0]].annotation) if wrong else error.message
+        raise PartError(f"{file_of(module)}: {value} has no type that a scene can hold: {why}; use {kinds}") from error
+
+
+def _is_type(annotation: Any) -> bool:
+    try:
+        TypeAdapter(annotation)
+    except (PydanticUserError, PydanticUndefinedAnnotation):
+        return False
+    return True

@@ -14,7 +14,7 @@ from __future__ import annotations
 from types import ModuleType
 
 from rig.errors import PartError
-from rig.parts import Room, file_of
+from rig.parts import Room, code_of, file_of, require_types
 from rig.picture import Own, Picture
 from rig.quantities import Section
 from rig.units import brief
@@ -27,6 +27,8 @@ def _plant(module: ModuleType, name: str) -> ModuleType:
         raise PartError(f"{where}: defines no class Parameters derived from Section")
     if not callable(getattr(module, "assemble", None)):
         raise PartError(f"{where}: defines no function assemble(parameters, moved)")
+    if code_of(module) is not None:
+        require_types(model, module)
     pictures, figure = getattr(module, "PICTURES", ()), getattr(module, "FIGURE", None)
     if not isinstance(pictures, tuple | list) or not all(isinstance(picture, Picture) for picture in pictures):
         raise PartError(f"{where}: PICTURES is {brief(pictures)}; expected a tuple of pictures of rig.picture")
