@@ -119,9 +119,8 @@ def run(arguments: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        from rig.parts import foreign_fault
-
-        if not (text := foreign_fault(error)):  # of this project, not of a part from a file
+        parts = sys.modules.get("rig.parts")  # slow to import; without it no part of a file has run
+        if parts is None or not (text := parts.foreign_fault(error)):  # of this project, not of a part from a file
             raise
         printing.note(text)
         sys.exit(ExitCode.MISTAKE)

@@ -199,7 +199,7 @@ def test_a_column_becomes_a_channel_in_si(tmp_path, text, given, unit, value):
 GOOD = "t [s],v [m/s],w\n"
 FAULTS = [
     (GOOD + "0,1,1\n1,2\n2,x,3\n3;4;5\n4,1,1\n5,6", {}, ["row 3: 2 values, the other rows have 3",
-     "row 4: column v: 'x' is not a number", "row 5: 1 values, the other rows have 3; with ';'", "row 7: 2 values",
+     "row 4: column v: 'x' is not a number", "row 5: 1 value, the other rows have 3; with ';'", "row 7: 2 values",
      "the file ends in the middle of it"]),
     (GOOD + "0,1,1\n1,x,3\n2,,3\n2,1,1\n1,1,1\n5,6\n", {}, ["row 3: column v: 'x'", "row 4, column v: there is no",
      "row 5, column t: the time 2 s is that", "row 6, column t: the time 1 s falls", "row 7: 2 values"]),
@@ -208,7 +208,7 @@ FAULTS = [
     (GOOD + "0,1,1\n1,1,1\n", {"texts": ["w = a", "x = b", "v = c, 3 N/V"]}, ["states no unit for w",
      "there is no column 'x'", "the column is in m/s"]),
     (GOOD + "0,1,1\n1,1,1\n", {"texts": ["v = a, mm/s"]}, ["the file says that v is in m/s"]),
-    (GOOD + "0,1,1\n1;2;2\n2,3,3\n3,4,4\n4,5,5\n", {}, ["row 3: 1 values, the other rows have 3; with ';' in place"]),
+    (GOOD + "0,1,1\n1;2;2\n2,3,3\n3,4,4\n4,5,5\n", {}, ["row 3: 1 value, the other rows have 3; with ';' in place"]),
 ]  # fmt: skip
 
 
