@@ -80,7 +80,7 @@ def why(status: int, system: System, integration: Integration, state: MotionStat
         return Diverged, f"no step is short enough for the tolerance {integration.tolerance:g}"
     what = f"the state has left the limit of {integration.limit:g} or is not finite"
     if integration.method in ("rk4", "kick"):
-        what += f"; {blame(system, integration.method, integration.step_ns * 1e-9, integration.substeps)}"
+        what += f"; {blame(system, integration.method, integration.step_ns * 1e-9, integration.substeps, state.x)}"
     return Diverged, what
 
 

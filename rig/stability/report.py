@@ -43,7 +43,8 @@ from rig.model.singular import assembled
 from rig.model.system import Finding, Level, Normal, Patch, Sector, System
 from rig.quantities import at_most
 from rig.solve.records import CLOSED, LINEAR, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
-from rig.stability.linearisation import Steady, linearised, moving_states, own_law, steady
+from rig.stability.linearisation import Steady, moving_states, steady
+from rig.stability.memory_steps import fastest_memory
 
 
 def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
@@ -368,6 +369,7 @@ def step_findings(
         yield from _eigenvalues(*fastest, method, step, substeps)
     if method == "rk4":
         yield from _steep_law(system, step, substeps)
+        yield from _memory(system, step, substeps)
     if method in ADAPTIVE:
         yield from _narrow_law(system, tolerance)
 
@@ -380,14 +382,21 @@ def part(step: float, most: float) -> str:
     return f"{whole // count * 1e-9:.12g} s"
 
 
-def blame(system: System, method: str, step: float, substeps: int) -> str:
-    """Whether the step made a run by rk4 or kick diverge, in words, and which step helps. See `stability_report`."""
+def blame(system: System, method: str, step: float, substeps: int, x: NDArray[np.float64]) -> str:
+    """Whether the step made a run by rk4 or kick diverge, in words, and which step helps. See `stability_report`.
+
+    `x`: the last state, whose driving states count: a drive may be faster than at the start.
+    """
     h = step / substeps
+    start = np.concatenate([system.start[: system.one], x[system.one :]])
+    if np.all(np.isfinite(start)):
+        system = replace(system, start=start)
     if system.film is not None:
         fastest, limit, coarse = assembly.fastest(system, h), FILM_LIMIT, FILM_COARSE
     else:
         fastest = fastest_eigenvalue(system)
-        fastest, limit = max(fastest, steepest(system)), RK4_LIMIT if method == "rk4" else KICK_LIMIT
+        limit = RK4_LIMIT if method == "rk4" else KICK_LIMIT
+        fastest = max(fastest, steepest(system), fastest_memory(system, mode_sets(system)).rate)
         coarse = _COARSE
     size = fastest * h
     text = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
@@ -395,8 +404,10 @@ def blame(system: System, method: str, step: float, substeps: int) -> str:
         return f"{text}, which is short enough; the motion itself grows"
     why = f"unstable beyond {limit}" if size > limit else f"coarse beyond {coarse}"
     least = 0.1 / fastest if system.film is None else FILM_COARSE / fastest
-    return f"{text}, {why}. Set clock.rk4_step to {part(step, least)} or less" + (
-        ", or clock.method to dopri5" if method == "rk4" else ""
+    finer = [f"clock.rk4_step to {part(step, least)} or less"] if least >= _SHORTEST else []
+    other = ["clock.method to auto"] if method == "rk4" else []
+    return f"{text}, {why}. " + (
+        f"Set {', or '.join([*finer, *other])}" if finer or other else "No step is short enough"
     )
 
 
@@ -406,17 +417,14 @@ def fastest_eigenvalue(system: System) -> float:
 
 
 def steepest(system: System) -> float:
-    """The fastest eigenvalue [1/s] where a speed-dependent law is steepest; 0 without such a law.
+    """The fastest eigenvalue [1/s] where a law over speed is steepest; 0 without such a law.
 
-    The load is that at the start. With memory: about the start, including stick as a spring.
+    The load is that at the start. For laws with memory: rig.stability.memory_steps.
     """
     fastest = 0.0
     speeds = [0.0, *np.geomspace(1e-9, 1.0, _SPEEDS).tolist()]
     for key in mode_sets(system):
         modes = assembled(system, key)
-        if system.remembers:
-            A = linearised(system, modes, system.start, own_law(system, modes))[0]
-            fastest = max(fastest, float(np.abs(np.linalg.eigvals(A)).max()))
         for p in np.flatnonzero(modes.sigma).tolist():
             law = system.law(p, key)
             if law.constant or law.states:
@@ -469,6 +477,20 @@ def _steep_law(system: System, step: float, substeps: int) -> Iterator[Finding]:
             fastest * h,
             f"rk4_step of {part(step, 0.1 / fastest)} or less, or method dopri5",
         )
+
+
+def _memory(system: System, step: float, substeps: int) -> Iterator[Finding]:
+    """Whether rk4 can follow the internal states of laws with memory."""
+    (fastest, speed), h = fastest_memory(system, mode_sets(system)), step / substeps
+    size = fastest * h
+    moves = f"slips at {speed:.3g} m/s" if speed else "rests or creeps"
+    where = f"|lambda| h = {size:.3g} where a contact whose friction law has memory {moves}"
+    finer = [f"rk4_step of {part(step, 0.1 / fastest)} or less"] if 0.1 > _SHORTEST * fastest > 0.0 else []
+    remedy = ", or ".join([*finer, "method auto"])
+    if size > RK4_LIMIT:
+        yield Finding("error", f"rk4 is unstable at a step of {h:g} s: {where}, at most {RK4_LIMIT}", size, remedy)
+    elif size > _COARSE:
+        yield Finding("warning", f"rk4 is coarse at a step of {h:g} s: {where}", size, remedy)
 
 
 def _film(system: System, step: float, substeps: int) -> Iterator[Finding]:

@@ -12,11 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
+from rig.bench.run.before import findings
 from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.quantities import at_least, at_most
 from rig.stability.linearisation import sliding_key, steady
-from rig.stability.report import RK4_LIMIT, blame, part, stability_report
+from rig.stability.memory_steps import fastest_memory, fastest_slips
+from rig.stability.report import RK4_LIMIT, blame, mode_sets, part, stability_report
 
 STEP = 1e-3
 COULOMB = friction_law.coulomb(0.4, 0.25)
@@ -234,12 +236,63 @@ def test_a_tolerance_too_coarse_for_the_friction_law_is_told(scale, tolerance, w
 def test_rk4_that_has_diverged_names_its_step_and_one_that_does():
     """A law that falls within 1e-4 m/s: |lambda| = N (mu_s - mu_d) / (m v_s) = 12800 1/s where it is steepest."""
     system = belt(friction_law.stribeck(0.5, 0.18, 1e-4)).system()
-    told = blame(system, "rk4", 1e-3, 1)
+    told = blame(system, "rk4", 1e-3, 1, system.start)
     assert "rk4 took steps of 0.001 s: |lambda| h = 12.8, unstable beyond 2.785" in told
     assert "clock.rk4_step to 6.25e-06 s or less" in told
-    assert "short enough" in blame(belt().system(), "rk4", 1e-3, 1)
+    assert "short enough" in blame(belt().system(), "rk4", 1e-3, 1, belt().system().start)
     [warned] = [one for one in stability_report(system, "rk4", STEP, 10) if "steepest" in one.what]
     assert warned.number == pytest.approx(1.28, rel=1e-3)
+
+
+def test_a_run_that_diverges_is_judged_at_the_surface_speed_that_it_had():
+    """Bristles relax at sigma0 w / g(w): a faster belt makes a step too long that was short enough at the start."""
+    system = rig.load("belt_lugre", {"drive.lag": "0.1 s"}).assemble().system()
+    fast = system.start.copy()
+    fast[system.names.index("drive.actual")] = 2.0
+    assert "short enough" in blame(system, "rk4", 1e-3, 400, system.start)
+    assert "unstable beyond 2.785" in blame(system, "rk4", 1e-3, 400, fast)
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "level"),
+    [
+        ("belt_lugre", "0.1 ms", "error"),  # loses its stick-slip
+        ("belt_lugre", "40 us", "error"),  # the belt is driven by friction, residual 0.5
+        ("belt_lugre", "20 us", "warning"),  # the displacement is that of rosenbrock to 1e-7
+        ("belt_elasto_plastic", "0.1 ms", "error"),  # diverges
+        ("belt_elasto_plastic", "20 us", "warning"),
+        ("belt_maxwell_slip", "10 us", "error"),
+        ("belt_rate_state", "0.1 ms", "error"),  # diverges after 4.1 s, when the contact creeps
+        ("belt_dahl", "0.1 ms", "warning"),
+        ("belt_stick_time", "0.1 ms", ""),
+        ("belt_contact_temperature", "0.1 ms", ""),
+    ],
+)
+def test_rk4_is_refused_where_bristles_are_faster_than_its_step(name, step, level):
+    scene = rig.load(name, {"clock.method": "rk4", "clock.rk4_step": step})
+    assert [found.level for found in findings(scene) if found.what.startswith("rk4 is")] == ([level] if level else [])
+
+
+def test_a_creeping_contact_whose_steady_slip_is_stable_is_not_refused():
+    """Behind a spring stiffer than (b - a) N / distance the contact keeps its slip speed: a N / (m w) = 80 1/s."""
+    stiff = {"body.stiffness": "1e4 N/m", "start.displacement": "8e-4 m", "clock.method": "rk4"}
+    assert not [found for found in findings(rig.load("belt_rate_state", stiff)) if "rk4 is" in found.what]
+
+
+def test_the_rate_of_bristles_is_the_closed_form():
+    """LuGre in fast slip without sigma1: the bristles relax at sigma0 w / g(w), the body is slow."""
+    system = rig.load("belt_lugre", {"friction.sigma1": 0.0}).assemble().system()
+    rate, speed = fastest_memory(system, mode_sets(system))
+    assert rate == pytest.approx(1e5 * speed / (0.18 + 0.32 * np.exp(-speed / 0.05)), rel=1e-3)
+
+
+def test_the_fastest_slip_of_a_released_mass_is_the_closed_form():
+    """V + (V^2 + (mu_s N omega / c)^2)^0.5 for a mass that its belt carries and releases."""
+    [speed] = fastest_slips(rig.load("belt_lugre").assemble().system())
+    assert speed == pytest.approx(0.06 + np.hypot(0.06, 0.5 * 20.0 / np.sqrt(5.0 * 2500.0)), rel=1e-4)
+    system = rig.load("belt_dahl").assemble().system()
+    released = 0.01 * np.sqrt(500.0)
+    assert fastest_slips(system) == pytest.approx(np.hypot(released, 0.4 * 20.0 / np.sqrt(5.0 * 2500.0)), rel=1e-9)
 
 
 def test_a_limit_that_is_told_is_itself_allowed():
