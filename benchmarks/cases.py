@@ -121,6 +121,11 @@ GROUPS = {
         lambda asked: whole_runs.marginal(2 if asked.quick else 5),
         tuple(_most(f"{name}.over_exact", run.title, run.most, EXACT) for name, run in whole_runs.RUNS.items()),
     ),
+    "before": Group(
+        "stability report of a belt whose friction law has memory, processor time",
+        lambda asked: whole_runs.before(3 if asked.quick else 7),
+        tuple(_most(f"{law}_s", f"before each run: {law}", 0.1, "s") for law in whole_runs.WITH_MEMORY),
+    ),
     "start": Group(
         "new processes, processor time: rig list, rig simulate belt for 0.1 s, a recorder",
         lambda asked: whole_runs.start(5 if asked.quick else 9),

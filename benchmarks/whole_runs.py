@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import rig
 from benchmarks.one_contact import over_exact
 from rig.bench.run import local_controllers
+from rig.bench.run.before import findings
 from rig.qualify.doctor import warmup
 from rig.scenes.scene import Scene
 
@@ -49,6 +50,25 @@ RUNS = {
     "plate": Run("plate of 40 modes under a slider on 40 points", "plate", {}, 0.2, 0.8, 80_000.0),
     "plate_96": Run("the same, 96 points", "plate_96", {}, 0.2, 0.8, 200_000.0),
 }
+
+
+WITH_MEMORY = ("rate_state", "lugre", "stick_time", "contact_temperature")
+"""Friction laws whose belts are examined before a run."""
+
+
+def before(rounds: int = 5) -> dict[str, float]:
+    """Return the processor time [s] of the stability report of a belt by law: its least one of `rounds`."""
+    least = {}
+    for law in WITH_MEMORY:
+        scene = rig.load(f"belt_{law}")
+        system = scene.assemble().system()
+        times = []
+        for _ in range(rounds):
+            begin = time.process_time()
+            findings(scene, system)
+            times.append(time.process_time() - begin)
+        least[f"{law}_s"] = min(times)
+    return least
 
 
 def simulate(rounds: int = 5) -> dict[str, Any]:

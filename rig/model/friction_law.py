@@ -145,19 +145,22 @@ class Law:
         """Whether a contact with this law can stick."""
         return self.code != SMOOTH and not self.presliding
 
-    def mu(self, speed: float) -> float:
-        """The coefficient at slip speed `speed` >= 0 [m/s]; of a law with memory that of steady slip under 1 N."""
-        if self.formula is not None and self.states:
-            mu = float(self.formula.evaluate(self.numbers, speed, 1.0, self.steady(speed, 1.0))[0][0])
+    def mu(self, speed: float, load: float | None = None) -> float:
+        """The coefficient at slip speed `speed` >= 0 [m/s]; of a law with memory that of steady slip under `load` [N].
+
+        Raises ValueError for a law with memory without a load: its steady slip may depend on it.
+        """
+        if self.states:
+            mu = float(self._in_steady_slip(speed, load)[0][0])
         else:
             mu = float(coefficient(self.code, self.row(), speed))
         self._require_finite("mu", mu, speed)
         return mu
 
-    def over(self, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    def over(self, speeds: NDArray[np.float64], load: float | None = None) -> NDArray[np.float64]:
         """The coefficients at many slip speeds >= 0 [m/s], as `mu`."""
         if self.states:
-            return np.array([self.mu(speed) for speed in speeds.tolist()])
+            return np.array([self.mu(speed, load) for speed in speeds.tolist()])
         values = np.zeros(len(speeds))
         coefficients(self.code, self.row(), speeds, values)
         if self.origin is not None and not np.isfinite(values).all():
@@ -165,10 +168,13 @@ class Law:
                 self._require_finite("mu", mu, speed)
         return values
 
-    def slope(self, speed: float) -> float:
-        """The slope d mu / d speed [s/m] at `speed` > 0 [m/s]; of a law with memory along steady slip under 1 N."""
-        if self.formula is not None and self.states:
-            d = self.formula.evaluate(self.numbers, speed, 1.0, self.steady(speed, 1.0))[1]
+    def slope(self, speed: float, load: float | None = None) -> float:
+        """The slope d mu / d speed [s/m] at `speed` > 0 [m/s]; of a law with memory along steady slip under `load` [N].
+
+        Raises ValueError as `mu`.
+        """
+        if self.states:
+            d = self._in_steady_slip(speed, load)[1]
             self._require_finite("slopes", float(d.sum()), speed)
             return float(d[0, 0] - d[0, 2:] @ np.linalg.lstsq(d[1:, 2:], d[1:, 0], rcond=None)[0])
         change = float(slope(self.code, self.row(), speed))
@@ -187,15 +193,6 @@ class Law:
         self._require_finite("a state in steady slip", float(z.sum()), speed)
         return z
 
-    def _require_finite(self, what: str, value: float, speed: float) -> None:
-        if self.origin is not None and not isfinite(value) and 0.0 <= speed <= FASTEST:
-            raise PartError(self._not_finite(what, value, f"w = {speed:.6g} m/s"))
-
-    def _not_finite(self, what: str, value: float, where: str) -> str:
-        assert self.origin is not None
-        named = f"{what}{self.origin.places.get(what, '')}"
-        return f"{self.origin.law}: {named} is {value:g} at {where}; it must be finite from 0 to {FASTEST:g} m/s"
-
     def fault(self, speed: float, N: float, z: Array) -> str:
         """What of a law from elsewhere is not finite at a slip speed, a load and internal states; "" if all is.
 
@@ -213,12 +210,40 @@ class Law:
         wrong = slopes[~np.isfinite(slopes)]
         return self._not_finite("slopes" if self.states else "slope", wrong[0], where) if wrong.size else ""
 
+    def at_once(self, speeds: NDArray[np.float64], load: float, states: Array) -> tuple[Array, Array]:
+        """Coefficients and slopes [s/m] at slip speeds >= 0 [m/s] as long as the internal states keep these values.
+
+        They are what a contact feels that changes its speed faster than the memory of its law fades. `load` [N]:
+        without influence for a law without memory.
+        """
+        if self.formula is None or not self.states:
+            return self.over(speeds), np.array([self.slope(speed) for speed in speeds.tolist()])
+        points = [self.formula.evaluate(self.numbers, speed, load, states) for speed in speeds.tolist()]
+        return np.array([values[0] for values, _ in points]), np.array([slopes[0, 0] for _, slopes in points])
+
     def row(self, first: int = 0, rate: int = 0) -> Array:
         """The numbers as kernels read them. `first`, `rate`: indices of the first internal state, and of its rate."""
         if self.formula is None:
             return np.array(self.numbers)
         f, along = self.formula, [float(state.along) for state in self.states]
         return np.array([f.values, f.slopes, len(along), first, rate, *along, *self.numbers], dtype=np.float64)
+
+    def _in_steady_slip(self, speed: float, load: float | None) -> tuple[Array, Array]:
+        """Values and slopes of the formula of a law with memory, see `Formula.evaluate`."""
+        assert self.formula is not None
+        if load is None:
+            raise ValueError("the steady slip of a friction law with memory depends on the load: state it")
+        states = self.steady(speed, load)
+        return self.formula.evaluate(self.numbers, speed, load, states)
+
+    def _require_finite(self, what: str, value: float, speed: float) -> None:
+        if self.origin is not None and not isfinite(value) and 0.0 <= speed <= FASTEST:
+            raise PartError(self._not_finite(what, value, f"w = {speed:.6g} m/s"))
+
+    def _not_finite(self, what: str, value: float, where: str) -> str:
+        assert self.origin is not None
+        named = f"{what}{self.origin.places.get(what, '')}"
+        return f"{self.origin.law}: {named} is {value:g} at {where}; it must be finite from 0 to {FASTEST:g} m/s"
 
 
 def coulomb(static: float, kinetic: float) -> Law:

@@ -184,9 +184,10 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     pads = [contact.pad.partition(".")[0] for contact in p.contacts.values()]
     patches: dict[str, Row] = {}
     law = p.friction.friction()
-    pull = law.mu(abs(p.linings.radius * p.drive.speed)) * (-1.0 if p.drive.speed < 0.0 else 1.0)
-    for (name, contact), pad in zip(p.contacts.items(), pads):
-        along = relative_motion(bodies, contact.pad, contact.disc, "x")
+    slip = abs(p.linings.radius * p.drive.speed)
+    rows = [relative_motion(bodies, contact.pad, contact.disc, "x") for contact in p.contacts.values()]
+    shares = [1.0 / pads.count(pad) for pad in pads]
+    for (name, contact), pad, along in zip(p.contacts.items(), pads, rows):
         patch = next((known for known, row in patches.items() if row == along), "")
         if not patch:
             patch = pad if pad not in patches else name
@@ -201,6 +202,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         a.spring(approach, 0.0, viscous * stiffness)
         for coordinate, value in approach.items():
             a.push(coordinate, {"one": value * force})
+        load = p.linings.force * share * sum(part for row, part in zip(rows, shares) if row == along)
+        pull = law.mu(slip, load) * (-1.0 if p.drive.speed < 0.0 else 1.0)
         for coordinate, value in along.items() if p.load.at == "sliding" else ():
             a.push(coordinate, {"one": -value * pull * force})
 

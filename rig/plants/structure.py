@@ -46,6 +46,8 @@ Array = NDArray[np.float64]
 _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong to one contact
 DRAWN = 4000  # nodes that mode shapes are drawn on, at most [chosen]
 _OF_POINTS = Plot("normal force of points"), Plot("slip speed of points"), Plot("0 open, 1 stick, 2 slip")
+_RELATIVE = Plot("surface past the structure at points")
+_ROUNDS, _SETTLED = 60, 1e-12  # to the loads of contacts in steady sliding, and their relative change at the end
 
 HANDS = {
     "friction.mu": "coefficient of friction",
@@ -290,9 +292,17 @@ def _as_film(a: Assembly, p: Tables) -> bool:
 def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers: list[Array], speed: Row) -> None:
     """Make the contacts points of a film, with outputs of each point.
 
-    Without `shear` a point is as stiff along the sliding as across it.
+    Without `shear` a point is as stiff along the sliding as across it. The slip speed of a point is that between the
+    surface and the tip of its shear spring, 0 in stick; the relative speed is that between surface and structure.
     """
     a.signal("slid", dict(speed), 0.0, "drive")
+    coordinates = list(a.coordinates)
+    passing = [
+        {state: radius * value for state, value in speed.items()}
+        | {f"{name}'": -value for name, value in zip(coordinates, along.tolist()) if value}
+        for points in model.contacts
+        for radius, along in zip(points.radius.tolist(), points.along)
+    ]
     names = [name for name, *_ in a.normals]
     laws = tuple(p.law_of(points.name) for points in model.contacts for _ in points.area)
     of_points = list(zip(model.contacts, springs, strict=True))
@@ -322,6 +332,7 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers
     for i, name in enumerate(names):
         a.outputs[f"normal_force_of_{name}"] = Output({film.at("P", i): 1.0}, "N", _OF_POINTS[0])
         a.outputs[f"slip_speed_of_{name}"] = Output({film.at("w", i): 1.0}, "m/s", _OF_POINTS[1])
+        a.outputs[f"relative_speed_of_{name}"] = Output(passing[i], "m/s", _RELATIVE)
         a.outputs[f"state_of_{name}"] = Output({film.at("s", i): 1.0}, "1", _OF_POINTS[2])
     a.outputs |= {
         "normal_force": Output({film.over("normal"): 1.0}, "N"),
@@ -329,6 +340,7 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers
         "contact_fraction": Output({film.over("fraction"): 1.0}, "1", Plot(place=2)),
         "openings": Output({film.over("openings"): 1.0 / COUNTED}, "1", Plot()),
         "slip_speed": Output({film.at("w", 0): 1.0}, "m/s", Plot()),
+        "relative_speed": Output(passing[0], "m/s", Plot()),
         "surface_speed": Output(
             {state: float(own.reach[0]) * value for state, value in speed.items()}, "m/s", role="drive"
         ),
@@ -372,21 +384,40 @@ def _range(key: str, value: float, parts: Iterable[Part]) -> tuple[float, float]
     return (0.0 if key == "load.force" else -most), most
 
 
+def _sliding(a: Assembly, p: Tables, stiffness: Array, springs: list[Array], model: Full, pressed: Array) -> Array:
+    """The coordinates [m] in steady sliding with every point closed under the forces `pressed` [N].
+
+    The coefficient of a law with memory depends on the load of its patch, which is sought in rounds.
+    """
+    speed = p.drive.speed if p.drive else 0.0
+    laws = [p.law_of(points.name) for points in model.contacts for _ in points.area]
+    normals = np.concatenate([points.normal for points in model.contacts]) if laws else np.zeros((0, len(stiffness)))
+    alongs = np.concatenate([points.along for points in model.contacts]) if laws else normals
+    slips = [radius * speed for points in model.contacts for radius in points.radius.tolist()]
+    each = np.concatenate(springs) if laws else np.zeros(0)
+    patches = [patch for _, patch, *_ in a.normals]
+    loads = dict.fromkeys(patches, 0.0)
+    for _ in range(_ROUNDS if any(law.states for law in laws) else 1):
+        held = stiffness.copy()
+        for law, slip, k, normal, along, patch in zip(laws, slips, each, normals, alongs, patches):
+            mu = math.copysign(law.mu(abs(slip), loads[patch]), slip)
+            held += k * np.outer(normal + mu * along, normal)
+        q = np.linalg.lstsq(held, pressed, rcond=None)[0]
+        before, loads = loads, dict.fromkeys(patches, 0.0)
+        for patch, force in zip(patches, (-each * (normals @ q)).tolist()):
+            loads[patch] += max(force, 0.0)
+        if all(abs(loads[patch] - before[patch]) <= _SETTLED * loads[patch] for patch in patches):
+            break
+    return np.asarray(q)
+
+
 def _begin(
     a: Assembly, p: Tables, mass: Array, stiffness: Array, springs: list[Array], model: Full, pressing: Array
 ) -> None:
     """Write the start: steady sliding with every point closed, and the velocity of a blow on the point of the knock."""
     q = np.zeros(len(a.coordinates))
     if p.load is not None:
-        held = stiffness.copy()
-        speed = p.drive.speed if p.drive else 0.0
-        for points, own in zip(model.contacts, springs):
-            law = p.law_of(points.name)
-            for k, normal, along, radius in zip(own, points.normal, points.along, points.radius.tolist()):
-                slip = radius * speed
-                mu = math.copysign(law.mu(abs(slip)), slip)
-                held += k * np.outer(normal + mu * along, normal)
-        sliding = np.linalg.lstsq(held, pressing * p.load.force, rcond=None)[0]
+        sliding = _sliding(a, p, stiffness, springs, model, pressing * p.load.force)
         q = sliding if p.start.at == "sliding" else q
         if a.film is not None:
             creep = a.film.creep(a.film.stiffness * (sliding @ a.film.rows[0, 0]))

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from rig.plants.structures.contact_map import Surface
     from rig.scenes.scene import Scene
 
-_PLACE = re.compile(r"_\d+_\d+$|(?<=^state_of)_.+|(?<=^slip_speed_of)_.+|(?<=^normal_force_of)_.+")
+_OF_POINT = ("state_of", "slip_speed_of", "relative_speed_of", "normal_force_of")
+_PLACE = re.compile("|".join([r"_\d+_\d+$", *(f"(?<=^{kind})_.+" for kind in _OF_POINT)]))
 """What differs among the outputs of points: the indices along and across, or the name of the point."""
 _ABOVE_MEAN = 5.0
 """Upper end of the pressure scale over the mean pressure; during detachment of the shipped scene 99.8 % are below."""

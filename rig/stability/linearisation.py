@@ -38,8 +38,8 @@ def own_law(system: System, modes: ModeSet) -> Contact:
     def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
         sigma, law = float(modes.sigma[p]), laws[p]
         v = max(sigma * w, 0.0)
-        mu = law.mu(v)
-        return sigma * mu * N, law.slope(v) * N, sigma * mu
+        mu = law.mu(v, N)
+        return sigma * mu * N, law.slope(v, N) * N, sigma * mu
 
     return contact
 

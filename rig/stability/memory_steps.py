@@ -74,7 +74,7 @@ def fastest_slips(system: System) -> Array:
         along = row[nq : 2 * nq] @ shapes
         surface = abs(float(np.delete(row, np.s_[nq : 2 * nq]) @ np.delete(x, np.s_[nq : 2 * nq])))
         swing = max(surface, float(np.abs(along) @ np.hypot(rate, away)))
-        most = max(law.over(swing * _SLOW).max() for law in system.laws(p))
+        most = max(law.over(swing * _SLOW, loads[p]).max() for law in system.laws(p))
         release = most * loads[p] * float((along[swings] ** 2 / omega[swings]).sum())
         fastest[p] = surface + float(np.hypot(swing, release))
     return fastest

@@ -44,7 +44,7 @@ from rig.model.system import Finding, Level, Normal, Patch, Sector, System
 from rig.quantities import at_most
 from rig.solve.records import CLOSED, LINEAR, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
 from rig.stability.linearisation import Steady, moving_states, steady
-from rig.stability.memory_steps import fastest_memory
+from rig.stability.memory_steps import fastest_memory, start_loads
 
 
 def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
@@ -132,7 +132,7 @@ def _flat(at: Steady) -> Steady:
     flat = []
     for p, patch in enumerate(at.system.patches):
         law = at.system.law(p, at.modes.key)
-        mu = law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0))
+        mu = law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0), float(at.load[p]))
         flat.append(replace(patch, law=replace(friction_law.coulomb(mu, mu), static=law.static), memory=()))
     kept = tuple(sector for sector in at.system.sectors if sector.changes)
     where = [place for sector, place in zip(at.system.sectors, sector_modes) if sector.changes]
@@ -253,8 +253,9 @@ def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
     if not len(M) or not any(np.any(k.inertia) for k in system.normals):
         return
     speeds = [abs(float(patch.surface @ system.start)) for patch in system.patches]
+    loads = start_loads(system).tolist()
     for share in np.linspace(0.0, _FAST, _SPEEDS).tolist():
-        mu = [float(system.law(p, key).mu(share * speed)) for p, speed in enumerate(speeds)]
+        mu = [system.law(p, key).mu(share * speed, load) for p, (speed, load) in enumerate(zip(speeds, loads))]
         Me = bearing_mass(system, key, mu)
         worst = min(worst, float(np.linalg.det(Me) / np.linalg.det(M)))
     if worst <= 0.0:
@@ -442,9 +443,9 @@ def _narrow_law(system: System, tolerance: float) -> Iterator[Finding]:
     A released contact starts to slip along the steep part of its law. If the error is not far below the width of that
     part, the contact turns back, sticks and slips again, although the exact motion continues.
     """
-    for p, patch in enumerate(system.patches):
-        speed = abs(float(patch.surface @ system.start))
-        widths = [_width(law) for law in system.laws(p) if not law.constant and law.sticks]
+    for p, (patch, load) in enumerate(zip(system.patches, start_loads(system).tolist())):
+        speed, states = abs(float(patch.surface @ system.start)), system.start[list(patch.memory)]
+        widths = [_width(law, load, states) for law in system.laws(p) if not law.constant and law.sticks]
         error = tolerance * speed
         if widths and error > _FINE * min(widths):
             yield Finding(
@@ -456,14 +457,14 @@ def _narrow_law(system: System, tolerance: float) -> Iterator[Finding]:
             )
 
 
-def _width(law: Law) -> float:
+def _width(law: Law, load: float, states: NDArray[np.float64]) -> float:
     """The slip speed [m/s] over which a law changes from its value at rest, taken at its steepest slope.
 
-    Infinite if the law changes by less than rounding.
+    With memory: while the internal states are those of the contact at rest, because a released contact passes the
+    width before they change. Infinite if the law changes by less than rounding.
     """
-    speeds = np.array([0.0, *np.geomspace(1e-9, 1.0, 10 * _SPEEDS).tolist()])
-    change = float(np.ptp(law.over(speeds)))
-    slope = max(abs(law.slope(speed)) for speed in speeds.tolist())
+    mu, slopes = law.at_once(np.array([0.0, *np.geomspace(1e-9, 1.0, 10 * _SPEEDS).tolist()]), load, states)
+    change, slope = float(np.ptp(mu)), float(np.abs(slopes).max())
     return change / slope if change > 0.0 and slope > 0.0 else math.inf
 
 

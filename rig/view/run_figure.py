@@ -393,22 +393,28 @@ def _typical(gaps: Reals) -> float:
 def scene_figure(figure: Figure, scene: Scene) -> None:
     """Draw the friction coefficient of each contact of `scene` over its slip speed; dots: the static coefficients.
 
+    A law with memory is drawn in steady slip, under the load of steady sliding. One that deflects instead of sticking
+    has no static coefficient.
+
     Raises UsageError for a rig without friction.
     """
     system = scene.assemble().system()
     if not system.patches:
         raise UsageError("nothing to draw: the rig has no contact with friction")
-    x = steady(system, sliding_key(system)).x.copy()
+    sliding = steady(system, sliding_key(system))
+    x = sliding.x.copy()
     x[: 2 * len(system.coordinates)] = 0.0
     surfaces = np.abs(system.slip_rows @ x)
     top = 2.0 * float(surfaces.max()) or _FASTEST
     speeds = np.linspace(0.0, top, 400)[1:]
     axes = figure.add_subplot()
-    for i, (patch, surface) in enumerate(zip(system.patches, surfaces)):
+    for i, (patch, surface, load) in enumerate(zip(system.patches, surfaces, sliding.load.tolist())):
         colour = LINES[i % len(LINES)]
         for law, dashes, way in zip(patch.law.directions, ("-", "--"), ("", " backward")):
-            axes.plot(speeds, law.over(speeds), color=colour, ls=dashes, label=plain(patch.name) + way)
-            axes.plot(0.0, law.static, "o", color=colour)
+            under = f", steady slip under {load:.3g} N" if law.states else ""
+            axes.plot(speeds, law.over(speeds, load), color=colour, ls=dashes, label=plain(patch.name) + way + under)
+            if law.sticks:
+                axes.plot(0.0, law.static, "o", color=colour)
         if surface:
             axes.axvline(surface, color=colour, lw=0.9, ls=":")
     moving = "; dotted: speed of the surface" if surfaces.any() else ""

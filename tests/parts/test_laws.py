@@ -133,7 +133,7 @@ def test_a_law_with_memory_from_a_file(own):
     scene = lab.load(own / "bristles.toml")
     law = scene.parameters.friction.friction()
     assert [state.name for state in law.states] == ["deflection"]
-    assert (law.sticks, law.mu(0.1)) == (False, pytest.approx(0.4, rel=1e-12))
+    assert (law.sticks, law.mu(0.1, 20.0)) == (False, pytest.approx(0.4, rel=1e-12))
     values, slopes = law.formula.evaluate(law.numbers, 0.1, 20.0, np.array([1e-5]))
     assert values == pytest.approx([0.1, 0.075, 1e-5], rel=1e-14)
     assert slopes == pytest.approx(np.array([[0.0, 0.0, 1e4], [0.75, 0.0, -2500.0]]), rel=1e-14)

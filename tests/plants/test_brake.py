@@ -188,3 +188,17 @@ def test_the_verdict_tells_growth_and_what_bounds_it():
     assert found.number == pytest.approx(BRAKE["BRAKE-P"]["short"][0], abs=1e-3)
     assert found.what.endswith("it grows until inner_left opens")
     assert "friction" in found.remedy
+
+
+def test_the_brake_is_preloaded_in_steady_sliding_under_a_law_that_its_load_warms():
+    """Where the preload is that of sliding, steady sliding is the undeformed rig."""
+    warm = {"friction.law": "contact_temperature", "friction.mu": "none", "friction.mu_cold": 0.3}
+    warm |= {"friction.mu_hot": 0.15, "friction.temperature_scale": "20 K", "friction.capacity": "5 J/K"}
+    scene = rig.load("brake", warm | {"friction.cooling": "5 W/K", "load.at": "sliding"})
+    system = scene.assemble().system()
+    at = steady(system, sliding_key(system))
+    nq = len(system.coordinates)
+    cold = rig.load("brake", {"load.at": "rest"}).assemble().system()
+    away = np.abs(steady(cold, sliding_key(cold)).x[:nq]).max()
+    assert at.x[2 * nq] > 20.0
+    assert np.abs(at.x[:nq]).max() < 1e-9 * away

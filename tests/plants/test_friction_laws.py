@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+import rig
 from rig.laws.constant import Constant
 from rig.laws.coulomb import Coulomb
 from rig.laws.exponential import Exponential
@@ -105,6 +106,31 @@ def test_laws_go_on_smoothly_below_zero_speed():
         law = LAWS[name]
         assert law.mu(-h) == pytest.approx(law.mu(0.0) - h * law.slope(1e-12), abs=1e-6)
         assert law.mu(-h) >= law.mu(0.0)
+
+
+def test_steady_slip_of_a_law_with_memory_is_that_under_its_load():
+    """Steady: T = mu N w / cooling, and mu = (hot + (cold - hot) e^(-T / scale)) (1 + surplus e^(-w / v))."""
+    law = rig.load("belt_contact_temperature").parameters.friction.friction()
+    for load in (1.0, 20.0, 200.0):
+        mu = law.mu(0.06, load)
+        T = mu * load * 0.06 / 0.005
+        assert mu == pytest.approx((0.15 + 0.15 * math.exp(-T / 20.0)) * (1.0 + 0.8 * math.exp(-0.06 / 0.05)), rel=1e-9)
+        h = 1e-6
+        assert law.slope(0.06, load) == pytest.approx(
+            (law.mu(0.06 + h, load) - law.mu(0.06 - h, load)) / (2 * h), rel=1e-6
+        )
+    assert law.mu(0.06, 1.0) > 1.5 * law.mu(0.06, 20.0)
+    for call in (law.mu, law.slope):
+        with pytest.raises(ValueError, match="state it"):
+            call(0.06)
+
+
+def test_a_law_at_once_keeps_its_states():
+    law = rig.load("belt_contact_temperature").parameters.friction.friction()
+    mu, slope = law.at_once(np.array([0.0, 0.05]), 20.0, np.array([20.0]))
+    warm = 0.15 + 0.15 / math.e
+    assert mu == pytest.approx([1.8 * warm, warm * (1.0 + 0.8 / math.e)], rel=1e-12)
+    assert slope == pytest.approx([-16.0 * warm, -16.0 * warm / math.e], rel=1e-12)
 
 
 def points(speeds, values):

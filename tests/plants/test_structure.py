@@ -37,7 +37,7 @@ from rig.record import statistics
 from rig.record.compare import compare
 from rig.scenes.explain import explain
 from rig.solve.records import CLOSED, STICK
-from rig.stability.linearisation import steady
+from rig.stability.linearisation import sliding_key, steady
 from rig.structure import model_store
 from rig.structure.contacts import node_vector
 from rig.view import contact, pressure
@@ -601,6 +601,32 @@ def test_a_point_under_a_falling_law_slides_like_an_exact_contact(tmp_path):
     assert (film.signals["state_of_pad"] == 2.0).all()
     v = exact.signals["body_velocity"]
     assert film.signals["body_velocity"] == pytest.approx(v, abs=1e-3 * np.abs(v).max())
+
+
+def test_a_stuck_point_of_a_film_tells_the_speed_of_the_surface_past_the_structure_too(tmp_path):
+    """Its shear spring yields: f' = k_t (V - t . v) while the slip speed is zero."""
+    along = {"body": {"row": {"x": 1.0}}}
+    contacts = {"pad": THREE["contacts"]["pad"] | {"shear": 150.0}}
+    changes = {"drive": {"speed": 0.07}, "start": {"velocity": 0.3}, "outputs": along}
+    run = rig.simulate(three(tmp_path, contacts, "25 us", **changes), 2.0)
+    stuck = run.signals["state_of_pad"] == 1.0
+    assert stuck.sum() > 10
+    assert np.all(run.signals["slip_speed_of_pad"][stuck] == pytest.approx(0.0, abs=1e-9))
+    relative = run.signals["relative_speed_of_pad"]
+    assert relative == pytest.approx(0.07 - run.signals["body_velocity"], abs=1e-15)
+    assert np.array_equal(relative, run.signals["relative_speed"])
+    inside = stuck[:-1] & stuck[1:]
+    yielded = np.diff(run.signals["friction_force"])[inside]
+    passed = 0.5 * (relative[1:] + relative[:-1])[inside] * np.diff(run.time)[inside]
+    assert yielded == pytest.approx(150.0 * passed, abs=1e-3 * np.abs(yielded).max())
+
+
+def test_a_structure_starts_in_steady_sliding_under_a_law_that_its_load_warms(tmp_path):
+    warm = {"law": "contact_temperature", "mu_cold": 0.3, "mu_hot": 0.15, "temperature_scale": "20 K"}
+    warm |= {"capacity": "0.05 J/K", "cooling": "0.05 W/K"}
+    scene = three(tmp_path, THREE_PADS, friction=warm, start={"at": "sliding"})
+    system = scene.assemble().system()
+    assert system.start[:3] == pytest.approx(steady(system, sliding_key(system)).x[:3], rel=1e-9)
 
 
 THREE_PADS = THREE["contacts"] | {

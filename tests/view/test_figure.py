@@ -178,3 +178,20 @@ def test_no_text_of_the_protocol_or_of_an_event_is_cut(tmp_path):
         whole = " ".join(reversed(said))
         assert sum(text in whole for _, text in texts) == len(texts) - left_out
         assert (left_out > 0) == (texts is marks)
+
+
+def test_the_friction_figure_shows_steady_slip_under_the_load_of_the_contact():
+    """Heat depends on the load: under 1 N the coefficient at 0.06 m/s would be 0.338."""
+    scene = rig.load("belt_contact_temperature")
+    [axes] = scene.plot().axes
+    curve = axes.get_lines()[0]
+    sliding = rig.modes(scene).sliding.equilibrium
+    drawn = np.interp(0.06, *curve.get_data())
+    assert drawn == pytest.approx(sliding["friction_force"] / sliding["normal_force"], rel=1e-4)
+    assert "steady slip under 20 N" in curve.get_label()
+
+
+def test_the_friction_figure_shows_no_static_coefficient_of_a_contact_that_does_not_stick():
+    for name, dots in (("belt_lugre", 0), ("belt_stick_time", 1)):
+        [axes] = rig.load(name).plot().axes
+        assert sum(line.get_marker() == "o" for line in axes.get_lines()) == dots

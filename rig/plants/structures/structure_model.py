@@ -41,6 +41,8 @@ def values_of(p: Tables) -> dict[str, float]:
     """Every number that multiplies matrices or springs, by key: those of the scene, and what follows from them.
 
     "friction.mu" and "contacts.NAME.friction.mu" are coefficients in steady sliding, below zero for sliding backwards.
+    Of a law with memory it is that under an equal share of the load for each contact: the true one follows from the
+    model, for which these values are.
     """
     values = {key: value for key, (value, _) in p.numbers.items()}
     values[ALPHA], values[BETA] = p.damping.rayleigh
@@ -53,9 +55,10 @@ def values_of(p: Tables) -> dict[str, float]:
         radius = max((contact.radius or 0.0 for contact in p.contacts.values()), default=0.0) or 1.0
         speed = p.drive.speed * (radius if isinstance(p.drive, Turning) else 1.0)
         of_contacts = {f"contacts.{name}.": contact.friction for name, contact in p.contacts.items()}
+        share = p.load.force / max(len(p.contacts), 1) if p.load is not None else 0.0
         for where, law in {"": p.friction, **of_contacts}.items():
             if law is not None:
-                values[f"{where}{FRICTION}"] = math.copysign(law.friction().mu(abs(speed)), speed)
+                values[f"{where}{FRICTION}"] = math.copysign(law.friction().mu(abs(speed), share), speed)
     return values
 
 
