@@ -471,10 +471,10 @@ def audit(run: Run) -> Html:
     if not judged:
         why = "the run was too short, or no shipped scene of its plant has values for the absent effects"
         return element("p", f"No effect was judged: {why}.")
-    shares = (effect.get("share") for effect in judged)
+    shares = ("not judged" if effect.get("unjudged") else effect.get("share") for effect in judged)
     rows = [
         (effect.get("effect", ""), "on" if effect.get("on") else "absent",
-         f"{share:.2g}" if isinstance(share, int | float) else "", effect.get("like", ""))
+         f"{share:.2g}" if isinstance(share, int | float) else share or "", effect.get("like", ""))
         for effect, share in zip(judged, shares)
     ]  # fmt: skip
     remarks = [element("li", effect.get("text", "")) for effect in judged if effect.get("noted")]

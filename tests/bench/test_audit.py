@@ -122,7 +122,6 @@ HEAVY = {
     *("brake_shunt_tuned", "disc_slider", "disc_slider_dither", "lever_three_stage"),
 }
 BEFORE_IT_RUNS_AWAY = {"disc_slider_a": 0.08}
-PAIRED = {"disc_modes": "the brake does not squeal then"}
 
 
 def moved(scene, target, to, over, hold=1.0):
@@ -131,6 +130,11 @@ def moved(scene, target, to, over, hold=1.0):
     return replace(scene, protocol=STEPS.validate_python(steps), controllers={})
 
 
+RISING = {
+    "friction.law": "stribeck_viscous", "friction.mu_static": 0.3, "friction.mu_dynamic": 0.3, "friction.viscous": 0.3,
+    "friction.speed_scale": 0.05,
+    "drive.speed": 0.5,
+}  # fmt: skip
 CHANGED = {
     "a slow ramp beyond the limit": lambda: moved(rig.load("belt"), "drive.speed", 0.3, 20.0),
     "a ramp that ends just within it": lambda: moved(rig.load("belt"), "drive.speed", 0.24, 2.0, 3.0),
@@ -139,6 +143,23 @@ CHANGED = {
         rig.load("belt", {"friction.mu_static": 0.4, "body.mass": 2.0}), "drive.speed", 0.5, 4.0
     ),
     "an absorber": lambda: moved(rig.load("belt_tuned_mass"), "drive.speed", 0.36, 5.0),
+    "steady sliding on a belt that accelerates": lambda: moved(
+        rig.load("belt", RISING | {"start.displacement": 0.0036, "start.velocity": 0.0, "body.damping": 200.0}),
+        "drive.speed",
+        2.5,
+        5.0,
+    ),
+    "a creeping contact": lambda: replace(
+        rig.load("belt_rate_state"),
+        protocol=STEPS.validate_python(
+            [
+                {"step": "load", "force": 60.0, "over": 0.5},
+                {"step": "ramp", "target": "drive.speed", "to": 5e-3, "over": 0.5},
+            ]
+        ),
+    ),
+    "bristles on a belt that reverses": lambda: moved(rig.load("belt_lugre"), "drive.speed", -0.06, 1.0),
+    "a warm contact": lambda: moved(rig.load("belt_contact_temperature"), "drive.speed", 0.1, 1.0),
     "a load beyond that of the magnet": lambda: moved(
         rig.load("pendulum", {"load.force_max": "none"}), "load.force", 60.0, 5.0
     ),
@@ -160,15 +181,16 @@ def missing(scene):
 def difference(run, other):
     """The largest difference of the contact forces of two runs, over the larger one."""
     norm = np.linalg.norm
-    pairs = [(run.signals[name], other.signals[name]) for name in ("friction_force", "normal_force")]
-    return max(norm(a - b) / max(norm(a), norm(b)) for a, b in pairs)
+    names = [name for name in ("friction_force", "normal_force") if name in run.signals]
+    pairs = [(run.signals[name], other.signals[name]) for name in names]
+    return max((norm(a - b) / max(norm(a), norm(b)) for a, b in pairs), default=0.0)
 
 
 @pytest.mark.parametrize(
     "name", [*(pytest.param(name, marks=pytest.mark.slow if name in HEAVY else ()) for name in names()), *CHANGED]
 )
 def test_the_size_of_an_absent_effect_is_that_of_a_simulation_with_it(name):
-    """The reference: the audit of a run with it, where it is on; where that says nothing, the forces of both runs."""
+    """The reference: the forces of both runs; for limits the time at them in the run with it. Or it is not judged."""
     scene, seconds = CHANGED.get(name, lambda: rig.load(name))(), BEFORE_IT_RUNS_AWAY.get(name)
     lacking = missing(scene)
     if not lacking:
@@ -176,11 +198,33 @@ def test_the_size_of_an_absent_effect_is_that_of_a_simulation_with_it(name):
     run = rig.simulate(scene, seconds)
     lines = {line["effect"]: line for line in run.summary["audit"]}
     for effect, with_it in lacking.items():
+        line = lines[effect]
+        if line["unjudged"]:
+            assert "cannot be judged" in line["text"]
+            continue
         other = rig.simulate(with_it, seconds)
-        theirs = {line["effect"]: line["share"] for line in other.summary["audit"]}
-        reference = difference(run, other) if effect in PAIRED else theirs[effect]
-        size = lines[effect]["share"]
+        at_limit = {one["effect"]: one["share"] for one in other.summary["audit"]}[effect]
+        reference = at_limit if effect.endswith(" limits") else difference(run, other)
+        size = line["share"]
         assert max(size, reference) < LEAST or 1.0 / 1.5 <= size / reference <= 1.5, (effect, size, reference)
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("a creeping contact", "has memory"),
+        ("bristles on a belt that reverses", "has memory"),
+        ("a warm contact", "has memory"),
+        ("a belt that reverses", "stick and slip"),
+        ("steady sliding on a belt that accelerates", ""),
+    ],
+)
+def test_what_states_of_a_run_cannot_tell_is_not_judged(name, why):
+    """With the lag, paired simulations differ by 0.4, 38, 5, 42 %, where the shares are 126, 96, 0.3, 0.2 %."""
+    line = judged(CHANGED[name](), None)["drive lag"]
+    assert line["share"] > LEAST
+    assert why in line["unjudged"]
+    assert bool(line["unjudged"]) == bool(why)
 
 
 def test_a_lag_that_shifts_an_event_past_a_state_does_not_count_as_the_whole_friction():

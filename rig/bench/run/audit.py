@@ -19,6 +19,15 @@ pulled, are counted over the whole run, and a judgement of no influence says how
 on. The share is not the error of the motion, which `rig explain SCENE --measure` measures by paired runs; but it needs
 no second run. Hardware (rig.about) is absent on purpose and not judged.
 
+The rig with the effect does not pass through the states of the run. Where it stays near them, the share is that of a
+paired simulation. Three kinds of run do not, and their lines say that these states cannot tell the size
+(`unjudged`), unless the share is zero, which holds for any motion:
+
+    a law with memory   the states of the law adapt, so that force and slip speed are not those at equal states
+    stick, slip, open   the effect shifts the events in time, or brings the first one
+    vibration           the effect shifts its phase, which changes forces by up to twice the share of inertia in them;
+                        that may be a third of the effect's share at most
+
 An absent effect may bring states that only drive the rig: the speed behind a lag, the angle of a disc. Each follows
 
     z' = a z + u(t),    u: a row over the driving states of the run and over limiters
@@ -371,7 +380,8 @@ class JudgedEffect:
 
     `open`: for an effect whose switch was never closed in this run, the input that closes it. `states`: number of
     states at which it was judged, `since`: from this time on [s]. `contact`: one that lifts off with the absent effect
-    and pulled without it, for the share `pulled` of the time and with up to `pull` [N].
+    and pulled without it, for the share `pulled` of the time and with up to `pull` [N]. `unjudged`: why the share of
+    forces says nothing about a simulation with the effect, or without it; "" if it does.
     """
 
     effect: str
@@ -384,10 +394,13 @@ class JudgedEffect:
     contact: str = ""
     pulled: float = 0.0
     pull: float = 0.0
+    unjudged: str = ""
 
     @property
     def noted(self) -> bool:
         """Whether the user should know: the effect is active without influence, or missing."""
+        if self.on and self.unjudged:
+            return False
         return self.on != (self.share >= LEAST or self.pulled > 0.0)
 
     def text(self) -> str:
@@ -398,6 +411,8 @@ class JudgedEffect:
             like = f" as in {self.like}" if self.like else ""
             pulls = f"{self.contact} pulled for {self.pulled:.2%} of the time, with up to {self.pull:.3g} N; "
             differ = f"with it{like} the forces of this run would differ by {self.share:.1%}"
+            if self.unjudged:
+                differ = f"what it{like} would change{self._cannot}"
             if owner != self.effect:
                 differ = f"the {owner} was commanded beyond the limits{like} for {self.share:.1%} of the time"
             return f"{name} is absent; {pulls if self.contact else ''}{differ}"
@@ -407,11 +422,19 @@ class JudgedEffect:
             if self.share:
                 return f"{name} is active but the {owner} was at a limit for only {self.share:.1g} of the time"
             return f"{name} is active but never influenced this run ({owner} stayed within its range)"
+        if self.unjudged:
+            return f"{name} is active; what it changed{self._cannot}"
         if self.share > _ROUNDING:
             few = f"{name} is active but changed the forces of this run by only {self.share:.1g} of their size"
             return f"{few}; for its change of the motion: rig explain SCENE --measure"
         since = f" from {self.since:g} s on" if self.since else ""
         return f"{name} is active but had no influence on this run, judged at {self.states} of its states{since}"
+
+    @property
+    def _cannot(self) -> str:
+        """The end of a sentence that says why there is no judgement, and what to do."""
+        remedy = "for its change of the motion: rig explain SCENE --measure"
+        return f" cannot be judged from states of this run, because {self.unjudged}; {remedy}"
 
     def to_json(self) -> dict[str, Any]:
         """The judgement as plain values for JSON."""
@@ -429,6 +452,14 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
     kept = [*witness.kept, VisitedState(motion.system, motion.key, motion.x.copy(), scene, motion.tick)]
     comparison, clamped, judged = Comparison(kept), _clamped(motion), (len(kept), witness.since)
     pulls = witness.pulled(comparison)
+    reason, inertia = _moves_on(motion, kept), comparison.inertia()
+
+    def unjudged(name: str, part: float) -> str:
+        """Why the share of forces `part` says nothing; "" for a share of the time, or for no influence at all."""
+        if part <= _ROUNDING or name.endswith(" limits"):
+            return ""
+        vibrates = "the rig vibrates, and the effect shifts the phase" if 2.0 * inertia > part / 3.0 else ""
+        return reason or vibrates
 
     def rigs(change: Callable[[Scene], Scene]) -> Variant:
         known: dict[int, tuple[System, Mapping[str, Input]]] = {}
@@ -455,7 +486,7 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
         except (RigError, ValueError):  # the plant needs it, or the method cannot integrate the rig without it
             continue
         switch = next((key for key in witness.open if key.partition(".")[0] == name), "")
-        yield JudgedEffect(name, True, part, *judged, open=switch)
+        yield JudgedEffect(name, True, part, *judged, open=switch, unjudged=unjudged(name, part))
     about = declared(scene.parameters)
     for name, keys in absent(scene).items():
         if about[name].hardware:
@@ -476,9 +507,24 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
         lifts = pulls.keys() & {_contact(other, normal) for normal in other.normals if normal.opens}
         longest = [(patch, *pulls.pop(patch)) for patch in lifts]
         patch, pulled, most = max(longest, key=lambda pull: pull[1], default=("", 0.0, 0.0))
-        yield JudgedEffect(name, False, part, *judged, like, "", patch, pulled, most)
+        why = unjudged(name, part) or ("the contact would open" if pulled else "")
+        yield JudgedEffect(name, False, part, *judged, like, "", patch, pulled, most, why)
     for patch, (pulled, most) in pulls.items():
         yield JudgedEffect(f"lift-off at {patch}", False, pulled, *judged, "", "", patch, pulled, most)
+
+
+def _moves_on(motion: Motion, kept: Sequence[VisitedState]) -> str:
+    """Why a rig with or without an effect does not stay near the states of the run; "" if it does."""
+    system = motion.system
+    if remembering := [patch.name for patch in system.patches if patch.memory]:
+        return f"the friction law of {', '.join(remembering)} has memory"
+    met = [mode_set.key for ticks, mode_set in zip(motion.state.tally.tolist(), motion.mode_sets.sets) if ticks]
+    modes = [system.modes(key)[:2] for key in met]
+    modes += [visited.system.modes(visited.key)[:2] for visited in kept]
+    for kinds, what in zip(zip(*modes), ("stick and slip", "open and close")):
+        if any(len(set(of_one)) > 1 for of_one in zip(*kinds)):
+            return f"contacts {what}, and the effect shifts when"
+    return ""
 
 
 def _clamped(motion: Motion) -> dict[str, float]:
@@ -551,6 +597,19 @@ class Comparison:
                 for j, part in enumerate((value - value_there, size, size_there)):
                     total[j] = hypot(total[j], sqrt(weight) * part)
         return max((away / max(sizes) for away, *sizes in sums.values() if max(sizes) > 0.0), default=0.0)
+
+    def inertia(self) -> float:
+        """The norm of the inertia forces over that of all forces on the coordinates, over the states."""
+        inertia = forces = 0.0
+        for visited in self._kept:
+            modes = self.modes(visited.system, visited.key)
+            if modes is None:
+                continue
+            values = _compared_values(visited.system, modes, visited.x, _forces(visited.system, modes, visited.x))
+            for name, (value, size, weight) in values.items():
+                if name.startswith("a "):
+                    inertia, forces = inertia + weight * value * value, forces + weight * size * size
+        return sqrt(inertia / forces) if forces else 0.0
 
     def modes(self, system: System, key: int) -> ModeSet | None:
         """The mode set `key` of `system`; None if it is singular."""
