@@ -295,7 +295,9 @@ def _audited(log: str, as_json: bool) -> None:
         printing.report({"log": log, "effects": judged, "network": network, "faults": happened})
         return
     state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
-    rows = [(e["effect"], now, f"{e['share']:.2g}", e["text"] if e["noted"] else "") for e, now in zip(judged, state)]
+    shares = ["not judged" if e.get("unjudged") else f"{e['share']:.2g}" for e in judged]
+    remarks = [e["text"] if e["noted"] or e.get("unjudged") else "" for e in judged]
+    rows = list(zip((e["effect"] for e in judged), state, shares, remarks))
     printing.table(
         f"{log}: influence of each effect in this run",
         ("effect", "", "share of the forces (limits: of the time)", "remark"),
