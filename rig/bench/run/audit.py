@@ -412,7 +412,8 @@ class JudgedEffect:
             pulls = f"{self.contact} pulled for {self.pulled:.2%} of the time, with up to {self.pull:.3g} N; "
             differ = f"with it{like} the forces of this run would differ by {self.share:.1%}"
             if self.unjudged:
-                differ = f"what it{like} would change{self._cannot}"
+                values = f" (values as in {self.like})" if self.like else ""
+                differ = f"what it would change{values}{self._cannot}"
             if owner != self.effect:
                 differ = f"the {owner} was commanded beyond the limits{like} for {self.share:.1%} of the time"
             return f"{name} is absent; {pulls if self.contact else ''}{differ}"
