@@ -22,7 +22,7 @@ from scipy.stats import t as student
 import rig
 from rig import scenes
 from rig.analysis import loop_report, mode_shapes, recorded
-from rig.analysis.axis import Axis, changed
+from rig.analysis.axis import Axis
 from rig.analysis.control_loop import loop
 from rig.analysis.figures import modes_figure
 from rig.analysis.modes import at_rest
@@ -142,7 +142,7 @@ THREE = {
 def test_parts_are_scaled_by_numbers_of_the_scene(tmp_path):
     scene = scenes.load(written(tmp_path, THREE))
     for speed, soft in ((0.5, 2.0), (2.0, -1.0)):
-        system = changed(scene, {"drive.speed": speed, "factors.soft": soft}).assemble().system()
+        system = scene.with_values({"drive.speed": speed, "factors.soft": soft}).assemble().system()
         K = np.array(THREE["structure"]["parts"]["K"]["values"]) + soft * np.eye(3, k=1) + speed**2 * np.eye(3)
         D = speed * (np.eye(3, k=1) - np.eye(3, k=-1)) + 0.01 / speed * np.eye(3) + 0.02 * np.diag([1.0, 1.0, 0.5])
         assert np.allclose(system.stiffness, K, rtol=1e-15, atol=0.0)
@@ -345,7 +345,7 @@ def test_ranges_of_a_training_are_read_and_values_outside_are_named(tmp_path, mo
     assert near.error is not None
     assert modes.notes == ()
     sentence = "factors.friction = 4 lies outside of the range that the basis was trained for, 0 to 3"
-    assert sentence in rig.modes(changed(scene, {"factors.friction": 4.0})).text()
+    assert sentence in rig.modes(scene.with_values({"factors.friction": 4.0})).text()
     along = sweep(scene, Axis.parse("factors.friction=2:4:3", scene))
     assert [bool(outside) for outside in along.outside] == [False, False, True]
     assert along.outside[2] == sentence
@@ -426,7 +426,7 @@ def test_a_job_of_calculix_with_contacts_slides_and_states_its_errors(disc):
     assert "estimated error" in modes.text()
     files = len(list((disc / "models").iterdir()))
     for mu in (0.0, 0.6):  # the basis holds for every friction
-        rig.modes(changed(scene, {"friction.mu": mu, "drive.speed": 1.0, "load.force": 10.0}))
+        rig.modes(scene.with_values({"friction.mu": mu, "drive.speed": 1.0, "load.force": 10.0}))
     assert len(list((disc / "models").iterdir())) == files
 
 
@@ -434,7 +434,9 @@ def test_one_key_moves_the_stiffness_of_several_contacts(disc):
     up, down = (FE["contacts"][f"pad_{side}"] for side in ("up", "down"))
     shared = {key: value for key, value in down.items() if key != "stiffness"} | {"stiffness_of": "pad_up"}
     one = scenes.load(written(disc, FE | {"contacts": {"pad_up": up, "pad_down": shared}}, "shared"))
-    two = changed(scenes.load(written(disc, FE)), {f"contacts.pad_{side}.stiffness": 3e10 for side in ("up", "down")})
+    two = scenes.load(written(disc, FE)).with_values(
+        {f"contacts.pad_{side}.stiffness": 3e10 for side in ("up", "down")}
+    )
     along = sweep(one, Axis.parse("contacts.pad_up.stiffness=1e10:3e10:2", one))
     rates = along.rates[-1][np.isfinite(along.rates[-1])]
     for mode in rig.modes(two).sliding.modes:
@@ -667,7 +669,7 @@ def test_eigenvalues_of_contacts_with_laws_of_their_own_are_those_of_the_full_ma
     pads = {name: contact | {"points": [2, 2]} for name, contact in FE["contacts"].items()}
     own = pads | {"pad_up": pads["pad_up"] | {"friction": {"law": "constant", "mu": 0.6}}}
     scene = scenes.load(written(disc, FE | {"contacts": own}, "own"))
-    errors = [rig.modes(changed(scene, {"contacts.pad_up.friction.mu": mu})).sliding for mu in (0.6, 0.3)]
+    errors = [rig.modes(scene.with_values({"contacts.pad_up.friction.mu": mu})).sliding for mu in (0.6, 0.3)]
     assert all(max(mode.error for mode in at.modes if mode.frequency < 3000.0) < 1e-4 for at in errors)
     same = rig.modes(scenes.load(written(disc, FE | {"contacts": pads}, "same"))).sliding.modes
     assert [m.growth for m in errors[1].modes] == pytest.approx([m.growth for m in same], rel=1e-9)
