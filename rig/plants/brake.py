@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import model_validator
 
@@ -46,6 +46,7 @@ from rig.plants.structures.multibody import (
     place_faults,
     relative_motion,
 )
+from rig.plants.structures.same_modes import keyed, refuse_others
 from rig.quantities import (
     Hertz,
     MetrePerSecond,
@@ -160,6 +161,16 @@ class Parameters(WithStack):
         if wrong:
             raise refused(wrong)
         return self
+
+    def continuing(self, begun: Self) -> Self:
+        """See `Section.continuing`: the modes of the disc stay."""
+        refuse_others(self._of_modes, begun._of_modes)
+        return self
+
+    @property
+    def _of_modes(self) -> dict[str, Any]:
+        """The values that the shapes of the modes depend on."""
+        return keyed("disc_modes", self.disc_modes, ("modulus", "damping_ratio"))
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:

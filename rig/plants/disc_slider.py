@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from pydantic import model_validator
 
@@ -34,6 +34,7 @@ from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Part
 from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
+from rig.plants.structures.same_modes import keyed, refuse_others
 from rig.quantities import (
     Angle,
     Kilogram,
@@ -119,6 +120,16 @@ class Parameters(Noisy):
         if wrong := [(name, fault) for name, radius in named.items() if (fault := self.disc.off(radius))]:
             raise refused(wrong)
         return self
+
+    def continuing(self, begun: Self) -> Self:
+        """See `Section.continuing`: the modes of the disc stay."""
+        refuse_others(self._of_modes, begun._of_modes)
+        return self
+
+    @property
+    def _of_modes(self) -> dict[str, Any]:
+        """The values that the shapes of the modes depend on."""
+        return keyed("disc", self.disc, ("modulus", "damping_ratio"))
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -35,6 +35,7 @@ from rig.plants.structures.contact_map import Surface
 from rig.plants.structures.film_slider import Film, Slider, SliderTables
 from rig.plants.structures.plate_elements import Foam, Plate
 from rig.plants.structures.plate_model import Grid, Reduced
+from rig.plants.structures.same_modes import keyed, refuse_others
 from rig.quantities import Metre, NonNegativeMetre, Section
 from rig.structure import model_store
 
@@ -137,6 +138,22 @@ class Parameters(Noisy):
             return Grid(0.5 * self.plate.length, 0.5 * self.plate.width, 2, 2)
         block, film = self.slid.slider, self.slid.film
         return Grid(block.length, block.width, film.along, film.across)
+
+    def continuing(self, begun: Self) -> Self:
+        """See `Section.continuing`: the modes of plate and foam stay."""
+        refuse_others(self._of_modes, begun._of_modes)
+        return self
+
+    @property
+    def _of_modes(self) -> dict[str, Any]:
+        """The values that the shapes of the modes depend on."""
+        grid, plate = self.grid(), self.plate
+        values = keyed("plate", plate, ("damping_ratio", "damping")) | keyed("foam", self.foam)
+        values |= {"slider.length": grid.length, "slider.width": grid.width}
+        if self.slid is None or not self.slid.film.completed or plate.damping is None:
+            return values
+        of_rest = {"film.along": grid.along, "film.across": grid.across, "film.completed": True}
+        return values | of_rest | {"the last frequency of plate.damping": plate.damping[-1][0]}
 
     def reduced(self) -> Reduced:
         """The plate's modes. Raises SceneError where its elements cannot give them."""

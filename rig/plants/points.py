@@ -29,6 +29,7 @@ from rig.effects.noise import Noisy
 from rig.laws.constant import Constant
 from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED
+from rig.plants.structures.same_modes import refuse_others
 from rig.quantities import (
     Hertz,
     Kilogram,
@@ -99,6 +100,11 @@ class Parameters(Noisy):
     load: Load
     friction: Constant
     start: Start = Start()
+
+    def continuing(self, begun: Self) -> Self:
+        """See `Section.continuing`: the modes of the plate stay, each of mass one."""
+        refuse_others({"plate.mass": self.plate.mass}, {"plate.mass": begun.plate.mass})
+        return self
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:

@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ from rig.model.system import Finding, System
 from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED
 from rig.plants.structures.contact_map import Surface, surface_of
-from rig.plants.structures.structure_model import Given, full, reduced, values_of
+from rig.plants.structures.structure_model import Given, basis_in_run, full, reduced, values_of
 from rig.plants.structures.structure_tables import Tables, Turning
 from rig.solve.film_steps import COUNTED
 from rig.solve.records import CLOSED, OPEN
@@ -60,6 +61,10 @@ PICTURES = (Own("rig.view.surfaces:Surfaces", ("normal_force", "friction_force",
 
 class Parameters(Tables):
     """The tables of a structure scene; their module tells the plant."""
+
+    def continuing(self, begun: Self) -> Self:
+        """See `Section.continuing`: the reduced structure keeps its basis."""
+        return self.on_basis(basis_in_run(self, begun))
 
     @property
     def contact_surfaces(self) -> Iterator[Surface]:

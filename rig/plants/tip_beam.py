@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from annotated_types import Ge, Le
 from pydantic import model_validator
@@ -33,6 +33,7 @@ from rig.model.named_rows import Row
 from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures import bending
+from rig.plants.structures.same_modes import keyed, refuse_others
 from rig.plants.tip import refuse_jam
 from rig.quantities import (
     AcuteAngle,
@@ -98,6 +99,16 @@ class Parameters(Noisy):
     def _digs_in(self) -> Self:
         refuse_jam(self.drive.speed, jam(self))
         return self
+
+    def continuing(self, begun: Self) -> Self:
+        """See `Section.continuing`: the modes of the beam stay."""
+        refuse_others(self._of_modes, begun._of_modes)
+        return self
+
+    @property
+    def _of_modes(self) -> dict[str, Any]:
+        """The values that the shapes of the modes depend on."""
+        return keyed("beam", self.beam, ("modulus", "poisson", "damping_ratio"))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from rig.errors import RigError, SceneError
 from rig.model.assembly import Assembly
 from rig.motion.motion import Motion
 from rig.motion.ready import Ready
+from rig.quantities import Section
 from rig.scenes.scene import Scene
 from rig.scenes.sections import with_values
 
@@ -47,6 +48,7 @@ class RigVariants:
     def __init__(self, scene: Scene, motion: Motion, outputs: Sequence[str]) -> None:
         self.scene = scene
         """The scene of the present rig."""
+        self._begun = scene.parameters
         self._motion, self._outputs = motion, outputs
         self.kept: list[RigVariant] = []
         """Variants that are built and not used yet."""
@@ -60,11 +62,8 @@ class RigVariants:
         before = self.scene if after is None else after.scene
         if (known := self._known(before, wanted)) is not None:
             return known
-        scene = replace(
-            before,
-            parameters=with_values(before.parameters, wanted.parameters) if wanted.parameters else before.parameters,
-            driven=before.driven.union(wanted.driven),
-        )
+        parameters = self._changed(before, wanted.parameters) if wanted.parameters else before.parameters
+        scene = replace(before, parameters=parameters, driven=before.driven.union(wanted.driven))
         assembly = scene.assemble()
         system = assembly.system()
         refuse_stiff_film(scene, system)
@@ -74,6 +73,14 @@ class RigVariants:
         except ValueError as error:
             raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
         return RigVariant(before, wanted, scene, assembly, ready)
+
+    def _changed(self, before: Scene, values: Mapping[str, Any]) -> Section:
+        """The parameters of `before` with these values. Raises SceneError for those that a run cannot change to."""
+        changed: Section = with_values(before.parameters, values)
+        try:
+            return changed.continuing(self._begun)
+        except ValueError as error:
+            raise SceneError(", ".join(values), [str(error)]) from None
 
     def build_all(self, needed: Sequence[Wanted], later: Iterable[Wanted] = ()) -> list[RigVariant]:
         """Build these variants one after the other, each from the previous one. Raises as `build`.

@@ -1,6 +1,7 @@
 """Structures that plants use: beams, rigid bodies, plates of finite elements.
 
 bending         modes of a clamped beam
+same_modes      refuses values in a run that would change the modes
 series          power series of two small angles
 multibody       bodies on springs: rigid ones, and the bending disc of the brake
 hexahedra       finite elements of solids

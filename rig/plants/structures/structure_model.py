@@ -9,6 +9,7 @@ import hashlib
 import logging
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -70,6 +71,32 @@ def reduced(p: Tables) -> Reduced:
         raise SceneError("reduction", str(fault).splitlines()) from None
 
 
+def basis_in_run(p: Tables, begun: Tables) -> Mapping[str, float] | None:
+    """The numbers for which the basis of `p` is made in a run that began with `begun`; None: there is no basis.
+
+    Raises ValueError if the basis with which the run began cannot describe `p`.
+
+    Displacements stay what they are only on one basis. Modes with attachment vectors hold for other stiffnesses too;
+    snapshots were taken for the numbers of their ranges, and for one value of every other number.
+    """
+    now, first = Given(p), Given(begun)
+    if now.reduction.kind == first.reduction.kind == "whole":
+        return None
+    if not now.alike(first):
+        raise ValueError(
+            "the basis of the reduced structure, whose coordinates are the state of the run, depends on it: with "
+            "another one the displacements would jump; make a new run with this value"
+        )
+    at, before = now.reduction.at, first.reduction.at
+    other = sorted(key for key in at.keys() | before.keys() if at.get(key) != before.get(key))
+    if other and now.reduction.kind == "snapshots":
+        raise ValueError(
+            f"the snapshots of the reduced structure were taken for one value of {', '.join(other)}: make a new run "
+            "with this value, or put the range into reduction.over"
+        )
+    return before
+
+
 class Given:
     """What a reduced structure depends on, as a key: tables and files, without the values that are swept."""
 
@@ -84,7 +111,12 @@ class Given:
             self.files = tuple((str(path), *_stamp(path)) for path in _files(p))
         except (SceneError, OSError):  # a recording that is simulated again needs no files
             self.files = ()
-        self._key = self.tables, repr(self.reduction), self.files
+        self._beside = self.tables, self.files
+        self._key = *self._beside, repr(self.reduction)
+
+    def alike(self, other: Given) -> bool:
+        """Whether the basis is that of `other` but for the numbers that it is made for."""
+        return replace(self.reduction, at={}) == replace(other.reduction, at={}) and self._beside == other._beside
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Given) and self._key == other._key
@@ -168,13 +200,14 @@ def _reduction(p: Tables) -> basis.Reduction:
     keys |= {f"contacts.{name}.stiffness" for name in p.contacts}
     units = {key: unit for key, (_, unit) in p.numbers.items()}
     over = {key: tuple(si(end, units[key]) for end in ends) for key, ends in given.over.items()}
+    own = {key: values[key] for key in sorted(keys) if key in values}
     return basis.Reduction(
         kind=kind,
         up_to=2.0 * math.pi * (given.up_to or given.modes_up_to or _UP_TO),
         modes=given.modes or 0,
         contact=given.contact,
         residual=given.residual,
-        at={key: values[key] for key in sorted(keys) if key in values},
+        at=own if p.reduced_at is None else p.reduced_at,
         over=over,  # type: ignore[arg-type]
         vectors=given.vectors or _VECTORS,
         error=given.error,

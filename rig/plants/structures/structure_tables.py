@@ -383,6 +383,18 @@ class Tables(WithStack):
     knock: Knock = Knock()
     piezo: Between | None = None
     start: Start = Start()
+    _reduced_at: Mapping[str, float] | None = None
+
+    @property
+    def reduced_at(self) -> Mapping[str, float] | None:
+        """In a run, the numbers of the rig with which it began: its basis is made for these. None: for its own."""
+        return self._reduced_at
+
+    def on_basis(self, at: Mapping[str, float] | None) -> Self:
+        """The same tables on a basis that is made for these numbers of a scene; None: for its own."""
+        kept = self.model_copy()
+        kept._reduced_at = at  # noqa: SLF001
+        return kept
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
