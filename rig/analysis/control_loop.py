@@ -39,6 +39,7 @@ from rig.results import Result
 from rig.scenes.belief import lines as belief_lines
 from rig.scenes.belief import of_varied
 from rig.scenes.faults import near
+from rig.scenes.left_out import left_out
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 
@@ -58,8 +59,9 @@ class Loop(Result):
     """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of its sensor and of the loop together.
 
     `gain`: gain of the controller; a controller without a gain parameter gets a factor on its input, nominally 1.
-    `model`: the loop at a gain of one. `energy`: form over the states of the rig (rig.analysis.control_loop). `others`:
-    controllers of the scene that are left open. `belief`: lines on what the controller believes of the rig.
+    `model`: the loop at a gain of one. `energy`: form over the states of the rig (rig.analysis.control_loop).
+    `left_out`: controllers of the scene that are left open, in words. `belief`: lines on what the controller believes
+    of the rig.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:loop_figure"
@@ -72,7 +74,7 @@ class Loop(Result):
     delay: float
     model: Sampled
     energy: Array
-    others: tuple[str, ...] = ()
+    left_out: str = ""
     belief: tuple[str, ...] = ()
 
     @cached_property
@@ -210,6 +212,7 @@ class Loop(Result):
             "gain_ranges": [list(limits) for limits in self.gain_ranges],
             "margins": self.margins,
             "belief": list(self.belief),
+            "left_out": self.left_out,
         }
 
     def _closed_modes(self) -> list[tuple[float, float]]:
@@ -223,7 +226,7 @@ class Loop(Result):
         lines = [
             f"{self.scene}: loop of {self.controller} ({self.through}), gain {self.gain:g} {self.unit}".rstrip(),
             f"  linearised about steady sliding, within all limits; {hold}, exactly discretised",
-            *([f"  left open: {', '.join(self.others)}"] if self.others else []),
+            *([f"  {self.left_out}"] if self.left_out else []),
             *(f"  {line}" for line in self.belief),
             "",
         ]
@@ -323,7 +326,7 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
         delay=(end.delay_ns + section.delay + more_ns) * 1e-9,
         model=model,
         energy=rig.energy,
-        others=tuple(other for other in scene.controllers if other != name),
+        left_out=left_out(scene, name),
         belief=tuple(belief_lines(scene)),
     )
 
@@ -343,7 +346,7 @@ def sweep_loop(scene: Scene, axis: Axis, name: str) -> Sweep:
             return absent("no loop", error.why)
 
     belief = tuple(of_varied(scene, [axis.key]))
-    return replace(along(scene.name, axis, spectrum, name), belief=belief)
+    return replace(along(scene.name, axis, spectrum, name), belief=belief, left_out=left_out(scene, name))
 
 
 ORDER = 8

@@ -44,6 +44,7 @@ from rig.model.assembly import Assembly
 from rig.model.method import ADAPTIVE, chosen
 from rig.model.system import System
 from rig.motion.motion import Event
+from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
 
@@ -266,8 +267,10 @@ def limit_cycle(
     if not np.any(system.slip_rows @ surfaces):
         still = "nothing slides, because no surface moves"
         why = still if system.patches else "the rig has no contact that could slide"
-        return Cycle(scene.name, chosen(scene.clock.method, system), False, f"no limit cycle: {why}", 0.0)
-    return _Search(scene, assembly, sliding, tolerance, longest, watch).run()
+        found = Cycle(scene.name, chosen(scene.clock.method, system), False, f"no limit cycle: {why}", 0.0)
+    else:
+        found = _Search(scene, assembly, sliding, tolerance, longest, watch).run()
+    return replace(found, left_out=left_out(scene))
 
 
 class _Search:

@@ -54,6 +54,8 @@ class Cycle(Result):
     floquet: Floquet = field(default_factory=Floquet)
     newton: int = 0
     decided: bool = True
+    left_out: str = ""
+    """The controllers that do not act, in words."""
     time: Array = field(default_factory=lambda: np.empty(0), compare=False, repr=False)
     """Instants in one period [s], several in each step of the integrator, [n]."""
     outputs: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
@@ -93,7 +95,7 @@ class Cycle(Result):
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
         if not self.found:
-            kept = ("scene", "method", "found", "decided", "why", "after")
+            kept = ("scene", "method", "found", "decided", "why", "after", "left_out")
             return {name: getattr(self, name) for name in kept}
         derived = {"frequency": self.frequency, "stick_share": self.stick_share, "amplitude": self.amplitude}
         derived |= {"events": [{"t": t, "what": what} for t, what in self.events], "floquet": self.floquet.to_json()}
@@ -102,13 +104,14 @@ class Cycle(Result):
 
     def text(self) -> str:
         """Return the report as text."""
+        alone = [f"  {self.left_out}"] if self.left_out else []
         if not self.found:
-            return f"{self.scene}: {self.why}"
+            return "\n".join([f"{self.scene}: {self.why}", *alone])
         attracts, sticks = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT), any(self.stick_time.values())
         kind = "limit cycle" if sticks or attracts or self.repels else "periodic motion"
         kind = f"{'unstable ' * self.repels}{kind}{'' if sticks else ' in which nothing sticks'}"
         newton = f", the last of the way by {counted(self.newton, 'step')} of Newton's method" if self.newton else ""
-        lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}"]
+        lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}", *alone]
         lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]
         for name, time in self.stick_time.items():
             lines += [f"  {name} sticks for {time:.10g} s, {100.0 * time / self.period:.4g} % of the period"]

@@ -31,6 +31,7 @@ from rig.model.system import Finding, System
 from rig.printable import columns
 from rig.record.film_points import grouped
 from rig.results import Result
+from rig.scenes.left_out import left_out
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
@@ -106,6 +107,7 @@ def modes(scene: Scene) -> Modes:
         free=assembly.free,
         limits=assembly.limits,
         notes=accuracy.notes if accuracy is not None else (),
+        left_out=left_out(scene),
     )
     if GENERATOR[0] not in system.names:
         return result
@@ -321,6 +323,7 @@ class Modes(Result):
     `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: critical coefficients of friction in
     closed form (infinite: never reached). `notes`: what the reduction of a structure leaves open, a sentence each;
     `up_to` [Hz]: it holds up to it; modes above, and heavily damped ones, are left out. `nodes`: of shapes.
+    `left_out`: the controllers that do not act, in words.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:modes_figure"
@@ -340,6 +343,7 @@ class Modes(Result):
     notes: tuple[str, ...] = ()
     up_to: float = math.inf
     nodes: Nodes | None = field(default=None, repr=False, compare=False)
+    left_out: str = ""
 
     COLUMNS: ClassVar = ("mode", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")
 
@@ -377,6 +381,7 @@ class Modes(Result):
             "free": dict(self.free),
             "limits": dict(self.limits),
             "findings": [finding.to_json() for finding in self.findings],
+            "left_out": self.left_out,
             **({"notes": list(self.notes), "up_to": self.up_to} if math.isfinite(self.up_to) else {}),
         }
 
@@ -384,6 +389,7 @@ class Modes(Result):
         """Return the report as text."""
         what = "steady sliding" if self.sliding.coefficient else "at rest"
         lines = [f"{self.scene}: {'' if self.sliding.exists else 'no '}{what} ({self.mode})"]
+        lines += [f"  {self.left_out}"] if self.left_out else []
         if not self.sliding.exists:
             lines += [f"  no steady sliding at these values: {self.sliding.why}"]
         else:

@@ -4,7 +4,7 @@ Detection of a period in the mode set changes of a motion, and the stick time of
 
 The outputs of a rig between samples: the polynomials that the plant writes for its sensors, collected.
 
-Refusal of analyses that a film of many contact points does not allow; what an analysis of the plant alone leaves out.
+Refusal of analyses that a film of many contact points does not allow.
 """
 
 from __future__ import annotations
@@ -281,12 +281,6 @@ def in_frames(scene: Scene, steps: int) -> Frames:
 def _energy(motion: Motion) -> Array:
     """The energy terms of a motion so far, and its stored energy behind them [J]."""
     return np.append(motion.terms(), energy_forms.stored(motion.system, motion.x, motion.key))
-
-
-def plant_alone(scene: Scene) -> str:
-    """What an analysis of the plant without its controllers leaves out, in words; "" if the scene has none."""
-    names = [*scene.controllers]
-    return f"plant alone: without controller{'s' * (len(names) > 1)} {', '.join(names)}" if names else ""
 
 
 def refuse(scene: Scene, study: str) -> None:

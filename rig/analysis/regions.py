@@ -25,6 +25,7 @@ from rig.errors import Singular
 from rig.machine.files import csv_table
 from rig.printable import columns
 from rig.results import Result
+from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.scenes.sections import with_values
 from rig.stability.linearisation import Steady, sliding_key, steady
@@ -59,7 +60,9 @@ class Regions(Result):
 
     def text(self) -> str:
         """Return the report as text: a line for each y."""
-        lines = [f"{self.scene.name}: where sliding grows into vibration, over {self.x.label}", ""]
+        lines = [f"{self.scene.name}: where sliding grows into vibration, over {self.x.label}"]
+        alone = left_out(self.scene)
+        lines += [f"  {alone}", ""] if alone else [""]
         rows = [(self.y.label, "largest growth 1/s", "unstable")]
         for i, value in enumerate(self.y.values):
             there = self.growth[i][np.isfinite(self.growth[i])]
@@ -104,6 +107,7 @@ class Regions(Result):
         """Return the fields as JSON values in SI units."""
         return {
             "scene": self.scene.name,
+            "left_out": left_out(self.scene),
             **{
                 name: {"key": axis.key, "unit": axis.unit, "values": list(axis.values)}
                 for name, axis in (("x", self.x), ("y", self.y))

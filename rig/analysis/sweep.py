@@ -24,6 +24,7 @@ from rig.analysis.axis import Axis, fixed
 from rig.analysis.modes import dithers, motion, shape_text
 from rig.printable import columns
 from rig.results import Result
+from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.structure.eigenvalues import DAMPED
 
@@ -207,7 +208,7 @@ class Sweep(Result):
     `friction`: how a scene with dither is analysed, in words. Of a reduced structure: `errors` [value, branch], the
     estimated relative error of each rate, NaN where there is none; `outside` [value]: in which numbers a value lies
     outside of the range that the reduction holds for, in words. Both are empty for other rigs. Its heavily damped
-    rates are left out.
+    rates are left out. `left_out`: the controllers that do not act, in words.
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:sweep_figure"
@@ -228,6 +229,7 @@ class Sweep(Result):
     belief: tuple[str, ...] = ()
     errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
     outside: tuple[str, ...] = ()
+    left_out: str = ""
 
     @property
     def growth(self) -> Array:
@@ -273,6 +275,7 @@ class Sweep(Result):
             "gaps": [gap._asdict() for gap in self.gaps],
             "resolution": self.resolution,
             "belief": list(self.belief),
+            "left_out": self.left_out,
             **({"outside": list(self.outside)} if any(self.outside) else {}),
         }
 
@@ -282,6 +285,7 @@ class Sweep(Result):
         what = f"the loop of {self.loop}" if self.loop else "steady sliding"
         what += f", {self.friction}," if self.friction else ""
         lines = [f"{self.scene}: {what} over {axis.label}", *(f"  {line}" for line in self.belief)]
+        lines += [f"  {self.left_out}"] if self.left_out else []
         for critical in self.critical:
             at = f" at {critical.frequency:.6g} Hz" if critical.frequency else ""
             what = critical.sides if critical.kind == "jamming" else f"{critical.kind}{at}, {critical.sides}"
@@ -336,7 +340,8 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
             return curves.equilibrium(axis.at(scene, value), bool(dithered))
 
     how = {None: "", True: "friction averaged over the dither", False: "without the dither"}[dithered]
-    return replace(along(scene.name, axis, spectrum, fixed=fixed(scene, [axis])), friction=how)
+    swept = along(scene.name, axis, spectrum, fixed=fixed(scene, [axis]))
+    return replace(swept, friction=how, left_out=left_out(scene))
 
 
 def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fixed: str = "") -> Sweep:

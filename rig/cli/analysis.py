@@ -85,8 +85,6 @@ def modes(
         printing.warnings(loaded)
     result: Modes | Loop | Sweep
     errors: list[Finding] = []
-    if controller is None:
-        printing.left_out(loaded)
     if along is not None:
         result = _swept(loaded, along, controller)
     elif controller is not None:
@@ -167,10 +165,6 @@ def cycle(
 
         motion = limit_cycle(loaded, longest=most, watch=watch)
     printing.result(motion, as_json)
-    parts = ("controller", loaded.controllers), ("sensor", loaded.sensors)
-    left = " and ".join(f"{what}{'s' * (len(names) > 1)} {', '.join(names)}" for what, names in parts if names)
-    if left and not as_json:
-        printing.line(f"  plant alone: without {left}")
     draw(motion, figure)
     printing.passed(motion.decided)
 
@@ -376,7 +370,6 @@ def map_(
 
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
-    printing.left_out(loaded)
     if eigenvalues:
         todo, name = regions_job(loaded, x, y), "regions"
     else:
@@ -490,8 +483,6 @@ def branches(
     printing.warnings(loaded)
     if threshold:
         refuse_controllers(loaded, alone)
-    if second:
-        printing.left_out(loaded)
     todo = job(loaded, over, output, tuple(separated(start)), points)
     along = next(iter(axes(loaded, {"--second": second})), None)
     name = "curves" if along else "branches"

@@ -57,18 +57,6 @@ def warnings(scene: Scene) -> None:
             note(f"warning: {finding.what}\n  {finding.remedy}")
 
 
-def left_out(scene: Scene, measures: Sequence[str] | None = None) -> None:
-    """Print on standard error which controllers of `scene` an analysis, or its `measures`, leave out."""
-    from rig.analysis.orbit import plant_alone
-
-    if not (text := plant_alone(scene)):
-        return
-    if measures is None:
-        note(text)
-    elif measures:
-        note(f"{', '.join(measures)}: {text}")
-
-
 def run_warnings(scene: Scene, duration: float | None) -> None:
     """Print the warnings of `scene` and of a run of `duration` s (None: as long as its protocol)."""
     from rig.bench.run.before import meets_edge

@@ -113,7 +113,6 @@ def study(
         loaded, varied, measure or [], samples, sampling or "random", repeat or 1, seed, seconds(duration), keep
     )
     printing.warnings(loaded)
-    printing.left_out(loaded, [measure.name for measure in work.measures if not measure.of_run])
     if not work.of_run:
         idle(loaded, *(factor.axis for factor in work.plan.factors))
     store = Store.of(work.work, at(out))
@@ -209,7 +208,6 @@ def optimise(
     ranges = values(over, "--over", _set(p, untold))
     work = prepared(loaded, ranges, measure, maximise is not None, evaluations, seed, seconds(duration))
     printing.warnings(loaded)
-    printing.left_out(loaded, [measure.name for measure in work.measures if not measure.of_run])
     if not work.of_run:
         idle(loaded, *(factor.axis for factor in work.plan.factors))
     store = Store.of(work.work, at(out))

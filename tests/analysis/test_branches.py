@@ -847,29 +847,10 @@ def test_a_threshold_of_a_scene_with_controllers_is_that_of_the_plant_alone_if_a
     assert alone.size == pytest.approx(known.size, rel=1e-6)
 
 
-def test_the_commands_refuse_or_name_the_controllers_that_they_leave_out(rig, tmp_path):
+def test_the_command_refuses_a_threshold_of_a_scene_with_controllers(rig, tmp_path):
     over = ("branches", "belt_normal_force", "--over", "drive.speed=0.2 m/s:0.8 m/s", "--out", str(tmp_path))
     code, _, err = rig(*over, "--threshold", "0.4 m/s")
     assert (code, "belt_normal_force: a threshold is computed without controllers" in err) == (2, True)
     assert not [*tmp_path.iterdir()]
     code, _, err = rig(*over, "--plant-alone")
     assert (code, "belong to --threshold" in err) == (2, True)
-    left_out = "plant alone: without controller nf"
-    assert left_out in rig("modes", "belt_normal_force")[2]
-    assert left_out in rig("modes", "belt_normal_force", "--sweep", "drive.speed=0.1:0.2:2")[2]
-    assert left_out not in rig("modes", "belt_normal_force", "--controller", "nf")[2]
-    assert left_out not in rig("modes", "belt_normal_force", "-p", "controllers.nf=none")[2]
-    assert left_out in rig("map", "belt_normal_force", "--x", "drive.speed=0.1:0.2:2", "--eigenvalues",
-                           "--out", str(tmp_path))[2]  # fmt: skip
-    study = (
-        "study",
-        "belt_normal_force",
-        "--over",
-        "load.force=5:35:4",
-        "--out",
-        str(tmp_path),
-        "--duration",
-        "0.1 s",
-    )
-    assert f"modes.growth: {left_out}" in rig(*study, "--measure", "modes.growth", "--measure", "run.rms")[2]
-    assert left_out not in rig(*study, "--measure", "run.rms")[2]

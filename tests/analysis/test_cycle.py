@@ -205,13 +205,6 @@ def test_the_command_takes_the_longest_time_and_fails_where_nothing_is_decided(r
     assert (code, "--longest" in err) == (2, True)
 
 
-def test_the_command_says_that_controllers_and_sensors_are_left_out(rig):
-    line = "  plant alone: without controller nf and sensor"
-    assert line in rig("cycle", "belt_normal_force")[1]
-    bare = ("-p", "sensors.vibrometer=none", "-p", "sensors.laser=none")
-    assert "plant alone" not in rig("cycle", "belt_c", *bare)[1]
-
-
 def test_the_speed_up_to_which_stick_slip_lives_is_the_closed_form_that_the_scene_tells():
     """From release, x = (mu_s F0 - d v0) / c at v0, a free decaying oscillation must come up to v0 again.
 

@@ -37,7 +37,7 @@ from rig.analysis.branches.trace import (
 )
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.modes import at_rest
-from rig.analysis.orbit import plant_alone, refuse
+from rig.analysis.orbit import refuse
 from rig.analysis.pool import Store, Work, digest, packed, unpacked
 from rig.analysis.return_map import Family, ReturnMap, same
 from rig.analysis.sweep import Critical, Sweep, sweep
@@ -50,6 +50,7 @@ from rig.model.singular import assembled
 from rig.model.system import System
 from rig.printable import counted
 from rig.scenes.faults import near
+from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.solve.records import CLOSED, SLIP_MINUS, SLIP_PLUS
 from rig.stability.linearisation import Steady, settled, sliding_key, steady
@@ -218,7 +219,7 @@ class _Computation:
 
     def run(self) -> Branches:
         """Compute everything."""
-        self.notes += filter(None, [plant_alone(self.job.scene)])
+        self.notes += filter(None, [left_out(self.job.scene)])
         if forcing := driven_by(self.job):
             self._forced(forcing)
         else:

@@ -42,6 +42,7 @@ from rig.errors import UsageError
 from rig.machine.files import csv_table
 from rig.printable import columns
 from rig.results import Result
+from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -101,7 +102,9 @@ class Curves(Result):
 
     def text(self) -> str:
         """Return the report as text."""
-        lines = [f"{self.scene.name}: special points over {self.axis.label} and {self.second.label}", ""]
+        lines = [f"{self.scene.name}: special points over {self.axis.label} and {self.second.label}"]
+        alone = left_out(self.scene)
+        lines += [f"  {alone}", ""] if alone else [""]
         rows: list[tuple[str, ...]] = [(self.second.label, *(curve.name for curve in self.curves))]
         known = [dict(zip(curve.second, curve.first)) for curve in self.curves]
         for value in self.second.values:
@@ -114,6 +117,7 @@ class Curves(Result):
         """Return the fields as JSON values; parameters in SI."""
         return {
             "scene": self.scene.name,
+            "left_out": left_out(self.scene),
             "key": self.axis.key,
             "second": self.second.key,
             "curves": [asdict(curve) for curve in self.curves],

@@ -27,6 +27,7 @@ from rig.analysis.identification.runs import Free, Law, Task
 from rig.printable import columns, counted
 from rig.record.run import Reals
 from rig.results import Result, csv_text
+from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 
 IDENTIFIED, WEAK, UNKNOWN, BOUND = "identified", "weak", "not identifiable", "at bound"
@@ -310,6 +311,8 @@ class Identified(Result):
         lines = [
             f"{self.task.scene.name}: {counted(len(best.runs), 'run')}{law}, {how}; {best.evaluations} evaluations"
         ]
+        alone = left_out(self.task.scene)
+        lines += [f"  {alone}"] if alone else []
         rows, of_scene = [("", "found", "90 % from", "to", "stated", "", "verdict")], self.task.scene.values()
         for p in self.parameters:
             stated = f"{p.stated:.5g}" if p.key in of_scene else "-"  # another law has keys that the scene lacks
@@ -344,6 +347,7 @@ class Identified(Result):
         best = self.best
         return {
             "scene": self.task.scene.name,
+            "left_out": left_out(self.task.scene),
             "law": best.law.name,
             "method": "cycles" if best.repeats else "measures",
             "converged": best.converged,

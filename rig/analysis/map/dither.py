@@ -34,6 +34,7 @@ from rig.model.system import System
 from rig.motion.motion import Motion
 from rig.printable import columns
 from rig.results import Result
+from rig.scenes.left_out import left_out
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 from rig.scenes.sections import with_values
@@ -76,16 +77,21 @@ class Boundary(Result):
         """Return the report as text."""
         x, y = self.job.x, self.job.y
         assert y is not None
-        lines = [f"{self.job.scene.name}: smallest amplitude of dither that keeps the rig sliding", ""]
+        lines = [f"{self.job.scene.name}: smallest amplitude of dither that keeps the rig sliding"]
+        alone = left_out(self.job.scene)
+        lines += [f"  {alone}", ""] if alone else [""]
         rows: list[tuple[str, ...]] = [(x.label, "leading order", "averaged", "simulated", "to averaged")]
         for i, frequency in enumerate(x.values):
             low, high = self.simulated[i] / y.scale
             deviation = self.deviation[i]
             text = f"{100.0 * deviation:+.2f} %" if np.isfinite(deviation) else ""
-            theory = (f"{theory_values[i] / y.scale:.6g}" for theory_values in (self.leading, self.averaged))
-            rows.append((x.text(frequency), *theory, f"{low:.6g} to {high:.6g}", text))
+            theory = (_least(values[i] / y.scale) for values in (self.leading, self.averaged))
+            simulated = f"{low:.6g} to {high:.6g}" if 0.0 < high < math.inf else _least(high)
+            rows.append((x.text(frequency), *theory, simulated, text))
         lines += columns(rows, "<>>>>")
-        lines += ["", f"  amplitudes in {y.shown}; 0: stable from the smallest on, inf: not even at the largest"]
+        least, most = (y.text(value) for value in (min(y.values), max(y.values)))
+        lines += ["", f"  amplitudes in {y.shown}; any: the rig slides from the smallest on, {least}"]
+        lines += [f"  none: it does not slide even at the largest, {most}"]
         shaken = [(f, _Shaken(x.at(self.job.scene, f), None)) for f in x.values]
         slow = [x.text(f) for f, rig in shaken if not_fast(rig.system, rig.sine, rig.cosine)]
         lines += [f"  too slow for an average: {', '.join(slow)}"] if slow else []
@@ -97,6 +103,7 @@ class Boundary(Result):
         assert y is not None
         return {
             "scene": self.job.scene.name,
+            "left_out": left_out(self.job.scene),
             "x": {"key": x.key, "unit": x.unit, "values": list(x.values)},
             "y": {"key": y.key, "unit": y.unit, "values": list(y.values)},
             "leading": self.leading.tolist(),
@@ -112,6 +119,13 @@ class Boundary(Result):
         names = ("leading", "averaged", "simulated_lost", "simulated_kept")
         rows = zip(self.job.x.values, self.leading, self.averaged, *self.simulated.T)
         return csv_table([[self.job.x.si_label, *(f"{name} [{unit}]" for name in names)], *rows]).decode()
+
+
+def _least(amplitude: float) -> str:
+    """The smallest amplitude that suffices, in words if any one does or none."""
+    if amplitude == 0.0:
+        return "any"
+    return f"{amplitude:.6g}" if math.isfinite(amplitude) else "none"
 
 
 def put_together(job: Job, rows: dict[int, Arrays], folder: Path) -> Boundary:

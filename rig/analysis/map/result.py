@@ -25,6 +25,7 @@ from rig.analysis.pool import Arrays
 from rig.machine.files import csv_table
 from rig.printable import columns, counted
 from rig.results import Result
+from rig.scenes.left_out import left_out
 from rig.view.curves import apart, plain
 from rig.view.palette import AMBER, BARE, BLUE, GREEN, LINES, VERMILION, page
 
@@ -120,7 +121,9 @@ class Map(Result):
         if job.y is not None:
             y = job.y
             span += f"; {y.key} from {y.text(y.values[0])} to {y.text(y.values[-1])}, {counted(len(y.values), 'value')}"
-        lines = [f"{job.scene.name}: {span}", f"  runs: {', '.join(settings.runs)}; output {settings.output}", ""]
+        lines = [f"{job.scene.name}: {span}", f"  runs: {', '.join(settings.runs)}; output {settings.output}"]
+        alone = left_out(job.scene)
+        lines += [f"  {alone}", ""] if alone else [""]
         counts = np.bincount(self.regions.ravel(), minlength=len(REGIONS))
         lines += columns(
             [(REGIONS[r], MEANING[r], counted(counts[r], "point")) for r in (1, 2, 3, 4, 0) if counts[r]], "<<>"
@@ -175,6 +178,7 @@ class Map(Result):
         rows = range(len(self.onsets))
         return {
             "scene": self.job.scene.name,
+            "left_out": left_out(self.job.scene),
             "x": {"key": x.key, "unit": x.unit, "values": list(x.values)},
             "y": {"key": y.key, "unit": y.unit, "values": list(y.values)} if y else None,
             "settings": vars(self.job.settings),

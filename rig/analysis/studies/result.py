@@ -351,6 +351,8 @@ class StudyResult(Result):
         sizes = " x ".join(map(str, plan.dimensions.values()))
         yield f"{self.work.scene.name}: {counted(len(self.values), 'point')} ({sizes}) over {over or 'seeds'}"
         yield from (f"  {line}" for line in self.work.belief)
+        if self.work.left_out:
+            yield f"  {self.work.left_out}"
         if len(self.values) <= _FEW:
             yield from ["", *self._table()]
         yield ""
@@ -424,6 +426,7 @@ class StudyResult(Result):
             "over": {factor.key: str(factor.distribution or list(factor.axis.values)) for factor in plan.factors},
             "dimensions": plan.dimensions,
             "belief": self.work.belief,
+            "left_out": self.work.left_out,
             "units": dict(zip(self.names, self.units)) | {factor.key: factor.axis.unit for factor in plan.factors},
             "points": list(self.records()),
             "indices": None if indices is None else {

@@ -34,6 +34,7 @@ from rig.quantities import run_length_ns, whole
 from rig.record.provenance import provenance
 from rig.record.save_run import save
 from rig.scenes.belief import of_varied, varied
+from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.scenes.variants import optional
 
@@ -226,6 +227,13 @@ class StudyRuns:
     def belief(self) -> list[str]:
         """Lines on what the controllers are told of the rig; empty if no measure has any."""
         return of_varied(self.scene, [factor.key for factor in self.plan.factors]) if self.of_run else []
+
+    @property
+    def left_out(self) -> str:
+        """Which measures are those of the plant without its controllers, in words; "" if there is none."""
+        alone = ", ".join(measure.name for measure in self.measures if not measure.of_run)
+        text = left_out(self.scene)
+        return f"{alone}: {text}" if alone and text else ""
 
     @property
     def unportable(self) -> str:

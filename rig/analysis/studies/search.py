@@ -26,7 +26,7 @@ from rig.analysis.studies.measures import Measure, check_not_loading, measures, 
 from rig.analysis.studies.runs import MOST, Plan, StudyRuns, check_length, first_seed
 from rig.errors import Faults
 from rig.machine.files import csv_table
-from rig.printable import columns
+from rig.printable import columns, counted
 from rig.quantities import whole
 from rig.record.provenance import provenance
 from rig.record.run import Run
@@ -65,6 +65,8 @@ class SearchResult(Result):
     folder: Path
     belief: tuple[str, ...] = ()
     """Lines on what the controllers are told of the rig."""
+    left_out: str = ""
+    """Whether the measure is that of the plant without its controllers, in words."""
 
     @cached_property
     def best(self) -> int | None:
@@ -94,7 +96,8 @@ class SearchResult(Result):
             return "\n".join([f"{self.scene.name}: no point has a value of {self.measure}", *missing])
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
         lines = [f"{self.scene.name}: {what} {self.value:.6g}{unit}, point {self.best + 1} of {len(self.values)}"]
-        lines += [*(f"  {line}" for line in self.belief), ""]
+        lines += [f"  {line}" for line in (*self.belief, self.left_out) if line]
+        lines += [""]
         rows: list[tuple[str, ...]] = [("parameter", "best", "from", "to", "")]
         for factor, value in zip(self.factors, self.points[self.best].tolist()):
             low, high = factor.axis.values
@@ -120,6 +123,7 @@ class SearchResult(Result):
             "ranges": {factor.key: list(factor.axis.values) for factor in self.factors},
             "evaluations": len(self.values),
             "belief": list(self.belief),
+            "left_out": self.left_out,
             "settled": self.settled,
             "folder": str(self.folder),
         }
@@ -188,7 +192,7 @@ def prepared(
     least = max(_LEAST, _POPULATION * max(len(ranges), 1))
     most = faults(lambda: whole("evaluations", evaluations, 1, MOST), least)
     if most < least:
-        faults.found.append(f"evaluations = {most}: must be at least {least} for {len(ranges)} parameters")
+        faults.found.append(f"evaluations = {most}: must be at least {least} for {counted(len(ranges), 'parameter')}")
     work = SearchRuns(scene, Plan(varied, 1, "", 1, first, alike=True), wanted, duration, largest, most)
     faults(lambda: check_length(scene, duration, work.of_run), None)
     faults.raise_found()
@@ -266,6 +270,7 @@ def search(
         provenance=provenance(work.plan.seed),
         folder=store.folder,
         belief=tuple(work.belief),
+        left_out=work.left_out,
     )
 
 
