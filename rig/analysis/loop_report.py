@@ -269,7 +269,8 @@ class LoopReport(Result):
         rows += [(o.part, f"{1e3 * o.seconds:.4g}", f"{360 * o.seconds * hertz:.3g}", o.origin) for o in self.items]
         rows += [("sum", f"{1e3 * total:.4g}", f"{360 * total * hertz:.3g}", "")]
         lines = [f"{self.scene}: loop of {self.found.controller} ({self.found.through})"]
-        lines += [*(f"  {line}" for line in self.found.belief), "", *columns(rows, "<>><")]
+        told = (self.found.left_out, *self.found.belief)
+        lines += [*(f"  {line}" for line in told if line), "", *columns(rows, "<>><")]
         return "\n".join([*lines, "", *self._margins(), "", *self._curves(), "", *self._check()])
 
     def _margins(self) -> Iterator[str]:
@@ -277,7 +278,9 @@ class LoopReport(Result):
         yield from self.found.margin_lines("ms more than the budget without the bus")
         if (ends := self.found.gain_range) is not None and self.found.gain:
             least, most = sorted(end / self.found.gain for end in ends)
-            yield f"  gain margin: stable from {least:.4g} to {most:.4g} times its gain of {self.found.gain:g}"
+            low = f"from {least:.4g}" if math.isfinite(least) else "from any negative multiple"
+            high = f"to {most:.4g} times" if math.isfinite(most) else "to any multiple of"
+            yield f"  gain margin: stable {low} {high} its gain of {self.found.gain:g}"
 
     def _curves(self) -> Iterator[str]:
         for curve in self.curves:

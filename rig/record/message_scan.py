@@ -28,6 +28,7 @@ from rig.bus.messages import decode, times
 from rig.bus.topics import of, of_plant
 from rig.errors import BusError, LogError
 from rig.machine.files import regular
+from rig.printable import counted
 from rig.record.mcap_file import (
     COPY,
     CRC,
@@ -142,6 +143,10 @@ _UNPROVED = "its header or an index"
 """What differs if every record is intact and the checksum of the whole file is wrong."""
 _NO_MESSAGES = (_COPY, "an attachment", "metadata")
 """Damaged places that contain no message."""
+
+
+def _missing(number: int) -> str:
+    return f"{counted(number, 'message')} {'is' if number == 1 else 'are'} missing"
 
 
 class Record(NamedTuple):
@@ -385,18 +390,20 @@ class Scan:
         known = self._gaps + self._undescribed
         if cut:
             front = "" if self._header is not None else "its beginning is damaged or missing; "
-            before = f"; before that {known} messages are missing" if known else ""
+            before = f"; before that {_missing(known)}" if known else ""
             return f"{front}it breaks off after t = {self.last_ns * 1e-9:.3f} s{before}"
         if self.missing is None and self._header is not None and (place := self._taking()) is not None:
-            least = f"at least {known} messages are missing" if known else "how many messages are missing is unknown"
-            return f"{place.what or 'a record'} is damaged; {least}"
+            least = f"at least {_missing(known)}" if known else "how many messages are missing is unknown"
+            what = place.what or "a record"
+            return f"{what} {'are' if what.endswith('bytes') else 'is'} damaged; {least}"
         if self.missing is None:
-            after = f"; after that {known} messages are missing" if known else ""
+            after = f"; after that {_missing(known)}" if known else ""
             return f"its beginning is damaged or missing{after}"
         if self.missing and self._statistics is not None:
-            return f"{self.missing} of its {self._statistics.message_count} messages are missing"
+            are = "is" if self.missing == 1 else "are"
+            return f"{self.missing} of its {counted(self._statistics.message_count, 'message')} {are} missing"
         if self.missing:
-            return f"{self.missing} of its messages are missing"
+            return f"{self.missing} of its messages {'is' if self.missing == 1 else 'are'} missing"
         if not self.skipped or all(
             self._end is not None and skipped.begin >= self._end.end for skipped in self.skipped
         ):
@@ -408,4 +415,5 @@ class Scan:
                 f"{_UNPROVED} is damaged, or another program has written it again; "
                 "no message that its index counts is missing"
             )
-        return f"{self.skipped[0].what or 'a record'} is damaged; no message is missing"
+        what = self.skipped[0].what or "a record"
+        return f"{what} {'are' if what.endswith('bytes') else 'is'} damaged; no message is missing"

@@ -264,7 +264,7 @@ def test_missing_values_gaps_and_drift_are_told(tmp_path):
     assert "1 gap, the longest 0.501 s" in made.text()
     assert made.bases[0].drift == pytest.approx(0.75e-4, rel=0.02)  # between the middles of the outer quarters
     assert "the period drifts by" in made.text()
-    assert "1 missing values were left out" in made.text()
+    assert "1 missing value left out" in made.text()
     assert lab.open(tmp_path / "x.mcap").measurements["v"].v.size == 2999
 
 
@@ -360,3 +360,53 @@ def test_channels_of_a_tdms_that_start_one_after_the_other(tmp_path):
             writer.write_segment([nptdms.ChannelObject("g", name, V, properties=about)])
     assert [column.start for column in opened(tmp_path / "x.tdms").columns] == [0.0, 0.25]
     assert "400 values at 1000 Hz" in listed([tmp_path / "x.tdms"]).text()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.wav", b"RIFF", "expected a .wav file"),
+        ("a.wav", b"RIFF\0\0\0\0WAVEfmt ", "expected a .wav file"),
+        ("a.wav", b"RIFF\x24\0\0\0WAVEfmt \x10\0\0\0\1\0" + bytes(14) + b"data\0\0\0\0", "expected a .wav file"),
+        ("a.csv", b"", "it is empty; expected rows of numbers"),
+        ("a.csv", b"\n\n", "it is empty; expected rows of numbers"),
+    ],
+)
+def test_what_a_library_says_of_itself_is_not_told(rig, tmp_path, name, content, told):
+    (tmp_path / name).write_bytes(content)
+    code, _, err = rig("import", tmp_path / name)
+    assert (code, told in err, name in err) == (2, True, True)
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        ({"a": [[1.0, 2.0], [3.0]]}, "it has no column of numbers"),
+        ({"a": ["x", "y"]}, "it has no column of numbers"),
+        ({"a": np.empty(0)}, "its table has no rows"),
+        ({}, "its table has no rows"),
+    ],
+)
+def test_a_parquet_file_without_numbers_is_refused(rig, tmp_path, columns, told):
+    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
+    code, _, err = rig("import", tmp_path / "a.parquet")
+    assert (code, told in err) == (2, True)
+
+
+def test_a_column_without_values_is_told_in_words(rig, tmp_path):
+    (tmp_path / "a.csv").write_text("t,a\n0,nan\n1,nan\n2,nan\n")
+    code, out, _ = rig("import", tmp_path / "a.csv")
+    assert (code, "a  no values, (no unit stated), 0 values" in out, "inf" in out) == (0, True, False)
+
+
+def test_times_of_day_that_are_missing_are_told(rig, tmp_path):
+    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    times = pyarrow.array([None, None], pyarrow.timestamp("ns"))
+    parquet.write_table(pyarrow.table({"t": times, "b": [1.0, 2.0]}), tmp_path / "a.parquet")
+    code, out, _ = rig("import", tmp_path / "a.parquet")
+    assert (code, "t  no values" in out) == (0, True)
+    read = rig("import", tmp_path / "a.parquet", "--map", "b = x, 1 m", "--time", "t, s")
+    assert (read[0], "column t has no time" in read[2]) == (2, True)

@@ -19,7 +19,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import repeat, zip_longest
-from math import isfinite
+from math import isfinite, isinf
 from pathlib import Path
 from typing import Any
 
@@ -252,6 +252,8 @@ class Verification:
         """The comparison as lines."""
         rounded = "bit by bit" if self.identical or self.opened else "except for rounding errors"
         agreement = f"to {self.deviation:.1e} of their range" if self.deviation else rounded
+        if isinf(self.deviation):
+            agreement = "except for some that are missing or not finite in one of both"
         events = f", and {counted(self.events, 'event')}" if self.events else ""
         lines = [f"  {self.seconds:g} s simulated again, {counted(self.compared, 'number')} agree {agreement}{events}"]
         if self.opened is not None:

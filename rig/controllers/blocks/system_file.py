@@ -295,7 +295,8 @@ def _numbers(given: Any, name: str) -> Matrix:
 def _state_space(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     missing = [name for name in "ABCD" if name not in values]
     if missing not in ([], ["A", "B", "C"]):
-        raise ValueError(f"{', '.join(missing)} is missing; state A, B, C, D, or num and den, or D alone for a gain")
+        are = "is" if len(missing) == 1 else "are"
+        raise ValueError(f"{', '.join(missing)} {are} missing; state A, B, C, D, or num and den, or D alone for a gain")
     d = np.atleast_2d(_numbers(values["D"], "D"))
     outputs, inputs = d.shape
     if missing or not any(_numbers(values[name], name).size for name in "ABC"):

@@ -67,10 +67,15 @@ def lines(table: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
         mark = "recommended" if row is pick else "front" if row in best else ""
         name = row.worst if metric == WORST else metric
         part = (f"{row.floor(name):.1e}",) if table.statistical else ()
-        rows.append((method, dial, f"{row.error(metric):.1e}", *part, name, f"{p50:.3g}",
+        rows.append((method, dial, _error(row.error(metric)), *part, name, f"{p50:.3g}",
                      f"{p99.value:.3g}", f"{p99.low:.3g} .. {p99.high:.3g}", f"{row.share:.2%}",
                      f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}", mark))  # fmt: skip
     return rows
+
+
+def _error(error: float) -> str:
+    """An error in a cell; infinite if the mode set changes differ."""
+    return f"{error:.1e}" if math.isfinite(error) else "differs"
 
 
 def _agreement(table: Table, metric: str) -> str:
@@ -95,7 +100,7 @@ def notes(table: Table, metric: str) -> list[str]:
         )
     if any(math.isinf(error) for row in table.rows for error in row.errors.values()):
         out.append(
-            "inf: the mode set changes differ from those of the reference, so that their times cannot be compared"
+            "differs: the mode set changes are not those of the reference, so that their times cannot be compared"
         )
     return out + [f"{method} left out: {why}" for method, why in table.left_out.items()]
 

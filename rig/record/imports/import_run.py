@@ -104,7 +104,7 @@ class TimeBase:
         told = f"{self.file}: {counted(self.samples, 'sample')}{rate}, t = {self.begin:g} to {self.last:g} s"
         told += f"; moved by {self.shift:.9g} s" if self.shift else ""
         if self.gaps:
-            told += f"; {self.gaps} gap{'s' * (self.gaps > 1)}, the longest {self.longest:.6g} s"
+            told += f"; {counted(self.gaps, 'gap')}, the longest {self.longest:.6g} s"
         if self.uneven > _EVEN:
             told += f"; uneven: a distance differs from the period by {100.0 * self.uneven:.3g} %"
         if abs(self.drift) > max(1e-6, 2.0 * self.uneven / self._quarter):  # more than rounding of the times
@@ -127,13 +127,13 @@ class Imported(Result):
 
     def text(self) -> str:
         """Channels with ranges, and the time bases."""
-        rows = [f"{self.path}: {len(self.channels)} channel{'s' * (len(self.channels) != 1)}"]
+        rows = [f"{self.path}: {counted(len(self.channels), 'channel')}"]
         for name, source in self.channels.items():
             unit, low, high = self.ranges[name]
-            rows.append(f"  {name:<20} {low:.6g} .. {high:.6g} {'' if unit == '1' else unit}  from {source}".rstrip())
+            rows.append(f"  {name:<20} {_span(low, high)} {'' if unit == '1' else unit}  from {source}".rstrip())
         rows += [f"  {base.text()}" for base in self.bases]
         if self.missing:
-            rows.append(f"  {self.missing} missing values were left out")
+            rows.append(f"  {counted(self.missing, 'missing value')} left out")
         return "\n".join(rows)
 
     def to_json(self) -> dict[str, object]:
@@ -141,6 +141,11 @@ class Imported(Result):
         bases = [base.to_json() for base in self.bases]
         return {"path": str(self.path), "channels": self.channels, "ranges": self.ranges, "time": bases,
                 "missing": self.missing}  # fmt: skip
+
+
+def _span(low: float, high: float) -> str:
+    """The lowest and the highest value in words; a column may have none."""
+    return f"{low:.6g} .. {high:.6g}" if low <= high else "no values,"
 
 
 @dataclass
@@ -156,7 +161,7 @@ class Listed:
         """A line for each column, the time bases, and the proposal as TOML."""
         width = max(len(row[1]) for row in self.rows)
         lines = [
-            f"{file}: {name:<{width}}  {low:.6g} .. {high:.6g} {unit or '(no unit stated)'}, {counted(count, 'value')}"
+            f"{file}: {name:<{width}}  {_span(low, high)} {unit or '(no unit stated)'}, {counted(count, 'value')}"
             + f" at {rate:.6g} Hz" * (rate > 0.0)
             for file, name, unit, low, high, count, rate in self.rows
         ]
@@ -283,7 +288,10 @@ class _Part:
 
     def begin(self) -> float:
         """Time of the first sample, with the shift [s]; notes the periods."""
-        first = {c: t for c, (t, _) in next(self._timed_or_refused()).items() if t.size}
+        first = {c: t[np.isfinite(t)] for c, (t, _) in next(self._timed_or_refused()).items()}
+        first = {c: t for c, t in first.items() if t.size}
+        if not first:
+            raise UsageError(f"{self.file.path}: column {self.time} has no time among its first values")
         self.periods = {c: round(float(np.median(np.diff(t))) * 1e9) if t.size > 1 else 0 for c, t in first.items()}
         return min(float(t[0]) for t in first.values()) + self.shift
 

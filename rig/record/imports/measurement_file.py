@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import re
+import struct
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -69,6 +70,10 @@ class MeasurementFile:
         return self._by_name[name]
 
 
+_OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, struct.error)
+"""Errors that a library raises where it does not expect what it reads, such as "list index out of range"."""
+
+
 def opened(path: Path) -> MeasurementFile:
     """The columns of a file. Raises UsageError for one that cannot be read, is damaged or of an unknown format."""
     read = _FORMATS.get(path.suffix.lower())
@@ -78,15 +83,21 @@ def opened(path: Path) -> MeasurementFile:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a file that ends too early is no more than a warning for some libraries
-            return read(path)
+            file = read(path)
     except UsageError:
         raise
     except OSError as fault:
         why = fault.strerror or f"is cut off or damaged: {fault}"
         raise UsageError(f"{path}: {why}") from None
+    except _OF_CODE:  # says something about the library and nothing about the file
+        ending = path.suffix.lower()
+        raise UsageError(f"{path}: is cut off, damaged or of another format; expected a {ending} file") from None
     except Exception as fault:  # of many libraries
         what = str(fault).partition("\n")[0] or type(fault).__name__
         raise UsageError(f"{path}: is cut off, damaged or of another format: {what}") from None
+    if not file.columns:
+        raise UsageError(f"{path}: it has no column of numbers")
+    return file
 
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
@@ -166,6 +177,8 @@ def _parquet(path: Path) -> MeasurementFile:
     with parquet.ParquetFile(path) as file:
         fields = [field for field in file.schema_arrow if not types.is_nested(field.type)]
         length = file.metadata.num_rows
+    if not length:
+        raise UsageError(f"{path}: its table has no rows")
     columns, labels = [], {}
     for field in fields:
         if not (types.is_floating(field.type) or types.is_integer(field.type) or types.is_temporal(field.type)):
@@ -186,15 +199,17 @@ def _parquet(path: Path) -> MeasurementFile:
 
 
 def _seconds(column: Any, begins: dict[str, int], name: str) -> Reals:
-    """Numbers; times of day as seconds since the first one."""
-    from pyarrow import duration, int64, timestamp, types
+    """Numbers; times of day as seconds since the first one. NaN for those that are not there."""
+    from pyarrow import compute, duration, int64, timestamp, types
 
     if not types.is_temporal(column.type):
         return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
     kind = duration("ns") if types.is_duration(column.type) else timestamp("ns")
-    ns = column.cast(kind).cast(int64()).to_numpy(zero_copy_only=False)
-    begin = begins.setdefault(name, int(ns[0]))
-    return np.asarray((ns - begin) * 1e-9, np.float64)
+    ns = column.cast(kind).cast(int64())
+    if len(known := ns.drop_null()):
+        begins.setdefault(name, known[0].as_py())
+    apart = compute.subtract(ns, begins.get(name, 0)).to_numpy(zero_copy_only=False)  # whole numbers, if all are there
+    return np.asarray(apart * 1e-9, np.float64)
 
 
 def _mat(path: Path) -> MeasurementFile:

@@ -90,6 +90,8 @@ class TextTable:
             form = _Form.best(lines)
             if len(head) < size or form.rows >= _ROWS:
                 break
+        if not any(line.strip() for line in lines):
+            raise UsageError(f"{path}: it is empty; expected rows of numbers")
         if not form.rows:
             raise UsageError(
                 f"{path}: there is no table of numbers in its first {counted(len(lines), 'line')}; expected rows of "
