@@ -32,6 +32,7 @@ from rig.cli.options import (
 )
 from rig.cli.printing import draw, new, refuse
 from rig.errors import ExitCode, SceneError, UsageError
+from rig.printable import counted
 
 if TYPE_CHECKING:
     from rig.analysis.axis import Axis
@@ -229,7 +230,7 @@ def identify(
     task = prepared(loaded, runs)
     try:
         with printing.status() as show:
-            found = fit(task, keep, workers, lambda done: show(f"{done} cycles computed"))
+            found = fit(task, keep, workers, lambda done: show(f"{counted(done, 'cycle')} computed"))
         refused: UsageError | None = None
         if settings is not None:
             try:

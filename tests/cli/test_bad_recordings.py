@@ -179,3 +179,20 @@ def test_a_recording_whose_scene_is_damaged_is_read(call, tmp_path):
         code, said = call(command, *(("--from", log) if command == "simulate" else (log,)))
         assert code == 2
         assert f"{log}, the recorded scene: is damaged, or of another version" in said
+
+
+def test_recover_and_verify_mean_the_same_by_whole(rig, tmp_path):
+    whole = tmp_path / "whole.mcap"
+    assert rig("simulate", "pendulum", "--duration", "0.2", "--out", whole)[0] == 0
+    data = whole.read_bytes()
+    cases = {"whole": data, **{f"cut by {n}": data[:-n] for n in (1, 20, len(data) // 3)}}
+    for at in (3, 9, len(data) // 2, len(data) - 10):
+        wrong = bytearray(data)
+        wrong[at] ^= 0x10
+        cases[f"wrong at {at}"] = bytes(wrong)
+    for name, content in cases.items():
+        path = tmp_path / "case.mcap"
+        path.write_bytes(content)
+        verified, _, _ = rig("verify", path)
+        _, _, said = rig("recover", path, "--out", tmp_path / "copy.mcap", "--force")
+        assert (verified == 0) == ("is whole; there is nothing to recover" in said) == (name == "whole"), name

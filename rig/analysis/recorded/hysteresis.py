@@ -22,7 +22,7 @@ import numpy as np
 from rig.analysis.recorded.series import Series, channels, drive, scene_name, vibration
 from rig.analysis.stick_speeds import short, stuck
 from rig.errors import Faults, UsageError
-from rig.printable import columns
+from rig.printable import columns, counted
 from rig.record.run import Reals, Run
 from rig.results import Result, csv_text
 
@@ -255,7 +255,7 @@ class Hysteresis(Result):
         if 0.0 < self.window * self.frequency < _WHOLE:
             lines.append("  the window is shorter than a period: the RMS follows the vibration itself")
         if self.lost:
-            lines.append(f"  {self.lost} windows are left out: less than half of their samples are there")
+            lines.append(f"  left out: {counted(self.lost, 'window')} with less than half of the samples")
         stick = {True: "last stick", False: "first stick"}
         for curve in self.curves:
             branch = curve.branch

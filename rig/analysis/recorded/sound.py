@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.recorded.series import scene_name
 from rig.errors import UsageError
+from rig.printable import counted
 from rig.record.run import Run
 from rig.record.run_data import increasing, places
 from rig.results import Result
@@ -121,7 +122,7 @@ class Sound(Result):
             f"  level {self.overall:.1f} {self.reference}, in {1e3 * WINDOW:g} ms from {self.level.min():.1f} to "
             f"{self.level.max():.1f} dB; peak {self.peak:.3g} {self.unit}",
         ]
-        lines += [f"  {self.missing} samples are missing and count as silence"] if self.missing else []
+        lines += [f"  missing, counted as silence: {counted(self.missing, 'sample')}"] if self.missing else []
         lines += [f"  squeal {squeal}" for squeal in self.squeals]
         silent = f"  no squeal: no tone above {LOWEST / 1e3:g} kHz exceeds {self.threshold:.1f} dB"
         return "\n".join(lines if self.squeals else [*lines, silent])
