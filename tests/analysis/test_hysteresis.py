@@ -150,7 +150,7 @@ def test_samples_that_dropped_out_are_told_and_left_out():
     assert f"{lost} of {T.size} samples of accelerometer are missing" in found.text()
     assert "the longest takes 2" in found.text()
     assert found.lost == pytest.approx(2.0 / 0.01, abs=5)
-    assert f"{found.lost} windows are left out" in found.text()
+    assert f"{found.lost} windows left out" in found.text()
     rows = [row.up for row in found.rows() if not math.isnan(row.up)]
     assert rows == pytest.approx([3.0 / math.sqrt(2.0)] * len(rows), rel=0.03)  # 1 % of scatter for a fifth lost
     assert len(rows) < len(found.rows())

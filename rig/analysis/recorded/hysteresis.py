@@ -255,7 +255,7 @@ class Hysteresis(Result):
         if 0.0 < self.window * self.frequency < _WHOLE:
             lines.append("  the window is shorter than a period: the RMS follows the vibration itself")
         if self.lost:
-            lines.append(f"  left out: {counted(self.lost, 'window')} with less than half of the samples")
+            lines.append(f"  {counted(self.lost, 'window')} left out: less than half of the samples are there")
         stick = {True: "last stick", False: "first stick"}
         for curve in self.curves:
             branch = curve.branch
