@@ -196,6 +196,8 @@ LONGEST_S = 600.0
 """Longest time that a command may take [s]."""
 _DIGITS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 _WRITES = ("--out", "--figure", "--csv", "--law")
+_KEEP = ("branches", "map", "optimise", "study")
+"""Commands that keep their results in a folder, and do not replace them without --force."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +224,8 @@ def attempt(command: Command, folder: Path, as_json: bool = True) -> Outcome:
     if not (measured := folder / RECORDINGS.name).exists() and RECORDINGS.name in "".join(command.words):
         measured.symlink_to(RECORDINGS)
     words = [*command.words, "--json"] if as_json else [*command.words]
-    if any(word in _WRITES for word in words) and "--force" not in words:
+    writes = words[0] in _KEEP or any(word in _WRITES for word in words)
+    if writes and "--force" not in words:
         words.append("--force")
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "rig", *words],
