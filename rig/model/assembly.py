@@ -275,13 +275,14 @@ class Output:
 
     `plot`: the plot in which it is drawn, by default that of its unit. `role`: "displacement" and "velocity" are the
     pair of the phase portrait, by default the first output with its rate of change; "drive" is the speed of a drive,
-    which is no vibration.
+    which is no vibration. `on_request`: a run has it only if a sensor reads it or a limit of the scene names it.
     """
 
     row: Row
     unit: str
     plot: Plot | None = None
     role: Role = ""
+    on_request: bool = False
 
 
 def portrait(outputs: Mapping[str, Output]) -> tuple[str, str] | None:

@@ -337,7 +337,7 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers
     for i, name in enumerate(names):
         a.outputs[f"normal_force_of_{name}"] = Output({film.at("P", i): 1.0}, "N", _OF_POINTS[0])
         a.outputs[f"slip_speed_of_{name}"] = Output({film.at("w", i): 1.0}, "m/s", _OF_POINTS[1])
-        a.outputs[f"relative_speed_of_{name}"] = Output(passing[i], "m/s", _RELATIVE)
+        a.outputs[f"relative_speed_of_{name}"] = Output(passing[i], "m/s", _RELATIVE, on_request=True)
         a.outputs[f"state_of_{name}"] = Output({film.at("s", i): 1.0}, "1", _OF_POINTS[2])
     a.outputs |= {
         "normal_force": Output({film.over("normal"): 1.0}, "N"),
@@ -345,7 +345,6 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers
         "contact_fraction": Output({film.over("fraction"): 1.0}, "1", Plot(place=2)),
         "openings": Output({film.over("openings"): 1.0 / COUNTED}, "1", Plot()),
         "slip_speed": Output({film.at("w", 0): 1.0}, "m/s", Plot()),
-        "relative_speed": Output(passing[0], "m/s", Plot()),
         "surface_speed": Output(
             {state: float(own.reach[0]) * value for state, value in speed.items()}, "m/s", role="drive"
         ),

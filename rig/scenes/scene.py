@@ -153,13 +153,16 @@ class Scene(Result):
         return f"its pace is at most {self.clock.pace_limit:g}{f' ({note})' if note else ''}"
 
     def assemble(self, parameters: Section | None = None) -> Assembly:
-        """The rig of this scene (`rig.model.assembly.Assembly`), with the signals that its actuators need.
+        """The rig of this scene (`rig.model.assembly.Assembly`), with the signals that its actuators need and without
+        outputs on request that nothing asks for.
 
         `parameters`: others than the scene's own, as after a change while the rig runs.
         """
         with model_store.using(self.models):
             made = rooms.assembled(parameters or self.parameters, self.frame_ns, self.moved, limits=self.limits)
         knock.add(made, self.knocks)
+        asked = {section.reads for section in self.sensors.values()} | self.limits.keys()
+        made.outputs = {name: output for name, output in made.outputs.items() if not output.on_request or name in asked}
         return made
 
     @property
