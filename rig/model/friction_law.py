@@ -28,6 +28,7 @@ from rig.solve.forces import (
 
 Array = NDArray[np.float64]
 _Function = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p, ctypes.c_double, ctypes.c_double] + [ctypes.c_void_p] * 2)
+_SLOW = np.geomspace(1e-6, 1.0, 25)  # m/s; slip speeds at which the largest coefficient of steady slip is looked for
 _ROUNDS, _FIRST, _LONGER = 80, 1e-9, 5.0  # steps of the search for steady slip; the first [s]; factor of the next
 
 
@@ -156,6 +157,18 @@ class Law:
             mu = float(coefficient(self.code, self.row(), speed))
         self._require_finite("mu", mu, speed)
         return mu
+
+    def at_rest(self, load: float) -> float:
+        """The coefficient at which a contact at rest begins to slide under `load` [N].
+
+        With memory: while the internal states are those of the start. Of a contact that deflects or creeps instead of
+        sticking: the largest coefficient of steady slip.
+        """
+        if self.presliding:
+            return float(self.over(_SLOW, load).max())
+        if not self.states:
+            return self.static
+        return float(self.at_once(np.zeros(1), load, np.array([state.start for state in self.states]))[0][0])
 
     def over(self, speeds: NDArray[np.float64], load: float | None = None) -> NDArray[np.float64]:
         """The coefficients at many slip speeds >= 0 [m/s], as `mu`."""

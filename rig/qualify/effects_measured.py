@@ -82,7 +82,7 @@ def _without_memory(scene: Scene) -> Scene:
     values, others = (law.over(np.array(_SPEEDS), load) for load in (min(remembering), max(remembering)))
     if np.abs(values - others).max() > _SAME * values.max():
         raise UsageError("steady slip of the law depends on the load, and the contacts have different loads")
-    static = max(law.static, values[0]) if law.sticks else values[0]
+    static = max(law.at_rest(min(remembering)), values[0]) if law.sticks else values[0]
     table = {"law": "table", "speeds": (0.0, *_SPEEDS), "values": (values[0], *values), "mu_static": static}
     memoryless = LAWS["table"].model_validate(table)
     return replace(scene, parameters=scene.parameters.model_copy(update={"friction": memoryless}))

@@ -129,11 +129,12 @@ class Scale(NamedTuple):
 
 
 def scale_of(system: System) -> Scale:
-    """The scale for a rig: 1.5 times its deflection by static friction has about the size `_REACH`."""
+    """The scale for a rig: 1.5 times its deflection by the friction that holds it has about the size `_REACH`."""
     if not system.patches or not system.normals:
         return Scale(10.0, 10.0)
     patch = system.patches[0]
-    force = patch.law.static * (float(abs(system.normals[0].row @ system.start)) or 1.0)
+    load = float(abs(system.normals[0].row @ system.start)) or 1.0
+    force = patch.law.at_rest(load) * load
     count = len(system.coordinates)
     stiffness = system.stiffness - sum(np.outer(k.direction, k.row[:count]) for k in system.normals)
     reach = float(np.abs(np.linalg.lstsq(stiffness, patch.direction * force, rcond=None)[0]).max())

@@ -306,8 +306,10 @@ _CLAMP, _TIP = np.array((-0.12, 0.0, 0.9)), np.array((0.0, 0.0, 0.1))
 def scale(system: System) -> base.Scale:
     """The scale for a rig: static friction, with the normal force that it leaves, deflects it by `_REACH` at most."""
     patch, normal, count = system.patches[0], system.normals[0], len(system.coordinates)
-    force = patch.law.static * float(normal.row @ system.start)
-    push = normal.direction + patch.law.static * patch.direction
+    load = float(normal.row @ system.start)
+    mu = patch.law.at_rest(load)
+    force = mu * load
+    push = normal.direction + mu * patch.direction
     bent = np.linalg.solve(system.stiffness - np.outer(push, normal.row[:count]), patch.direction * force)
     reach = abs(float(patch.direction @ bent))
     return base.Scale(base.round_down(_REACH / reach) if reach else 1.0, force or 1.0)

@@ -414,7 +414,7 @@ def scene_figure(figure: Figure, scene: Scene) -> None:
             under = f", steady slip under {load:.3g} N" if law.states else ""
             axes.plot(speeds, law.over(speeds, load), color=colour, ls=dashes, label=plain(patch.name) + way + under)
             if law.sticks:
-                axes.plot(0.0, law.static, "o", color=colour)
+                axes.plot(0.0, law.at_rest(load), "o", color=colour)
         if surface:
             axes.axvline(surface, color=colour, lw=0.9, ls=":")
     moving = "; dotted: speed of the surface" if surfaces.any() else ""

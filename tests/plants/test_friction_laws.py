@@ -108,6 +108,13 @@ def test_laws_go_on_smoothly_below_zero_speed():
         assert law.mu(-h) >= law.mu(0.0)
 
 
+SLIDE_FROM = {
+    "c": 0.4, "lugre": 0.5, "elasto_plastic": 0.5, "maxwell_slip": 0.5, "dahl": 0.4, "stick_time": 0.25,
+    "contact_temperature": 0.54,
+    "rate_state": 0.4 + 0.01 * math.log(1e3),  # at 1e-6 m/s
+}  # fmt: skip
+
+
 def test_steady_slip_of_a_law_with_memory_is_that_under_its_load():
     """Steady: T = mu N w / cooling, and mu = (hot + (cold - hot) e^(-T / scale)) (1 + surplus e^(-w / v))."""
     law = rig.load("belt_contact_temperature").parameters.friction.friction()
@@ -123,6 +130,11 @@ def test_steady_slip_of_a_law_with_memory_is_that_under_its_load():
     for call in (law.mu, law.slope):
         with pytest.raises(ValueError, match="state it"):
             call(0.06)
+
+
+def test_a_contact_at_rest_begins_to_slide_at_the_static_coefficient_or_the_largest_of_steady_slip():
+    rest = {name: rig.load(f"belt_{name}").parameters.friction.friction().at_rest(20.0) for name in SLIDE_FROM}
+    assert rest == pytest.approx(SLIDE_FROM, rel=1e-3)
 
 
 def test_a_law_at_once_keeps_its_states():
