@@ -395,9 +395,8 @@ def blame(system: System, method: str, step: float, substeps: int, x: NDArray[np
     if system.film is not None:
         fastest, limit, coarse = assembly.fastest(system, h), FILM_LIMIT, FILM_COARSE
     else:
-        fastest = fastest_eigenvalue(system)
         limit = RK4_LIMIT if method == "rk4" else KICK_LIMIT
-        fastest = max(fastest, steepest(system), fastest_memory(system, mode_sets(system)).rate)
+        fastest = max(fastest_state(system), steepest(system))
         coarse = _COARSE
     size = fastest * h
     text = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
@@ -415,6 +414,11 @@ def blame(system: System, method: str, step: float, substeps: int, x: NDArray[np
 def fastest_eigenvalue(system: System) -> float:
     """The largest |lambda| [1/s] of all mode sets, without speed-dependent friction."""
     return max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
+
+
+def fastest_state(system: System) -> float:
+    """The largest |lambda| [1/s] of all mode sets, with internal states of friction laws; it limits steps of rk4."""
+    return max(fastest_eigenvalue(system), fastest_memory(system, mode_sets(system)).rate)
 
 
 def steepest(system: System) -> float:

@@ -19,7 +19,7 @@ from rig.qualify.cost.report import CostReport, heads, lines, notes
 from rig.qualify.cost.table import front, runs_needed
 from rig.qualify.cost.timing import QUIET, Cost, Spread, spread
 from rig.scenes.protocol import Hold
-from rig.stability.report import FILM_LIMIT, RK4_LIMIT
+from rig.stability.report import FILM_LIMIT, RK4_LIMIT, fastest_state, stability_report
 
 
 def row(error, p99, share=0.0, method="rk4", floor=0.0):
@@ -96,6 +96,25 @@ def test_a_tolerance_that_the_frames_make_needless_costs_and_errs_as_much_as_a_t
     loose, tight = (observe(asked, Setting("dopri5", 10.0**-p)) for p in (2, 6))
     assert loose == tight
     assert observe(asked, Setting("dopri5", 1e-2), framed=False).steps < 0.2 * loose.steps
+
+
+@pytest.mark.parametrize("law", ["lugre", "elasto_plastic", "dahl", "maxwell_slip", "rate_state", "stick_time"])
+def test_no_step_of_rk4_is_measured_with_which_a_run_is_refused(law):
+    scene = rig.load(f"belt_{law}")
+    system, step = scene.assemble().system(), scene.step_ns * 1e-9
+    for setting in ladder("rk4", scene, fastest_state(system)):
+        found = stability_report(system, "rk4", step, scene.step_ns // setting.step_ns)
+        assert not [finding for finding in found if finding.level == "error"]
+
+
+@pytest.mark.slow
+def test_where_no_step_of_rk4_is_stable_the_references_are_dopri5_and_rosenbrock():
+    found = cost(rig.load("belt_rate_state"), None, rounds=1)
+    assert "is stable" in found.left_out["rk4"]
+    assert {row.setting.method for row in found.rows} == {"dopri5", "rosenbrock"}
+    tight = [row.error("worst") for row in found.rows if row.setting.tolerance == 1e-11]
+    assert max(tight) < 1e-9
+    assert not any(row.fault for row in found.rows)
 
 
 def test_references_are_kept_and_used_again(belt, tmp_path):

@@ -4,7 +4,7 @@ machine, which is measured first if necessary.
 Reference solutions: each method is compared with another one at its finest setting.
 
     exact            compared with rk4, whose two finest steps are extrapolated to zero (Richardson, order 4)
-    dopri5           the same
+    dopri5           the same; with rosenbrock at 1e-12 if no step of rk4 is stable, as with stiff friction laws
     all others       compared with exact, or with dopri5 at 1e-12 if the rig is not linear
 
 Each reference is also compared with itself at twice the step. The difference of the two references is the smallest
@@ -55,7 +55,7 @@ from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
 from rig.record.statistics import FRACTION, first_opening, statistics
 from rig.scenes.scene import Scene
-from rig.stability.report import FILM_LIMIT, RK4_LIMIT, fastest_eigenvalue
+from rig.stability.report import FILM_LIMIT, RK4_LIMIT, fastest_state
 
 WALL = 4.0  # s, for one run of a reference
 _UNSURE = 1e-3  # a reference that differs so much from itself at twice the step is refined
@@ -85,8 +85,8 @@ class Reference:
 
 @dataclass(frozen=True)
 class References:
-    """The two references of a problem: `best` by the rig's own best method, `other` by rk4. `floor`: their
-    difference.
+    """The two references of a problem: `best` by the rig's own best method, `other` by rk4, or by rosenbrock if rk4
+    has no stable step. `floor`: their difference.
     """
 
     best: Reference
@@ -99,10 +99,20 @@ class References:
 
 
 def references(problem: Problem, rate: float, best: str, folder: Path | None) -> References:
-    """Return both references, computed or read. `rate` [1/s]: of the fastest mode; `best`: "exact" or "dopri5"."""
+    """Return both references, computed or read. `rate` [1/s]: of the fastest state; `best`: "exact" or "dopri5"."""
     first = Setting(best, TIGHTEST if best == "dopri5" else 0.0)
     judged = _kept(problem, folder, (first,) if best == "exact" else (replace(first, tolerance=1e-11), first), 0)
-    fine = _affordable(problem, ladder("rk4", problem.scene, rate)[-1].step_ns, rate)
+    steps = ladder("rk4", problem.scene, rate)
+    if steps:
+        other = _by_rk4(problem, folder, _affordable(problem, steps[-1].step_ns, rate))
+    else:
+        other = _kept(problem, folder, (Setting("rosenbrock", 1e-11), Setting("rosenbrock", TIGHTEST)), 0)
+    stops = judged.seen.fault or other.seen.fault
+    return References(judged, other, {"": math.inf} if stops else errors(problem, judged.seen, other.seen))
+
+
+def _by_rk4(problem: Problem, folder: Path | None, fine: int) -> Reference:
+    """Rk4 at the step `fine` [ns], or at finer ones until it agrees with itself."""
     other = _halved(problem, folder, fine)
     for _ in range(_FURTHER):
         room = _ROOM * fine / problem.scene.step_ns
@@ -110,8 +120,7 @@ def references(problem: Problem, rate: float, best: str, folder: Path | None) ->
             break
         fine = _finer(problem, fine, _FINER)
         other = _halved(problem, folder, fine)
-    stops = judged.seen.fault or other.seen.fault
-    return References(judged, other, {"": math.inf} if stops else errors(problem, judged.seen, other.seen))
+    return other
 
 
 def _halved(problem: Problem, folder: Path | None, step_ns: int) -> Reference:
@@ -217,7 +226,9 @@ def cost(
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     able = eligible(asked.system)
-    rate = fastest_eigenvalue(asked.system)
+    rate = fastest_state(asked.system)
+    if not able["rk4"] and not ladder("rk4", scene, rate):
+        able["rk4"] = f"a step of at most {RK4_LIMIT / rate:.2g} s is stable, of which a frame has no room for enough"
     methods = [method for method, why in able.items() if not why]
     settings = [setting for method in methods for setting in ladder(method, scene, rate)]
     total, timed_so_far = (1 + rounds) * len(settings) + 2, itertools.count(len(settings) + 2)
