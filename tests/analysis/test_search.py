@@ -74,7 +74,7 @@ def test_a_search_without_any_value_is_told(belt, tmp_path):
     [
         ({"load.force": "30 N:10 N"}, {}, "the range must rise, from 30 N upwards"),
         ({"load.forse": "10 N:30 N"}, {}, "load.forse: is not a numeric parameter of this scene; did you mean"),
-        (RANGES, {"evaluations": 3}, "evaluations = 3: must be at least 15 for 1 parameters"),
+        (RANGES, {"evaluations": 3}, "evaluations = 3: must be at least 15 for 1 parameter"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(belt, over, more, told):
