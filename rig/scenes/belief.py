@@ -79,7 +79,8 @@ def believing(scene: Scene, values: Mapping[str, Any], redesign: bool) -> Scene:
     """
     if redesign and not scene.controllers:
         raise UsageError(f"redesign: {scene.name} has no controllers that could be designed anew")
-    return replace(untold(scene, values), redesign=redesign or scene.redesign)
+    made = untold(scene, values)
+    return replace(made, redesign=True) if redesign else made
 
 
 def beliefs(scene: Scene) -> Iterator[Belief]:
@@ -102,7 +103,9 @@ def lines(scene: Scene) -> list[str]:
         f"{_text(belief.rig, belief.unit)}"
         for belief in beliefs(scene)
     ]
-    return [*told, *(["controllers are designed anew for each rig (redesign)"] if scene.redesign else [])]
+    if scene.redesign:
+        told.append("controllers are designed anew for each rig (redesign)")
+    return told
 
 
 def of_varied(scene: Scene, keys: list[str]) -> list[str]:
