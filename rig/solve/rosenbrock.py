@@ -19,7 +19,7 @@ import numpy as np
 
 from rig.compiled.kernel import inlined, inner
 from rig.compiled.records import lent
-from rig.solve.column_blocks import copy, dot, is_zero
+from rig.solve.column_blocks import copy, dot, is_zero, rounding
 from rig.solve.dopri5 import (
     ENDED,
     EVENT_FREE,
@@ -58,6 +58,7 @@ from rig.solve.specialised import call, has_products, local, local_square, state
 STAGES = 8
 _ROUNDING = 2.0**-53
 _SHARE_LOST = 1e-2  # of the friction force
+_SHARE_UNSURE = 1e-3  # of the friction force in one step. # chosen
 _SMALL = 1e-6  # coefficient of friction
 GAMMA = 0.21193756319429014
 _A6 = (-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946)
@@ -384,6 +385,41 @@ def slip_is_rounded(t, mode_set, x, T):
     return False
 
 
+@inner
+def friction_slope(t, mode_set, p, x, T):
+    """The coefficient of patch p, a law with memory, at x and its derivative over the slip speed [s/m]."""
+    m, numbers = t.memory, t.numbers[mode_set, p]
+    _, w, N = arguments_of_memory(t, mode_set, p, x, T, False)
+    w, size = max(w, 0.0), HEADER + int(numbers[STATES])
+    call_formula(np.int64(numbers[VALUES]), numbers, size, w, N, m.states, m.values)
+    call_formula(np.int64(numbers[SLOPES]), numbers, size, w, N, m.states, m.slopes)
+    return m.values[0], m.slopes[0]
+
+
+@inner
+def friction_error(t, mode_set, x, y, e, size, T):
+    """The error of the friction of laws with memory in a step from x to y with the local error e, over what is allowed.
+
+    The slip speed is a difference of states, whose errors are scaled by the states. Near w = 0 friction may rise within
+    less than that (rate and state friction: over 1e-12 m/s), and the error estimate itself, which is linear, holds
+    only where the slope of the friction does. Where an error of the slip speed is a small share of it, no law is
+    that steep.
+    """
+    worst = 0.0
+    for p in range(t.slip.shape[0]):
+        sigma = t.sigma[mode_set, p]
+        if t.code[mode_set, p] == MEMORY and sigma != 0.0:
+            error = abs(dot(t.slip[p], e))
+            begin, end = sigma * dot(t.slip[p], x), sigma * dot(t.slip[p], y)
+            if error > _SHARE_UNSURE * min(begin, end) and error > rounding(t.slip[p], size):
+                mu, steep = friction_slope(t, mode_set, p, x, T)
+                if end > 0.0:  # else the step contains a reversal, where it will end
+                    mu_end, steep_end = friction_slope(t, mode_set, p, y, T)
+                    mu, steep = max(abs(mu), abs(mu_end)), max(abs(steep), abs(steep_end))
+                worst = max(worst, abs(steep) * error / max(_SHARE_UNSURE * abs(mu), _SMALL))
+    return worst
+
+
 @inlined
 def local_error(shape, e, y, size, tolerance):
     """The largest local error e of the step; as rig.solve.dopri5.local_error."""
@@ -462,6 +498,8 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
         for i in range(n):
             y[i] += u[STAGES - 1, i]
         e = local_error(shape, u[STAGES - 1], y, size, plan.tolerance)
+        if remembers and e <= 1.0:
+            e = max(e, friction_error(t, mode_set, here, y, u[STAGES - 1], size, w.T))
         now.trials += 1
         if not (e <= 1.0):
             next_h = h * max(SHRINK, SAFETY * e ** (-0.2))

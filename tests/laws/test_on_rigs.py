@@ -141,6 +141,18 @@ unstable = "run"
 
 
 @pytest.mark.parametrize("evolution", ["ageing", "slip"])
+@pytest.mark.parametrize(("belt", "displacement"), [(1e-3, 3.3e-3), (0.0, 8e-3)])
+def test_slip_begins_and_reverses_at_zero_where_friction_is_steep(evolution, belt, displacement):
+    """Without a belt the mass swings back and creeps: the slip reverses."""
+    values = {"drive.speed": belt, "start.velocity": belt, "start.displacement": displacement}
+    run = rig.simulate(rig.load("belt_rate_state", values | {"friction.evolution": evolution}), 0.3)
+    x, v = oracles.released(belt, displacement, 0.3, evolution)
+    assert run.signals["displacement"][-1] == pytest.approx(x, abs=1e-7 * np.abs(run.signals["displacement"]).max())
+    assert run.signals["velocity"][-1] == pytest.approx(v, abs=1e-6 * np.abs(run.signals["velocity"]).max())
+    assert abs(run.energy["error"]) < 1e-8
+
+
+@pytest.mark.parametrize("evolution", ["ageing", "slip"])
 @pytest.mark.parametrize("speed", [1e-6, 1e-3, 0.1])
 def test_steady_slip_loses_stability_at_the_critical_stiffness(scene, evolution, speed):
     stiffness, frequency = oracles.critical_stiffness(2.0, 30.0, RATE["a"], RATE["b"], RATE["distance"], speed)

@@ -98,6 +98,28 @@ def aged(start: float, speed: float, t: Array, reference: float, distance: float
     return np.log(reference / distance * (steady + (theta - steady) * np.exp(-speed * t / distance)))
 
 
+def released(belt: float, displacement: float, end: float, evolution: str) -> tuple[float, float]:
+    """Displacement and velocity at the time `end` of a mass that moves with its belt at first, rate and state friction.
+
+    m = 5 kg, k = 2500 N/m, c = 2 N s/m, N = 20 N; mu* = 0.4, V* = 1e-3 m/s, a = 0.02, b = 0.03, D = 4e-5 m. The slip
+    speed w is a state, because friction rises within w = 1e-12 m/s:
+    m w' = k x + c (V - w) - N a asinh(w / (2 V*) exp((mu* + b psi) / a)), x' = V - w.
+    """
+
+    def field(t: float, y: Array) -> list[float]:
+        x, w, psi = y
+        friction = 20.0 * 0.02 * math.asinh(w / 2e-3 * math.exp((0.4 + 0.03 * psi) / 0.02))
+        if evolution == "ageing":
+            rate = (1e-3 * math.exp(-psi) - abs(w)) / 4e-5
+        else:
+            rate = -abs(w) / 4e-5 * (0.5 * math.log((w / 1e-3) ** 2 + 1e-12) + psi)
+        return [belt - w, (2500.0 * x + 2.0 * (belt - w) - friction) / 5.0, rate]
+
+    start, floor = [displacement, 0.0, 0.0], [1e-15, 1e-17, 1e-13]
+    x, w, _ = solve_ivp(field, (0.0, end), start, method="Radau", rtol=1e-11, atol=floor).y[:, -1]
+    return float(x), belt - float(w)
+
+
 def critical_stiffness(
     mass: float, load: float, a: float, b: float, distance: float, speed: float
 ) -> tuple[float, float]:
