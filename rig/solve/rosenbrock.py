@@ -56,7 +56,7 @@ from rig.solve.forces import (
 from rig.solve.specialised import call, has_products, local, local_square, state_count
 
 STAGES = 8
-_ROUNDING = 2.0**-53
+_ONE_OPERATION = 1.0 / 128.0  # of `rounding`, which allows for many
 _SHARE_LOST = 1e-2  # of the friction force
 _SHARE_UNSURE = 1e-3  # of the friction force in one step. # chosen
 _SMALL = 1e-6  # coefficient of friction
@@ -365,35 +365,31 @@ def solve(shape, M, order, right, u):
 
 
 @inner
-def slip_is_rounded(t, mode_set, x, T):
-    """Whether the slip speed of a law with memory at x is so small a difference that rounding changes its friction."""
-    m = t.memory
-    for p in range(t.slip.shape[0]):
-        if t.code[mode_set, p] == MEMORY and t.sigma[mode_set, p] != 0.0:
-            speeds = 0.0
-            for j in range(x.shape[0]):
-                speeds += abs(t.slip[p, j] * x[j])
-            if abs(dot(t.slip[p], x)) < speeds * (_ROUNDING / _SMALL):
-                _, w, N = arguments_of_memory(t, mode_set, p, x, T, False)
-                numbers, w = t.numbers[mode_set, p], max(w, 0.0)
-                size = HEADER + int(numbers[STATES])
-                call_formula(np.int64(numbers[VALUES]), numbers, size, w, N, m.states, m.values)
-                call_formula(np.int64(numbers[SLOPES]), numbers, size, w, N, m.states, m.slopes)
-                change = abs(m.slopes[0]) * (speeds * _ROUNDING)
-                if change > max(_SHARE_LOST * abs(m.values[0]), _SMALL):
-                    return True
-    return False
-
-
-@inner
 def friction_slope(t, mode_set, p, x, T):
-    """The coefficient of patch p, a law with memory, at x and its derivative over the slip speed [s/m]."""
+    """The coefficient of patch p, a law with memory, at x and its derivative over the slip speed [s/m]; its load."""
     m, numbers = t.memory, t.numbers[mode_set, p]
     _, w, N = arguments_of_memory(t, mode_set, p, x, T, False)
     w, size = max(w, 0.0), HEADER + int(numbers[STATES])
     call_formula(np.int64(numbers[VALUES]), numbers, size, w, N, m.states, m.values)
     call_formula(np.int64(numbers[SLOPES]), numbers, size, w, N, m.states, m.slopes)
-    return m.values[0], m.slopes[0]
+    return m.values[0], m.slopes[0], N
+
+
+@inner
+def slip_is_lost(t, mode_set, x, h, T):
+    """Whether slip under a law with memory settles within h at a speed whose rounding changes its friction.
+
+    Where the slip speed only passes through zero, it has no time to settle.
+    """
+    for p in range(t.slip.shape[0]):
+        if t.code[mode_set, p] == MEMORY and t.sigma[mode_set, p] != 0.0:
+            uncertain = rounding(t.slip[p], x) * _ONE_OPERATION
+            if abs(dot(t.slip[p], x)) < uncertain / _SMALL:
+                mu, steep, N = friction_slope(t, mode_set, p, x, T)
+                settles = abs(steep * N * dot(t.slip[p], t.b[mode_set, :, p])) * h > 1.0
+                if settles and abs(steep) * uncertain > max(_SHARE_LOST * abs(mu), _SMALL):
+                    return True
+    return False
 
 
 @inner
@@ -412,9 +408,9 @@ def friction_error(t, mode_set, x, y, e, size, T):
             error = abs(dot(t.slip[p], e))
             begin, end = sigma * dot(t.slip[p], x), sigma * dot(t.slip[p], y)
             if error > _SHARE_UNSURE * min(begin, end) and error > rounding(t.slip[p], size):
-                mu, steep = friction_slope(t, mode_set, p, x, T)
+                mu, steep, _ = friction_slope(t, mode_set, p, x, T)
                 if end > 0.0:  # else the step contains a reversal, where it will end
-                    mu_end, steep_end = friction_slope(t, mode_set, p, y, T)
+                    mu_end, steep_end, _ = friction_slope(t, mode_set, p, y, T)
                     mu, steep = max(abs(mu), abs(mu_end)), max(abs(steep), abs(steep_end))
                 worst = max(worst, abs(steep) * error / max(_SHARE_UNSURE * abs(mu), _SMALL))
     return worst
@@ -498,9 +494,12 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
         for i in range(n):
             y[i] += u[STAGES - 1, i]
         e = local_error(shape, u[STAGES - 1], y, size, plan.tolerance)
-        if remembers and e <= 1.0:
-            e = max(e, friction_error(t, mode_set, here, y, u[STAGES - 1], size, w.T))
         now.trials += 1
+        if remembers and e <= 1.0:
+            if slip_is_lost(t, mode_set, here, h, w.T) and slip_is_lost(t, mode_set, y, h, w.T):
+                ends = ROUNDED
+                break
+            e = max(e, friction_error(t, mode_set, here, y, u[STAGES - 1], size, w.T))
         if not (e <= 1.0):
             next_h = h * max(SHRINK, SAFETY * e ** (-0.2))
             if next_h < 1e-14 * tick_length or now.trials > most:
@@ -512,14 +511,6 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
         if h >= next_h or grow < 1.0:  # the error is likely to go on growing
             next_h = h * max(SHRINK, min(grow, (grow * grow) * (h / hoped)))
         hoped = h * grow
-        if (  # not the instant of a reversal
-            remembers
-            and h > 1e-2 * tick_length
-            and slip_is_rounded(t, mode_set, y, w.T)
-            and slip_is_rounded(t, mode_set, here, w.T)
-        ):
-            ends = ROUNDED
-            break
         quartic_of_step(shape, u, here, y, d)
         plain_path = free_of_events(shape, f, d, 4, size)
         if looked or not plain_path:
