@@ -292,8 +292,8 @@ def _spectrum(axis: Any, hertz: Reals, density: Reals, printed: Sequence[float],
     top = 1.12 * float(amplitude.max())
     for i, line in enumerate(printed):
         axis.axvline(line, color=VERMILION, ls="--", lw=0.9)
-        beside = "right" if i + 1 < len(printed) and printed[i + 1] - line < 0.5 else "left"
-        axis.text(line, top, f" {line:g} ", color=VERMILION, fontsize=9, ha=beside, va="top")
+        height = top if i % 2 == 0 else 0.9 * top  # neighbours stand close together
+        axis.text(line, height, f" {line:g} ", color=VERMILION, fontsize=9, ha="left", va="top")
     axis.set(title=title, ylabel="amplitude\n[m/s^2]", xlim=(0.0, 1e-3 * _TOP), ylim=(0.0, top))
 
 
