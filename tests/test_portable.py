@@ -56,7 +56,7 @@ def test_recordings_and_studies_work(bare, tmp_path):
         (("verify", "log.mcap"), "verified"),
         (("modes", "belt"), "flutter"),
         (("cycle", "belt"), "Floquet multipliers"),
-        (("map", "belt", "--x", "drive.speed=0.05 m/s:0.1 m/s:2", "--workers", 1, "--out", "map"), "map"),
+        (("map", "belt", "--x", "drive.speed=0.05 m/s:0.1 m/s:2", "--workers", 1, "--out", "speeds"), "speeds"),
     ]:
         code, out, err = bare(*arguments)
         assert code == 0, err

@@ -19,7 +19,7 @@ import numpy as np
 
 from rig.compiled.kernel import inlined, inner
 from rig.compiled.records import lent
-from rig.solve.column_blocks import copy, dot, is_zero, rounding
+from rig.solve.column_blocks import ROUND, copy, dot, is_zero, rounding
 from rig.solve.dopri5 import (
     ENDED,
     EVENT_FREE,
@@ -56,7 +56,7 @@ from rig.solve.forces import (
 from rig.solve.specialised import call, has_products, local, local_square, state_count
 
 STAGES = 8
-_ONE_OPERATION = 1.0 / 128.0  # of `rounding`, which allows for many
+_ONE_OPERATION = 2.0**-53 / ROUND  # share of `rounding`, which allows for many
 _SHARE_LOST = 1e-2  # of the friction force
 _SHARE_UNSURE = 1e-3  # of the friction force in one step. # chosen
 _SMALL = 1e-6  # coefficient of friction
