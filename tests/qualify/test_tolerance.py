@@ -32,7 +32,6 @@ OTHERS = {
     "lever": {},
     "lever_sector": {},
     "lever_coulomb": {},
-    "seal_p": {},
     "disc_slider": {},
 }
 FALLING = {
@@ -43,6 +42,7 @@ FALLING = {
 }  # fmt: skip
 CLUSTERED = {"tread falling": 100.0}
 """Scenes whose mode set changes come in clusters: the mean time between two of them is no cycle."""
+SEALS = ("seal_p", "seal_l")
 DYING = {"belt_tuned_mass": 1000.0, "belt_remedy_speed": 1e4}
 """Scenes whose motion dies away: what is left at the end is small beside what tolerances count from."""
 
@@ -94,6 +94,13 @@ def test_forced_rigs_err_within_the_factor_in_every_measure(name, framed):
 def test_event_times_keep_within_the_factor(name, framed):
     found = ratios(name, OTHERS.get(name, FALLING), [10.0**-p for p in range(4, 9)], framed)
     assert found["event times"] < CLUSTERED.get(name, FACTOR)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SEALS)
+def test_event_times_of_seals_err_more_at_small_tolerances_and_by_how_much(name):
+    assert ratios(name, {}, [10.0**-p for p in range(4, 8)], framed=False)["event times"] < FACTOR
+    assert FACTOR < ratios(name, {}, [10.0**-p for p in range(8, 11)], framed=False)["event times"] < 40.0
 
 
 @pytest.mark.slow
