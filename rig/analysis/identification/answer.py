@@ -2,7 +2,8 @@
 
 identified        the interval of 90 % reaches at most 30 % to each side
 weak              it is wider
-not identifiable  its ends differ by more than a factor of 10, or the range of the parameter limits it, or no law fits
+not identifiable  its ends differ by more than a factor of 10, only the range limits it, it is wide and an offset has
+                  the same effect, no law fits, or the fit has not converged
 at bound          the fit ends at an end of the range
 
 An interval is not printed where the law does not fit: it would be narrow and wrong.
@@ -35,8 +36,7 @@ MISFIT = 0.01
 """Probability below which a law does not fit."""
 _WEAK = 0.3
 _FACTOR = 10.0
-_ALIKE = 0.9  # correlation that is named
-_ONE = (0.995, _ALIKE)  # correlation with an offset above which both are one number; of a wide interval
+_ALIKE = 0.9  # correlation that is named; of a wide interval with an offset: both are one number
 _AT_END = 1e-6
 _HELD = 0.4  # of the deviation that the range alone gives
 _CONTRADICTS = 1.96  # standard deviations: 95 %
@@ -147,13 +147,19 @@ class LawFit:
         value, a, b = free.value(z), free.value(low), free.value(high)
         if min(z - free.ends[0], free.ends[1] - z) < _AT_END:
             verdict = BOUND
-        elif not self.told or b > _FACTOR * max(a, 0.0) or sd > _HELD * 0.5 * (free.ends[1] - free.ends[0]):
+        elif not self.told or b > _FACTOR * max(a, 0.0) or self._flat(i):
             verdict = UNKNOWN
+        elif max(b - value, value - a) > _WEAK * abs(value):
+            verdict = UNKNOWN if self._aliased(i) > _ALIKE else WEAK
         else:
-            wide = max(b - value, value - a) > _WEAK * abs(value)
-            verdict = UNKNOWN if self._aliased(i) > _ONE[wide] else WEAK if wide else IDENTIFIED
+            verdict = IDENTIFIED
         low, high = (a, b) if self.told else (math.nan, math.nan)
         return Parameter(free.key, free.unit, value, low, high, free.stated, verdict)
+
+    def _flat(self, i: int) -> bool:
+        """Whether only the range limits a parameter."""
+        low, high = self.law.free[i].ends
+        return math.sqrt(max(float(self.covariance[i, i]), 0.0)) > _HELD * 0.5 * (high - low)
 
     def _aliased(self, i: int) -> float:
         """The largest correlation of a parameter with an offset, which may take up its effect."""
@@ -203,6 +209,9 @@ class LawFit:
         if not self.fits:
             yield (f"law {self.law.name} does not fit (p = {self.p:.1e}): its parameters have no interval; try another "
                    "law, or free a fixed value")  # fmt: skip
+        if self.told and (flat := [free.key for i, free in enumerate(self.law.free) if self._flat(i)]):
+            what = "this parameter" if len(flat) == 1 else "these parameters"
+            yield f"{', '.join(flat)}: the fit is flat along {what}; only the range limits the interval"
         yield from self._alike()
         for text, value, low, high in self.together():
             yield f"together: {text} = {value:.4g}, 90 % from {low:.4g} to {high:.4g}"
@@ -225,12 +234,13 @@ class LawFit:
     def _alike(self) -> Iterator[str]:
         """Pairs of parameters that act alike, and parameters of friction that act as offsets do."""
         keys, offsets = [free.key for free in self.law.free], self.offsets.names
+        verdicts = [parameter.verdict for parameter in self.parameters]
         for i, k in combinations(range(len(keys)), 2):
             if abs(self.correlation(i, k)) > _ALIKE:
                 yield (f"{keys[i]} and {keys[k]} have the correlation {self.correlation(i, k):.2f}: vary what "
                        "separates them")  # fmt: skip
         levels: dict[tuple[int, ...], list[int]] = {}
-        for i in (i for i, key in enumerate(keys) if "friction" in key):
+        for i in (i for i, key in enumerate(keys) if "friction" in key and verdicts[i] != IDENTIFIED):
             beside = tuple(k for k in range(len(keys), len(self.z)) if abs(self.correlation(i, k)) > _ALIKE)
             levels.setdefault(beside, []).append(i)
         for beside, those in levels.items():
@@ -316,7 +326,7 @@ class Identified(Result):
         rows, of_scene = [("", "found", "90 % from", "to", "stated", "", "verdict")], self.task.scene.values()
         for p in self.parameters:
             stated = f"{p.stated:.5g}" if p.key in of_scene else "-"  # another law has keys that the scene lacks
-            ends = (f"{p.low:.5g}", f"{p.high:.5g}") if math.isfinite(p.low) and p.verdict != UNKNOWN else ("-", "-")
+            ends = (f"{p.low:.5g}", f"{p.high:.5g}") if math.isfinite(p.low) else ("-", "-")
             rows.append((p.key, f"{p.value:.5g}", *ends, stated, _plain(p.unit), p.verdict))
         lines += columns(rows, "<>>>><<")
         runs = [("run", "cycles", "left out", "rms / noise", "p of the misfit")]

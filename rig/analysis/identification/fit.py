@@ -1,13 +1,17 @@
 """Least squares over responses, and the covariance of the parameters from independent cycles.
 
-    minimise |r(z)|^2 + (z - z0)' P (z - z0)      z: coordinates of the free parameters, then offsets
+    minimise |r(z)|^2 + (z - z0)' P (z - z0)      z: coordinates of the free parameters, then offsets; z0: as stated
     C = A (sum_j g_j g_j') A n / (n - p),  A = (J'J + P)^-1,  g_j = sum over cycle j of J_i r_i
 
-P is that of a standard deviation of half the range of each parameter: it holds what the data do not tell. Intervals
-never follow from the number of samples. Levenberg and Marquardt's method; the Jacobian has differences of whole cycles,
-which are exact to rounding because events are. Keys that are nearly one leave a narrow bent valley, in which damped
-steps creep: a step follows the bend by its second derivative (geodesic acceleration), offsets are fitted anew at
-each of its ends, and a fit has ended where the step without damping is small beside the deviations, not the last step.
+P is that of a standard deviation of half the range of each parameter: what the data do not tell stays at the value of
+the scene, wherever the fit began. Intervals never follow from the number of samples. Levenberg and Marquardt's method;
+the Jacobian has central differences of whole cycles, which are exact to rounding because events are. Differences to
+one side lean along a flat direction: the fit would end where they are zero, and not where the sum of squares is least.
+
+Keys that are nearly one leave a narrow valley. Most are sums, as of an offset and a level of friction: their valley is
+straight in the values and bent in the logarithms, so that a step is straight in the values. It follows what bend is
+left by its second derivative (geodesic acceleration), offsets are fitted anew at each of its ends, and a fit has ended
+where the step without damping is small beside the deviations, not the last step.
 """
 
 from __future__ import annotations
@@ -21,11 +25,15 @@ from rig.analysis.identification.responses import Evaluator, Response
 from rig.analysis.identification.runs import FREE, NONE, Free, Measured
 from rig.record.run import Reals
 
-STEP = 1e-3
-"""Difference of a coordinate for the Jacobian."""
+STEP = 5e-3
+"""Difference of a coordinate for the Jacobian: about the cube root of the relative error of responses, 1e-7.
+
+A shorter one makes their errors a slope along flat directions, which then seem to be told.
+"""
 ROUNDS = 40
 _DAMPING = (1e-3, 10.0, 1e6)  # first, factor, and where no step helps
 _SETTLED, _CONVERGED = 0.05, 0.2  # of a standard deviation, step without damping: where a fit ends; that converged
+_LEAST = -0.8  # of a value that a step takes away at most
 _BENT = (0.1, 0.75)  # share of a step for its second derivative; largest bend beside the step
 NORMAL = 1.6448536269514722
 """Half of an interval of 90 %, in standard deviations."""
@@ -128,6 +136,10 @@ class Fit:
         self.low, self.high = ends.T
         spread = 0.5 * (self.high - self.low)
         self.prior = np.concatenate([spread**-2.0, np.full(len(offsets.names), 1e-12)])
+        self.stated = np.zeros(len(self.prior))
+        self.stated[: len(free)] = [parameter.coordinate(parameter.stated) for parameter in free]
+        self.logs = np.zeros(len(self.prior), bool)
+        self.logs[: len(free)] = [parameter.log for parameter in free]
 
     def values(self, z: Reals) -> list[float]:
         """The free parameters in SI."""
@@ -138,9 +150,9 @@ class Fit:
         p = len(self.free)
         return [self.blocks(i, response, self.offsets.values(i, z[p:])) for i, response in enumerate(responses)]
 
-    def cost(self, left: Sequence[Reals], z: Reals, z0: Reals) -> float:
+    def cost(self, left: Sequence[Reals], z: Reals) -> float:
         """The sum of squares."""
-        return float(sum((r**2).sum() for r in left) + self.prior @ (z - z0) ** 2)
+        return float(sum((r**2).sum() for r in left) + self.prior @ (z - self.stated) ** 2)
 
     def responses(self, points: Sequence[Reals]) -> list[list[Response] | str]:
         """The responses [point] of all runs, or why a run has none."""
@@ -186,7 +198,7 @@ class Fit:
     def run(self, z0: Reals, rounds: int = ROUNDS, gain: float = 0.0, screening: bool = False) -> Solution | str:
         """Fit from `z0`, also until a round gains less than the share `gain`; the reason why it cannot begin.
 
-        `screening`: the solution needs no covariance, which takes two responses for each parameter.
+        `screening`: differences to one side will do, and the solution needs no covariance.
         """
         [first] = self.responses([z0])
         if isinstance(first, str):
@@ -194,15 +206,16 @@ class Fit:
         z, p = z0.copy(), len(self.free)
         responses: list[Response] = first
         left = self.left(z, responses)
-        cost, damping, flat, apart = self.cost(left, z, z0), _DAMPING[0], False, np.inf
+        cost, damping, done = self.cost(left, z), _DAMPING[0], False
+        J = self.jacobian(z, left, responses, not screening)
         for _ in range(rounds):
-            J = self.jacobian(z, left, responses)
             H = np.diag(self.prior) + sum(np.einsum("jik,jil->kl", j, j) for j in J)
-            g = self._slope(J, left) + self.prior * (z - z0)
+            g = self._slope(J, left) + self.prior * (z - self.stated)
             held = np.zeros(len(z), bool)
             held[:p] = ((z[:p] >= self.high) & (g[:p] < 0.0)) | ((z[:p] <= self.low) & (g[:p] > 0.0))
             sd = np.sqrt(np.maximum(np.diag(sandwich(left, J, self.prior, self.known, True)), 1e-300))
             apart = float(np.max(np.abs(self._step(H, g, 0.0, held)) / sd))
+            done = apart < _CONVERGED
             if apart < _SETTLED:
                 break
             moved = False
@@ -210,29 +223,35 @@ class Fit:
                 step = self._step(H, g, damping, held)
                 if apart > 1.0:
                     step = self._bent(z, step, J, left, H, damping, held)
-                to = z + step
-                to[:p] = np.clip(to[:p], self.low, self.high)
+                to = self.moved(z, step)
                 reached = self.responses([to])[0]
                 if not isinstance(reached, str):
                     to = self.levelled(to, reached)
                     after, there = self.left(to, reached), reached
-                    new = self.cost(after, to, z0)
+                    new = self.cost(after, to)
                     if new < cost:
                         moved = True
                         break
                 damping *= _DAMPING[1]
             if not moved:
                 break
-            flat = cost - new < gain * cost
+            small = cost - new < gain * cost
             z, left, responses, cost = to, after, there, new
             damping = max(damping / _DAMPING[1] ** 2, 1e-9)
-            if flat:
+            done |= small
+            if small and screening:
                 break
-        done = flat or apart < _CONVERGED
-        if screening:
-            return Solution(z, cost, left, [], self.prior, responses, done)
-        J = self.jacobian(z, left, responses, central=True)
-        return Solution(z, cost, left, J, self.prior, responses, done, sandwich(left, J, self.prior, self.known))
+            J = self.jacobian(z, left, responses, not screening)
+            if small:
+                break
+        C = np.zeros((0, 0)) if screening else sandwich(left, J, self.prior, self.known)
+        return Solution(z, cost, left, J, self.prior, responses, done, C)
+
+    def moved(self, z: Reals, step: Reals) -> Reals:
+        """The point after a step from `z` that is straight in the values, within the ranges."""
+        to, p = np.where(self.logs, z + np.log1p(np.maximum(step, _LEAST)), z + step), len(self.free)
+        to[:p] = np.clip(to[:p], self.low, self.high)
+        return to
 
     @staticmethod
     def _slope(J: Sequence[Reals], left: Sequence[Reals]) -> Reals:
@@ -244,10 +263,11 @@ class Fit:
     ) -> Reals:
         """A step that follows the bend of the valley: its second derivative, by one response on the way."""
         share, most = _BENT
-        [way] = self.responses([z + share * step])
+        to = self.moved(z, share * step)
+        [way] = self.responses([to])
         if isinstance(way, str):
             return step
-        there = self.left(z + share * step, way)
+        there = self.left(to, way)
         bend = [2.0 / share * ((a - b) / share - j @ step) for a, b, j in zip(there, left, J)]
         more = self._step(H, self._slope(J, bend), damping, held)
         size = np.sqrt(np.diag(H))

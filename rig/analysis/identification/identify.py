@@ -43,7 +43,7 @@ _SCREENED = 0.01  # of a measure: what the screening may miss, since a fit of th
 _NEAR = 2.0  # factor about the values of the scene in which other starts lie
 _WIDELY, _VALLEYS, _SAME = 24, 3, 0.1  # starts after a misfit, those that are fitted; coordinates of one valley
 _OUTLIER = 5.0  # times the median of the rms of the cycles
-_RENEWED, _ROUNDS = 2, 6
+_ROUNDS = 6
 _NOISY, _MOVED = 2, 0.5  # fits with what noise adds at the end of the one before; standard deviations that need another
 _FLAT = 3e-3  # of the sum of squares of measures: a smaller gain ends a fit
 Progress = Callable[[int], object]
@@ -176,7 +176,7 @@ class _Attempt:
             blocks = partial(measure_blocks, screened, weights, biases, SCREEN)
             fit = Fit(self.law.free, self.evaluator, fitted, offsets, blocks)
             z_all = np.concatenate([z, _first_offsets(evidence, responses, offsets)])
-            made.append((fit.cost(fit.left(z_all, responses), z_all, z_all), len(made), z_all, fit))
+            made.append((fit.cost(fit.left(z_all, responses), z_all), len(made), z_all, fit))
         made.sort(key=lambda row: row[:2])
         ranked = []
         for cost, number, z_all, fit in made[:most]:
@@ -238,18 +238,16 @@ class _Attempt:
         """The fit of measures, and what draws about it tell: mean, covariance, and deviation between runs."""
         own = [each.covariance(self.task.seed) for each in evidence]
         weights = [_weights(each, C + np.diag(START**2), LASTING, EXACT) for each, C in zip(evidence, own)]
-        for _ in range(_RENEWED):
-            [row] = self.evaluator.responses([self._si(z[: len(self.law.free)])], fitted)
-            responses = whole(row)
-            if isinstance(responses, str):
-                raise UsageError(f"{self.law.scene.name}: {responses}")
-            biases = [each.bias(response) for each, response in zip(evidence, responses)]
-            blocks = partial(measure_blocks, evidence, weights, biases, LASTING)
-            fit = Fit(self.law.free, self.evaluator, fitted, offsets, blocks)
-            solution = fit.run(z, _ROUNDS, _FLAT)
-            if isinstance(solution, str):
-                raise UsageError(f"{self.law.scene.name}: {solution}")
-            ended, z = solution, solution.z
+        [row] = self.evaluator.responses([self._si(z[: len(self.law.free)])], fitted)
+        responses = whole(row)
+        if isinstance(responses, str):
+            raise UsageError(f"{self.law.scene.name}: {responses}")
+        biases = [each.bias(response) for each, response in zip(evidence, responses)]
+        blocks = partial(measure_blocks, evidence, weights, biases, LASTING)
+        fit = Fit(self.law.free, self.evaluator, fitted, offsets, blocks)
+        ended = fit.run(z, _ROUNDS, _FLAT)  # a region from which draws are made, wherever it ends
+        if isinstance(ended, str):
+            raise UsageError(f"{self.law.scene.name}: {ended}")
         J = np.concatenate([j.reshape(-1, j.shape[-1]) for j in ended.jacobian])
         ended.covariance = inverse(J.T @ J + np.diag(ended.prior))
         others = [i for i in range(len(self.task.runs)) if i not in fitted]
@@ -262,9 +260,9 @@ class _Attempt:
             fit.blocks = partial(measure_blocks, evidence, weights, biases, LASTING)
             mean = fit.levelled(mean, middle)
             left = fit.left(mean, middle)
-            ended = Solution(mean, fit.cost(left, mean, mean), left, fit.jacobian(mean, left, middle), ended.prior,
-                             middle, ended.converged)  # fmt: skip
-        ended.covariance = posterior.covariance
+            J_mean = fit.jacobian(mean, left, middle, central=True)
+            ended = Solution(mean, fit.cost(left, mean), left, J_mean, ended.prior, middle)
+        ended.covariance, ended.converged = posterior.covariance, True
         return fit, ended, posterior
 
     def _report(self, each: CycleRun, left: Reals, response: Response, repeats: bool) -> RunFit:
@@ -279,7 +277,7 @@ class _Attempt:
         """The runs that are not fitted beside the bands in which 95 % of them are expected."""
         others = [i for i, run in enumerate(self.task.runs) if not run.fitted]
         if posterior is None and others:
-            posterior = Posterior.of(fit, solution, [], [], [], others, self.task.seed)
+            posterior = Posterior.about(fit, solution, others, self.task.seed)
         made = []
         for i in others:
             assert posterior is not None
