@@ -1,27 +1,24 @@
-"""The limit cycle of a rig at constant actuator values: the plant is simulated until its stick-slip motion repeats.
+"""The limit cycle of a rig at constant actuator values: simulated until the motion repeats roughly, then closed.
 
 The run starts with every contact stuck to its surface and the structure unloaded. With one degree of freedom this is
-outside of the cycle, so that a cycle is also found where stable sliding exists beside it; else it may be missed. The
-motion has settled when the last cycles have the same mode set changes at the same times to `REPEAT` of a period, or the
-same turning points if there are none. For a cycle that attracts slowly, Newton's method continues from there
-(rig.analysis.cycle). Its result counts once the simulation repeats it and its multipliers are stable. Then one more
-cycle is read from the dense output, with extremes inside steps and at events. rig.analysis.floquet computes the
-multipliers; rig.analysis.cycle decides when the motion has come to rest in sliding.
+outside of the cycle, so that a cycle is also found where stable sliding exists beside it; else it may be missed. It is
+looked at after stretches of a length that doubles:
 
-Test whether a motion has come to rest in steady sliding, with the kinetic energy as a norm.
+    a part of the last events repeats in time to `ROUGH`: Newton's method on the return map (rig.analysis.return_map)
+    closes the cycle from there. It counts if its multipliers, from the derivative of the same map, do not exceed one
+    no event: the motion repeats at its turning points, which is closed in the same way, or it decays as the least
+    stable mode of sliding does, and the rig comes to rest in sliding
+    simulation alone repeats the events to `REPEAT`: a cycle where the return map is not smooth
+
+Then one period is recorded, with extremes inside steps and at events. A motion that is quasi-periodic or chaotic does
+none of this, or leaves an unstable cycle: the search says so.
+
+The distance from rest in sliding is an energy norm:
 
     |d|^2 = v^T M v + w^2 q^T M q      of the distance d = (q, v) from sliding, w = |lambda| of its least stable mode
 
 The mass matrix makes metres and radians comparable. The scale is the standing start of a cycle: every contact moves
 with its surface, the structure is unloaded. So the scale contains the static deflection and the speed of the drive.
-
-Turning points of a motion: zeros of one coordinate's falling velocity, with the state there.
-
-A motion without events, in which nothing sticks, is periodic if the states at its turning points repeat.
-
-Newton's method on the return map (rig.analysis.return_map) finds a cycle for motions that approach it slowly. The
-result is a state to continue from. Simulation alone then shows that it repeats, and its multipliers show that it
-attracts.
 """
 
 from __future__ import annotations
@@ -30,18 +27,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.cycle_report import Cycle
-from rig.analysis.floquet import around, floquet
-from rig.analysis.orbit import MOST, REPEAT, Orbit, all_round, refuse, repeating, stick_times, time_of, turn_of
-from rig.analysis.return_map import NoCycle, multipliers, parameter
+from rig.analysis.floquet import Floquet
+from rig.analysis.repetition import MOST, REPEAT, all_round, refuse, repeating, time_of, turn_of
+from rig.analysis.return_map import Family, NoCycle, NotSmooth, ReturnMap, closed, multipliers, sizes
+from rig.bench.free_rig import TIGHT, Carried, FreeRig
 from rig.errors import NumericsError
-from rig.model.assembly import Assembly
-from rig.model.method import ADAPTIVE, chosen
+from rig.model.method import chosen
 from rig.model.system import System
 from rig.motion.motion import Event
 from rig.scenes.left_out import left_out
@@ -51,25 +47,22 @@ from rig.stability.linearisation import Steady, sliding_key, steady
 Array = NDArray[np.float64]
 NEAR = 1e-7
 """Share of the scale. This close to stable sliding the rig is linear: a disturbance of this size decays."""
-ROUGH = 1e-6
-SETTLED = 32
-_MOST = 4  # most turning points in one cycle
-_ROUNDS = 3  # compared cycles: two could agree by chance
-_STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
-_HALVINGS = 6
-_GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cycle
-TIGHT = 1e-10
+ROUGH = 1e-2
+"""Of a period, or of the range of a state: rounds that differ by less may lie near a cycle."""
+RECORDED = 1e-10
+"""Tolerance of dopri5 and rosenbrock in the period that is recorded."""
 LONGEST = 120.0  # s
 CHANGES = 500_000  # mode set changes: over a minute of a squeal at 3.4 kHz
-QUIET = 40.0  # periods of the slowest mode without an event, after which the search tests whether the motion decays
-_AGAIN = 1.01  # ratio of the times of two successive tests whether the motion repeats
-_FIRST = 64  # mode set changes after which Newton's method is tried, and again after twice as many
-_NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
+_FIRST = 7.9  # periods of the slowest mode before the first look
+_ONCE = 16384  # ticks in one call
+_TURNS = 4  # most turning points in one cycle
 _CALM = 2  # turns of an uneven surface without a contact event, after which the rig slides
-_TURNS = 5.0  # turns of it that the search waits for
-_SLOW = 0.9  # a multiplier above which a cycle attracts slowly
+_ROUNDS = 5.0  # turns of it that the search waits for
+_STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
+_GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cycle
+_AGREE = 1e-7  # derivatives over two steps that differ by less have no noise that matters
 _POINTS = 5  # of each step of the integrator, in the outputs over a period
-_LEFT = 1e-6  # of the period: largest remaining distance to a cycle that attracts slowly
+_NOT_SMOOTH = "the return map is not smooth: displaced runs meet other events"
 
 
 class Rest:
@@ -82,18 +75,28 @@ class Rest:
         there = sliding.exists or self._free
         rates = sliding.eigenvalues() if there else np.zeros(0, dtype=np.complex128)
         self.least = complex(rates[0]) if len(rates) else complex(math.nan, math.nan)
-        self._turn = abs(self.least)
-        self._scale = self._distance(start)
+        self._scale = float(self._distances(start[None])[0])
         self.stable = self.least.real < 0.0
         """Whether every mode of sliding decays."""
 
     def share(self, x: Array) -> float:
         """Return the distance of state `x` from sliding, over the scale."""
-        return self._distance(x) / self._scale if self._scale > 0.0 else math.inf
+        return float(self._distances(x[None])[0]) / self._scale if self._scale > 0.0 else math.inf
 
     def reached(self, x: Array) -> bool:
         """Return whether a motion at `x` without stick can only decay."""
         return self.stable and self.share(x) <= NEAR
+
+    def decays(self, states: Array, step: float) -> bool:
+        """Return whether a motion without events, at ticks of `step` [s], decays at least half as fast as sliding does.
+
+        False over less than two periods.
+        """
+        half = len(states) // 2
+        if not (self.stable and half * step * abs(self.least) >= 2.0 * math.pi):
+            return False
+        first, last = (float(self._distances(part).max()) for part in (states[:half], states[half:]))
+        return last <= first * math.exp(0.5 * self.least.real * half * step)
 
     def text(self, more: str = "") -> str:
         """Return why there is no limit cycle, or none is found; `more`: a further observation."""
@@ -107,310 +110,211 @@ class Rest:
             "reach one: rig map, over a range that begins or ends where the rig vibrates"
         )
 
-    def _distance(self, x: Array) -> float:
-        d, nq, mass = x - self._sliding.x, self._nq, self._sliding.system.mass
-        q, v = d[:nq], d[nq : 2 * nq]
-        return math.sqrt(max(float(v @ mass @ v + self._turn**2 * (q @ mass @ q)), 0.0))
-
-
-class Turn(NamedTuple):
-    """A turning point: time [s], state, and range of each state since the one before."""
-
-    time: float
-    x: Array
-    span: Array
-
-
-class Turns:
-    """The turning points of an orbit since the last event, of the coordinate with the largest motion of its own."""
-
-    def __init__(self, orbit: Orbit, sliding: Steady) -> None:
-        self._orbit, self._sliding = orbit, sliding
-        rates, shapes = sliding.eigenvectors()
-        nq = len(sliding.system.coordinates)
-        self._growth = float(rates[0].real)
-        self._first = len(orbit.outputs)
-        self._velocity = self._first + nq + int(np.abs(shapes[nq : 2 * nq, 0]).argmax())
-        self._moving = sliding.moving
-        self.found: list[Turn] = []
-        self._history: list[float] = []
-        self._asked = 0
-        self._low = self._high = orbit.motion.x.copy()
-
-    def clear(self) -> None:
-        """Start again after an event."""
-        self.found.clear()
-        self._history.clear()
-        self._asked = 0
-
-    def add(self) -> None:
-        """Search the last block of the orbit for turning points."""
-        motion = self._orbit.motion
-        step, segments = motion.integration.step_ns * 1e-9, motion.segments
-        offset = (motion.tick - len(motion.states)) * step
-        self._low = np.minimum(self._low, motion.states.min(axis=0))
-        self._high = np.maximum(self._high, motion.states.max(axis=0))
-        n = int(segments.count[0])
-        velocity = segments.coef[:n, self._velocity]
-        ends = velocity.sum(axis=1)
-        for j in np.flatnonzero((velocity[:, 0] > 0.0) & (ends <= 0.0)):
-            u = _zero(velocity[j])
-            x = np.polynomial.polynomial.polyval(u, segments.coef[j, self._first :].T)
-            time = offset + float(segments.start[j] + u * segments.length[j])
-            self.found.append(Turn(time, np.asarray(x), self._high - self._low))
-            self._low = self._high = np.asarray(x)
-
-    def closes(self, repeat: float) -> tuple[float, float] | None:
-        """Return the period [s] of a motion that repeats, and its deviation over its range; None if it does not repeat.
-
-        It repeats to `repeat`, or as well as it can: to `ROUGH` at least and no better for `SETTLED` turns, as with a
-        friction law whose kink limits the integration.
-        """
-        if len(self.found) == self._asked:
-            return None
-        self._asked = len(self.found)
-        period, off = min((self._off(count) for count in range(1, _MOST + 1)), key=lambda fit: fit[1] > repeat)
-        self._history.append(off)
-        late, before = self._history[-SETTLED:], self._history[-2 * SETTLED : -SETTLED]
-        settled = len(before) == SETTLED and max(late) <= ROUGH and min(late) >= 0.5 * min(before)
-        return (period, max(late) if settled else off) if off <= repeat or settled else None
-
-    def _off(self, count: int) -> tuple[float, float]:
-        """Period [s] of `count` turns, and the largest difference between the last rounds, relative to the range."""
-        last = self.found[-(_ROUNDS - 1) * count - 1 :]
-        if len(last) <= (_ROUNDS - 1) * count:
-            return math.nan, math.inf
-        span = np.max([turn.span for turn in last], axis=0)[self._moving]
-        period = last[-1].time - last[-1 - count].time
-        off = [abs((b.time - a.time) / period - 1.0) for a, b in zip(last, last[count:])]
-        away = [np.abs(b.x - a.x)[self._moving] for a, b in zip(last, last[count:])]
-        off += [
-            float(np.divide(distance, span, out=np.full(len(span), math.inf), where=span > 0.0).max())
-            for distance in away
-        ]
-        return period, max(off)
-
-    def dying(self, since: float) -> bool:
-        """Return whether the rest of the motion since `since` [s] decays as a small motion about sliding does."""
-        turns = [turn for turn in self.found if turn.time >= since]
-        if self._growth >= 0.0:
-            return False
-        if len(turns) < 2:
-            return True  # it has no turning points at all
-        size = np.max([turn.span for turn in turns], axis=0)[self._moving]
-        far = [float((np.abs(t.x - self._sliding.x)[self._moving] / np.maximum(size, 1e-300)).max()) for t in turns]
-        rate = math.log(max(far[0], 1e-300) / max(far[-1], 1e-300)) / (turns[-1].time - turns[0].time)
-        return rate >= -0.5 * self._growth
-
-
-def _zero(polynomial: Array) -> float:
-    """First zero in 0..1 of a polynomial that falls from above zero."""
-    from scipy.optimize import brentq
-
-    value = np.polynomial.Polynomial(polynomial)
-    return 1.0 if value(1.0) >= 0.0 else float(brentq(value, 0.0, 1.0, xtol=1e-15))
+    def _distances(self, states: Array) -> Array:
+        d, nq, mass = states - self._sliding.x, self._nq, self._sliding.system.mass
+        q, v = d[:, :nq], d[:, nq : 2 * nq]
+        squares = np.sum(v @ mass * v, axis=1) + abs(self.least) ** 2 * np.sum(q @ mass * q, axis=1)
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 @dataclass(frozen=True)
-class ShootingResult:
-    """The result of Newton's method: a state on the cycle, its period [s], the size of its largest multiplier."""
+class ClosedCycle:
+    """A cycle that closes: its return map, the unknowns, the run over a period, the derivative of the map [i, i]."""
 
-    x: Array
-    period: float
-    multiplier: float
-    steps: int
+    map: ReturnMap
+    u: Array
+    end: Carried
+    P: Array
 
     @property
-    def stable(self) -> bool:
-        """Whether the cycle does not repel nearby motions."""
-        return self.multiplier <= 1.0 + _GROWS
+    def period(self) -> float:
+        """The period [s]."""
+        return float(self.u[-2] * self.map.T0)
+
+    @property
+    def floquet(self) -> Floquet:
+        """The multipliers."""
+        return Floquet(*multipliers(self.P, self.map.period is not None))
+
+    @property
+    def multiplier(self) -> float:
+        """The size of the largest multiplier; 0 without one."""
+        return max((abs(v) for v in self.floquet.multipliers), default=0.0)
 
 
-def shoot(orbit: Orbit, period: float) -> ShootingResult | None:
-    """Find the cycle near the present motion, which returns after about `period` [s]; None if there is none.
+@dataclass(frozen=True)
+class Settled:
+    """Where a motion has settled: in a cycle, at rest in sliding, or nowhere; `why`: the reason for no cycle, in words.
 
-    The orbit advances by one period and is otherwise unchanged.
+    `time` [s] and `changes` of the mode set: simulated. `period` [s], `x`: of a motion that simulation repeats, `drift`
+    its last difference. `unstable`: a cycle that the motion leaves.
     """
-    try:
-        returns, u, driven = around(orbit, orbit.round(period), period)
-        if driven:  # the period is not free
-            return None
-        met = returns.end(u).met
-        u, end = returns.newton(u, parameter(0.0, len(u)), u, met, over_p=False, halvings=_HALVINGS)
-        matrix = returns.derivative(u, end, over_p=False).P
-        moves = float(np.linalg.norm(returns.rate(u, end.x, end.key))) > _STILL
-    except (NoCycle, NumericsError):
-        return None
-    size = max((abs(v) for v in multipliers(matrix, driven=False)[0]), default=0.0)
-    return ShootingResult(returns.state(u), float(u[-2] * returns.T0), size, returns.steps) if moves else None
+
+    time: float
+    changes: int
+    drift: float
+    x: Array
+    period: float = 0.0
+    cycle: ClosedCycle | None = None
+    unstable: ClosedCycle | None = None
+    why: str = ""
+    decided: bool = True
 
 
-def limit_cycle(
-    scene: Scene,
-    tolerance: float = TIGHT,
-    longest: float | None = None,
-    watch: Callable[[float, float], object] = lambda now, drift: None,
-) -> Cycle:
-    """Find the limit cycle of `scene` with every actuator held at its initial value, without controllers and sensors.
+class Search:
+    """The motion of a rig from a state on, until it is known where it settles."""
 
-    `tolerance`: of dopri5 and rosenbrock. `longest`: simulated time [s] within which the motion must settle. The
-    default is `LONGEST`, more for an uneven surface that turns slowly, less if `CHANGES` mode set changes happen
-    before. `watch` gets the simulated time [s] and the relative difference between the last rounds. Raises
-    rig.errors.NumericsError where the simulation has to stop, UsageError for a film of points.
-    """
-    refuse(scene, "a limit cycle")
-    assembly = scene.assemble()
-    system = assembly.system()
-    sliding = steady(system, sliding_key(system))
-    surfaces = sliding.x.copy()
-    surfaces[: 2 * len(system.coordinates)] = 0.0
-    if not np.any(system.slip_rows @ surfaces):
-        still = "nothing slides, because no surface moves"
-        why = still if system.patches else "the rig has no contact that could slide"
-        found = Cycle(scene.name, chosen(scene.clock.method, system), False, f"no limit cycle: {why}", 0.0)
-    else:
-        found = _Search(scene, assembly, sliding, tolerance, longest, watch).run()
-    return replace(found, left_out=left_out(scene))
-
-
-class _Search:
-    """One search for a limit cycle."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        assembly: Assembly,
-        sliding: Steady,
-        tolerance: float,
-        longest: float | None,
-        watch: Callable[[float, float], object],
-    ) -> None:
-        self.scene, self.watch = scene, watch
-        self.most = CHANGES if longest is None else math.inf
-        system = sliding.system
-        self.method = chosen(scene.clock.method, system)
-        rough = dict.fromkeys(ADAPTIVE, max(REPEAT, 10.0 * tolerance)) | {"rk4": 1e-7}
-        self.repeat = rough.get(self.method, REPEAT)
-        start = stuck(system, sliding.x)
-        self.rest = Rest(sliding, start)
-        self.orbit = Orbit(scene, assembly, start, self.method, tolerance)
-        self.turns = Turns(self.orbit, sliding)
-        _, self.slowest = sliding.time_scales()
-        self.step, self.round_s = scene.step_ns * 1e-9, turn_of(sliding)
-        self.longest = longest or (LONGEST if math.isinf(self.round_s) else max(LONGEST, _TURNS * self.round_s))
+    def __init__(self, rig: FreeRig, sliding: Steady, start: Array) -> None:
+        self.rig, self.sliding, self.start = rig, sliding, start
+        self.rest = Rest(sliding, stuck(rig.system, sliding.x))
+        self.turn = turn_of(sliding)
+        self.repeat = 1e-7 if rig.method == "rk4" else max(REPEAT, 10.0 * rig.tolerance)
+        self.rough = ROUGH
+        self.motion = rig.motion
+        self.motion.restart(start)
         self.events: list[Event] = []  # the last, as many as are compared
         self.changes = 0
-        self.asked = 0.0
-        self.drift, self.touched = math.inf, 0.0  # last difference of rounds; when a contact has changed last [s]
-        self.due = _FIRST  # mode set changes, or turning points, at which Newton's method is tried
-        self.shot: ShootingResult | None = None
-        self.unstable: ShootingResult | None = None
+        self.drift = math.inf
+        self.quiet = 0.0  # on an uneven surface: time without a change of a contact and without stick [s]
+        self.states = self.motion.x[None].copy()  # of the last call
+        self.met = 0  # events in it
+        self.unstable: ClosedCycle | None = None
 
     @property
     def now(self) -> float:
-        return self.orbit.motion.tick * self.step
+        """The simulated time [s]."""
+        return self.motion.tick * self.rig.step
 
-    def run(self) -> Cycle:
-        """Simulate until the answer is known."""
-        round_s = self.round_s
-        begun, before, since = 0.0, 0, 0.0  # when this turn of the surface began, mode set changes then; the last event
-        while self.now < self.longest and self.changes < self.most:
-            if self.now - begun >= round_s:
-                if begun and self.changes - before > MOST:
-                    return self._none(
-                        f"no limit cycle: the surface is uneven, and one turn of {round_s:.4g} s has "
-                        f"{self.changes - before} mode set changes. The motion follows the turn and does not repeat "
-                        "within it. An even surface may have a cycle (-p inhomogeneity=none, -p sector=none). Analyse "
-                        "the modulated motion with rig simulate and rig sound"
-                    )
-                begun, before = self.now, self.changes
-            before_block = self.now
-            met = self.orbit.block()
-            if beyond := self.orbit.beyond():
-                return self._none(f"no limit cycle: {beyond} at {before_block:.4g} s")
-            keys = [*(event.before for event in met), self.orbit.motion.key]
-            modes = [self.orbit.system.modes(key)[:2] for key in keys]  # of contacts, without their sectors
-            if self._held() or any(a != b for a, b in pairwise(modes)):
-                self.touched = self.now
-            if met:
-                since = self.now
-                cycle = self._after(met)
-            elif self._held():
-                since, cycle = self.now, None
+    def run(self, longest: float, most: float, watch: Callable[[float, float], object]) -> Settled:
+        """Simulate for at most `longest` [s] and `most` mode set changes. Raises NumericsError."""
+        uneven = math.isfinite(self.turn)
+        slowest = self.sliding.time_scales()[1]
+        stretch = self.turn if uneven else slowest
+        while self.now < longest and self.changes < most:
+            begun, before = self.now, self.changes
+            if beyond := self._simulated(min(stretch, longest - self.now), most):
+                return self._settled(why=beyond)
+            if uneven:
+                settled = self._over_a_turn(begun, self.changes - before)
             else:
-                cycle = self._between(since)
-                if self.now - since > QUIET * self.slowest:
-                    since = self.now
-            if cycle is not None:
-                return cycle
+                late = self.now > _FIRST * slowest or self.now >= longest
+                settled = self._looked_at() if late else None
+                stretch = self.now  # the next look is after as long again
+            watch(self.now, self.drift)
+            if settled is not None:
+                return settled
         return self._undecided()
 
-    def _after(self, met: list[Event]) -> Cycle | None:
-        """The result after new events, if it is known."""
-        self.turns.clear()
-        self.events = [*self.events, *met][-3 * MOST :]
-        self.changes += len(met)
-        if self.now < _AGAIN * self.asked:
-            return None
-        self.asked = self.now
-        count, self.drift = repeating(self.events, self.step, self.repeat)
-        self.watch(self.now, self.drift)
+    def _simulated(self, time: float, most: float) -> str:
+        """Simulate a stretch; return which limit of the scene the motion has left, in words."""
+        rig, motion, limits = self.rig, self.motion, list(self.rig.scene.limits.items())
+        ticks = max(round(time / rig.step), 1)
+        while ticks > 0 and self.changes < most:
+            count, first = math.ceil(ticks / math.ceil(ticks / _ONCE)), motion.tick
+            motion.advance(count)
+            ticks -= count
+            self.states, events = motion.states, motion.events()
+            if limits:
+                values = np.abs(motion.outputs_at(self.states, motion.mode_sets_of_states))
+                beyond = np.argwhere(values > [limit for _, limit in limits])
+                if len(beyond):
+                    tick, which = beyond[0].tolist()
+                    name, limit = limits[which]
+                    at = (first + tick) * rig.step
+                    return f"no limit cycle: {name} exceeds its limit of {limit:g} {rig.units[name]} at {at:.4g} s"
+            self.events, self.met = [*self.events, *events][-4 * MOST :], len(events)
+            self.changes += self.met
+            if rig.system.sectors:  # changes of contacts, not of their sectors
+                modes = [rig.system.modes(key)[:2] for key in (*(event.before for event in events), motion.key)]
+                touched = rig.stuck(motion.key) or any(a != b for a, b in pairwise(modes))
+                self.quiet = 0.0 if touched else self.quiet + count * rig.step
+        return ""
+
+    def _looked_at(self) -> Settled | None:
+        """Where the motion has settled; None if it is not known yet."""
+        if self.met or self.rig.stuck(self.motion.key):
+            return self._repeated() if self.events else None
+        if self.rest.reached(self.motion.x) or self.rest.decays(self.states, self.rig.step):
+            return self._settled(why=self.rest.text())
+        period = self._between_turning_points()
+        cycle = self._closed(period) if period else None
+        return None if cycle is None else self._settled(cycle=cycle)
+
+    def _repeated(self) -> Settled | None:
+        """The cycle whose events repeat, if there is one."""
+        step = self.rig.step
+        count, self.drift = repeating(self.events, step, self.rough)
         last = self.events[-count - 1 :]
-        times = [time_of(event, last[0].tick, self.step) for event in last]
-        if not count or not all_round(times[-1] - times[0], self.round_s):
+        period = time_of(last[-1], last[0].tick, step) - time_of(last[0], last[0].tick, step)
+        if not count or self.drift > self.rough or not all_round(period, self.turn):
             return None
-        if self.drift <= self.repeat:
-            return self._read(times[-1] - times[0], self.drift, stick_times(self.orbit, last[1:], times))
-        if self.changes >= self.due and self.drift <= _NEARLY:
-            self._shoot(times[-1] - times[0])
-            self.due = max(2 * self.due, self.changes)
-        return None
+        if (cycle := self._closed(period)) is not None:
+            return self._settled(cycle=cycle)
+        count, self.drift = repeating(self.events, step, self.repeat)
+        if self.drift > self.repeat:
+            return None
+        last = self.events[-count - 1 :]
+        return self._settled(period=time_of(last[-1], last[0].tick, step) - time_of(last[0], last[0].tick, step))
 
-    def _between(self, since: float) -> Cycle | None:
-        """The result for a motion that has slipped without an event since `since` [s], if it is known."""
-        if math.isfinite(self.round_s):  # each sector excites the rig: sliding must persist through all of them
-            calm = self.rest.stable and self.now - self.touched >= _CALM * self.round_s
-            return self._none(self.rest.text(f"; no contact changes in {_CALM} turns of the surface")) if calm else None
-        if self.rest.reached(self.orbit.motion.x):
-            return self._none(self.rest.text())
-        self.turns.add()
-        if closed := self.turns.closes(self.repeat):
-            return self._read(*closed, dict.fromkeys((p.name for p in self.orbit.system.patches), 0.0))
-        if self.now - since > QUIET * self.slowest and self.rest.stable and self.turns.dying(since):
-            return self._none(self.rest.text())
-        return None
+    def _between_turning_points(self) -> float:
+        """The period [s] of a motion without events, from the states at its last turning points; 0 if none repeats.
 
-    def _read(self, period: float, drift: float, sticks: dict[str, float]) -> Cycle | None:
-        """The cycle; None if it attracts so slowly that the remaining distance to it matters: the search continues."""
-        cycle = _read(self.orbit, period, drift, self.now, sticks, self.shot.steps if self.shot else 0)
-        slow = self.shot is None and _SLOW < cycle.multiplier < 1.0
-        return None if slow and drift > _LEFT * (1.0 - cycle.multiplier) and self._shoot(period) else cycle
+        Turning points are those of the coordinate with the largest motion in the least stable mode.
+        """
+        moving, nq = self.rig.moving, len(self.rig.system.coordinates)
+        states = self.states[:, moving]
+        span = np.ptp(states, axis=0)
+        shape = self.sliding.eigenvectors()[1][nq : 2 * nq, 0]
+        velocity = self.states[:, nq + int(np.abs(shape).argmax())]
+        before = np.flatnonzero((velocity[:-1] > 0.0) & (velocity[1:] <= 0.0))
+        share = velocity[before] / (velocity[before] - velocity[before + 1])
+        times = (before + share) * self.rig.step
+        turns = states[before] + share[:, None] * (states[before + 1] - states[before])
+        for count in range(1, min(_TURNS, (len(turns) - 1) // 2) + 1):
+            rounds = turns[-2 * count - 1 :]
+            if np.all(np.abs(rounds[count:] - rounds[:-count]) <= ROUGH * span):
+                return float(times[-1] - times[-1 - count])
+        return 0.0
 
-    def _shoot(self, period: float) -> bool:
-        """Continue from a cycle found by Newton's method, if there is one that attracts."""
-        shot = shoot(self.orbit, period)
-        self.events.clear()  # the orbit is a period on
-        self.turns.clear()
-        self.asked = 0.0
-        if shot is None or self.rest.share(shot.x) <= NEAR:
-            return False
-        if not shot.stable:
-            self.unstable = shot
-            return False
-        self.shot = shot
-        self.orbit.turn_to(shot.x)
-        return True
+    def _closed(self, period: float) -> ClosedCycle | None:
+        """The stable cycle near the present motion, which returns after about `period` [s]; None without one."""
+        motion = self.motion
+        saved, tick, states = motion.save(), motion.tick, self.states.copy()
+        driving = np.delete(np.arange(self.rig.system.n), self.rig.moving)
+        driven = bool(np.ptp(states[:, driving], axis=0).any())
+        if driven and (rates := [rate for *_, rate in self.rig.system.generators]):
+            own = 2.0 * math.pi / min(rates)
+            period = max(round(period / own), 1) * own
+        cycle = None
+        try:
+            cycle = closed_cycle(self.rig, motion.x.copy(), period, driven)
+        except (NoCycle, NumericsError):
+            pass
+        finally:
+            motion.go_back(saved)
+            motion.tick, self.states = tick, states
+        if cycle is None or self.rest.share(cycle.map.state(cycle.u)) <= NEAR:
+            return None
+        if cycle.multiplier > 1.0 + _GROWS:
+            self.unstable, self.rough = cycle, 0.1 * min(self.drift, self.rough)
+            return None
+        return cycle
 
-    def _held(self) -> bool:
-        """Whether a contact sticks now."""
-        return any(self.orbit.stuck(self.orbit.motion.key, p) for p in range(len(self.orbit.system.patches)))
+    def _over_a_turn(self, begun: float, changes: int) -> Settled | None:
+        """The same on an uneven surface: each sector excites the rig, and sliding must persist through all of them."""
+        if begun and changes > MOST:
+            return self._settled(
+                why=f"no limit cycle: the surface is uneven, and one turn of {self.turn:.4g} s has {changes} mode set "
+                "changes. The motion follows the turn and does not repeat within it. An even surface may have a cycle "
+                "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and rig sound"
+            )
+        if self.rest.stable and self.quiet >= _CALM * self.turn:
+            return self._settled(why=self.rest.text(f"; no contact changes in {_CALM} turns of the surface"))
+        return self._repeated() if self.events else None
 
-    def _none(self, why: str) -> Cycle:
-        return Cycle(self.scene.name, self.method, False, why, self.now)
-
-    def _undecided(self) -> Cycle:
+    def _undecided(self) -> Settled:
         """The result "undecided": why, and what to do."""
-        held = self._held() and not self.changes
+        held = bool(self.rig.stuck(self.motion.key)) and not self.changes
         what = "the start still sticks" if held else "the motion does not repeat"
         why = f"undecided: {what} within {self.now:.4g} s and {self.changes} mode set changes"
         if math.isfinite(self.drift):
@@ -420,45 +324,123 @@ class _Search:
             rate = math.log(self.unstable.multiplier) / period
             why += f"; there is an unstable cycle of {period:.6g} s, which it leaves with {rate:.3g} 1/s"
         why += f". The motion is slow or irregular. Use --longest {4.0 * self.now:.3g}, or rig map"
-        return replace(self._none(why), decided=False)
+        return replace(self._settled(why=why), decided=False)
+
+    def _settled(self, cycle: ClosedCycle | None = None, period: float = 0.0, why: str = "") -> Settled:
+        return Settled(self.now, self.changes, self.drift, self.motion.x.copy(), period, cycle, self.unstable, why)
 
 
-def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float], newton: int) -> Cycle:
-    """Simulate one more cycle and return its properties."""
-    turn = orbit.round(period)
-    time, values = turn.dense.sampled(_POINTS)
-    held = [orbit.stuck(event.before, 0) for _, event in turn.events]
-    changes = list(zip(held, [*held[1:], *held[:1]]))
-    times = [0.0, *(t for t, _ in turn.events), period] if held else []
+def closed_cycle(rig: FreeRig, x: Array, period: float, driven: bool) -> ClosedCycle:
+    """Return the cycle that passes near state x of a rig and returns after about `period` [s].
 
-    def at(change: tuple[bool, bool], after: bool) -> dict[str, float]:
-        """The outputs where the first contact begins or ends to stick."""
-        if change not in changes:
-            return {}
-        return dict(zip(orbit.outputs, turn.dense.at(turn.events[changes.index(change)][0], after).tolist()))
+    `driven`: its driving states have this period. Raises NoCycle, NotSmooth.
+    """
+    family = Family.of(rig.driven_by(x) if driven else rig)
+    map, u, end = closed(family, (), x, period, (lambda _: period) if driven else None)
+    if float(np.linalg.norm(map.rate(u, end.x, end.key))) <= _STILL:
+        raise NoCycle("it is a state of rest")
+    return ClosedCycle(map, u, end, _quietest(map, u, end))
 
+
+def _quietest(map: ReturnMap, u: Array, end: Carried) -> Array:
+    """The derivative by differences over 1e-5 of each state; over 1e-4 where a kink of a law makes runs noisy.
+
+    Noise grows with a smaller step, curvature with a larger one. Raises NotSmooth.
+    """
+    middle = map.derivative(u, end, over_p=False).P
+    if map.rig(u).system.linear:
+        return middle
+    try:
+        large = map.derivative(u, end, over_p=False, steps=(1e-4,)).P
+        if (apart := np.abs(large - middle).max()) <= _AGREE:
+            return middle
+        small = map.derivative(u, end, over_p=False, steps=(1e-6,)).P
+    except NotSmooth:
+        return middle
+    return large if np.abs(small - middle).max() > apart else middle
+
+
+def limit_cycle(
+    scene: Scene,
+    tolerance: float = RECORDED,
+    longest: float | None = None,
+    watch: Callable[[float, float], object] = lambda now, drift: None,
+) -> Cycle:
+    """Find the limit cycle of `scene` with every actuator held at its initial value, without controllers and sensors.
+
+    `tolerance`: of dopri5 and rosenbrock in the period that is recorded. `longest`: simulated time [s] within which the
+    motion must come near it. The default is `LONGEST`, more for an uneven surface that turns slowly, less if `CHANGES`
+    mode set changes happen before. `watch` gets the simulated time [s] and the relative difference between the last
+    rounds. Raises rig.errors.NumericsError where the simulation has to stop, UsageError for a film of points.
+    """
+    refuse(scene, "a limit cycle")
+    rig = FreeRig(scene, tolerance=TIGHT, read=tuple(scene.limits))
+    system = rig.system
+    sliding = steady(system, sliding_key(system))
+    surfaces = sliding.x.copy()
+    surfaces[: 2 * len(system.coordinates)] = 0.0
+    method = chosen(scene.clock.method, system)
+    if not np.any(system.slip_rows @ surfaces):
+        still = "nothing slides, because no surface moves"
+        why = still if system.patches else "the rig has no contact that could slide"
+        return Cycle(scene.name, method, False, f"no limit cycle: {why}", 0.0, left_out=left_out(scene))
+    search = Search(rig, sliding, stuck(system, sliding.x))
+    most = CHANGES if longest is None else math.inf
+    default = LONGEST if math.isinf(search.turn) else max(LONGEST, _ROUNDS * search.turn)
+    settled = search.run(longest or default, most, watch)
+    if settled.why:
+        found = Cycle(scene.name, method, False, settled.why, settled.time, decided=settled.decided)
+    else:
+        found = _recorded(rig, settled, method, tolerance)
+    return replace(found, left_out=left_out(scene))
+
+
+def _recorded(rig: FreeRig, settled: Settled, method: str, tolerance: float) -> Cycle:
+    """Record one period of the cycle in which a motion has settled, and return its properties."""
+    cycle, period, x = settled.cycle, settled.period, settled.x
+    floquet, newton = Floquet(why=_NOT_SMOOTH), 0
+    if cycle is not None:
+        period, x, floquet, newton = cycle.period, cycle.map.state(cycle.u), cycle.floquet, cycle.map.steps
+    recorder = FreeRig(rig.scene, rig.assembly, x, method=method, tolerance=tolerance, dense=True)
+    turn, outputs = recorder.recorded(period), recorder.outputs
+    time, values = turn.dense.sampled(_POINTS, len(outputs))
+    times = [0.0, *(t for t, _ in turn.events), period]
+    keys = [*(event.before for _, event in turn.events), recorder.motion.key]
+    held = [(a, b, rig.stuck(key)) for a, b, key in zip(times, times[1:], keys) if b > a]
+    first = [0 in stuck for *_, stuck in held]
+
+    def at(sticks: bool) -> dict[str, float]:
+        """The outputs where the first contact begins to stick, or just before it ends."""
+        changes = [
+            a for (a, *_), before, after in zip(held[1:], first, first[1:]) if (before, after) == (not sticks, sticks)
+        ]
+        return dict(zip(outputs, turn.dense.at(changes[0], after=sticks).tolist())) if changes else {}
+
+    closes = np.abs(turn.dense.at(period, after=False)[len(outputs) :] - x)[rig.moving]
     return Cycle(
-        scene=orbit.scene.name,
-        rig=orbit.scene,
-        method=orbit.method,
+        scene=rig.scene.name,
+        rig=rig.scene,
+        method=method,
         found=True,
         why="",
-        after=now,
+        after=settled.time,
         period=period,
-        repeats=drift,
-        stick_time=sticks,
-        extremes={name: turn.dense.extremes(i) for i, name in enumerate(orbit.outputs)},
-        units=orbit.units,
-        stick_start=at((False, True), after=True),
-        stick_end=at((True, False), after=False),
+        repeats=float((closes / sizes(np.ptp(turn.states, axis=0), rig)).max()),
+        stick_time={
+            patch.name: sum(b - a for a, b, stuck in held if p in stuck) for p, patch in enumerate(rig.system.patches)
+        },
+        extremes={name: turn.dense.extremes(i) for i, name in enumerate(outputs)},
+        units=rig.units,
+        stick_start=at(sticks=True),
+        stick_end=at(sticks=False),
         energy=turn.energy,
         events=tuple((t, event.what) for t, event in turn.events),
-        floquet=floquet(orbit, turn, period),
+        floquet=floquet,
         newton=newton,
         time=time,
-        outputs=dict(zip(orbit.outputs, values)),
-        sticking=tuple((a, b) for a, b, sticks in zip(times, times[1:], [*held, *held[:1]]) if sticks and b > a),
-        state=dict(zip(orbit.system.names, turn.states[0].tolist())),
+        outputs=dict(zip(outputs, values)),
+        sticking=tuple((a, b) for a, b, stuck in held if 0 in stuck),
+        state=dict(zip(rig.system.names, x.tolist())),
     )
 
 

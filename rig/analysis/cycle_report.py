@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.floquet import Floquet
-from rig.analysis.orbit import REPEAT
+from rig.analysis.repetition import REPEAT
 from rig.printable import columns, counted
 from rig.results import Result
 from rig.scenes.scene import Scene

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.averaged import averaged, fast_motion
-from rig.analysis.orbit import OnePeriod, Orbit
-from rig.analysis.return_map import Carried, Family, Flow, NoCycle, NotSmooth, ReturnMap, multipliers, parameter, sizes
+from rig.analysis.return_map import Family, NoCycle, NotSmooth, ReturnMap, parameter, sizes
+from rig.bench.free_rig import TIGHT, Carried, FreeRig
 from rig.errors import NumericsError, Singular
 from rig.model.assembly import Assembly
 from rig.scenes.scene import Scene
@@ -74,55 +74,6 @@ class Floquet:
         if left := self.multipliers[most:]:
             shown.append(f"{len(left)} more of size {abs(left[0]):.6g} and less")
         return f"{', '.join(shown)} (to {self.error:.1e})" if math.isfinite(self.error) else ", ".join(shown)
-
-
-def around(orbit: Orbit, turn: OnePeriod, period: float) -> tuple[ReturnMap, Array, bool]:
-    """Return the return map at the cycle `turn`, which repeats after `period` [s], its unknowns in the middle of the
-    longest slip, and whether it is driven.
-    """
-    x, span = turn.states[middle(orbit, turn)], np.ptp(turn.states, axis=0)
-    flow = Flow(orbit.scene, start=x)
-    driven = bool(np.any(np.delete(span, flow.moving) > 0.0))
-    returns = ReturnMap(Family.of(flow), sizes(span, flow), period, 1.0, period=(lambda _: period) if driven else None)
-    returns.key = flow.carried(x, 0.0).first
-    return returns, returns.unknowns(x, period, 0.0), driven
-
-
-def floquet(orbit: Orbit, turn: OnePeriod, period: float) -> Floquet:
-    """Compute the multipliers of the cycle `turn`, which repeats after `period` [s]."""
-    returns, u, driven = around(orbit, turn, period)
-    try:
-        return Floquet(*multipliers(_quietest(returns, u), driven))
-    except NotSmooth:
-        return Floquet(why="the return map is not smooth: displaced runs meet other events")
-
-
-def _quietest(returns: ReturnMap, u: Array) -> Array:
-    """The monodromy matrix by differences over 1e-5 of each state; over 1e-4 where a kink of a law makes runs noisy.
-
-    Noise grows with a smaller step, curvature with a larger one. Raises NotSmooth.
-    """
-    end = returns.end(u)
-    middle = returns.derivative(u, end, over_p=False).P
-    try:
-        small, large = (returns.derivative(u, end, over_p=False, steps=(step,)).P for step in (1e-6, 1e-4))
-    except NotSmooth:
-        return middle
-    return large if np.abs(small - middle).max() > np.abs(large - middle).max() else middle
-
-
-def middle(orbit: Orbit, around: OnePeriod) -> int:
-    """Return the tick in the middle of the longest time between events with the fewest stuck contacts."""
-    step, ticks = orbit.scene.step_ns * 1e-9, len(around.states) - 1
-    if not around.events:
-        return 0
-    times = [0.0, *(t for t, _ in around.events)]
-    stretches = [
-        (sum(orbit.stuck(event.before, p) for p in range(len(orbit.system.patches))), a - b, 0.5 * (a + b))
-        for a, b, (_, event) in zip(times, times[1:], around.events)
-    ]
-    *_, middle = min(stretches)
-    return min(round(middle / step), ticks)
 
 
 @dataclass(frozen=True)
@@ -198,8 +149,8 @@ def _returning(
     shaking = replace(scene, parameters=with_values(scene.parameters, {"dither.enable": True}), controllers={})
     last: tuple[ReturnMap, Array, Carried] | None = None
     for x in starts:
-        flow = Flow(shaking, assembly, start=x)
-        returns = ReturnMap(Family.of(flow), sizes(span, flow), tau, 1.0, period=lambda _: tau)
+        rig = FreeRig(shaking, assembly, start=x, tolerance=TIGHT)
+        returns = ReturnMap(Family.of(rig), sizes(span, rig), tau, 1.0, period=lambda _: tau)
         u = returns.unknowns(x, tau, 0.0)
         try:
             u, end = returns.newton(u, parameter(0.0, len(u)), u, over_p=False, halvings=_HALVINGS)
@@ -216,20 +167,20 @@ def _returning(
         values, vectors = np.linalg.eig(returns.derivative(u, end, over_p=False).P)
     except NotSmooth as error:
         return _unknown(f"{why}, and {error}")
-    flow, x = returns.flow(u), returns.state(u)
+    rig, x = returns.rig(u), returns.state(u)
     left = (np.abs(values) > _ERASED) | (not end.events)
     why = "" if left.any() else "a contact sticks in every period, which ends every disturbance"
     shapes = np.zeros((at.system.n, int(left.sum())), dtype=np.complex128)
-    shapes[flow.moving] = returns.size[:, None] * vectors[:, left]
-    motion = Forced(_NONE.diagonal(), _NONE, True, True, why, None if end.events else _means(flow, x, end.first, tau))
+    shapes[rig.moving] = returns.size[:, None] * vectors[:, left]
+    motion = Forced(_NONE.diagonal(), _NONE, True, True, why, None if end.events else _means(rig, x, end.first, tau))
     return _least_stable_first(np.log(values[left].astype(np.complex128)) / tau, at, shapes, motion, tau)
 
 
-def _means(flow: Flow, x: Array, key: int, tau: float) -> tuple[Array, Array, Array, Array]:
+def _means(rig: FreeRig, x: Array, key: int, tau: float) -> tuple[Array, Array, Array, Array]:
     """The means of `Forced` of a motion from x on that stays in one mode set."""
-    modes, system, states = flow.modes(key), flow.system, [x]
+    modes, system, states = rig.modes(key), rig.system, [x]
     for _ in range(_POINTS - 1):
-        states.append(flow.within(states[-1], key, tau / _POINTS))
+        states.append(rig.within(states[-1], key, tau / _POINTS))
     law, X = own_law(system, modes), np.array(states)
     T = np.array([linearised(system, modes, state, law)[1] for state in states])
     friction = X @ modes.friction.T + T @ modes.friction_t.T

@@ -148,12 +148,12 @@ def _compile(wanted: tuple[Shape, Scene]) -> Arrays:
 
 def analyse_briefly(scene: Scene) -> None:
     """Call what maps and branches call."""
-    from rig.analysis.return_map import Flow
+    from rig.bench.free_rig import FreeRig
 
     for assembly in (scene.assemble(), _analysed(scene)):  # at one value of the parameter, and over it
-        flow = Flow(scene, assembly, output=next(iter(assembly.outputs)))
-        for x in (flow.system.start, flow.settled):  # which may stick, and slips
-            flow.carried(x, flow.step, keep=True)
+        rig = FreeRig(scene, assembly, tolerance=TIGHT, read=[next(iter(assembly.outputs))])
+        for x in (rig.system.start, rig.settled):  # which may stick, and slips
+            rig.carried(x, rig.step, keep=True)
 
 
 def analysed_shape(scene: Scene) -> Shape:

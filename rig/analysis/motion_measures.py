@@ -42,7 +42,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.cycle import stuck
-from rig.analysis.orbit import Dense, Orbit, all_round, repeating, turn_of
+from rig.analysis.repetition import all_round, repeating, turn_of
+from rig.bench.free_rig import Dense, FreeRig
 from rig.bench.run.runner import PlantRunner
 from rig.compiled import kernel
 from rig.errors import NumericsError
@@ -210,11 +211,20 @@ class Problem:
         """Number of timed ticks: those of the window, and more if it is too short to time."""
         return self.window if self.leaves else max(self.window, _TIMED)
 
-    def orbit(self, setting: Setting, framed: bool = True) -> Orbit:
+    def orbit(self, setting: Setting, framed: bool = True) -> FreeRig:
         """Return the plant at its start with `setting`; `framed`: step by step as in a run with this setting."""
         scene = setting.applied(self.scene)
         tolerance, start = scene.clock.tolerance, self.system.start
-        return Orbit(scene, self.assembly, start, setting.method, tolerance, self.quantities, framed)
+        return FreeRig(
+            scene,
+            self.assembly,
+            start,
+            method=setting.method,
+            tolerance=tolerance,
+            read=self.quantities,
+            dense=True,
+            framed=framed,
+        )
 
     def later(self, setting: Setting) -> Array:
         """Return the state where the window begins."""
@@ -254,7 +264,7 @@ def digest(scene: Scene) -> str:
 def _own_sources() -> str:
     """The sources that define the measurement."""
     rooms = Path(__file__).parents[1]
-    names = ("qualify/cost/measuring", "analysis/motion_measures", "analysis/orbit")
+    names = ("qualify/cost/measuring", "analysis/motion_measures", "analysis/repetition", "bench/free_rig")
     return "".join((rooms / f"{name}.py").read_text() for name in names)
 
 
@@ -434,7 +444,7 @@ def _at_once(problem: Problem) -> int:
     return len(problem.system.patches) + len(problem.system.normals)
 
 
-def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> dict[str, float]:
+def _cycle(problem: Problem, orbit: FreeRig, events: list[Event], count: int) -> dict[str, float]:
     """Measures of a limit cycle of `count` mode set changes, from its last rounds and one more recorded round."""
     step = problem.step
     if not count or len(events) <= ROUNDS * count:
@@ -444,9 +454,9 @@ def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> d
     period = (times[-1] - times[0]) / ROUNDS
     measures = {"period": period}
     for p, patch in enumerate(problem.system.patches):
-        held = sum(b - a for a, b, e in zip(times, times[1:], last[1:]) if orbit.stuck(e.before, p))
+        held = sum(b - a for a, b, e in zip(times, times[1:], last[1:]) if p in orbit.stuck(e.before))
         measures[f"stick share {patch.name}"] = held / (times[-1] - times[0])
-    turn = orbit.round(period)
+    turn = orbit.recorded(period)
     measures["energy per cycle"] = turn.energy["friction"]
     for name in problem.quantities:
         low, high = turn.dense.extremes(orbit.outputs.index(name))
@@ -460,10 +470,10 @@ def moves(low: float, high: float) -> bool:
     return high - low > _STILL * max(abs(low), abs(high))
 
 
-def _stretch(problem: Problem, orbit: Orbit) -> tuple[dict[str, float], list[Event]]:
+def _stretch(problem: Problem, orbit: FreeRig) -> tuple[dict[str, float], list[Event]]:
     """Measures of the last part of a motion that does not repeat, and the events in it."""
     length = problem.window * problem.step
-    part = orbit.round(length)
+    part = orbit.recorded(length)
     events = [event for _, event in part.events]
     measures: dict[str, float] = {}
     names = problem.quantities
@@ -484,7 +494,7 @@ def _stretch(problem: Problem, orbit: Orbit) -> tuple[dict[str, float], list[Eve
         ends = [0.0, *(t for t, _ in part.events), length]
         keys = [*(e.before for e in events), orbit.motion.key]
         for p, patch in enumerate(problem.system.patches):
-            held = sum(b - a for a, b, key in zip(ends, ends[1:], keys) if orbit.stuck(key, p))
+            held = sum(b - a for a, b, key in zip(ends, ends[1:], keys) if p in orbit.stuck(key))
             measures[f"stick share {patch.name}"] = held / length
     return measures, events
 

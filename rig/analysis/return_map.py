@@ -12,9 +12,6 @@ Derivatives are differences of whole runs that meet the same events. Their error
 tolerance over the step, because displaced runs take the same steps; so steps are small. Where one side meets other
 events, the other side counts: the map is smooth on each side of a grazing. P f(x) = f(phi_T(x)) holds exactly, so that
 directions along the flow are not displaced.
-
-A period is no whole number of ticks: compiled code advances whole ticks, and the last part of a tick, which contains no
-event, is integrated here.
 """
 
 from __future__ import annotations
@@ -25,30 +22,22 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, reduce
-from itertools import pairwise
-from typing import NamedTuple
+from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.axis import Axis
+from rig.bench.free_rig import TIGHT, Carried, FreeRig
 from rig.errors import NumericsError, RigError
 from rig.model.assembly import Assembly
-from rig.model.formulation import ModeSet
-from rig.model.method import chosen
-from rig.model.singular import assembled
 from rig.model.system import System
-from rig.motion.motion import Event, Motion
+from rig.motion.motion import Event
 from rig.scenes.rooms import assembled as assembled_rig
 from rig.scenes.scene import Scene
-from rig.solve.forces import STATE
-from rig.solve.records import CLOSED, STICK
-from rig.stability.linearisation import inputs, moving_states, own_law, settled, sliding_key
+from rig.solve.records import STICK
 
 Array = NDArray[np.float64]
-TIGHT = 1e-11
-"""Tolerance of dop853 and rosenbrock."""
 STEPS = (1e-5, 1e-6, 1e-4)  # of the differences, of the size of each state: the first that is smooth counts
 _STRAIGHT, _SMALLEST = 3e-3, 1e-8  # largest bend over the slope in a difference; and the smallest step that it takes
 _CENTRAL, _AFTER, _BEFORE = ((-1.0, -0.5), (1.0, 0.5)), ((1.0, 2.0), (2.0, -0.5)), ((-1.0, -2.0), (-2.0, 0.5))
@@ -56,15 +45,11 @@ CLOSE = 1e-10
 """Residual of a converged cycle, of the size of each state."""
 CLOSED_TO = 1e-9
 """The same where rounding limits it: no point is accepted beyond."""
-_LONGEST = 16384  # ticks in one call
 _KEPT = 48  # rigs of a family
-_NEAR = 2.5  # ticks: a period that differs by less is advanced with the same number of them
-_FINE, _MOST = 1e-8, 64  # estimated error of steps that are then extrapolated; most steps in the rest of a tick
-_AFTER_END = 4  # ticks beyond the end: the state between two of them follows from as many on both sides
-_RESOLVED = 0.1  # radians of the fastest mode in a tick: then such an interpolation is exact to 1e-11
-_NODES = np.arange(2.0 * _AFTER_END)
-_APART = _NODES[:, None] - _NODES + np.eye(2 * _AFTER_END)
 _ITERATIONS = 12
+_HALVINGS = 6  # of a step from a guess that may be far away
+_INSIDE = 0.25  # of the longest slip: the base is no closer to an event
+_BESIDE = 0.33  # of a period without events: the base is no closer to where the slip is slowest
 FLAT = 1e-13
 
 
@@ -80,34 +65,13 @@ class NotSmooth(NoCycle):
         self.other = other
 
 
-class Carried(NamedTuple):
-    """The end of a run: state, mode sets at its start and end, events with times [s].
-
-    `states` [tick, n] and `values` [tick] of the output, if they are kept. `parts`: of a cycle that is cut.
-    """
-
-    x: Array
-    first: int
-    key: int
-    events: tuple[tuple[float, Event], ...]
-    states: Array
-    values: Array
-    parts: tuple[Carried, ...] = ()
-
-    @property
-    def met(self) -> tuple[int, tuple[str, ...]]:
-        """Mode set at the start and events, which are the same where the map is smooth."""
-        names = tuple(event.what for _, event in self.events)
-        return self.first, names + tuple("a part begins" for a, b in pairwise(self.parts) if a.key != b.first)
-
-
 def _joined(parts: Sequence[Carried], begins: Sequence[float]) -> Carried:
     """The run over successive parts, which begin at the given times [s]."""
     events: list[tuple[float, Event]] = []
     for begin, part in zip(begins, parts):
         events += [(begin + time, event) for time, event in part.events]
     states = [part.states[:-1] for part in parts[:-1]] + [parts[-1].states]
-    values = np.concatenate([part.values for part in parts])
+    values = np.concatenate([part.values for part in parts], axis=1)
     last = parts[-1]
     return Carried(last.x, parts[0].first, last.key, tuple(events), np.concatenate(states), values, tuple(parts))
 
@@ -118,221 +82,26 @@ def word(names: Sequence[str]) -> tuple[str, ...]:
     return min((names[i:] + names[:i] for i in range(len(names))), default=())
 
 
-class Flow:
-    """One rig with constant parameters, from any state over any time."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        assembly: Assembly | None = None,
-        tolerance: float = TIGHT,
-        output: str = "",
-        start: Array | None = None,
-    ) -> None:
-        self.scene, self.assembly = scene, scene.assemble() if assembly is None else assembly
-        self.system: System = self.assembly.system()
-        if start is not None:  # driving states as they are there
-            self.system = replace(self.system, start=start)
-            self.__dict__["settled"] = _at_rest(self.system, start)
-        self.step = scene.step_ns * 1e-9
-        self.key = sliding_key(self.system)
-        clock = scene.clock
-        self.motion = Motion(
-            replace(self.system, start=self.settled),
-            scene.step_ns,
-            chosen(clock.method, self.system, tolerance),
-            outputs=[self.assembly.outputs[output].row] if output else None,
-            tolerance=tolerance,
-            substeps=clock.substeps(scene.step_ns),
-            cap=clock.events_per_frame,
-            frame=max(scene.frame_ns // scene.step_ns, 1),
-            limit=clock.limit,
-            longest=1,
-            with_energy=False,
-        )
-        self._ticks = -_LONGEST
-        self._modes: dict[int, ModeSet] = {}
-        self._rates: dict[int, Callable[[Array], Array]] = {}
-        self._fastest: dict[int, float] = {}
-
-    def commanded(self, start: Array) -> Flow:
-        """Return the same rig with other values of its commands; both advance the same motion."""
-        other = copy(self)
-        other.system = replace(self.system, start=start)
-        other.__dict__.pop("settled", None)
-        if np.array_equal(self.settled, _at_rest(self.system, self.system.start)):  # nothing lags
-            other.__dict__["settled"] = _at_rest(self.system, start)
-        return other
-
-    @cached_property
-    def settled(self) -> Array:
-        """Driving states at their steady values, structure at rest."""
-        return settled(self.system, self.system.start)
-
-    @cached_property
-    def moving(self) -> NDArray[np.int64]:
-        """The states that a disturbance can change."""
-        modes = self.modes(self.key)
-        moving = moving_states(self.system, modes.A)
-        return moving[np.any(modes.landing[:, moving] != 0.0, axis=0)]  # not the current of an open circuit
-
-    def modes(self, key: int) -> ModeSet:
-        """Return a mode set. Raises rig.errors.Singular."""
-        if key not in self._modes:
-            self._modes[key] = assembled(self.system, key)
-        return self._modes[key]
-
-    def rate(self, x: Array, key: int) -> Array:
-        """Return dx/dt in mode set `key`."""
-        if key not in self._rates:
-            self._rates[key] = self._rate(key)
-        return self._rates[key](x)
-
-    def _rate(self, key: int) -> Callable[[Array], Array]:
-        """dx/dt in a mode set as a function of x, without what is zero in this one."""
-        modes, system = self.modes(key), self.system
-        contact, load, load_t = own_law(system, modes), modes.load, modes.load_t
-        of_states = [product for product in system.products if all(f.kind == STATE for f in product.factors)]
-        if len(of_states) < len(system.products) or system.remembers or load_t.any():
-            return lambda x: np.asarray(modes.A @ x + modes.b @ inputs(system, modes, x, contact)[0])
-        slipping = np.flatnonzero(modes.nonlinear).tolist()
-        products = [[f.index for f in product.factors] for product in of_states]
-        columns = modes.b.T
-
-        def rate(x: Array) -> Array:
-            out, values = modes.A @ x, x.tolist()
-            for p in slipping:
-                T = contact(p, float(system.slip_rows[p] @ x), float(load[p] @ x))[0]
-                out += columns[p] * T
-            for j, factors in enumerate(products, len(system.patches)):
-                out += columns[j] * math.prod([values[i] for i in factors])
-            return np.asarray(out)
-
-        return rate
-
-    def within(self, x: Array, key: int, time: float) -> Array:
-        """Return state x after `time` [s] in mode set `key`, forwards or backwards."""
-        from scipy.linalg import expm
-
-        modes = self.modes(key)
-        if not modes.nonlinear.any() and not self.system.products and not self.system.remembers:
-            return np.asarray(expm(modes.A * time) @ x)
-        rough, pieces = self._stepped(x, key, time, 1), 2
-        while True:
-            fine = self._stepped(x, key, time, pieces)
-            missed = (fine - rough) / 15.0
-            if pieces == _MOST or np.all(np.abs(missed) <= _FINE * (np.abs(fine) + np.abs(fine - x))):
-                return np.asarray(fine + missed)
-            rough, pieces = fine, 2 * pieces
-
-    def _stepped(self, x: Array, key: int, time: float, pieces: int) -> Array:
-        """Return state x after `time` in so many steps of order 4."""
-        h = time / pieces
-        for _ in range(pieces):
-            a = self.rate(x, key)
-            b = self.rate(x + 0.5 * h * a, key)
-            c = self.rate(x + 0.5 * h * b, key)
-            x = x + h / 6.0 * (a + 2.0 * (b + c) + self.rate(x + h * c, key))
-        return x
-
-    def carried(self, x: Array, time: float, keep: bool = False, ticks: int | None = None) -> Carried:
-        """Return the end of a run from x over `time` [s], or over a number of ticks; `keep`: with the states at its
-        ticks [tick, n].
-        """
-        motion, step = self.motion, self.step
-        motion.restart(x)
-        first = motion.key
-        if ticks is None:
-            ticks = self._ticks if abs(time - self._ticks * step) < _NEAR * step else round(time / step)
-            self._ticks = ticks
-        else:
-            time = ticks * step
-        events: list[tuple[float, Event]] = []
-        states, values = [x[None].copy()], []
-        between = motion.system.linear is False and ticks > _AFTER_END
-        more = _AFTER_END if between else 0
-        done, end, key = 0, x, first
-        while done < ticks:
-            count = min(_LONGEST, ticks - done)
-            motion.advance(count + more if done + count == ticks else count)
-            events += [((e.tick + e.place) * step, e) for e in motion.events()]
-            if keep:
-                states.append(motion.states[:count].copy())
-                values.append(motion.outputs_at(motion.states[:count], motion.mode_sets_of_states[:count]))
-            end = motion.states[count - 1].copy()
-            key = motion.mode_sets.keys[int(motion.mode_sets_of_states[count - 1])]
-            done += count
-        rest = time - ticks * step
-        if rest:
-            near = slice(-2 * _AFTER_END, None)
-            last, sets = motion.states[near], motion.mode_sets_of_states[near]
-            if between and len(last) == 2 * _AFTER_END and (sets == sets[0]).all() and self._slow(key):
-                weights = _interpolation(_AFTER_END - 1 + rest / step)
-                end = weights @ last
-            else:
-                end = self.within(end, key, rest)
-        met = tuple(event for event in events if event[0] <= ticks * step)
-        if not keep:
-            return Carried(end, first, key, met, end[None], np.zeros(0))
-        outputs = np.concatenate(values).T if values else np.zeros((0, 0))
-        series = outputs[0] if len(outputs) else np.zeros(0)
-        return Carried(end, first, key, met, np.concatenate(states), series)
-
-    def _slow(self, key: int) -> bool:
-        """Whether eight ticks resolve every mode of a mode set."""
-        return self._fastest_of(key) * self.step < _RESOLVED
-
-    def _fastest_of(self, key: int) -> float:
-        """The largest rate [1/s] of a mode set."""
-        if key not in self._fastest:
-            self._fastest[key] = float(np.abs(np.linalg.eigvals(self.modes(key).A)).max())
-        return self._fastest[key]
-
-    def stuck(self, key: int, p: int) -> bool:
-        """Whether contact p sticks in mode set `key`."""
-        patches, normals, *_ = self.system.modes(key)
-        return patches[p] == STICK and self.closed(key, p, normals)
-
-    def closed(self, key: int, p: int, normals: Sequence[int] = ()) -> bool:
-        """Whether contact p is loaded in mode set `key`."""
-        modes = normals or self.system.modes(key)[1]
-        return any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, modes))
-
-
-def _at_rest(system: System, x: Array) -> Array:
-    """A state with its driving states, and the structure at zero."""
-    out = x.copy()
-    out[: system.one] = 0.0
-    return out
-
-
-def _interpolation(place: float) -> Array:
-    """Weights of equidistant values 0, 1, 2, ... for the value at a place between them (Lagrange)."""
-    away = np.tile(place - _NODES, (len(_NODES), 1))
-    np.fill_diagonal(away, 1.0)
-    return np.asarray(np.prod(away / _APART, axis=1))
-
-
 class Family:
-    """A rig over the parameters `axes`: one flow for each set of values, of which the last are kept.
+    """A rig over the parameters `axes`: one free rig for each set of values, of which the last are kept.
 
     A parameter that is an actuator becomes a state, so that its values need no new matrices.
     """
 
-    def __init__(self, scene: Scene, axes: Sequence[Axis] = (), output: str = "") -> None:
-        self.scene, self.axes, self.output = scene, tuple(axes), output
-        self._kept: OrderedDict[tuple[float, ...], Flow] = OrderedDict()
+    def __init__(self, scene: Scene, axes: Sequence[Axis] = (), read: Sequence[str] = ()) -> None:
+        self.scene, self.axes, self.read = scene, tuple(axes), tuple(read)
+        self._kept: OrderedDict[tuple[float, ...], FreeRig] = OrderedDict()
         self._commanded = self._with_commands()
-        self._only: Flow | None = None
+        self._only: FreeRig | None = None
 
     @classmethod
-    def of(cls, flow: Flow) -> Family:
+    def of(cls, rig: FreeRig) -> Family:
         """Return the family of one rig without parameters."""
-        family = cls(flow.scene)
-        family._only = flow
+        family = cls(rig.scene)
+        family._only = rig
         return family
 
-    def flow(self, values: tuple[float, ...]) -> Flow:
+    def rig(self, values: tuple[float, ...]) -> FreeRig:
         """Return the rig with these values. Raises SceneError where the scene refuses them."""
         if self._only is not None:
             return self._only
@@ -343,7 +112,7 @@ class Family:
         self._kept.move_to_end(values)
         return self._kept[values]
 
-    def rig(self, values: tuple[float, ...]) -> Scene:
+    def scene_at(self, values: tuple[float, ...]) -> Scene:
         """Return the scene with these values."""
         return self.scene.with_values({axis.key: value for axis, value in zip(self.axes, values)})
 
@@ -365,20 +134,20 @@ class Family:
         held = {**dict.fromkeys(moved, "held"), **scene.moved}
         return assembled_rig(scene.parameters, scene.frame_ns, held, random=False, limits=scene.limits)
 
-    def _made(self, values: tuple[float, ...]) -> Flow:
+    def _made(self, values: tuple[float, ...]) -> FreeRig:
         fixed = tuple(v for axis, v in zip(self.axes, values) if axis.key not in self._commanded)
-        for known, flow in self._kept.items():
+        for known, rig in self._kept.items():
             if self._commanded and fixed == tuple(
                 v for axis, v in zip(self.axes, known) if axis.key not in self._commanded
             ):
-                start = flow.system.start.copy()
+                start = rig.system.start.copy()
                 for axis, value in zip(self.axes, values):
                     if axis.key in self._commanded:
-                        given = flow.assembly.inputs[axis.key]
-                        start[[flow.system.names.index(name) for name in (given.state, given.lagging) if name]] = value
-                return flow.commanded(start)
-        scene = self.rig(values)
-        return Flow(scene, self.assembled(scene, self._commanded), output=self.output)
+                        given = rig.assembly.inputs[axis.key]
+                        start[[rig.system.names.index(name) for name in (given.state, given.lagging) if name]] = value
+                return rig.commanded(start)
+        scene = self.scene_at(values)
+        return FreeRig(scene, self.assembled(scene, self._commanded), tolerance=TIGHT, read=self.read)
 
 
 def same(a: System, b: System) -> bool:
@@ -420,7 +189,7 @@ class ReturnMap:
     """The return map of a family of rigs over its first parameter; the unknowns are u = (x / size, T / T0, p / P0).
 
     `size` [i]: of each moving state. `others`: values of the further parameters. `period`: of the generator as a
-    function of the flow, for a forced motion. `key`: mode set of the base point, in which contacts that stick are held.
+    function of the rig, for a forced motion. `key`: mode set of the base point, in which contacts that stick are held.
     `cuts`: ticks and mode sets at which further parts of the period begin; their states follow those of the base in u.
     """
 
@@ -431,7 +200,7 @@ class ReturnMap:
         T0: float,
         P0: float,
         others: tuple[float, ...] = (),
-        period: Callable[[Flow], float] | None = None,
+        period: Callable[[FreeRig], float] | None = None,
         phase: float = 0.0,
         key: int | None = None,
         cuts: tuple[tuple[int, int], ...] = (),
@@ -440,32 +209,32 @@ class ReturnMap:
         self.period, self.phase, self.key, self.cuts = period, phase, key, cuts
         self.runs = self.steps = 0  # of the map, of Newton's method
 
-    def flow(self, u: Array) -> Flow:
+    def rig(self, u: Array) -> FreeRig:
         """Return the rig at the parameter of u."""
-        return self.family.flow((float(u[-1] * self.P0), *self.others))
+        return self.family.rig((float(u[-1] * self.P0), *self.others))
 
     def state(self, u: Array, part: int = 0) -> Array:
         """Return all states at u, at the begin of a part."""
-        flow, n = self.flow(u), len(self.size)
+        rig, n = self.rig(u), len(self.size)
         tick, key = self.cuts[part - 1] if part else (0, self.key)
-        x = flow.settled.copy()
+        x = rig.settled.copy()
         if self.period is not None:
-            x = driven(flow, self.phase * u[-2] * self.T0 + tick * flow.step)
-        x[flow.moving] = u[part * n : (part + 1) * n] * self.size
-        if key is not None and STICK in flow.system.modes(key)[0]:
-            x = flow.modes(key).landing @ x
+            x = driven(rig, self.phase * u[-2] * self.T0 + tick * rig.step)
+        x[rig.moving] = u[part * n : (part + 1) * n] * self.size
+        if key is not None and STICK in rig.system.modes(key)[0]:
+            x = rig.modes(key).landing @ x
         return x
 
     def unknowns(self, x: Array, T: float, p: float) -> Array:
         """Return u."""
-        flow = self.family.flow((p, *self.others))
-        return np.concatenate([x[flow.moving] / self.size, [T / self.T0, p / self.P0]])
+        rig = self.family.rig((p, *self.others))
+        return np.concatenate([x[rig.moving] / self.size, [T / self.T0, p / self.P0]])
 
     def end(self, u: Array, keep: bool = False) -> Carried:
         """Return the run of one period from u."""
         self.runs += 1
         parts = [self.part(u, i, keep) for i in range(len(self.cuts) + 1)]
-        return _joined(parts, [tick * self.flow(u).step for tick in self.ticks]) if self.cuts else parts[0]
+        return _joined(parts, [tick * self.rig(u).step for tick in self.ticks]) if self.cuts else parts[0]
 
     @property
     def ticks(self) -> list[int]:
@@ -474,14 +243,14 @@ class ReturnMap:
 
     def part(self, u: Array, number: int, keep: bool = False) -> Carried:
         """Return the run of one part of the period from u."""
-        flow, ticks, x = self.flow(u), self.ticks, self.state(u, number)
+        rig, ticks, x = self.rig(u), self.ticks, self.state(u, number)
         if number < len(self.cuts):
-            return flow.carried(x, 0.0, keep, ticks[number + 1] - ticks[number])
-        return flow.carried(x, float(u[-2] * self.T0) - ticks[number] * flow.step, keep)
+            return rig.carried(x, 0.0, keep, ticks[number + 1] - ticks[number])
+        return rig.carried(x, float(u[-2] * self.T0) - ticks[number] * rig.step, keep)
 
     def ends(self, u: Array, end: Carried) -> Array:
         """Return the moving states at the end of each part, over their size [part, i]."""
-        moving = self.flow(u).moving
+        moving = self.rig(u).moving
         return np.array([part.x[moving] / self.size for part in end.parts or (end,)])
 
     def scaled(self, size: Array, T0: float, P0: float) -> ReturnMap:
@@ -498,8 +267,8 @@ class ReturnMap:
 
     def rate(self, u: Array, x: Array, key: int) -> Array:
         """Return the rates of the moving states [i], over their size, per T0."""
-        flow = self.flow(u)
-        return flow.rate(x, key)[flow.moving] / self.size * self.T0
+        rig = self.rig(u)
+        return rig.rate(x, key)[rig.moving] / self.size * self.T0
 
     def derivative(
         self, u: Array, end: Carried | None = None, over_p: bool = True, steps: Sequence[float] = STEPS
@@ -563,7 +332,7 @@ class ReturnMap:
         """Return u + by, with the period of the generator if the motion is forced."""
         out = u + by
         if self.period is not None:
-            out[-2] = self.period(self.flow(out)) / self.T0
+            out[-2] = self.period(self.rig(out)) / self.T0
         return np.asarray(out)
 
     def residual(self, u: Array, end: Carried, reference: Array, along: Array) -> Array:
@@ -589,11 +358,30 @@ class ReturnMap:
 
     def along(self, u: Array) -> Array:
         """Return the direction of the flow at the begin of the last part, of length one."""
-        flow, x, key = self.flow(u), self.state(u, len(self.cuts)), self.cuts[-1][1] if self.cuts else self.key
+        rig, x, key = self.rig(u), self.state(u, len(self.cuts)), self.cuts[-1][1] if self.cuts else self.key
         if key is None:
-            flow.motion.restart(x)
-        f = self.rate(u, x, flow.motion.key if key is None else key)
+            rig.motion.restart(x)
+        f = self.rate(u, x, rig.motion.key if key is None else key)
         return np.asarray(f / max(float(np.linalg.norm(f)), 1e-300))
+
+    def better_base(self, u: Array, run: Carried) -> float | None:
+        """Return the time [s] by which the base has to move into the longest slip; None if it may stay.
+
+        `run`: over a period from u, with its states.
+        """
+        rig, T = self.rig(u), float(u[-2] * self.T0)
+        if not run.events:
+            rows = zip(rig.modes(run.key).sigma, rig.system.slip_rows)
+            slowest = np.min([sigma * (run.states @ row) for sigma, row in rows], axis=0)
+            away = abs(int(slowest.argmin()) / len(slowest) - 0.5)
+            return float(slowest.argmax()) * rig.step if away > _BESIDE else None
+        parts = run.intervals(rig.step, T)
+        first, last = parts[0], parts[-1]
+        spans = [(part.begin, part.end, part.key) for part in parts[1:-1]] + [(last.begin, T + first.end, last.key)]
+        a, b, _ = min(spans, key=lambda span: (len(rig.stuck(span[2])), span[0] - span[1]))
+        base = T if b > T else 0.0
+        inside = min(base - a, b - base) if a <= base <= b else 0.0
+        return None if inside >= _INSIDE * (b - a) else (0.5 * (a + b)) % T
 
     def newton(
         self,
@@ -640,22 +428,58 @@ class ReturnMap:
         raise NoCycle(f"Newton's method does not converge: {last:.1e}")
 
 
-def driven(flow: Flow, later: float) -> Array:
+def closed(
+    family: Family, values: tuple[float, ...], x: Array, period: float, forced: Callable[[FreeRig], float] | None = None
+) -> tuple[ReturnMap, Array, Carried]:
+    """Close the cycle that passes near state x of the rig with these values and returns after about `period` [s].
+
+    Returns the map with its base in the longest slip, the unknowns, and the run over a period. `forced`: the period of
+    the driving states, which are those of the rig at x. Raises NoCycle, NotSmooth.
+    """
+    rig, p = family.rig(values), values[0] if values else 0.0
+    run = _up_to(rig, x, period)
+    size = sizes(np.ptp(run.states, axis=0), rig)
+    map = ReturnMap(family, size, period, abs(p) or 1.0, values[1:], forced, key=run.first)
+    u = map.unknowns(x, period, p)
+    if (later := map.better_base(u, run)) is not None:
+        base = rig.carried(x, 0.0, ticks=round(later / rig.step))
+        map.key = base.key
+        if forced is not None:
+            map.family = Family.of(rig.driven_by(base.x))
+        u = map.unknowns(base.x, period, p)
+    u, end = map.newton(u, parameter(p / map.P0, len(u)), u, map.end(u).met, over_p=False, halvings=_HALVINGS)
+    if len(_up_to(rig, map.state(u), float(u[-2] * map.T0)).events) != len(end.events):
+        raise NoCycle("an event lies in the last part of a tick")
+    return map, u, end
+
+
+def _up_to(rig: FreeRig, x: Array, time: float) -> Carried:
+    """The run from x over the whole ticks that cover `time` [s], with its states and the events until then.
+
+    The rest of a tick, which `FreeRig.carried` integrates, may not contain an event; here it may.
+    """
+    run = rig.carried(x, 0.0, keep=True, ticks=math.ceil(time / rig.step))
+    events = [(at, event) for at, event in run.events if at <= time]
+    later = run.events[len(events) :]
+    return run._replace(events=tuple(events), key=later[0][1].before if later else run.key)
+
+
+def driven(rig: FreeRig, later: float) -> Array:
     """Return the driving states at the start, with generators `later` s on."""
-    x, start = flow.settled.copy(), flow.system.start
-    for a, b, rate in flow.system.generators:
+    x, start = rig.settled.copy(), rig.system.start
+    for a, b, rate in rig.system.generators:
         s, c = math.sin(rate * later), math.cos(rate * later)
         x[a], x[b] = c * start[a] + s * start[b], c * start[b] - s * start[a]
     return x
 
 
-def sizes(span: Array, flow: Flow) -> Array:
+def sizes(span: Array, rig: FreeRig) -> Array:
     """The unit of each moving state: its range `span`, or a small part of the largest range of its kind."""
-    out, nq = span.copy(), len(flow.system.coordinates)
+    out, nq = span.copy(), len(rig.system.coordinates)
     for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):  # metres, metres per second, volts and the like
         if span[kind].size:
             out[kind] = np.maximum(span[kind], 1e-3 * span[kind].max())
-    out = out[flow.moving]
+    out = out[rig.moving]
     return np.asarray(np.where(out > 0.0, out, 1.0))
 
 

@@ -33,7 +33,6 @@ from rig.plants.tip import Parameters
 from rig.record.run import Run
 from rig.record.run_list import drives
 from rig.scenes.scene import Scene
-from rig.solve.records import CLOSED, STICK
 
 _HALF = 0.5
 _SCAN = 1.05  # ratio of neighbouring trial speeds
@@ -109,15 +108,8 @@ def stuck(run: Run) -> NDArray[np.bool_] | None:
         return None
     keys, where = np.unique(run.mode, return_inverse=True)
     system = Scene.from_json(run.scene_text()).assemble().system()
-    stick = np.array([key >= 0 and sticks(system, int(key)) for key in keys], np.bool_)
+    stick = np.array([key >= 0 and bool(system.stuck(int(key))) for key in keys], np.bool_)
     return np.asarray(stick[where.ravel()])
-
-
-def sticks(system: System, key: int) -> bool:
-    """Return whether a loaded contact sticks in a mode set."""
-    patches, normals, *_ = system.modes(key)
-    loaded = {k.patch for k, mode in zip(system.normals, normals) if mode == CLOSED}
-    return any(mode == STICK and p in loaded for p, mode in enumerate(patches))
 
 
 def _sticks_by_text(system: System, words: str) -> bool:

@@ -25,7 +25,7 @@ from rig.model.film import Film
 from rig.model.friction_law import Law
 from rig.solve.column_blocks import LANE, entries_of, zeros
 from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, MemoryTables, ProductTables
-from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN, SLIP_MINUS
+from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN, SLIP_MINUS, STICK
 
 Array = NDArray[np.float64]
 Level = Literal["info", "warning", "error"]
@@ -452,6 +452,12 @@ class System:
             out.append(modes[: len(parts)])
             modes = modes[len(parts) :]
         return out[0], out[1], out[2], out[3], out[4]
+
+    def stuck(self, key: int) -> tuple[int, ...]:
+        """The patches that stick in a mode set while a normal force presses them."""
+        patches, normals, *_ = self.modes(key)
+        loaded = {k.patch for k, mode in zip(self.normals, normals) if mode == CLOSED}
+        return tuple(p for p, mode in enumerate(patches) if mode == STICK and p in loaded)
 
     @cached_property
     def _decoded(self) -> dict[int, list[int]]:

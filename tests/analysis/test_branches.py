@@ -206,7 +206,7 @@ def test_differences_are_small_where_the_return_map_bends():
         Start(0.006396267467964081, {"x": 0.00023809931492880694, "x'": -0.001594241942984271}, 0.02447963387637019),
     )
     beside = [np.append(np.zeros(3), sign * 1e-7) for sign in (1.0, -1.0)]
-    ends = [at.map.end(at.u + by).x[at.flow.moving] / at.map.size for by in beside]
+    ends = [at.map.end(at.u + by).x[at.rig.moving] / at.map.size for by in beside]
     assert at.map.derivative(at.u, at.end).over_p[0] == pytest.approx((ends[0] - ends[1]) / 2e-7, rel=3e-4)
 
 
@@ -432,7 +432,7 @@ def test_a_threshold_in_four_dimensions_is_that_of_a_protocol_with_a_knock(tmp_p
     there, back = edge.knocks()
     assert not edge.planar
     assert (there.confirmed, back.confirmed, back.back) == (True, True, True)
-    at_rest = edge.sliding.x[edge.flow.system.names.index("x")]
+    at_rest = edge.sliding.x[edge.rig.system.names.index("x")]
     for share, vibrates in ((0.999, False), (1.001, True)):
         (tmp_path / "knock.toml").write_text(
             'format = 1\ntitle = "A knock"\nbased_on = "belt_tuned_mass"\ndrive = { speed = "0.2 m/s" }\n'
@@ -512,7 +512,7 @@ def test_stick_slip_beside_a_steep_law_ends_at_a_canard(tmp_path, scene, low, hi
     family = Family(lab.load(scene, {"limits": "none"}), [result.axis])
     while high - low > 1e-9 * high:
         middle = 0.5 * (low + high)
-        flow = family.flow((middle,))
+        flow = family.rig((middle,))
         settled = flow.carried(stuck(flow.system, steady(flow.system, flow.key).x), 1.5).x
         low, high = (middle, high) if flow.carried(settled, 0.2).events else (low, middle)
     assert canard == pytest.approx(low, rel=1e-8)
@@ -537,7 +537,7 @@ def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):
     family = Family(scene, [Axis.parse("drive.speed=0.97 rpm:0.98 rpm", scene, count=2)])
 
     def settled(value):
-        flow = family.flow((value,))
+        flow = family.rig((value,))
         x = stuck(flow.system, steady(flow.system, flow.key).x)
         return flow, flow.carried(x, 1.0).x
 
@@ -613,7 +613,7 @@ def test_the_end_of_stick_slip_lies_between_two_simulations(tmp_path, scene, cha
     )
     lives = []
     for value in (end * (1.0 + within), end * (1.0 - within)):
-        flow = family.flow((value,))
+        flow = family.rig((value,))
         x = flow.settled.copy()
         x[flow.moving] = [cycle.state[flow.system.names[i]] for i in flow.moving]
         lives.append(bool(flow.carried(flow.carried(x, 500.0 * cycle.period).x, 20.0 * cycle.period).events))

@@ -63,7 +63,7 @@ def test_a_belt_that_runs_backwards_mirrors_the_cycle():
 
 
 def test_a_squeal_that_lift_off_bounds_is_a_cycle_that_attracts():
-    """Its slowest disturbance dies away with 1.6 1/s, 2000 times in a period: the search has to wait for it."""
+    """Its slowest disturbance dies away with 1.6 1/s, a 2000th in a period: simulation alone would take seconds."""
     told = []
     found = limit_cycle(rig.load("brake_3400"), watch=lambda now, drift: told.append((now, drift)))
     assert found.found
@@ -76,7 +76,9 @@ def test_a_squeal_that_lift_off_bounds_is_a_cycle_that_attracts():
     assert "more of size" in found.floquet.text()
     times, drifts = zip(*told)
     assert list(times) == sorted(times)
-    assert drifts[-1] <= 1e-9 < drifts[len(drifts) // 2]
+    assert drifts[-1] <= 1e-2  # from there Newton's method closes it
+    assert found.newton > 0
+    assert found.repeats <= 1e-9
 
 
 @pytest.mark.slow
@@ -139,9 +141,11 @@ def test_what_does_not_repeat_ends_after_so_many_mode_changes(monkeypatch):
     found = limit_cycle(rig.load("brake"))
     assert not found.found
     assert not found.decided
-    assert found.why.startswith("undecided: the motion does not repeat within 0.1")
-    assert "s and 20" in found.why
-    assert "--longest 0.6" in found.why
+    within, changes = re.match(
+        r"undecided: the motion does not repeat within (\S+) s and (\d+) mode", found.why
+    ).groups()
+    assert 200 <= int(changes) < 5000  # it is looked at after whole stretches
+    assert float(re.search(r"--longest (\S+),", found.why)[1]) == pytest.approx(4.0 * float(within), rel=0.01)
 
 
 @pytest.mark.parametrize(("name", "speed"), [(n, v) for n in ("seal_p", "seal_l") for v in (9.5, 17.5, 40.0)])

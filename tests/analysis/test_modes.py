@@ -16,7 +16,7 @@ from rig.analysis.averaged import mean_friction
 from rig.analysis.axis import Axis, axes
 from rig.analysis.modes import Mode, modes
 from rig.analysis.regions import regions
-from rig.analysis.return_map import Flow
+from rig.bench.free_rig import TIGHT, FreeRig
 from rig.errors import SceneError, UsageError
 from rig.model import friction_law
 
@@ -167,7 +167,7 @@ def test_a_slow_dither_that_reverses_the_slip_has_the_exponents_of_its_simulatio
     scene = rig.load("two_dof_dither", {"dither.enable": "true", "dither.frequency": 5.0, "dither.amplitude": 14.0})
     found = modes(scene).dithered
     assert found.exists
-    flow = Flow(scene)
+    flow = FreeRig(scene, tolerance=TIGHT)
     x = flow.carried(flow.system.start, 40.0).x
     y, apart = x.copy(), []
     y[:2] += 1e-6

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from rig.analysis.axis import Axis
-from rig.analysis.branches.trace import VIRTUAL, Place, Special, better_base, follow, place
-from rig.analysis.orbit import repeating
-from rig.analysis.return_map import Array, Family, Flow, NoCycle, ReturnMap, driven, parameter, sizes
+from rig.analysis.branches.trace import VIRTUAL, Place, Special, follow, place
+from rig.analysis.repetition import repeating
+from rig.analysis.return_map import Array, Family, NoCycle, ReturnMap, closed, driven, parameter, sizes
+from rig.bench.free_rig import FreeRig
 from rig.errors import UsageError
 from rig.record import reader
 from rig.record.run import Run
@@ -122,11 +123,11 @@ def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
     value = float(recorded.values()[axis.key][0]) if axis.key in recorded.values() else math.nan
     if axis.key == "drive.speed" and speed:
         value = float(run.signals[speed][-1])
-    flow = Family(scene, [axis]).flow((_inside(value, axis),))
-    names, moving = flow.system.names, flow.moving
-    known = {n: o.row for n, o in flow.assembly.outputs.items() if n in run.signals and o.row.keys() <= {*names}}
+    rig = Family(scene, [axis]).rig((_inside(value, axis),))
+    names, moving = rig.system.names, rig.moving
+    known = {n: o.row for n, o in rig.assembly.outputs.items() if n in run.signals and o.row.keys() <= {*names}}
     rows = np.array([[row.get(name, 0.0) for name in names] for row in known.values()]).reshape(-1, len(names))
-    driving = flow.settled.copy()
+    driving = rig.settled.copy()
     driving[moving] = 0.0
     measured = np.array([float(run.signals[name][-1]) for name in known]) - rows @ driving
     if np.linalg.matrix_rank(rows[:, moving]) < len(moving):
@@ -159,15 +160,15 @@ def _alike(recorded: Scene, scene: Scene, axis: Axis) -> None:
 def from_start(family: Family, start: Start, others: tuple[float, ...] = ()) -> Place:
     """Return the place of the cycle that a motion is near to. Raises NoCycle, NotSmooth."""
     values = (start.value, *others)
-    flow = family.flow(values)
-    x = flow.settled.copy()
-    for i in flow.moving:
-        x[i] = start.state[flow.system.names[i]]
+    rig = family.rig(values)
+    x = rig.settled.copy()
+    for i in rig.moving:
+        x[i] = start.state[rig.system.names[i]]
     period = start.period
     if not period:
-        slowest = steady(flow.system, flow.key).time_scales()[1]
-        run = flow.carried(x, _WATCHED * slowest)
-        count, drift = repeating([event for _, event in run.events], flow.step, _REPEATS)
+        slowest = steady(rig.system, rig.key).time_scales()[1]
+        run = rig.carried(x, _WATCHED * slowest)
+        count, drift = repeating([event for _, event in run.events], rig.step, _REPEATS)
         if not count or drift > _REPEATS:
             raise NoCycle("the recorded motion does not repeat")
         times = [time for time, _ in run.events]
@@ -193,9 +194,9 @@ def ends(family: Family, start: Start, to: float, others: tuple[float, ...] = ()
 
 def from_hopf(family: Family, p: float, others: tuple[float, ...] = ()) -> Place:
     """The first place of the cycles that begin at a Hopf point p, in the shape of the undamped mode."""
-    flow = family.flow((p, *others))
-    system, moving = flow.system, flow.moving
-    at = steady(system, flow.key)
+    rig = family.rig((p, *others))
+    system, moving = rig.system, rig.moving
+    at = steady(system, rig.key)
     x, (rates, shapes) = at.x, at.eigenvectors()
     undamped = int(np.where(rates.imag > 0.0, np.abs(rates.real), np.inf).argmin())
     rate, shape = complex(rates[undamped]), shapes[:, undamped]
@@ -203,7 +204,7 @@ def from_hopf(family: Family, p: float, others: tuple[float, ...] = ()) -> Place
     scale = max((abs(row) / speed for row, speed in zip(rows, speeds) if speed > 0.0), default=0.0)
     shape = shape / (scale or float(np.abs(shape).max()))
     shape = shape / np.exp(1j * np.angle(shape[moving[np.abs(shape[moving]).argmax()]]))
-    size = sizes(np.abs(shape), flow)
+    size = sizes(np.abs(shape), rig)
     T = 2.0 * math.pi / rate.imag
     map = ReturnMap(family, size, T, abs(p) or 1.0, others)
     t = np.append(shape.real[moving] / size, [0.0, 0.0])
@@ -217,40 +218,31 @@ def from_hopf(family: Family, p: float, others: tuple[float, ...] = ()) -> Place
 
 def from_motion(family: Family, values: tuple[float, ...], x: Array, period: float) -> Place:
     """The place of the cycle that passes near state x of the rig with these values. Raises NoCycle and NotSmooth."""
-    flow = family.flow(values)
-    run = flow.carried(x, period, keep=True)
-    map = ReturnMap(family, sizes(np.ptp(run.states, axis=0), flow), period, abs(values[0]) or 1.0, values[1:])
-    u = map.unknowns(x, period, values[0])
-    if (later := better_base(map, u, run, period)) is not None:
-        base = flow.carried(x, later)
-        map.key = base.key
-        u = map.unknowns(base.x, period, values[0])
-    closing = parameter(values[0] / map.P0, len(u))
-    u, end = map.newton(u, closing, u, map.end(u).met)
-    return place(map, u, end, closing(u, end)[1], held=True)
+    map, u, end = closed(family, values, x, period)
+    return place(map, u, end, np.append(np.zeros(len(u) - 1), 1.0), held=True)
 
 
-def period_of(flow: Flow) -> float:
+def period_of(rig: FreeRig) -> float:
     """Return the period [s] of the generator of a rig. Raises UsageError without exactly one."""
-    rates = {rate for *_, rate in flow.system.generators}
+    rates = {rate for *_, rate in rig.system.generators}
     if len(rates) != 1:
-        raise UsageError(f"{flow.scene.name}: a forced motion needs one generator, and the rig has {len(rates)}")
+        raise UsageError(f"{rig.scene.name}: a forced motion needs one generator, and the rig has {len(rates)}")
     return 2.0 * math.pi / rates.pop()
 
 
 def from_forced(family: Family, value: float) -> Place:
     """Return the place of the motion with the period of the generator that the rig reaches. Raises NoCycle."""
-    flow = family.flow((value,))
-    T = period_of(flow)
-    x = driven(flow, 0.0)
-    last, run = x, flow.carried(x, T, keep=True)
+    rig = family.rig((value,))
+    T = period_of(rig)
+    x = driven(rig, 0.0)
+    last, run = x, rig.carried(x, T, keep=True)
     for _ in range(_PERIODS):
-        generator = driven(flow, 0.0)
+        generator = driven(rig, 0.0)
         x = generator.copy()
-        x[flow.moving] = run.x[flow.moving]
-        run = flow.carried(x, T, keep=True)
-        size = sizes(np.ptp(run.states, axis=0), flow)
-        if repeats := bool(np.abs((x - last)[flow.moving] / size).max() < _DECAYS):
+        x[rig.moving] = run.x[rig.moving]
+        run = rig.carried(x, T, keep=True)
+        size = sizes(np.ptp(run.states, axis=0), rig)
+        if repeats := bool(np.abs((x - last)[rig.moving] / size).max() < _DECAYS):
             break
         last = x
     times = [0.0, *(t for t, _ in run.events), T]
@@ -258,8 +250,8 @@ def from_forced(family: Family, value: float) -> Place:
     phase = 0.0
     if run.events and min(times[1], T - times[-2]) < _INSIDE * T:  # the base lies beside an event
         phase = 0.5 * (times[widest] + times[widest + 1]) / T
-        x = flow.carried(x, phase * T).x
-    size = np.maximum(size, np.abs(run.states[:, flow.moving]).max(axis=0))  # its mean moves by more than it vibrates
+        x = rig.carried(x, phase * T).x
+    size = np.maximum(size, np.abs(run.states[:, rig.moving]).max(axis=0))  # its mean moves by more than it vibrates
     map = ReturnMap(family, size, T, abs(value) or 1.0, (), period_of, phase)
     u = map.unknowns(x, T, value)
     closing = parameter(value / map.P0, len(u))

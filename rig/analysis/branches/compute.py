@@ -23,7 +23,6 @@ from rig.analysis import eigenvalue_curves as curves
 from rig.analysis.axis import Axis
 from rig.analysis.branches import begin
 from rig.analysis.branches.begin import HOPF, SIMULATION, Start
-from rig.analysis.branches.distances import intervals
 from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, Branch, Branches, Point, SpecialPoint
 from rig.analysis.branches.trace import (
     FAILURES,
@@ -37,8 +36,8 @@ from rig.analysis.branches.trace import (
 )
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.modes import at_rest
-from rig.analysis.orbit import refuse
 from rig.analysis.pool import Store, Work, digest, packed, unpacked
+from rig.analysis.repetition import refuse
 from rig.analysis.return_map import Family, ReturnMap, same
 from rig.analysis.sweep import Critical, Sweep, sweep
 from rig.errors import RigError, UsageError
@@ -210,7 +209,7 @@ class _Computation:
     def __init__(self, job: Job, store: Store, watch: Watch) -> None:
         self.job, self.store, self.watch = job, store, watch
         self.axis = job.axis
-        self.family = Family(job.scene, [job.axis], job.output)
+        self.family = Family(job.scene, [job.axis], [job.output])
         self.low, self.high = job.axis.values[0], job.axis.values[-1]
         self.saved = {unit: unpacked(arrays) for unit, arrays in store.load().items()}
         self.branches: list[Branch] = []
@@ -486,23 +485,20 @@ def _interval(at: Steady, row: dict[str, float]) -> tuple[float, float] | None:
 
 def _point(at: Place) -> Point:
     """The point of a place."""
-    flow, run = at.flow, at.run
-    low, high = -_highest(-run.values, flow.step, at.period), _highest(run.values, flow.step, at.period)
-    stuck = [
-        any(flow.stuck(part.key, p) for p in range(len(flow.system.patches)))
-        for part in intervals(flow, run, at.period)
-    ]
-    times = [part.end - part.begin for part in intervals(flow, run, at.period)]
+    rig, run = at.rig, at.run
+    (values,) = run.values
+    low, high = -_highest(-values, rig.step, at.period), _highest(values, rig.step, at.period)
+    stick = sum(part.end - part.begin for part in run.intervals(rig.step, at.period) if rig.stuck(part.key))
     return Point(
         at.p,
         low,
         high,
         stable=not at.unstable,
         period=at.period,
-        stick=sum(t for t, sticks in zip(times, stuck) if sticks) / at.period,
+        stick=stick / at.period,
         multipliers=at.multipliers[0],
         residual=missed(at),
-        state=dict(zip(flow.system.names, at.map.state(at.u).tolist())),
+        state=dict(zip(rig.system.names, at.map.state(at.u).tolist())),
     )
 
 

@@ -37,7 +37,8 @@ from rig.analysis.branches.trace import (
 )
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
-from rig.analysis.return_map import Carried, Family
+from rig.analysis.return_map import Family
+from rig.bench.free_rig import Carried
 from rig.errors import UsageError
 from rig.machine.files import csv_table
 from rig.printable import columns
@@ -234,7 +235,7 @@ def _specials(job: Job, family: Family, q: float) -> Iterator[Special]:
 
 def _beginnings(job: Job, family: Family, q: float) -> Iterator[Place]:
     """First places of cycles at a value of the second parameter: Hopf points, else a simulation."""
-    scene = family.rig((job.axis.values[0], q))
+    scene = family.scene_at((job.axis.values[0], q))
     hopf = eigenvalue_curves.roots(job.axis.values, _growths(job, scene))
     for p in hopf:
         try:

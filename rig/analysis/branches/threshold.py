@@ -22,8 +22,9 @@ from rig.analysis.branches.begin import Start, from_start
 from rig.analysis.branches.result import CYCLES, Branch, Branches
 from rig.analysis.branches.trace import Place, follow
 from rig.analysis.cycle import Rest, stuck
-from rig.analysis.orbit import repeating
-from rig.analysis.return_map import Family, Flow
+from rig.analysis.repetition import repeating
+from rig.analysis.return_map import Family
+from rig.bench.free_rig import TIGHT, FreeRig
 from rig.errors import UsageError
 from rig.printable import columns, counted
 from rig.scenes.scene import Scene
@@ -94,32 +95,32 @@ def interval(share: float, count: int) -> tuple[float, float]:
 
 def slides(scene: Scene) -> tuple[bool | None, str]:
     """Return whether the plant comes to slide from the start of its scene, by simulation; None, and why: undecided."""
-    flow = Family(scene).flow(())
-    sliding = steady(flow.system, flow.key)
-    rest = Rest(sliding, stuck(flow.system, sliding.x))
+    rig = Family(scene).rig(())
+    sliding = steady(rig.system, rig.key)
+    rest = Rest(sliding, stuck(rig.system, sliding.x))
     if not rest.stable:
         return False, ""
-    x = flow.settled.copy()
-    x[flow.moving] = flow.system.start[flow.moving]
+    x = rig.settled.copy()
+    x[rig.moving] = rig.system.start[rig.moving]
     time = _PERIODS * 2.0 * math.pi / abs(rest.least)
-    ends = _ends(flow, rest, x, time)
+    ends = _ends(rig, rest, x, time)
     return ends, "" if ends is not None else f"neither sliding nor a vibration that repeats after {_MOST * time:.4g} s"
 
 
 def _ends(
-    flow: Flow, rest: Rest, x: Array, time: float, known: Callable[[Array], bool | None] = lambda x: None
+    rig: FreeRig, rest: Rest, x: Array, time: float, known: Callable[[Array], bool | None] = lambda x: None
 ) -> bool | None:
     """Whether the motion from x comes to slide, by simulation in pieces of `time` [s]; None: undecided.
 
     `known`: what is known of a state after a piece with events.
     """
     for _ in range(_MOST):
-        run = flow.carried(x, time)
+        run = rig.carried(x, time)
         if run.events and (ends := known(run.x)) is not None:
             return ends
         if not run.events and rest.reached(run.x):
             return True
-        count, drift = repeating([event for _, event in run.events], flow.step, _REPEATS)
+        count, drift = repeating([event for _, event in run.events], rig.step, _REPEATS)
         if count and drift <= _REPEATS:
             return False
         x = run.x
@@ -148,12 +149,12 @@ class Threshold:
         axis = branches.axis
         self.value, self.text_of_value, self.knock = value, axis.text(value), knock
         self.ranges: dict[str, tuple[float | str, float | str]] = {}
-        self.family = Family(branches.scene, [axis], branches.output)
-        self.flow, self.pulse = self._pulsed(knock)
-        self.sliding: Steady = steady(self.flow.system, self.flow.key)
+        self.family = Family(branches.scene, [axis], [branches.output])
+        self.rig, self.pulse = self._pulsed(knock)
+        self.sliding: Steady = steady(self.rig.system, self.rig.key)
         candidates = [(branch, point) for branch, point in branches.at(value) if branch.kind == CYCLES]
         unstable = [entry for entry in candidates if not entry[1].stable]
-        if not unstable or not Rest(self.sliding, stuck(self.flow.system, self.sliding.x)).stable:
+        if not unstable or not Rest(self.sliding, stuck(self.rig.system, self.sliding.x)).stable:
             raise UsageError(
                 f"{branches.scene.name}: there is no unstable cycle at {axis.key} = {self.text_of_value} beside stable "
                 "sliding; branches with dashed lines show where there is one"
@@ -163,7 +164,7 @@ class Threshold:
             raise UsageError(f"knock {knock}: is too long; at most {_LONGEST} periods of the unstable cycle")
         stable = [entry for entry in candidates if entry[1].stable]
         self.stable = self._place(stable[0][0]) if stable else None
-        self.rest = Rest(self.sliding, stuck(self.flow.system, self.sliding.x))
+        self.rest = Rest(self.sliding, stuck(self.rig.system, self.sliding.x))
 
     def _place(self, branch: Branch) -> Place:
         """The cycle at the value, from its neighbours on the branch."""
@@ -186,22 +187,22 @@ class Threshold:
     @property
     def planar(self) -> bool:
         """Whether the threshold is a closed curve around sliding in a plane."""
-        return len(self.flow.moving) == 2 and not self.unstable.end.events
+        return len(self.rig.moving) == 2 and not self.unstable.end.events
 
     @cached_property
     def curve(self) -> Array:
         """The unstable cycle [point, moving state], closed; between ticks by cubic Hermite polynomials."""
-        flow, run = self.flow, self.unstable.run
+        rig, run = self.rig, self.unstable.run
         ends = np.vstack([run.states, run.states[:1]])
-        rates = np.array([flow.rate(x, run.key) for x in ends])
-        steps = np.full(len(ends) - 1, flow.step)
-        steps[-1] = self.unstable.period - flow.step * (len(run.states) - 1)
+        rates = np.array([rig.rate(x, run.key) for x in ends])
+        steps = np.full(len(ends) - 1, rig.step)
+        steps[-1] = self.unstable.period - rig.step * (len(run.states) - 1)
         u = np.linspace(0.0, 1.0, max(math.ceil(_CURVE / len(steps)), 2), endpoint=False)[None, :, None]
-        a, b = ends[:-1, None, flow.moving], ends[1:, None, flow.moving]
-        da, db = (rates[part][:, None, flow.moving] * steps[:, None, None] for part in (slice(-1), slice(1, None)))
+        a, b = ends[:-1, None, rig.moving], ends[1:, None, rig.moving]
+        da, db = (rates[part][:, None, rig.moving] * steps[:, None, None] for part in (slice(-1), slice(1, None)))
         between = (1.0 + 2.0 * u) * (1.0 - u) ** 2 * a + u * (1.0 - u) ** 2 * da
         between = between + u**2 * (3.0 - 2.0 * u) * b + u**2 * (u - 1.0) * db
-        points = between.reshape(-1, len(flow.moving))
+        points = between.reshape(-1, len(rig.moving))
         return np.vstack([points, points[:1]])
 
     def inside(self, starts: Array) -> NDArray[np.bool_]:
@@ -225,23 +226,23 @@ class Threshold:
         return self._slides(self._state(moving))
 
     def _state(self, moving: Array) -> Array:
-        x = self.flow.settled.copy()
-        x[self.flow.moving] = moving
+        x = self.rig.settled.copy()
+        x[self.rig.moving] = moving
         return x
 
     def _slides(self, x: Array) -> bool:
         def known(x: Array) -> bool | None:  # outside of the curve for good
-            return self.rest.reached(x) or bool(self.inside(x[self.flow.moving][None])[0]) if self.planar else None
+            return self.rest.reached(x) or bool(self.inside(x[self.rig.moving][None])[0]) if self.planar else None
 
-        ends = _ends(self.flow, self.rest, x, _PERIODS * self.unstable.period, known)
-        return bool(self.rest.share(x) < self.rest.share(self.flow.settled)) if ends is None else ends
+        ends = _ends(self.rig, self.rest, x, _PERIODS * self.unstable.period, known)
+        return bool(self.rest.share(x) < self.rest.share(self.rig.settled)) if ends is None else ends
 
-    def _pulsed(self, knock: str) -> tuple[Flow, Pulse | None]:
+    def _pulsed(self, knock: str) -> tuple[FreeRig, Pulse | None]:
         """The rig with an actuator as a state, and the pulse; without a knock the rig as it is."""
         if not knock:
-            return self.family.flow((self.value,)), None
+            return self.family.rig((self.value,)), None
         name, _, time = knock.strip().partition(" ")
-        scene = self.family.rig((self.value,))
+        scene = self.family.scene_at((self.value,))
         assembly = self.family.assembled(scene, {name})
         actuator = assembly.inputs.get(name)
         try:
@@ -251,34 +252,34 @@ class Threshold:
         if actuator is None or not actuator.state or not duration > 0.0:
             known = ", ".join(key for key, entry in assembly.inputs.items() if entry.state or key != name)
             raise UsageError(f"knock {knock}: expected an actuator of {scene.name} ({known}) and a duration above 0 s")
-        flow = Flow(scene, assembly)
-        state = flow.system.names.index(actuator.state)
-        now = float(flow.settled[state])
-        return flow, Pulse(state, actuator.unit, duration, (actuator.high - now, now - actuator.low))
+        rig = FreeRig(scene, assembly, tolerance=TIGHT)
+        state = rig.system.names.index(actuator.state)
+        now = float(rig.settled[state])
+        return rig, Pulse(state, actuator.unit, duration, (actuator.high - now, now - actuator.low))
 
     def struck(self, x: Array, size: float) -> Array:
         """Return the state after a knock in state x: an impulse [N s], or the pulse of the actuator."""
-        after, flow, pulse = x.copy(), self.flow, self.pulse
+        after, rig, pulse = x.copy(), self.rig, self.pulse
         if pulse is None:
-            nq = len(flow.system.coordinates)
-            after[nq : 2 * nq] += size * np.linalg.solve(flow.system.mass, flow.system.strike)
+            nq = len(rig.system.coordinates)
+            after[nq : 2 * nq] += size * np.linalg.solve(rig.system.mass, rig.system.strike)
             return after
         after[pulse.state] += size
-        after = flow.carried(after, pulse.duration).x.copy()
+        after = rig.carried(after, pulse.duration).x.copy()
         after[pulse.state] -= size
         return after
 
     def knocks(self) -> list[Knock]:
         """Return the least knocks from sliding, and back from the stable cycle, each confirmed by simulation."""
-        flow = self.flow
-        if self.pulse is None and not flow.system.strike.any():
-            raise UsageError(f"{flow.scene.name}: its plant states no place for a knock; name an actuator")
-        knocks = self._least([(self._state(self.sliding.x[flow.moving]), 0.0)], back=False)
+        rig = self.rig
+        if self.pulse is None and not rig.system.strike.any():
+            raise UsageError(f"{rig.scene.name}: its plant states no place for a knock; name an actuator")
+        knocks = self._least([(self._state(self.sliding.x[rig.moving]), 0.0)], back=False)
         if self.stable is not None:
             states = self.stable.run.states
             stride = max(len(states) // (_PHASES if self.planar and self.pulse is None else _SIMULATED), 1)
-            moving = states[::stride, self.stable.flow.moving]
-            knocks += self._least([(self._state(x), i * stride * flow.step) for i, x in enumerate(moving)], back=True)
+            moving = states[::stride, self.stable.rig.moving]
+            knocks += self._least([(self._state(x), i * stride * rig.step) for i, x in enumerate(moving)], back=True)
         return knocks
 
     def _least(self, starts: Sequence[tuple[Array, float]], back: bool) -> list[Knock]:
@@ -294,7 +295,7 @@ class Threshold:
 
     def _crossings(self, starts: Sequence[tuple[Array, float]], back: bool) -> list[tuple[float, tuple[Array, float]]]:
         """The impulses that lead to the closed curve."""
-        moving = self.flow.moving
+        moving = self.rig.moving
         out = []
         for start in starts:
             direction = (self.struck(start[0], 1.0) - start[0])[moving]
@@ -305,8 +306,8 @@ class Threshold:
     def _simulated(self, starts: Sequence[tuple[Array, float]], back: bool) -> list[tuple[float, tuple[Array, float]]]:
         """The same by simulation: of sizes that grow step by step up to the first that leads to the other motion."""
         if self.pulse is None:
-            unit = (self.struck(starts[0][0], 1.0) - starts[0][0])[self.flow.moving]
-            span = np.ptp(self.unstable.run.states, axis=0)[self.unstable.flow.moving]
+            unit = (self.struck(starts[0][0], 1.0) - starts[0][0])[self.rig.moving]
+            span = np.ptp(self.unstable.run.states, axis=0)[self.unstable.rig.moving]
             moved = np.abs(unit) > _NEVER * np.abs(unit).max()
             rooms = (_BEYOND * float((span[moved] / np.abs(unit[moved])).min()),) * 2
         else:
@@ -345,10 +346,10 @@ class Threshold:
 
     def drawn(self, ranges: Mapping[str, tuple[float | str, float | str]], count: int, seed: int = 1) -> Array:
         """Draw starts [count, moving state], uniform in `ranges` (state -> ends); other states are those of sliding."""
-        names = [self.flow.system.names[i] for i in self.flow.moving]
+        names = [self.rig.system.names[i] for i in self.rig.moving]
         if unknown := [name for name in ranges if name not in names]:
             raise UsageError(f"start {unknown[0]}: is no state of the rig; known: {', '.join(names)}")
-        starts = np.tile(self.sliding.x[self.flow.moving], (count, 1))
+        starts = np.tile(self.sliding.x[self.rig.moving], (count, 1))
         draw = np.random.default_rng(seed)
         for name, ends in ranges.items():
             low, high = (si(end, "1") if isinstance(end, str) else float(end) for end in ends)

@@ -17,15 +17,13 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from rig.analysis.branches.distances import distances, intervals
+from rig.analysis.branches.distances import distances
 from rig.analysis.return_map import (
     CLOSE,
     CLOSED_TO,
     FLAT,
     Array,
-    Carried,
     Derivative,
-    Flow,
     NoCycle,
     NotSmooth,
     ReturnMap,
@@ -34,6 +32,7 @@ from rig.analysis.return_map import (
     sizes,
     word,
 )
+from rig.bench.free_rig import Carried, FreeRig
 from rig.errors import NumericsError, SceneError
 from rig.stability.linearisation import linearised, own_law, steady
 
@@ -49,7 +48,6 @@ _GROWTH, _EASY = 1.5, 6  # of the step, after a Newton iteration of at most so m
 _EDGE = 1e-11  # of the same size: how closely a boundary is located
 _ROUNDS = 40
 _BESIDE = 1e-6  # along the branch: the derivative of the return map is still the same
-_INSIDE = 0.25  # of the longest slip: the base is no closer to an event
 _SPLITS = 1e3  # a part that magnifies differences by more is cut
 _PART, _SAMPLES = 20.0, 400  # growth in a part that is cut, and states of a period by which it is estimated
 _AWAY, _SOON = 3.0, 1e-9  # ticks: no part begins closer to an event; seconds: times that are the same
@@ -112,13 +110,13 @@ class Place:
         return self.map.end(self.u, keep=True)
 
     @property
-    def flow(self) -> Flow:
+    def rig(self) -> FreeRig:
         """The rig."""
-        return self.map.flow(self.u)
+        return self.map.rig(self.u)
 
     def distances(self) -> dict[Name, float]:
         """The distances from other events, by name."""
-        return {d.name: d.value for d in distances(self.flow, self.run, self.period)}
+        return {d.name: d.value for d in distances(self.rig, self.run, self.period)}
 
 
 Measure = Callable[[Place], float]
@@ -197,11 +195,11 @@ def _closed(at: Place, held: bool) -> Place:
 
 def missed(at: Place) -> float:
     """By how much the motion misses its start, beyond the rounding of its states, over the range of each state."""
-    moving, states, parts = at.flow.moving, at.run.states, at.run.parts or (at.run,)
+    moving, states, parts = at.rig.moving, at.run.states, at.run.parts or (at.run,)
     rounding = _ULPS * np.finfo(float).eps * np.abs(states).max(axis=0)
     far = np.max([np.abs(a.x - b.states[0]) for a, b in zip(parts, (*parts[1:], parts[0]))], axis=0)
     far = np.maximum(far - rounding, 0.0)
-    return float((far[moving] / sizes(np.ptp(states, axis=0), at.flow)).max())
+    return float((far[moving] / sizes(np.ptp(states, axis=0), at.rig)).max())
 
 
 def stepped(at: Place, ds: float, met: Met | None) -> tuple[Array, Carried]:
@@ -318,26 +316,26 @@ def _along(
 
 def _linear(at: Place) -> bool:
     """Whether the rig is linear on this cycle: then cycles of any size up to the next event have the same parameter."""
-    flow = at.flow
-    modes = flow.modes(at.end.first)
-    nonlinear = modes.nonlinear.any() or flow.system.products or flow.system.remembers
+    rig = at.rig
+    modes = rig.modes(at.end.first)
+    nonlinear = modes.nonlinear.any() or rig.system.products or rig.system.remembers
     return at.map.period is None and not at.end.events and not nonlinear
 
 
 def _equilibrium(at: Place) -> Array:
     """The unknowns at the equilibrium beside a cycle."""
-    flow = at.flow
-    return at.map.unknowns(steady(flow.system, flow.key).x, at.period, at.p)
+    rig = at.rig
+    return at.map.unknowns(steady(rig.system, rig.key).x, at.period, at.p)
 
 
 def _grown(at: Place) -> Place:
     """The largest of the cycles of a linear rig without an event, less a little."""
-    flow, middle, smallest = at.flow, _equilibrium(at), math.inf
-    rest = steady(flow.system, flow.key).x
+    rig, middle, smallest = at.rig, _equilibrium(at), math.inf
+    rest = steady(rig.system, rig.key).x
     states = at.run.states
-    modes = flow.modes(at.end.first)
-    rows = [s * row for s, row in zip(modes.sigma, flow.system.slip_rows)]
-    rows += [row for row, normal in zip(modes.normal, flow.system.normals) if normal.opens]
+    modes = rig.modes(at.end.first)
+    rows = [s * row for s, row in zip(modes.sigma, rig.system.slip_rows)]
+    rows += [row for row, normal in zip(modes.normal, rig.system.normals) if normal.opens]
     for row in rows:
         reach = -float(((states - rest) @ row).min())
         if reach > 0.0:
@@ -356,7 +354,7 @@ def _shrinks(at: Place, new: Place) -> Special | None:
         return None
     sizes_of = [
         max(float(np.ptp(place.run.states @ row)) / max(abs(float(place.run.states[0] @ row)), 1e-300)
-            for row in place.flow.system.slip_rows)
+            for row in place.rig.system.slip_rows)
         for place in (at, new)
     ]  # fmt: skip
     if not sizes_of[1] < min(_SMALL, sizes_of[0]):
@@ -369,8 +367,8 @@ def _hopf(at: Place) -> float | None:
     """The parameter at which the mode of the frequency of a small cycle is undamped, by the secant method."""
 
     def growth(p: float) -> float:
-        flow = at.map.family.flow((p, *at.map.others))
-        rates = steady(flow.system, flow.key).eigenvalues()
+        rig = at.map.family.rig((p, *at.map.others))
+        rates = steady(rig.system, rig.key).eigenvalues()
         return float(rates[np.abs(rates - 2j * math.pi / at.period).argmin()].real)
 
     from scipy.optimize import newton
@@ -462,7 +460,7 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
         segment.end = Special(kind or "unresolved", at, p, accuracy, contact, why=_change(at.end, other))
         return None
     turns = bool(beyond.t[-1] * at.t[-1] < 0.0 and min(abs(beyond.t[-1]), abs(at.t[-1])) > _LEVEL)
-    kind = _named(at.flow, at.end, beyond.end, kind)
+    kind = _named(at.rig, at.end, beyond.end, kind)
     segment.end = Special(kind, at, p, accuracy, contact or _contact(at.end, beyond.end), turns, name=name)
     return beyond
 
@@ -550,7 +548,7 @@ def zero(at: Place, width: float, back: Place, measure: Measure) -> tuple[Place,
 def of_distance(name: tuple[str, str, int]) -> Measure:
     """Return the measure of one distance."""
     what, _, number = name
-    return lambda at: {d.name: d.value for d in distances(at.flow, at.run, at.period, what, number)}[name]
+    return lambda at: {d.name: d.value for d in distances(at.rig, at.run, at.period, what, number)}[name]
 
 
 def of_turn(at: Place) -> float:
@@ -626,7 +624,7 @@ def _beyond(at: Place, end: Carried, d: Derivative, f: Array) -> Place | None:
     return None
 
 
-def _named(flow: Flow, before: Carried, after: Carried, kind: str) -> str:
+def _named(rig: FreeRig, before: Carried, after: Carried, kind: str) -> str:
     """What happens at a boundary, from the events on both sides; `kind`: from the distance that vanishes."""
 
     def more(event: str) -> int:
@@ -637,18 +635,17 @@ def _named(flow: Flow, before: Carried, after: Carried, kind: str) -> str:
         return kind
     if opens := more(" opens"):
         return "lift-off" if opens > 0 else "end of lift-off"
-    sticks = _sticks(flow, after) - _sticks(flow, before)
+    sticks = _sticks(rig, after) - _sticks(rig, before)
     for count, what in ((sticks, "stick"), (more(" slip ends"), "reversal")):
         if count:
             return f"{'begin' if count > 0 else 'end'} of {what}"
     return kind or "other order of events"
 
 
-def _sticks(flow: Flow, run: Carried) -> int:
+def _sticks(rig: FreeRig, run: Carried) -> int:
     """How often a contact begins to stick in a period."""
     keys = [*(event.before for _, event in run.events), run.key]
-    patches = range(len(flow.system.patches))
-    return sum(flow.stuck(b, p) and not flow.stuck(a, p) for a, b in pairwise(keys) for p in patches)
+    return sum(len({*rig.stuck(b)} - {*rig.stuck(a)}) for a, b in pairwise(keys))
 
 
 def _contact(before: Carried, after: Carried) -> str:
@@ -676,14 +673,14 @@ def _recentred(at: Place) -> Place:
     ticks = at.map.ticks
     large = max(float(np.linalg.norm(part, 2)) for part in at.d.parts) > _SPLITS
     if large or len(ticks) > 1:
-        wanted, events = _cuts(at), [time / at.flow.step for time, _ in at.run.events]
+        wanted, events = _cuts(at), [time / at.rig.step for time, _ in at.run.events]
         if large or len(ticks) > len(wanted) + 1 or any(_beside(tick, events, 0.5) for tick in ticks[1:]):
             if wanted or len(ticks) > 1:
                 return _cut(at, wanted or [0])
         if len(ticks) > 1:
             return at
-    later = better_base(at.map, at.u, at.run, at.period) if at.map.period is None else None
-    return at if later is None else _cut(at, [round(later / at.flow.step)])
+    later = at.map.better_base(at.u, at.run) if at.map.period is None else None
+    return at if later is None else _cut(at, [round(later / at.rig.step)])
 
 
 def _beside(tick: float, events: Sequence[float], share: float = 1.0) -> bool:
@@ -695,21 +692,21 @@ def _cuts(at: Place) -> list[int]:
     """The ticks at which small differences have grown by a further factor `_PART`, by the rates of growth of sliding
     at the states of the run.
     """
-    flow, level, growth, out = at.flow, 0.0, 0.0, []
-    events = [time / flow.step for time, _ in at.run.events]
-    for part in intervals(flow, at.run, at.period):
-        modes = flow.modes(part.key)
-        law, stride = own_law(flow.system, modes), max(len(at.run.states) // _SAMPLES, 1)
+    rig, level, growth, out = at.rig, 0.0, 0.0, []
+    events = [time / rig.step for time, _ in at.run.events]
+    for part in at.run.intervals(rig.step, at.period):
+        modes = rig.modes(part.key)
+        law, stride = own_law(rig.system, modes), max(len(at.run.states) // _SAMPLES, 1)
         for i in range(0, len(part.states), stride):
-            A = linearised(flow.system, modes, part.states[i], law)[0][np.ix_(flow.moving, flow.moving)]
-            growth += max(float(np.linalg.eigvals(A).real.max()), 0.0) * flow.step * stride
+            A = linearised(rig.system, modes, part.states[i], law)[0][np.ix_(rig.moving, rig.moving)]
+            growth += max(float(np.linalg.eigvals(A).real.max()), 0.0) * rig.step * stride
             tick = part.first + i
             if growth > level + math.log(_PART) and 1 < tick < len(at.run.states) - 2 and not _beside(tick, events):
                 out.append(tick)
                 level = growth
     if not out or at.map.period is not None:
         return [0, *out] if out else []
-    round_s = round(at.period / flow.step)
+    round_s = round(at.period / rig.step)
     gaps = [(b - a, i) for i, (a, b) in enumerate(zip(out, [*out[1:], out[0] + round_s]))]
     gap, last = max(gaps)
     middle = next((t for k in range(gap // 3) for t in (out[last] + gap // 2 + k, out[last] + gap // 2 - k)
@@ -727,7 +724,7 @@ def _in_parts(at: Place) -> Place:
 
 def _cut(at: Place, ticks: Sequence[int]) -> Place:
     """The place with parts that begin at these ticks (of the old base), the first of them at the new base."""
-    T, step, begins = at.period, at.flow.step, at.map.ticks
+    T, step, begins = at.period, at.rig.step, at.map.ticks
     after = [round((tick - ticks[0]) * step % T / step) for tick in ticks]  # the new base
 
     def moved(u: Array) -> list[Carried]:
@@ -735,10 +732,10 @@ def _cut(at: Place, ticks: Sequence[int]) -> Place:
         for time in ((ticks[0] + tick) * step for tick in after):
             time -= float(u[-2] * map.T0) if time > T else 0.0
             number = max(i for i, tick in enumerate(begins) if tick * step <= time + _SOON)
-            out.append(map.flow(u).carried(map.state(u, number), time - begins[number] * step))
+            out.append(map.rig(u).carried(map.state(u, number), time - begins[number] * step))
         return out
 
-    new, size, moving = moved(at.u), at.map.size, at.flow.moving
+    new, size, moving = moved(at.u), at.map.size, at.rig.moving
     map = at.map.scaled(size, at.map.T0, at.map.P0)
     map.key = new[0].key if ticks[0] else map.key
     map.cuts = tuple((tick, run.key) for tick, run in zip(after[1:], new[1:]))
@@ -753,31 +750,12 @@ def _cut(at: Place, ticks: Sequence[int]) -> Place:
     return replace(made, step=at.step)
 
 
-def better_base(map: ReturnMap, u: Array, run: Carried, T: float) -> float | None:
-    """The time [s] by which the base has to move; None if it may stay. `run`: over the period T, with its states."""
-    flow = map.flow(u)
-    if not run.events:
-        w = np.min([s * (run.states @ row) for s, row in zip(flow.modes(run.key).sigma, flow.system.slip_rows)], axis=0)
-        away = abs(int(w.argmin()) / len(w) - 0.5)
-        return float(w.argmax()) * flow.step if away > 0.33 else None
-    parts = intervals(flow, run, T)
-    first, last = parts[0], parts[-1]
-    spans = [(part.begin, part.end, part.key) for part in parts[1:-1]] + [(last.begin, T + first.end, last.key)]
-    a, b, _ = min(
-        spans,
-        key=lambda span: (sum(flow.stuck(span[2], p) for p in range(len(flow.system.patches))), span[0] - span[1]),
-    )
-    base = T if b > T else 0.0
-    inside = min(base - a, b - base) if a <= base <= b else 0.0
-    return None if inside >= _INSIDE * (b - a) else (0.5 * (a + b)) % T
-
-
 def _rescaled(at: Place) -> Place:
     """The place in scales of its own size, if it has grown or shrunk."""
     if at.map.period is not None:
         return at
-    flow, run, map = at.flow, at.run, at.map
-    size = sizes(np.ptp(run.states, axis=0), flow)
+    rig, run, map = at.rig, at.run, at.map
+    size = sizes(np.ptp(run.states, axis=0), rig)
     T0, P0 = at.period, abs(at.p) or map.P0
     ratio = np.concatenate([map.size / size, [map.T0 / T0, map.P0 / P0]])
     if np.all((ratio < _RESCALE) & (ratio > 1.0 / _RESCALE)):

@@ -17,10 +17,10 @@ from rig.analysis.map.dither import Boundary, put_together
 from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, checked
 from rig.analysis.map.result import Map, gathered
 from rig.analysis.map.row import units
-from rig.analysis.orbit import refuse
 from rig.analysis.pool import Progress, Store, carry_out
 from rig.analysis.regions import Regions
 from rig.analysis.regions import put_together as put_rows_together
+from rig.analysis.repetition import refuse
 from rig.errors import UsageError
 from rig.scenes.scene import Scene
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -27,11 +27,9 @@ from rig.analysis.averaged import averaged, fast_motion, not_fast
 from rig.analysis.map.job import Job
 from rig.analysis.modes import GENERATOR
 from rig.analysis.pool import Arrays
+from rig.bench.free_rig import FreeRig
 from rig.errors import NumericsError
 from rig.machine.files import csv_table
-from rig.model.method import chosen
-from rig.model.system import System
-from rig.motion.motion import Motion
 from rig.printable import columns
 from rig.results import Result
 from rig.scenes.left_out import left_out
@@ -165,9 +163,11 @@ class _Shaken:
     """A rig with dither of one frequency."""
 
     def __init__(self, scene: Scene, longest: float | None) -> None:
-        self.scene, self.longest = scene, longest
+        self.longest = longest
         parameters = with_values(scene.parameters, {"dither.enable": True})
-        self.system: System = assembled(parameters, scene.frame_ns, {}, random=False).system()
+        assembly = assembled(parameters, scene.frame_ns, {}, random=False)
+        self.rig = FreeRig(scene, assembly)
+        self.system = self.rig.system
         self.sine, self.cosine = (self.system.names.index(name) for name in GENERATOR)
         self.omega = float(self.system.signals[self.sine - self.system.one, self.cosine])
 
@@ -199,19 +199,7 @@ class _Shaken:
         step_ns = round(2.0 * math.pi / self.omega / _SAMPLES * 1e9)
         slowest = 2.0 * math.pi / float(np.abs(rates[np.abs(rates) > 1e-6 * np.abs(rates).max()]).min())
         third = round((self.longest or SLOW * slowest) / 3.0 / (step_ns * 1e-9) / _SAMPLES) * _SAMPLES
-        clock = self.scene.clock
-        motion = Motion(
-            replace(self.system, start=start),
-            step_ns,
-            chosen(clock.method, self.system),
-            tolerance=clock.tolerance,
-            substeps=clock.substeps(step_ns),
-            cap=clock.events_per_frame,
-            frame=max(self.scene.frame_ns // step_ns, 1),
-            limit=clock.limit,
-            with_energy=False,
-            longest=third,
-        )
+        motion = self.rig.in_motion(start, step_ns, longest=third)
         along = shape[:nq].conj() / float(np.linalg.norm(shape[:nq])) ** 2 / size
         swings = []
         try:

@@ -53,10 +53,9 @@ from rig.analysis.map.steady_state import (
 from rig.analysis.pool import Arrays, Work
 from rig.analysis.regions import along
 from rig.analysis.return_map import Family
-from rig.analysis.stick_speeds import sticks
+from rig.bench.free_rig import FreeRig
 from rig.errors import NumericsError, RigError, SceneError, Singular, WorkerError
 from rig.model.assembly import Assembly
-from rig.model.method import chosen
 from rig.model.system import System
 from rig.motion.motion import Motion, Saved
 from rig.quantities import Section
@@ -122,13 +121,18 @@ class Track:
             {self._slope: names.index(self._slope), self._command: names.index(self._command)} if self._slope else {}
         )
         self.value, typical = self._typical()
-        self._system = self.system(self.value)
         (fastest, self.slowest), frame = typical.time_scales(), scene.frame_ns
-        self.step_ns = frame // math.ceil(frame * 1e-9 * _SAMPLES / fastest)
-        self.step = self.step_ns * 1e-9
+        step_ns, tolerance = (
+            frame // math.ceil(frame * 1e-9 * _SAMPLES / fastest),
+            min(scene.clock.tolerance, TOLERANCE),
+        )
+        if not self._slope:
+            assembly = self._assembled(axis.at(scene, self.value).parameters, {})
+        start = self.system(self.value).start
+        self.rig = FreeRig(scene, assembly, start, step_ns=step_ns, tolerance=tolerance, read=[settings.output])
+        self._system, self.step = self.rig.system, self.rig.step
         self._short = max(8, round(WINDOW_PERIODS * self.slowest / self.step))
         self.window_ticks = self._short
-        self._held: dict[int, bool] = {}
         self._sticking: Sticking  # in the last window
         self._cycles: list[tuple[float, Array]] = []
         self._met: dict[float, tuple[Place, Array]] = {}  # cycles at the values, by any run
@@ -148,20 +152,7 @@ class Track:
 
     @cached_property
     def _motion(self) -> Motion:
-        clock = self.scene.clock
-        return Motion(
-            self._system,
-            self.step_ns,
-            chosen(clock.method, self._system, min(clock.tolerance, TOLERANCE)),
-            outputs=[self._row],
-            tolerance=min(clock.tolerance, TOLERANCE),
-            substeps=clock.substeps(self.step_ns),
-            cap=clock.events_per_frame,
-            frame=self.scene.frame_ns // self.step_ns,
-            limit=clock.limit,
-            with_energy=False,
-            longest=self._short,
-        )
+        return self.rig.in_motion(longest=self._short)
 
     def start(self) -> Start | None:
         """Return the present motion as the start of a branch; None over sectors, where none is a cycle."""
@@ -394,8 +385,8 @@ class Track:
         count = motion.event_count
         event = motion.log.event[:count]
         times = (event[:, 0] + motion.log.place[:count]) * self.step
-        held = np.array([self._sticks(key) for key in event[:, 3].tolist()], dtype=bool)
-        self._sticking = sticking(times, held, self._sticks(motion.key), ticks * self.step)
+        held = np.array([bool(self.rig.stuck(key)) for key in event[:, 3].tolist()], dtype=bool)
+        self._sticking = sticking(times, held, bool(self.rig.stuck(motion.key)), ticks * self.step)
         return self._sticking
 
     def _window(self, s: Sticking) -> Window:
@@ -443,12 +434,6 @@ class Track:
         if self._plain is not None:
             return np.asarray(motion.states @ self._plain, dtype=np.float64)
         return motion.outputs_at(motion.states, motion.mode_sets_of_states)[:, 0]
-
-    def _sticks(self, key: int) -> bool:
-        """Whether a loaded contact sticks in a mode set."""
-        if key not in self._held:
-            self._held[key] = sticks(self._motion.system, key)
-        return self._held[key]
 
 
 class Row:

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from rig.bench.free_rig import FreeRig
 from rig.bench.run.audit import StateSamples, audit
 from rig.bench.run.before import findings
 from rig.bench.run.checkpoint import Arrays, KeptState, packed, unpacked
@@ -37,9 +38,9 @@ from rig.effects import knock
 from rig.effects.noise import SIGNAL
 from rig.errors import SceneError, UsageError
 from rig.model.assembly import Input, portrait
-from rig.model.method import as_integrated, chosen
+from rig.model.method import as_integrated
 from rig.model.system import System
-from rig.motion.motion import Frames, Motion
+from rig.motion.motion import Frames
 from rig.record.run import Samples
 from rig.scenes.faults import shortened
 from rig.scenes.part_faults import SensorFault
@@ -229,11 +230,10 @@ class PlantRunner:
         needs = Bank.needs(scene.sensors)
         self.outputs: tuple[str, ...] = (*needs, *(name for name in assembly.outputs if name not in needs))
         self.units = {name: assembly.outputs[name].unit for name in self.outputs}
-        system = assembly.system()
-        clock = scene.clock
-        method = chosen(clock.method, system)
+        rig, clock = FreeRig(scene, assembly), scene.clock
+        system = rig.system
         try:
-            as_integrated(system, method, clock.smoothing)
+            as_integrated(system, rig.method, clock.smoothing)
         except ValueError as error:
             raise SceneError(scene.name, [f"clock.method = {clock.method!r}: {error}"]) from None
         self.findings = findings(scene, system)
@@ -251,20 +251,13 @@ class PlantRunner:
         self.controllers = controller_tables(len(sections), reads, drives, scene.frame_ns)
         self.random_numbers = Numbers(system, scene.seed)
         surroundings = Surroundings(self.bank.loan.content, self.controllers, self.random_numbers.record)
-        self.motion = Motion(
-            system,
-            self.step_ns,
-            method,
+        self.motion = rig.in_motion(
             outputs=[assembly.outputs[name].row for name in self.outputs],
             read=len(needs),
-            tolerance=clock.tolerance,
-            substeps=clock.substeps(self.step_ns),
-            cap=clock.events_per_frame,
-            limit=clock.limit,
+            with_energy=True,
             longest=ROWS if truthful else piece * self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
             frames=Frames(self.steps, Loan(surroundings), collects=truthful),
-            smoothing=clock.smoothing,
         )
         self._index = {name: i for i, name in enumerate(system.names)}
         driven = replace(scene, driven=frozenset(self.inputs)).assemble().inputs

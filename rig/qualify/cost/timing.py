@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rig.analysis.motion_measures import Problem, Setting
-from rig.analysis.orbit import in_frames
+from rig.bench.free_rig import FreeRig
 from rig.bench.live import pace
 from rig.bench.live.pace import LONGEST_NS, length
 from rig.bench.run.experiment import Experiment
@@ -30,7 +30,6 @@ from rig.bench.run.simulate import carry_on
 from rig.errors import NumericsError
 from rig.machine import scheduling
 from rig.machine.process import no_garbage
-from rig.motion.motion import Motion
 
 Array = NDArray[np.float64]
 ROUNDS = 7
@@ -71,22 +70,11 @@ class Contender:
 
     def __init__(self, problem: Problem, setting: Setting, x: Array) -> None:
         self._x, self.ticks = x, problem.timed
-        clock = setting.applied(problem.scene).clock
-        step_ns = problem.scene.step_ns
-        self._motion = Motion(
-            replace(problem.assembly.system(), start=x),  # the original: kick would not recognise a modified one
-            step_ns,
-            setting.method,
-            tolerance=clock.tolerance,
-            substeps=clock.substeps(step_ns),
-            cap=clock.events_per_frame,
-            frame=problem.scene.frame_ns // step_ns,
-            limit=clock.limit,
-            with_energy=False,
-            longest=self.ticks,
-            frames=in_frames(problem.scene, problem.scene.frame_ns // step_ns) if setting.adapts else None,
-        )
-        self._step = step_ns
+        scene = setting.applied(problem.scene)
+        tolerance, adapts = scene.clock.tolerance, setting.adapts
+        rig = FreeRig(scene, problem.assembly, x, method=setting.method, tolerance=tolerance, framed=adapts)
+        self._motion = rig.in_motion(longest=self.ticks)
+        self._step = rig.step_ns
         # the frames may go on where the motion leaves a limit of the scene
         unlimited = replace(problem, scene=replace(problem.scene, limits={}))
         self.runner = runner = unlimited.runner(setting)
