@@ -106,7 +106,7 @@ class Dense:
         values = coef @ np.vander(np.linspace(0.0, 1.0, _PLACES), coef.shape[1], increasing=True).T
         low, high = float(values.min()), float(values.max())
         near = {int(v.argmin()) // _PLACES for v in (values, -values)}
-        for i in {j for n in near for j in (n - 1, n, n + 1) if 0 <= j < len(coef)}:
+        for i in {j % len(coef) for n in near for j in (n - 1, n, n + 1)}:  # of a period, the ends are neighbours
             level = np.polynomial.Polynomial(coef[i]).deriv().trim().roots()
             level = level[(np.abs(level.imag) < 1e-9) & (level.real >= 0.0) & (level.real <= 1.0)].real
             at_level = np.polynomial.polynomial.polyval(level, coef[i]).tolist()
