@@ -24,7 +24,7 @@ with its surface, the structure is unloaded. So the scale contains the static de
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from rig.analysis.cycle_report import Cycle
 from rig.analysis.floquet import Floquet
 from rig.analysis.repetition import MOST, REPEAT, all_round, refuse, repeating, time_of, turn_of
-from rig.analysis.return_map import Family, NoCycle, NotSmooth, ReturnMap, closed, multipliers, sizes
+from rig.analysis.return_map import STEPS, Family, NoCycle, ReturnMap, closed, multipliers, sizes
 from rig.bench.free_rig import TIGHT, Carried, FreeRig
 from rig.errors import NumericsError
 from rig.model.method import chosen
@@ -60,7 +60,8 @@ _CALM = 2  # turns of an uneven surface without a contact event, after which the
 _ROUNDS = 5.0  # turns of it that the search waits for
 _STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
 _GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cycle
-_AGREE = 1e-7  # derivatives over two steps that differ by less have no noise that matters
+_LONG = (1e-4, 1e-5, 1e-6)  # steps of the differences where runs are noisy, longest first
+_BESIDE = 1e-8  # of the size of a state: over so little, the return map is straight
 _POINTS = 5  # of each step of the integrator, in the outputs over a period
 _NOT_SMOOTH = "the return map is not smooth: displaced runs meet other events"
 
@@ -339,25 +340,21 @@ def closed_cycle(rig: FreeRig, x: Array, period: float, driven: bool) -> ClosedC
     map, u, end = closed(family, (), x, period, (lambda _: period) if driven else None)
     if float(np.linalg.norm(map.rate(u, end.x, end.key))) <= _STILL:
         raise NoCycle("it is a state of rest")
-    return ClosedCycle(map, u, end, _quietest(map, u, end))
+    return ClosedCycle(map, u, end, map.derivative(u, end, over_p=False, steps=_steps(map, u, end)).P)
 
 
-def _quietest(map: ReturnMap, u: Array, end: Carried) -> Array:
-    """The derivative by differences over 1e-5 of each state; over 1e-4 where a kink of a law makes runs noisy.
+def _steps(map: ReturnMap, u: Array, end: Carried) -> Sequence[float]:
+    """The steps of the differences for multipliers: long ones where runs are noisy, because a law has kinks.
 
-    Noise grows with a smaller step, curvature with a larger one. Raises NotSmooth.
+    The noise is the distance of the end of a run from the middle of the ends of two runs beside it.
     """
-    middle = map.derivative(u, end, over_p=False).P
-    if map.rig(u).system.linear:
-        return middle
-    try:
-        large = map.derivative(u, end, over_p=False, steps=(1e-4,)).P
-        if (apart := np.abs(large - middle).max()) <= _AGREE:
-            return middle
-        small = map.derivative(u, end, over_p=False, steps=(1e-6,)).P
-    except NotSmooth:
-        return middle
-    return large if np.abs(small - middle).max() > apart else middle
+    by = np.append(_BESIDE, np.zeros(len(u) - 1))
+    beside = [map.end(map.shifted(u, way)) for way in (by, -by)]
+    if any(run.met != end.met for run in beside):
+        return STEPS
+    middle = 0.5 * sum(map.ends(u, run) for run in beside)
+    noise = np.abs(middle - map.ends(u, end)).max()
+    return _LONG if noise > TIGHT else STEPS
 
 
 def limit_cycle(
