@@ -49,8 +49,6 @@ NEAR = 1e-7
 """Share of the scale. This close to stable sliding the rig is linear: a disturbance of this size decays."""
 ROUGH = 1e-2
 """Of a period, or of the range of a state: rounds that differ by less may lie near a cycle."""
-RECORDED = 1e-10
-"""Tolerance of dopri5 and rosenbrock in the period that is recorded."""
 LONGEST = 120.0  # s
 CHANGES = 500_000  # mode set changes: over a minute of a squeal at 3.4 kHz
 _FIRST = 7.9  # periods of the slowest mode before the first look
@@ -359,7 +357,7 @@ def _steps(map: ReturnMap, u: Array, end: Carried) -> Sequence[float]:
 
 def limit_cycle(
     scene: Scene,
-    tolerance: float = RECORDED,
+    tolerance: float = TIGHT,
     longest: float | None = None,
     watch: Callable[[float, float], object] = lambda now, drift: None,
 ) -> Cycle:
@@ -399,7 +397,8 @@ def _recorded(rig: FreeRig, settled: Settled, method: str, tolerance: float) -> 
     if cycle is not None:
         period, x, floquet, newton = cycle.period, cycle.map.state(cycle.u), cycle.floquet, cycle.map.steps
     recorder = FreeRig(rig.scene, rig.assembly, x, method=method, tolerance=tolerance, dense=True)
-    turn, outputs = recorder.recorded(period), recorder.outputs
+    turn = recorder.recorded(math.ceil(1e9 * period) * 1e-9)  # whole nanoseconds, no less than a period
+    outputs = recorder.outputs
     time, values = turn.dense.sampled(_POINTS, len(outputs))
     times = [0.0, *(t for t, _ in turn.events), period]
     keys = [*(event.before for _, event in turn.events), recorder.motion.key]

@@ -43,6 +43,8 @@ _STRAIGHT, _SMALLEST = 3e-3, 1e-8  # largest bend over the slope in a difference
 _CENTRAL, _AFTER, _BEFORE = ((-1.0, -0.5), (1.0, 0.5)), ((1.0, 2.0), (2.0, -0.5)), ((-1.0, -2.0), (-2.0, 0.5))
 CLOSE = 1e-10
 """Residual of a converged cycle, of the size of each state."""
+CLOSEST = 1e-12
+"""The same for a cycle that attracts slowly: its distance is the residual over one minus the multiplier."""
 CLOSED_TO = 1e-9
 """The same where rounding limits it: no point is accepted beyond."""
 _KEPT = 48  # rigs of a family
@@ -392,12 +394,13 @@ class ReturnMap:
         first: Array | None = None,
         over_p: bool = True,
         halvings: int = 0,
+        close: float = CLOSE,
     ) -> tuple[Array, Carried]:
         """Solve for a cycle near u; `met`: the events that every iterate has to meet.
 
         `first`: derivative of all equations for the first step. Broyden's formula improves it; where that does not lead
         on, derivatives are computed. `halvings`: of a step that meets other events or comes no closer, from a guess
-        that may be far away. Raises NotSmooth and NoCycle.
+        that may be far away. `close`: the residual that is small enough. Raises NotSmooth and NoCycle.
         """
         along = self.along(reference)
         M, last, left = first, math.inf, halvings
@@ -414,7 +417,7 @@ class ReturnMap:
                 u, left = self.shifted(before[0], 0.5 * (u - before[0])), left - 1
                 continue
             left, self.steps = halvings, self.steps + 1
-            if size <= CLOSE or (size <= CLOSED_TO and size > 0.3 * last):
+            if size <= close or (size <= CLOSED_TO and size > 0.3 * last):
                 return u, end
             if before is not None and M is not None and size <= 0.5 * last:
                 du, dR = u - before[0], R - before[1]
@@ -447,7 +450,9 @@ def closed(
         if forced is not None:
             map.family = Family.of(rig.driven_by(base.x))
         u = map.unknowns(base.x, period, p)
-    u, end = map.newton(u, parameter(p / map.P0, len(u)), u, map.end(u).met, over_p=False, halvings=_HALVINGS)
+    u, end = map.newton(
+        u, parameter(p / map.P0, len(u)), u, map.end(u).met, over_p=False, halvings=_HALVINGS, close=CLOSEST
+    )
     if len(_up_to(rig, map.state(u), float(u[-2] * map.T0)).events) != len(end.events):
         raise NoCycle("an event lies in the last part of a tick")
     return map, u, end
