@@ -161,16 +161,15 @@ class Settled:
 
 
 class Search:
-    """The motion of a rig from a state on, until it is known where it settles."""
+    """The motion of a rig from its start on, until it is known where it settles."""
 
-    def __init__(self, rig: FreeRig, sliding: Steady, start: Array) -> None:
-        self.rig, self.sliding, self.start = rig, sliding, start
-        self.rest = Rest(sliding, stuck(rig.system, sliding.x))
+    def __init__(self, rig: FreeRig, sliding: Steady) -> None:
+        self.rig, self.sliding = rig, sliding
+        self.rest = Rest(sliding, rig.system.start)
         self.turn = turn_of(sliding)
         self.repeat = 1e-7 if rig.method == "rk4" else max(REPEAT, 10.0 * rig.tolerance)
         self.rough = ROUGH
         self.motion = rig.motion
-        self.motion.restart(start)
         self.events: list[Event] = []  # the last, as many as are compared
         self.changes = 0
         self.drift = math.inf
@@ -369,8 +368,8 @@ def limit_cycle(
     rounds. Raises rig.errors.NumericsError where the simulation has to stop, UsageError for a film of points.
     """
     refuse(scene, "a limit cycle")
-    rig = FreeRig(scene, tolerance=TIGHT, read=tuple(scene.limits))
-    system = rig.system
+    assembly = scene.assemble()
+    system = assembly.system()
     sliding = steady(system, sliding_key(system))
     surfaces = sliding.x.copy()
     surfaces[: 2 * len(system.coordinates)] = 0.0
@@ -379,7 +378,8 @@ def limit_cycle(
         still = "nothing slides, because no surface moves"
         why = still if system.patches else "the rig has no contact that could slide"
         return Cycle(scene.name, method, False, f"no limit cycle: {why}", 0.0, left_out=left_out(scene))
-    search = Search(rig, sliding, stuck(system, sliding.x))
+    rig = FreeRig(scene, assembly, stuck(system, sliding.x), tolerance=TIGHT, read=tuple(scene.limits))
+    search = Search(rig, sliding)
     most = CHANGES if longest is None else math.inf
     default = LONGEST if math.isinf(search.turn) else max(LONGEST, _ROUNDS * search.turn)
     settled = search.run(longest or default, most, watch)

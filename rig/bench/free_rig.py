@@ -173,7 +173,7 @@ class Carried(NamedTuple):
 class FreeRig:
     """The plant of `scene`, without sensors and controllers, every actuator held.
 
-    `start`: a state whose driving states are in force, instead of those of the scene; a recording rig begins there.
+    `start`: a state whose driving states are in force, instead of those of the scene; the motion begins there.
     `method`, `tolerance`, `step_ns`: of the integration, by default those of a run of the scene. With a tolerance the
     method is the one that the scene chooses for it. `read`: outputs whose values are wanted. `dense`: a recording rig,
     which keeps the energy balance, and between the ticks the outputs `read`, by default all and the states. `framed`:
@@ -195,6 +195,7 @@ class FreeRig:
     ) -> None:
         self.scene, self.assembly = scene, scene.assemble() if assembly is None else assembly
         self.system: System = self.assembly.system()
+        self._started = start is not None
         if start is not None:
             self.system = replace(self.system, start=start)
             self.__dict__["settled"] = _at_rest(self.system, start)
@@ -248,8 +249,8 @@ class FreeRig:
 
     @cached_property
     def motion(self) -> Motion:
-        """The present motion. It begins at the start of a recording rig; of others with the structure at rest."""
-        return self.in_motion(None if self.dense else self.settled)
+        """The present motion. It begins at `start`, without one with the structure at rest."""
+        return self.in_motion(None if self._started else self.settled)
 
     def commanded(self, start: Array) -> FreeRig:
         """Return the same rig with other values of its commands; both advance the same motion."""
