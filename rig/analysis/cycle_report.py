@@ -29,10 +29,9 @@ class Cycle(Result):
     extremes            (lowest, highest) of each plant output in its unit; start and end of stick: outputs there
     energy              [J] in one cycle by term; `error`: residual of the energy balance, relative to the largest term
                         or to the stored energy
-    repeats             largest difference of an event's time from the cycle before, relative to the period; for a cycle
-                        without events that of a turning point, relative to the range of each state
+    repeats             largest difference of a state after one period, relative to its range
     floquet             multipliers: growth of a small disturbance over one period
-    newton              steps of Newton's method that led to it; 0 if simulation alone did
+    newton              steps of Newton's method that closed it; 0 if simulation alone did
     """
 
     FIGURE: ClassVar = "rig.analysis.figures:cycle_figure"

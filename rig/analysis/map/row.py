@@ -122,10 +122,8 @@ class Track:
         )
         self.value, typical = self._typical()
         (fastest, self.slowest), frame = typical.time_scales(), scene.frame_ns
-        step_ns, tolerance = (
-            frame // math.ceil(frame * 1e-9 * _SAMPLES / fastest),
-            min(scene.clock.tolerance, TOLERANCE),
-        )
+        step_ns = frame // math.ceil(frame * 1e-9 * _SAMPLES / fastest)
+        tolerance = min(scene.clock.tolerance, TOLERANCE)
         if not self._slope:
             assembly = self._assembled(axis.at(scene, self.value).parameters, {})
         start = self.system(self.value).start
