@@ -252,22 +252,19 @@ class FreeRig:
         """The present motion. It begins at `start`, without one with the structure at rest."""
         return self.in_motion(None if self._started else self.settled)
 
-    def commanded(self, start: Array) -> FreeRig:
-        """Return the same rig with other values of its commands; both advance the same motion."""
-        other = copy(self)
-        other.__dict__["motion"] = self.motion
-        other.system = replace(self.system, start=start)
-        other.__dict__.pop("settled", None)
-        if np.array_equal(self.settled, _at_rest(self.system, self.system.start)):  # nothing lags
-            other.__dict__["settled"] = _at_rest(self.system, start)
-        return other
-
     def driven_by(self, x: Array) -> FreeRig:
         """Return the same rig with the driving states of x in force; both advance the same motion."""
         other = copy(self)
         other.__dict__["motion"] = self.motion
         other.system = replace(self.system, start=x)
         other.__dict__["settled"] = _at_rest(self.system, x)
+        return other
+
+    def commanded(self, start: Array) -> FreeRig:
+        """Return the same rig with other values of its commands; both advance the same motion."""
+        other = self.driven_by(start)
+        if not np.array_equal(self.settled, _at_rest(self.system, self.system.start)):  # a state lags its command
+            del other.__dict__["settled"]
         return other
 
     # mode sets, states, rates
