@@ -24,7 +24,7 @@ with its surface, the structure is unloaded. So the scale contains the static de
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -118,12 +118,15 @@ class Rest:
 
 @dataclass(frozen=True)
 class ClosedCycle:
-    """A cycle that closes: its return map, the unknowns, the run over a period, the derivative of the map [i, i]."""
+    """A cycle that closes: its return map, the unknowns, the run over a period, the derivative of the map [i, i] and
+    the error of that.
+    """
 
     map: ReturnMap
     u: Array
     end: Carried
     P: Array
+    error: float
 
     @property
     def period(self) -> float:
@@ -133,7 +136,8 @@ class ClosedCycle:
     @property
     def floquet(self) -> Floquet:
         """The multipliers."""
-        return Floquet(*multipliers(self.P, self.map.period is not None))
+        values, closes = multipliers(self.P, self.map.period is not None)
+        return Floquet(values, float(np.maximum(closes, self.error)))
 
     @property
     def multiplier(self) -> float:
@@ -337,21 +341,23 @@ def closed_cycle(rig: FreeRig, x: Array, period: float, driven: bool) -> ClosedC
     map, u, end = closed(family, (), x, period, (lambda _: period) if driven else None)
     if float(np.linalg.norm(map.rate(u, end.x, end.key))) <= _STILL:
         raise NoCycle("it is a state of rest")
-    return ClosedCycle(map, u, end, map.derivative(u, end, over_p=False, steps=_steps(map, u, end)).P)
+    return ClosedCycle(map, u, end, *_derivative(map, u, end))
 
 
-def _steps(map: ReturnMap, u: Array, end: Carried) -> Sequence[float]:
-    """The steps of the differences for multipliers: long ones where runs are noisy, because a law has kinks.
+def _derivative(map: ReturnMap, u: Array, end: Carried) -> tuple[Array, float]:
+    """The derivative of the map over a period [i, i], and its error because runs are noisy.
 
-    The noise is the distance of the end of a run from the middle of the ends of two runs beside it.
+    The noise is the distance of the end of a run from the middle of the ends of two runs beside it. It is large where a
+    law has kinks; the steps of the differences are long there.
     """
     by = np.append(_BESIDE, np.zeros(len(u) - 1))
     beside = [map.end(map.shifted(u, way)) for way in (by, -by)]
-    if any(run.met != end.met for run in beside):
-        return STEPS
-    middle = 0.5 * sum(map.ends(u, run) for run in beside)
-    noise = np.abs(middle - map.ends(u, end)).max()
-    return _LONG if noise > TIGHT else STEPS
+    noise = 0.0
+    if all(run.met == end.met for run in beside):
+        middle = 0.5 * sum(map.ends(u, run) for run in beside)
+        noise = float(np.abs(middle - map.ends(u, end)).max())
+    steps = _LONG if noise > TIGHT else STEPS
+    return map.derivative(u, end, over_p=False, steps=steps).P, noise / steps[0]
 
 
 def limit_cycle(

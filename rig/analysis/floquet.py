@@ -1,8 +1,8 @@
 """Floquet multipliers of a periodic motion: the growth of a small disturbance over one period.
 
 They are the eigenvalues of the derivative of the return map (rig.analysis.return_map), without the one that belongs to
-the shift along the motion. Its deviation from one is the error estimate for the others. A contact that sticks erases
-the disturbance: its multiplier is zero.
+the shift along the motion. The error estimate for the others is its deviation from one, or the noise of runs over the
+step of the differences if that is larger. A contact that sticks erases the disturbance: its multiplier is zero.
 
 The forced motion under dither that is not fast, and the growth of a small disturbance of it (Floquet exponents).
 
@@ -47,8 +47,7 @@ _NONE = np.zeros((0, 0), dtype=np.complex128)
 
 @dataclass(frozen=True)
 class Floquet:
-    """Multipliers, the largest first; `error`: deviation of the trivial multiplier from one (NaN: the motion is
-    driven).
+    """Multipliers, the largest first; `error`: the estimate above (NaN: the motion is driven).
 
     `why`: why the multipliers are not known, "" if they are.
     """
