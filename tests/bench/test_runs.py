@@ -153,9 +153,10 @@ def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_tou
     second = Going(scenes.load("belt"), duration=1.0, out=folder / "second.mcap", name="second")
     first.line("begins with nf, recorder, viewer")
     with bus.join("first", role="operator", name="test") as session:
-        states = session.subscribe("state")
-        while states.get(20.0).t_ns < 5 * 10**8:
-            pass  # something has been written by then
+        states, file = session.subscribe("state"), folder / "first.mcap"
+        begun = file.stat().st_size
+        while states.get(20.0).t_ns < 5 * 10**8 or file.stat().st_size == begun:
+            pass  # until something has been written
         for who, word in {
             "controller nf": CONTROLLER,
             "recorder": f"record {folder}/first.mcap",
