@@ -48,7 +48,7 @@ CASES = {
     "run belt": Case("belt", "", 1000, 10),
     "run brake_3400": Case("brake_3400", "", 100, 2),
     "run disc_slider": Case("disc_slider", "", 100, 1),
-    "run points": Case("points", "", 10, 1),
+    "run plate": Case("plate", "", 10, 1),
     "run tread": Case("tread", "", 100, 6),
     "run pin": Case("pin", "", 500, 20),
 }

@@ -56,11 +56,12 @@ MUTANTS = [Mutant(*row) for row in (
     ("solve/exact", "ends < -steepest{ and after > 0.0 => }:", "solve/test_stick"),
     ("solve/contact_state", "if abs(need) > {limit * (1.0 + slack) => 2.0 * limit}:", "solve/test_stick"),
     ("solve/contact_state", "x[t.turn[owner]] -= {t => 0.5 * t}.edges[owner, count]", "solve/test_sectors"),
-    # forces, energy, kicks
+    # forces, energy, films
     ("solve/forces", "p[0] *{ p[1] * => } fall * fall", "plants/test_seal"),
     ("solve/forces", "return -p[1]{ if p[0] - p[1] * v > p[2] else 0.0 => }", "plants/test_friction_laws"),
     ("solve/exact", "scale = w.weights[q] *{ reach * => } length", "solve/test_energy"),
-    ("solve/kick", "own.force[k] = {max(own.seen[k], 0.0) => own.seen[k]}", "solve/test_kick"),
+    ("solve/film_steps", "k[i] * {max(deep[i], 0.0) => deep[i]}\n            opened += int((normal", "solve/test_film"),
+    ("solve/film_steps", "speeds[i] += {kick[i] => 2.0 * kick[i]} * forces[i]", "solve/test_film"),
     # instruments and controllers
     ("solve/sampling", "s.warmth * (left {- => +} np.exp", "sensors/test_flaws"),
     ("solve/sampling", "due = sample_instant(s, s.taken){ - delay => }\n        now", "sensors/test_flaws"),
@@ -77,14 +78,13 @@ MUTANTS = [Mutant(*row) for row in (
     ("model/mode_sets", "np.array([law.{static => numbers[0]} for law in met])", "solve/test_stick"),
     ("model/system", "{-np => np}.sin(angle) * factor.row", "solve/test_products"),
     ("model/system", "% {self.period => 1e9}", "solve/test_sectors"),
-    # friction laws, energy forms, tables of kicks and of many states
+    # friction laws, energy forms, tables of films and of many states
     ("model/friction_law", "Law(mixed{ + film * offset**0.5 => }, SEAL", "plants/test_seal"),
     ("model/friction_law", "float(values[{-1 => 0}])]", "plants/test_friction_laws"),
     ("model/energy_forms", "{Phi.T @ => } out[level + 1] @ Phi", "solve/test_energy"),
     ("model/energy_forms", "out += {limiter.excess => 0.0} * np.outer(beyond, beyond)", "plants/test_shunt"),
     ("model/tables", "[{1.0, 0.0, 4.0, 0.0, 1.0 => 1.5, 0.0, 3.0, 0.0, 1.5}]", "solve/test_energy"),
-    ("model/kick_tables", "at_once, {modes => -modes}.friction_t[:, P:]", "solve/test_kick"),
-    ("model/kick_tables", "step * step / {12.0 => 6.0}", "plants/test_plate"),
+    ("model/film_tables", "step * step / {12.0 => 6.0}", "plants/test_plate"),
     ("model/many_states_tables", "{(1 if i == 0 else 2) => 2}", "plants/test_brake"),
     ("model/many_states_tables", "margin = {MARGIN => 0.0} *", "test_theory_parts"),
 )]  # fmt: skip

@@ -273,18 +273,6 @@ def draw_plate(ax: Axes) -> None:
         )
 
 
-def draw_points(ax: Axes) -> None:
-    """A plate, held at its edges, on a grid of points."""
-    ax.add_patch(Polygon([(0, 0), (3, 0), (4, 1.2), (1, 1.2)], facecolor=BODY, edgecolor=EDGE, lw=1.4))
-    for j in range(3):
-        for i in range(5):
-            v = (j + 0.5) / 3
-            ax.plot(v + 3 * (i + 0.5) / 5, 1.2 * v, "o", color=FORCE, ms=4)
-    arrow(ax, (3.4, 0.0), (4.2, 0.0), "$x$", (0.18, 0.0))
-    arrow(ax, (2.0, 2.0), (2.0, 1.3), "$F$", (0.2, 0.45), FORCE)
-    text(ax, (0.2, 0.85), "$q_i$", MOTION)
-
-
 def beam(ax: Axes, bent: float, waves: float) -> None:
     """An inclined clamped beam over a disc; `waves`: a higher mode."""
     ax.plot([-1.2, 2.6], [0.0, 0.0], color="black", lw=3)
@@ -379,7 +367,6 @@ PLANTS: dict[str, Callable[[Axes], None]] = {
     "tread": draw_tread,
     "four_dof": draw_four_dof,
     "plate": draw_plate,
-    "points": draw_points,
     "tip": draw_tip,
     "tip_beam": draw_tip_beam,
     "brake": draw_brake,

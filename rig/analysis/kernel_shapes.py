@@ -27,7 +27,7 @@ from rig.compiled.kernel_store import INSTEAD
 from rig.errors import NumericsError
 from rig.machine.files import own_bytes, own_file
 from rig.model.assembly import Assembly
-from rig.model.method import ADAPTIVE, TIGHT, chosen, crowded
+from rig.model.method import TIGHT, chosen
 from rig.model.system import System
 from rig.model.tables import UNROLLED
 from rig.printable import counted
@@ -50,12 +50,14 @@ class Shape(NamedTuple):
     long: bool = False
 
 
+FILM = Shape(0, curved=False, fixed=True, products=False, kicks=True)
+"""The kernels of a film, for any number of states."""
 VARIANTS = tuple(
     one
     for states in range(UNROLLED + 1)
     for one in (Shape(states, *flags) for flags in product((False, True), repeat=6))
     if one.curved or not one.products  # products of states are never linear
-    if not one.kicks or (one.curved and one.fixed and one.products)
+    if not one.kicks or one == FILM
     if not one.implicit
     or (one.curved and not one.fixed)  # implicit steps are for what is not linear, and of any length
     if not one.long or (one.curved and not one.fixed and not one.implicit)  # so are the long steps of dop853
@@ -71,10 +73,11 @@ def shape(scene: Scene) -> Shape:
 def shape_of(system: System, method: str, tolerance: float = math.inf) -> Shape:
     """Return the kernel shape of a system and an integration method, for an analysis with its own `tolerance`."""
     how, states = chosen(method, system, tolerance), system.n if system.n <= UNROLLED else 0
-    pressed = how == "kick" or (how in (*ADAPTIVE, "rk4") and crowded(system))
-    curved = not system.linear or pressed or how == "smooth"
-    products, implicit = bool(system.products) or system.remembers or pressed, how == "rosenbrock" and curved
-    return Shape(states, curved, how in ("rk4", "kick"), products, how == "kick", implicit, how == "dop853" and curved)
+    if how == "kick":
+        return FILM
+    curved = not system.linear or how == "smooth"
+    products, implicit = bool(system.products) or system.remembers, how == "rosenbrock" and curved
+    return Shape(states, curved, how == "rk4", products, False, implicit, how == "dop853" and curved)
 
 
 def prepare(

@@ -47,7 +47,6 @@ from rig.bench.free_rig import Dense, FreeRig
 from rig.bench.run.runner import PlantRunner
 from rig.compiled import kernel
 from rig.errors import NumericsError
-from rig.model import kick_tables
 from rig.model.assembly import Assembly, portrait
 from rig.model.method import ADAPTIVE, METHODS, as_integrated, chosen
 from rig.model.system import System
@@ -117,14 +116,13 @@ def of(scene: Scene, system: System) -> Setting:
 def eligible(system: System) -> dict[str, str]:
     """Return for every method of the rig why it cannot be used for this system, "" if it can."""
     reasons = dict.fromkeys(METHODS, "")
-    for method in ("exact", *ADAPTIVE, "rk4"):
+    for method in ("exact", *ADAPTIVE, "rk4", "kick"):
         try:
             as_integrated(system, method, 0.0)
         except ValueError as error:
             reasons[method] = str(error)
     reasons["smooth"] = "never sticks: for comparison only, rig torture shows its errors"
     reasons["dop853"] = "for tolerances of 1e-9 and below: maps, branches and shooting take it there"
-    reasons["kick"] = kick_tables.refusal(system)
     if system.n > _MANY_TO_SOLVE:
         reasons["rosenbrock"] = f"each of its steps solves equations for {system.n} states"
     if system.linear and not reasons["exact"]:
@@ -164,8 +162,8 @@ def _steps(step_ns: int, rate: float, finest: float) -> Iterator[int]:
 class Problem:
     """A scene's plant over a range of time. `length` and `window` in ticks: the whole run, and its evaluated end.
 
-    `count`: mode set changes in one cycle, 0 without a cycle; `slips`: those of them that are not lift-offs. `values`:
-    of the held actuators. `leaves`: the limit of the scene that the motion leaves, where it ends.
+    `count`: mode set changes in one cycle, 0 without a cycle. `values`: of the held actuators. `leaves`: the limit of
+    the scene that the motion leaves, where it ends.
     """
 
     scene: Scene
@@ -176,7 +174,6 @@ class Problem:
     length: int
     window: int
     count: int
-    slips: int = 0
     leaves: str = ""
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -310,11 +307,6 @@ def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
     return {name: value for name, value in zip(now, longest) if value != start[name]}
 
 
-def lift(what: str) -> bool:
-    """Return whether a mode change opens or closes a contact."""
-    return what.endswith((" opens", " closes"))
-
-
 def _watched(first: Problem, patience: float) -> Problem:
     """Simulate it once to find the kind of motion and the duration."""
     scene, step = first.scene, first.step
@@ -344,9 +336,8 @@ def _watched(first: Problem, patience: float) -> Problem:
     length = max(length // whole, 3) * whole
     if count and len(events) > ROUNDS * count:
         span = (events[-1].tick - events[-1 - ROUNDS * count].tick) / ROUNDS
-        slips = sum(not lift(event.what) for event in events[-count:])
         window = int(span) + 1
-        return replace(first, kind="cycle", length=length, window=window + -window % whole, count=count, slips=slips)
+        return replace(first, kind="cycle", length=length, window=window + -window % whole, count=count)
     if any(event.tick > 2 * length // 3 for event in events):
         return replace(first, kind="vibration", length=length, window=_third(length, whole))
     last = max((event.tick for event in events), default=0) * step
@@ -366,16 +357,14 @@ def _third(length: int, whole: int) -> int:
 class Seen:
     """Measures of one run: name -> value; `events`: (time [s], what) of the first mode set changes, `count` of all.
 
-    `mean`: time [s] of a cycle, or between two changes. `lifts`: number of those that open or close a contact; None for
-    a method that does not report them. `steps`: integration steps, 0 if a method does not report them. `fault`: why the
-    run had to stop, "" if it did not.
+    `mean`: time [s] of a cycle, or between two changes. `steps`: integration steps, 0 if a method does not report them.
+    `fault`: why the run had to stop, "" if it did not.
     """
 
     values: dict[str, float]
     events: tuple[tuple[float, str], ...] = ()
     count: int = 0
     mean: float = 0.0
-    lifts: int | None = 0
     steps: int = 0
     fault: str = ""
 
@@ -387,15 +376,6 @@ class Seen:
     def from_json(cls, raw: dict[str, Any]) -> Seen:
         """Return the measures of `to_json`."""
         return cls(**{**raw, "events": tuple((float(t), str(what)) for t, what in raw["events"])})
-
-    def slips(self, repeats: bool) -> Seen:
-        """Return the measures without opening and closing contacts; `repeats`: `mean` is the time of a cycle, and
-        stays.
-        """
-        kept = tuple(event for event in self.events if not lift(event[1]))
-        count = self.count - (self.lifts or 0)
-        mean = self.mean if repeats else self.mean * max(self.count - 1, 1) / max(count - 1, 1)
-        return replace(self, events=kept, count=count, mean=mean, lifts=None)
 
 
 def observe(problem: Problem, setting: Setting, framed: bool = True) -> Seen:
@@ -412,31 +392,17 @@ def _observed(problem: Problem, setting: Setting, framed: bool) -> Seen:
     until = problem.length - (0 if problem.kind == "cycle" else problem.window)
     while orbit.motion.tick < until:
         events += orbit.block(until - orbit.motion.tick)
-    step, kicks = problem.step, setting.method == "kick"
-    count = problem.slips if kicks else problem.count
+    step, count = problem.step, problem.count
     if problem.kind == "cycle":
-        values = _cycle(problem, orbit, events, count)
+        values = _cycle(problem, orbit, events)
     else:
         values, more = _stretch(problem, orbit)
         events += more
-    times = tuple(((e.tick + e.place) * step, e.what) for e in _first(problem, events))
+    kept = (ROUNDS * count if count else FIRST) + _at_once(problem)  # the last may be simultaneous with its successors
+    times = tuple(((e.tick + e.place) * step, e.what) for e in events[:kept])
     gaps = max(len(events) - 1, 1) / (count or 1)
     mean = (events[-1].tick - events[0].tick) * step / gaps if len(events) > 1 else problem.seconds
-    lifts = None if kicks else sum(lift(e.what) for e in events)
-    return Seen(values, times, len(events), mean, lifts, orbit.motion.counts()["trial_steps"])
-
-
-def _first(problem: Problem, events: list[Event]) -> list[Event]:
-    """The events whose times are compared: the first of all, and the first of those without lift-offs.
-
-    A few more are kept, because the last one may have happened at the same time as its successors.
-    """
-    all_of, slips_of = (ROUNDS * problem.count, ROUNDS * problem.slips) if problem.count else (FIRST, FIRST)
-    all_of, slips_of = all_of + _at_once(problem), slips_of + _at_once(problem)
-    slips = itertools.accumulate(not lift(e.what) for e in events)
-    return [
-        e for i, (e, slip) in enumerate(zip(events, slips)) if i < all_of or (not lift(e.what) and slip <= slips_of)
-    ]
+    return Seen(values, times, len(events), mean, orbit.motion.counts()["trial_steps"])
 
 
 def _at_once(problem: Problem) -> int:
@@ -444,9 +410,9 @@ def _at_once(problem: Problem) -> int:
     return len(problem.system.patches) + len(problem.system.normals)
 
 
-def _cycle(problem: Problem, orbit: FreeRig, events: list[Event], count: int) -> dict[str, float]:
-    """Measures of a limit cycle of `count` mode set changes, from its last rounds and one more recorded round."""
-    step = problem.step
+def _cycle(problem: Problem, orbit: FreeRig, events: list[Event]) -> dict[str, float]:
+    """Measures of a limit cycle, from its last rounds and one more recorded round."""
+    step, count = problem.step, problem.count
     if not count or len(events) <= ROUNDS * count:
         return {}
     last = events[-ROUNDS * count - 1 :]
@@ -505,8 +471,6 @@ def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
     Infinite for a missing measure: mode set changes were missed or invented, or the run stopped.
     """
     differences: dict[str, float] = {}
-    if seen.lifts is None:
-        truth = truth.slips(problem.count > 0)
     for name, value in truth.values.items():
         largest = abs(value)
         if name.startswith("stick share"):

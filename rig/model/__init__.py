@@ -7,7 +7,7 @@ friction_law         friction laws
 method               which integration method serves a rig, and the system as this method sees it
 mode_sets            the mode sets that a run has visited, each built at the first visit
 tables               what compiled code reads of all mode sets, and its scratch memory; parts of it are energy_forms,
-                     kick_tables (with those of a film) and many_states_tables
+                     film_tables and many_states_tables
 film                 a film of contact points under a slider that travels
 row_checks           checks of rows with a foreign plant or effect
 """

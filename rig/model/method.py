@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from rig.model import assembly, friction_law, kick_tables
+from rig.model import assembly, friction_law
 from rig.model.friction_law import Law
 from rig.model.system import System
 
@@ -39,25 +39,18 @@ ADAPTIVE = ("dopri5", "dop853", "rosenbrock")
 TIGHT = 1e-9
 """Tolerance from which on long steps of high order take less time than those of dopri5."""
 MANY = 1 << 22
-"""Largest number of mode sets that a system may have."""
+"""Largest number of mode sets that a system may have: 20 contacts of one friction force that open one by one, or 8 that
+stick, slip and open one by one. Their index then takes 16 MB; only mode sets that a run visits are built."""
 FILM_HELPS = "make the contacts points of a film, which have no mode sets (structure.film = true; Assembly.film)"
-CROWD = 1 << 14
-"""Number of mode sets beyond which a run would build new ones all the time; 13 contacts that open exceed it."""
-
-
-def crowded(system: System) -> bool:
-    """Whether so many contacts open and close that their mode sets are not distinguished: opening is then no event."""
-    return system.keys > CROWD and system.film is None and not kick_tables.refusal(system)
 
 
 def too_many(system: System) -> str:
-    """Why no method follows the contacts of this system in time; "" if one does."""
+    """Why no method follows the contacts of this system one by one; "" if one does, or if they are a film."""
     if system.film is not None or system.keys <= MANY:
         return ""
-    if not kick_tables.refusal(system) and kick_tables.pressed(system).keys <= MANY:
-        return ""
+    contacts = max(len(system.patches), sum(normal.opens for normal in system.normals))
     return (
-        f"{len(system.patches)} contacts that stick, slip and open one by one have {system.keys:.1e} mode sets; "
+        f"{contacts} contacts that stick, slip and open one by one have {system.keys:.1e} mode sets; "
         f"a run can distinguish {MANY:.1e}"
     )
 
@@ -65,13 +58,12 @@ def too_many(system: System) -> str:
 def chosen(method: str, system: System, tolerance: float = math.inf) -> str:
     """The method that "auto" selects, for an analysis with its own `tolerance`.
 
-    kick for a film, or if very many contacts open and close; otherwise exact if every mode set is linear; otherwise
-    rosenbrock if a law has memory, because its bristles are stiff; otherwise dopri5, or dop853 if the tolerance is
-    tight.
+    kick for a film; otherwise exact if every mode set is linear; otherwise rosenbrock if a law has memory, because its
+    bristles are stiff; otherwise dopri5, or dop853 if the tolerance is tight.
     """
     if method != "auto":
         return method
-    if system.film is not None or crowded(system):
+    if system.film is not None:
         return "kick"
     if system.linear:
         return "exact"
@@ -97,12 +89,8 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
             raise ValueError(f"kick: {why}")
         return assembly.with_film_contacts(system)
     if method == "kick":
-        why = kick_tables.refusal(system)
-        if why:
-            raise ValueError(f"kick: {why}")
-    if method == "kick" or (method in (*ADAPTIVE, "rk4") and crowded(system)):
-        system = kick_tables.pressed(system)
-    elif method == "smooth":
+        raise ValueError("method kick supports a film of contact points only, and this rig has none: use auto")
+    if method == "smooth":
         both = [patch.name for i, patch in enumerate(system.patches) if any(law.backward for law in system.laws(i))]
         if both:
             raise ValueError(f"smooth: the law of {', '.join(both)} depends on the direction of slip: use auto")
@@ -110,8 +98,6 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
         if remembering:
             raise ValueError(f"smooth: the law of {', '.join(remembering)} has memory and is smooth already: use auto")
         system = smoothed(system, smoothing)
-    if system.keys > MANY:
-        raise ValueError(f"the rig has {system.keys:.3g} mode sets, method {method} supports {MANY:.3g}: use kick")
     if method == "exact" and not system.linear:
         bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
         bent += [product.name for product in system.products]

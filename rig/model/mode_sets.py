@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.records import Loan
-from rig.model import friction_law, kick_tables, many_states_tables
-from rig.model.energy_forms import at_nodes, at_nodes_extended, damping, gathered, loss_rows, powers, store, work
+from rig.model import film_tables, friction_law, many_states_tables
+from rig.model.energy_forms import at_nodes, at_nodes_extended, damping, loss_rows, powers, store, work
 from rig.model.formulation import ModeSet, assemble, changes, reach, signal_rows
 from rig.model.system import System
 from rig.model.tables import UNROLLED, empty, sparse
@@ -50,16 +50,16 @@ class ModeSets:
         step: float,
         signals: list[dict[str, float]],
         read: int = 0,
-        kicks: int = 0,
+        substeps: int = 1,
         implicit: bool = False,
     ) -> None:
         """Start without mode sets.
 
         `step` in s; `signals`: extended rows (rig.model.assembly) of the rig's outputs, of which sensors read the first
-        `read`; `kicks`: steps of the method kick in a `step`, 0 for other methods. `implicit`: the
-        method is rosenbrock, whose steps no eigenvalue limits.
+        `read`; `substeps`: steps of a film in a `step`. `implicit`: the method is rosenbrock, whose steps no eigenvalue
+        limits.
         """
-        self.read, self._kicks, self._implicit, self._wide = read, kicks, implicit, system.n > UNROLLED
+        self.read, self._substeps, self._implicit, self._wide = read, substeps, implicit, system.n > UNROLLED
         self.system = system
         self.step = step
         self.rows = signals
@@ -70,7 +70,7 @@ class ModeSets:
         """How many times a mode set was forgotten."""
         self._free: list[int] = []
         self._size = 0  # bytes of the largest mode set
-        self.tables = empty(system, step, len(signals), read, kicks)
+        self.tables = empty(system, step, len(signals), read)
         self.handle = Loan(self.tables)
 
     @property
@@ -113,7 +113,7 @@ class ModeSets:
             field = np.hstack([modes.A, modes.b])
             broad = many_states_tables.tables(terms, E, modes.landing, guards, bounds, field, rows, self.read)
         curved = bool(modes.nonlinear.any()) or bool(system.products) or system.remembers
-        cells = curved and not self._kicks and not self._implicit
+        cells = curved and not self._implicit
         fast = cells and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
         levels = (expm.depth(modes.A, self.step) + 1) * fast
         response = reach(modes.A, modes.b, self.step, levels)
@@ -179,13 +179,7 @@ class ModeSets:
             stacked["many_states"] = t.many_states._replace(
                 **{name: _put(getattr(t.many_states, name), at, broad[name]) for name in broad}
             )
-        own: dict[str, Array] = {}
-        if self._kicks:
-            own = kick_tables.tables(system, modes, forms, self.step / self._kicks, g)
-            stacked["kick"] = t.kick._replace(**{name: _put(getattr(t.kick, name), at, own[name]) for name in own})
-        self._size = max(
-            self._size, sum(np.asarray(part).nbytes for part in (*new.values(), *broad.values(), *own.values()))
-        )
+        self._size = max(self._size, sum(np.asarray(part).nbytes for part in (*new.values(), *broad.values())))
         self.tables = t._replace(mode_set_of=mode_set_of, **stacked)
         self.handle = Loan(self.tables, self.handle)
         self.sets[at : at + 1] = [modes]
@@ -230,7 +224,7 @@ class ModeSets:
         new |= dict.fromkeys(("used", "depth", "guards", "stuck", "lands"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
-        stacked["film"] = kick_tables.tables_of_film(self.system, modes, self.step / self._kicks, rows, self.read)
+        stacked["film"] = film_tables.tables(self.system, modes, self.step / self._substeps, rows, self.read)
         self.tables = t._replace(**stacked)
         self.handle = Loan(self.tables, self.handle)
         self.sets.append(modes)
@@ -242,15 +236,13 @@ class ModeSets:
 
         Terms that kernels compute themselves are not included.
         """
-        t, count, total = self.tables, len(self.sets), np.zeros(TERMS)
-        if self._wide:
-            total += many_states_tables.collected_energy(t.many_states, count, t.work[:, 0], t.powers)
-        if self._kicks:
-            total += gathered(t.kick.work, t.kick.whole, count)
-        return total
+        if not self._wide:
+            return np.zeros(TERMS)
+        t = self.tables
+        return many_states_tables.collected_energy(t.many_states, len(self.sets), t.work[:, 0], t.powers)
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """Copy the sums that kernels have collected since the last call of `collected_energy`, of a rig without kicks.
+        """Copy the sums that kernels have collected since the last call of `collected_energy`.
 
         `visited`: the mode sets to which they belong; `whole`, `part`: their sums.
         """

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model import friction_law, kick_tables, many_states_tables, system
+from rig.model import film_tables, friction_law, many_states_tables, system
 from rig.model.energy_forms import supplied
 from rig.model.system import System
 from rig.solve import energy_balance, segment_output
@@ -21,7 +21,6 @@ from rig.solve.energy_balance import TERMS
 from rig.solve.exact import PLACES
 from rig.solve.film_steps import FilmTables
 from rig.solve.forces import MemoryTables, ProductTables
-from rig.solve.kick import KickTables
 from rig.solve.many_states import ManyStatesTables
 from rig.solve.places import PART
 from rig.solve.records import Workspace
@@ -199,8 +198,7 @@ class Tables(NamedTuple):
     products: ProductTables
     memory: MemoryTables
     many_states: ManyStatesTables  # of rigs with many states
-    kick: KickTables  # of the method kick
-    film: FilmTables  # of the method kick with a travelling film
+    film: FilmTables  # of rigs with a film
     step: Array  # [1] s
 
 
@@ -217,7 +215,7 @@ def sparse(s: System) -> dict[str, tuple[int, int]]:
     }
 
 
-def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables:
+def empty(s: System, step: float, signals: int, read: int) -> Tables:
     """Tables without a mode set. `signals`: number of outputs; the other arguments as in ModeSets."""
     n, nq, P, K, S = s.n, len(s.coordinates), len(s.patches), len(s.normals), signals
     I = s.inputs
@@ -309,7 +307,6 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         many_states=many_states_tables.empty(n, I, g, read, S)
         if n > UNROLLED
         else many_states_tables.empty(0, 0, 0, 0, 0),
-        kick=kick_tables.empty(s, g) if kicks and s.film is None else kick_tables.empty(None, 0),
-        film=kick_tables.no_film(),
+        film=film_tables.no_film(),
         step=np.array([step]),
     )

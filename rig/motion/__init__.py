@@ -3,5 +3,5 @@
 motion            one rig in motion: write commands, advance, read outputs and energy; why it has to stop, in words
 ready             a system made ready for a motion: mode sets, scratch memory, plan of its kernels
 compiled_parts    finds or compiles those parts
-balance           the energy balance and its residual, that of the contacts under the method kick too
+balance           the energy balance and its residual
 """

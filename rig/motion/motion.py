@@ -325,9 +325,7 @@ class Motion:
         self.mode_sets.collected_energy()
         self.tick = 0
         at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
-        sprung = self.integration.method == "kick" and system.film is None
-        now = CurrentState(system, state.x, at_start, self.mode_sets.tables)
-        self.balance = Balance(now, sprung, self.integration.with_energy)
+        self.balance = Balance(CurrentState(system, state.x, at_start), self.integration.with_energy)
         self._run(0, 0)
         self._begun = state.x.copy()
 
@@ -367,17 +365,11 @@ class Motion:
 
         The energy that this supplies to the structure counts as an impulse in the energy balance.
         """
-        balance, before = self.balance, 0.0
         structural = index < 2 * len(self.system.coordinates)
-        if balance.sprung:
-            balance.pause(self._current_state())
-        if structural:
-            before = self._current_state().stored()
+        before = self._current_state().stored() if structural else 0.0
         self.state.x[index] = value
         if structural:
-            balance.impulses += self._current_state().stored() - before
-        if balance.sprung:
-            balance.go_on(self._current_state())
+            self.balance.impulses += self._current_state().stored() - before
 
     def begin(self) -> None:
         """Determine the contact state as at a start, after states were written and before the first step."""
@@ -395,9 +387,8 @@ class Motion:
 
         The contact state is checked again. The change of the stored energy counts as an impulse in the energy balance.
         """
-        old, balance, before = self.system, self.balance, self._current_state().stored()
+        old, before = self.system, self._current_state().stored()
         self.terms()  # collect the sums of the mode sets that are dropped
-        balance.pause(self._current_state())
         spent = dict(zip(self.mode_sets.keys, self.state.tally.tolist()))
         x, key, system = self.state.x, self.key, ready.system
         sizes = dict(zip(old.names, self.work.size.tolist()))
@@ -415,8 +406,7 @@ class Motion:
         self.state.energy[energy_balance.NAMES.index("friction")] += lost
         self.state.progress["key"] = system.corresponding_key(old, key, kept)
         self.state.progress["pending"] = CHECK
-        balance.impulses += self._current_state().stored() - before + lost
-        balance.go_on(self._current_state())
+        self.balance.impulses += self._current_state().stored() - before + lost
         self._lend()
         self._run(0, 0)
 
@@ -545,10 +535,6 @@ class Motion:
         energy += self.mode_sets.collected_energy()
         return energy.copy()
 
-    def residual(self) -> dict[str, float] | None:
-        """The energy residual of the contacts under kick (rig.motion.balance); None for other methods."""
-        return self.balance.residual(self._current_state(), self.terms()) if self.balance.sprung else None
-
     def energy(self) -> dict[str, float]:
         """The energy balance so far [J]; `error` is its residual relative to the largest term or store.
 
@@ -562,4 +548,4 @@ class Motion:
         return out
 
     def _current_state(self) -> CurrentState:
-        return CurrentState(self.system, self.state.x, self.key, self.mode_sets.tables)
+        return CurrentState(self.system, self.state.x, self.key)

@@ -19,7 +19,7 @@ from rig.model.mode_sets import ModeSets
 from rig.model.system import System
 from rig.model.tables import UNROLLED, empty, workspace
 from rig.motion.compiled_parts import addresses
-from rig.solve import dop853, dopri5, exact, expm, film_steps, kick, rk4, rosenbrock, runge_kutta_stage
+from rig.solve import dop853, dopri5, exact, expm, film_steps, rk4, rosenbrock, runge_kutta_stage
 from rig.solve.advance import advance, advance_block, evaluate_outputs
 from rig.solve.contact_state import make_consistent
 from rig.solve.frames import advance_frames
@@ -75,7 +75,7 @@ def plan(
         if not many_states:
             wanted["quiet_ticks"] = exact.quiet_ticks, shape
     if fixed_steps or nonlinear:
-        code = {"kick": kick if system.film is None else film_steps, "rk4": rk4}.get(method, dopri5)
+        code = {"kick": film_steps, "rk4": rk4}.get(method, dopri5)
         if method != "kick":
             shape = KernelShape(0 if many_states else system.n, bool(system.products) or system.remembers, nonlinear)
             own = {"rosenbrock": rosenbrock.take_implicit_steps, "dop853": dop853.take_long_steps}
@@ -86,7 +86,7 @@ def plan(
 
     def kinds() -> list[Any]:
         records = (
-            empty(system, 1.0, 0, 0, 0),
+            empty(system, 1.0, 0, 0),
             workspace(system, 0, 0),
             MotionState(*(np.zeros(0, dtype=kind) for kind in _STATE)),
             empty_log(0, 0),
@@ -144,7 +144,7 @@ def prepared(system: System, outputs: list[dict[str, float]], integration: Integ
         integration.step_ns * 1e-9,
         outputs,
         integration.read,
-        integration.substeps if integration.method == "kick" else 0,
+        integration.substeps,
         integration.method == "rosenbrock",
     )
     return Ready(

@@ -7,7 +7,7 @@ exact, many_states     exact propagation: quiet ticks, ticks that are subdivided
 dopri5, rk4            Runge-Kutta methods; runge_kutta_stage is their common stage
 rosenbrock             implicit steps in place of those of dopri5, with the exact Jacobian
 collocation            steps of dopri5 in stiff mode sets, with exact propagators
-kick, film_steps       symplectic steps for contacts that open and close all the time, and for a film of points
+film_steps             symplectic steps for a film of points that open and close all the time
 contact_state          the contact state that agrees with the equations at an instant
 forces                 right-hand side of a mode set: friction coefficients, products, random inputs
 energy_balance         each term of the energy balance

@@ -119,18 +119,6 @@ def close_segment(start, length, seg):
 
 
 @inner
-def emit_chord(begin, end, start, length, seg):
-    """Write one straight segment from output values at its ends, for methods of second order."""
-    at = seg.count[0]
-    seg.count[0] = at + 1
-    for s in range(begin.shape[0]):
-        seg.coef[at, s, 0], seg.coef[at, s, 1] = begin[s], end[s] - begin[s]
-        for k in range(2, DEGREE + 1):
-            seg.coef[at, s, k] = 0.0
-    seg.start[at], seg.length[at] = start, length
-
-
-@inner
 def quartic_coefficients(a, b, c, d, e):
     """The coefficients of the quartic through five equidistant values on [0, 1]."""
     return (

@@ -344,17 +344,16 @@ def _places(sector: Sector) -> Sequence[int]:
 
 RK4_LIMIT = 2.785
 """|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
-KICK_LIMIT = 2.0
-"""|lambda| h up to which a contact that stays closed is stable under kicks."""
 EXACT_LIMIT = 1e11
 """|lambda| step up to which the propagators resolve the fastest state (rig.solve.expm.DEEPEST halvings)."""
 FILM_LIMIT = 1.6
-"""The same for a film. Beyond, points that open and close gain energy (1.7 % of the work at 1.87). # derived"""
+"""omega h up to which steps of a film are stable. A point that stays closed is stable up to 2, but points that open and
+close gain energy beyond 1.6 (1.7 % of the work at 1.87). # derived"""
 FILM_COARSE = 1.0
 """Up to this, the growth rate of the film's flutter has an error of at most 4 %, its first opening 1 %. # derived"""
 _SHORTEST = 1e-8  # s; of clock.rk4_step
 _FINE = 1e-4  # share of the width of a law: slip speed errors up to this keep its events right
-_COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
+_COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4
 
 
 def step_findings(
@@ -395,9 +394,7 @@ def blame(system: System, method: str, step: float, substeps: int, x: NDArray[np
     if system.film is not None:
         fastest, limit, coarse = assembly.fastest(system, h), FILM_LIMIT, FILM_COARSE
     else:
-        limit = RK4_LIMIT if method == "rk4" else KICK_LIMIT
-        fastest = max(fastest_state(system), steepest(system))
-        coarse = _COARSE
+        fastest, limit, coarse = max(fastest_state(system), steepest(system)), RK4_LIMIT, _COARSE
     size = fastest * h
     text = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
     if size <= coarse:
@@ -532,7 +529,7 @@ def _short_enough(system: System, h: float, most: float) -> float:
 
 def _eigenvalues(fastest: float, name: str, method: str, step: float, substeps: int) -> Iterator[Finding]:
     """Whether `method` can follow the fastest eigenvalue of all mode sets [1/s], that of the mode set `name`."""
-    h = step / substeps if method in ("rk4", "kick") else step
+    h = step / substeps if method == "rk4" else step
     size = fastest * h
     if method == "rk4" and size > RK4_LIMIT:
         yield Finding(
@@ -540,13 +537,6 @@ def _eigenvalues(fastest: float, name: str, method: str, step: float, substeps: 
             f"rk4 is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {RK4_LIMIT}",
             size,
             f"rk4_step of {part(step, 0.9 * RK4_LIMIT / fastest)} or less, or method exact or dopri5",
-        )
-    elif method == "kick" and size > KICK_LIMIT:
-        yield Finding(
-            "error",
-            f"kick is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {KICK_LIMIT}",
-            size,
-            f"rk4_step of {part(step, 0.9 * KICK_LIMIT / fastest)} or less",
         )
     elif method in ("exact", *ADAPTIVE) and size > EXACT_LIMIT:
         yield Finding(
@@ -563,10 +553,10 @@ def _eigenvalues(fastest: float, name: str, method: str, step: float, substeps: 
             size,
             "use method auto; smooth serves for comparison only",
         )
-    elif method in ("rk4", "kick") and size > _COARSE:
+    elif method == "rk4" and size > _COARSE:
         yield Finding(
             "warning",
-            f"{method} is coarse at a step of {h:g} s: |lambda| h = {size:.3g} in {name}",
+            f"rk4 is coarse at a step of {h:g} s: |lambda| h = {size:.3g} in {name}",
             size,
             f"rk4_step of {part(step, 0.1 / fastest)} or less",
         )

@@ -22,7 +22,7 @@ NAMES = ("stick", "slip+", "slip-", "open")
 COLOURS = ("#3b6fb6", "#e08b3c", "#b4508a", "#9a9a9a")
 _OF_PATCH = {STICK: 0, SLIP_PLUS: 1, SLIP_MINUS: 2}
 _LIFTED = 3
-_MOST_KNOWN = 1 << 16  # mode sets that are kept: a plate on many points may visit millions
+_MOST_KNOWN = 1 << 16  # mode sets that are kept: a rig of many contacts may visit more
 
 
 def read(scene: str) -> tuple[Scene, Assembly] | None:

@@ -273,7 +273,6 @@ def test_the_end_of_a_branch_is_told_in_every_form(bstab, kind, name):
         ("belt", {}, "drive.speed=0.2:0.2 m/s", "the ends are the same"),
         ("belt", {}, "drive.speed=-0.1:0.2 m/s", "direction"),
         ("belt", {}, "drive.speed=0.1", "expected KEY=FROM:TO"),
-        ("points", {}, "drive.speed=0.1:0.2 m/s", "clock.method = kick"),
         ("belt", {}, "drive.sped=0.1:0.2 m/s", "drive.speed"),
         ("lever", {}, "springs.order=2:5", "not a numeric parameter"),
         ("belt", {"clock.method": "rk4"}, "drive.speed=0.1:0.2 m/s", "clock.method"),

@@ -24,7 +24,7 @@ def test_a_frame_is_busy_with_its_own_time_and_that_of_its_messages(belt):
     assert SLOW.busy(belt, 0.1) == pytest.approx((3e6 + BESIDE_NS) / 1e7)
 
 
-@pytest.mark.parametrize("name", ["belt", "points", "brake_active", "belt_normal_force"])
+@pytest.mark.parametrize("name", ["belt", "plate", "brake_active", "belt_normal_force"])
 @pytest.mark.parametrize("frame_ns", [100.0, 4e4, 1.4e6, 7.7e7])
 def test_the_pace_that_holds_is_the_largest_of_two_digits(name, frame_ns):
     scene, cost = scenes.load(name), FrameCost((frame_ns,), 1.0)

@@ -188,7 +188,6 @@ MODAL = [
     ("disc_slider", ["disc.thickness", "disc.density", "disc.poisson"], "disc.modulus"),
     ("brake_disc_modes", ["disc_modes.thickness", "disc_modes.density"], "disc_modes.modulus"),
     ("tip_beam", ["beam.thickness", "beam.density", "beam.length"], "beam.modulus"),
-    ("points", ["plate.mass"], "plate.lowest"),
 ]
 
 

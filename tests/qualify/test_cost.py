@@ -135,25 +135,6 @@ def test_a_state_with_missed_events_is_no_small_error(belt):
     assert math.isinf(errors(asked, fewer, seen)["event times"])
 
 
-@pytest.mark.slow  # compiles a kernel of its own for two minutes
-def test_a_method_that_locates_no_lift_off_is_judged_by_all_else():
-    asked = problem(rig.load("north"))
-    truth, kicked = observe(asked, Setting("exact")), observe(asked, Setting("kick", step_ns=asked.scene.step_ns // 4))
-    assert truth.lifts == truth.count > 100
-    assert kicked.lifts is None
-    assert kicked.count == truth.slips(False).count == 0
-    found = errors(asked, kicked, truth)
-    assert "event times" not in found
-    assert 0.0 < max(found.values()) < 0.05
-
-
-def test_slips_of_a_motion_with_lift_offs_keep_their_times():
-    events = ((1.0, "load opens"), (2.0, "contact slip ends"), (3.0, "load closes"), (4.0, "contact releases +"))
-    seen = Seen({}, events, count=7, mean=2.0, lifts=4)
-    assert seen.slips(repeats=False) == Seen({}, (events[1], events[3]), count=3, mean=6.0, lifts=None)
-    assert seen.slips(repeats=True).mean == 2.0
-
-
 def test_the_front_has_what_no_other_beats():
     rows = [row(1e-3, 10.0), row(1e-4, 20.0), row(1e-4, 30.0), row(1e-5, 15.0), row(math.inf, 1.0)]
     assert front(rows, "period") == [rows[0], rows[3]]

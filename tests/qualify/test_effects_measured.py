@@ -15,9 +15,10 @@ def test_methods_say_why_they_do_not_serve():
     assert found["dopri5"] == "selected"
     assert "linear equations in every mode set; not linear: contact" in found["exact"]
     assert effects_measured.methods(rig.load("belt_c"))["exact"] == "selected"
-    told = effects_measured.methods(rig.load("points"))
+    assert "film of contact points only" in found["kick"]
+    told = effects_measured.methods(rig.load("plate"))
     assert told["kick"] == "selected"
-    assert told["dopri5"] == told["rk4"] == "also suits the scene"
+    assert all("does not support a film" in told[method] for method in ("exact", "dopri5", "rk4"))
 
 
 def test_a_controller_in_the_plants_process_sends_nothing_and_its_commands_are_told_in_pieces():

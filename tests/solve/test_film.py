@@ -1,4 +1,7 @@
-"""A film of points on any structure: beside exact patches, energy, growth, mirror symmetry, laws over speed."""
+"""A film of points on any structure: beside exact patches, energy, growth, mirror symmetry, laws over speed.
+
+And how many contacts a rig without a film may have.
+"""
 
 from dataclasses import replace
 
@@ -7,7 +10,8 @@ import pytest
 from points_on_structure import structure
 
 from rig.model import assembly, friction_law, mode_sets
-from rig.model.method import chosen
+from rig.model.assembly import Assembly
+from rig.model.method import MANY, chosen
 from rig.motion.motion import Motion
 from rig.solve.film_steps import OPEN, SLIDES, STICKS
 
@@ -202,6 +206,32 @@ def test_the_energy_of_points_that_open_and_stick_closes_with_the_square_of_the_
     assert worst[1] == pytest.approx(worst[0] / 4.0, rel=0.25)
 
 
+def test_a_mass_that_bounces_on_a_point_keeps_its_energy():
+    """Openings are not located. Forces that are held over a step would feed the mass."""
+    spring = {"normal": [[-1.0]], "along": [[0.0]], "stiffness": 1e4, "shear": 1e4, "mu": 0.0}
+    a = structure([[1.0]], [[0.0]], [[100.0]], spring, 1.0, True, load=[-5.0], start=[0.05])
+    ticks = 50_000
+    motion = Motion(a.system(), 1_000_000, "kick", longest=ticks)
+    motion.advance(ticks)
+    z, v = motion.states[:, :2].T
+    pressed = motion.states[:, motion.system.names.index("P:1")]
+    assert pressed == pytest.approx(np.maximum(-1e4 * z, 0.0), abs=1e-9)
+    assert np.count_nonzero((pressed[1:] == 0.0) & (pressed[:-1] > 0.0)) > 100
+    total = 0.5 * v * v + 50.0 * z * z + 5.0 * z + 0.5e-4 * pressed**2
+    first, last = total[: ticks // 10], total[-ticks // 10 :]
+    assert np.abs(total / 0.375 - 1.0).max() < 0.02
+    assert last.mean() == pytest.approx(first.mean(), rel=1e-3)
+
+
+def test_substeps_are_steps():
+    system, ends = disc()[0].system(), []
+    for substeps in (1, 8):
+        motion = Motion(system, 500 * substeps, "kick", substeps=substeps, longest=4000)
+        motion.advance(4000 // substeps)
+        ends.append(motion.x[:20])
+    assert ends[1] == pytest.approx(ends[0], rel=1e-9)
+
+
 def test_the_film_refuses_what_it_cannot_carry():
     a, *_ = disc()
     a.limit("drive", {"one": 1.0}, -1.0, 1.0, "slid", 1.0)
@@ -235,3 +265,40 @@ def test_contacts_that_mode_sets_cannot_carry_are_refused_with_the_film_as_remed
     system = disc(points=24, film=False)[0].system()
     with pytest.raises(ValueError, match=r"mode sets; .*: make the contacts points of a film"):
         Motion(system, 10_000, chosen(method, system))
+
+
+def test_kick_needs_a_film(rigs):
+    with pytest.raises(ValueError, match="method kick supports a film of contact points only"):
+        Motion(rigs.p1(), TICK, "kick")
+
+
+def crowd(count, law):
+    """Four modes that are knocked, on contacts that open one by one; the friction of all of them acts on a wall."""
+    a, rows = Assembly(title="crowd"), np.random.default_rng(5).normal(size=(count, 4))
+    a.patch("pad", {}, {"one": 1.0}, law)
+    for i, omega in enumerate(2.0 * np.pi * np.array([300.0, 420.0, 550.0, 700.0])):
+        a.coordinate(f"q{i}", 1.0, 0.01 * omega, omega**2)
+        a.start[f"q{i}'"] = 0.02
+    for point, row in enumerate(rows.tolist()):
+        push = {f"q{i}": value for i, value in enumerate(row)}
+        a.normal(f"point {point}", "pad", {"one": 1.0} | {q: -2e5 * value for q, value in push.items()}, push)
+    return a.system()
+
+
+def test_twenty_contacts_open_one_by_one_and_twenty_one_are_refused():
+    laws = friction_law.coulomb(0.3, 0.3), friction_law.stribeck(0.4, 0.25, 0.3)
+    systems, ends = [crowd(20, law) for law in laws], []
+    assert systems[0].keys == 3 << 20 <= MANY
+    for system, method in zip(systems, ("exact", "dopri5")):
+        assert chosen("auto", system) == method
+        motion = Motion(system, TICK, method, longest=50, tolerance=1e-9, cap=1000)
+        motion.advance(50)
+        opened = [event for event in motion.events() if event.what.endswith(" opens")]
+        assert len(opened) > 30
+        assert len({event.what for event in opened}) > 10
+        assert len(motion.mode_sets.sets) > 40
+        assert abs(motion.energy()["error"]) < 1e-6
+        ends.append(motion.x[:8])
+    assert ends[1] == pytest.approx(ends[0], rel=1e-6)
+    with pytest.raises(ValueError, match=r"^21 contacts .* 6.3e\+06 mode sets; .* 4.2e\+06: make the contacts points"):
+        Motion(crowd(21, laws[0]), TICK, "exact")

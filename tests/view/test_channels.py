@@ -17,7 +17,7 @@ def declared(**outputs):
     """Plots of a rig with these outputs; no scene, no sensors."""
     a = Assembly(title="toy")
     a.outputs |= outputs
-    scene = rig.load("points")
+    scene = rig.load("belt")
     return Channels((scene, a), {name: output.unit for name, output in outputs.items()}, {})
 
 

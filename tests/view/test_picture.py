@@ -58,8 +58,9 @@ def test_motion_is_magnified_by_a_round_number_that_keeps_it_in_the_picture(name
     assert 0.05 < scale.motion * reach < 0.5
 
 
-def test_a_rig_that_declares_no_picture_gets_curves_and_a_strip_and_nothing_is_guessed():
-    scene = rig.load("points")
+def test_a_rig_that_declares_no_picture_gets_curves_and_a_strip_and_nothing_is_guessed(monkeypatch):
+    monkeypatch.delattr(PLANTS["belt"], "PICTURES")
+    scene = rig.load("belt")
     drawing = Drawing(scene.to_json(), outputs(scene), {})
     assert {"displacement", "surface_speed", "friction_force", "normal_force"} <= set(outputs(scene))
     assert drawing.picture is None

@@ -187,7 +187,7 @@ def _postponed(counts: Mapping[str, Any] | None) -> list[str]:
 
 
 def plant(values: Mapping[str, Any], energy_error: float) -> str:
-    """Method, events, stick share and residuals of the plant in one line."""
+    """Method, events, stick share and residual of the plant in one line."""
     text = f"method {values['method']}, {counted(values['events'], 'event')}"
     if "stick_share" in values:  # a rig with a friction patch
         text += f", stick {values['stick_share']:.0%}"
@@ -195,6 +195,4 @@ def plant(values: Mapping[str, Any], energy_error: float) -> str:
     if not abs(energy_error) <= UNCLOSED:
         finer = "clock.tolerance" if values["method"] in ADAPTIVE else "clock.rk4_step"
         text += f": the energy balance does not close, so the motion is not resolved; use a smaller {finer}"
-    if "kick_residual" in values:
-        text += f", residual of kick {values['kick_residual']['share']:.0e}"
     return text

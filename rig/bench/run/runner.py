@@ -582,7 +582,6 @@ class PlantRunner:
             "method": self.motion.integration.method,
             **self.motion.counts(),
             **({"stick_share": self.motion.stick_share()} if self.motion.system.patches else {}),
-            **({"kick_residual": residual} if (residual := self.motion.residual()) is not None else {}),
             "findings": [finding.to_json() for finding in self.findings if finding.level != "info"],
             "energy": energy,
             "energy_error": energy["error"],

@@ -94,10 +94,6 @@ def notes(table: Table, metric: str) -> list[str]:
     """Return the notes on the table."""
     out = [f"{table.kind}, {table.seconds:.4g} s simulated; {_agreement(table, metric)}"]
     out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in table.orders.items()]
-    if any(row.setting.method == "kick" for row in table.rows) and not table.statistical:
-        out.append(
-            "kick does not locate opening and closing of contacts: slip and stick are compared, also of open contacts"
-        )
     if any(math.isinf(error) for row in table.rows for error in row.errors.values()):
         out.append(
             "differs: the mode set changes are not those of the reference, so that their times cannot be compared"

@@ -96,14 +96,10 @@ class Trial:
     def _set(self) -> None:
         """Set the columns of the outputs that the invariants check."""
         at = {name: i for i, name in enumerate(self.runner.outputs)}
-        self._changes = cache(self._between)
-        self.found.with_film = (film := self.motion.system.film) is not None
-        self._normals: list[tuple[int, int, bool]] = []  # column, patch, whether it opens
-        self._patches: list[tuple[int, int]] = []  # columns of friction and slip speed
-        if film is None:  # with every contact, also where the method makes one force of many
-            system = self.runner.scene.assemble().system()
-            self._patches = [(at[f"T:{p.name}"], at[f"w:{p.name}"]) for p in system.patches]
-            self._normals = [(at[f"N:{k.name}"], k.patch, k.opens) for k in system.normals]
+        self._changes, system = cache(self._between), self.motion.system
+        self.found.with_film = system.film is not None
+        self._patches = [(at[f"T:{p.name}"], at[f"w:{p.name}"]) for p in system.patches]  # friction and slip speed
+        self._normals = [(at[f"N:{k.name}"], k.patch, k.opens) for k in system.normals]
 
     def run(self) -> Found:
         """Simulate the case to its end. Raises NumericsError if it must stop, OutOfTime."""
