@@ -117,6 +117,8 @@ class _Attempt:
         if repeats and all(isinstance(each, CycleRun) for each in evidence):
             evidence, fit, solution, density = self._expecting(evidence, fit, solution, offsets, fitted, notes)
         p = _p(evidence, solution, repeats)
+        if posterior is not None and (few := posterior.words()):
+            notes.append(few)
         if not solution.converged:
             notes.append("the fit has not converged: its intervals are not to be trusted; state values nearer to it")
         reports = [self._report(each, r, response, repeats) for each, r, response

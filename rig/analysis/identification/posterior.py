@@ -4,7 +4,8 @@ Keys that the data hardly tell leave a wide region of values that fit, which no 
 are weighted by their likelihood over the density from which they come; their mean, covariance and predictions follow.
 The first come from a wide distribution about the fit, the next from kernels about those that have weight, until the
 weights count as much as `ENOUGH` equal ones: the mean then has an error by chance of a tenth of its deviation, wherever
-the fit has ended. Two keys of which only the difference acts are drawn as difference and level.
+the fit has ended. At `_MOST` draws they end in any case, and the answer says so. Two keys of which only the difference
+acts are drawn as difference and level.
 
 Runs deviate from every model by more than their errors: the deviation of each measure is a random effect, estimated
 over all draws (expectation and maximisation), so that what the parameters take up is not lost.
@@ -127,6 +128,15 @@ class Posterior:
         C[:p, p:] *= size[:, None]
         C[p:, :p] = C[:p, p:].T
         return np.asarray(C + 1e-12 * np.eye(len(C)))
+
+    def words(self) -> str:
+        """What is to be said where `_MOST` draws are not enough; else ""."""
+        if (worth := _worth(self.weights)) >= ENOUGH:
+            return ""
+        return (
+            f"the weights of {len(self.weights)} draws count as {worth:.0f} equal ones only: by chance, values may be "
+            f"off by {1.0 / math.sqrt(worth):.2f} standard deviations; state narrower ranges, or free fewer parameters"
+        )
 
     def predicted(self, about: Sequence[Response | str], each: CycleRun) -> tuple[Reals, Reals] | None:
         """Mean and variance over the draws of the measures of a run; None if the detector reads no slips."""
