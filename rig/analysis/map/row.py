@@ -352,7 +352,6 @@ class Row:
         self._singular: dict[int, Singular] = {}
         self._sliding = [self._steady(i, value) for i, value in enumerate(self._next)]
         self._near: dict[int, tuple[Point, Place | None]] = {}
-        self._rates: dict[int, tuple[complex, float]] = {}
         self.branch: Family | None = None  # on which lost vibrations are followed
         count, runs = len(self.x), len(RUNS)
         self.tables: Arrays = {
@@ -367,7 +366,7 @@ class Row:
         """Every run of the unit, and its growth rates."""
         asked = self._runs
         if self._curve:
-            least = [self._least(i) for i in range(len(self._next))]
+            least = [self.track.least(value, at) for value, at in zip(self._next, self._sliding)]
             seen = least[: len(self.x)]
             rates = [0.0 if abs(rate.real) <= none else rate.real for rate, none in seen]
             self.tables["growth"] = np.array(rates, dtype=np.float64)
@@ -408,12 +407,6 @@ class Row:
             return None
         return at
 
-    def _least(self, i: int) -> tuple[complex, float]:
-        """Track.least at a point."""
-        if i not in self._rates:
-            self._rates[i] = self.track.least(self._next[i], self._sliding[i])
-        return self._rates[i]
-
     def _tried(self, begin: Callable[[], object]) -> Point:
         """The steady state of a run; one that has to stop records why, and the map continues."""
         try:
@@ -446,9 +439,9 @@ class Row:
 
     def _carry(self, name: str, numbers: Iterable[int], start: Callable[[int], Point]) -> Point:
         """One carried run over the points, which begins with `start` of the first one; return where it ends."""
-        point, before = NOTHING, -1
+        point = NOTHING
         for i in numbers:
-            if before < 0:
+            if point is NOTHING:
                 point = start(i)
             elif point.state in (SLIDING, STOPPED) and (at := self._sliding[i]) is not None and at.exists:
                 point = self._at_near(i)
@@ -457,7 +450,6 @@ class Row:
             else:
                 point = self._step(name, self.x[i], point)
             self._write(name, i, point)
-            before = i
         return point._replace(spent=0.0)
 
     def _step(self, name: str, to: float, last: Point) -> Point:
