@@ -359,12 +359,11 @@ def _could(a: Array, b: Array, bend: Array) -> bool:
     return bool(np.any((a * b > 0.0) & (np.minimum(np.abs(a), np.abs(b)) <= bend)))
 
 
-def edge(inside: float, outside: float, holds: Callable[[float], bool], span: float = 0.0) -> tuple[float, float]:
-    """Return the last value from `inside` to `outside` at which `holds` is true, and the first at which it is not.
-
-    Tolerance: `EDGE` of the way, or of `span` if that is longer.
+def edge(inside: float, outside: float, holds: Callable[[float], bool], least: float = 0.0) -> tuple[float, float]:
+    """Return the last value from `inside` to `outside` at which `holds` is true, and the first at which it is not, by
+    halving. `least`: their distance, by default `EDGE` of the way.
     """
-    least = EDGE * max(abs(outside - inside), span)
+    least = least or EDGE * abs(outside - inside)
     while abs(outside - inside) > least and (middle := 0.5 * (inside + outside)) not in (inside, outside):
         inside, outside = (middle, outside) if holds(middle) else (inside, middle)
     return inside, outside
