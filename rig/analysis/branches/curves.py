@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -52,6 +52,12 @@ class Curve:
     second: tuple[float, ...]
     first: tuple[float, ...]
     why: str = ""
+
+    @classmethod
+    def of(cls, kind: str, contact: str, points: Iterable[Sequence[float]], why: str = "") -> Curve:
+        """The curve of points (second, first parameter) in any order."""
+        ordered = sorted(points)
+        return cls(kind, contact, tuple(q for q, _ in ordered), tuple(p for _, p in ordered), why)
 
     @property
     def name(self) -> str:
@@ -128,19 +134,17 @@ def curves(job: Job, second: Axis, root: Path = ROOT, progress: Progress = lambd
         own = float(np.clip(job.scene.values()[second.key][0], min(second.values), max(second.values)))
         if 0 not in saved:
             saved[0] = {
-                "hopf": [list(zip(curve.second, curve.first)) for curve in _hopf_curves(job, second)],
+                "hopf": _hopf_points(job, second),
                 "specials": list(_specials(job, second, own)),
             }
             store.save({0: packed(saved[0])})
-        out = [
-            Curve("hopf", "", tuple(q for q, _ in points), tuple(p for _, p in points)) for points in saved[0]["hopf"]
-        ]
+        out = [Curve.of("hopf", "", points) for points in saved[0]["hopf"]]
         specials, done = saved[0]["specials"], 0
         for number, special in enumerate(specials):
             if special["last"] is None:
-                here = {own: special["p"]} if own in second.values else {}
-                what = f"not followed from {own:.6g}: {special['why']}"
-                out.append(Curve(special["kind"], special["contact"], tuple(here), tuple(here.values()), what))
+                here = [(own, special["p"])] if own in second.values else []
+                why = f"not followed from {own:.6g}: {special['why']}"
+                out.append(Curve.of(special["kind"], special["contact"], here, why))
                 continue
             parts: dict[float, float] = {}
             whys: list[str] = []
@@ -160,9 +164,7 @@ def curves(job: Job, second: Axis, root: Path = ROOT, progress: Progress = lambd
                 done += len(values)
                 parts |= follower.points
                 whys += [follower.why] if follower.why else []
-            ordered = sorted(parts)
-            out.append(Curve(special["kind"], special["contact"], tuple(ordered), tuple(parts[v] for v in ordered),
-                             "; ".join(whys)))  # fmt: skip
+            out.append(Curve.of(special["kind"], special["contact"], parts.items(), "; ".join(whys)))
     if not out:
         raise UsageError(f"{job.scene.name}: no special point lies in this range of {job.axis.key}")
     return Curves(job.scene, job.axis, second, tuple(out), store.folder)
@@ -182,13 +184,12 @@ def _work(job: Job, second: Axis) -> Work:
     return replace(job.work, name=f"{job.scene.name}-curves", digest=digest(job.scene, identity), about=about)
 
 
-def _hopf_curves(job: Job, second: Axis) -> Iterator[Curve]:
-    """Curves of the Hopf points, the first, second and further one of each value."""
+def _hopf_points(job: Job, second: Axis) -> list[list[tuple[float, float]]]:
+    """The Hopf points (second, first parameter): the first of each value, the second of each value, and so on."""
     swept = [sweep(second.at(job.scene, q), job.axis).critical for q in second.values]
     rows = [[critical.value for critical in found if critical.kind == "flutter"] for found in swept]
-    for k in range(max(map(len, rows), default=0)):
-        there = [(q, row[k]) for q, row in zip(second.values, rows) if len(row) > k]
-        yield Curve("hopf", "", tuple(q for q, _ in there), tuple(p for _, p in there))
+    most = max(map(len, rows))
+    return [[(q, row[k]) for q, row in zip(second.values, rows) if len(row) > k] for k in range(most)]
 
 
 def _specials(job: Job, second: Axis, q: float) -> Iterator[dict[str, Any]]:
