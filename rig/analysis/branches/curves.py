@@ -54,7 +54,7 @@ class Curve:
     why: str = ""
 
     @classmethod
-    def of(cls, kind: str, contact: str, points: Iterable[Sequence[float]], why: str = "") -> Curve:
+    def of(cls, kind: str, contact: str, points: Iterable[tuple[float, float]], why: str = "") -> Curve:
         """The curve of points (second, first parameter) in any order."""
         ordered = sorted(points)
         return cls(kind, contact, tuple(q for q, _ in ordered), tuple(p for _, p in ordered), why)
