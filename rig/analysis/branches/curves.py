@@ -55,7 +55,7 @@ class Curve:
 
     @classmethod
     def of(cls, kind: str, contact: str, points: Iterable[tuple[float, float]], why: str = "") -> Curve:
-        """The curve of points (second, first parameter) in any order."""
+        """The curve of points (second, first parameter), in any order."""
         ordered = sorted(points)
         return cls(kind, contact, tuple(q for q, _ in ordered), tuple(p for _, p in ordered), why)
 
