@@ -266,20 +266,21 @@ class Search:
 
     def _repeated(self) -> Settled | None:
         """The cycle whose events repeat, if there is one."""
+        if self.now > self.patience and (period := self._round(self.rough)):
+            if (cycle := self._closed(period)) is not None:
+                return self._settled(cycle=cycle)
+        period = self._round(self.repeat)
+        return self._settled(period=period) if period else None
+
+    def _round(self, repeat: float) -> float:
+        """The period [s] of a motion whose events repeat to `repeat`; else 0."""
         step = self.rig.step
-        count, self.drift = repeating(self.events, step, self.rough)
+        count, self.drift = repeating(self.events, step, repeat)
         last = self.events[-count - 1 :]
         period = time_of(last[-1], last[0].tick, step) - time_of(last[0], last[0].tick, step)
         over = -time_of(last[-1], self.motion.tick, step) > 2.0 * period  # the events are those of an earlier motion
-        if not count or self.drift > self.rough or over or not all_round(period, self.turn):
-            return None
-        if self.now > self.patience and (cycle := self._closed(period)) is not None:
-            return self._settled(cycle=cycle)
-        count, self.drift = repeating(self.events, step, self.repeat)
-        if self.drift > self.repeat:
-            return None
-        last = self.events[-count - 1 :]
-        return self._settled(period=time_of(last[-1], last[0].tick, step) - time_of(last[0], last[0].tick, step))
+        repeats = count and self.drift <= repeat and not over and all_round(period, self.turn)
+        return period if repeats else 0.0
 
     def _between_turning_points(self) -> float:
         """The period [s] of a motion without events, from the states at its last turning points; 0 if none repeats.

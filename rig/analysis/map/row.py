@@ -65,6 +65,7 @@ _PARTS = 4  # steps from one point to the next of a parameter that cannot be ram
 _SAMPLES = 24  # in a period of the fastest vibration mode
 _KEPT = 3  # cycles from which the next one is extrapolated
 _SEEN = 3.05  # periods of it from look to look
+_TOLERANCE = 1e-9  # of dop853 and rosenbrock: at release the slip speed leaves zero slowly
 _REPEATS = 1e-6  # of a period: rounds that differ by less are the same
 _PATIENCE = 40.0  # periods of the slowest mode in which a motion may approach its cycle by itself
 _FREE = 1e-6  # of one: a vibration without damping neither decays nor grows, at any amplitude
@@ -113,12 +114,13 @@ class Track:
             self._assembly(self.value),
             self.system(self.value).start,
             step_ns=frame // steps,
-            tolerance=TIGHT,
+            tolerance=_TOLERANCE,
             read=[settings.output],
         )
         self.rig.longest = round(RAMP * self.slowest / self.rig.step)
         self.period = 0.0
         self.cycles: tuple[tuple[float, Array], ...] = ()
+        self._stood: tuple[float, FreeRig] | None = None
         self._led: dict[tuple[float, float], tuple[Point, Point, Place]] = {}
 
     def _typical(self) -> tuple[float, Steady]:
@@ -330,7 +332,9 @@ class Track:
 
     def _standing(self) -> FreeRig:
         """The rig at the present value, whose start is the standing start."""
-        return self.rig.driven_by(self.far(self.sliding(self.value)))
+        if self._stood is None or self._stood[0] != self.value:
+            self._stood = self.value, self.rig.driven_by(self.far(self.sliding(self.value)))
+        return self._stood[1]
 
     def _turn(self) -> int:
         """Ticks in which the slowest path over sectors is passed once; 0 without sectors."""
