@@ -63,8 +63,8 @@ test: tools # what computes, one thread each; then processes, which mostly wait,
 	@$(RUN) pytest -n 3 --dist worksteal -m "$(DAILY) and not alone" $(PROCESSES)
 	@$(RUN) pytest -m "$(DAILY) and alone" $(PROCESSES)
 
-test-slow: tools
-	@$(RUN) pytest -m slow
+test-slow: tools # some take minutes, on a busy machine several times as long
+	@$(RUN) pytest -m slow -o timeout=1800
 
 test-browser: tools # RIG_SCREENSHOTS=FOLDER keeps pictures of the page
 	@$(RUN) pytest -m browser -rs tests/web/browser

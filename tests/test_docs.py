@@ -82,6 +82,12 @@ def test_commands_of_the_pages_write_files_of_their_own():
     assert {file: by for file, by in writers.items() if len(by) > 1} == {}
 
 
+def test_a_test_that_a_page_names_exists():
+    named = {name for page in PAGES for name in re.findall(r"\btests/[\w/]+\.py\b", page.read_text())}
+    assert len(named) > 10
+    assert [name for name in sorted(named) if not (ROOT / name).is_file()] == []
+
+
 def test_every_command_of_the_program_is_on_the_page_of_commands():
     named = {words[1] for page, words in commands() if page == "docs/commands.md"}
     assert named == set(program.commands)

@@ -61,6 +61,8 @@ _GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cyc
 _LONG = (1e-4, 1e-5, 1e-6)  # steps of the differences where runs are noisy, longest first
 _BESIDE = 1e-8  # of the size of a state: over so little, the return map is straight
 _POINTS = 5  # of each step of the integrator, in the outputs over a period
+_PERIODS, _PIECES = 4, 2000  # in one piece of the simulation of a start; and how many of them
+_REPEATS = 1e-7  # of a period: a vibration with stick repeats
 _NOT_SMOOTH = "the return map is not smooth: displaced runs meet other events"
 
 
@@ -444,6 +446,41 @@ def _recorded(rig: FreeRig, settled: Settled, method: str, tolerance: float) -> 
         sticking=tuple((a, b) for a, b, stuck in held if 0 in stuck),
         state=dict(zip(rig.system.names, x.tolist())),
     )
+
+
+def slides(scene: Scene) -> tuple[bool | None, str]:
+    """Return whether the plant comes to slide from the start of its scene, by simulation; None, and why: undecided."""
+    rig = Family(scene).rig(())
+    sliding = steady(rig.system, rig.key)
+    rest = Rest(sliding, stuck(rig.system, sliding.x))
+    if not rest.stable:
+        return False, ""
+    x = rig.settled.copy()
+    x[rig.moving] = rig.system.start[rig.moving]
+    period = 2.0 * math.pi / abs(rest.least)
+    ends = comes_to_slide(rig, rest, x, period)
+    longest = _PIECES * _PERIODS * period
+    return ends, "" if ends is not None else f"neither sliding nor a vibration that repeats after {longest:.4g} s"
+
+
+def comes_to_slide(
+    rig: FreeRig, rest: Rest, x: Array, period: float, known: Callable[[Array], bool | None] = lambda x: None
+) -> bool | None:
+    """Return whether the motion from x comes to slide, by simulation; None: it neither slides nor repeats for long.
+
+    `period` [s]: a typical one. `known`: what is known of a state after a few periods with events.
+    """
+    for _ in range(_PIECES):
+        run = rig.carried(x, _PERIODS * period)
+        if run.events and (ends := known(run.x)) is not None:
+            return ends
+        if not run.events and rest.reached(run.x):
+            return True
+        count, drift = repeating([event for _, event in run.events], rig.step, _REPEATS)
+        if count and drift <= _REPEATS:
+            return False
+        x = run.x
+    return None
 
 
 def stuck(system: System, x: Array) -> Array:

@@ -288,6 +288,42 @@ def roots(values: Sequence[float], growths: Growths) -> list[float]:
     return looked(values, growths, look)
 
 
+def grows(growth: Growth | None) -> bool:
+    """Return whether the fastest rate grows; False without steady sliding."""
+    return growth is not None and growth.sign(0) > 0
+
+
+def limits(values: Sequence[float], growths: Growths) -> list[tuple[float, bool]]:
+    """Return the values from which on, as they rise, the one rate of `growths` grows (True) or no longer does (False):
+    there it passes zero, or steady sliding ends. What is narrower than `EDGE` of the range of `values` is left out.
+    """
+
+    def look(grid: list[float]) -> list[tuple[float, bool]]:
+        found: list[tuple[float, bool]] = []
+        for a, b in pairwise(sorted(grid)):
+            below, above = growths(a), growths(b)
+            if (below is None or above is None) and grows(below) != grows(above):
+                found.append((a if below is None else b, grows(above)))
+        for stretch in stretches(grid, growths):
+            passed = [bracket for bracket in brackets(stretch, growths) if bracket.how != "ends"]
+            found += [(root(bracket, growths), grows(growths(max(bracket.a, bracket.b)))) for bracket in passed]
+        return sorted(found)
+
+    return list(_wide(looked(values, growths, look), EDGE * abs(values[-1] - values[0])))
+
+
+def _wide(found: list[tuple[float, bool]], least: float) -> Iterator[tuple[float, bool]]:
+    """The limits without those of bands of growth that are narrower than `least`."""
+    left = iter(found)
+    for limit in left:
+        following = next(left, None) if limit[1] else None
+        if following is not None and following[0] - limit[0] <= least:
+            continue
+        yield limit
+        if following is not None:
+            yield following
+
+
 def refined(values: Sequence[float], growths: Growths) -> list[float]:
     """Return `values` and the values between them that have to be examined, in their order."""
     grid = [values[0]]
@@ -359,12 +395,11 @@ def _could(a: Array, b: Array, bend: Array) -> bool:
     return bool(np.any((a * b > 0.0) & (np.minimum(np.abs(a), np.abs(b)) <= bend)))
 
 
-def edge(inside: float, outside: float, holds: Callable[[float], bool], span: float = 0.0) -> tuple[float, float]:
-    """Return the last value from `inside` to `outside` at which `holds` is true, and the first at which it is not.
-
-    Tolerance: `EDGE` of the way, or of `span` if that is longer.
+def edge(inside: float, outside: float, holds: Callable[[float], bool], least: float = 0.0) -> tuple[float, float]:
+    """Return the last value from `inside` to `outside` at which `holds` is true, and the first at which it is not, by
+    halving. `least`: their distance, by default `EDGE` of the way.
     """
-    least = EDGE * max(abs(outside - inside), span)
+    least = least or EDGE * abs(outside - inside)
     while abs(outside - inside) > least and (middle := 0.5 * (inside + outside)) not in (inside, outside):
         inside, outside = (middle, outside) if holds(middle) else (inside, middle)
     return inside, outside

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.averaged import averaged, not_fast
 from rig.analysis.axis import Axis, heading
-from rig.analysis.eigenvalue_curves import EDGE, NOTHING, Growth, brackets, looked, none, root, stretches
+from rig.analysis.eigenvalue_curves import NOTHING, Growth, limits, none
 from rig.analysis.modes import GENERATOR, Slow, missing
 from rig.errors import Singular
 from rig.machine.files import csv_table
@@ -158,42 +158,13 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
     def growths(value: float) -> Growth | None:
         return at(value)[0]
 
-    def grows(value: float) -> bool:
-        growth_there = growths(value)
-        return growth_there is not None and growth_there.sign(0) > 0
-
-    def look(grid: list[float]) -> list[tuple[float, bool]]:
-        edges: list[tuple[float, bool]] = []
-        order = sorted(grid)
-        for stretch in stretches(grid, growths):
-            low, high = sorted((stretch[0], stretch[-1]))
-            edges += [(order[order.index(low) - 1], True)] if low > order[0] and grows(low) else []
-            edges += [(order[order.index(high) + 1], False)] if high < order[-1] and grows(high) else []
-            for bracket in brackets(stretch, growths):
-                if bracket.how != "ends":
-                    edges.append((root(bracket, growths), grows(max(bracket.a, bracket.b))))
-        return sorted(edges)
-
-    edges = list(wide_bands(looked(x.values, growths, look), EDGE * abs(x.values[-1] - x.values[0])))
     points = [at(value) for value in x.values]
     return {
         "growth": np.array([math.nan if growth is None else growth.clear[0] for growth, _, _ in points]),
         "frequency": np.array([frequency for _, frequency, _ in points]),
         "exists": np.array([exists for _, _, exists in points]),
-        "edges": np.array(edges, dtype=np.float64).reshape(-1, 2),
+        "edges": np.array(limits(x.values, growths), dtype=np.float64).reshape(-1, 2),
     }
-
-
-def wide_bands(edges: list[tuple[float, bool]], least: float) -> Iterator[tuple[float, bool]]:
-    """The edges without those of bands that are narrower than the tolerance of an edge."""
-    left = iter(edges)
-    for edge in left:
-        following = next(left, None) if edge[1] else None
-        if following is not None and following[0] - edge[0] <= least:
-            continue
-        yield edge
-        if following is not None:
-            yield following
 
 
 def sliding(scene: Scene, values: dict[str, float]) -> Steady:

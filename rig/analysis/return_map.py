@@ -191,8 +191,8 @@ class ReturnMap:
     """The return map of a family of rigs over its first parameter; the unknowns are u = (x / size, T / T0, p / P0).
 
     `size` [i]: of each moving state. `others`: values of the further parameters. `period`: of the generator as a
-    function of the rig, for a forced motion. `key`: mode set of the base point, in which contacts that stick are held.
-    `cuts`: ticks and mode sets at which further parts of the period begin; their states follow those of the base in u.
+    function of the rig, for a forced motion. `begins`: tick and mode set at which each part of the period begins, the
+    first of them at the base; contacts that stick in it are held. Their states follow each other in u.
     """
 
     def __init__(
@@ -204,11 +204,10 @@ class ReturnMap:
         others: tuple[float, ...] = (),
         period: Callable[[FreeRig], float] | None = None,
         phase: float = 0.0,
-        key: int | None = None,
-        cuts: tuple[tuple[int, int], ...] = (),
+        begins: tuple[tuple[int, int | None], ...] = ((0, None),),
     ) -> None:
         self.family, self.size, self.T0, self.P0, self.others = family, size, T0, P0, others
-        self.period, self.phase, self.key, self.cuts = period, phase, key, cuts
+        self.period, self.phase, self.begins = period, phase, begins
         self.runs = self.steps = 0  # of the map, of Newton's method
 
     def rig(self, u: Array) -> FreeRig:
@@ -217,12 +216,12 @@ class ReturnMap:
 
     def state(self, u: Array, part: int = 0) -> Array:
         """Return all states at u, at the begin of a part."""
-        rig, n = self.rig(u), len(self.size)
-        tick, key = self.cuts[part - 1] if part else (0, self.key)
+        rig = self.rig(u)
+        tick, key = self.begins[part]
         x = rig.settled.copy()
         if self.period is not None:
             x = driven(rig, self.phase * u[-2] * self.T0 + tick * rig.step)
-        x[rig.moving] = u[part * n : (part + 1) * n] * self.size
+        x[rig.moving] = u[:-2].reshape(-1, len(self.size))[part] * self.size
         if key is not None and STICK in rig.system.modes(key)[0]:
             x = rig.modes(key).landing @ x
         return x
@@ -235,18 +234,23 @@ class ReturnMap:
     def end(self, u: Array, keep: bool = False) -> Carried:
         """Return the run of one period from u."""
         self.runs += 1
-        parts = [self.part(u, i, keep) for i in range(len(self.cuts) + 1)]
-        return _joined(parts, [tick * self.rig(u).step for tick in self.ticks]) if self.cuts else parts[0]
+        parts = [self.part(u, i, keep) for i in range(len(self.begins))]
+        return _joined(parts, [tick * self.rig(u).step for tick in self.ticks]) if self.cut else parts[0]
 
     @property
     def ticks(self) -> list[int]:
         """The ticks at which the parts begin."""
-        return [0, *(tick for tick, _ in self.cuts)]
+        return [tick for tick, _ in self.begins]
+
+    @property
+    def cut(self) -> bool:
+        """Whether the period is in parts."""
+        return len(self.begins) > 1
 
     def part(self, u: Array, number: int, keep: bool = False) -> Carried:
         """Return the run of one part of the period from u."""
         rig, ticks, x = self.rig(u), self.ticks, self.state(u, number)
-        if number < len(self.cuts):
+        if number + 1 < len(ticks):
             return rig.carried(x, 0.0, keep, ticks[number + 1] - ticks[number])
         return rig.carried(x, float(u[-2] * self.T0) - ticks[number] * rig.step, keep)
 
@@ -318,7 +322,7 @@ class ReturnMap:
                     except NumericsError:
                         break
                     if displaced.met != end.met:
-                        other = displaced if number is None or not self.cuts else self.end(beside)
+                        other = displaced if number is None or not self.cut else self.end(beside)
                         break
                     ways.append(self.ends(u, displaced) - base)
                 else:
@@ -360,7 +364,7 @@ class ReturnMap:
 
     def along(self, u: Array) -> Array:
         """Return the direction of the flow at the begin of the last part, of length one."""
-        rig, x, key = self.rig(u), self.state(u, len(self.cuts)), self.cuts[-1][1] if self.cuts else self.key
+        rig, x, (_, key) = self.rig(u), self.state(u, -1), self.begins[-1]
         if key is None:
             rig.motion.restart(x)
         f = self.rate(u, x, rig.motion.key if key is None else key)
@@ -442,11 +446,11 @@ def closed(
     rig, p = family.rig(values), values[0] if values else 0.0
     run = _up_to(rig, x, period)
     size = sizes(np.ptp(run.states, axis=0), rig)
-    map = ReturnMap(family, size, period, abs(p) or 1.0, values[1:], forced, key=run.first)
+    map = ReturnMap(family, size, period, abs(p) or 1.0, values[1:], forced, begins=((0, run.first),))
     u = map.unknowns(x, period, p)
     if (later := map.better_base(u, run)) is not None:
         base = rig.carried(x, 0.0, ticks=round(later / rig.step))
-        map.key = base.key
+        map.begins = ((0, base.key),)
         if forced is not None:
             map.family = Family.of(rig.driven_by(base.x))
         u = map.unknowns(base.x, period, p)

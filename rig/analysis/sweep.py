@@ -142,7 +142,7 @@ def _beside(value: float, near: float, spectra: curves.Spectra) -> int | None:
 
 def _gaps(grid: Sequence[float], spectra: curves.Spectra) -> Iterator[Gap]:
     """Ranges without steady sliding, and why."""
-    notes, span = [spectra(value).note for value in grid], abs(grid[-1] - grid[0])
+    notes, least = [spectra(value).note for value in grid], curves.EDGE * abs(grid[-1] - grid[0])
     starts = [i for i in range(len(grid)) if i == 0 or notes[i] != notes[i - 1]]
     for first, beyond in pairwise([*starts, len(grid)]):
         if not (note := notes[first]):
@@ -152,8 +152,8 @@ def _gaps(grid: Sequence[float], spectra: curves.Spectra) -> Iterator[Gap]:
             return spectra(value).note == note
 
         last = beyond - 1
-        start = curves.edge(grid[first], grid[first - 1], holds, span)[0] if first else grid[first]
-        end = curves.edge(grid[last], grid[beyond], holds, span)[0] if beyond < len(grid) else grid[last]
+        start = curves.edge(grid[first], grid[first - 1], holds, least)[0] if first else grid[first]
+        end = curves.edge(grid[last], grid[beyond], holds, least)[0] if beyond < len(grid) else grid[last]
         yield Gap(start, end, note, spectra(grid[(first + last) // 2]).why)
 
 
@@ -336,11 +336,11 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
     dithered = dithers(scene, axis.key)
 
     def spectrum(value: float) -> curves.Spectrum:
-        with threadpool_limits(1, "blas"):  # a hundred rows take twice as long with two threads
-            return curves.equilibrium(axis.at(scene, value), bool(dithered))
+        return curves.equilibrium(axis.at(scene, value), bool(dithered))
 
     how = {None: "", True: "friction averaged over the dither", False: "without the dither"}[dithered]
-    swept = along(scene.name, axis, spectrum, fixed=fixed(scene, [axis]))
+    with threadpool_limits(1, "blas"):  # a hundred rows take twice as long with two threads
+        swept = along(scene.name, axis, spectrum, fixed=fixed(scene, [axis]))
     return replace(swept, friction=how, left_out=left_out(scene))
 
 

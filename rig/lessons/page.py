@@ -196,7 +196,7 @@ LONGEST_S = 600.0
 """Longest time that a command may take [s]."""
 _DIGITS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 _WRITES = ("--out", "--figure", "--csv", "--law")
-_KEEP = ("branches", "map", "optimise", "study")
+_KEEP = ("branches", "cost", "map", "optimise", "study")
 """Commands that keep their results in a folder, and do not replace them without --force."""
 
 

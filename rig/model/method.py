@@ -41,6 +41,9 @@ TIGHT = 1e-9
 MANY = 1 << 22
 """Largest number of mode sets that a system may have: 20 contacts of one friction force that open one by one, or 8 that
 stick, slip and open one by one. Their index then takes 16 MB; only mode sets that a run visits are built."""
+CROWD = 1 << 14
+"""Number of mode sets beyond which a run keeps meeting new ones, each of which has to be built: 6 contacts that stick,
+slip and open one by one exceed it."""
 FILM_HELPS = "make the contacts points of a film, which have no mode sets (structure.film = true; Assembly.film)"
 
 

@@ -28,7 +28,7 @@ from rig.model import film
 from rig.model.assembly import Accuracy, Assembly, Input, Nodes, Output
 from rig.model.film import Film
 from rig.model.friction_law import Law
-from rig.model.method import MANY
+from rig.model.method import CROWD
 from rig.model.named_rows import Row
 from rig.model.system import Finding, System
 from rig.picture import Own, Plot
@@ -291,7 +291,7 @@ def _as_film(a: Assembly, p: Tables) -> bool:
         ]
     if wrong and (asked or damped):
         raise SceneError("structure.film", wrong)
-    return not wrong and (bool(damped) or 6 ** len(a.patches) > MANY if asked is None else asked)
+    return not wrong and (bool(damped) or 6 ** len(a.patches) > CROWD if asked is None else asked)
 
 
 def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers: list[Array], speed: Row) -> None:

@@ -139,9 +139,15 @@ def _whole(run: Run) -> Iterator[tuple[str, Series]]:
             yield f"applied/{name}[{drive}]", Series(commands.tick * run.frame_ns, np.ascontiguousarray(values))
 
 
+def common_instants(first: Integers, second: Integers) -> tuple[Integers, Integers, Integers]:
+    """Return the instants [ns] that both of two runs have, each once, and their indices in the first and the second."""
+    once = all(bool(np.all(np.diff(t_ns) > 0)) for t_ns in (first, second))
+    return np.intersect1d(first, second, assume_unique=once, return_indices=True)
+
+
 def _first(topic: str, of_first: Series, of_second: Series) -> Difference:
     """The first difference at a common instant; else the first instant that only one run has."""
-    shared, at_one, at_two = np.intersect1d(of_first.t_ns, of_second.t_ns, return_indices=True)
+    shared, at_one, at_two = common_instants(of_first.t_ns, of_second.t_ns)
     apart = _raw(of_first.values[at_one]) != _raw(of_second.values[at_two])
     deviation, worst = _deviation(of_first.values[at_one], of_second.values[at_two], apart)
     alone = (of_first.values.size - shared.size, of_second.values.size - shared.size)

@@ -37,7 +37,7 @@ from rig.errors import Singular
 from rig.model import assembly, friction_law
 from rig.model.formulation import bearing_mass
 from rig.model.friction_law import Law
-from rig.model.method import ADAPTIVE, FILM_HELPS, too_many
+from rig.model.method import ADAPTIVE, CROWD, FILM_HELPS, too_many
 from rig.model.mode_sets import FAST
 from rig.model.singular import assembled
 from rig.model.system import Finding, Level, Normal, Patch, Sector, System
@@ -195,6 +195,9 @@ def stability_report(
     if why := too_many(system):
         remedy = f"eigenvalues hold; for runs {FILM_HELPS}"
         return by_level([*findings, Finding("warning", f"a run is not possible: {why}", 0.0, remedy)])
+    if system.film is None and system.keys > CROWD:
+        slow = f"there are {system.keys:.1e} mode sets, and each takes time when a run first meets it"
+        findings.append(Finding("warning", f"a run in which many contacts open may be slow: {slow}", 0.0, FILM_HELPS))
     findings += step_findings(system, method, step, substeps, tolerance, (fastest, where))
     return by_level(findings)
 

@@ -405,6 +405,17 @@ def test_curves_of_special_points_over_two_parameters(tmp_path):
     assert {"Hopf point", "grazing fold (contact)"} <= labels
 
 
+def test_curves_begin_where_the_starts_say(tmp_path):
+    """This stick-slip begins at no Hopf point. Under Coulomb friction motions scale with the load, so its end does."""
+    loaded = lab.load("belt_c_damped", {"limits": "none"})
+    over, second = "drive.speed=0.05 m/s:0.2 m/s", Axis.parse("load.force=20 N:24 N:2", loaded)
+    with pytest.raises(UsageError, match="no special point lies in this range"):
+        curves(job(loaded, over, None, ("hopf",)), second, tmp_path)
+    [jump] = curves(job(loaded, over, None, (0.06,)), second, tmp_path).curves
+    assert jump.first == pytest.approx([0.0779534596 * force / 20.0 for force in jump.second], rel=1e-8)
+    assert jump.second == second.values
+
+
 def test_least_knocks_are_confirmed_where_a_tick_is_a_large_part_of_a_period(tmp_path):
     result = followed(tmp_path, "belt", "drive.speed=0.2 m/s:0.8 m/s")
     there, back = Threshold(result, 0.4).knocks()

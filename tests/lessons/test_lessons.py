@@ -110,7 +110,7 @@ def test_the_code_of_a_notebook_runs_and_no_output_is_kept(file, tmp_path):
 def test_a_notebook_runs_in_jupyter(file):
     client = pytest.importorskip("nbclient", reason="nbclient is not installed: make site installs it")
     nbformat = pytest.importorskip("nbformat")
-    client.NotebookClient(nbformat.read(file, as_version=4), timeout=120).execute()
+    client.NotebookClient(nbformat.read(file, as_version=4), timeout=300).execute()
 
 
 SLOW_TO_END = """

@@ -815,11 +815,11 @@ def test_a_film_is_continued_studied_and_explained(disc, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(7200)
-def test_a_film_vibrates_like_exact_contacts_and_like_itself_with_half_the_step(disc):
+@pytest.mark.timeout(1800)
+def test_a_film_vibrates_like_itself_with_half_the_step(disc):
     """The mean of the RMS over the second half of 8 starts of 1 s: within 10 %, or within the interval of both."""
     means, variances = [], []
-    for step in ("1 us", "0.5 us", None):  # None: mode sets, method exact
+    for step in ("1 us", "0.5 us"):
         rms = []
         for start in range(8):
             changes = {"drive": FE["drive"], "start": {"velocity": f"{10 + start} mm/s"}}
@@ -828,10 +828,9 @@ def test_a_film_vibrates_like_exact_contacts_and_like_itself_with_half_the_step(
             rms.append(np.std(v[len(v) // 2 :]))
         means.append(np.mean(rms))
         variances.append(np.var(rms, ddof=1) / len(rms))
-    for other in (1, 2):
-        interval = student.ppf(0.975, 7) * np.sqrt(variances[0] + variances[other])
-        assert abs(means[0] - means[other]) < max(0.1 * means[other], interval)
-        assert interval < 0.15 * means[other]
+    interval = student.ppf(0.975, 7) * np.sqrt(sum(variances))
+    assert abs(means[0] - means[1]) < max(0.1 * means[1], interval)
+    assert interval < 0.15 * means[1]
 
 
 def test_the_mirror_symmetry_of_two_shoes_is_used_and_changes_nothing(tmp_path, monkeypatch):

@@ -185,7 +185,7 @@ def branches(job: Job, root: Path = ROOT, watch: Watch = lambda text: None) -> B
     work = job.work
     store = Store.of(work, root)
     with store.open(work):
-        result = _Computation(job, store, watch).run()
+        result = Computation(job, store, watch).run()
         told = result.to_json() | {"plant": job.scene.plant, "values": begin.values_of(job.scene)}
         write_file(store.folder / FILE, json.dumps(told).encode())
         return result
@@ -203,16 +203,19 @@ def store_of(job: Job, root: Path = ROOT) -> Store:
     return Store.of(job.work, root)
 
 
-class _Computation:
-    """One computation of all branches of a job."""
+class Computation:
+    """One computation of all branches of a job; `specials`: the special points of its cycles. Without a store nothing
+    is saved.
+    """
 
-    def __init__(self, job: Job, store: Store, watch: Watch) -> None:
+    def __init__(self, job: Job, store: Store | None = None, watch: Watch = lambda text: None) -> None:
         self.job, self.store, self.watch = job, store, watch
         self.axis = job.axis
         self.family = Family(job.scene, [job.axis], [job.output])
         self.low, self.high = job.axis.values[0], job.axis.values[-1]
-        self.saved = {unit: unpacked(arrays) for unit, arrays in store.load().items()}
+        self.saved = {unit: unpacked(arrays) for unit, arrays in store.load().items()} if store else {}
         self.branches: list[Branch] = []
+        self.specials: list[Special] = []
         self.notes: list[str] = []
         self.unit = -1
 
@@ -231,7 +234,7 @@ class _Computation:
             unit,
             tuple(self.branches),
             tuple(dict.fromkeys(self.notes)),
-            self.store.folder,
+            self.store.folder if self.store else None,
         )
 
     def _sliding_and_cycles(self) -> None:
@@ -370,6 +373,7 @@ class _Computation:
         try:
             left = self.job.most - sum(len(b.points) for b in made) - len(points) + continued
             for segment in follow(first, self.low, self.high, max(left, 1), note, self.job.longest):
+                self.specials += [*segment.specials, *filter(None, [segment.end])]
                 specials = tuple(_special(special) for special in segment.specials)
                 end = _special(segment.end) if segment.end else None
                 made.append(Branch(kind, self.unit, segment.names, tuple(points), specials, end))
@@ -391,13 +395,14 @@ class _Computation:
     def _save(self, made: Sequence[Branch], last: Place | None, done: bool, notes: Sequence[str]) -> None:
         raw: dict[str, Any] = {
             "branches": [branch.to_json() for branch in made],
-            "last": raw_of(last),
+            "last": last and raw_of(last),
             "done": done,
             "notes": list(notes),
         }
         for branch in raw["branches"]:
             del branch["name"]
-        self.store.save({self.unit: packed(raw)})
+        if self.store is not None:
+            self.store.save({self.unit: packed(raw)})
 
 
 def _equilibria(job: Job, swept: Sweep) -> Iterator[Branch]:
@@ -520,10 +525,8 @@ def _special(special: Special) -> SpecialPoint:
                         special.turns, special.why)  # fmt: skip
 
 
-def raw_of(at: Place | None) -> dict[str, Any] | None:
+def raw_of(at: Place) -> dict[str, Any]:
     """Return a place as JSON values."""
-    if at is None:
-        return None
     return {
         "u": at.u.tolist(),
         "t": at.t.tolist(),
@@ -531,8 +534,7 @@ def raw_of(at: Place | None) -> dict[str, Any] | None:
         "T0": at.map.T0,
         "P0": at.map.P0,
         "others": at.map.others,
-        "key": at.map.key,
-        "cuts": at.map.cuts,
+        "begins": at.map.begins,
         "forced": at.map.period is not None,
         "phase": at.map.phase,
         "step": at.step,
@@ -542,8 +544,7 @@ def raw_of(at: Place | None) -> dict[str, Any] | None:
 def rebuilt(family: Family, raw: Mapping[str, Any]) -> Place:
     """Return the place of `raw_of`."""
     period = begin.period_of if raw["forced"] else None
-    others = tuple(raw["others"])
-    cuts = tuple((tick, key) for tick, key in raw["cuts"])
-    map = ReturnMap(family, np.array(raw["size"]), raw["T0"], raw["P0"], others, period, raw["phase"], raw["key"], cuts)
+    others, begins = tuple(raw["others"]), tuple((tick, key) for tick, key in raw["begins"])
+    map = ReturnMap(family, np.array(raw["size"]), raw["T0"], raw["P0"], others, period, raw["phase"], begins)
     u = np.array(raw["u"])
     return replace(place(map, u, map.end(u), t=np.array(raw["t"])), step=raw["step"])

@@ -9,36 +9,21 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis import eigenvalue_curves
 from rig.analysis.axis import Axis
-from rig.analysis.branches import begin
-from rig.analysis.branches.compute import ROOT, SAVE, Job, driven_by, raw_of, rebuilt
+from rig.analysis.branches.compute import ROOT, SAVE, Computation, Job, driven_by, raw_of, rebuilt
 from rig.analysis.branches.result import TURNS, named
-from rig.analysis.branches.trace import (
-    FAILURES,
-    Measure,
-    Place,
-    Special,
-    follow,
-    of_distance,
-    of_turn,
-    place,
-    stepped,
-    zero,
-)
-from rig.analysis.cycle import limit_cycle
+from rig.analysis.branches.trace import FAILURES, SPECIAL, Measure, Place, of_distance, place, solved, stepped, zero
 from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
-from rig.analysis.return_map import Family
-from rig.bench.free_rig import Carried
+from rig.analysis.return_map import FLAT, Family
+from rig.analysis.sweep import sweep
 from rig.errors import UsageError
 from rig.machine.files import csv_table
 from rig.printable import columns
@@ -54,7 +39,7 @@ Array = NDArray[np.float64]
 _BEFORE, _AHEAD = 0.03, 0.003  # along the branch: where a cycle is carried from, and the first step back
 _SMALL = 1e-4  # of a step: difference for the tangent
 _LEAST = 1e-3  # of the whole way: the shortest step
-_POINTS = 300  # of a branch
+_SAME = 1e-6  # of the parameter: special points that are closer together are one
 _TRACK, _NEARLY = 4, 0.999  # cycles from which the next is extrapolated; of the way to a value: no step for the rest
 
 
@@ -67,6 +52,12 @@ class Curve:
     second: tuple[float, ...]
     first: tuple[float, ...]
     why: str = ""
+
+    @classmethod
+    def of(cls, kind: str, contact: str, points: Iterable[tuple[float, float]], why: str = "") -> Curve:
+        """The curve of points (second, first parameter), in any order."""
+        ordered = sorted(points)
+        return cls(kind, contact, tuple(q for q, _ in ordered), tuple(p for _, p in ordered), why)
 
     @property
     def name(self) -> str:
@@ -143,19 +134,17 @@ def curves(job: Job, second: Axis, root: Path = ROOT, progress: Progress = lambd
         own = float(np.clip(job.scene.values()[second.key][0], min(second.values), max(second.values)))
         if 0 not in saved:
             saved[0] = {
-                "hopf": [list(zip(curve.second, curve.first)) for curve in _hopf_curves(job, second)],
-                "specials": [_saved(special) for special in _specials(job, family, own)],
+                "hopf": _hopf_points(job, second),
+                "specials": list(_specials(job, second, own)),
             }
             store.save({0: packed(saved[0])})
-        out = [
-            Curve("hopf", "", tuple(q for q, _ in points), tuple(p for _, p in points)) for points in saved[0]["hopf"]
-        ]
+        out = [Curve.of("hopf", "", points) for points in saved[0]["hopf"]]
         specials, done = saved[0]["specials"], 0
         for number, special in enumerate(specials):
             if special["last"] is None:
-                here = {own: special["p"]} if own in second.values else {}
-                what = f"not followed from {own:.6g}: {special['why']}"
-                out.append(Curve(special["kind"], special["contact"], tuple(here), tuple(here.values()), what))
+                here = [(own, special["p"])] if own in second.values else []
+                why = f"not followed from {own:.6g}: {special['why']}"
+                out.append(Curve.of(special["kind"], special["contact"], here, why))
                 continue
             parts: dict[float, float] = {}
             whys: list[str] = []
@@ -175,9 +164,7 @@ def curves(job: Job, second: Axis, root: Path = ROOT, progress: Progress = lambd
                 done += len(values)
                 parts |= follower.points
                 whys += [follower.why] if follower.why else []
-            ordered = sorted(parts)
-            out.append(Curve(special["kind"], special["contact"], tuple(ordered), tuple(parts[v] for v in ordered),
-                             "; ".join(whys)))  # fmt: skip
+            out.append(Curve.of(special["kind"], special["contact"], parts.items(), "; ".join(whys)))
     if not out:
         raise UsageError(f"{job.scene.name}: no special point lies in this range of {job.axis.key}")
     return Curves(job.scene, job.axis, second, tuple(out), store.folder)
@@ -197,74 +184,33 @@ def _work(job: Job, second: Axis) -> Work:
     return replace(job.work, name=f"{job.scene.name}-curves", digest=digest(job.scene, identity), about=about)
 
 
-def _saved(special: Special) -> dict[str, Any]:
-    """A special point as JSON values, with the cycle a little before it; without one if it cannot be followed."""
-    kind = TURNS.get(special.kind, special.kind) if special.turns else special.kind
-    told = {"kind": kind, "contact": special.contact, "name": special.name, "p": special.p, "last": None}
-    try:
-        return told | ({"why": special.why} if special.at.map.cuts else {"last": raw_of(_back(special.at))})
-    except FAILURES as error:
-        return told | {"why": " ".join(str(error).split())}
+def _hopf_points(job: Job, second: Axis) -> list[list[tuple[float, float]]]:
+    """The Hopf points (second, first parameter): the first of each value, the second of each value, and so on."""
+    swept = [sweep(second.at(job.scene, q), job.axis).critical for q in second.values]
+    rows = [[critical.value for critical in found if critical.kind == "flutter"] for found in swept]
+    most = max(map(len, rows))
+    return [[(q, row[k]) for q, row in zip(second.values, rows) if len(row) > k] for k in range(most)]
 
 
-def _hopf_curves(job: Job, second: Axis) -> Iterator[Curve]:
-    """Curves of the Hopf points, the first, second and further one of each value."""
-    rows: list[list[float]] = []
-    for q in second.values:
-        scene = second.at(job.scene, q)
-        hopf_values = eigenvalue_curves.roots(job.axis.values, _growths(job, scene))
-        rows.append(sorted(dict.fromkeys(float(f"{value:.12g}") for value in hopf_values)))
-    for k in range(max(map(len, rows), default=0)):
-        there = [(q, row[k]) for q, row in zip(second.values, rows) if len(row) > k]
-        yield Curve("hopf", "", tuple(q for q, _ in there), tuple(p for _, p in there))
-
-
-def _specials(job: Job, family: Family, q: float) -> Iterator[Special]:
-    """The special points of the cycles at a value of the second parameter, each once."""
-    seen: list[float] = []
-    low, high = job.axis.values[0], job.axis.values[-1]
-    for first in _beginnings(job, family, q):
-        for segment in follow(first, low, high, _POINTS):
-            for special in (*segment.specials, *([segment.end] if segment.end else [])):
-                usable = special.kind in ("fold", "canard") or special.name is not None
-                new = not any(abs(special.p - p) <= 1e-6 * abs(p) for p in seen)
-                if usable and new:
-                    seen.append(special.p)
-                    yield special
-
-
-def _beginnings(job: Job, family: Family, q: float) -> Iterator[Place]:
-    """First places of cycles at a value of the second parameter: Hopf points, else a simulation."""
-    scene = family.scene_at((job.axis.values[0], q))
-    hopf = eigenvalue_curves.roots(job.axis.values, _growths(job, scene))
-    for p in hopf:
-        try:
-            yield begin.from_hopf(family, p, (q,))
-        except FAILURES:
+def _specials(job: Job, second: Axis, q: float) -> Iterator[dict[str, Any]]:
+    """The special points of the cycles at a value of the second parameter, each once, as JSON values: with the cycle a
+    little before it, or why it cannot be followed.
+    """
+    computed, seen = Computation(replace(job, scene=second.at(job.scene, q))), list[float]()
+    computed.run()
+    for special in computed.specials:
+        usable = special.kind in ("fold", "canard") or special.name is not None
+        if not usable or any(abs(special.p - p) <= _SAME * abs(p) for p in seen):
             continue
-    if hopf:
-        return
-    for value in (0.5 * (job.axis.values[0] + job.axis.values[-1]), job.axis.values[0]):
-        cycle = limit_cycle(job.axis.at(scene, value))
-        if cycle.found:
-            start = begin.Start(value, cycle.state, cycle.period)
-            first = begin.from_start(family, start, others=(q,))
-            yield first
-            yield replace(first, t=-first.t)
-            return
-
-
-def _growths(job: Job, scene: Scene) -> eigenvalue_curves.Growths:
-    @lru_cache(maxsize=4096)
-    def growths(value: float) -> eigenvalue_curves.Growth | None:
-        spectrum = eigenvalue_curves.equilibrium(job.axis.at(scene, value))
-        return (
-            eigenvalue_curves.Growth(spectrum.rates.real, eigenvalue_curves.none(spectrum.rates))
-            if spectrum.counts
-            else None
-        )
-
-    return growths
+        seen.append(special.p)
+        kind = TURNS.get(special.kind, special.kind) if special.turns else special.kind
+        last, why = None, special.why
+        if not special.at.map.cut:
+            try:
+                last = raw_of(stepped(special.at, -_BEFORE)) | {"others": [q]}
+            except FAILURES as error:
+                why = " ".join(str(error).split())
+        yield {"kind": kind, "contact": special.contact, "name": special.name, "p": special.p, "last": last, "why": why}
 
 
 class _Follower:
@@ -274,7 +220,7 @@ class _Follower:
         self, special: dict[str, Any], family: Family, own: float, values: list[float], saved: dict[str, Any] | None
     ) -> None:
         name = special["name"]
-        self.measure: Measure = of_turn if name is None else of_distance((name[0], name[1], name[2]))
+        self.measure = SPECIAL["fold"] if name is None else of_distance((name[0], name[1], name[2]))
         self.values, self.least = values, _LEAST * abs((values or [own])[-1] - own)
         saved = saved or {"points": [], "q": own, "last": special["last"], "why": ""}
         self.points: dict[float, float] = dict(saved["points"])
@@ -303,9 +249,8 @@ class _Follower:
         target = value if abs(step) > _NEARLY * abs(value - self.q) else self.q + step
         try:
             at = _carried(self.last, self.track, target, self.measure) if target != self.q else self.last
-            u, end = stepped(at, _AHEAD, at.end.met)
-            best, p, _ = zero(place(at.map, u, end, at.t), _AHEAD, at, self.measure)
-            self.last, self.q = _back(best), target
+            best, p, _ = zero(stepped(at, _AHEAD), _AHEAD, at, self.measure)
+            self.last, self.q = stepped(best, -_BEFORE), target
             self.track += [(target, self.last.u)] if target != self.track[-1][0] else []
         except (*FAILURES, KeyError):
             if abs(step) < 2.0 * self.least:
@@ -318,18 +263,11 @@ class _Follower:
         return 2.0 * step
 
 
-def _back(at: Place) -> Place:
-    """The cycle a little before a special point."""
-    u, end = stepped(at, -_BEFORE, at.end.met)
-    return place(at.map, u, end, at.t)
-
-
 def _carried(at: Place, track: Sequence[tuple[float, Array]], value: float, measure: Measure) -> Place:
     """The cycle at another value of the second parameter, on the plane across the branch through a guess: what those
     before it lead to, or the tangent in this parameter from the first one.
     """
     q = track[-1][0]
-    M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), at.t])
     if len(track) > 1:
         known = track[-_TRACK:]
         weights = [math.prod((value - b) / (a - b) for b, _ in known if b != a) for a, _ in known]
@@ -340,13 +278,9 @@ def _carried(at: Place, track: Sequence[tuple[float, Array]], value: float, meas
         slope = np.zeros(len(at.u))
         if beside.met == at.end.met:
             slope[:-2] = (at.map.ends(at.u, beside) - at.map.ends(at.u, at.end)).ravel() / small
-        guess = at.u - np.linalg.lstsq(M, slope, rcond=1e-13)[0] * (value - q)
-
-    def plane(v: Array, _: Carried) -> tuple[float, Array]:
-        return float(at.t @ (v - guess)), at.t
-
+        M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), at.t])
+        guess = at.u - np.linalg.lstsq(M, slope, rcond=FLAT)[0] * (value - q)
     map = at.map.at(value)
-    u, end = map.newton(guess, plane, track[0][1], at.end.met, first=M)
-    new = place(map, u, end, at.t)
-    measure(new)
+    new = place(map, *solved(at, guess, map, track[0][1]), at.t)
+    measure.of(new)
     return new

@@ -10,7 +10,7 @@ A knock is an impulse where the plant states it, or a pulse of an actuator: anot
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from rig.analysis.branches.begin import Start, from_start
 from rig.analysis.branches.result import CYCLES, Branch, Branches
 from rig.analysis.branches.trace import Place, follow
-from rig.analysis.cycle import Rest, stuck
-from rig.analysis.repetition import repeating
+from rig.analysis.cycle import Rest, comes_to_slide, stuck
 from rig.analysis.return_map import Family
 from rig.bench.free_rig import TIGHT, FreeRig
 from rig.errors import UsageError
@@ -34,8 +33,6 @@ from rig.units import si
 Array = NDArray[np.float64]
 BESIDE = 1e-6
 """Share of a knock by which a threshold is confirmed from both sides."""
-_PERIODS = 4  # of the unstable cycle in one piece of a simulation
-_MOST = 2000  # pieces
 _CLOSE = 1e-9  # of the value: reached
 _CURVE = 20000  # points of the closed curve, at least: its chords are then 1e-8 of it away
 _STEPS = 50  # along the branch to a value
@@ -43,9 +40,7 @@ _NEVER = 1e-3  # of the largest: a knock in another direction than the motion
 _PHASES, _SIMULATED = 400, 12  # of a stable cycle at which a knock is tried, on the closed curve and by simulation
 _FINEST, _SIZES = 1.0 / 128.0, 15  # share of the largest knock that is tried, and how many up to it
 _BEYOND = 32.0  # ranges of the unstable cycle that an impulse may lead away
-_REPEATS = 1e-7  # of a period: a vibration with stick repeats
 _LONGEST = 100  # periods of the unstable cycle that a pulse may last
-_SIGMA = 1.6448536269514722  # of a normal distribution: 90 % lie within
 
 
 @dataclass(frozen=True)
@@ -84,47 +79,13 @@ class Share:
     count: int
     simulated: bool
 
+    @classmethod
+    def of(cls, slides: NDArray[np.bool_], simulated: bool) -> Share:
+        """The share of starts that slide, and its interval by Wilson."""
+        from scipy.stats import binomtest
 
-def interval(share: float, count: int) -> tuple[float, float]:
-    """Return the interval of 90 % (Wilson) of a share of `count` random starts."""
-    p, n = share, count
-    middle = (p + 0.5 * _SIGMA**2 / n) / (1.0 + _SIGMA**2 / n)
-    half = _SIGMA * math.sqrt(p * (1.0 - p) / n + 0.25 * _SIGMA**2 / n**2) / (1.0 + _SIGMA**2 / n)
-    return middle - half, middle + half
-
-
-def slides(scene: Scene) -> tuple[bool | None, str]:
-    """Return whether the plant comes to slide from the start of its scene, by simulation; None, and why: undecided."""
-    rig = Family(scene).rig(())
-    sliding = steady(rig.system, rig.key)
-    rest = Rest(sliding, stuck(rig.system, sliding.x))
-    if not rest.stable:
-        return False, ""
-    x = rig.settled.copy()
-    x[rig.moving] = rig.system.start[rig.moving]
-    time = _PERIODS * 2.0 * math.pi / abs(rest.least)
-    ends = _ends(rig, rest, x, time)
-    return ends, "" if ends is not None else f"neither sliding nor a vibration that repeats after {_MOST * time:.4g} s"
-
-
-def _ends(
-    rig: FreeRig, rest: Rest, x: Array, time: float, known: Callable[[Array], bool | None] = lambda x: None
-) -> bool | None:
-    """Whether the motion from x comes to slide, by simulation in pieces of `time` [s]; None: undecided.
-
-    `known`: what is known of a state after a piece with events.
-    """
-    for _ in range(_MOST):
-        run = rig.carried(x, time)
-        if run.events and (ends := known(run.x)) is not None:
-            return ends
-        if not run.events and rest.reached(run.x):
-            return True
-        count, drift = repeating([event for _, event in run.events], rig.step, _REPEATS)
-        if count and drift <= _REPEATS:
-            return False
-        x = run.x
-    return None
+        low, high = map(float, binomtest(int(slides.sum()), len(slides)).proportion_ci(0.9, "wilson"))
+        return cls(float(slides.mean()), low, high, len(slides), simulated)
 
 
 def refuse_controllers(scene: Scene, plant_alone: bool) -> None:
@@ -154,7 +115,8 @@ class Threshold:
         self.sliding: Steady = steady(self.rig.system, self.rig.key)
         candidates = [(branch, point) for branch, point in branches.at(value) if branch.kind == CYCLES]
         unstable = [entry for entry in candidates if not entry[1].stable]
-        if not unstable or not Rest(self.sliding, stuck(self.rig.system, self.sliding.x)).stable:
+        self.rest = Rest(self.sliding, stuck(self.rig.system, self.sliding.x))
+        if not unstable or not self.rest.stable:
             raise UsageError(
                 f"{branches.scene.name}: there is no unstable cycle at {axis.key} = {self.text_of_value} beside stable "
                 "sliding; branches with dashed lines show where there is one"
@@ -164,7 +126,6 @@ class Threshold:
             raise UsageError(f"knock {knock}: is too long; at most {_LONGEST} periods of the unstable cycle")
         stable = [entry for entry in candidates if entry[1].stable]
         self.stable = self._place(stable[0][0]) if stable else None
-        self.rest = Rest(self.sliding, stuck(self.rig.system, self.sliding.x))
 
     def _place(self, branch: Branch) -> Place:
         """The cycle at the value, from its neighbours on the branch."""
@@ -234,7 +195,7 @@ class Threshold:
         def known(x: Array) -> bool | None:  # outside of the curve for good
             return self.rest.reached(x) or bool(self.inside(x[self.rig.moving][None])[0]) if self.planar else None
 
-        ends = _ends(self.rig, self.rest, x, _PERIODS * self.unstable.period, known)
+        ends = comes_to_slide(self.rig, self.rest, x, self.unstable.period, known)
         return bool(self.rest.share(x) < self.rest.share(self.rig.settled)) if ends is None else ends
 
     def _pulsed(self, knock: str) -> tuple[FreeRig, Pulse | None]:
@@ -362,8 +323,7 @@ class Threshold:
         """Return the share of starts, drawn as `drawn` does, that come to slide: by the threshold or by simulation."""
         starts = self.drawn(ranges, count, seed)
         inside = self.inside(starts) if self.planar else np.array([self.slides(start) for start in starts])
-        p = float(inside.mean())
-        return Share(p, *interval(p, count), count, not self.planar)
+        return Share.of(inside, not self.planar)
 
     @classmethod
     def parse(

@@ -10,14 +10,16 @@ Folds, period doublings and torus points are zeros of functions of the derivativ
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import combinations, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from rig.analysis.branches.distances import distances
+from rig.analysis.eigenvalue_curves import edge
 from rig.analysis.return_map import (
     CLOSE,
     CLOSED_TO,
@@ -40,12 +42,12 @@ Met = tuple[int, tuple[str, ...]]
 Name = tuple[str, str, int]
 FIRST, LONGEST, SHORTEST = 0.02, 0.12, 1e-5
 """Steps along a branch, of the size of the motion, of its period and of the parameter."""
-SPECIAL = ("fold", "period doubling", "torus")
 VIRTUAL = 1e-3
 """Smallest amplitude of a cycle that is followed, over the surface speed."""
 _BENDS = 0.9  # cosine of two tangents: below it a step is too long
 _GROWTH, _EASY = 1.5, 6  # of the step, after a Newton iteration of at most so many runs
 _EDGE = 1e-11  # of the same size: how closely a boundary is located
+_SHARES = (1.0, 0.95, 0.5, 0.1, 0.01)  # of the way to a zero; the first leads beyond it
 _ROUNDS = 40
 _BESIDE = 1e-6  # along the branch: the derivative of the return map is still the same
 _SPLITS = 1e3  # a part that magnifies differences by more is cut
@@ -119,7 +121,35 @@ class Place:
         return {d.name: d.value for d in distances(self.rig, self.run, self.period)}
 
 
-Measure = Callable[[Place], float]
+class Measure(NamedTuple):
+    """A number of a place that vanishes at a special point. `derived`: from the derivative of the return map, so that a
+    branch passes the zero; else motions beyond it meet other events.
+    """
+
+    of: Callable[[Place], float]
+    derived: bool = False
+
+
+def _turn(at: Place) -> float:
+    """The slope of the branch in the parameter: zero at a fold."""
+    return float(at.t[-1])
+
+
+def _doubling(at: Place) -> float:
+    return float(np.prod([v + 1.0 for v in at.multipliers[0]]).real)
+
+
+def _torus(at: Place) -> float:
+    """Zero where two multipliers have the product 1: a pair on the unit circle, or two real ones (no torus)."""
+    return float(np.prod([a * b - 1.0 for a, b in combinations(at.multipliers[0], 2)]).real)
+
+
+SPECIAL = {
+    "fold": Measure(_turn, derived=True),
+    "period doubling": Measure(_doubling, derived=True),
+    "torus": Measure(_torus, derived=True),
+}
+"""The special points of a branch with the same events, by what is zero there."""
 
 
 @dataclass(frozen=True)
@@ -202,26 +232,37 @@ def missed(at: Place) -> float:
     return float((far[moving] / sizes(np.ptp(states, axis=0), at.rig)).max())
 
 
-def stepped(at: Place, ds: float, met: Met | None) -> tuple[Array, Carried]:
-    """Solve for the cycle at the distance ds from a place, on the plane across its tangent."""
-    guess = at.map.shifted(at.u, ds * at.t)
-    M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), at.t])
+def stepped(at: Place, ds: float) -> Place:
+    """Return the place at the distance ds from another one, with the same events. Raises NoCycle, NotSmooth."""
+    return place(at.map, *_moved(at, ds), at.t)
+
+
+def _moved(at: Place, ds: float) -> tuple[Array, Carried]:
+    return solved(at, at.map.shifted(at.u, ds * at.t), at.map, at.u)
+
+
+def solved(at: Place, guess: Array, map: ReturnMap, reference: Array) -> tuple[Array, Carried]:
+    """Solve for the cycle of a map near a guess, on the plane across the tangent of a place, with the same events.
+
+    `reference`: of the phase. Raises NoCycle, NotSmooth.
+    """
 
     def plane(v: Array, _: Carried) -> tuple[float, Array]:
-        return float(at.t @ (v - at.u)) - ds, at.t
+        return float(at.t @ (v - guess)), at.t
 
-    return at.map.newton(guess, plane, at.u, met, first=M)
+    first = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), at.t])
+    return map.newton(guess, plane, reference, at.end.met, first=first)
 
 
-def at_value(at: Place, p: float, met: Met | None = None) -> Place:
-    """Solve for the cycle at the parameter p, near a place."""
+def _at_value(at: Place, p: float) -> Place:
+    """The place at the parameter p, near another one, with the same events."""
     target = p / at.map.P0
     closing = parameter(target, len(at.u))
     share = (target - at.u[-1]) / at.t[-1] if at.t[-1] else 0.0
     guess = at.u + share * at.t
     guess[-1] = target
     M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), closing(guess, at.end)[1]])
-    u, end = at.map.newton(at.map.shifted(guess, 0.0 * guess), closing, at.u, met, first=M)
+    u, end = at.map.newton(at.map.shifted(guess, 0.0 * guess), closing, at.u, at.end.met, first=M)
     return place(at.map, u, end, at.t, held=True)
 
 
@@ -232,7 +273,7 @@ def follow(
     most: int,
     watch: Callable[[Place], object] = lambda at: None,
     longest: float = LONGEST,
-    sought: Sequence[str] = SPECIAL,
+    sought: Collection[str] = SPECIAL,
 ) -> Iterator[Segment]:
     """Yield the segments of a branch from a place on, each as soon as it is complete, up to its end.
 
@@ -262,7 +303,7 @@ def _along(
     most: int,
     watch: Callable[[Place], object],
     longest: float,
-    sought: Sequence[str],
+    sought: Collection[str],
 ) -> Place | None:
     """Follow a segment to its end; return the first place of the next one."""
     ds, other = segment.places[-1].step, None
@@ -270,15 +311,15 @@ def _along(
         at = segment.places[-1]
         try:
             runs = at.map.runs
-            u, end = stepped(at, ds, at.end.met)
+            u, end = _moved(at, ds)
             runs = at.map.runs - runs
             new = place(at.map, u, end, at.t)
             if float(new.t @ at.t) < _BENDS and ds > 4.0 * SHORTEST:
                 raise NoCycle("the branch bends")
             if missed(new) > CLOSED_TO:  # motions beside it have departed and come back within the period
-                segment.places[-1] = _in_parts(at)
+                segment.places[-1] = _Parts(at).first()
                 continue
-            centred = _rescaled(_recentred(new))
+            centred = _rescaled(_Parts(new).renewed())
             if missed(centred) > CLOSED_TO:
                 raise NoCycle("the motion does not close from another base")
         except FAILURES as error:
@@ -291,7 +332,7 @@ def _along(
         if not low <= new.p <= high:
             limit = low if new.p < low else high
             try:
-                last = at_value(at, limit, at.end.met)
+                last = _at_value(at, limit)
                 segment.places.append(last)
                 watch(last)
                 segment.end = Special("range", last, limit, 0.0)
@@ -302,11 +343,11 @@ def _along(
         if (end_of_family := _shrinks(at, new)) is not None:
             segment.end = end_of_family
             return None
-        if runs <= (_EASY if not at.map.cuts else 2 * _EASY):
+        if runs <= (2 * _EASY if at.map.cut else _EASY):
             ds = min(ds * _GROWTH, longest * math.sqrt(len(at.map.ticks)))
         segment.places.append(replace(centred, step=ds))
         watch(segment.places[-1])
-        upright = [place.p for place in segment.places[-_UPRIGHT:] if place.map.cuts]
+        upright = [place.p for place in segment.places[-_UPRIGHT:] if place.map.cut]
         if len(upright) == _UPRIGHT and float(np.ptp(upright)) < CLOSE * abs(new.p):
             segment.end = Special("canard", segment.places[-1], new.p, CLOSED_TO * abs(new.p), turns=True, why=_DIGITS)
             return None
@@ -382,60 +423,27 @@ def _hopf(at: Place) -> float | None:
 # special points between two places with the same events
 
 
-def _between(at: Place, new: Place, ds: float, sought: Sequence[str]) -> list[Special]:
+def _between(at: Place, new: Place, ds: float, sought: Collection[str]) -> list[Special]:
     """Folds, period doublings and torus points between two places, those that are `sought`."""
-    out = []
-    if "fold" in sought and at.t[-1] * new.t[-1] < 0.0 and len(at.u) > 2:
-        out += _located("fold", at, new, ds, lambda place: float(place.t[-1]))
-    (a, _), (b, _) = at.multipliers, new.multipliers
-    if at.unstable != new.unstable:
-        for kind, measure in (("period doubling", _doubling), ("torus", _torus)):
-            if kind in sought and measure(a) * measure(b) < 0.0:
-                out += _located(kind, at, new, ds, partial(_measured, measure))
+    kinds = ["fold"] if len(at.u) > 2 else []
+    kinds += ["period doubling", "torus"] if at.unstable != new.unstable else []
+    changes = [k for k in kinds if k in sought and SPECIAL[k].of(at) * SPECIAL[k].of(new) < 0.0]
     noise = CLOSED_TO * math.prod(float(np.linalg.norm(part, 2)) for part in at.d.parts) * abs(at.p)
     return [
         s
-        for s in out
+        for s in (_located(kind, at, new, ds) for kind in changes)
         if max(abs(s.p - at.p), abs(s.p - new.p)) > noise
         and (s.kind != "torus" or any(abs(abs(v) - 1.0) < _PAIR and v.imag for v in s.at.multipliers[0]))
     ]
 
 
-def _measured(measure: Callable[[Sequence[complex]], float], at: Place) -> float:
-    return measure(at.multipliers[0])
-
-
-def _doubling(values: Sequence[complex]) -> float:
-    return float(np.prod([v + 1.0 for v in values]).real)
-
-
-def _torus(values: Sequence[complex]) -> float:
-    """Zero where two multipliers have the product 1: a pair on the unit circle, or two real ones (no torus)."""
-    return float(np.prod([a * b - 1.0 for a, b in combinations(values, 2)]).real)
-
-
-def _located(kind: str, at: Place, new: Place, ds: float, measure: Callable[[Place], float]) -> list[Special]:
-    """The zero of a measure of a place between two of them."""
-    from scipy.optimize import brentq
-
-    reached = {0.0: at, ds: new}
-
-    def value(s: float) -> float:
-        if s not in reached:
-            u, end = stepped(at, s, at.end.met)
-            reached[s] = place(at.map, u, end, at.t)
-        return measure(reached[s])
-
-    try:
-        s = float(brentq(value, 0.0, ds, xtol=1e-12, rtol=1e-12, maxiter=_ROUNDS))
-        value(s)
-    except FAILURES:
-        return [Special(kind, new, new.p, abs(new.p - at.p), turns=kind == "fold")]
-    beside = sorted(reached, key=lambda other: abs(other - s))[:2]
-    accuracy = max(abs(reached[beside[1]].p - reached[s].p), CLOSED_TO * abs(reached[s].p))
-    if kind != "fold" and (steep := abs(measure(new) - measure(at)) / (abs(new.p - at.p) or math.inf)):
+def _located(kind: str, at: Place, new: Place, ds: float) -> Special:
+    """The special point between two places."""
+    measure = SPECIAL[kind]
+    best, p, accuracy = zero(at, -ds, new, measure)
+    if kind != "fold" and (steep := abs(measure.of(new) - measure.of(at)) / (abs(new.p - at.p) or math.inf)):
         accuracy = min(max(accuracy, _NOISE / steep), abs(new.p - at.p))
-    return [Special(kind, reached[s], reached[s].p, accuracy, turns=kind == "fold")]
+    return Special(kind, best, p, accuracy, turns=kind == "fold")
 
 
 # boundaries between sequences of events
@@ -451,7 +459,7 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
     contact = name[1] if name else ""
     if at is not segment.places[-1]:
         segment.places.append(at)
-    if kind == "jump" or at.map.cuts:
+    if kind == "jump" or at.map.cut:
         why = "" if kind == "jump" else _DIGITS
         segment.end = Special(kind or "unresolved", at, p, accuracy, contact, name=name, why=why)
         return None
@@ -468,19 +476,15 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
 def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
     """The last place before the boundary, what vanishes there, contact, parameter and its accuracy."""
     at = segment.places[-1]
-    try:
-        u, end = stepped(at, SHORTEST * 0.25, at.end.met)
-        ahead = place(at.map, u, end, at.t)
-        names = {name: (value, 0.25 * SHORTEST) for name, value in ahead.distances().items()}
-        back, width = at, 0.25 * SHORTEST
-    except FAILURES:
-        ahead, back, width, names = at, at, 0.0, {}
-    if len(segment.places) > 1 and not names:
+    ahead, width, back = at, 0.0, at
+    ways_to_try = (0.25 * SHORTEST, -0.1 * FIRST) if len(segment.places) > 1 else (0.25 * SHORTEST,)
+    for way in ways_to_try:
         try:
-            u, end = stepped(at, -FIRST * 0.1, at.end.met)
-            back, width = place(at.map, u, end, at.t), 0.1 * FIRST
+            beside = stepped(at, way)
         except FAILURES:
-            pass
+            continue
+        ahead, width, back = (beside, way, at) if way > 0.0 else (at, -way, beside)
+        break
     first, last = back.distances(), ahead.distances()
     ways: list[tuple[float, Name]] = []
     for name, value in last.items():
@@ -489,7 +493,7 @@ def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
             ways.append((-value / slope, name))
     ways.sort()
     if not ways or ways[0][0] > 0.05:
-        best = _halved(ahead)
+        best = _last(ahead)
         return best, "", None, best.p, 10.0 * CLOSED_TO * abs(best.p)
     near = [name for way, name in ways if way < _GRAZES * ways[0][0] + 10.0 * SHORTEST]
     name = next((n for n in near if n[0] in ("slip", "stick")), near[0])
@@ -505,70 +509,69 @@ def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
     if accuracy > _LOOSE * abs(at.map.P0):  # beside a steep friction law a distance is not linear: go as far as it goes
         best = ahead
         for _ in range(_PASSES):
-            best = _halved(best)
+            best = _last(best)
         p, accuracy = best.p, abs(best.p - segment.places[-3:][0].p)
     return best, kind, name, p, accuracy
 
 
 def zero(at: Place, width: float, back: Place, measure: Measure) -> tuple[Place, float, float]:
-    """Go to the zero of a measure by the secant method from one side; `back` lies `width` behind `at`.
+    """Go from a place along its branch to the zero of a measure, by the secant method; `back` lies `width` behind it.
 
-    Returns the last place before it, the parameter there, and its accuracy.
+    A zero between both is enclosed. Steps that meet other events are shortened. Returns the last place, the parameter
+    of the zero, and its accuracy.
     """
-    values, turn = [(-width, measure(back), back.p), (0.0, measure(at), at.p)], measure is of_turn
+    known = [(-width, measure.of(back), back.p), (0.0, measure.of(at), at.p)]
+    other = -width if known[0][1] * known[1][1] < 0.0 else None  # there the measure has the other sign
     for _ in range(_ROUNDS):
-        (s0, g0, _p0), (s1, g1, p1) = values[-2:]
-        way = -g1 * (s1 - s0) / (g1 - g0) if g1 != g0 else 0.0
-        if abs(way) < _EDGE:
+        (s0, g0, _), (s, g, _) = known[-2:]
+        way = -g * (s - s0) / (g - g0) if g != g0 else 0.0
+        if abs(way) < _EDGE or (measure.derived and abs(s - s0) <= abs(way) < _BESIDE):  # its digits are used up
             break
-        for share in (0.95, 0.5, 0.1, 0.01):
+        if other is not None and not 0.0 < way / (other - s) < 1.0:
+            way = 0.5 * (other - s)
+        for share in _SHARES[1 - measure.derived :]:
             try:
-                u, end = stepped(at, share * way, at.end.met)
-                new = (
-                    place(at.map, u, end, at.t)
-                    if turn or abs(way) > _BESIDE
-                    else _closed(replace(at, u=u, end=end), False)
-                )
-                values.append((s1 + share * way, measure(new), new.p))
+                u, end = _moved(at, share * way)
+                near = abs(way) <= _BESIDE and not measure.derived
+                new = _closed(replace(at, u=u, end=end), False) if near else place(at.map, u, end, at.t)
+                known.append((s + share * way, measure.of(new), new.p))
                 at = new
                 break
             except (*FAILURES, KeyError):
                 continue
         else:
             break
-    (s0, g0, p0), (s1, g1, p1) = values[-2:]
-    p = p1 - g1 * (p1 - p0) / (g1 - g0) if g1 != g0 else p1
+        other = s if other is not None and g * known[-1][1] < 0.0 else other
+    (_, g0, p0), (_, g, last) = known[-2:]
+    p = last - g * (last - p0) / (g - g0) if g != g0 else last
     try:
         at = place(at.map, at.u, at.end, at.t)
     except FAILURES:  # the derivative is that of a place beside it
         pass
-    return at, p, max(abs(p - p1), CLOSED_TO * abs(p))
+    return at, p, max(abs(p - last), CLOSED_TO * abs(p))
 
 
-def of_distance(name: tuple[str, str, int]) -> Measure:
+def of_distance(name: Name) -> Measure:
     """Return the measure of one distance."""
     what, _, number = name
-    return lambda at: {d.name: d.value for d in distances(at.rig, at.run, at.period, what, number)}[name]
+    return Measure(lambda at: {d.name: d.value for d in distances(at.rig, at.run, at.period, what, number)}[name])
 
 
-def of_turn(at: Place) -> float:
-    """Return the slope of the branch in the parameter: zero at a fold."""
-    return float(at.t[-1])
-
-
-def _halved(at: Place) -> Place:
+def _last(at: Place) -> Place:
     """The last place with the same events, by halving."""
-    inside, outside, best = 0.0, math.inf, at
-    for _ in range(_ROUNDS):
-        if outside - inside < _EDGE:
-            break
-        middle = 0.5 * (inside + outside) if outside < math.inf else 2.0 * inside + SHORTEST
+    reached = {0.0: at}
+
+    def holds(s: float) -> bool:
         try:
-            u, end = stepped(at, middle, at.end.met)
-            best, inside = place(at.map, u, end, at.t), middle
+            reached[s] = stepped(at, s)
         except FAILURES:
-            outside = middle
-    return best
+            return False
+        return True
+
+    outside = SHORTEST
+    while outside < LONGEST and holds(outside):
+        outside = 2.0 * outside + SHORTEST
+    return reached[edge(max(reached), outside, holds, _EDGE)[0]]
 
 
 def _switched(at: Place, other: Carried) -> Place | None:
@@ -618,7 +621,7 @@ def _beyond(at: Place, end: Carried, d: Derivative, f: Array) -> Place | None:
 
             try:
                 u, reached = map.newton(guess, plane, at.u, end.met, first=np.vstack([A, normal]))
-                return _rescaled(_recentred(place(map, u, reached, normal)))
+                return _rescaled(_Parts(place(map, u, reached, normal)).renewed())
             except FAILURES:
                 continue
     return None
@@ -666,88 +669,100 @@ def _change(before: Carried, after: Carried) -> str:
 # the base point and the scales
 
 
-def _recentred(at: Place) -> Place:
-    """The place with its base in the middle of the longest slip, if it has come near to an event, and its period in
-    parts none of which magnifies a difference by much.
+class _Parts:
+    """The period of the cycle of a place in parts, none of which magnifies a difference by much, from a base that no
+    event is near to.
     """
-    ticks = at.map.ticks
-    large = max(float(np.linalg.norm(part, 2)) for part in at.d.parts) > _SPLITS
-    if large or len(ticks) > 1:
-        wanted, events = _cuts(at), [time / at.rig.step for time, _ in at.run.events]
-        if large or len(ticks) > len(wanted) + 1 or any(_beside(tick, events, 0.5) for tick in ticks[1:]):
-            if wanted or len(ticks) > 1:
-                return _cut(at, wanted or [0])
-        if len(ticks) > 1:
-            return at
-    later = at.map.better_base(at.u, at.run) if at.map.period is None else None
-    return at if later is None else _cut(at, [round(later / at.rig.step)])
 
+    def __init__(self, at: Place) -> None:
+        self.at, self.rig = at, at.rig
+        self.events = [time / at.rig.step for time, _ in at.run.events]
 
-def _beside(tick: float, events: Sequence[float], share: float = 1.0) -> bool:
-    """Whether a tick lies beside an event."""
-    return any(abs(tick - event) < share * _AWAY for event in events)
+    def first(self) -> Place:
+        """The place with its period in parts. Raises NoCycle if it is in parts, or needs none."""
+        wanted = self._wanted()
+        if not wanted or self.at.map.cut:
+            raise NoCycle("the motion does not close to the digits of its state")
+        return self._from(wanted)
 
+    def renewed(self) -> Place:
+        """The place with its base in the middle of the longest slip, if it has come near to an event, and its period in
+        other parts, if these have.
+        """
+        at, map = self.at, self.at.map
+        large = max(float(np.linalg.norm(part, 2)) for part in at.d.parts) > _SPLITS
+        if large or map.cut:
+            wanted = self._wanted()
+            moved = len(map.ticks) > len(wanted) + 1 or any(self._beside(tick, 0.5) for tick in map.ticks[1:])
+            if (large or moved) and (wanted or map.cut):
+                return self._from(wanted or [0])
+            if map.cut:
+                return at
+        later = map.better_base(at.u, at.run) if map.period is None else None
+        return at if later is None else self._from([round(later / self.rig.step)])
 
-def _cuts(at: Place) -> list[int]:
-    """The ticks at which small differences have grown by a further factor `_PART`, by the rates of growth of sliding
-    at the states of the run.
-    """
-    rig, level, growth, out = at.rig, 0.0, 0.0, []
-    events = [time / rig.step for time, _ in at.run.events]
-    for part in at.run.intervals(rig.step, at.period):
-        modes = rig.modes(part.key)
-        law, stride = own_law(rig.system, modes), max(len(at.run.states) // _SAMPLES, 1)
-        for i in range(0, len(part.states), stride):
-            A = linearised(rig.system, modes, part.states[i], law)[0][np.ix_(rig.moving, rig.moving)]
-            growth += max(float(np.linalg.eigvals(A).real.max()), 0.0) * rig.step * stride
-            tick = part.first + i
-            if growth > level + math.log(_PART) and 1 < tick < len(at.run.states) - 2 and not _beside(tick, events):
-                out.append(tick)
-                level = growth
-    if not out or at.map.period is not None:
-        return [0, *out] if out else []
-    round_s = round(at.period / rig.step)
-    gaps = [(b - a, i) for i, (a, b) in enumerate(zip(out, [*out[1:], out[0] + round_s]))]
-    gap, last = max(gaps)
-    middle = next((t for k in range(gap // 3) for t in (out[last] + gap // 2 + k, out[last] + gap // 2 - k)
-                   if not _beside(t % round_s, events)), 0)  # fmt: skip
-    return [*out[last + 1 :], *out[: last + 1], *([middle % round_s] if middle else [])]
+    def _beside(self, tick: float, share: float = 1.0) -> bool:
+        """Whether a tick lies beside an event."""
+        return any(abs(tick - event) < share * _AWAY for event in self.events)
 
-
-def _in_parts(at: Place) -> Place:
-    """The place with its period in parts. Raises NoCycle if it is in parts, or needs none."""
-    ticks = _cuts(at)
-    if not ticks or at.map.cuts:
-        raise NoCycle("the motion does not close to the digits of its state")
-    return _cut(at, ticks)
-
-
-def _cut(at: Place, ticks: Sequence[int]) -> Place:
-    """The place with parts that begin at these ticks (of the old base), the first of them at the new base."""
-    T, step, begins = at.period, at.rig.step, at.map.ticks
-    after = [round((tick - ticks[0]) * step % T / step) for tick in ticks]  # the new base
-
-    def moved(u: Array) -> list[Carried]:
-        map, out = at.map, []
-        for time in ((ticks[0] + tick) * step for tick in after):
-            time -= float(u[-2] * map.T0) if time > T else 0.0
-            number = max(i for i, tick in enumerate(begins) if tick * step <= time + _SOON)
-            out.append(map.rig(u).carried(map.state(u, number), time - begins[number] * step))
+    def _grown(self) -> list[int]:
+        """The ticks at which small differences have grown by a further factor `_PART`, by the rates of growth of
+        sliding at the states of the run.
+        """
+        rig, run, growth, out = self.rig, self.at.run, 0.0, list[int]()
+        level, stride = math.log(_PART), max(len(run.states) // _SAMPLES, 1)
+        for part in run.intervals(rig.step, self.at.period):
+            modes = rig.modes(part.key)
+            law = own_law(rig.system, modes)
+            for i in range(0, len(part.states), stride):
+                A = linearised(rig.system, modes, part.states[i], law)[0][np.ix_(rig.moving, rig.moving)]
+                growth += max(float(np.linalg.eigvals(A).real.max()), 0.0) * rig.step * stride
+                tick = part.first + i
+                if growth > level and 1 < tick < len(run.states) - 2 and not self._beside(tick):
+                    out.append(tick)
+                    level = growth + math.log(_PART)
         return out
 
-    new, size, moving = moved(at.u), at.map.size, at.rig.moving
-    map = at.map.scaled(size, at.map.T0, at.map.P0)
-    map.key = new[0].key if ticks[0] else map.key
-    map.cuts = tuple((tick, run.key) for tick, run in zip(after[1:], new[1:]))
-    x = np.concatenate([run.x[moving] / size for run in new])
-    forward = np.zeros(len(x))
-    if len(begins) == len(ticks) == 1:  # in parts differences grow too much to tell the direction
-        forward = ((moved(at.map.shifted(at.u, 1e-5 * at.t))[0].x - new[0].x)[moving] / size) / 1e-5
-    u = np.append(x, at.u[-2:])
-    made = place(map, u, map.end(u), np.append(forward, at.t[-2:]))
-    if missed(made) > CLOSE:  # the parts of a motion that has departed on its way
-        made = place(map, *stepped(made, 0.0, made.end.met), made.t)
-    return replace(made, step=at.step)
+    def _wanted(self) -> list[int]:
+        """The ticks at which the parts should begin, in their order from the longest gap on."""
+        grown = self._grown()
+        if not grown or self.at.map.period is not None:
+            return [0, *grown] if grown else []
+        round_s = round(self.at.period / self.rig.step)
+        gap, last = max((b - a, i) for i, (a, b) in enumerate(pairwise([*grown, grown[0] + round_s])))
+        middle = grown[last] + gap // 2
+        away = [t % round_s for k in range(gap // 3) for t in (middle + k, middle - k)]
+        free = next((t for t in away if not self._beside(t)), 0)
+        return [*grown[last + 1 :], *grown[: last + 1], *([free] if free else [])]
+
+    def _from(self, ticks: Sequence[int]) -> Place:
+        """The place with parts that begin at these ticks (of the old base), the first of them at the new base."""
+        at, step = self.at, self.rig.step
+        after = [round((tick - ticks[0]) * step % at.period / step) for tick in ticks]  # the new base
+        new, size, moving = self._starts(at.u, ticks[0], after), at.map.size, self.rig.moving
+        map = at.map.scaled(size, at.map.T0, at.map.P0)
+        map.begins = tuple((tick, run.key) for tick, run in zip(after, new))
+        if not ticks[0]:
+            map.begins = (at.map.begins[0], *map.begins[1:])
+        x = np.concatenate([run.x[moving] / size for run in new])
+        forward = np.zeros(len(x))
+        if len(at.map.begins) == len(ticks) == 1:  # in parts differences grow too much to tell the direction
+            beside = self._starts(at.map.shifted(at.u, 1e-5 * at.t), ticks[0], after)[0]
+            forward = ((beside.x - new[0].x)[moving] / size) / 1e-5
+        u = np.append(x, at.u[-2:])
+        made = place(map, u, map.end(u), np.append(forward, at.t[-2:]))
+        if missed(made) > CLOSE:  # the parts of a motion that has departed on its way
+            made = stepped(made, 0.0)
+        return replace(made, step=at.step)
+
+    def _starts(self, u: Array, base: int, ticks: Sequence[int]) -> list[Carried]:
+        """The runs of the motion at u to where parts begin, at ticks after a new base."""
+        map, step, out = self.at.map, self.rig.step, []
+        for time in ((base + tick) * step for tick in ticks):
+            time -= float(u[-2] * map.T0) if time > self.at.period else 0.0
+            number = max(i for i, tick in enumerate(map.ticks) if tick * step <= time + _SOON)
+            out.append(map.rig(u).carried(map.state(u, number), time - map.ticks[number] * step))
+        return out
 
 
 def _rescaled(at: Place) -> Place:

@@ -7,7 +7,8 @@ simulated   a run that starts on the fast orbit, displaced along that mode, neit
 
 Where dither just reverses the slip speed, both show a thin range of stability and an unstable range above it. The
 boundary is the largest amplitude at which sliding is lost. Therefore amplitudes are tried from the largest downwards,
-with a finer grid just above that place, and the first gap that contains a loss is bisected.
+with a finer grid just above that place. In the first gap that contains a loss the averaged boundary is a zero of the
+growth rate (rig.analysis.eigenvalue_curves), and the simulated one is found by halving.
 Source: Thomsen, J. Sound Vib. 228 (1999); Liu and Ouyang, Meccanica 55 (2020), sections 2 and 4.1.
 """
 
@@ -16,7 +17,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.averaged import averaged, fast_motion, not_fast
+from rig.analysis.eigenvalue_curves import Growth, edge, grows, limits, none
 from rig.analysis.map.job import Job
 from rig.analysis.modes import GENERATOR
 from rig.analysis.pool import Arrays
@@ -137,26 +140,14 @@ def boundary(job: Job, column: int) -> Arrays:
     assert job.y is not None
     amplitudes = job.y.values
     shaken = _Shaken(job.x.at(job.scene, job.x.values[column]), job.settings.longest)
-    middle = {}
-    for name, leading in (("averaged", False), ("leading", True)):
-        tried = shaken.closely(amplitudes, leading)
-        middle[name] = np.array(np.mean(_last(partial(shaken.grows, leading=leading), tried, 1e-9)))
-    return {**middle, "simulated": np.array(_last(shaken.lost, shaken.closely(amplitudes, False), _CLOSE))}
+    averages = {name: np.array(shaken.averaged(amplitudes, name == "leading")) for name in ("averaged", "leading")}
+    return {**averages, "simulated": np.array(shaken.simulated(amplitudes))}
 
 
-def _last(lost: Callable[[float], bool], amplitudes: Sequence[float], close: float) -> tuple[float, float]:
-    """The largest amplitude at which sliding is lost, and the smallest one above it at which it is kept."""
-    kept = math.inf
-    for amplitude in reversed(amplitudes):
-        if lost(amplitude):
-            break
-        kept = amplitude
-    else:
-        return 0.0, 0.0
-    while math.isfinite(kept) and kept - amplitude > close * kept:
-        middle = 0.5 * (amplitude + kept)
-        amplitude, kept = (middle, kept) if lost(middle) else (amplitude, middle)
-    return amplitude, kept
+def _last(lost: Callable[[float], bool], amplitudes: Sequence[float]) -> tuple[float, float]:
+    """The largest of the amplitudes at which sliding is lost, and the one above it, inf without one; 0 if at none."""
+    falling = pairwise([math.inf, *amplitudes[::-1]])
+    return next(((amplitude, kept) for kept, amplitude in falling if lost(amplitude)), (0.0, 0.0))
 
 
 class _Shaken:
@@ -171,7 +162,7 @@ class _Shaken:
         self.sine, self.cosine = (self.system.names.index(name) for name in GENERATOR)
         self.omega = float(self.system.signals[self.sine - self.system.one, self.cosine])
 
-    def closely(self, amplitudes: Sequence[float], leading: bool) -> list[float]:
+    def _closely(self, amplitudes: Sequence[float], leading: bool) -> list[float]:
         """`amplitudes`, and a finer grid just above those at which dither reverses the slip speed of a contact."""
         still = self.system.start.copy()
         still[[self.sine, self.cosine]] = 0.0
@@ -183,12 +174,24 @@ class _Shaken:
         ]
         return sorted({*amplitudes, *(a for a in more if amplitudes[0] < a < amplitudes[-1])})
 
-    def grows(self, amplitude: float, leading: bool) -> bool:
-        """Whether averaged sliding is unstable."""
-        at = averaged(self.system, self.sine, self.cosine, amplitude, leading)
-        return at.exists and bool(at.eigenvalues()[0].real > 0.0)
+    def averaged(self, amplitudes: Sequence[float], leading: bool) -> float:
+        """Return the amplitude from which on averaged sliding is stable; 0 if it is at all, inf if it is at none."""
 
-    def lost(self, amplitude: float) -> bool:
+        @cache
+        def growths(amplitude: float) -> Growth | None:
+            at = averaged(self.system, self.sine, self.cosine, amplitude, leading)
+            rates = at.eigenvalues()
+            return Growth(rates[:1].real, none(rates)[:1]) if at.exists else None
+
+        lost, kept = _last(lambda amplitude: grows(growths(amplitude)), self._closely(amplitudes, leading))
+        return limits([lost, kept], growths)[-1][0] if lost < kept < math.inf else kept
+
+    def simulated(self, amplitudes: Sequence[float]) -> tuple[float, float]:
+        """Return the largest amplitude at which sliding is lost, and the smallest one above it at which it is kept."""
+        lost, kept = _last(self._lost, self._closely(amplitudes, False))
+        return edge(lost, kept, self._lost, _CLOSE * kept) if lost < kept < math.inf else (lost, kept)
+
+    def _lost(self, amplitude: float) -> bool:
         """Whether a run leaves sliding; a run that has to stop counts as lost."""
         at = averaged(self.system, self.sine, self.cosine, amplitude)
         rates, shapes = at.eigenvectors()

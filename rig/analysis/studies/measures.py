@@ -38,8 +38,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.branches.threshold import slides
-from rig.analysis.cycle import limit_cycle
+from rig.analysis.cycle import limit_cycle, slides
 from rig.analysis.eigenvalue_curves import equilibrium, none
 from rig.analysis.modes import dithers
 from rig.analysis.motion_measures import observe, of, problem

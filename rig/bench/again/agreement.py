@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rig.record.compare import common_instants
 from rig.record.provenance import provenance
 from rig.record.run import Integers, Reals, Run
 from rig.record.statistics import ACCELERATION, Statistic, first_opening, statistics
@@ -145,8 +146,7 @@ def other_mode_sets(run: Run, again: Run, end_ns: int) -> list[str]:
 
 
 def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals, nothing: float) -> Pair:
-    once = bool(np.all(np.diff(t_ns) > 0))
-    shared, here, there = np.intersect1d(t_ns, u_ns, assume_unique=once, return_indices=True)
+    shared, here, there = common_instants(t_ns, u_ns)
     return Pair(name, shared, np.ascontiguousarray(v[here]), np.ascontiguousarray(u[there]), nothing)
 
 

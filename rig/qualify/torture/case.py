@@ -364,6 +364,11 @@ def changed(case: Case) -> Scene:
     return _loaded(case.scene, json.dumps(case.set), (*case.places.items(),))
 
 
+def own_method(case: Case) -> str:
+    """The method that the scene of a case states; "auto" if it states none."""
+    return "auto" if case.rig else changed(case).clock.method
+
+
 def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None) -> Watched:
     """Return the scene of a case with a method and a step. Raises SceneError if the case is inconsistent."""
     clock: dict[str, Any] = {
@@ -386,6 +391,8 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         scene = changed(case)
         if scene.assemble().film is not None:  # a tick has its own steps
             clock["rk4_step"] = min(step_ns, int(scene.clock.rk4_step)) * 1e-9
+        if tolerance is None and method != scene.clock.method:  # that of a scene is chosen for its method
+            clock["tolerance"] = Clock.model_fields["tolerance"].default
         clock = scene.clock.model_dump(mode="json") | clock
         # the noise would be another one in frames of another length
         parameters, sensors = scene.parameters.model_copy(update={"noise": None}), scene.sensors

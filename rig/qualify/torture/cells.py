@@ -35,7 +35,7 @@ QUICK = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One case with one method and step. `default`: the method of a scene that selects none.
+    """One case with one method and step. `default`: the method of the scene, "auto" if it states none.
 
     `speed`: real-time factor of the plant and its sensors, in processor time; None if no run was measured.
     """
@@ -92,10 +92,11 @@ def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Itera
     """The methods of a case, each with its scene, step by step; the default is always included."""
     if _by_name(case):
         return
+    own = cases.own_method(case)
     for step in case.steps[: 2 if quick else None]:
-        system = watched(case, "auto", step).assemble().system()
-        default = chosen("auto", system)
-        for method in METHODS:
+        system = watched(case, own, step).assemble().system()
+        default = chosen(own, system)
+        for method in METHODS if default in METHODS else (default, *METHODS):
             if method not in methods and method != default:
                 continue
             if method == "kick" and method != default:
@@ -104,7 +105,7 @@ def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Itera
                 continue  # dopri5 leaves what is linear to exact; exact refuses the rest
             if method == "rosenbrock" and system.linear:
                 continue
-            scene = watched(case, "auto" if method == default else method, step)
+            scene = watched(case, own if method == default else method, step)
             if not quick or method == default or method not in QUICK or shape(scene) in QUICK[method]:
                 yield method, scene
 
@@ -181,7 +182,7 @@ def _reference(case: Case, until: int, seconds: float) -> Found | CellResult:
 
 
 def _cell(case: Case, method: str, scene: Watched, until: int, seconds: float, reference: Found | CellResult) -> Cell:
-    default = scene.clock.method == "auto"
+    default = scene.clock.method == cases.own_method(case)
     spent, speed, counts = 0.0, None, dict[str, float]()
     try:
         if isinstance(reference, CellResult):
