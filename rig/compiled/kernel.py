@@ -119,7 +119,7 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
 
     def get_pointer_to_function(self, name: str) -> int:
         """The address of a function of this library; 0 if it has none of this name."""
-        self._ensure_finalized()
+        self._ensure_finalized()  # type: ignore[no-untyped-call]
         if not self._emitted:
             if name not in {function.name for function in self._final_module.functions}:
                 return 0
@@ -169,14 +169,14 @@ def _no_extensions() -> None:
     """
 
 
-def _compiled(function: F, **options: Any) -> F:
+def _compiled(function: F, addressed: bool = False, **options: Any) -> F:
     dispatcher = _njit(**_OPTIONS, no_cfunc_wrapper=True, **options)(function)
     templates = dispatcher.get_call_template
     # A literal in the source of a caller would be a type of its own, and numba would compile a kernel for it.
     plain: Any = types.unliteral
     dispatcher.get_call_template = lambda kinds, named: templates([plain(kind) for kind in kinds], named)
     dispatcher._compilation_chain_init_hook = _no_extensions  # noqa: SLF001
-    FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(ROOMS))
+    FOLDER.keep(dispatcher, not function.__module__.startswith(ROOMS), addressed)
     return dispatcher  # type: ignore[no-any-return]
 
 
@@ -207,9 +207,7 @@ def inner(function: F) -> F:
 
 def by_address(function: F) -> F:
     """Compile an `inner` kernel that others call by its address (rig.solve.specialised); none contains it."""
-    dispatcher = _for_kernels(function)
-    dispatcher._cache.by_address = True  # noqa: SLF001
-    return dispatcher  # type: ignore[no-any-return]
+    return _for_kernels(function, addressed=True)  # type: ignore[no-any-return]
 
 
 def inlined(function: F) -> F:

@@ -212,11 +212,10 @@ class _Kept(FunctionCache):  # type: ignore[misc]
     """
 
     _impl_class = _Places
-    by_address = False
-    """Whether its machine code is called by address, and therefore stored."""
 
-    def __init__(self, function: Any, folder: Folder, beside_sources: bool) -> None:
-        self._function, self._folder, self._beside_sources = function, folder, beside_sources
+    def __init__(self, function: Any, folder: Folder, beside_sources: bool, by_address: bool) -> None:
+        self._function, self._folder = function, folder
+        self._beside_sources, self._by_address = beside_sources, by_address
         self._name, self._impl = repr(function), None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -240,7 +239,7 @@ class _Kept(FunctionCache):  # type: ignore[misc]
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled kernel, unless the folder cannot be written."""
         if self._folder.keeps:
-            if self.by_address:
+            if self._by_address:
                 data.library.get_pointer_to_function(data.fndesc.llvm_func_name)
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
@@ -296,15 +295,16 @@ class Folder:
         except OSError:  # compile in memory at every start; numba would store them beside the sources
             self.keeps = False
 
-    def keep(self, dispatcher: Any, beside_sources: bool) -> None:
+    def keep(self, dispatcher: Any, beside_sources: bool, by_address: bool = False) -> None:
         """Store what `dispatcher` compiles.
 
-        `beside_sources`: store it for the present state of its own source file only.
+        `beside_sources`: store it for the present state of its own source file only. `by_address`: with machine code,
+        which is otherwise stored only if Python calls it.
         """
         function = dispatcher.py_func
         if function.__code__.co_filename.startswith("<"):  # of a part: stored as a whole (rig.compiled.c_functions)
             return
-        dispatcher._cache = _Kept(function, self, beside_sources)  # noqa: SLF001 (numba has no public way)
+        dispatcher._cache = _Kept(function, self, beside_sources, by_address)  # noqa: SLF001 (numba has no public way)
 
     @contextmanager
     def claimed(self, part: str, longest: float = 0.0) -> Iterator[bool]:
