@@ -291,7 +291,8 @@ def _as_film(a: Assembly, p: Tables) -> bool:
         ]
     if wrong and (asked or damped):
         raise SceneError("structure.film", wrong)
-    return not wrong and (bool(damped) or 6 ** len(a.patches) > CROWD if asked is None else asked)
+    mode_sets = 3 ** len(a.patches) * 2 ** len(a.normals)
+    return not wrong and (bool(damped) or mode_sets > CROWD if asked is None else asked)
 
 
 def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers: list[Array], speed: Row) -> None:

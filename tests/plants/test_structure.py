@@ -638,6 +638,18 @@ THREE_PADS = THREE["contacts"] | {
 }
 
 
+@pytest.mark.parametrize(
+    ("count", "turn", "film"), [(5, 0.1, False), (6, 0.1, True), (12, 0.0, False), (13, 0.0, True)]
+)
+def test_contacts_with_many_mode_sets_are_a_film_unless_told_otherwise(tmp_path, count, turn, film):
+    """Contacts along one row (turn 0) have one friction force. A run would meet new mode sets all the time."""
+    pad = THREE["contacts"]["pad"]
+    tables = THREE | {"contacts": {f"pad_{i}": pad | {"along": {"x": 1.0, "u": i * turn}} for i in range(count)}}
+    assert (scenes.load(written(tmp_path, tables)).assemble().film is not None) == film
+    exact = scenes.load(written(tmp_path, tables | {"structure": THREE["structure"] | {"film": False}}))
+    assert any("may be slow" in finding.what for finding in findings(exact)) == film
+
+
 def test_contacts_have_laws_of_their_own_in_a_film_like_exact_contacts(tmp_path):
     """Against the rows of the matrices too: each closed point adds k (n + mu t) n^T with its own mu at its speed."""
     falling = {"law": "stribeck", "mu_static": 0.5, "mu_dynamic": 0.3, "speed_scale": 0.4}

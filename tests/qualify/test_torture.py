@@ -100,6 +100,17 @@ def test_processes_in_lockstep_have_the_bits_of_one_process(runs):
     assert result.detail == "2 sensors and 1 controller have the same bits as in one process"
 
 
+def test_the_default_of_a_scene_is_its_own_method_with_the_tolerance_chosen_for_it():
+    """With this tolerance dopri5 leaves the energy balance open by more than the torture test allows."""
+    [case] = [case for case in each(load("every_scene"), False) if case.scene == "disc_slider_c"]
+    clock, step_ns = scenes.load(case.scene).clock, case.steps[0]
+    assert clock.method == "dop853"
+    assert watched(case, clock.method, step_ns).clock.tolerance == clock.tolerance
+    assert watched(case, "dopri5", step_ns).clock.tolerance == 1e-7  # as in a scene that states none
+    [default] = [cell for cell in cells(case, False, ()) if cell.default]
+    assert (default.method, default.result.colour) == ("dop853", "green")
+
+
 def test_instability_is_named_with_its_growth(some):
     named = next(cell for cell in some if cell.case == "belt_loop_unlimited")
     assert named.result.colour == "green"

@@ -204,8 +204,9 @@ def store_of(job: Job, root: Path = ROOT) -> Store:
 
 
 class Computation:
-    """One computation of all branches of a job; `specials`: the special points of its cycles. Without a store nothing
-    is saved.
+    """One computation of all branches of a job; without a store nothing is saved.
+
+    `specials`: the special points of the cycles that it has followed itself, not of those that it found in the store.
     """
 
     def __init__(self, job: Job, store: Store | None = None, watch: Watch = lambda text: None) -> None:

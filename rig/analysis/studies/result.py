@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.axis import with_unit
+from rig.analysis.branches.threshold import Share
 from rig.analysis.pool import Arrays
 from rig.analysis.studies.measures import one_unit
 from rig.analysis.studies.runs import REPEAT, SAMPLE, StudyRuns
@@ -380,10 +381,9 @@ class StudyResult(Result):
     def _share(slides: Array) -> Iterator[str]:
         decided = slides[np.isfinite(slides)]
         if count := len(decided):
-            from scipy.stats import binomtest
-
-            low, high = (100.0 * end for end in binomtest(int(decided.sum()), count).proportion_ci(0.9, "wilson"))
-            share = f"{100.0 * decided.mean():.4g} % of {count} points come to slide"
+            of_starts = Share.of(decided > 0.0, simulated=True)
+            share = f"{100.0 * of_starts.slides:.4g} % of {count} points come to slide"
+            low, high = 100.0 * of_starts.low, 100.0 * of_starts.high
             yield f"  {share} ({low:.4g} to {high:.4g} % with 90 %, if their starts are random)"
 
     def _at(self, point: int) -> str:
