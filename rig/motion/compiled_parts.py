@@ -25,7 +25,7 @@ from rig.solve.specialised import KernelShape
 
 _ADDRESSES: dict[tuple[Any, KernelShape], int] = {}
 _HUNG = 120.0  # s, longest time that another process may need for one part
-_PATIENCE = 5.0  # s, for the second process to end
+_PATIENCE = 5.0  # s, for the other processes to end
 
 
 class Task(NamedTuple):
