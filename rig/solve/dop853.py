@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.compiled.kernel import by_address, inlined
+from rig.compiled.kernel import by_address, fused, inlined
 from rig.compiled.records import lent
 from rig.solve.column_blocks import along, copy
 from rig.solve.dopri5 import (
@@ -310,7 +310,7 @@ def weighted_sum(shape, weights, k, count, out):
         along(k[:count], weights, out)
 
 
-@inlined
+@fused
 def stages_from(shape, f, friction, first, last, late, k, x, h, z):
     """Compute the derivatives number `first` to `last` of a step h from x, the last of them at z."""
     n = state_count(shape)
