@@ -365,7 +365,11 @@ def test_what_the_measured_paper_runs_tell():
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_last_bits_starts_and_the_seed_of_draws_do_not_decide_the_answer(tmp_path):
-    """They moved the mass by 9 %."""
+    """They moved the mass by 9 %, nine tenths of its deviation.
+
+    Draws are enough when the mean has an error by chance of a tenth of the deviation: two answers differ by less than
+    three times the deviation of their difference.
+    """
     runs = (
         (PAPER / "runs.toml")
         .read_text()
@@ -376,11 +380,16 @@ def test_last_bits_starts_and_the_seed_of_draws_do_not_decide_the_answer(tmp_pat
     told = []
     for file, stated in ((PAPER / "runs.toml", {}), (tmp_path / "runs.toml", {"starts": 0, "seed": 2})):
         found = rig.identify(PAPER / "scene.toml", file, **stated)
-        [difference] = [value for what, value, *_ in found.best.together() if " - " in what]
-        told.append((found.parameters[0].value, difference))
-    (mass, difference), (other_mass, other_difference) = told
-    assert other_mass == pytest.approx(mass, rel=0.01)
-    assert other_difference == pytest.approx(difference, rel=0.03)
+        [(_, value, _, high)] = [row for row in found.best.together() if " - " in row[0]]
+        mass = found.parameters[0]
+        told.append(
+            [
+                (given, math.log(end / given) / found.best.reach)
+                for given, end in ((mass.value, mass.high), (value, high))
+            ]
+        )
+    for (value, deviation), (other, other_deviation) in zip(*told):
+        assert abs(math.log(other / value)) < 3.0 * 0.1 * math.hypot(deviation, other_deviation)
 
 
 @pytest.mark.slow
