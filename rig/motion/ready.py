@@ -57,7 +57,6 @@ def plan(
         quiet_ticks=0,
         certified_cell=0,
         stretch=0,
-        first_event=0,
         take_steps=0,
         whole_derivative=0,
         take_cell=0,
@@ -74,8 +73,6 @@ def plan(
         limit=float(limit),
     )
     wanted: dict[str, tuple[Any, KernelShape]] = {}  # those that take longest to compile come first
-    if nonlinear and not fixed_steps:
-        wanted["first_event"] = dopri5.first_event, ANY
     if fixed_steps or nonlinear:
         code = {"kick": film_steps, "rk4": rk4}.get(method, dopri5)
         wanted["stretch"] = code.stretch, ANY

@@ -196,17 +196,15 @@ def may_rise(t, mode_set, g, w, h, noise):
     return h * (rise + error) >= -noise
 
 
-@by_address
-def first_event(shape, t, w, state, log, seg, plan, ticks):
-    """Find the first event of any guard along the dense output in w.derivatives of the present step; a part.
+@inner
+def first_event(t, mode_set, w, degree, h):
+    """The first event of any guard along the dense output in w.derivatives of a step h.
 
-    Returns the guard, with its place theta in w.poly[0]; -1 if there is none; -2 if the step is too long to be sure,
-    also if a guard begins at zero, as after a contact was released, and has its event early in the step without falling
-    at the begin. The guard is small there, but the error of the step is not, so the event may be nothing but this
-    error. Whether it falls at the begin, the derivative w.k[0] decides too: the dense output of rosenbrock begins with
-    its own error.
+    Returns theta (or NONE), the guard, and whether the step is too long to be sure. The flag is also set if a guard
+    begins at zero, as after a contact was released, and has its event early in the step without falling at the begin.
+    The guard is small there, but the error of the step is not, so the event may be nothing but this error. Whether it
+    falls at the begin, the derivative w.k[0] decides too: the dense output of rosenbrock begins with its own error.
     """
-    mode_set, degree, h = t.mode_set_of[state.progress[0].key], plan.degree, state.progress[0].step_length
     first, guard, doubtful = NONE, -1, False
     sample_guards(t, mode_set, w, degree)
     poly = w.poly
@@ -225,8 +223,7 @@ def first_event(shape, t, w, state, log, seg, plan, ticks):
             if abs(poly[0]) <= noise and theta < _EARLY:
                 unseen = unseen or poly[1] >= -noise or may_rise(t, mode_set, g, w, h, noise)
         doubtful = doubtful or unseen
-    w.poly[0] = first
-    return -2 if doubtful and h > 1e-12 * t.step[0] else guard
+    return first, guard, doubtful
 
 
 @inlined
@@ -575,11 +572,11 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
         if ends == UNDECIDED:
-            crossed = call(plan.first_event, shape, t, w, state, log, seg, plan, ticks)
-            if crossed == -2:
+            theta, crossed, doubtful = first_event(t, mode_set, w, degree, h)
+            if doubtful and h > 1e-12 * tick_length:
                 now.next_length, crossed = SHRINK * h, -1
                 continue
-            end = w.poly[0] if crossed >= 0 else 1.0
+            end = theta if crossed >= 0 else 1.0
         done, share, spent = 0.0, tick_length / h, end if plan.with_energy else 0.0
         if degree > 4 and spent > 0.0:
             add_long_powers(t, mode_set, w, degree, spent, h, state.energy)

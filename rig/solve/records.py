@@ -149,8 +149,7 @@ class MotionPlan(NamedTuple):
     linear_stretch: int  # a stretch in a linear mode set, and
     quiet_ticks: int  # the specialised kernels for its quiet ticks
     certified_cell: int  # and for a cell of a subdivided tick
-    stretch: int  # a stretch in any other mode set,
-    first_event: int  # the first event of a step of variable length, and
+    stretch: int  # a stretch in any other mode set, and
     take_steps: int  # the specialised kernel for its steps
     whole_derivative: int  # the derivative, for rigs with more than one patch or with products
     take_cell: int  # of stiff mode sets: a cell of dopri5,
