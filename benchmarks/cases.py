@@ -13,6 +13,7 @@ from benchmarks import (
     absent,
     against,
     branches,
+    first_run,
     kernels,
     loop,
     one_contact,
@@ -239,9 +240,16 @@ def versions(commit: str) -> Group:
     checkout = against.unpacked(commit)
     return Group(
         f"speed over that of {commit}: processor time, {against.ROUNDS} rounds in turns",
-        lambda asked: against.compared(checkout),
-        tuple(
-            Case(f"{name}.speed", name, against.FLOOR if case.method else 0.0, "of the speed there")
-            for name, case in OF_VERSIONS.items()
+        lambda asked: against.compared(checkout) | {"first": {} if asked.quick else first_run.compared(checkout)},
+        (
+            *(
+                Case(f"{name}.speed", name, against.FLOOR if case.method else 0.0, "of the speed there")
+                for name, case in OF_VERSIONS.items()
+            ),
+            *(
+                _most(f"first.{run}.{clock}", f"{run} with nothing compiled, {clock}", 1.05, "of the time there")
+                for run in (*first_run.SCENES, "both", "warmup")
+                for clock in ("wall", "processor")
+            ),
         ),
     )

@@ -142,7 +142,7 @@ def c_function(name: str, text: str, formulas: Mapping[str, Any], names: Mapping
     answer: Any = CFunc(function, signature, {}, dict(_OPTIONS))  # type: ignore[no-untyped-call]
     answer.py_func = function
     if stored:
-        FOLDER.keep(answer, beside_sources=False)
+        FOLDER.keep(answer, beside_sources=False, by_address=True)
     function.__globals__.update({key: converted(formula, inlined) for key, formula in formulas.items()})
     try:
         answer.compile()

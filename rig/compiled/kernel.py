@@ -12,7 +12,7 @@ import importlib
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -79,13 +79,21 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
     whether its kernels were compiled in its own process.
 
     The bitcode of a stored kernel is parsed only when another kernel links it. A run only calls it.
+
+    Machine code is made when a function is first asked for by its address. Most kernels are only linked into others:
+    numba would make, store and load code of theirs that nothing calls, a fifth of the time of compiling.
     """
 
     _bitcode: bytes | None = None
+    _emitted = True
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Self:
         name, kind, data = state
+        if kind == "linked":
+            made = codegen.create_library(name)
+            made._bitcode, made._emitted, made._finalized = data, False, True  # noqa: SLF001
+            return made  # type: ignore[no-any-return]
         if kind != "object":
             return super()._unserialize(codegen, state)  # type: ignore[no-untyped-call, no-any-return]
         made = codegen.create_library(name)
@@ -95,15 +103,28 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
         made._finalize_final_module()  # noqa: SLF001
         return made  # type: ignore[no-any-return]
 
+    def serialize_using_object_code(self) -> tuple[str, str, Any]:
+        """The form to be stored: without machine code if there is none yet."""
+        if self._emitted:
+            return super().serialize_using_object_code()  # type: ignore[no-untyped-call, no-any-return]
+        return self.name, "linked", self._get_module_for_linking().as_bitcode()
+
     def _get_module_for_linking(self) -> ModuleRef:
         if self._bitcode is not None:
             self._shared_module, self._bitcode = parse_bitcode(self._bitcode), None
-            defined: Any = self._codegen._engine._load_defined_symbols  # noqa: SLF001
-            defined(self._shared_module)
+            if self._emitted:
+                defined: Any = self._codegen._engine._load_defined_symbols  # noqa: SLF001
+                defined(self._shared_module)
         return super()._get_module_for_linking()  # type: ignore[no-untyped-call]
 
     def get_pointer_to_function(self, name: str) -> int:
         """The address of a function of this library; 0 if it has none of this name."""
+        self._ensure_finalized()  # type: ignore[no-untyped-call]
+        if not self._emitted:
+            if name not in {function.name for function in self._final_module.functions}:
+                return 0
+            self._emitted = True
+            super()._finalize_final_module()  # type: ignore[no-untyped-call]
         if self._bitcode is not None:
             return self._codegen._engine.get_function_address(name)  # type: ignore[no-any-return]  # noqa: SLF001
         return super().get_pointer_to_function(name)  # type: ignore[no-untyped-call, no-any-return]
@@ -120,11 +141,22 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
             self._shared_module = shared
             for function in copies:
                 function.linkage = "internal"
-        super()._finalize_final_module()  # type: ignore[no-untyped-call]
+        if not self._object_caching_enabled or self._compiled_object is not None:  # of numba itself, or stored
+            super()._finalize_final_module()  # type: ignore[no-untyped-call]
+        else:
+            self._emitted, self._finalized = False, True
+
+
+class _Codegen(codegen.JITCPUCodegen):  # type: ignore[misc]
+    def set_env(self, env_name: str, env: Any) -> None:
+        """Set the environment of a function, unless it has no machine code of its own."""
+        if self._engine.get_global_value_address(env_name):
+            super().set_env(env_name, env)  # type: ignore[no-untyped-call]
 
 
 _OPEN, _SHARED = Linkage.external, Linkage.linkonce_odr
-registry.cpu_target.target_context.codegen()._library_class = _Library  # noqa: SLF001  # type: ignore[attr-defined]
+_codegen: Any = registry.cpu_target.target_context.codegen()  # type: ignore[attr-defined]
+_codegen.__class__, _codegen._library_class = _Codegen, _Library  # noqa: SLF001
 
 _njit: Any = numba.njit  # noqa: TID251
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
@@ -137,14 +169,14 @@ def _no_extensions() -> None:
     """
 
 
-def _compiled(function: F, **options: Any) -> F:
-    dispatcher = _njit(**_OPTIONS, **options)(function)
+def _compiled(function: F, addressed: bool = False, **options: Any) -> F:
+    dispatcher = _njit(**_OPTIONS, no_cfunc_wrapper=True, **options)(function)
     templates = dispatcher.get_call_template
     # A literal in the source of a caller would be a type of its own, and numba would compile a kernel for it.
     plain: Any = types.unliteral
     dispatcher.get_call_template = lambda kinds, named: templates([plain(kind) for kind in kinds], named)
     dispatcher._compilation_chain_init_hook = _no_extensions  # noqa: SLF001
-    FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(ROOMS))
+    FOLDER.keep(dispatcher, not function.__module__.startswith(ROOMS), addressed)
     return dispatcher  # type: ignore[no-any-return]
 
 
@@ -153,17 +185,34 @@ def kernel(function: F) -> F:
     return _compiled(function)
 
 
+def _for_kernels(function: F, **options: Any) -> Any:
+    """Compile `function` for other kernels alone: without reference counting, and without what Python would call."""
+    dispatcher: Any = _compiled(function, _nrt=False, no_cpython_wrapper=True, **options)
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise TypeError(f"{function.__module__}.{function.__qualname__} can only be called by kernels")
+
+    dispatcher.add_overload = lambda made: dispatcher.overloads.update({tuple(made.signature.args): made})
+    dispatcher._compile_for_args = refuse  # noqa: SLF001
+    return dispatcher
+
+
 def inner(function: F) -> F:
     """Compile a kernel that only works on arrays passed to it: without reference counting (3 to 6 times faster here).
 
     It may slice, but it can neither allocate an array nor return one, and only other kernels call it.
     """
-    return _compiled(function, _nrt=False)
+    return _for_kernels(function)  # type: ignore[no-any-return]
+
+
+def by_address(function: F) -> F:
+    """Compile an `inner` kernel that others call by its address (rig.solve.specialised); none contains it."""
+    return _for_kernels(function, addressed=True)  # type: ignore[no-any-return]
 
 
 def inlined(function: F) -> F:
     """Compile an `inner` kernel that numba inlines into its callers, for code that runs many times in a step."""
-    return _compiled(function, _nrt=False, inline="always")
+    return _for_kernels(function, inline="always")  # type: ignore[no-any-return]
 
 
 def fused(function: F) -> F:
@@ -172,7 +221,7 @@ def fused(function: F) -> F:
     An `inlined` kernel is analysed anew for each call; this one is not. It cannot return an array, not even one that
     was passed to it.
     """
-    return _compiled(function, _nrt=False, forceinline=True)
+    return _for_kernels(function, forceinline=True)  # type: ignore[no-any-return]
 
 
 def entry(function: Any, *examples: Any) -> Callable[..., Any]:
@@ -199,6 +248,11 @@ def announce_compiling(what: str) -> Iterator[None]:
         yield
     finally:
         _PROGRESS.other = before
+
+
+def announce_parts(names: Sequence[str]) -> None:
+    """Tell the user how much will be compiled: parts with these names, as `FOLDER.noted` knows them."""
+    _PROGRESS.parts = names
 
 
 def compiled() -> bool:

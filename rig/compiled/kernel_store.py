@@ -25,7 +25,7 @@ import shutil
 import sys
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -42,7 +42,7 @@ from rig.machine.files import own_bytes, own_file, own_folder, trusted
 
 ROOMS = ("rig/solve",)
 """Folders whose kernels are stored for all processes as long as their sources do not change."""
-_DECORATORS = {"kernel", "inner", "inlined", "fused"}
+_DECORATORS = {"kernel", "inner", "by_address", "inlined", "fused"}
 
 
 class Module(NamedTuple):
@@ -127,7 +127,6 @@ INSTEAD = "RIG_KERNELS to another folder"
 _SUM = 4
 _SHOWN_S, _LINE_S = 0.5, 5.0  # s between two progress messages on a terminal, and elsewhere
 _WORTH_S = 2.0  # s: shortest total that is noted for the next start
-_USUAL, _FEWEST = 55, 8  # kernels of one kind of rig, counted; those whose time is enough for an estimate
 _ASK_S = 0.02  # s between two checks whether another process has finished
 _log = logging.getLogger("rig")
 
@@ -214,8 +213,9 @@ class _Kept(FunctionCache):  # type: ignore[misc]
 
     _impl_class = _Places
 
-    def __init__(self, function: Any, folder: Folder, beside_sources: bool) -> None:
-        self._function, self._folder, self._beside_sources = function, folder, beside_sources
+    def __init__(self, function: Any, folder: Folder, beside_sources: bool, by_address: bool) -> None:
+        self._function, self._folder = function, folder
+        self._beside_sources, self._by_address = beside_sources, by_address
         self._name, self._impl = repr(function), None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -239,6 +239,8 @@ class _Kept(FunctionCache):  # type: ignore[misc]
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled kernel, unless the folder cannot be written."""
         if self._folder.keeps:
+            if self._by_address:
+                data.library.get_pointer_to_function(data.fndesc.llvm_func_name)
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
 
@@ -293,15 +295,16 @@ class Folder:
         except OSError:  # compile in memory at every start; numba would store them beside the sources
             self.keeps = False
 
-    def keep(self, dispatcher: Any, beside_sources: bool) -> None:
+    def keep(self, dispatcher: Any, beside_sources: bool, by_address: bool = False) -> None:
         """Store what `dispatcher` compiles.
 
-        `beside_sources`: store it for the present state of its own source file only.
+        `beside_sources`: store it for the present state of its own source file only. `by_address`: with machine code,
+        which is otherwise stored only if Python calls it.
         """
         function = dispatcher.py_func
         if function.__code__.co_filename.startswith("<"):  # of a part: stored as a whole (rig.compiled.c_functions)
             return
-        dispatcher._cache = _Kept(function, self, beside_sources)  # noqa: SLF001 (numba has no public way)
+        dispatcher._cache = _Kept(function, self, beside_sources, by_address)  # noqa: SLF001 (numba has no public way)
 
     @contextmanager
     def claimed(self, part: str, longest: float = 0.0) -> Iterator[bool]:
@@ -365,6 +368,8 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
     def __init__(self, folder: Folder) -> None:
         self._folder, self._notes = folder, folder.path / "seconds"
         self._depth, self._count, self._spent, self._begun, self._shown = 0, 0, 0.0, 0.0, 0.0
+        self.parts: Sequence[str] = ()
+        """The names of what will be compiled, by this process and by others, as far as it is known."""
         self.other = ""
         """What is being compiled without being stored, in words; "" for kernels."""
         self._others: set[str] = set()
@@ -413,9 +418,11 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
             self._shown = now
             whole = self._spent + (now - self._begun if self._depth else 0.0)
             text = f"{self._count} compiled in {whole:.0f} s"
-            if _FEWEST <= self._count < _USUAL:  # at the speed of this machine so far
-                left = whole * (_USUAL / self._count - 1.0)
-                text = f"{self._count} of about {_USUAL} compiled in {whole:.0f} s, about {left:.0f} s left"
+            if self.parts:
+                done, all_of_them = sum(map(self._folder.noted, self.parts)), len(self.parts)
+                text = f"{done} of {all_of_them} compiled in {whole:.0f} s"
+                if 0 < done < all_of_them:  # those that take longest come first
+                    text += f", at most {whole * (all_of_them / done - 1.0):.0f} s left"
             sys.stderr.write(f"\r{text:<60} " if terminal else f"compiling kernels: {text}\n")
             sys.stderr.flush()
 

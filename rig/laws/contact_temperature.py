@@ -25,7 +25,6 @@ from annotated_types import Ge, Gt, Le
 from pydantic import Field, model_validator
 
 from rig.about import About
-from rig.compiled.kernel import inlined
 from rig.laws import FrictionLaw, InternalState
 from rig.quantities import PositiveMetrePerSecond, PositiveNumber, quantity
 
@@ -49,7 +48,6 @@ class Numbers(NamedTuple):
     cooling: float
 
 
-@inlined
 def parts(p, w, z):
     """The factor of the temperature and that of the speed, and their derivatives."""
     fall = (p.cold - p.hot) * math.exp(-max(z, -p.scale) / p.scale)

@@ -21,7 +21,6 @@ from typing import Any, ClassVar, Literal, NamedTuple
 from annotated_types import Gt, Lt
 
 from rig.about import About
-from rig.compiled.kernel import inlined
 from rig.laws import FrictionLaw, InternalState
 from rig.laws.lugre import PerMetre, SteadySlip, StribeckCurve, limit
 from rig.quantities import SecondPerMetre, quantity
@@ -39,7 +38,6 @@ class Bristles(NamedTuple):
     sigma2: float
 
 
-@inlined
 def slipping(f, elastic, g):
     """Alpha at the coefficient f = sigma0 z of the bristles, and its derivatives with respect to f and g."""
     if f <= elastic:

@@ -27,7 +27,6 @@ from annotated_types import Ge, Gt, Le
 from pydantic import Field, model_validator
 
 from rig.about import About
-from rig.compiled.kernel import inlined
 from rig.laws import FrictionLaw, InternalState
 from rig.quantities import PositiveMetrePerSecond, PositiveNewton, PositiveNumber, SecondPerMetre, Section, quantity
 from rig.units import si
@@ -45,7 +44,6 @@ class StribeckCurve(NamedTuple):
     kinetic: float
 
 
-@inlined
 def limit(s, w):
     """The coefficient of the Stribeck curve `s` at slip speed w [m/s], and its slope [s/m].
 

@@ -31,7 +31,6 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 from pydantic import Field, model_validator
 
 from rig.about import About
-from rig.compiled.kernel import inlined
 from rig.laws import FrictionLaw, InternalState
 from rig.quantities import PositiveMetre, PositiveMetrePerSecond, PositiveNumber, Ratio
 
@@ -50,7 +49,6 @@ class Numbers(NamedTuple):
     ageing: float
 
 
-@inlined
 def slip_factor(p, psi):
     """The factor c [s/m] of mu = a asinh(c w)."""
     return math.exp(min((p.mu + p.b * psi) / p.a, _LARGEST)) / (2.0 * p.speed)

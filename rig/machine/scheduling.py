@@ -32,6 +32,7 @@ _LOOK_S = 0.1
 ALLOWED: set[int] = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 ANY = -1
 """No particular core."""
+_all_cores = True
 
 
 def choose() -> tuple[int, int]:
@@ -134,9 +135,15 @@ def come_first() -> bool:
     return bool(ctypes.CDLL(None).syscall(number, 0, asked, 0) == 0)
 
 
+def keep_to_one_core() -> None:
+    """From now on this process uses one core, because processes like it use the others."""
+    global _all_cores
+    _all_cores = False
+
+
 def cores() -> int:
     """Number of cores that this process may use."""
-    return len(ALLOWED) or os.cpu_count() or 1
+    return (len(ALLOWED) or os.cpu_count() or 1) if _all_cores else 1
 
 
 class Ahead:

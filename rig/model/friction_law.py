@@ -21,9 +21,9 @@ from rig.solve.forces import (
     SMOOTH,
     STRIBECK,
     TABLE,
-    coefficient,
+    coefficient_at,
     coefficients,
-    slope,
+    slope_at,
 )
 
 Array = NDArray[np.float64]
@@ -154,7 +154,7 @@ class Law:
         if self.states:
             mu = float(self._in_steady_slip(speed, load)[0][0])
         else:
-            mu = float(coefficient(self.code, self.row(), speed))
+            mu = float(coefficient_at(self.code, self.row(), speed))
         self._require_finite("mu", mu, speed)
         return mu
 
@@ -190,7 +190,7 @@ class Law:
             d = self._in_steady_slip(speed, load)[1]
             self._require_finite("slopes", float(d.sum()), speed)
             return float(d[0, 0] - d[0, 2:] @ np.linalg.lstsq(d[1:, 2:], d[1:, 0], rcond=None)[0])
-        change = float(slope(self.code, self.row(), speed))
+        change = float(slope_at(self.code, self.row(), speed))
         self._require_finite("slope", change, speed)
         return change
 

@@ -66,6 +66,8 @@ class ModeSets:
         self.sets: list[ModeSet] = []
         self.sticks: list[bool] = []
         """For each mode set, whether every patch sticks."""
+        self.stiff = False
+        """Whether a mode set is stiff: some states change within a tiny part of a tick."""
         self.forgotten = 0
         """How many times a mode set was forgotten."""
         self._free: list[int] = []
@@ -116,6 +118,7 @@ class ModeSets:
         cells = curved and not self._implicit
         fast = cells and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
         levels = (expm.depth(modes.A, self.step) + 1) * fast
+        self.stiff = self.stiff or stiff or levels > 0
         response = reach(modes.A, modes.b, self.step, levels)
         constant = response[..., system.n :: segment_output.DEGREE + 1]
         at = self._free.pop() if self._free else len(self.sets)

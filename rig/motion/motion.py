@@ -25,7 +25,7 @@ from rig.model.tables import scales_of_memory
 from rig.motion.balance import Balance, CurrentState
 from rig.motion.changed_film import follow_change
 from rig.motion.law_fault import law_fault
-from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, parts, prepared
+from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, completed, parts, prepared
 from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, energy_in_contacts, evaluate_outputs
 from rig.solve.contact_state import CHATTER, CHECK, DONE, JAM, LOOK, LOST, NEED, OVERFULL, START, UNRESOLVED
@@ -341,7 +341,15 @@ class Motion:
         this too.
         """
         self._built_ahead = most
-        build_ahead(self.mode_sets, self.key, keys, most)
+        if build_ahead(self.mode_sets, self.key, keys, most):
+            self._complete()
+
+    def _complete(self) -> None:
+        """Compile what stiff mode sets need, if it is not compiled yet."""
+        plan = completed(self.plan, self.system)
+        if plan is not self.plan:
+            self.plan = plan
+            self._lend()
 
     def ready(self, system: System, outputs: list[dict[str, float]] | None = None) -> Ready:
         """Prepare another system for `replace`, with the mode sets that this motion has visited.
@@ -355,8 +363,11 @@ class Motion:
             raise ValueError("it changes the contacts of the rig; start a new run with it")
         for known in self.mode_sets.keys:
             add(new.mode_sets, new.system.corresponding_key(old, known))
+        stiff = new.mode_sets.stiff
         if self._built_ahead:
-            build_ahead(new.mode_sets, new.system.corresponding_key(old, key), (), self._built_ahead)
+            stiff = build_ahead(new.mode_sets, new.system.corresponding_key(old, key), (), self._built_ahead)
+        if stiff:
+            new = new._replace(plan=completed(new.plan, new.system))
         carry = entry(self._kernel, new.mode_sets.handle, self.loan, True, 0, 0, *self._more)
         return new._replace(carry=carry)
 
@@ -466,6 +477,8 @@ class Motion:
         self.log.collected[0] = 0
         if self._carry is None:
             self._carry = entry(self._kernel, self.mode_sets.handle, self.loan, True, first, last, *more)
+        if self.mode_sets.stiff:
+            self._complete()
         status = self._carry(self.mode_sets.handle, self.loan, True, first, last, *more)
         while status == NEED or (status == OVERFULL and 2 * len(self.segments.start) <= MOST_SEGMENTS):
             if status == NEED:
@@ -477,6 +490,8 @@ class Motion:
                     self._reached(first, int(self.state.progress[0]["reached"]))
                     error = singular(self.system, self.key)
                     raise (Jammed if error.jams else NumericsError)(error.why, *self._where()) from None
+                if self.mode_sets.stiff:
+                    self._complete()
             else:
                 self._more_segments()
             status = self._carry(self.mode_sets.handle, self.loan, False, first, last, *more)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -15,17 +15,18 @@ from numpy.typing import NDArray
 
 from rig.compiled.records import Lent, Loan, lent_type
 from rig.model.method import as_integrated
-from rig.model.mode_sets import ModeSets
+from rig.model.mode_sets import FAST, ModeSets
 from rig.model.system import System
 from rig.model.tables import UNROLLED, empty, workspace
 from rig.motion.compiled_parts import addresses
-from rig.solve import dop853, dopri5, exact, expm, film_steps, rk4, rosenbrock, runge_kutta_stage
+from rig.solve import collocation, dop853, dopri5, exact, expm, film_steps, rk4, rosenbrock, runge_kutta_stage
 from rig.solve.advance import advance, advance_block, evaluate_outputs
 from rig.solve.contact_state import make_consistent
 from rig.solve.frames import advance_frames
 from rig.solve.records import PROGRESS, MotionPlan, MotionRecords, MotionState, Workspace, empty_log
 from rig.solve.segment_output import empty_segments
 from rig.solve.specialised import ANY, KernelShape
+from rig.stability.report import fastest_eigenvalue
 
 Array = NDArray[np.float64]
 _OF_LONG_STEPS = 0.2  # share of the tolerance for the step of dop853: the path inside, of order 7, is less accurate
@@ -42,8 +43,9 @@ def plan(
     emitting: bool,
     limit: float,
     loans: Sequence[Loan],
+    step: float,
 ) -> MotionPlan:
-    """The plan for a system as its method sees it. Parts that are not compiled yet are compiled.
+    """The plan for a system as its method sees it, at ticks of `step` [s]. Missing parts are compiled.
 
     `loans`: sensors, compiled controllers and random numbers of the run, if any (rig.solve.frames.Surroundings).
     """
@@ -57,6 +59,9 @@ def plan(
         stretch=0,
         take_steps=0,
         whole_derivative=0,
+        take_cell=0,
+        first_event_of_fits=0,
+        emit_graded=0,
         degree=dop853.DEGREE if method == "dop853" else 4,
         many_states=int(many_states),
         nonlinear=int(nonlinear),
@@ -67,46 +72,71 @@ def plan(
         emitting=int(emitting),
         limit=float(limit),
     )
-    wanted = {"advance_block": (advance_block, ANY), "make_consistent": (make_consistent, ANY)}
+    wanted: dict[str, tuple[Any, KernelShape]] = {}  # those that take longest to compile come first
+    if fixed_steps or nonlinear:
+        code = {"kick": film_steps, "rk4": rk4}.get(method, dopri5)
+        wanted["stretch"] = code.stretch, ANY
     if not fixed_steps:
         wanted["linear_stretch"] = exact.stretch, ANY
+    if (fixed_steps or nonlinear) and method != "kick":
+        shape = KernelShape(0 if many_states else system.n, bool(system.products) or system.remembers, nonlinear)
+        own = {"rosenbrock": rosenbrock.take_implicit_steps, "dop853": dop853.take_long_steps}
+        wanted["take_steps"] = own.get(method, code.take_steps), shape
+        if not fixed_steps:
+            wanted["whole_derivative"] = runge_kutta_stage.whole_derivative, shape
+    wanted |= {"advance_block": (advance_block, ANY), "make_consistent": (make_consistent, ANY)}
+    if not fixed_steps:
         shape = KernelShape(0 if many_states else system.n, products=False, nonlinear=False)
         wanted["certified_cell"] = exact.certified_cell, shape
         if not many_states:
             wanted["quiet_ticks"] = exact.quiet_ticks, shape
-    if fixed_steps or nonlinear:
-        code = {"kick": film_steps, "rk4": rk4}.get(method, dopri5)
-        if method != "kick":
-            shape = KernelShape(0 if many_states else system.n, bool(system.products) or system.remembers, nonlinear)
-            own = {"rosenbrock": rosenbrock.take_implicit_steps, "dop853": dop853.take_long_steps}
-            wanted["take_steps"] = own.get(method, code.take_steps), shape
-            if not fixed_steps:
-                wanted["whole_derivative"] = runge_kutta_stage.whole_derivative, shape
-        wanted["stretch"] = code.stretch, ANY
-
-    def kinds() -> list[Any]:
-        records = (
-            empty(system, 1.0, 0, 0),
-            workspace(system, 0, 0),
-            MotionState(*(np.zeros(0, dtype=kind) for kind in _STATE)),
-            empty_log(0, 0),
-            empty_segments(0, 0),
-            made,
-        )
-        return [*map(lent_type, records), types.int64]
 
     def more(common: Sequence[Any]) -> list[tuple[Any, tuple[Any, ...]]]:
         tables, *carried, ticks = common
         loan = Lent(types.NamedTuple([lent.content for lent in carried], MotionRecords))
         matrix = types.Array(types.float64, 2, "C")
         block = tables, loan, types.boolean, ticks, ticks
+        soon = _for_stiff(made).values() if fastest_eigenvalue(system) * step > FAST else ()
         return [
+            *((function, (shape, *common)) for function, shape in soon),
             (advance_frames, (*block, ticks, *map(numba.typeof, loans))) if loans else (advance, block),
             (evaluate_outputs, (tables, loan, matrix, types.Array(types.int64, 1, "C"), matrix, ticks)),
             (expm.ladder, (matrix, types.float64)),
         ]
 
-    return made._replace(**addresses(wanted, kinds, more))
+    return made._replace(**addresses(wanted, partial(_kinds, system, made), more))
+
+
+def _for_stiff(plan: MotionPlan) -> dict[str, tuple[Any, KernelShape]]:
+    """The parts that stiff mode sets need."""
+    wanted = {}
+    if not plan.fixed_steps:
+        wanted["first_event_of_fits"] = exact.first_event_of_fits, ANY
+        if plan.emitting:
+            wanted["emit_graded"] = exact.emit_graded, ANY
+        if plan.nonlinear:
+            wanted["take_cell"] = collocation.take_cell, ANY
+    return wanted
+
+
+def _kinds(system: System, plan: MotionPlan) -> list[Any]:
+    """The types of the arguments of the parts, behind the shape."""
+    records = (
+        empty(system, 1.0, 0, 0),
+        workspace(system, 0, 0),
+        MotionState(*(np.zeros(0, dtype=kind) for kind in _STATE)),
+        empty_log(0, 0),
+        empty_segments(0, 0),
+        plan,
+    )
+    return [*map(lent_type, records), types.int64]
+
+
+def completed(plan: MotionPlan, system: System) -> MotionPlan:
+    """The plan with the parts that stiff mode sets need. Those that are not compiled yet are compiled."""
+    if plan.fixed_steps or plan.first_event_of_fits:
+        return plan
+    return plan._replace(**addresses(_for_stiff(plan), partial(_kinds, system, plan), lambda _: ()))
 
 
 class Integration(NamedTuple):
@@ -161,6 +191,7 @@ def prepared(system: System, outputs: list[dict[str, float]], integration: Integ
             integration.read > 0,
             integration.limit,
             integration.loans,
+            integration.step_ns * 1e-9,
         ),
         cache(system.event_text),
         (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((len(outputs), 1))),
@@ -175,15 +206,16 @@ def add(mode_sets: ModeSets, key: int) -> int:
     return int(mode_sets.tables.mode_set_of[key])
 
 
-def build_ahead(mode_sets: ModeSets, now: int, keys: Iterable[int], most: int) -> None:
+def build_ahead(mode_sets: ModeSets, now: int, keys: Iterable[int], most: int) -> bool:
     """Build the mode sets `keys` and those that events of the contacts lead to from `now`.
 
-    The latter only if there are at most `most` of them.
+    The latter only if there are at most `most` of them. Returns whether a run may meet a stiff one.
     """
     near = list(islice(mode_sets.system.contact_keys(now), most + 1))
     for key in (*keys, *(near if len(near) <= most else ())):
         with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion exists: a run will not meet it
             add(mode_sets, key)
+    return mode_sets.stiff or len(near) > most
 
 
 def parts(system: System) -> tuple[list[str], ...]:

@@ -528,7 +528,7 @@ ENTRIES = (
         "Figure 6",
         "eigenvalues over the friction coefficient",
         ("four_dof",),
-        eigenvalues,
+        four_dof_eigenvalues,
         "The paper prints curves and one number, the coalescence at 1. The comparisons with other signs and with a "
         "damper are ours: the rig flutters only if friction couples against spring 3, and one damper halves the "
         "limit.",

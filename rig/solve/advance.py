@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.compiled.kernel import inlined, inner, kernel
+from rig.compiled.kernel import by_address, inlined, inner, kernel
 from rig.solve import film_steps
 from rig.solve.column_blocks import LANE, dot, multiply
 from rig.solve.contact_state import (
@@ -64,7 +64,7 @@ def begin_block(t, w, state, seg, origin):
     seg.count[0] = 0
 
 
-@inner
+@by_address
 def advance_block(shape, t, w, state, log, seg, plan, ticks):
     """Advance the state through a block that has begun, up to row `ticks`; arguments and status as in `advance`."""
     now, x = state.progress[0], state.x

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.compiled.kernel import inlined, inner
+from rig.compiled.kernel import by_address, inlined, inner
 from rig.solve.column_blocks import LANE, ROUND, copy, dot, rounding
 from rig.solve.contact_state import project_stick
 from rig.solve.exact import CHECKS, PLACES, POWERS, evaluate_series
@@ -231,13 +231,14 @@ def add_cell_powers(t, mode_set, w, end, length, energy):
     add_powers(t, mode_set, w.x_at, w.T_at, w.weights, length, energy)
 
 
-@inner
-def take_cell(t, mode_set, w, state, log, seg, plan):
-    """Advance state.x over one cell, at most to the end of the tick, or to the first event.
+@by_address
+def take_cell(shape, t, w, state, log, seg, plan, ticks):
+    """Advance state.x over one cell, at most to the end of the tick, or to the first event; a part, of stiff mode sets.
 
     Returns the guard of the event, -1, or SHORT; then now.next_length is the length of the shortest cell [s].
     """
     now, x, h = state.progress[0], state.x, t.step[0]
+    mode_set = t.mode_set_of[now.key]
     deepest, left, level, width, halved = t.graded[mode_set] - 1, 1.0 - now.place, 0, 1.0, False
     while level < deepest and (width * h > now.next_length * (1.0 + 1e-9) or 0.5 * width >= left):
         level, width = level + 1, 0.5 * width

@@ -10,7 +10,7 @@ of network energy is added to the energy balance.
 
 from __future__ import annotations
 
-from rig.compiled.kernel import inlined, inner
+from rig.compiled.kernel import by_address, inlined, inner
 from rig.solve.column_blocks import ROUND, copy, dot, rounding
 from rig.solve.energy_balance import SWITCH, network_energy
 from rig.solve.forces import MEMORY, SMOOTH, inputs
@@ -235,7 +235,7 @@ def disagreement(t, mode_set, key, begun, x, size, T, slack):
     return -1
 
 
-@inlined
+@by_address
 def make_consistent(shape, t, w, state, log, seg, plan, ticks):
     """Make the contact state of `state` consistent with its x; a part (rig.solve.specialised), since it is rare.
 

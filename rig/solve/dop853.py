@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.compiled.kernel import inlined, inner
+from rig.compiled.kernel import by_address, fused, inlined
 from rig.compiled.records import lent
 from rig.solve.column_blocks import along, copy
 from rig.solve.dopri5 import (
@@ -310,7 +310,7 @@ def weighted_sum(shape, weights, k, count, out):
         along(k[:count], weights, out)
 
 
-@inlined
+@fused
 def stages_from(shape, f, friction, first, last, late, k, x, h, z):
     """Compute the derivatives number `first` to `last` of a step h from x, the last of them at z."""
     n = state_count(shape)
@@ -355,7 +355,7 @@ def write_path(shape, k, x, y, h, bends, d):
             )
 
 
-@inner
+@by_address
 def take_long_steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks, or to a step that `stretch` must handle.
 

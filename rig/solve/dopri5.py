@@ -17,9 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.compiled.kernel import inlined, inner
+from rig.compiled.kernel import by_address, inlined, inner
 from rig.compiled.records import lent
-from rig.solve.collocation import take_cell
 from rig.solve.column_blocks import LANE, ROUND, alike, copy, dot, lane, lanes, rounding
 from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.forces import derivative, inputs, right_hand_side
@@ -476,7 +475,7 @@ def log_ticks(shape, log, d, degree, mode_set, tick, place, ticks, share, last):
     return tick, place, done
 
 
-@inner
+@by_address
 def take_steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks, or to a step that `stretch` must handle.
 
@@ -541,7 +540,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
     return ends
 
 
-@inner
+@by_address
 def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Advance the state within one mode set to an event or to the end of the ticks; a part (rig.solve.specialised).
 
@@ -558,7 +557,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         now.tick < ticks and crossed == -1 and not (plan.emitting and nearly_full(t, mode_set, seg, ticks - now.tick))
     ):
         if t.graded[mode_set]:
-            crossed = take_cell(t, mode_set, w, state, log, seg, plan)
+            crossed = call(plan.take_cell, shape, t, w, state, log, seg, plan, ticks)
             if crossed >= -1:
                 if now.trials > now.trial_limit:
                     return -2

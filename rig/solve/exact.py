@@ -20,7 +20,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compiled.kernel import inlined, inner
+from rig.compiled.kernel import by_address, inlined, inner
 from rig.solve.column_blocks import ROUND, copy, dot, rounding
 from rig.solve.contact_state import apply_event
 from rig.solve.energy_balance import add_energy
@@ -76,15 +76,17 @@ def fit(rows, x, change):
     return worst
 
 
-@inner
-def first_event_of_fits(t, mode_set, level, x, w):
-    """The first event of any guard over the cell of step / 2^level from x: its place in it, or NONE, and the guard.
+@by_address
+def first_event_of_fits(shape, t, w, state, log, seg, plan, level):
+    """The first event of any guard over the cell of step / 2^level from state.x; a part, of stiff mode sets.
 
-    The guard is -1 without an event, and -2 if a polynomial is not accurate enough to locate one. w.poly and w.roots
-    are overwritten. A guard that falls is followed to its zero from any positive value: its terms may be so large
-    beside it (the force that holds a body to a surface behind a fast drive) that their rounding error is no small time.
-    A change within this error of a guard that is zero or less decides nothing; the next cell decides (rig.solve.roots).
+    Returns the guard, and its place in the cell in w.poly[0]: -1 without an event, and -2 if a polynomial is not
+    accurate enough to locate one. w.poly and w.roots are overwritten. A guard that falls is followed to its zero from
+    any positive value: its terms may be so large beside it (the force that holds a body to a surface behind a fast
+    drive) that their rounding error is no small time. A change within this error of a guard that is zero or less
+    decides nothing; the next cell decides (rig.solve.roots).
     """
+    mode_set, x = t.mode_set_of[state.progress[0].key], state.x
     first, guard, change = NONE, -1, w.roots[0]
     for g in range(t.guards[mode_set]):
         begin, zero = dot(t.G[mode_set, g], x), rounding(t.G[mode_set, g], w.size)
@@ -99,7 +101,7 @@ def first_event_of_fits(t, mode_set, level, x, w):
         if lowest > off + zero or (-zero <= begin <= 0.0 and off + largest <= zero):
             continue
         if off > _EXACT * largest + _FAINT * zero:
-            return NONE, -2
+            return -2
         w.poly[0] = begin
         for k in range(DEGREE):
             w.poly[k + 1] = 0.0
@@ -108,7 +110,8 @@ def first_event_of_fits(t, mode_set, level, x, w):
         u = first_crossing(w.poly, DEGREE, 0.0 if begin > 0.0 > w.poly[1] else zero, w.roots)
         if u < first:
             first, guard = u, g
-    return first, guard
+    w.poly[0] = first
+    return guard
 
 
 @inner
@@ -133,29 +136,29 @@ def fit_outputs(t, mode_set, level, x, seg, w):
     return True
 
 
-@inner
-def emit_graded(t, mode_set, x, level, start, seg, w, many_states):
-    """Write segments of the outputs over the cell of step / 2^level from x, each as long as its polynomials allow.
+@by_address
+def emit_graded(shape, t, w, state, log, seg, plan, level):
+    """Write segments of the outputs over a cell of step / 2^level, each as long as its polynomials allow.
 
-    Returns False, writing nothing, if there is too little room. w.y2, w.copy, w.poly, w.derivatives are overwritten.
+    A part, of stiff mode sets. The state at the begin of the cell is in w.y2, its time [s] in w.poly[0]. Returns 0,
+    writing nothing, if there is too little room. w.y2, w.copy, w.poly, w.derivatives are overwritten.
     """
-    n, depth, first = x.shape[0], t.depth[mode_set], seg.count[0]
-    here, moved, cells, done = w.y2, w.copy, 1 << (depth - level), 0
-    finest = t.step[0] / 2.0**depth
-    copy(n, x, here)
+    mode_set, here, moved, start = t.mode_set_of[state.progress[0].key], w.y2, w.copy, w.poly[0]
+    n, depth, first, done = state.x.shape[0], t.depth[mode_set], seg.count[0], 0
+    cells, finest = 1 << (depth - level), t.step[0] / 2.0**depth
     while done < cells:
         at, width = depth, 1
         while width < cells and done % (2 * width) == 0:
             at, width = at - 1, 2 * width
         if seg.count[0] + 1 > seg.start.shape[0]:
             seg.count[0] = first
-            return False
+            return 0
         while at < depth and not fit_outputs(t, mode_set, at, here, seg, w):
             at, width = at + 1, width // 2
         if at < depth:
             seg.start[seg.count[0]], seg.length[seg.count[0]] = start + done * finest, width * finest
             seg.count[0] += 1
-        elif many_states:
+        elif plan.many_states:
             emit_cells(t, mode_set, here, 1.0, start + done * finest, finest, seg)
         else:
             emit_linear(t, mode_set, here, start + done * finest, finest, seg, w.derivatives)
@@ -164,18 +167,21 @@ def emit_graded(t, mode_set, x, level, start, seg, w, many_states):
             moved[i] = dot(t.E[mode_set, at, i], here)
         for i in range(n):
             here[i] += moved[i]
-    return True
+    return 1
 
 
 @inlined
-def emit_cell(t, mode_set, x, level, start, length, seg, w, many_states):
+def emit_cell(shape, t, w, state, log, seg, plan, x, level, start, length):
     """Write the outputs over [start, start + length] s, the cell of step / 2^level from x.
 
     Returns False, writing nothing, if there is too little room: only in stiff mode sets (`nearly_full`).
     """
+    mode_set = t.mode_set_of[state.progress[0].key]
     if t.room[mode_set] == 0:
-        return emit_graded(t, mode_set, x, level, start, seg, w, many_states)
-    if many_states:
+        copy(x.shape[0], x, w.y2)
+        w.poly[0] = start
+        return call(plan.emit_graded, shape, t, w, state, log, seg, plan, level) == 1
+    if plan.many_states:
         emit_cells(t, mode_set, x, 2.0 ** (t.depth[mode_set] - level), start, length, seg)
     else:
         emit_linear(t, mode_set, x, start, length, seg, w.derivatives)
@@ -185,7 +191,7 @@ def emit_cell(t, mode_set, x, level, start, length, seg, w, many_states):
 FULL = -3  # of `stretch`: no room for the segments of a tick or a cell
 
 
-@inner
+@by_address
 def quiet_ticks(shape, t, w, state, log, seg, plan, ticks):
     """Advance state.x by up to `ticks` certified ticks and write the rows of the log. Returns the number of ticks done.
 
@@ -223,7 +229,7 @@ def quiet_ticks(shape, t, w, state, log, seg, plan, ticks):
     return done
 
 
-@inner
+@by_address
 def certified_cell(shape, t, w, state, log, seg, plan, level):
     """Whether it is proved that no guard has an event in the cell of step / 2^level from state.x; its end is in w.y.
 
@@ -301,7 +307,7 @@ def add_quiet_energy(work, active, x, rows, energy):
         add_energy(work, active, x if tick == 0 else rows[tick - 1], energy)
 
 
-@inner
+@by_address
 def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Advance by quiet ticks as far as possible, or else by one subdivided tick, in a linear mode set.
 
@@ -312,7 +318,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     if now.place == 0.0 and plan.many_states:
         while quiet_tick(t, mode_set, x, log.out[now.tick], w):
             start = (now.tick - origin) * t.step[0]
-            if emitting and not emit_cell(t, mode_set, x, 0, start, t.step[0], seg, w, True):
+            if emitting and not emit_cell(shape, t, w, state, log, seg, plan, x, 0, start, t.step[0]):
                 return FULL
             if with_energy:
                 add_tick_energy(t, mode_set, x)
@@ -328,7 +334,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         done = call(plan.quiet_ticks, shape, t, w, state, log, seg, plan, block)
         if emitting and done:
             start = (first - origin) * t.step[0]
-            if not emit_cell(t, mode_set, w.x0, 0, start, t.step[0], seg, w, False):
+            if not emit_cell(shape, t, w, state, log, seg, plan, w.x0, 0, start, t.step[0]):
                 copy(n, w.x0, x)
                 return FULL
         for tick in range(first, first + done):
@@ -376,9 +382,9 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
             while not many_states or depth > 0:  # of a rig with many states, the whole tick was tried before
                 certified = call(plan.certified_cell, shape, t, w, state, log, seg, plan, level)
                 if event_of < 0 and certified == 0 and t.room[mode_set] == 0 and level < depth:
-                    event_at, event_of = first_event_of_fits(t, mode_set, level, x, w)
+                    event_of = call(plan.first_event_of_fits, shape, t, w, state, log, seg, plan, level)
                     certified = 1 if event_of == -1 else 0
-                    event_at = u + width * event_at if event_of >= 0 else NONE
+                    event_at = u + width * w.poly[0] if event_of >= 0 else NONE
                 if u + width <= event_at if event_of >= 0 else certified:
                     held = True
                     break
@@ -388,7 +394,7 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
                 width *= 0.5
             if held:
                 start, length = begin + u * h, width * h
-                if plan.emitting and not emit_cell(t, mode_set, x, level, start, length, seg, w, many_states):
+                if plan.emitting and not emit_cell(shape, t, w, state, log, seg, plan, x, level, start, length):
                     return full(now, u)
                 if with_energy:
                     add_energy(t.work[mode_set, level], t.active[mode_set], x, energy)

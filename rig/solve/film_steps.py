@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compiled.kernel import inlined, inner
+from rig.compiled.kernel import by_address, inlined, inner
 from rig.solve.column_blocks import BLOCK, LANE, across, along, blend, copy, lanes, total
 from rig.solve.forces import coefficient
 from rig.solve.segment_output import nearly_full
@@ -552,7 +552,7 @@ def add_collected_work(own, energy):
             own.lost[part, i] = 0.0
 
 
-@inner
+@by_address
 def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Advance the state to the end of the ticks; a part (rig.solve.specialised).
 

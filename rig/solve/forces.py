@@ -198,6 +198,12 @@ def law_force(code, p, argument, N):
 
 
 @kernel
+def coefficient_at(code, p, v):
+    """`coefficient`, from Python."""
+    return coefficient(code, p, v)
+
+
+@kernel
 def coefficients(code, p, speeds, values):
     """values[i] = `coefficient` at speeds[i]."""
     for i in range(values.shape[0]):
@@ -212,6 +218,12 @@ def slope(code, p, v):
     rise, inside = np.tanh(v / p[0]), int(p[1])
     change = np.sign(v) * rise * _slope(inside, p[2:], abs(v))
     return change + (1.0 - rise * rise) / p[0] * unsmoothed(inside, p[2:], abs(v))
+
+
+@kernel
+def slope_at(code, p, v):
+    """`slope`, from Python."""
+    return slope(code, p, v)
 
 
 @inner

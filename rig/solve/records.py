@@ -152,6 +152,9 @@ class MotionPlan(NamedTuple):
     stretch: int  # a stretch in any other mode set, and
     take_steps: int  # the specialised kernel for its steps
     whole_derivative: int  # the derivative, for rigs with more than one patch or with products
+    take_cell: int  # of stiff mode sets: a cell of dopri5,
+    first_event_of_fits: int  # the first event of a cell, and
+    emit_graded: int  # its outputs
     degree: int  # of the path through a step: 7 of dop853, 4 of others
     many_states: int  # many states: rig.solve.many_states
     nonlinear: int  # at least one mode set is not linear

@@ -7,7 +7,7 @@ alike.
 
 from __future__ import annotations
 
-from rig.compiled.kernel import inlined, inner
+from rig.compiled.kernel import by_address, inlined, inner
 from rig.compiled.records import lent
 from rig.solve.column_blocks import copy, lanes, rounding, write
 from rig.solve.contact_state import apply_event, project_stick
@@ -116,7 +116,7 @@ def next_step(place, substeps, full):
     return whole, full if position - (whole - 1) <= 1e-12 else (whole - position) * full
 
 
-@inner
+@by_address
 def take_steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks or to a step that `stretch` must handle.
 
@@ -156,7 +156,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
     return ends
 
 
-@inner
+@by_address
 def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Advance the state to an event or to the end of the ticks; a part (rig.solve.specialised).
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.compiled.kernel import inlined, inner
+from rig.compiled.kernel import by_address, inlined, inner
 from rig.compiled.records import lent
 from rig.solve.column_blocks import ROUND, copy, dot, is_zero, rounding
 from rig.solve.dopri5 import (
@@ -445,7 +445,7 @@ def quartic_of_step(shape, u, x, y, d):
         d[4, i] = -g2
 
 
-@inner
+@by_address
 def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks, or to a step that `stretch` must handle.
 

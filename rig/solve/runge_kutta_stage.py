@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compiled.kernel import fused, inlined, inner
+from rig.compiled.kernel import by_address, fused, inlined, inner
 from rig.solve.column_blocks import LANE, add_along, along, copy, is_zero, lanes, write
 from rig.solve.forces import STRIBECK, derivative, inputs, law_force, right_hand_side
 from rig.solve.specialised import call, has_products, is_unrolled, local, state_count
@@ -115,7 +115,7 @@ def only_states(f):
     return f.T.shape[0] == f.t.memory.inputs[0] and is_zero(f.law_load_t[0])
 
 
-@inner
+@by_address
 def whole_derivative(shape, t, w, state, log, seg, plan, ticks):
     """Compute the derivative w.rates at w.at for any rig; a part (rig.solve.specialised).
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from rig.compiled.c_functions import converted
 from rig.compiled.kernel import as_python
 from rig.laws import LAWS
 
@@ -55,7 +56,7 @@ def driven(law, speed, load, times, start=None):
     The direction of slip is constant between two of `times`; states declared so change their sign with it.
     """
     kind, p = type(law), law.numbers()
-    formula, along = as_python(kind.rates), np.array([state.along for state in law.states])
+    formula, along = converted(kind.rates, as_python), np.array([state.along for state in law.states])
     z = np.array([state.start for state in law.states]) if start is None else np.array(start, dtype=float)
     mu, states = [], [z]
     for begin, end in pairwise(times):
@@ -86,7 +87,7 @@ def driven(law, speed, load, times, start=None):
 def test_slopes_are_derivatives_and_formulas_compile(case):
     law = law_of(case)
     kind, p, m = type(law), law.numbers(), len(law.states)
-    compiled = [as_python(f) for f in (kind.mu, kind.rates, kind.slopes)]
+    compiled = [converted(f, as_python) for f in (kind.mu, kind.rates, kind.slopes)]
     numbers = np.random.default_rng(1)
     sizes = {"m": 3e-6, "1": 0.1, "K": 60.0}
     for _ in range(40):

@@ -9,6 +9,8 @@ from rig import papers
 from rig.papers import Comparison, Entry
 from rig.scenes import names
 
+GALLERY = Path(__file__).parents[2] / "docs" / "gallery"
+
 
 def drawn(figure):
     figure.subplots().plot([0.0, 1.0])
@@ -21,19 +23,18 @@ def wrong(made):
     return [(one.what, one.ours, one.expected) for one in made.comparisons if one.compared and one.agrees == one.missed]
 
 
-def test_every_entry_names_shipped_scenes_and_has_a_name_of_its_own():
+def test_every_entry_names_shipped_scenes_and_has_a_name_and_a_drawing_of_its_own():
     entries = papers.pick("all")
-    assert len({entry.name for entry in entries}) == len(entries) > 10
+    assert len({entry.name for entry in entries}) == len({entry.draw for entry in entries}) == len(entries) > 10
     assert {scene for entry in entries for scene in entry.scenes} <= set(names())
 
 
 def test_the_gallery_has_every_figure_as_pixels_and_as_curves():
-    folder = Path(__file__).parents[2] / "docs" / "gallery"
     names = {entry.name for entry in papers.pick("all")}
-    assert {path.stem for path in folder.glob("*.png")} == {path.stem for path in folder.glob("*.svg")} == names
-    page = (folder / "README.md").read_text()
+    assert {path.stem for path in GALLERY.glob("*.png")} == {path.stem for path in GALLERY.glob("*.svg")} == names
+    page = (GALLERY / "README.md").read_text()
     for name in names:
-        drawn = (folder / f"{name}.svg").read_text()
+        drawn = (GALLERY / f"{name}.svg").read_text()
         assert len(drawn) < 1_000_000
         assert "<dc:date>" not in drawn
         assert f"({name}.png)" in page
@@ -93,5 +94,8 @@ def test_figures_that_worker_processes_make_are_the_same_and_one_made_again_leav
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("entry", papers.pick("all"), ids=lambda entry: entry.name)
-def test_every_figure_agrees(entry, tmp_path):
-    assert wrong(papers.make(entry, tmp_path)) == []
+def test_every_figure_agrees_in_all_numbers_of_the_gallery(entry, tmp_path):
+    made = papers.make(entry, tmp_path)
+    assert wrong(made) == []
+    [shown] = [one for one in json.loads((GALLERY / "numbers.json").read_text()) if one["name"] == entry.name]
+    assert [one.what for one in made.comparisons] == [one["what"] for one in shown["comparisons"]]

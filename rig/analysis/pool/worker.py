@@ -22,6 +22,7 @@ from typing import IO
 from rig.analysis.pool.work import Arrays, Store, Work
 from rig.errors import ExitCode, RigError
 from rig.machine.process import as_process, tell, with_parent
+from rig.machine.scheduling import keep_to_one_core
 
 _TELL = 0.1  # s between two messages on a batch
 
@@ -29,6 +30,7 @@ _TELL = 0.1  # s between two messages on a batch
 def main() -> int:
     """Run one worker."""
     store = Store(Path(sys.argv[1]))
+    keep_to_one_core()
     # SIGTERM acts as Ctrl-C, which a job in the background ignores: what is finished of a batch is saved
     with_parent(lambda: os.kill(os.getpid(), signal.SIGTERM))
     batches = _batches()

@@ -224,9 +224,10 @@ class Trial:
         ended = motion.kept - self._last if motion.event_count else motion.kept  # events change modes within a frame
         mode_sets = motion.log.modes[self._seen : max(ended, self._seen)]
         before = motion.mode_sets.tables.mode_set_of[self._key]
-        for row in np.flatnonzero(np.diff(mode_sets, prepend=before)).tolist():
-            began = (motion.tick - motion.kept + self._seen + row) * self._step * 1e-9
-            self._change(began, motion.mode_sets.sets[mode_sets[row]].key)
+        if (mode_sets != before).any():
+            for row in np.flatnonzero(np.diff(mode_sets, prepend=before)).tolist():
+                began = (motion.tick - motion.kept + self._seen + row) * self._step * 1e-9
+                self._change(began, motion.mode_sets.sets[mode_sets[row]].key)
         self._change((motion.tick - self._last) * self._step * 1e-9, key)
 
     def _change(self, at: float, key: int) -> None:
