@@ -51,7 +51,8 @@ ROUGH = 1e-2
 """Of a period, or of the range of a state: rounds that differ by less may lie near a cycle."""
 LONGEST = 120.0  # s
 CHANGES = 500_000  # mode set changes: over a minute of a squeal at 3.4 kHz
-_FIRST = 7.9  # periods of the slowest mode before the first look
+_FIRST = 7.9  # periods of the slowest mode before the first look at the events
+_DECAY, _SHORT = 2.0, 2.1  # the same without events in which a decay shows, and of the first stretch
 _ONCE = 16384  # ticks in one call
 _TURNS = 4  # most turning points in one cycle
 _CALM = 2  # turns of an uneven surface without a contact event, after which the rig slides
@@ -89,15 +90,20 @@ class Rest:
         return self.stable and self.share(x) <= NEAR
 
     def decays(self, states: Array, step: float) -> bool:
-        """Return whether a motion without events, at ticks of `step` [s], decays at least half as fast as sliding does.
-
-        False over less than two periods.
+        """Return whether a motion without events, at times `step` [s] apart, decays at least half as fast as sliding
+        does. It is some periods long.
         """
+        return self.stable and self._changes(states, step) >= 0.5
+
+    def grows(self, states: Array, step: float) -> bool:
+        """Return whether such a motion grows at least half as fast as unstable sliding does."""
+        return self.least.real > 0.0 and self._changes(states, step) >= 0.5
+
+    def _changes(self, states: Array, step: float) -> float:
+        """The growth or decay rate of a motion over that of the least stable mode."""
         half = len(states) // 2
-        if not (self.stable and half * step * abs(self.least) >= 2.0 * math.pi):
-            return False
         first, last = (float(self._distances(part).max()) for part in (states[:half], states[half:]))
-        return last <= first * math.exp(0.5 * self.least.real * half * step)
+        return math.log(last / first) / (self.least.real * half * step) if first > 0.0 < last else 0.0
 
     def text(self, more: str = "") -> str:
         """Return why there is no limit cycle, or none is found; `more`: a further observation."""
@@ -167,33 +173,40 @@ class Settled:
 
 
 class Search:
-    """The motion of a rig from its start on, until it is known where it settles."""
+    """The motion of a rig from its present state on, until it is known where it settles.
 
-    def __init__(self, rig: FreeRig, sliding: Steady) -> None:
-        self.rig, self.sliding = rig, sliding
+    The system of the rig begins at the standing start. `every` [s]: the time between looks, which otherwise doubles.
+    `repeat`: the relative difference of the rounds of a cycle that simulation finds. `patience` [s]: as long a motion
+    may approach its cycle by itself before Newton's method closes it.
+    """
+
+    def __init__(
+        self, rig: FreeRig, sliding: Steady, every: float = 0.0, repeat: float = 0.0, patience: float = 0.0
+    ) -> None:
+        self.rig, self.sliding, self.every, self.patience = rig, sliding, every, patience
         self.rest = Rest(sliding, rig.system.start)
-        self.turn = turn_of(sliding)
-        self.repeat = 1e-7 if rig.method == "rk4" else max(REPEAT, 10.0 * rig.tolerance)
+        self.turn, self.slowest = turn_of(sliding), sliding.time_scales()[1]
+        self.repeat = repeat or (1e-7 if rig.method == "rk4" else max(REPEAT, 10.0 * rig.tolerance))
         self.rough = ROUGH
-        self.motion = rig.motion
+        self.motion, self._begun = rig.motion, rig.motion.tick
         self.events: list[Event] = []  # the last, as many as are compared
         self.changes = 0
         self.drift = math.inf
         self.quiet = 0.0  # on an uneven surface: time without a change of a contact and without stick [s]
-        self.states = self.motion.x[None].copy()  # of the last call
-        self.met = 0  # events in it
+        self.calm, self.spacing = self.motion.x[None].copy(), rig.step  # states since the last event
         self.unstable: ClosedCycle | None = None
 
     @property
     def now(self) -> float:
         """The simulated time [s]."""
-        return self.motion.tick * self.rig.step
+        return (self.motion.tick - self._begun) * self.rig.step
 
-    def run(self, longest: float, most: float, watch: Callable[[float, float], object]) -> Settled:
+    def run(
+        self, longest: float, most: float, watch: Callable[[float, float], object] = lambda now, drift: None
+    ) -> Settled:
         """Simulate for at most `longest` [s] and `most` mode set changes. Raises NumericsError."""
         uneven = math.isfinite(self.turn)
-        slowest = self.sliding.time_scales()[1]
-        stretch = self.turn if uneven else slowest
+        stretch = self.turn if uneven else self.every or _SHORT * self.slowest
         while self.now < longest and self.changes < most:
             begun, before = self.now, self.changes
             if beyond := self._simulated(min(stretch, longest - self.now), most):
@@ -201,9 +214,9 @@ class Search:
             if uneven:
                 settled = self._over_a_turn(begun, self.changes - before)
             else:
-                late = self.now > _FIRST * slowest or self.now >= longest
-                settled = self._looked_at() if late else None
-                stretch = self.now  # the next look is after as long again
+                late = self.every > 0.0 or self.now > _FIRST * self.slowest or self.now >= longest
+                settled = self._looked_at(late)
+                stretch = self.every or self.now  # the next look is after as long again
             watch(self.now, self.drift)
             if settled is not None:
                 return settled
@@ -213,52 +226,61 @@ class Search:
         """Simulate a stretch; return which limit of the scene the motion has left, in words."""
         rig, motion, limits = self.rig, self.motion, list(self.rig.scene.limits.items())
         ticks = max(round(time / rig.step), 1)
+        apart, origin = math.ceil(ticks / _ONCE), motion.tick
+        calm: list[Array] = []
         while ticks > 0 and self.changes < most:
             count, first = math.ceil(ticks / math.ceil(ticks / _ONCE)), motion.tick
             motion.advance(count)
             ticks -= count
-            self.states, events = motion.states, motion.events()
+            events = motion.events()
+            if events:
+                origin, calm = events[-1].tick + 1, []
+            calm.append(motion.states[max(origin - first, (origin - first) % apart) :: apart])
             if limits:
-                values = np.abs(motion.outputs_at(self.states, motion.mode_sets_of_states))
+                values = np.abs(motion.outputs_at(motion.states, motion.mode_sets_of_states))
                 beyond = np.argwhere(values > [limit for _, limit in limits])
                 if len(beyond):
                     tick, which = beyond[0].tolist()
                     name, limit = limits[which]
                     at = (first + tick) * rig.step
                     return f"no limit cycle: {name} exceeds its limit of {limit:g} {rig.units[name]} at {at:.4g} s"
-            self.events, self.met = [*self.events, *events][-4 * MOST :], len(events)
-            self.changes += self.met
+            self.events = [*self.events, *events][-4 * MOST :]
+            self.changes += len(events)
             if rig.system.sectors:  # changes of contacts, not of their sectors
                 modes = [rig.system.modes(key)[:2] for key in (*(event.before for event in events), motion.key)]
                 touched = rig.stuck(motion.key) or any(a != b for a, b in pairwise(modes))
                 self.quiet = 0.0 if touched else self.quiet + count * rig.step
+        self.calm, self.spacing = np.concatenate(calm), apart * rig.step
         return ""
 
-    def _looked_at(self) -> Settled | None:
-        """Where the motion has settled; None if it is not known yet."""
-        if self.met or self.rig.stuck(self.motion.key):
-            return self._repeated() if self.events else None
-        if self.rest.reached(self.motion.x) or self.rest.decays(self.states, self.rig.step):
-            return self._settled(why=self.rest.text())
-        period = self._between_turning_points()
-        cycle = self._closed(period) if period else None
-        return None if cycle is None else self._settled(cycle=cycle)
+    def _looked_at(self, late: bool) -> Settled | None:
+        """Where the motion has settled; None if it is not known yet. Events may repeat when it is `late`."""
+        if len(self.calm) * self.spacing >= _DECAY * self.slowest and not self.rig.stuck(self.motion.key):
+            if self.rest.reached(self.motion.x) or self.rest.decays(self.calm, self.spacing):
+                return self._settled(why=self.rest.text())
+            period = 0.0 if self.rest.grows(self.calm, self.spacing) else self._between_turning_points()
+            cycle = self._closed(period) if period else None
+            if cycle is not None:
+                return self._settled(cycle=cycle)
+        return self._repeated() if late and self.events else None
 
     def _repeated(self) -> Settled | None:
         """The cycle whose events repeat, if there is one."""
+        if self.now > self.patience and (period := self._round(self.rough)):
+            if (cycle := self._closed(period)) is not None:
+                return self._settled(cycle=cycle)
+        period = self._round(self.repeat)
+        return self._settled(period=period) if period else None
+
+    def _round(self, repeat: float) -> float:
+        """The period [s] of a motion whose events repeat to `repeat`; else 0."""
         step = self.rig.step
-        count, self.drift = repeating(self.events, step, self.rough)
+        count, self.drift = repeating(self.events, step, repeat)
         last = self.events[-count - 1 :]
         period = time_of(last[-1], last[0].tick, step) - time_of(last[0], last[0].tick, step)
-        if not count or self.drift > self.rough or not all_round(period, self.turn):
-            return None
-        if (cycle := self._closed(period)) is not None:
-            return self._settled(cycle=cycle)
-        count, self.drift = repeating(self.events, step, self.repeat)
-        if self.drift > self.repeat:
-            return None
-        last = self.events[-count - 1 :]
-        return self._settled(period=time_of(last[-1], last[0].tick, step) - time_of(last[0], last[0].tick, step))
+        over = -time_of(last[-1], self.motion.tick, step) > 2.0 * period  # the events are those of an earlier motion
+        repeats = count and self.drift <= repeat and not over and all_round(period, self.turn)
+        return period if repeats else 0.0
 
     def _between_turning_points(self) -> float:
         """The period [s] of a motion without events, from the states at its last turning points; 0 if none repeats.
@@ -266,13 +288,13 @@ class Search:
         Turning points are those of the coordinate with the largest motion in the least stable mode.
         """
         moving, nq = self.rig.moving, len(self.rig.system.coordinates)
-        states = self.states[:, moving]
+        states = self.calm[:, moving]
         span = np.ptp(states, axis=0)
         shape = self.sliding.eigenvectors()[1][nq : 2 * nq, 0]
-        velocity = self.states[:, nq + int(np.abs(shape).argmax())]
+        velocity = self.calm[:, nq + int(np.abs(shape).argmax())]
         before = np.flatnonzero((velocity[:-1] > 0.0) & (velocity[1:] <= 0.0))
         share = velocity[before] / (velocity[before] - velocity[before + 1])
-        times = (before + share) * self.rig.step
+        times = (before + share) * self.spacing
         turns = states[before] + share[:, None] * (states[before + 1] - states[before])
         for count in range(1, min(_TURNS, (len(turns) - 1) // 2) + 1):
             rounds = turns[-2 * count - 1 :]
@@ -283,9 +305,9 @@ class Search:
     def _closed(self, period: float) -> ClosedCycle | None:
         """The stable cycle near the present motion, which returns after about `period` [s]; None without one."""
         motion = self.motion
-        saved, tick, states = motion.save(), motion.tick, self.states.copy()
+        saved, tick = motion.save(), motion.tick
         driving = np.delete(np.arange(self.rig.system.n), self.rig.moving)
-        driven = bool(np.ptp(states[:, driving], axis=0).any())
+        driven = bool(np.ptp(motion.states[:, driving], axis=0).any())
         if driven and (rates := [rate for *_, rate in self.rig.system.generators]):
             own = 2.0 * math.pi / min(rates)
             period = max(round(period / own), 1) * own
@@ -296,7 +318,7 @@ class Search:
             pass
         finally:
             motion.go_back(saved)
-            motion.tick, self.states = tick, states
+            motion.tick = tick
         if cycle is None or self.rest.share(cycle.map.state(cycle.u)) <= NEAR:
             return None
         if cycle.multiplier > 1.0 + _GROWS:

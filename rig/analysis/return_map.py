@@ -120,6 +120,8 @@ class Family:
 
     def _with_commands(self) -> frozenset[str]:
         """The parameters that are actuators with a state of their own, if they act on nothing but that state."""
+        if not self.axes:
+            return frozenset()
         keys = {axis.key for axis in self.axes}
         assembly = self.assembled(self.scene, keys)
         given = {key: assembly.inputs[key] for key in keys if key in assembly.inputs}

@@ -267,6 +267,20 @@ class FreeRig:
             del other.__dict__["settled"]
         return other
 
+    def replaced(self, assembly: Assembly) -> FreeRig:
+        """Return the same rig with other parameters, as which the motion goes on from now."""
+        other = FreeRig(
+            self.scene,
+            assembly,
+            method=self.method,
+            tolerance=self.tolerance,
+            step_ns=self.step_ns,
+            read=self.outputs,
+        )
+        other.__dict__["motion"] = self.motion
+        self.motion.replace(self.motion.ready(other.system, other._rows))
+        return other
+
     # mode sets, states, rates
 
     @cached_property

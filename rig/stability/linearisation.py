@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -225,10 +226,14 @@ class Steady:
         free = [name for name, part in zip(self.system.coordinates, np.abs(shapes[-1])) if part > _LOOSE]
         return f"no spring holds {', '.join(free)}, so forces there find no balance; give the structure a stiffness"
 
-    def eigenvalues(self) -> NDArray[np.complex128]:
-        """The eigenvalues [1/s] of the moving states, the least stable first."""
+    @cached_property
+    def _eigenvalues(self) -> NDArray[np.complex128]:
         eigenvalues = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
         return eigenvalues[np.lexsort((-eigenvalues.imag, -eigenvalues.real))]
+
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """The eigenvalues [1/s] of the moving states, the least stable first."""
+        return self._eigenvalues
 
     def time_scales(self) -> tuple[float, float]:
         """The shortest and the longest time constant, times 2 pi [s]: periods where the rig vibrates.

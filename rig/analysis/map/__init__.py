@@ -3,7 +3,7 @@
 job            scene, axes, settings; the units of work
 row            runs along a row, carried up and down, from near and far starts; the rig of a row is started anywhere,
                moved along the x axis and simulated until it settles; the units as a work (rig.analysis.pool)
-steady_state   decides what a motion has settled to
+steady_state   the states in which a motion settles, and its measures
 dither         the boundary of dither over frequency and amplitude: averaged and simulated
 result         the finished map, and its picture
 """

@@ -58,7 +58,7 @@ class Map(Result):
 
     state      results of rig.analysis.map.steady_state, [run, row, point], runs in the order of `RUNS`;
                NONE for runs that were not requested
-    tables     low, high, rms of the output; share, period of sticking; spent: simulated seconds; the same shape.
+    tables     low, high, rms of the output; share of the time in stick; period; spent: simulated seconds; same shape.
                section: local maxima of the output, [run, row, point, number]
     why        why a simulation had to stop, in words, of the same shape as `state`; "" if it did not
     growth     largest growth rate at the sliding equilibrium [1/s], nan if there is none; frequency [Hz] of it
