@@ -11,10 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rig.compiled import kernel, kernel_store
 from rig.compiled.kernel_store import CheckedFile
+from rig.solve.forces import slope
 
 CODE = """
 from rig.compiled.kernel import kernel
@@ -225,6 +227,12 @@ def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     folder = kernel_store.Folder("old")  # in use again
     folder.prune()
     assert {one.name for one in tmp_path.iterdir()} == {"old", "new", "older"}
+
+
+def test_python_cannot_call_what_only_kernels_call():
+    """It would have no code for Python to call."""
+    with pytest.raises(TypeError, match=r"rig\.solve\.forces\.slope can only be called by kernels"):
+        slope(0, np.zeros(2), 0.1)
 
 
 def test_the_next_minor_version_of_numba_is_not_allowed():

@@ -62,6 +62,19 @@ def test_a_coulomb_belt_has_no_region_without_sliding(tmp_path):
     assert found.ends[0, 0] == pytest.approx(0.0779534596, abs=1e-9)
 
 
+def test_a_run_that_is_carried_slowly_keeps_the_stick_slip_of_an_undamped_belt(tmp_path):
+    """Slip is an arc about rest under kinetic friction. It begins at the belt's speed, away from rest by the drop of
+    friction over the stiffness.
+    """
+    found = rig.map("belt_c", "drive.speed=0.02:0.2:7", folder=tmp_path, runs=("up", "down"))
+    p = rig.load("belt_c").parameters
+    drop = (p.friction.mu_static - p.friction.mu_kinetic) * p.load.force / p.body.stiffness
+    arcs = np.hypot(drop, np.array(found.job.x.values) * np.sqrt(p.body.mass / p.body.stiffness))
+    for run in ("up", "down"):
+        assert (found.state[RUNS.index(run), 0] == STICK_SLIP).all()
+        assert found.amplitude[RUNS.index(run), 0] == pytest.approx(arcs, rel=1e-7)
+
+
 def test_a_parameter_that_cannot_be_ramped_is_an_axis_too(tmp_path):
     """Less static friction, less stick-slip: over mu_static the cycle ends on the way down."""
     found = rig.map("belt", "friction.mu_static=0.19:0.5:4", folder=tmp_path, runs=("up", "down"))

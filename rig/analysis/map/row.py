@@ -48,7 +48,7 @@ from rig.analysis.map.steady_state import (
 from rig.analysis.pool import Arrays, Work
 from rig.analysis.regions import along
 from rig.analysis.return_map import Family
-from rig.bench.free_rig import TIGHT, FreeRig
+from rig.bench.free_rig import FreeRig
 from rig.errors import NumericsError, RigError, SceneError, Singular, UsageError, WorkerError
 from rig.model.assembly import Assembly
 from rig.model.system import System
@@ -59,13 +59,16 @@ from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
 
 Array = NDArray[np.float64]
+TOLERANCE = 1e-9
+"""Largest tolerance of dop853 and rosenbrock: at release the slip speed leaves zero slowly, and an error would make it
+stick again.
+"""
 WINDOW = 8.0  # periods of the slowest vibration mode about sliding
 RAMP = 16.0  # of these from one point to the next
 _PARTS = 4  # steps from one point to the next of a parameter that cannot be ramped
 _SAMPLES = 24  # in a period of the fastest vibration mode
 _KEPT = 3  # cycles from which the next one is extrapolated
 _SEEN = 3.05  # periods of it from look to look
-_TOLERANCE = 1e-9  # of dop853 and rosenbrock: at release the slip speed leaves zero slowly
 _REPEATS = 1e-6  # of a period: rounds that differ by less are the same
 _PATIENCE = 40.0  # periods of the slowest mode in which a motion may approach its cycle by itself
 _FREE = 1e-6  # of one: a vibration without damping neither decays nor grows, at any amplitude
@@ -114,7 +117,7 @@ class Track:
             self._assembly(self.value),
             self.system(self.value).start,
             step_ns=frame // steps,
-            tolerance=_TOLERANCE,
+            tolerance=min(scene.clock.tolerance, TOLERANCE),
             read=[settings.output],
         )
         self.rig.longest = round(RAMP * self.slowest / self.rig.step)
@@ -546,7 +549,7 @@ def _prepare(job: Job) -> None:
     """Compile the kernels of the runs."""
     if not job.settings.eigenvalues:
         track = Track(job.at(0), job.x, job.settings)
-        shape = kernel_shapes.shape_of(track.system(track.value), job.scene.clock.method, TIGHT)
+        shape = kernel_shapes.shape_of(track.system(track.value), job.scene.clock.method, TOLERANCE)
         if shape not in kernel_shapes.ready():
             track.compile()
             kernel_shapes.note(shape)
