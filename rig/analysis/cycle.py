@@ -53,7 +53,8 @@ LONGEST = 120.0  # s
 CHANGES = 500_000  # mode set changes: over a minute of a squeal at 3.4 kHz
 _FIRST = 7.9  # periods of the slowest mode before the first look at the events
 _DECAY, _SHORT = 2.0, 2.1  # the same without events in which a decay shows, and of the first stretch
-_ONCE = 16384  # ticks in one call
+_ONCE = 16384  # ticks in one call, and states without events that are looked at
+_SEEN = 16  # of these in a period of the least stable mode or of the slowest one, at least
 _TURNS = 4  # most turning points in one cycle
 _CALM = 2  # turns of an uneven surface without a contact event, after which the rig slides
 _ROUNDS = 5.0  # turns of it that the search waits for
@@ -193,7 +194,9 @@ class Search:
         self.changes = 0
         self.drift = math.inf
         self.quiet = 0.0  # on an uneven surface: time without a change of a contact and without stick [s]
-        self.calm, self.spacing = self.motion.x[None].copy(), rig.step  # states since the last event
+        self.calm, self.spacing = self.motion.x[None].copy(), rig.step  # the last states since the last event
+        turns = max(abs(self.rest.least) / (2.0 * math.pi), 1.0 / self.slowest)  # in a second; nan without sliding
+        self.coarsest = max(int(1.0 / (_SEEN * turns * rig.step)), 1) if turns > 0.0 else 1  # ticks between two of them
         self.unstable: ClosedCycle | None = None
 
     @property
@@ -226,14 +229,15 @@ class Search:
         """Simulate a stretch; return which limit of the scene the motion has left, in words."""
         rig, motion, limits = self.rig, self.motion, list(self.rig.scene.limits.items())
         ticks = max(round(time / rig.step), 1)
-        apart, origin = math.ceil(ticks / _ONCE), motion.tick
+        apart = min(math.ceil(ticks / _ONCE), self.coarsest)
+        origin = motion.tick + max(ticks - apart * _ONCE, 0)
         calm: list[Array] = []
         while ticks > 0 and self.changes < most:
             count, first = math.ceil(ticks / math.ceil(ticks / _ONCE)), motion.tick
             motion.advance(count)
             ticks -= count
             events = motion.events()
-            if events:
+            if events and events[-1].tick >= origin:
                 origin, calm = events[-1].tick + 1, []
             calm.append(motion.states[max(origin - first, (origin - first) % apart) :: apart])
             if limits:

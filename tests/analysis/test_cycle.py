@@ -7,6 +7,7 @@ import cmath
 import json
 import math
 import re
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -17,7 +18,9 @@ from scipy.optimize import brentq
 
 import rig
 from rig.analysis.cycle import limit_cycle
+from rig.errors import UsageError
 from rig.model.formulation import assemble
+from rig.scenes import names
 
 ORACLE = {  # period, time in stick, lowest velocity, highest and lowest displacement, displacement where stick starts
     "belt": (0.32160366413722946, 0.10286728739274346, -0.10129890351933808, 0.006212858222975551,
@@ -79,6 +82,15 @@ def test_a_squeal_that_lift_off_bounds_is_a_cycle_that_attracts():
     assert drifts[-1] <= 1e-2  # from there Newton's method closes it
     assert found.newton > 0
     assert found.repeats <= 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", names())
+def test_every_shipped_scene_has_a_cycle_that_repeats_or_a_reason_why_not(name):
+    with suppress(UsageError):  # a film of points, or nothing that vibrates
+        found = limit_cycle(rig.load(name))
+        assert found.found == (not found.why)
+        assert not found.found or found.repeats < 1e-6
 
 
 @pytest.mark.slow
