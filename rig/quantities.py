@@ -66,6 +66,18 @@ class Section(BaseModel):
         return self
 
 
+class Hand(NamedTuple):
+    """A value that matters to a person at the bench, as a slider.
+
+    `low`, `high`: its ends as multiples of the value of the scene, so that one declaration serves a seal as well as a
+    brake. They should reach from where the rig is quiet to where it vibrates.
+    """
+
+    words: str
+    low: float = 0.0
+    high: float = 2.0
+
+
 class Range:
     """The allowed range of a quantity of `unit`: from `low` to `high` (SI).
 

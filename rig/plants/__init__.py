@@ -4,9 +4,9 @@ A plant is a module with a section `Parameters` and a function `assemble(paramet
 `rig.model.assembly.Assembly`. `PLANTS` finds the module by its name; there is no list. Structures that several plants
 use are in `structures`.
 
-`PICTURES` of the module describes its picture (rig.picture). `HANDS`, words by keys, names the values that matter to a
-person at the bench; those that a scene does not have are left out. An optional table of a plant is an effect and
-describes itself (rig.about).
+`PICTURES` of the module describes its picture (rig.picture). `HANDS`, a `rig.quantities.Hand` by key, names the values
+that matter to a person at the bench; those that a scene does not have are left out. An optional table of a plant is an
+effect and describes itself (rig.about).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from types import ModuleType
 from rig.errors import PartError
 from rig.parts import Room, code_of, file_of, require_types
 from rig.picture import Own, Picture
-from rig.quantities import Section
+from rig.quantities import Hand, Section
 from rig.units import brief
 
 
@@ -35,8 +35,8 @@ def _plant(module: ModuleType, name: str) -> ModuleType:
     if figure is not None and not isinstance(figure, Own):
         raise PartError(f"{where}: FIGURE is {brief(figure)}; expected a rig.picture.Own")
     hands = getattr(module, "HANDS", {})
-    if not isinstance(hands, dict) or not all(isinstance(text, str) for pair in hands.items() for text in pair):
-        raise PartError(f"{where}: HANDS is {brief(hands)}; expected words by the keys of values")
+    if not isinstance(hands, dict) or not all(isinstance(hand, Hand) for hand in hands.values()):
+        raise PartError(f"{where}: HANDS is {brief(hands)}; expected a rig.quantities.Hand by the key of each value")
     for own in (*pictures, figure):
         if isinstance(own, Own) and own.drawer.startswith(":") and not hasattr(module, own.drawer[1:]):
             raise PartError(f"{where}: names {own.drawer!r} as what draws it, and defines no {own.drawer[1:]}")

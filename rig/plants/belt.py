@@ -18,15 +18,23 @@ from rig.effects.tuned_mass import TunedMass
 from rig.laws import Friction
 from rig.model.assembly import Assembly, Output
 from rig.picture import OnBelt, Plot
-from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonSecondPerMetre, NonNegativeNewtonPerMetre, Section
+from rig.quantities import (
+    Hand,
+    Kilogram,
+    Metre,
+    MetrePerSecond,
+    NewtonSecondPerMetre,
+    NonNegativeNewtonPerMetre,
+    Section,
+)
 
 HANDS = {
-    "drive.speed": "belt speed",
-    "load.force": "normal force",
-    "friction.mu_static": "friction coefficient at rest",
-    "body.stiffness": "stiffness of the spring",
-    "body.damping": "damping",
-    "dither.amplitude": "dither amplitude",
+    "drive.speed": Hand("belt speed", 0.0, 6.0),
+    "load.force": Hand("normal force"),
+    "friction.mu_static": Hand("friction coefficient at rest"),
+    "body.stiffness": Hand("stiffness of the spring", 0.3, 2.0),
+    "body.damping": Hand("damping", 0.0, 25.0),
+    "dither.amplitude": Hand("dither amplitude"),
 }
 PICTURES = (OnBelt(),)
 RAMPED = {"drive.speed": "ramped", "load.force": "ramped"}

@@ -48,6 +48,7 @@ from rig.plants.structures.multibody import (
 )
 from rig.plants.structures.same_modes import keyed, refuse_others
 from rig.quantities import (
+    Hand,
     Hertz,
     MetrePerSecond,
     NewtonPerMetre,
@@ -62,12 +63,12 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "friction.mu": "coefficient of friction",
-    "load.pressure": "brake pressure",
-    "drive.speed": "disc speed",
-    "structure.loss_factor": "damping (loss factor)",
-    "shunt.resistance": "resistance of the shunt",
-    "shunt.inductance": "inductance of the shunt",
+    "friction.mu": Hand("coefficient of friction"),
+    "load.pressure": Hand("brake pressure"),
+    "structure.loss_factor": Hand("damping (loss factor)", 0.0, 4.0),
+    "shunt.connected": Hand("shunt connected"),
+    "shunt.resistance": Hand("resistance of the shunt"),
+    "shunt.inductance": Hand("inductance of the shunt", 0.5, 1.5),
 }
 PICTURES = (Own("rig.view.brake:Brake", ("displacement", "velocity", "surface_speed")),)
 

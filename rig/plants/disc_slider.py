@@ -37,6 +37,7 @@ from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures.same_modes import keyed, refuse_others
 from rig.quantities import (
     Angle,
+    Hand,
     Kilogram,
     Metre,
     MetrePerSecond,
@@ -50,11 +51,11 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "drive.speed": "disc speed",
-    "load.force": "normal force",
-    "friction.mu_static": "friction coefficient at rest",
-    "slider.damping": "damping of the slider",
-    "dither.amplitude": "dither amplitude",
+    "drive.speed": Hand("disc speed", 0.0, 3.0),
+    "load.force": Hand("normal force"),
+    "friction.mu_static": Hand("friction coefficient at rest"),
+    "slider.damping": Hand("damping of the slider", 0.0, 4.0),
+    "dither.amplitude": Hand("dither amplitude"),
 }
 PICTURES = (Own("rig.view.lumped:Slider", ("displacement", "height", "disc_speed")),)
 

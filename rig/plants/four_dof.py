@@ -33,14 +33,13 @@ from rig.model.assembly import Assembly, Output
 from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.two_dof import Body, Contact, Strut
-from rig.quantities import Metre, MetrePerSecond, NewtonSecondPerMetre, NonNegativeNewtonPerMetre, Section
+from rig.quantities import Hand, Metre, MetrePerSecond, NewtonSecondPerMetre, NonNegativeNewtonPerMetre, Section
 
 HANDS = {
-    "friction.mu": "coefficient of friction",
-    "drive.speed": "belt speed",
-    "load.force": "normal force",
-    "spring_1.damping": "damping of the first spring",
-    "spring_3.angle": "angle of the inclined spring",
+    "friction.mu": Hand("coefficient of friction"),
+    "drive.speed": Hand("belt speed"),
+    "load.force": Hand("normal force"),
+    "spring_3.angle": Hand("angle of the inclined spring", 0.3, 1.5),
 }
 PICTURES = (Own("rig.view.lumped:ThreeBodies", ("body_1_displacement", "body_3_height")),)
 

@@ -46,6 +46,7 @@ from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures import series
 from rig.quantities import (
     Angle,
+    Hand,
     KilogramSquareMetre,
     Metre,
     NewtonMetreSecondPerRadian,
@@ -58,11 +59,11 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "drive.speed": "disc speed",
-    "load.force": "normal force",
-    "friction.mu_static": "friction coefficient at rest",
-    "friction.mu_kinetic": "friction coefficient in motion",
-    "lever.damping": "damping of the lever",
+    "drive.speed": Hand("disc speed", 0.0, 5.0),
+    "load.force": Hand("normal force"),
+    "friction.mu_static": Hand("friction coefficient at rest"),
+    "friction.mu_kinetic": Hand("friction coefficient in motion"),
+    "lever.damping": Hand("damping of the lever", 0.0, 25.0),
 }
 PICTURES = (Own("rig.view.lever:Lever", ("angle", "lever_angle", "disc_speed", "normal_force")), OnDisc())
 

@@ -31,6 +31,7 @@ from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
+    Hand,
     Kilogram,
     KilogramSquareMetre,
     Metre,
@@ -46,11 +47,11 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "friction.mu": "coefficient of friction",
-    "drive.speed": "disc speed",
-    "load.force": "normal force",
-    "body.tilt_damping": "damping of the tilt",
-    "lining.offset": "offset of the lining",
+    "friction.mu": Hand("coefficient of friction"),
+    "drive.speed": Hand("disc speed"),
+    "load.force": Hand("normal force"),
+    "body.tilt_damping": Hand("damping of the tilt", 0.0, 200.0),
+    "lining.offset": Hand("offset of the lining"),
 }
 PICTURES = (Own("rig.view.lumped:Tilting", ("displacement", "tilt", "surface_speed")),)
 

@@ -22,6 +22,7 @@ from rig.model.assembly import Assembly, Output
 from rig.picture import OnDisc
 from rig.plants.belt import RAMPED, Start, contact_outputs
 from rig.quantities import (
+    Hand,
     KilogramSquareMetre,
     NewtonMetreSecondPerRadian,
     NonNegativeNewtonMetrePerRadian,
@@ -30,11 +31,11 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "drive.speed": "disc speed",
-    "load.force": "normal force",
-    "friction.mu_static": "friction coefficient at rest",
-    "friction.mu_dynamic": "friction coefficient in motion",
-    "body.damping": "damping",
+    "drive.speed": Hand("disc speed", 0.0, 6.0),
+    "load.force": Hand("normal force"),
+    "friction.mu_static": Hand("friction coefficient at rest"),
+    "friction.mu_dynamic": Hand("friction coefficient in motion", 0.0, 4.0),
+    "body.damping": Hand("damping", 0.0, 25.0),
 }
 PICTURES = (OnDisc(),)
 

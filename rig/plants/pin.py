@@ -27,6 +27,7 @@ from rig.picture import OnBelt, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     AcuteAngle,
+    Hand,
     Kilogram,
     Metre,
     MetrePerSecond,
@@ -37,11 +38,11 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "friction.mu": "coefficient of friction",
-    "drive.speed": "disc speed",
-    "load.force": "normal force",
-    "pin.tilt": "tilt of the pin",
-    "pin.damping": "damping of the pin",
+    "friction.mu": Hand("coefficient of friction", 0.0, 1.3),
+    "drive.speed": Hand("disc speed"),
+    "load.force": Hand("normal force"),
+    "pin.tilt": Hand("tilt of the pin", 0.1, 2.0),
+    "pin.damping": Hand("damping of the pin"),
 }
 PICTURES = (OnBelt(up="disc_displacement", lean=0.35),)
 

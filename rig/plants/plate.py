@@ -36,14 +36,14 @@ from rig.plants.structures.film_slider import Film, Slider, SliderTables
 from rig.plants.structures.plate_elements import Foam, Plate
 from rig.plants.structures.plate_model import Grid, Reduced
 from rig.plants.structures.same_modes import keyed, refuse_others
-from rig.quantities import Metre, NonNegativeMetre, Section
+from rig.quantities import Hand, Metre, NonNegativeMetre, Section
 from rig.structure import model_store
 
 HANDS = {
-    "friction.mu": "coefficient of friction",
-    "drive.speed": "speed of the slider",
-    "load.force": "normal force",
-    "plate.damping_ratio": "damping ratio",
+    "friction.mu": Hand("coefficient of friction"),
+    "drive.speed": Hand("speed of the slider"),
+    "load.force": Hand("normal force"),
+    "plate.damping_ratio": Hand("damping ratio"),
 }
 PICTURES = (Own("rig.view.plate:Plate", ("position", "normal_force", "surface_speed")),)
 FIGURE = Own("rig.view.pressure:compose", ("plate_acceleration",))

@@ -36,6 +36,7 @@ from rig.plants.belt import RAMPED
 from rig.plants.structures.contact_map import Surface, surface_of
 from rig.plants.structures.structure_model import Given, basis_in_run, full, reduced, values_of
 from rig.plants.structures.structure_tables import Tables, Turning
+from rig.quantities import Hand
 from rig.solve.film_steps import COUNTED
 from rig.solve.records import CLOSED, OPEN
 from rig.stability.linearisation import sliding_key, steady
@@ -51,10 +52,10 @@ _RELATIVE = Plot("surface past the structure at points")
 _ROUNDS, _SETTLED = 60, 1e-12  # to the loads of contacts in steady sliding, and their relative change at the end
 
 HANDS = {
-    "friction.mu": "coefficient of friction",
-    "drive.speed": "disc speed",
-    "load.force": "normal force",
-    "damping.ratio": "damping ratio",
+    "friction.mu": Hand("coefficient of friction"),
+    "drive.speed": Hand("disc speed"),
+    "load.force": Hand("normal force"),
+    "damping.ratio": Hand("damping ratio", 0.0, 10.0),
 }
 PICTURES = (Own("rig.view.surfaces:Surfaces", ("normal_force", "friction_force", "surface_speed")),)
 

@@ -40,6 +40,7 @@ from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     AcuteAngle,
+    Hand,
     Kilogram,
     Metre,
     MetrePerSecond,
@@ -52,11 +53,11 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "drive.speed": "disc speed",
-    "load.force": "normal force",
-    "friction.mu_static": "friction coefficient at rest",
-    "friction.mu_kinetic": "friction coefficient in motion",
-    "tip.stiffness": "stiffness of the beam",
+    "drive.speed": Hand("disc speed"),
+    "load.force": Hand("normal force"),
+    "friction.mu_static": Hand("friction coefficient at rest"),
+    "friction.mu_kinetic": Hand("friction coefficient in motion"),
+    "tip.stiffness": Hand("stiffness of the beam", 0.3, 3.0),
 }
 PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)
 

@@ -37,6 +37,7 @@ from rig.plants.structures.same_modes import keyed, refuse_others
 from rig.plants.tip import refuse_jam
 from rig.quantities import (
     AcuteAngle,
+    Hand,
     KilogramPerCubicMetre,
     NewtonPerMetre,
     Pascal,
@@ -47,11 +48,11 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "drive.speed": "disc speed",
-    "load.force": "normal force",
-    "friction.mu_static": "friction coefficient at rest",
-    "friction.mu_kinetic": "friction coefficient in motion",
-    "beam.damping_ratio": "damping ratio",
+    "drive.speed": Hand("disc speed"),
+    "load.force": Hand("normal force"),
+    "friction.mu_static": Hand("friction coefficient at rest"),
+    "friction.mu_kinetic": Hand("friction coefficient in motion"),
+    "beam.damping_ratio": Hand("damping ratio", 0.0, 10.0),
 }
 PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)
 

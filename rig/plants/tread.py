@@ -24,6 +24,7 @@ from rig.model.assembly import Assembly, Output
 from rig.picture import OnBelt, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
+    Hand,
     Kilogram,
     Metre,
     MetrePerSecond,
@@ -34,10 +35,10 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "drive.speed": "speed of the glass",
-    "load.force": "normal force",
-    "friction.mu": "coefficient of friction",
-    "tip.tangential_damping": "damping along the glass",
+    "drive.speed": Hand("speed of the glass"),
+    "load.force": Hand("normal force"),
+    "friction.mu": Hand("coefficient of friction"),
+    "tip.tangential_damping": Hand("damping along the glass"),
 }
 PICTURES = (OnBelt(up="height", lifted=True),)
 

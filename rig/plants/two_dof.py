@@ -27,6 +27,7 @@ from rig.picture import OnBelt, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
+    Hand,
     Kilogram,
     Metre,
     MetrePerSecond,
@@ -37,11 +38,11 @@ from rig.quantities import (
 )
 
 HANDS = {
-    "friction.mu": "coefficient of friction",
-    "drive.speed": "belt speed",
-    "load.force": "normal force",
-    "spring_1.angle": "angle of the first spring",
-    "spring_1.damping": "damping of the first spring",
+    "friction.mu": Hand("coefficient of friction"),
+    "drive.speed": Hand("belt speed"),
+    "load.force": Hand("normal force"),
+    "spring_1.angle": Hand("angle of the first spring", 0.3, 1.4),
+    "spring_1.damping": Hand("damping of the first spring", 0.0, 25.0),
 }
 PICTURES = (OnBelt(up="height", lifted=True),)
 

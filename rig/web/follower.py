@@ -84,7 +84,7 @@ def description(
         "limits": scene.limits,
         "sound": audible(setup),
         "picture": still,
-        "hands": hands(scene),
+        "hands": {key: hand.words for key, hand in hands(scene).items()},
     }
 
 
@@ -118,7 +118,7 @@ class LiveValues:
             actuator = self._inputs.get(key)
             name, unit = key.rpartition(".")[2], told["units"][inner]
             usual, _ = of_scene.get(key, (value, unit))
-            entry = entry_of(key, name, usual, unit, within(self._scene, key, actuator))
+            entry = entry_of(self._scene, key, name, usual, unit, within(self._scene, key, actuator))
             entry |= {**kind_of(self._scene, key, value), "value": value}
             self.entries[key] = {**entry, "of": process, "actuator": actuator is not None, "owner": ""}
 

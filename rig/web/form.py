@@ -24,12 +24,12 @@ from rig.controllers import controller_drives
 from rig.errors import UsageError
 from rig.model.assembly import Assembly
 from rig.plants import PLANTS
-from rig.quantities import Range, finite
+from rig.quantities import Hand, Range, finite
 from rig.scenes import load, names
 from rig.scenes.explain import Value, explain
 from rig.scenes.inherit import cards
 from rig.scenes.places import Place
-from rig.scenes.protocol import Mark, Repeat
+from rig.scenes.protocol import Mark, Ramp, Repeat, Set, flat
 from rig.scenes.scene import Scene
 from rig.scenes.sections import field_of, known, range_of
 from rig.scenes.shipped import card
@@ -68,15 +68,15 @@ def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
         "protocol": protocol(scene, assembly),
         "sections": sections(scene, assembly, taken_apart.values),
         "picture": picture(scene, assembly),
-        "hands": hands(scene),
+        "hands": {key: hand.words for key, hand in hands(scene).items()},
     }
 
 
-def hands(scene: Scene) -> dict[str, str]:
-    """Words of the values that matter at the bench, by key: three of the plant, controllers, the rest of the plant."""
+def hands(scene: Scene) -> dict[str, Hand]:
+    """The values that matter at the bench, by key: three of the plant, controllers, the rest of the plant."""
     declared = list(PLANTS[scene.plant].__dict__.get("HANDS", {}).items())
     strong = {
-        f"controllers.{name}.{key}": words
+        f"controllers.{name}.{key}": Hand(words)
         for name, section in scene.controllers.items()
         for key, words in {"gain": "gain of the controller", "amplitude": "amplitude of the controller"}.items()
         if isinstance(getattr(section, key, None), float)
@@ -132,7 +132,7 @@ def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[
         table, _, name = key.rpartition(".")
         value, actuator = given.get(key), assembly.inputs.get(key)
         shown = value or actuator
-        entry = entry_of(key, name, shown.value, shown.unit, within(scene, key, actuator))
+        entry = entry_of(scene, key, name, shown.value, shown.unit, within(scene, key, actuator))
         entry |= {"kind": "fixed", "origin": "", "note": "", "place": ""}
         if value is not None:
             entry |= kind_of(scene, key, value.value)
@@ -143,10 +143,14 @@ def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[
     return [{"name": table, "values": entries} for table, entries in tables.items()]
 
 
-def entry_of(key: str, name: str, value: Any, unit: str, limits: tuple[float, float] | None) -> dict[str, Any]:
+def entry_of(
+    scene: Scene, key: str, name: str, value: Any, unit: str, limits: tuple[float, float] | None
+) -> dict[str, Any]:
     """One value with its limits [low, high], and its slider; null without them."""
     plain = isinstance(value, int | float) and not isinstance(value, bool)
-    slider = slider_of(float(value), *limits)._asdict() if limits and plain and np.isfinite(limits).all() else None
+    slider = None
+    if limits and plain and np.isfinite(limits).all():
+        slider = slider_of(usual(scene, key, float(value)), *limits, hands(scene).get(key))._asdict()
     return {"key": key, "name": name, "value": value, "unit": unit, "limits": limits, "slider": slider}
 
 
@@ -158,11 +162,20 @@ class Slider(NamedTuple):
     least: float = 0.0
 
 
-def slider_of(value: float, low: float, high: float) -> Slider:
-    """The slider of `value`: the whole range, or half to twice the value if the range is much wider.
+def usual(scene: Scene, key: str, value: float) -> float:
+    """`value`, or if it is 0 the largest to which the protocol moves it."""
+    moved = [step.to for step in flat(scene.protocol) if isinstance(step, Ramp | Set) and step.target == key]
+    return value or max(moved, key=abs, default=0.0)
+
+
+def slider_of(value: float, low: float, high: float, hand: Hand | None = None) -> Slider:
+    """The slider of `value`: as its `hand` declares, else the whole range, or half to twice the value if it is wider.
 
     A value of zero in a wide range has no size to go by: its slider is logarithmic on both sides of 0.
     """
+    if value and hand is not None:
+        lowest, highest = sorted((hand.low * value, hand.high * value))
+        return Slider(max(low, lowest), min(high, highest))
     if value == 0.0:
         return Slider(low, high, LEAST if max(high, -low) > WIDE else 0.0)
     size = abs(value)

@@ -20,7 +20,7 @@ def test_texts_of_modules_titles_and_descriptions_of_scenes_and_words_of_plants_
     for name in scenes.names():
         shown = card(name)
         wanted |= {shown["title"], re.sub(r"([^\n])\n(?=\S)", r"\1 ", shown["about"])}
-    wanted |= {words for plant in PLANTS.shipped for words in getattr(PLANTS[plant], "HANDS", {}).values()}
+    wanted |= {hand.words for plant in PLANTS.shipped for hand in getattr(PLANTS[plant], "HANDS", {}).values()}
     assert len(wanted) > 400
     assert wanted - {text for entries in SECTIONS.values() for text in entries} == set()
 

@@ -195,7 +195,7 @@ def test_the_german_catalogue_is_complete():
         *contact.NAMES,
         *ORIGINS,
         *(WORDS.get(kind, kind) for kind in SYMBOLS),
-        *(words for plant in PLANTS.shipped for words in getattr(PLANTS[plant], "HANDS", {}).values()),
+        *(hand.words for plant in PLANTS.shipped for hand in getattr(PLANTS[plant], "HANDS", {}).values()),
     }
     for name in scenes.names():
         scene = scenes.load(name)

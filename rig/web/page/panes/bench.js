@@ -63,6 +63,7 @@ export function create(bench) {
 
   bench.chosen = () => ({ scene: list.value, changes, form, good });
   bench.change = (key, value) => { changes[key] = value; show(); };
+  bench.reset = () => { clear(); show(); };
   bench.choose = async (scene, now = false) => {
     await filled;
     if (list.value !== scene || !form) { list.value = scene; clear(); await show(); }

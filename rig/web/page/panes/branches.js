@@ -5,16 +5,12 @@ import { post } from "/page/api.js";
 import { attempting, called, data, h, number, put, quantity, scaled, words, written } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { ink, sized, ticks } from "/page/plot.js";
+import { REGIONS } from "/page/regions.js";
 import { said, t } from "/page/text.js";
 
 const left = 54, bottom = 18, edge = 6; // [px] about the picture
 const LATELY = 1; // [s] of the run of which the extremes are shown
 const WIDE = 4; // the range that is proposed, as a multiple of the present value
-const REGIONS = { // of maps: colour, meaning
-  I: ["#2e7d5b", t("sliding, no vibration found")], II: ["#c98f1e", t("sliding and vibration: the past decides")], III: ["#b8452f", t("vibration only")],
-  stuck: ["#6f6fae", t("nothing moves")], stable: ["#2e7d5b", t("sliding is stable")], unstable: ["#b8452f", t("sliding is unstable")], "?": ["#808080", t("undecided")],
-};
-
 export function create(bench) {
   const { store } = bench;
   const canvas = h("canvas", { id: "branches-picture", role: "img", "aria-label": t("branches and the present state"), hidden: true });

@@ -1,7 +1,9 @@
 // Values by hand, before a run and in it, by the checks of the command line: the few that matter for the rig as sliders, the
 // others behind a search; owned actuators; controllers.
 
-import { called, data, h, number, quantity, typed, words, written } from "/page/dom.js";
+import { get } from "/page/api.js";
+import { called, data, h, number, put, quantity, typed, words, written } from "/page/dom.js";
+import { REGIONS, background, told } from "/page/regions.js";
 import { said, t } from "/page/text.js";
 
 const EVERY = 100; // [ms] between two values of a slider that is being moved
@@ -32,10 +34,14 @@ export function create(bench) {
   const fault = h("div", { class: "fault", id: "touch-fault", role: "alert" });
   const controllers = h("div", { class: "stack" }), first = h("div"), sections = h("div", { id: "sections" });
   const find = h("input", { type: "search", id: "find", placeholder: t("find a value: mass, gain, rate"), "aria-label": t("find a value"), style: "width: 100%", oninput: sift });
+  const legend = h("div", { class: "row small soft", hidden: true }, ...["I", "II", "III"].map((region) =>
+    h("span", {}, h("span", { class: "key", style: `background-color:${REGIONS[region][0]}` }), REGIONS[region][2])));
+  const back = h("button", { class: "small", id: "back", hidden: true, onclick: () => restore() }, t("Back to the scene's values"));
   const count = h("span", {}), rest = h("details", { id: "all" }, h("summary", {}, count), find, sections);
   const box = h("div", { id: "values", "aria-busy": "true" }, first, rest);
-  const rows = new Map();
-  let known = "";
+  const rows = new Map(), before = new Map(); // before: values of the run before they were changed here
+  let known = "", maps = {}, buttons = [];
+  get("/page/slider_maps.json").then((read) => { maps = read; known = ""; state(); }, () => {}); // without them sliders still work
 
   const live = () => store.active && store.values.length > 0;
   const entries = () => (live() ? store.values.filter(({ kind }) => kind !== "text" && kind !== "choice")
@@ -46,7 +52,8 @@ export function create(bench) {
   /** Change a value; the row of a running rig shows nothing else until it has been read back, or LATE has passed. */
   async function set(key, value, last = () => true) {
     if (!live()) { bench.change(key, value); return; }
-    const row = rows.get(key);
+    const row = rows.get(key), now = entryOf(key)?.value;
+    if (!before.has(key)) before.set(key, now);
     row?.expect(undefined, Infinity);
     try {
       const answer = await bench.set(key, value);
@@ -59,6 +66,24 @@ export function create(bench) {
       row?.expect(undefined, 0);
       row?.show(entryOf(key));
     }
+  }
+
+  /** Before a run all values of the scene; in a run those that were changed on this page, as they were before. */
+  async function restore() {
+    if (!live()) { bench.reset(); return; }
+    const values = [...before];
+    before.clear();
+    for (const [key, value] of values) await set(key, value);
+    before.clear();
+    back.hidden = true;
+  }
+
+  const mapOf = (key) => maps[(live() ? store.setup : bench.chosen().form)?.scene]?.[key];
+
+  /** Whether all sliders but that of `key` are where the map of `key` was made: it holds for these values only. */
+  function holds(key) {
+    return entries().every((one) => one.key === key || mapOf(one.key)?.at === undefined || mapOf(key).with?.[one.key] !== undefined
+      || (Math.abs(one.value - mapOf(one.key).at) <= 1e-3 * Math.abs(mapOf(one.key).at) && (!one.owner || key.startsWith(`controllers.${one.owner}.`))));
   }
 
   /** Calls `set` at most every EVERY ms, and with the last value in any case. */
@@ -81,12 +106,14 @@ export function create(bench) {
     const moved = throttled(key);
     const attributes = { id: `value-${key}`, "aria-label": named ? `${named}, ${key}` : key };
     const owner = h("span", { class: "small doubtful" });
+    const map = named ? mapOf(key) : undefined;
     let field, slider = null, held = false;
     let wanted, until = 0; // what has been set: values that were read before do not replace it
     if (entry.kind === "switch") field = h("input", { ...attributes, type: "checkbox", onchange: (e) => set(key, e.target.checked) });
     else if (entry.kind === "choice") field = h("select", { ...attributes, onchange: (e) => set(key, e.target.value) }, ...entry.choices.map((one) => h("option", {}, one)));
     else if (entry.kind === "fixed") field = h("span", { class: "soft" }, number(entry.value));
     else field = h("input", { ...attributes, type: "text", placeholder: t("not set"), onchange: (e) => set(key, typed(e.target.value)) });
+    if (map) entry.slider = { low: map.low, high: map.high, least: 0 };
     if (entry.slider && entry.slider.low < entry.slider.high && (named || live())) {
       const { low, high, least } = entry.slider;
       slider = h("input", { type: "range", min: 0, max: STEPS, step: 1, id: `slider-${key}`,
@@ -96,18 +123,21 @@ export function create(bench) {
           const value = Number(valueAt(entry.slider, Number(e.target.value)).toPrecision(4));
           e.target.setAttribute("aria-valuetext", quantity(value, unit));
           field.value = number(value);
+          tell(value);
           if (live()) moved(value);
         },
         onchange: (e) => { if (!live()) set(key, Number(valueAt(entry.slider, Number(e.target.value)).toPrecision(4))); } });
       if (least) slider.title = t("logarithmic");
     }
     const ends = [h("span", {}), h("span", {})];
-    const line = slider && named ? h("div", { class: "ends small soft" }, ends[0], slider, ends[1]) : slider;
+    const bar = h("div", { class: "map", hidden: !map }), says = h("div", { class: "small soft says", id: `says-${key}`, hidden: !map });
+    if (map) slider.setAttribute("aria-describedby", says.id);
+    const line = slider && named ? h("div", { class: "ends small soft" }, ends[0], h("div", {}, slider, bar), ends[1]) : slider;
     widen([]);
     const range = limits ? `${number(limits[0])} – ${quantity(limits[1], unit)}` : "";
     const element = data("div", { class: "hand", "data-key": key, title: [key, range, entry.note, entry.place].filter(Boolean).join("\n") },
       h("div", { class: "row" }, h("span", { class: "grow" }, named || called(key), " ", owner, entry.origin && !named ? h("span", { class: "small soft" }, `  ${said(entry.origin)}`) : null),
-        field, h("span", { class: "small unit" }, written(unit))), line);
+        field, h("span", { class: "small unit" }, written(unit))), line, says);
 
     /** Let the slider reach over a range too, as far as values are allowed. */
     function widen([from, to]) {
@@ -115,6 +145,16 @@ export function create(bench) {
       const { low, high, least } = entry.slider, [bottom, top] = limits;
       entry.slider = { low: Math.max(Math.min(low, from ?? low), bottom), high: Math.min(Math.max(high, to ?? high), top), least };
       ends.forEach((one, i) => { one.textContent = shortened([entry.slider.low, entry.slider.high][i]); });
+      if (map) bar.style.background = background(map, entry.slider);
+    }
+
+    /** Say what the map tells of a value. */
+    function tell(value) {
+      if (!map) return;
+      const valid = holds(key), needed = Object.keys(map.with ?? {}).filter((one) => one.startsWith("shunt."));
+      bar.classList.toggle("pale", !valid);
+      const when = key.startsWith("controllers.") ? t("when connected") : needed.length ? t("with the shunt connected") : "";
+      put(says, valid ? [when, told(map, value, unit)].filter(Boolean).join(": ") : t("the bar holds for the scene's other values"));
     }
 
     function show(now) {
@@ -126,7 +166,7 @@ export function create(bench) {
       else if (field.tagName === "SELECT") field.value = now.value;
       else if (field.tagName === "INPUT" && document.activeElement !== field && !held) field.value = now.value === null ? "" : number(value, live() ? 6 : 8);
       if (field.tagName === "INPUT" && field.type === "text") field.className = changed ? "value changed" : "value";
-      if (slider && !held) slider.value = placeOf(entry.slider, now.value);
+      if (slider && !held) { slider.value = placeOf(entry.slider, now.value); tell(now.value); }
       owner.textContent = now.owner ? t("driven by {owner}", { owner: now.owner }) : "";
     }
     return { element, widen, show, expect(value, time) { [wanted, until] = [value, time]; } };
@@ -171,13 +211,33 @@ export function create(bench) {
     sections.replaceChildren(...[...tables].map(([table, elements]) =>
       h("details", { open: open.has(table), "data-name": table }, data("summary", {}, table.split(".").map((one) => t(words(one))).join(": ")), ...elements)));
     count.textContent = t("All other values ({count})", { count: all.length - first.children.length });
+    legend.hidden = !Object.keys(hands).some(mapOf);
+    lay();
     sift();
     const again = id && document.activeElement?.id !== id ? document.getElementById(id) : null;
     if (again && box.contains(again)) { again.focus(); if (again.type === "text") again.value = value; }
   }
 
+  /** Put the buttons of a controller below its slider, if it has one. */
+  function lay() {
+    for (const [name, element] of buttons) {
+      const slider = [...rows].find(([key, { element: one }]) => key.startsWith(`controllers.${name}.`) && first.contains(one));
+      if (slider) slider[1].element.after(element); else controllers.append(element);
+    }
+  }
+
+  function state() {
+    const all = entries(), text = `${live()} ${(live() ? store.setup : bench.chosen().form)?.scene} ${all.map(({ key, kind }) => key + kind).join(" ")}`;
+    if (text !== known && all.length) { known = text; build(all); }
+    for (const entry of all) rows.get(entry.key)?.show(entry);
+    for (const [, element] of buttons) element.hidden = !store.active;
+    back.hidden = live() ? !before.size : Object.keys(bench.chosen().changes).length === 0 || store.active;
+    const off = store.active ? !store.online || !live() : false;
+    for (const one of [...box.querySelectorAll(".hand input, .hand select, .drives button"), ...controllers.querySelectorAll("button")]) one.disabled = off;
+  }
+
   return {
-    element: h("div", { class: "stack" }, h("h2", {}, t("Move a value, see what happens")), fault, box, controllers),
+    element: h("div", { class: "stack" }, h("div", { class: "row" }, h("h2", { class: "grow" }, t("Move a value, see what happens")), back), fault, legend, box, controllers),
     box,
     /** Put the map of a value below its slider, which then reaches over the range of the map. */
     place(key, block, range) {
@@ -188,15 +248,11 @@ export function create(bench) {
     },
     setup() {
       fault.textContent = "";
-      controllers.replaceChildren(...Object.entries(store.setup.controllers).map(([name, one]) => control(name, one)));
+      before.clear();
+      for (const [, element] of buttons) element.remove();
+      buttons = Object.entries(store.setup.controllers).map(([name, one]) => [name, control(name, one)]);
+      lay();
     },
-    state() {
-      const all = entries(), text = `${live()} ${(live() ? store.setup : bench.chosen().form)?.scene} ${all.map(({ key, kind }) => key + kind).join(" ")}`;
-      if (text !== known && all.length) { known = text; build(all); }
-      for (const entry of all) rows.get(entry.key)?.show(entry);
-      controllers.hidden = !store.active;
-      const off = store.active ? !store.online || !live() : false;
-      for (const one of [...box.querySelectorAll(".hand input, .hand select"), ...controllers.querySelectorAll("button")]) one.disabled = off;
-    },
+    state,
   };
 }
