@@ -55,7 +55,7 @@ def of_slider(name, key, low, high):
 
 
 def possible(name, key, changes, low, high):
-    """The part of a range in which the scene can be made: a friction coefficient at rest is not below that in motion."""
+    """The part of a range in which the scene can be made: friction at rest, for one, is not below that in motion."""
     grid = np.linspace(low, high, 201)
     allowed = [value for value in grid.tolist() if can_be(name, {**changes, key: repr(value)})]
     return allowed[0], allowed[-1]
@@ -111,6 +111,6 @@ if __name__ == "__main__":
     known = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
     for scene in sys.argv[1:] or opening():
         known[scene] = mapped(scene)
-        print(scene, json.dumps(known[scene]), flush=True)
+        sys.stdout.write(f"{scene} {json.dumps(known[scene])}\n")
         text = ",\n".join(f"{json.dumps(one)}: {json.dumps(known[one])}" for one in opening() if one in known)
         FILE.write_text(f"{{\n{text}\n}}\n", encoding="utf-8")

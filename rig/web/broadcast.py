@@ -9,15 +9,20 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
+from rig.view.process import Spans
 from rig.web import plain_json
+from rig.web.frames import Frame, missed
 
 KEPT = 6
-"""Frames that are joined for a page which was busy: 0.3 s. Of older ones it gets those with events."""
+"""Frames that a page which was busy gets as they are: 0.3 s. So it gets older ones with events; others become one."""
 HISTORY = 240
 """Frames for a page that connects, so that it shows what others show already: 12 s."""
+COARSE = 2400
+"""Frames of which the extremes are kept, for a page that was busy or hidden for so long: 2 min."""
 AHEAD = 2
 """Messages that may be on their way to a page."""
 
@@ -27,7 +32,8 @@ class Broadcast:
 
     def __init__(self) -> None:
         self._newest: dict[str, tuple[int, str]] = {}
-        self._frames: deque[tuple[int, str, bool]] = deque(maxlen=HISTORY)
+        self._frames: deque[tuple[int, Frame]] = deque(maxlen=HISTORY)
+        self._spans: deque[tuple[int, Mapping[str, Spans]]] = deque(maxlen=COARSE)
         self._version = 0
         self._pages: set[Page] = set()
 
@@ -47,26 +53,34 @@ class Broadcast:
         self._newest[kind] = (self._version, plain_json.text({"kind": kind, kind: content}))
         if kind == "setup":  # frames of another run
             self._frames.clear()
+            self._spans.clear()
         self._wake()
 
-    def frame(self, text: str, events: bool) -> None:
-        """Add a frame: its JSON text, and whether it has events."""
+    def frame(self, frame: Frame) -> None:
+        """Add a frame."""
         self._version += 1
-        self._frames.append((self._version, text, events))
+        self._frames.append((self._version, frame))
+        self._spans.append((self._version, frame.spans))
         self._wake()
 
-    def since(self, version: int, hidden: bool) -> tuple[int, list[str]]:
-        """The present version, and the messages that are newer than `version`; no frames for a hidden page.
+    def since(self, version: int) -> tuple[int, list[str]]:
+        """The present version, and the messages other than frames that are newer than `version`."""
+        return self._version, [text for number, text in sorted(self._newest.values()) if number > version]
 
-        `version` is 0 for a new page. A page that was too slow gets the latest `KEPT` frames and those with events.
+    def frames(self, version: int) -> list[str]:
+        """The message of the frames that are newer than `version`, 0 for a new page, if there are any.
+
+        A page that was too slow gets the latest `KEPT` frames and those with events, and coarse ones for the others.
         """
-        newer = [text for number, text in sorted(self._newest.values()) if number > version]
-        new = [(text, events) for number, text, events in self._frames if number > version]
+        new = [(number, frame) for number, frame in self._frames if number > version]
         old = len(new) - KEPT if version else 0
-        frames = [text for k, (text, events) in enumerate(new) if k >= old or events]
-        if frames and not hidden:
-            newer.append(f'{{"kind": "frames", "frames": [{", ".join(frames)}]}}')
-        return self._version, newer
+        kept = [(number, frame.text) for k, (number, frame) in enumerate(new) if k >= old or frame.events]
+        texts, before = [], version
+        for number, text in kept:
+            left_out = [spans for of, spans in self._spans if before < of < number] if version else []
+            texts += [missed(left_out), text] if left_out else [text]
+            before = number
+        return [f'{{"kind": "frames", "frames": [{", ".join(texts)}]}}'] if texts else []
 
     def _wake(self) -> None:
         for page in self._pages:
@@ -79,7 +93,7 @@ class Page:
     def __init__(self, broadcast: Broadcast) -> None:
         self.kick = asyncio.Event()
         self.kick.set()
-        self._broadcast, self._version = broadcast, 0
+        self._broadcast, self._version, self._drawn = broadcast, 0, 0
         self._sent = self._acknowledged = 0
         self._hidden = False
 
@@ -100,7 +114,10 @@ class Page:
             await self.kick.wait()
             self.kick.clear()
             if self._sent - self._acknowledged < AHEAD:
-                self._version, newer = self._broadcast.since(self._version, self._hidden)
+                self._version, newer = self._broadcast.since(self._version)
+                if not self._hidden:
+                    newer += self._broadcast.frames(self._drawn)
+                    self._drawn = self._version
                 if newer:
                     self._sent += len(newer)
                     return newer

@@ -32,7 +32,7 @@ from rig.view.channels import Channels
 from rig.view.contact import Contacts
 from rig.view.process import TOPICS, fetched
 from rig.web.form import entry_of, hands, kind_of, plain, protocol, within
-from rig.web.frames import Frames
+from rig.web.frames import Frame, Frames
 from rig.web.picture import MovingPicture
 from rig.web.sound import audible
 
@@ -53,6 +53,7 @@ def description(
         "run": setup.run,
         "scene": scene.name,
         "title": scene.title,
+        "about": scene.about,
         "frame_s": setup.frame_ns * 1e-9,
         "paced": setup.paced,
         "outputs": [
@@ -200,7 +201,7 @@ class Follower:
     def __init__(
         self,
         run: str,
-        frame: Callable[[str, bool], object],
+        frame: Callable[[Frame], object],
         news: Callable[[str, Any], object],
         arrived: Callable[[Sequence[Message]], object] = lambda _: None,
         trust: bool = False,
@@ -320,7 +321,7 @@ class Follower:
             if new:
                 self._news("values", list(values.entries.values()))
             if (taken := frames.take(heard.lost)) is not None:
-                self._frame(*taken)
+                self._frame(taken)
             plant.poll()
             if not until and ("plant", "plant") not in plant.present and session.ended:
                 until = time.monotonic() + _LAST_WORDS_S  # presence changes arrive before data

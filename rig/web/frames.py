@@ -16,15 +16,15 @@ A frame has the entries that there is news of:
 
 Each span ends at its `t`, and begins at the `t` before it, the first one at `from`. If that is not the last `t` of the
 frame before, a page has missed something. A span of which nothing is known has null as values; other values that are
-null are not finite.
+null are not finite. Of frames that a page was too slow for it gets one with `missed` and one span for all of them.
 """
 
 from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,6 +41,18 @@ ROWS, SAMPLES, STEPS, EVENTS = 25, 50, 500, 40
 """Most spans of outputs and of a sensor, steps of the phase portrait, and events of one frame. Where more have come,
 spans are joined; all events are in the list of the run."""
 _KEPT, _LEAST = 4096, 1e-300
+
+
+OUTPUTS = ""
+"""Among the spans of a frame: those of the outputs. The others have the names of sensors."""
+
+
+class Frame(NamedTuple):
+    """A frame as JSON, whether it has events, and its spans by name."""
+
+    text: str
+    events: bool
+    spans: Mapping[str, Spans] = {}
 
 
 class Frames:
@@ -80,20 +92,22 @@ class Frames:
                 self._events.append({**event, "data": json.loads(said.data or "{}")})
         return self._events[first:]
 
-    def take(self, lost: int = 0) -> tuple[str, bool] | None:
-        """Text of the next frame, and whether it has events; None if there is no news."""
+    def take(self, lost: int = 0) -> Frame | None:
+        """The next frame; None if there is no news."""
         if not (self._states or self._bands or self._blocks or self._health or self._events):
             return None
         self._number += 1
         frame: dict[str, Any] = {"n": self._number, "t": self._t_ns * 1e-9, "lost": lost}
+        spans: dict[str, Spans] = {}
         if self._states:
             if self._picture is not None:
                 self._move(frame, self._picture)
             frame["now"] = self._now()
         if self._bands:
-            frame |= self._spans()
+            frame |= self._steps(spans)
         if self._blocks:
-            frame["meas"] = {name: self._samples(name, blocks) for name, blocks in self._blocks.items()}
+            spans |= {name: self._samples(name, blocks) for name, blocks in self._blocks.items()}
+            frame["meas"] = of_sensors(spans)
             self._blocks = {}
         if self._health:
             frame["health"] = finite(self._health)
@@ -101,7 +115,7 @@ class Frames:
         if self._events:
             frame["events"] = finite(self._events[-EVENTS:])
             self._events = []
-        return json.dumps(frame), "events" in frame
+        return Frame(json.dumps(frame), "events" in frame, spans)
 
     def _move(self, frame: dict[str, Any], picture: MovingPicture) -> None:
         t_ns = np.array([state.t_ns for state in self._states], np.int64)
@@ -123,10 +137,11 @@ class Frames:
         contacts = self._contacts.indices(np.array([last.mode], np.int64))
         return {"v": _plain([getattr(last, field) for field in self._fields]), "contacts": contacts[:, 0].tolist()}
 
-    def _spans(self) -> dict[str, Any]:
+    def _steps(self, spans: dict[str, Spans]) -> dict[str, Any]:
         bands = list(self._bands)
         self._bands.clear()
-        entries = {"rows": columns(of_steps(bands, len(self._fields), self._contacts.indices, ROWS))}
+        spans[OUTPUTS] = of_steps(bands, len(self._fields), self._contacts.indices, ROWS)
+        entries = {"rows": columns(spans[OUTPUTS])}
         if (steps := latest(bands, STEPS)) is not None:
             begin_ns = steps.end_ns - steps.x.size * steps.step_ns
             modes = self._modes.indices(steps.keys).tolist()
@@ -134,11 +149,37 @@ class Frames:
             entries["portrait"] = {"from": begin_ns * 1e-9, "step": steps.step_ns * 1e-9, **portrait}
         return entries
 
-    def _samples(self, sensor: str, blocks: Sequence[Any]) -> dict[str, Any]:
+    def _samples(self, sensor: str, blocks: Sequence[Any]) -> Spans:
         spans = of_samples(blocks, self._setup.sensors[sensor][1], self._ends.get(sensor), SAMPLES)
         self._ends[sensor] = int(spans.ends_ns[-1])
-        rows = columns(spans)
-        return {"from": rows["from"], "t": rows["t"], "low": rows["low"][0], "high": rows["high"][0]}
+        return spans
+
+
+def missed(frames: Iterable[Mapping[str, Spans]]) -> str:
+    """The text of a frame that stands for all of `frames`: extremes over the whole of their time."""
+    parts: dict[str, list[Spans]] = {}
+    for spans in frames:
+        for name, part in spans.items():
+            parts.setdefault(name, []).append(part)
+    whole = {name: _joined(of_name) for name, of_name in parts.items()}
+    rows = {"rows": columns(whole[OUTPUTS])} if OUTPUTS in whole else {}
+    return json.dumps({"missed": True, **rows, "meas": of_sensors(whole)})
+
+
+def _joined(parts: Sequence[Spans]) -> Spans:
+    low = np.fmin.reduce(np.concatenate([part.low for part in parts], axis=1), axis=1, keepdims=True)
+    high = np.fmax.reduce(np.concatenate([part.high for part in parts], axis=1), axis=1, keepdims=True)
+    bits = np.bitwise_or.reduce(np.concatenate([part.bits for part in parts], axis=1), axis=1, keepdims=True)
+    return Spans(parts[0].begin_ns, parts[-1].ends_ns[-1:], low, high, bits)
+
+
+def of_sensors(spans: Mapping[str, Spans]) -> dict[str, Any]:
+    """The entry `meas` of a frame."""
+    meas = {name: columns(part) for name, part in spans.items() if name != OUTPUTS}
+    return {
+        name: {"from": rows["from"], "t": rows["t"], "low": rows["low"][0], "high": rows["high"][0]}
+        for name, rows in meas.items()
+    }
 
 
 def columns(spans: Spans) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from rig.bus.topics import Message
 from rig.errors import OutputError, RigError, UsageError
 from rig.scenes.scene import Scene
 from rig.web.follower import Follower
+from rig.web.frames import Frame
 
 LINES = 300
 """Number of lines of a run that are kept."""
@@ -43,7 +44,7 @@ class RunControl:
     def __init__(
         self,
         changed: Callable[[], object],
-        frame: Callable[[str, bool], object],
+        frame: Callable[[Frame], object],
         news: Callable[[str, Any], object],
         say: Callable[[str], object] = lambda _: None,
         arrived: Callable[[Sequence[Message]], object] = lambda _: None,

@@ -3,9 +3,12 @@
 import asyncio
 import json
 
+import numpy as np
 from patience import PATIENCE_S
 
+from rig.view.process import Spans
 from rig.web.broadcast import AHEAD, KEPT, Broadcast
+from rig.web.frames import OUTPUTS, Frame
 
 
 def run(test):
@@ -24,8 +27,25 @@ async def nothing(page):
     return False
 
 
+def frame(n, events=False):
+    """Frame number n, of the second before n, in which the one output goes from n - 1 to n."""
+    low, high = np.array([[n - 1.0]]), np.array([[1.0 * n]])
+    rows = Spans((n - 1) * 10**9, np.array([n * 10**9]), low, high, np.array([[n % 2]]))
+    return Frame(json.dumps({"n": n}), events, {OUTPUTS: rows})
+
+
+def frames(messages):
+    return [frame for message in messages for frame in message.get("frames", [])]
+
+
 def numbers(messages):
-    return [frame["n"] for message in messages for frame in message.get("frames", [])]
+    return [frame["n"] for frame in frames(messages) if not frame.get("missed")]
+
+
+def missed(messages):
+    """Begin, end, lowest and highest value of what stands for frames that were left out."""
+    rows = [frame["rows"] for frame in frames(messages) if frame.get("missed")]
+    return [(one["from"], one["t"][0], one["low"][0][0], one["high"][0][0]) for one in rows]
 
 
 def test_a_page_that_does_not_acknowledge_gets_the_newest_frames_only_when_it_does():
@@ -33,13 +53,15 @@ def test_a_page_that_does_not_acknowledge_gets_the_newest_frames_only_when_it_do
         broadcast = Broadcast()
         page = broadcast.connect()
         for n in range(1, AHEAD + 1):
-            broadcast.frame(json.dumps({"n": n}), False)
+            broadcast.frame(frame(n))
             assert numbers(await taken(page)) == [n]
         for n in range(AHEAD + 1, 100):
-            broadcast.frame(json.dumps({"n": n}), n == 20)
+            broadcast.frame(frame(n, events=n == 20))
             assert n > AHEAD + 1 or await nothing(page)
         page.heard(json.dumps({"ack": AHEAD}))
-        assert numbers(await taken(page)) == [20, *range(100 - KEPT, 100)]  # no event is lost
+        found = await taken(page)
+        assert numbers(found) == [20, *range(100 - KEPT, 100)]  # no event is lost
+        assert missed(found) == [(2.0, 19.0, 2.0, 19.0), (20.0, 93.0, 20.0, 93.0)]  # and no stretch of time
         assert await nothing(page)
 
     run(test)
@@ -50,12 +72,12 @@ def test_a_hidden_page_gets_the_state_but_no_frames():
         broadcast = Broadcast()
         page = broadcast.connect()
         page.heard('{"hidden": true}')
-        broadcast.frame('{"n": 1}', False)
+        broadcast.frame(frame(1))
         broadcast.put("state", {"phase": "running"})
         assert await taken(page) == [{"kind": "state", "state": {"phase": "running"}}]
         page.heard('{"hidden": false, "ack": 1}')
-        broadcast.frame('{"n": 2}', False)
-        assert numbers(await taken(page)) == [2]
+        broadcast.frame(frame(2))
+        assert numbers(await taken(page)) == [1, 2]
 
     run(test)
 
@@ -64,10 +86,10 @@ def test_a_page_that_connects_late_gets_state_and_description_and_none_of_anothe
     async def test():
         broadcast = Broadcast()
         broadcast.put("setup", {"run": "a"})
-        broadcast.frame('{"n": 1}', False)
+        broadcast.frame(frame(1))
         broadcast.put("state", {"phase": "ended"})
         broadcast.put("setup", {"run": "b"})
-        broadcast.frame('{"n": 7}', False)
+        broadcast.frame(frame(7))
         page = broadcast.connect()
         found = await taken(page)
         assert [message["kind"] for message in found] == ["state", "setup", "frames"]

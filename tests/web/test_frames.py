@@ -43,7 +43,7 @@ def run(request):
 
 def taken(frames, arrived):
     frames.add(arrived)
-    return json.loads(frames.take()[0])
+    return json.loads(frames.take().text)
 
 
 def spans(rows):

@@ -28,7 +28,7 @@ def frames_of(scene):
         fields = {messages.field_name(name): values.get(name, 0.0) for name in outputs}
         said = SimpleNamespace(t_ns=t_ns, mode=key, **fields)
         frames.add([SimpleNamespace(topic="state", said=said, t_ns=t_ns)])
-        return json.loads(frames.take()[0])
+        return json.loads(frames.take().text)
 
     return frames, system, tell
 

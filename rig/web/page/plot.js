@@ -41,6 +41,12 @@ export function ticks(low, high, count) {
   return round;
 }
 
+/** A tick in words: with as many decimals as its distance to the next one has, so that no two read alike. */
+export function ticked(tick, all) {
+  const step = all.length > 1 ? all[1] - all[0] : Math.abs(tick) || 1, decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  return decimals > 6 || Math.abs(tick) >= 1e6 ? tick.toExponential(Math.max(0, Math.floor(Math.log10(Math.abs(tick) / step || 1)))) : String(Number(tick.toFixed(decimals)));
+}
+
 /** Draw the band of a curve (store.js) from time t0 to t1; `x(t)` and `y(v)` are its places. `dots`: a measurement, as points. */
 export function band(pen, curve, t0, t1, x, y, colour, dots = false) {
   const { t, low, high } = curve;

@@ -1,4 +1,5 @@
-// What the page knows of the present run. Panes read it; `take` and the other methods are called for each message.
+// What the page knows of a run: its setup, title and protocol, curves, events and verdict. Panes read it; `take` and the other
+// methods are called for each message.
 
 import { Solids } from "/page/solids.js";
 
@@ -87,21 +88,27 @@ export class Store {
 
   take(frame) {
     if (this.setup === null) return;
+    if (frame.missed) { this.spans(frame); return; }
     if (this.number) this.dropped += Math.max(frame.n - this.number - 1, 0);
     this.number = frame.n;
     this.t = frame.t;
     this.lost = frame.lost;
     if (frame.picture) this.picture?.move(frame.picture);
     if (frame.now) this.latest = frame.now;
-    if (frame.rows) {
-      const { from, t, low, high, contacts } = frame.rows;
+    this.spans(frame);
+    if (frame.portrait) this.steps.push(frame.portrait);
+    if (frame.health) this.health = frame.health;
+    this.hear(frame.events ?? []);
+  }
+
+  /** The extremes of outputs, contacts and sensors in the spans of a frame. */
+  spans({ rows, meas = {} }) {
+    if (rows) {
+      const { from, t, low, high, contacts } = rows;
       this.setup.outputs.forEach(({ name }, i) => this.outputs[name].push(from, t, low[i], high[i]));
       this.contacts.forEach((curve, i) => curve.push(from, t, contacts[i], contacts[i]));
     }
-    if (frame.portrait) this.steps.push(frame.portrait);
-    for (const [name, { from, t, low, high }] of Object.entries(frame.meas ?? {})) this.sensors[name]?.push(from, t, low, high);
-    if (frame.health) this.health = frame.health;
-    this.hear(frame.events ?? []);
+    for (const [name, { from, t, low, high }] of Object.entries(meas)) this.sensors[name]?.push(from, t, low, high);
   }
 
   hear(events) {

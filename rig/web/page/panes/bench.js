@@ -1,7 +1,11 @@
 // The bench: the rig as a wide picture with its commands, values by hand, one time axis, and what else there is to know.
+//
+// It shows either a run, as `bench.shown` has it, or the scene that is chosen for the next one (`bench.chosen()`), never parts of
+// both. A run is shown from its beginning until another scene is chosen after its end.
 
 import { get, post } from "/page/api.js";
-import { attempting, data, h, joined, number, pane, typed } from "/page/dom.js";
+import { attempting, data, h, joined, number, pane, put, typed } from "/page/dom.js";
+import { Store } from "/page/store.js";
 import { said as told, t } from "/page/text.js";
 import * as branchesOf from "/page/panes/branches.js";
 import * as eventsOf from "/page/panes/events.js";
@@ -22,11 +26,16 @@ export function create(bench) {
   let form = null;
   let good = false; // whether the values as they are can be started
   let shown = ""; // the scene whose form is shown
-  let asked = 0, starting = false, wasActive = false;
+  let asked = 0, starting = false, wasActive = false, wasRun = null;
+  const nothing = new Store(); // what there is of a run while a scene is shown
+  let left = kept.left ?? ""; // the run that was left for a scene, after its end
+  let picked = kept.scene !== undefined; // a scene was chosen here; until then it is that of the run
 
-  const list = data("select", { id: "scene", "aria-label": t("rig"), onchange: () => { clear(); show(); } });
+  const list = data("select", { id: "scene", "aria-label": t("rig"), onchange: () => { pick(list.value); show(); } });
+  const next = h("div", { class: "row small", id: "next", hidden: true }), nextTitle = h("span", { class: "grow" });
+  next.append(nextTitle, h("button", { id: "show-next", onclick: () => { leaveRun(); show(); } }, t("Show it")));
   const title = h("h1", { id: "title" }), about = h("p", { class: "small pre", id: "about" }), warnings = h("div", { class: "doubtful small pre" });
-  const effects = h("table");
+  const effects = h("table"), of = h("details", {}, h("summary", {}, t("Effects")), effects);
   const fault = h("div", { class: "fault", id: "form-fault", role: "alert" }), act = attempting(fault);
   const said = h("div", { class: "small pre" }), summary = data("pre", { class: "scroll", tabIndex: 0 });
   const whole = h("details", { hidden: true }, h("summary", { class: "small" }, t("Whole summary")), summary);
@@ -52,21 +61,43 @@ export function create(bench) {
   const stop = command(t("Stop"), () => ({ do: "stop" }), { id: "stop", hidden: true });
 
   const [rig, hands, branches, time, trust, protocol, portrait, events, hear] = [rigOf, handsOf, branchesOf, timeOf, trustOf, protocolOf, portraitOf, eventsOf, hearOf]
-    .map((one) => (one === timeOf ? one.create(() => store, bench.redraw) : one.create(bench)));
+    .map((one) => (one === timeOf ? one.create(() => bench.shown, bench.redraw) : one.create(bench)));
   const parts = [rig, hands, branches, time, trust, protocol, portrait, events, hear];
 
   function clear() { for (const key of Object.keys(changes)) delete changes[key]; }
 
-  function keep() { sessionStorage.setItem(KEPT, JSON.stringify({ scene: list.value, changes, pace: pace.value, duration: duration.value })); }
+  function keep() { sessionStorage.setItem(KEPT, JSON.stringify({ scene: picked ? list.value : undefined, changes, left, pace: pace.value, duration: duration.value })); }
 
   const body = () => ({ scene: list.value, changes, duration: duration.value.trim() ? typed(duration.value) : null });
+
+  const ofRun = () => store.setup !== null && (store.active || store.setup.run !== left);
+  Object.defineProperty(bench, "shown", { get: () => (ofRun() ? store : nothing) });
+
+  /** After the end of a run: show the chosen scene. */
+  function leaveRun() { if (!store.active) left = store.setup?.run ?? ""; }
+
+  function pick(scene) {
+    leaveRun();
+    [list.value, picked] = [scene, true];
+    clear();
+  }
+
+  /** On a page where nothing was chosen yet: choose the scene of the run, for the next one. */
+  async function follow() {
+    await filled;
+    const scene = store.setup?.scene;
+    if (picked || list.value === scene || ![...list.options].some(({ value }) => value === scene)) return;
+    list.value = scene;
+    clear();
+    await show();
+  }
 
   bench.chosen = () => ({ scene: list.value, changes, form, good });
   bench.change = (key, value) => { changes[key] = value; show(); };
   bench.reset = () => { clear(); show(); };
   bench.choose = async (scene, now = false) => {
     await filled;
-    if (list.value !== scene || !form) { list.value = scene; clear(); await show(); }
+    if (list.value !== scene || !form) { pick(scene); await show(); }
     if (now && good && !store.active) await begin();
   };
   bench.place = (...which) => hands.place(...which);
@@ -100,17 +131,29 @@ export function create(bench) {
   function blank() {
     form = null;
     shown = "";
-    for (const one of [title, about, warnings, effects, hands.box]) one.replaceChildren();
+    for (const one of [warnings, effects, hands.box]) one.replaceChildren();
   }
 
   function render() {
-    title.textContent = told(form.title);
-    about.textContent = told(joined(form.about));
     warnings.textContent = [...form.notes, ...form.warnings, form.slow].filter(Boolean).map(told).join("\n");
     effects.replaceChildren(...form.effects.map((one) =>
       h("tr", { class: one.on ? "" : "soft" }, h("td", {}, told(one.name)), h("td", {}, one.on ? t("on") : "–"), h("td", {}, told(one.about)))));
     if (form.pace_limit && Number(pace.value) > form.pace_limit) pace.value = number(form.pace_limit);
-    protocol.offer(form);
+  }
+
+  /** The title and the text of what is shown, and the scene that waits while it is another one. */
+  function label() {
+    const what = bench.shown.setup ?? form;
+    put(title, what ? told(what.title) : "");
+    put(about, what ? told(joined(what.about)) : "");
+    next.hidden = !(bench.shown.setup && form && form.scene !== bench.shown.setup.scene);
+    put(nextTitle, next.hidden ? "" : t("for the next run: {title}", { title: told(form.title) }));
+    next.lastChild.hidden = store.active;
+    warnings.hidden = of.hidden = !next.hidden; // they are of the other scene
+    if (wasRun === bench.shown.setup) return;
+    wasRun = bench.shown.setup;
+    for (const one of parts) one.setup?.();
+    bench.redraw();
   }
 
   /** Live runs that this server did not start. */
@@ -147,6 +190,7 @@ export function create(bench) {
   }
 
   function update() {
+    label();
     const { state, online, active } = store, live = ["running", "paused"].includes(state.phase);
     start.hidden = active;
     start.disabled = active || !online || !good || starting;
@@ -156,8 +200,8 @@ export function create(bench) {
     step.hidden = state.phase !== "paused";
     step.disabled = !online;
     stop.disabled = !(online && active);
-    const over = state.outcome;
-    said.textContent = over ? result(over) : told(state.fault ?? "");
+    const over = bench.shown.setup || !store.setup ? state.outcome : null;
+    said.textContent = over ? result(over) : told((bench.shown.setup || !store.setup) && state.fault ? state.fault : "");
     said.className = `small pre ${state.fault || over?.exit_code ? "bad" : ""}`;
     whole.hidden = !over;
     outcome.hidden = !said.textContent;
@@ -186,13 +230,13 @@ export function create(bench) {
       h("section", { class: "card stack hands", "aria-label": t("values") }, hands.element, branches.element),
       h("section", { class: "card stack time", "aria-label": t("time") }, time.element),
       h("div", { class: "more columns" },
-        pane(t("This rig"), list, h("div", { class: "row" }, h("label", { class: "small" }, t("pace"), " ", pace), h("label", { class: "small" }, t("duration"), " ", duration)), about, warnings,
-          h("details", {}, h("summary", {}, t("Effects")), effects),
+        pane(t("This rig"), list, next, h("div", { class: "row" }, h("label", { class: "small" }, t("pace"), " ", pace), h("label", { class: "small" }, t("duration"), " ", duration)), about, warnings,
+          of,
           h("details", {}, h("summary", {}, t("Save these values as a scene")), h("div", { class: "row" }, name, h("button", { onclick: save, id: "save" }, t("Save")), saved)),
           foreign, h("details", {}, h("summary", {}, t("Messages of the run")), lines)),
         portrait.element, events.element)),
     enter(scene) { if (scene && !store.active) bench.choose(scene); },
-    setup() { for (const one of parts) one.setup?.(); },
+    setup() { follow(); },
     state() { again.hidden = store.active || !store.state.log; update(); },
     draw() { for (const one of parts) one.draw?.(); },
   };

@@ -175,7 +175,7 @@ export function create(bench) {
   function draw() {
     const { scene, changes, form, good } = bench.chosen?.() ?? {}, text = JSON.stringify([scene, changes]);
     if (form && good && text !== asked) { asked = text; fill(); }
-    const shown = known[list.value];
+    const shown = bench.shown.setup && bench.shown.setup.scene !== scene ? null : known[list.value]; // another scene waits for the next run
     if (!shown) { put(differs, ""); legend.replaceChildren(); legend.of = null; return; }
     put(note, shown.regions ? map(shown) : branches(shown));
     if (legend.of !== shown) {

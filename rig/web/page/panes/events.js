@@ -5,12 +5,13 @@ import { said, t } from "/page/text.js";
 
 const SHOWN = 60;
 
-export function create({ store }) {
+export function create(bench) {
   const rows = h("table");
   let shown = null;
   return {
     element: pane(t("Events"), h("div", { class: "scroll", tabIndex: 0, id: "events" }, rows)),
     draw() {
+      const store = bench.shown;
       const last = store.events[store.events.length - 1];
       if (last === shown) return;
       shown = last;

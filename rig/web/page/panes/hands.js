@@ -43,7 +43,8 @@ export function create(bench) {
   let known = "", maps = {}, buttons = [];
   get("/page/slider_maps.json").then((read) => { maps = read; known = ""; state(); }, () => {}); // without them sliders still work
 
-  const live = () => store.active && store.values.length > 0;
+  /** Whether the values of the run are shown: while it goes on, and after it if another scene is chosen. */
+  const live = () => bench.shown.setup !== null && store.values.length > 0 && (store.active || bench.chosen().scene !== store.setup.scene);
   const entries = () => (live() ? store.values.filter(({ kind }) => kind !== "text" && kind !== "choice")
     : bench.chosen().form?.sections.flatMap(({ values }) => values) ?? []);
   const declaredHands = () => (live() ? store.setup : bench.chosen().form)?.hands ?? {};
@@ -232,7 +233,7 @@ export function create(bench) {
     for (const entry of all) rows.get(entry.key)?.show(entry);
     for (const [, element] of buttons) element.hidden = !store.active;
     back.hidden = live() ? !before.size : Object.keys(bench.chosen().changes).length === 0 || store.active;
-    const off = store.active ? !store.online || !live() : false;
+    const off = store.active ? !store.online || !live() : live();
     for (const one of [...box.querySelectorAll(".hand input, .hand select, .drives button"), ...controllers.querySelectorAll("button")]) one.disabled = off;
   }
 
@@ -250,7 +251,7 @@ export function create(bench) {
       fault.textContent = "";
       before.clear();
       for (const [, element] of buttons) element.remove();
-      buttons = Object.entries(store.setup.controllers).map(([name, one]) => [name, control(name, one)]);
+      buttons = Object.entries(bench.shown.setup?.controllers ?? {}).map(([name, one]) => [name, control(name, one)]);
       lay();
     },
     state,

@@ -94,8 +94,9 @@ export function create(bench) {
     setup() {
       const again = playing !== null, before = list.value;
       silence();
+      box.hidden = !bench.shown.setup;
+      if (box.hidden) return;
       const { sensors, why } = store.setup.sound;
-      box.hidden = false;
       for (const one of [list, button.parentElement]) one.hidden = why !== "";
       told.textContent = said(why); // there is no sensor to hear
       list.replaceChildren(...Object.entries(sensors).map(([name, { unit, rate }]) =>

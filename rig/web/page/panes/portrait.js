@@ -4,7 +4,7 @@ import { h, number, pane, put, quantity, words } from "/page/dom.js";
 import { ink, sized } from "/page/plot.js";
 import { t } from "/page/text.js";
 
-export function create({ store }) {
+export function create(bench) {
   const canvas = h("canvas", { role: "img", "aria-label": t("phase portrait") });
   const about = h("div", { class: "small soft", translate: "no" });
   let reach = [null, null]; // [low, high] of both so far
@@ -12,11 +12,12 @@ export function create({ store }) {
     element: pane(t("Phase portrait"), canvas, about),
     setup() {
       reach = [null, null];
-      const pair = store.setup.portrait;
+      const run = bench.shown.setup, pair = run?.portrait;
       canvas.hidden = !pair;
-      about.textContent = pair ? "" : t("this rig has no pair of displacement and velocity");
+      about.textContent = pair || !run ? "" : t("this rig has no pair of displacement and velocity");
     },
     draw() {
+      const store = bench.shown;
       const pair = store.setup?.portrait;
       if (!pair) return;
       const { x, v, mode, seconds } = store.steps;

@@ -33,7 +33,7 @@ export function place(steps, number) {
   return null;
 }
 
-export function create({ store }) {
+export function create(bench) {
   const list = h("ol", { class: "line", id: "steps", "aria-label": t("protocol") });
   const now = h("span", { class: "small grow", id: "step-now" }), left = h("span", { class: "small soft" });
   let items = [], steps = null, drawn = "";
@@ -46,13 +46,16 @@ export function create({ store }) {
 
   return {
     element: h("div", { class: "stack", style: "gap: .25rem" }, list, h("div", { class: "row" }, now, left)),
-    /** Show the steps of a scene that is chosen, while no run goes on. */
-    offer(form) { if (!store.active) { lay(form.protocol); now.textContent = left.textContent = ""; } },
-    setup() { lay(store.setup.protocol); },
+    /** The steps of the run that is shown, or of the chosen scene. */
+    state() {
+      const wanted = (bench.shown.setup ?? bench.chosen().form)?.protocol ?? [];
+      if (wanted !== steps) { lay(wanted); now.textContent = left.textContent = ""; }
+    },
     draw() {
+      const store = bench.shown, { active } = bench.store;
       const rest = store.health?.eta_s ?? -1, step = store.status?.step ?? 0;
-      put(left, rest >= 0 && store.active ? t("the run ends in {seconds} s", { seconds: Math.round(rest) }) : "");
-      const done = store.active && store.status?.done, text = `${step} ${store.active} ${done}`;
+      put(left, rest >= 0 && active ? t("the run ends in {seconds} s", { seconds: Math.round(rest) }) : "");
+      const done = active && store.status?.done, text = `${step} ${active} ${done}`;
       if (!steps || !store.setup || text === drawn) return;
       drawn = text;
       const at = done ? null : place(steps, step);

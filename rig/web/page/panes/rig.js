@@ -6,15 +6,14 @@ import { Solids } from "/page/solids.js";
 import { said, t } from "/page/text.js";
 
 export function create(bench) {
-  const { store } = bench;
   const canvas = h("canvas", { class: "stage", role: "img", "aria-label": t("moving picture of the rig"), id: "rig-picture" });
   const text = data("span", { id: "rig-text" });
   let form = null, rest = null; // the chosen scene, its picture
 
-  /** The run, while it goes on, and after it until another scene or value is chosen; else the chosen scene. */
+  /** The run that is shown, else the chosen scene at rest. */
   function shown() {
-    const chosen = bench.chosen().form;
-    if (store.setup && (store.active || (chosen?.scene ?? store.setup.scene) === store.setup.scene)) return { run: true, solids: store.picture };
+    const chosen = bench.chosen().form, store = bench.shown;
+    if (store.setup) return { run: true, solids: store.picture };
     if (chosen !== form) {
       form = chosen;
       rest = form?.picture?.shapes ? new Solids(form.picture) : null;
@@ -34,7 +33,7 @@ export function create(bench) {
         solids.draw(place);
         put(text, run ? solids.text.replace(/^(stick|slip[+-]|open)(?= {2,}) */, "").split(/ {2,}/).map(said).join(",  ") : t("at rest")); // the state stands beside it
       } else if (run) {
-        bars(place, store);
+        bars(place, bench.shown);
         text.textContent = t("The plant of this scene declares no picture. Its outputs now, each as a share of the largest so far.");
       } else text.textContent = form.picture ? `${t("The picture of this plant cannot be drawn:")} ${form.picture.fault}`
         : t("The plant of this scene declares no picture; its outputs are shown when it runs.");

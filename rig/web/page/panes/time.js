@@ -4,13 +4,14 @@
 // measurements are dots.
 
 import { data, h, number, put, scaled, words } from "/page/dom.js";
-import { band, ink, sized, ticks } from "/page/plot.js";
+import { band, ink, sized, ticked, ticks } from "/page/plot.js";
 import { said, t } from "/page/text.js";
 
 const FIRST = 3; // plots that are shown at first
 const LANE = 92, EVENTS = 40, AXIS = 20, LEFT = 62, RIGHT = 8; // [px]
 const STRIP = 20, ALL = 150; // [px] of the strip of one contact, and of many
 const LEAST = 1e-3; // [s] that are shown
+const SHRINKS = 1; // [s] of the viewer's time: the axis of a value adapts to smaller ones as fast as this
 const QUIET = new Set(["contact", "state", "verdict"]); // kinds of events that are no marks
 
 export function create(source, redraw, { whole = false, other = () => null, moved = () => {} } = {}) {
@@ -30,6 +31,14 @@ export function create(source, redraw, { whole = false, other = () => null, move
     span = next;
     redraw();
   };
+  let waits = false;
+  /** Draw once more, though nothing comes, while an axis adapts. */
+  function later() {
+    if (waits) return;
+    waits = true;
+    setTimeout(() => { waits = false; redraw(); }, 100);
+  }
+
   const freeze = (on) => { end = on ? source().t : null; hold.setAttribute("aria-pressed", String(on)); redraw(); };
   const button = (text, label, action) => h("button", { "aria-label": label, title: label, translate: "no", onclick: action }, text);
 
@@ -71,6 +80,10 @@ export function create(source, redraw, { whole = false, other = () => null, move
 
   function setup() {
     const { setup: about } = source();
+    canvas.hidden = !about;
+    empty.hidden = !canvas.hidden;
+    for (const one of [chips, contact, readout]) one.replaceChildren();
+    if (!about) return;
     [end, cursor, before] = [whole ? source().t : null, whole ? 0 : null, null];
     if (whole) span = source().t;
     hold.setAttribute("aria-pressed", "false");
@@ -80,8 +93,6 @@ export function create(source, redraw, { whole = false, other = () => null, move
       ...plot.sensors.map((name) => ({ name, measured: true, colour: about.sensors[name].colour, factor: about.sensors[name].factor,
         unit: plot.outputs.length ? about.outputs.find((one) => one.name === plot.outputs[0]).unit : about.sensors[name].unit, on: i < FIRST }))] }));
     chips.replaceChildren(...plots.flatMap(({ channels }) => channels.map(chip)));
-    canvas.hidden = false;
-    empty.hidden = true;
   }
 
   const curveOf = (store, { name, measured }) => (measured ? store?.sensors : store?.outputs)?.[name];
@@ -95,21 +106,27 @@ export function create(source, redraw, { whole = false, other = () => null, move
         [low, high] = [Math.min(low, ...ends), Math.max(high, ...ends)];
       }
     }
-    if (!(low <= high)) [low, high] = plot.range ?? [-1, 1];
-    const margin = 0.08 * (high - low) || Math.abs(high) * 0.08 || 1e-9;
-    [low, high] = [low - margin, high + margin];
-    if (plot.range && !whole) { // it grows at once and shrinks slowly, so that the picture does not tremble
-      low = Math.min(low, plot.range[0] + 0.1 * (low - plot.range[0]));
-      high = Math.max(high, plot.range[1] + 0.1 * (high - plot.range[1]));
-    }
-    plot.range = [low, high];
+    const known = low <= high, now = performance.now() / 1000;
+    if (known) {
+      const margin = 0.08 * (high - low) || Math.abs(high) * 0.08 || 1e-9;
+      [low, high] = [low - margin, high + margin];
+      if (plot.range && !whole) { // it grows at once and shrinks slowly, so that the picture does not tremble
+        const part = 1 - Math.exp((plot.drawn - now) / SHRINKS);
+        low = Math.min(low, plot.range[0] + part * (low - plot.range[0]));
+        high = Math.max(high, plot.range[1] + part * (high - plot.range[1]));
+        if (Math.max(plot.range[1] - high, low - plot.range[0]) > 0.01 * (high - low)) later();
+      }
+      plot.range = [low, high];
+      plot.drawn = now;
+    } else [low, high] = plot.range ?? [0, 1]; // nothing is known of this stretch
     const y = (v) => top + 18 + ((high - v) / (high - low)) * (LANE - 24);
     const [scale, unit] = scaled(shown[0].unit, Math.max(Math.abs(low), Math.abs(high)));
     [pen.fillStyle, pen.strokeStyle, pen.textAlign, pen.textBaseline, pen.lineWidth] = [ink().soft, ink().line, "right", "middle", 1];
     pen.beginPath();
-    for (const tick of ticks(low * scale, high * scale, 3)) {
+    const lines = known || plot.range ? ticks(low * scale, high * scale, 3) : [];
+    for (const tick of lines) {
       pen.moveTo(LEFT, y(tick / scale)); pen.lineTo(width - RIGHT, y(tick / scale));
-      pen.fillText(number(tick, 3), LEFT - 6, y(tick / scale));
+      pen.fillText(ticked(tick, lines), LEFT - 6, y(tick / scale));
     }
     pen.stroke();
     pen.save();
@@ -197,9 +214,11 @@ export function create(source, redraw, { whole = false, other = () => null, move
     marks(pen, height - EVENTS - AXIS, width, t0, t1, x);
     [pen.fillStyle, pen.strokeStyle, pen.textAlign] = [ink().soft, ink().line, "center"];
     pen.beginPath();
-    for (const tick of ticks(t0, t1, width / 110)) {
+    const instants = ticks(t0, t1, width / 110);
+    for (const tick of instants) {
       pen.moveTo(x(tick), strip); pen.lineTo(x(tick), height - AXIS);
-      pen.fillText(`${number(tick, 6)} s`, x(tick), height - AXIS / 2);
+      const label = `${ticked(tick, instants)} s`, half = pen.measureText(label).width / 2;
+      pen.fillText(label, Math.min(x(tick), width - half), height - AXIS / 2);
     }
     pen.globalAlpha = 0.6; pen.stroke(); pen.globalAlpha = 1;
     if (cursor !== null && cursor >= t0 && cursor <= t1) {

@@ -9,14 +9,15 @@ const MEANING = {
 };
 const LOOK = { VALID: "good", DEGRADED: "doubtful", INVALID: "bad" };
 
-export function create({ store }) {
+export function create(bench) {
   const table = h("table", { id: "trust" });
   const verdict = data("strong", { id: "verdict" }), short = h("span", { class: "small" });
   const chip = h("details", { class: "chip", hidden: true }, h("summary", { title: t("timing and energy of this run") }, verdict, short), h("div", { class: "card" }, table));
   return {
     element: chip,
     draw() {
-      const { health, setup, state } = store;
+      const store = bench.shown;
+      const { health, setup } = store, { state } = bench.store;
       chip.hidden = !health || !setup;
       if (chip.hidden) return;
       const late = number((100 * health.late) / Math.max(health.tick, 1), 2), word = store.verdict;
