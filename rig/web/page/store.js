@@ -1,6 +1,7 @@
 // What the page knows of a run: its setup, title and protocol, curves, events and verdict. Panes read it; `take` and the other
 // methods are called for each message.
 
+import { Amplitude } from "/page/experiment.js";
 import { Solids } from "/page/solids.js";
 
 const SPAN = 60; // [s] of simulated time that the curves of a run keep
@@ -77,6 +78,7 @@ export class Store {
     this.sensors = {}; // name -> Curve, in the unit of the sensor
     this.health = null;
     this.events = [];
+    this.amplitude = setup ? new Amplitude(setup) : null;
     this.status = null; // {verdict, reasons, step} so far
     this.lost = 0; // messages that the server missed
     this.dropped = 0; // frames that this page missed
@@ -107,6 +109,7 @@ export class Store {
       const { from, t, low, high, contacts } = rows;
       this.setup.outputs.forEach(({ name }, i) => this.outputs[name].push(from, t, low[i], high[i]));
       this.contacts.forEach((curve, i) => curve.push(from, t, contacts[i], contacts[i]));
+      this.amplitude.push(rows);
     }
     for (const [name, { from, t, low, high }] of Object.entries(meas)) this.sensors[name]?.push(from, t, low, high);
   }

@@ -5,6 +5,7 @@
 
 import { get, post } from "/page/api.js";
 import { attempting, data, h, joined, number, pane, put, typed } from "/page/dom.js";
+import { sentence } from "/page/experiment.js";
 import { Store } from "/page/store.js";
 import { said as told, t } from "/page/text.js";
 import * as branchesOf from "/page/panes/branches.js";
@@ -40,6 +41,7 @@ export function create(bench) {
   const said = h("div", { class: "small pre" }), summary = data("pre", { class: "scroll", tabIndex: 0 });
   const whole = h("details", { hidden: true }, h("summary", { class: "small" }, t("Whole summary")), summary);
   const again = h("button", { id: "look-at-it", hidden: true, onclick: () => bench.go(`recordings/${store.state.log}`) }, t("Look at the recording"));
+  const experiment = h("p", { id: "experiment" });
   const outcome = h("div", { id: "outcome", role: "status", hidden: true }, said, whole, again);
   const lines = data("div", { class: "small pre scroll soft", id: "lines", tabIndex: 0 });
   const others = h("div", { id: "others" }), foreign = h("details", { ontoggle: () => foreign.open && look() }, h("summary", {}, t("Runs of other terminals")), others);
@@ -212,21 +214,20 @@ export function create(bench) {
     for (const one of parts) one.state?.();
   }
 
-  /** What to know of a run that has ended: the timing verdict, how it ended, what went wrong. */
-  function result({ verdict, reasons, ended, fault: cause, died, unrecorded }) {
-    const how = verdict ? t("timing {verdict}", { verdict: [verdict, reasons.map(told).join("; ")].filter(Boolean).join(": ") }) : "";
+  /** What to know of a run that has ended: how, what went wrong, where it is recorded. The chip has the timing. */
+  function result({ ended, fault: cause, died, unrecorded }) {
     const recording = unrecorded ? t("the recording is not complete: see the summary") : store.state.log && t("recorded: {file}", { file: store.state.log });
-    return [how, t("ended: {how}", { how: told(ended) }), cause && cause !== ended && told(cause), ...died.map(told), recording].filter(Boolean).join("\n");
+    return [t("ended: {how}", { how: told(ended) }), cause && cause !== ended && told(cause), ...died.map(told), recording].filter(Boolean).join("\n");
   }
 
   const filled = fill(kept.scene ?? "pendulum").then(() => { if (kept.scene && list.value !== kept.scene) clear(); return show(); },
     (error) => { fault.textContent = told(error.message); });
-  const picture = h("div", { class: "frame" }, rig.element, h("div", { class: "over top" }, title), h("div", { class: "over bottom" }, time.contact, rig.text),
-    h("div", { class: "told stack" }, fault, outcome, leave));
+  const picture = h("div", { class: "frame" }, rig.element, h("div", { class: "over top" }, title), h("div", { class: "over bottom" }, time.contact, rig.text));
   return {
     element: h("div", { class: "bench" },
       h("section", { class: "stagearea stack", "aria-label": t("rig") }, picture,
-        h("div", { class: "row bar" }, start, pause, step, stop, knock, impulse, unit, h("div", { class: "row asides" }, hear.element, trust.element)), protocol.element),
+        h("div", { class: "row bar" }, start, pause, step, stop, knock, impulse, unit, h("div", { class: "row asides" }, hear.element, trust.element)), protocol.element, experiment,
+        h("div", { class: "told stack" }, fault, outcome, leave)),
       h("section", { class: "card stack hands", "aria-label": t("values") }, hands.element, branches.element),
       h("section", { class: "card stack time", "aria-label": t("time") }, time.element),
       h("div", { class: "more columns" },
@@ -238,6 +239,9 @@ export function create(bench) {
     enter(scene) { if (scene && !store.active) bench.choose(scene); },
     setup() { follow(); },
     state() { again.hidden = store.active || !store.state.log; update(); },
-    draw() { for (const one of parts) one.draw?.(); },
+    draw() {
+      put(experiment, sentence(bench.shown));
+      for (const one of parts) one.draw?.();
+    },
   };
 }

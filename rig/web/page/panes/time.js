@@ -4,6 +4,7 @@
 // measurements are dots.
 
 import { data, h, number, put, scaled, words } from "/page/dom.js";
+import { inWords } from "/page/experiment.js";
 import { band, ink, sized, ticked, ticks } from "/page/plot.js";
 import { said, t } from "/page/text.js";
 
@@ -166,14 +167,15 @@ export function create(source, redraw, { whole = false, other = () => null, move
   function marks(pen, top, width, t0, t1, x) {
     const ends = [-Infinity, -Infinity];
     [pen.textAlign, pen.textBaseline] = ["left", "middle"];
-    for (const { t: at, kind, text, level } of source().events) {
+    for (const event of source().events) {
+      const { t: at, kind, level } = event;
       if (at < t0 || at > t1 || QUIET.has(kind)) continue;
       pen.strokeStyle = pen.fillStyle = level === "error" ? "#d55e00" : kind === "step" ? ink().soft : ink().curve;
       pen.globalAlpha = 0.35;
       pen.beginPath(); pen.moveTo(x(at), 0); pen.lineTo(x(at), top); pen.stroke();
       pen.globalAlpha = 1;
       pen.beginPath(); pen.moveTo(x(at) - 4, top + 7); pen.lineTo(x(at) + 4, top + 7); pen.lineTo(x(at), top); pen.fill();
-      const label = (said(text) || said(kind)).slice(0, 42), size = pen.measureText(label).width, row = ends.findIndex((one) => one < x(at) - 8);
+      const label = inWords(event, source()).slice(0, 42), size = pen.measureText(label).width, row = ends.findIndex((one) => one < x(at) - 8);
       if (row >= 0) { const from = Math.min(x(at) - 2, width - RIGHT - size); pen.fillText(label, from, top + 14 + 13 * row); ends[row] = from + size; }
     }
   }
