@@ -21,7 +21,6 @@ from rig import bus
 from rig.bus.port import Session
 from rig.bus.run_setup import Setup
 from rig.bus.topics import Message
-from rig.controllers import controller_drives
 from rig.errors import BusError, RigError, UsageError
 from rig.machine.scheduling import stand_back
 from rig.model.assembly import Assembly
@@ -31,7 +30,7 @@ from rig.view import contact
 from rig.view.channels import Channels
 from rig.view.contact import Contacts
 from rig.view.process import TOPICS, fetched
-from rig.web.form import entry_of, hands, kind_of, plain, protocol, within
+from rig.web.form import drives, entry_of, hands, kind_of, plain, protocol, within
 from rig.web.frames import Frame, Frames
 from rig.web.picture import MovingPicture
 from rig.web.sound import audible
@@ -77,10 +76,7 @@ def description(
         "portrait": list(channels.portrait) if channels.portrait else None,
         "modes": [{"name": name, "colour": colour} for name, colour in zip(contact.NAMES, contact.COLOURS)],
         "contacts": list(contacts),
-        "controllers": {
-            name: {"drives": list(controller_drives(section)), "in_plant": name in scene.in_plant}
-            for name, section in scene.controllers.items()
-        },
+        "controllers": drives(scene),
         "protocol": protocol(scene, assembly),
         "limits": scene.limits,
         "sound": audible(setup),

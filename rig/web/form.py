@@ -69,7 +69,13 @@ def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
         "sections": sections(scene, assembly, taken_apart.values),
         "picture": picture(scene, assembly),
         "hands": {key: hand.words for key, hand in hands(scene).items()},
+        "controllers": drives(scene),
     }
+
+
+def drives(scene: Scene) -> dict[str, list[str]]:
+    """The actuators that each controller drives."""
+    return {name: list(controller_drives(section)) for name, section in scene.controllers.items()}
 
 
 def hands(scene: Scene) -> dict[str, Hand]:

@@ -82,7 +82,7 @@ def test_a_second_tab_shows_the_same_and_a_page_that_closes_changes_nothing(page
     assert second.text("run") == run
     second.show("slider-drive.speed").send_keys(Keys.END)
     moved = float(second.value("value-drive.speed"))
-    assert moved == 0.12
+    assert moved == 0.36
     page.front()
     page.until(lambda: float(page.value("value-drive.speed")) == moved)
     second.front()

@@ -38,11 +38,11 @@ export function create(bench) {
   const title = h("h1", { id: "title" }), about = h("p", { class: "small pre", id: "about" }), warnings = h("div", { class: "doubtful small pre" });
   const effects = h("table"), of = h("details", {}, h("summary", {}, t("Effects")), effects);
   const fault = h("div", { class: "fault", id: "form-fault", role: "alert" }), act = attempting(fault);
-  const said = h("div", { class: "small pre" }), summary = data("pre", { class: "scroll", tabIndex: 0 });
-  const whole = h("details", { hidden: true }, h("summary", { class: "small" }, t("Whole summary")), summary);
+  const said = h("div", { class: "small pre grow" }), summary = data("pre", { class: "scroll", tabIndex: 0 }), recorded = h("div", { class: "small" });
+  const whole = h("details", { hidden: true }, h("summary", { class: "small" }, t("Whole summary")), recorded, summary);
   const again = h("button", { id: "look-at-it", hidden: true, onclick: () => bench.go(`recordings/${store.state.log}`) }, t("Look at the recording"));
   const experiment = h("p", { id: "experiment" });
-  const outcome = h("div", { id: "outcome", role: "status", hidden: true }, said, whole, again);
+  const outcome = h("div", { id: "outcome", class: "row", role: "status", hidden: true }, said, whole, again);
   const lines = data("div", { class: "small pre scroll soft", id: "lines", tabIndex: 0 });
   const others = h("div", { id: "others" }), foreign = h("details", { ontoggle: () => foreign.open && look() }, h("summary", {}, t("Runs of other terminals")), others);
   const leave = h("button", { id: "leave", hidden: true, title: t("the run continues"), onclick: () => act(() => post("/api/run/leave", {})) }, t("Stop following"));
@@ -208,6 +208,7 @@ export function create(bench) {
     whole.hidden = !over;
     outcome.hidden = !said.textContent;
     summary.textContent = over?.text ?? "";
+    recorded.textContent = store.state.log ? t("recorded: {file}", { file: store.state.log }) : "";
     leave.hidden = !(active && state.foreign);
     if (active !== wasActive) { wasActive = active; if (foreign.open) look(); }
     lines.textContent = (state.lines ?? []).join("\n");
@@ -216,7 +217,7 @@ export function create(bench) {
 
   /** What to know of a run that has ended: how, what went wrong, where it is recorded. The chip has the timing. */
   function result({ ended, fault: cause, died, unrecorded }) {
-    const recording = unrecorded ? t("the recording is not complete: see the summary") : store.state.log && t("recorded: {file}", { file: store.state.log });
+    const recording = unrecorded ? t("the recording is not complete: see the summary") : "";
     return [t("ended: {how}", { how: told(ended) }), cause && cause !== ended && told(cause), ...died.map(told), recording].filter(Boolean).join("\n");
   }
 

@@ -25,6 +25,8 @@ export function placeOf({ low, high, least }, value) {
   return Math.abs(value) < least ? zero : zero + Math.sign(value) * room * (Math.log(Math.abs(value) / least) / Math.log(end / least));
 }
 
+const maps = await get("/page/slider_maps.json").catch(() => ({})); // scene -> key -> map; without them sliders still work
+
 const shortened = (value) => (Math.abs(value) >= 1e5 ? value.toExponential(0) : number(value, 2));
 
 const zeroOf = ({ low, high }) => (low >= 0 ? 0 : high <= 0 ? STEPS : STEPS / 2);
@@ -34,14 +36,13 @@ export function create(bench) {
   const fault = h("div", { class: "fault", id: "touch-fault", role: "alert" });
   const controllers = h("div", { class: "stack" }), first = h("div"), sections = h("div", { id: "sections" });
   const find = h("input", { type: "search", id: "find", placeholder: t("find a value: mass, gain, rate"), "aria-label": t("find a value"), style: "width: 100%", oninput: sift });
-  const legend = h("div", { class: "row small soft", hidden: true }, ...["I", "II", "III"].map((region) =>
+  const legend = h("div", { class: "row small soft" }, ...["I", "II", "III"].map((region) =>
     h("span", {}, h("span", { class: "key", style: `background-color:${REGIONS[region][0]}` }), REGIONS[region][2])));
   const back = h("button", { class: "small", id: "back", hidden: true, onclick: () => restore() }, t("Back to the scene's values"));
   const count = h("span", {}), rest = h("details", { id: "all" }, h("summary", {}, count), find, sections);
   const box = h("div", { id: "values", "aria-busy": "true" }, first, rest);
   const rows = new Map(), before = new Map(); // before: values of the run before they were changed here
-  let known = "", maps = {}, buttons = [];
-  get("/page/slider_maps.json").then((read) => { maps = read; known = ""; state(); }, () => {}); // without them sliders still work
+  let known = "", buttons = [], driving = null;
 
   /** Whether the values of the run are shown: while it goes on, and after it if another scene is chosen. */
   const live = () => bench.shown.setup !== null && store.values.length > 0 && (store.active || bench.chosen().scene !== store.setup.scene);
@@ -173,7 +174,7 @@ export function create(bench) {
     return { element, widen, show, expect(value, time) { [wanted, until] = [value, time]; } };
   }
 
-  function control(name, { drives }) {
+  function control(name, drives) {
     const act = (what) => async () => {
       try {
         await bench.command({ do: what, controller: name });
@@ -182,7 +183,7 @@ export function create(bench) {
         fault.textContent = said(error.message);
       }
     };
-    return h("div", { class: "row small drives" }, h("span", { class: "grow" }, t("controller {name} drives {what}", { name, what: drives.map((key) => called(key, store.setup.hands)).join(", ") })),
+    return h("div", { class: "row small drives" }, h("span", { class: "grow" }, t("controller {name} drives {what}", { name, what: drives.map((key) => called(key, declaredHands())).join(", ") })),
       h("button", { onclick: act("connect"), id: `connect-${name}` }, t("Connect")),
       h("button", { onclick: act("disconnect"), id: `disconnect-${name}` }, t("Disconnect")));
   }
@@ -211,8 +212,8 @@ export function create(bench) {
     first.replaceChildren(...Object.keys(hands).filter((key) => rows.has(key)).map((key) => rows.get(key).element));
     sections.replaceChildren(...[...tables].map(([table, elements]) =>
       h("details", { open: open.has(table), "data-name": table }, data("summary", {}, table.split(".").map((one) => t(words(one))).join(": ")), ...elements)));
-    count.textContent = t("All other values ({count})", { count: all.length - first.children.length });
-    legend.hidden = !Object.keys(hands).some(mapOf);
+    count.textContent = t("All other values ({count})", { count: all.length - Object.keys(hands).length });
+    if (Object.keys(hands).some(mapOf)) first.prepend(legend);
     lay();
     sift();
     const again = id && document.activeElement?.id !== id ? document.getElementById(id) : null;
@@ -228,17 +229,24 @@ export function create(bench) {
   }
 
   function state() {
+    const of = bench.shown.setup ?? bench.chosen().form;
+    if (of && of.controllers !== driving) {
+      driving = of.controllers;
+      for (const [, element] of buttons) element.remove();
+      buttons = Object.entries(driving).map(([name, drives]) => [name, control(name, drives)]);
+      lay();
+    }
     const all = entries(), text = `${live()} ${(live() ? store.setup : bench.chosen().form)?.scene} ${all.map(({ key, kind }) => key + kind).join(" ")}`;
     if (text !== known && all.length) { known = text; build(all); }
     for (const entry of all) rows.get(entry.key)?.show(entry);
-    for (const [, element] of buttons) element.hidden = !store.active;
     back.hidden = live() ? !before.size : Object.keys(bench.chosen().changes).length === 0 || store.active;
     const off = store.active ? !store.online || !live() : live();
-    for (const one of [...box.querySelectorAll(".hand input, .hand select, .drives button"), ...controllers.querySelectorAll("button")]) one.disabled = off;
+    for (const one of box.querySelectorAll(".hand input, .hand select")) one.disabled = off;
+    for (const [, element] of buttons) for (const one of element.querySelectorAll("button")) one.disabled = off || !store.active; // a run connects
   }
 
   return {
-    element: h("div", { class: "stack" }, h("div", { class: "row" }, h("h2", { class: "grow" }, t("Move a value, see what happens")), back), fault, legend, box, controllers),
+    element: h("div", { class: "stack" }, h("div", { class: "row" }, h("h2", { class: "grow" }, t("Move a value, see what happens")), back), fault, box, controllers),
     box,
     /** Put the map of a value below its slider, which then reaches over the range of the map. */
     place(key, block, range) {
@@ -250,9 +258,6 @@ export function create(bench) {
     setup() {
       fault.textContent = "";
       before.clear();
-      for (const [, element] of buttons) element.remove();
-      buttons = Object.entries(bench.shown.setup?.controllers ?? {}).map(([name, one]) => [name, control(name, one)]);
-      lay();
     },
     state,
   };
