@@ -1,0 +1,79 @@
+"""The maps beside the sliders of the opening: each slider reaches quiet and vibration, or the page says why not."""
+
+import json
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import rig
+from rig.analysis.eigenvalue_curves import equilibrium, none
+from rig.web.app import PAGE
+from rig.web.form import form
+
+MAPS = json.loads((PAGE / "slider_maps.json").read_text(encoding="utf-8"))
+QUIET, VIBRATING = {"I", "stable"}, {"III", "unstable"}
+
+
+def opening():
+    """The scenes that the opening of the page offers."""
+    text = (PAGE / "panes" / "opening.js").read_text(encoding="utf-8")
+    return [re.search(r'FIRST = "(\w+)"', text)[1], *re.findall(r"^    (\w+): \[t\(", text, flags=re.MULTILINE)]
+
+
+def middles(entry):
+    """(value in the middle of each span, region)."""
+    ends = [entry["low"], *(end for end, _ in entry["spans"])]
+    return [(0.5 * (a + b), region) for (a, b), (_, region) in zip(pairwise(ends), entry["spans"])]
+
+
+def grows(scene, key, value, others):
+    """Whether a small vibration about steady sliding grows at a value; None where nothing slides steadily."""
+    if key.startswith("controllers."):
+        rates = rig.sweep(scene, key, [value, 1.001 * value], key.split(".")[1]).rates[0]
+    else:
+        rates = equilibrium(rig.load(scene, {**others, key: value})).rates
+    return bool((rates.real > none(rates)).any()) if len(rates) else None
+
+
+@pytest.mark.parametrize("scene", opening())
+def test_each_slider_has_a_map_that_eigenvalues_confirm(scene):
+    shown = form(rig.load(scene))
+    entries = {one["key"]: one for table in shown["sections"] for one in table["values"]}
+    sliders = {key for key in shown["hands"] if key in entries and entries[key]["slider"]}
+    assert set(MAPS[scene]) == sliders
+    for key, entry in MAPS[scene].items():
+        assert entry["low"] <= entries[key]["value"] <= entry["high"] or entry["at"] != entries[key]["value"]
+        for value, region in middles(entry):
+            seen = grows(scene, key, value, entry["with"] or {})
+            assert region not in QUIET or seen is not True, (key, value)
+            assert region not in VIBRATING or seen is not False, (key, value)
+
+
+def test_the_page_says_why_where_a_slider_decides_nothing():
+    """Such a map is a single span, of which rig/web/page/regions.js makes a sentence."""
+    for scene, of_scene in MAPS.items():
+        for key, entry in of_scene.items():
+            regions = {region for _, region in entry["spans"]} - {"?", "stuck"}
+            assert len(regions) > 1 or len(entry["spans"]) == 1 or regions <= VIBRATING | {"II"}, (scene, key)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", opening())
+def test_a_run_is_quiet_and_vibrates_where_the_map_says_so(scene):
+    """The first slider that decides it: a simulation at a value of either kind."""
+    for key, entry in MAPS[scene].items():
+        values = {region: value for value, region in middles(entry)}
+        quiet, moving = values.keys() & QUIET, values.keys() & VIBRATING
+        if quiet and moving and not key.startswith("controllers."):
+            break
+    else:
+        pytest.skip("no slider of this scene decides it alone: the page says so")
+    sizes = []
+    for value in (values[quiet.pop()], values[moving.pop()]):
+        run = rig.simulate(rig.load(scene, {**(entry["with"] or {}), key: value}), duration=20.0)
+        signal = run.signals["velocity" if "velocity" in run.signals else next(iter(run.signals))]
+        last = signal[-signal.size // 5 :]
+        sizes.append(0.5 * float(np.ptp(last)))
+    assert sizes[0] < 0.05 * sizes[1]
