@@ -19,8 +19,8 @@ from rig.web.form import form
 
 PAGE = Path(__file__).parents[1] / "rig" / "web" / "page"
 FILE = PAGE / "slider_maps.json"
-COUNT = 33
-"""Values of one slider; where the kind of motion changes is located between them."""
+COUNT, FEWER = 33, {"disc_slider": 9, "plate": 7, "brake": 13, "brake_shunt": 13}
+"""Values of one slider, fewer of scenes that take long; where the kind of motion changes is located between them."""
 WITH = {r"shunt\.(resistance|inductance)": {"shunt.connected": "1"}}
 """A value, by a pattern of its key, that acts only with others."""
 HELD = {"tip": {"drive.speed": 0.06}}
@@ -73,7 +73,7 @@ def can_be(name, changes):
 def by_runs(name, key, changes, low, high):
     """(upper end, region) by the map of the rig: four runs at each value, and located ends of the vibration."""
     with tempfile.TemporaryDirectory() as folder:
-        made = rig.map(rig.load(name, changes), f"{key}={low!r}:{high!r}:{COUNT}", folder=folder, workers=1)
+        made = rig.map(rig.load(name, changes), f"{key}={low!r}:{high!r}:{FEWER.get(name, COUNT)}", folder=folder, workers=1)
     x, regions = made.job.x.values, made.regions[0]
     borders = np.sort(np.concatenate([made.onsets[0], np.nanmean(made.ends[:, 0], axis=1)]))
     for (a, before), (b, after) in pairwise(zip(x, regions)):
