@@ -21,7 +21,7 @@ from typing import Any, Self, TypeVar
 
 import numba
 from llvmlite import ir
-from llvmlite.binding import Linkage, ModuleRef, parse_bitcode
+from llvmlite.binding import Linkage, ModuleRef, newpassmanagers, parse_bitcode
 from numba.core import codegen, event, registry, types
 
 from rig.compiled import kernel_store
@@ -204,6 +204,10 @@ class _Codegen(codegen.JITCPUCodegen):  # type: ignore[misc]
 _OPEN, _SHARED = Linkage.external, Linkage.linkonce_odr
 _codegen: Any = registry.cpu_target.target_context.codegen()  # type: ignore[attr-defined]
 _codegen.__class__, _codegen._library_class = _Codegen, _Library  # noqa: SLF001
+for _kind in (newpassmanagers.ModulePassManager, newpassmanagers.FunctionPassManager):
+    # llvmlite frees neither: of its two base classes the first one, which frees nothing, is asked. numba makes one for
+    # each function of each kernel, also for those that are only declared: 1 MB for the smallest kernel.
+    _kind._dispose = newpassmanagers.NewPassManager._dispose  # noqa: SLF001
 
 _njit: Any = numba.njit  # noqa: TID251
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
