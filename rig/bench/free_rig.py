@@ -49,6 +49,7 @@ _FINE, _MOST = 1e-8, 64  # estimated error of steps that are then extrapolated; 
 _TERMS = 24  # of the exponential series, over a radian
 _AFTER_END = 4  # ticks beyond the end: the state between two of them follows from as many on both sides
 _RESOLVED = 0.1  # radians of the fastest mode in a tick: then such an interpolation is exact to 1e-11
+_ROUNDING = 1e-3  # ns, of a time
 _NOTHING = 1e-12  # of the largest change of a quantity: it is conserved
 _NODES = np.arange(2.0 * _AFTER_END)
 _APART = _NODES[:, None] - _NODES + np.eye(2 * _AFTER_END)
@@ -461,17 +462,10 @@ class FreeRig:
         self.motion.advance(min(ticks, self.longest))
         return self.motion.events()
 
-    def beyond(self) -> str:
-        """Return which quantity has left the limit that the scene sets, in words; "" if none has."""
-        if self.motion.beyond < 0:
-            return ""
-        name = self.outputs[self.motion.beyond]
-        return f"{name} exceeds its limit of {self.scene.limits[name]:g} {self.units[name]}"
-
     def recorded(self, time: float) -> Recorded:
-        """Step the plant by `time` [s] and record everything."""
+        """Step the plant by `time` [s], in whole nanoseconds no less, and record everything."""
         dense, before = Dense(), self._energy(self.motion)
-        whole, rest = divmod(round(time * 1e9), self.step_ns)
+        whole, rest = divmod(math.ceil(time * 1e9 - _ROUNDING), self.step_ns)
         events: list[tuple[float, Event]] = []
         states = [self.motion.x[None].copy()]
         done = 0
