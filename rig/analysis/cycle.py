@@ -61,6 +61,7 @@ _CALM = 2  # turns of an uneven surface without a contact event, after which the
 _ROUNDS = 5.0  # turns of it that the search waits for
 _STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
 _GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cycle
+_DECAYS = 1e-6  # one smaller than one by less than this: nothing damps the vibration
 _LONG = (1e-4, 1e-5, 1e-6)  # steps of the differences where runs are noisy, longest first
 _BESIDE = 1e-8  # of the size of a state: over so little, the return map is straight
 _POINTS = 5  # of each step of the integrator, in the outputs over a period
@@ -153,13 +154,14 @@ class ClosedCycle:
 
     @property
     def multiplier(self) -> float:
-        """The size of the largest multiplier; 0 without one."""
-        return max((abs(v) for v in self.floquet.multipliers), default=0.0)
+        """The size of the largest multiplier but for the ones of what the motion conserves; 0 without one."""
+        by_distance = sorted(self.floquet.multipliers, key=lambda v: abs(v - 1.0))
+        return max((abs(v) for v in by_distance[len(self.map.conserved(self.u, self.end)) :]), default=0.0)
 
 
 @dataclass(frozen=True)
 class Settled:
-    """Where a motion has settled: in a cycle, at rest in sliding, or nowhere; `why`: the reason for no cycle, in words.
+    """Where a motion has settled: in a cycle, at rest in sliding (`rests`), or nowhere; `why`: the reason for no cycle.
 
     `time` [s] and `changes` of the mode set: simulated; `last` [s]: the last of them, `drift` the last difference of
     the rounds. `period` [s], `count` of mode set changes, `x`: of the cycle, which is closed (`cycle`) or which
@@ -178,6 +180,7 @@ class Settled:
     unstable: ClosedCycle | None = None
     why: str = ""
     leaves: str = ""
+    rests: bool = False
     decided: bool = True
 
 
@@ -254,7 +257,7 @@ class Search:
             events = motion.events()
             if events and events[-1].tick >= origin:
                 origin, calm = events[-1].tick + 1, []
-            calm.append(motion.states[max(origin - first, (origin - first) % apart) :: apart])
+            calm.append(motion.states[max(origin - first, (origin - first) % apart) :: apart].copy())
             self.events = [*self.events, *events][-4 * MOST :]
             self.changes += len(events)
             if limits:
@@ -278,17 +281,17 @@ class Search:
         """Where the motion has settled; None if it is not known yet. Events may repeat when it is `late`."""
         if len(self.calm) * self.spacing >= _DECAY * self.slowest and not self.rig.stuck(self.motion.key):
             if self.rest.reached(self.motion.x) or self.rest.decays(self.calm, self.spacing):
-                return self._settled(why=self.rest.text())
+                return self._settled(why=self.rest.text(), rests=True)
             period = 0.0 if self.rest.grows(self.calm, self.spacing) else self._between_turning_points()
-            if period and (cycle := self._closed(period)) is not None:
-                return self._in_cycle(cycle)
+            if period and (settled := self._closed(period)) is not None:
+                return settled
         return self._repeated() if late and self.events else None
 
     def _repeated(self) -> Settled | None:
         """The cycle whose events repeat, if there is one."""
         if self.now > self.patience and (period := self._round(self.rough)[0]):
-            if (cycle := self._closed(period)) is not None:
-                return self._in_cycle(cycle)
+            if (settled := self._closed(period)) is not None:
+                return settled
         period, count = self._round(self.repeat)
         return self._settled(period=period, count=count) if period else None
 
@@ -322,8 +325,10 @@ class Search:
                 return float(times[-1] - times[-1 - count])
         return 0.0
 
-    def _closed(self, period: float) -> ClosedCycle | None:
-        """The stable cycle near the present motion, which returns after about `period` [s]; None without one."""
+    def _closed(self, period: float) -> Settled | None:
+        """Where the present motion, which returns after about `period` [s], settles: in the cycle near it; None: it is
+        not known.
+        """
         motion = self.motion
         saved, tick = motion.save(), motion.tick
         driving = np.delete(np.arange(self.rig.system.n), self.rig.moving)
@@ -344,7 +349,10 @@ class Search:
         if cycle.multiplier > 1.0 + _GROWS:
             self.unstable, self.rough = cycle, 0.1 * min(self.drift, self.rough)
             return None
-        return cycle
+        if cycle.multiplier >= 1.0 - _DECAYS:
+            return self._settled(why="no limit cycle: nothing damps the vibration, which keeps any amplitude")
+        count, x = len(cycle.end.events), cycle.map.state(cycle.u)
+        return self._settled(period=cycle.period, count=count, x=x, cycle=cycle)
 
     def _over_a_turn(self, begun: float, changes: int) -> Settled | None:
         """The same on an uneven surface: each sector excites the rig, and sliding must persist through all of them."""
@@ -355,7 +363,8 @@ class Search:
                 "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and rig sound"
             )
         if self.rest.stable and self.quiet >= _CALM * self.turn:
-            return self._settled(why=self.rest.text(f"; no contact changes in {_CALM} turns of the surface"))
+            why = self.rest.text(f"; no contact changes in {_CALM} turns of the surface")
+            return self._settled(why=why, rests=True)
         return self._repeated() if self.events else None
 
     def _undecided(self) -> Settled:
@@ -370,10 +379,6 @@ class Search:
             rate = math.log(self.unstable.multiplier) / period
             why += f"; there is an unstable cycle of {period:.6g} s, which it leaves with {rate:.3g} 1/s"
         return self._settled(why=why, decided=False)
-
-    def _in_cycle(self, cycle: ClosedCycle) -> Settled:
-        count, x = len(cycle.end.events), cycle.map.state(cycle.u)
-        return self._settled(period=cycle.period, count=count, x=x, cycle=cycle)
 
     def _settled(self, **how: Any) -> Settled:
         last = (self.events[-1].tick - self._begun) * self.rig.step if self.events else 0.0

@@ -324,7 +324,8 @@ def _planned(first: Problem, work: float) -> Problem:
     turns = 0.0 if math.isinf(turn := turn_of(sliding)) else _TURNS * turn
     longest = min(max((scene.duration_ns or 10**10) * 1e-9, turns), _LONGEST, work * step / first.system.n**2)
     settled = _settled(first, sliding, longest)
-    time = longest if settled.decided and not settled.leaves else min(settled.time, longest)
+    stops = settled.leaves or settled.changes >= _EVENTS
+    time = min(settled.time, longest) if stops else longest
     whole = scene.frame_ns // scene.step_ns
     first = replace(first, leaves=settled.leaves, period=settled.period, x=settled.x, why=settled.why)
 

@@ -360,8 +360,7 @@ class ReturnMap:
         for i, P in enumerate(d.parts):
             A[i * n : (i + 1) * n, i * n : (i + 1) * n] = P
         A[:-1, :-2] -= np.roll(np.eye(count * n), n, axis=1)
-        keys = frozenset([d.end.first, d.end.key, *(event.before for _, event in d.end.events)])
-        kept = np.linalg.qr(np.tile(self.rig(u).conserved(keys) * self.size, count).T)[0]
+        kept = np.linalg.qr(np.tile(self.conserved(u, d.end), count).T)[0]
         A[:-1, :-2] += kept @ kept.T
         A[:-1, -1] = d.over_p.ravel()
         if self.period is None:
@@ -369,6 +368,11 @@ class ReturnMap:
         else:
             A[-1, -2] = 1.0
         return A
+
+    def conserved(self, u: Array, end: Carried) -> Array:
+        """Return rows over the scaled states [quantity, i] that the motion of a run conserves."""
+        keys = frozenset([end.first, end.key, *(event.before for _, event in end.events)])
+        return self.rig(u).conserved(keys) * self.size
 
     def along(self, u: Array) -> Array:
         """Return the direction of the flow at the begin of the last part, of length one."""

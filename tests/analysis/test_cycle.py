@@ -187,6 +187,33 @@ def test_a_seal_that_slides_stably_is_at_rest(name, speed):
     assert float(told[1]) == pytest.approx(-np.roots([0.2, damping, 2e4]).real.max(), rel=1e-4)
 
 
+def test_a_decay_is_known_from_its_first_two_periods_however_many_ticks_they_have():
+    """5 t on the spring: 9 s, and 2e-5 of the amplitude are lost in each of them."""
+    scene = rig.load("belt_c_damped", {"limits": "none", "body.mass": "5000 kg", "drive.speed": "1 m/s"})
+    found = limit_cycle(scene)
+    assert not found.found
+    assert found.decided
+    assert found.why.startswith("no limit cycle found from a standing start: sliding is stable")
+    assert found.after == pytest.approx(2.1 * 2.0 * math.pi * math.sqrt(5000.0 / 2500.0), abs=0.01)
+
+
+def test_a_forced_vibration_in_sliding_is_the_resonance_of_the_mass():
+    """Friction mu F(t) drives the mass in its natural frequency: amplitude mu F / d, the decay d / (2 m)."""
+    found = limit_cycle(rig.load("belt_fluctuating_load"))
+    assert not found.events
+    assert found.period == pytest.approx(1.0 / 3.5588127, rel=1e-9)
+    assert found.amplitude["velocity"] == pytest.approx(0.25 * 0.4 / 2.0, rel=1e-9)
+    assert np.abs(found.floquet.multipliers) == pytest.approx(2 * [math.exp(-0.2 * found.period)], rel=1e-6)
+
+
+def test_two_undamped_modes_at_once_are_no_cycle_although_each_alone_repeats():
+    """Frequencies 9.60 and 10.38 rad/s: after 88 s the motion has come back to 1 %, and a single mode is close."""
+    springs = {f"spring_{i}.damping": 0.0 for i in (1, 2)}
+    found = limit_cycle(rig.load("two_dof", {"friction.mu": 0.3, "separation": "none", "limits": "none", **springs}))
+    assert not found.found
+    assert found.why == "no limit cycle: nothing damps the vibration, which keeps any amplitude"
+
+
 def test_a_cycle_that_attracts_slowly_is_found_by_newton_and_is_that_of_the_simulation():
     scene = rig.load("two_dof", {"friction.mu": 0.58})
     found = limit_cycle(scene)
