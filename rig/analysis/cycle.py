@@ -187,10 +187,10 @@ class Settled:
 class Search:
     """The motion of a rig from its present state on, until it is known where it settles.
 
-    `every` [s]: the time between looks, which otherwise doubles. `repeat`: the relative difference of the rounds of a
-    cycle that simulation finds. `patience` [s]: as long a motion may approach its cycle by itself before Newton's
-    method closes it. `begins`: where the motion begins, in words. Raises UsageError for a rig that neither vibrates nor
-    decays.
+    The system of the rig begins at the standing start; `begins`: where the motion does, in words. `every` [s]: the time
+    between looks, which otherwise doubles. `repeat`: the relative difference of the rounds of a cycle that simulation
+    finds. `patience` [s]: as long a motion may approach its cycle by itself before Newton's method closes it. Raises
+    UsageError for a rig that neither vibrates nor decays.
     """
 
     def __init__(
@@ -203,7 +203,7 @@ class Search:
         begins: str = "a standing start",
     ) -> None:
         self.rig, self.sliding, self.every, self.patience = rig, sliding, every, patience
-        self.rest = Rest(sliding, stuck(rig.system, sliding.x), begins)
+        self.rest = Rest(sliding, rig.system.start, begins)
         self.turn, self.slowest = turn_of(sliding), sliding.time_scales()[1]
         self.repeat = repeat or (1e-7 if rig.method == "rk4" else max(REPEAT, 10.0 * rig.tolerance))
         self.rough = ROUGH

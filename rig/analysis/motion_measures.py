@@ -353,7 +353,9 @@ def _settled(first: Problem, sliding: Steady, longest: float) -> Settled:
     """Where the motion settles; nowhere for a film of points, and without vibration and decay."""
     scene, start = first.scene, first.system.start
     if first.assembly.film is None:
-        rig = FreeRig(scene, first.assembly, start, tolerance=TIGHT, read=tuple(scene.limits))
+        standing = stuck(first.system, sliding.x)
+        rig = FreeRig(scene, first.assembly, standing, tolerance=TIGHT, read=tuple(scene.limits))
+        rig.motion.restart(start)
         try:
             return Search(rig, sliding, begins="the start of the scene").run(longest, _EVENTS)
         except UsageError as error:

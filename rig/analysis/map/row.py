@@ -122,6 +122,7 @@ class Track:
         self.rig.longest = round(RAMP * self.slowest / self.rig.step)
         self.period = 0.0
         self.cycles: tuple[tuple[float, Array], ...] = ()
+        self._stood: tuple[float, FreeRig] | None = None
         self._led: dict[tuple[float, float], tuple[Point, Point, Place]] = {}
 
     def _typical(self) -> tuple[float, Steady]:
@@ -295,7 +296,7 @@ class Track:
         window = max(1, round(WINDOW * self.slowest / self.rig.step))
         if turn:
             return self._watched(max(turn, window), longest, steady_state.over_sectors)
-        rig = self._driven()
+        rig = self._standing()
         if not np.any(rig.system.slip_rows @ rig.settled):
             return self._watched(window, longest, steady_state.standing)
         point = self._searched(0.5 * longest)
@@ -306,7 +307,7 @@ class Track:
 
     def _searched(self, longest: float, every: float = 0.0) -> Point:
         """Where the motion settles within `longest` s: in a cycle or in sliding. `every` [s]: see Search."""
-        rig, at = self._driven(), self.sliding(self.value)
+        rig, at = self._standing(), self.sliding(self.value)
         settled = Search(rig, at, every, _REPEATS, _PATIENCE * self.slowest).run(longest, math.inf)
         self.period = settled.period
         if self.period:
@@ -329,9 +330,11 @@ class Track:
             state = judge(windows, len(windows) == most)
         return Point(state, windows[-1], len(windows) * ticks * self.rig.step)
 
-    def _driven(self) -> FreeRig:
-        """The rig with the driving states of the present value in force."""
-        return self.rig.driven_by(self.sliding(self.value).x)
+    def _standing(self) -> FreeRig:
+        """The rig at the present value, whose start is the standing start."""
+        if self._stood is None or self._stood[0] != self.value:
+            self._stood = self.value, self.rig.driven_by(self.far(self.sliding(self.value)))
+        return self._stood[1]
 
     def _turn(self) -> int:
         """Ticks in which the slowest path over sectors is passed once; 0 without sectors."""
