@@ -71,7 +71,7 @@ _REPEATS = 1e-6  # of a period: the last difference of a cycle that is simulated
 _CERTAIN = 1e-9  # of a multiplier
 _LONGEST = 60.0  # s, simulated
 _EVENTS = 4000
-_WORK = 5e9  # sample steps of a run times the square of its states
+_WORK = 1.2e10  # sample steps of a run times the square of its states
 _TURNS = 3.1  # of an uneven surface: the last third of so many is a whole one
 _TIMED = 2000  # fewest sample steps in one timed run
 _FALL = 7.0  # natural logarithm of the decay over which a motion is simulated
@@ -272,7 +272,13 @@ def digest(scene: Scene) -> str:
 def _own_sources() -> str:
     """The sources that define the measurement."""
     rooms = Path(__file__).parents[1]
-    names = ("qualify/cost/measuring", "analysis/motion_measures", "analysis/cycle", "bench/free_rig")
+    names = (
+        "qualify/cost/measuring",
+        "analysis/motion_measures",
+        "analysis/cycle",
+        "analysis/return_map",
+        "bench/free_rig",
+    )
     return "".join((rooms / f"{name}.py").read_text() for name in names)
 
 
