@@ -33,7 +33,7 @@ from pydantic import (
     PlainSerializer,
     ValidationError,
 )
-from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
 from rig.about import About
 from rig.errors import UsageError
@@ -227,11 +227,24 @@ def refused(faults: Iterable[tuple[str, str]]) -> ValidationError:
     return ValidationError.from_exception_data("section", details)
 
 
+def details_of(error: ValidationError) -> list[ErrorDetails]:
+    """Each fault that pydantic found, as it describes it.
+
+    The errors that validators raised lose their tracebacks. The garbage collector does not see that an error of
+    pydantic holds them: a function that keeps the error and is part of a traceback would never be freed, nor its run.
+    """
+    details = error.errors(include_url=False)
+    for fault in details:
+        if isinstance(raised := fault.get("ctx", {}).get("error"), Exception):
+            raised.__traceback__ = None
+    return details
+
+
 def faults_of(error: ValidationError) -> list[tuple[str, str, Any]]:
     """Dotted key, fault in words and given value of each fault that pydantic found in a section."""
     return [
         (".".join(map(str, fault["loc"])), in_words(fault["type"], fault["msg"], fault.get("ctx")), fault["input"])
-        for fault in error.errors(include_url=False)
+        for fault in details_of(error)
     ]
 
 

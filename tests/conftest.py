@@ -1,5 +1,6 @@
 """What tests of several rooms share."""
 
+import ctypes
 import gc
 import os
 import shutil
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import figure_rules
 import numpy as np
+import psutil
 import pytest
 from hypothesis import HealthCheck, settings
 from matplotlib.figure import Figure
@@ -85,10 +87,42 @@ def _one_worker():
         yield
 
 
+_return_unused = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+_PROCESS = psutil.Process()
+_MUCH = 100_000_000  # bytes
+
+
+class _Memory:
+    """Returns memory to the system, before a process of the tests has taken gigabytes."""
+
+    def __init__(self):
+        self._left = 0
+
+    def free(self):
+        gc.collect()
+        if _return_unused:  # glibc keeps what is free between objects in use: up to 0.5 GB
+            _return_unused(0)
+        self._left = _PROCESS.memory_info().rss
+
+    def free_much(self):
+        if _PROCESS.memory_info().rss > self._left + _MUCH:
+            self.free()
+
+
 @pytest.fixture(scope="module", autouse=True)
-def _frozen():
-    """What earlier modules left behind is not searched again: each run begins with a collection of garbage."""
+def _memory():
+    """What stays from earlier modules is not searched again: each run begins with a collection of garbage."""
+    memory = _Memory()
+    memory.free()  # garbage that is frozen is never freed
     gc.freeze()
+    return memory
+
+
+@pytest.fixture(autouse=True)
+def _freed(_memory):
+    """A test that took much memory gives it back before the next one begins."""
+    yield
+    _memory.free_much()
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 """Compiled code: where it is kept, what a start says about it."""
 
+import gc
 import os
 import pickle
 import shutil
@@ -13,8 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from llvmlite.binding import ffi
+from numba.core import event
 
 from rig.compiled import kernel, kernel_store
+from rig.compiled.kernel import as_python
 from rig.compiled.kernel_store import CheckedFile
 from rig.solve.forces import slope
 
@@ -227,6 +231,38 @@ def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     folder = kernel_store.Folder("old")  # in use again
     folder.prune()
     assert {one.name for one in tmp_path.iterdir()} == {"old", "new", "older"}
+
+
+@pytest.mark.parametrize("searching", [True, False])
+def test_after_a_kernel_was_compiled_python_searches_for_garbage_as_before(searching):
+    during = []
+
+    class Watch(event.Listener):
+        def on_start(self, _):
+            during.append(gc.isenabled())
+
+        def on_end(self, _):
+            during.append(gc.isenabled())
+
+    before = gc.isenabled()
+    (gc.enable if searching else gc.disable)()
+    try:
+        with event.install_listener("numba:compile", Watch()):
+            assert as_python(lambda x: 2.0 * x)(1.5) == 3.0
+        assert during[0] is False
+        assert gc.isenabled() is searching
+    finally:
+        (gc.enable if before else gc.disable)()
+
+
+def test_what_optimised_a_kernel_is_freed(monkeypatch):
+    """llvmlite itself forgets it: 1 MB for each kernel that a process compiles."""
+    freed = {"Function": [], "Module": []}
+    for kind, passes in freed.items():
+        monkeypatch.setitem(ffi.lib._fntab, f"LLVMPY_DisposeNew{kind}PassManger", passes.append)  # noqa: SLF001
+    assert kernel.as_python(lambda x: x + 1.0)(1.0) == 2.0
+    assert freed["Function"]
+    assert len(freed["Module"]) >= 2  # cheap and full optimisation
 
 
 def test_python_cannot_call_what_only_kernels_call():

@@ -27,6 +27,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,7 @@ _CALM = 2  # turns of an uneven surface without a contact event, after which the
 _ROUNDS = 5.0  # turns of it that the search waits for
 _STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
 _GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cycle
+_DECAYS = 1e-6  # one smaller than one by less than this: nothing damps the vibration
 _LONG = (1e-4, 1e-5, 1e-6)  # steps of the differences where runs are noisy, longest first
 _BESIDE = 1e-8  # of the size of a state: over so little, the return map is straight
 _POINTS = 5  # of each step of the integrator, in the outputs over a period
@@ -69,10 +71,12 @@ _NOT_SMOOTH = "the return map is not smooth: displaced runs meet other events"
 
 
 class Rest:
-    """Steady sliding as the state in which a motion may end. `start`: the standing start [state]."""
+    """Steady sliding as the state in which a motion may end. `start`: the standing start [state]; `begins`: where the
+    motion begins, in words.
+    """
 
-    def __init__(self, sliding: Steady, start: Array) -> None:
-        self._sliding, self._nq = sliding, len(sliding.system.coordinates)
+    def __init__(self, sliding: Steady, start: Array, begins: str = "a standing start") -> None:
+        self._begins, self._sliding, self._nq = begins, sliding, len(sliding.system.coordinates)
         self._free = not sliding.load.any()
         """True if no contact is loaded: the structure vibrates freely and comes to rest where it would slide."""
         there = sliding.exists or self._free
@@ -114,7 +118,7 @@ class Rest:
         if self._free:
             return f"no limit cycle: no contact is loaded, and the {decays}{more}"
         return (
-            f"no limit cycle found from a standing start: sliding is stable, its {decays}{more}. Another start may "
+            f"no limit cycle found from {self._begins}: sliding is stable, its {decays}{more}. Another start may "
             "reach one: rig map, over a range that begins or ends where the rig vibrates"
         )
 
@@ -150,42 +154,56 @@ class ClosedCycle:
 
     @property
     def multiplier(self) -> float:
-        """The size of the largest multiplier; 0 without one."""
-        return max((abs(v) for v in self.floquet.multipliers), default=0.0)
+        """The size of the largest multiplier but for the ones of what the motion conserves; 0 without one."""
+        by_distance = sorted(self.floquet.multipliers, key=lambda v: abs(v - 1.0))
+        return max((abs(v) for v in by_distance[len(self.map.conserved(self.u, self.end)) :]), default=0.0)
 
 
 @dataclass(frozen=True)
 class Settled:
-    """Where a motion has settled: in a cycle, at rest in sliding, or nowhere; `why`: the reason for no cycle, in words.
+    """Where a motion has settled: in a cycle, at rest in sliding (`rests`), or nowhere; `why`: the reason for no cycle.
 
-    `time` [s] and `changes` of the mode set: simulated. `period` [s], `x`: of a motion that simulation repeats, `drift`
-    its last difference. `unstable`: a cycle that the motion leaves.
+    `time` [s] and `changes` of the mode set: simulated; `last` [s]: the last of them, `drift` the last difference of
+    the rounds. `period` [s], `count` of mode set changes, `x`: of the cycle, which is closed (`cycle`) or which
+    simulation alone repeats; without one `x` is the last state. `leaves`: the limit of the scene that the motion
+    leaves, in words. `unstable`: a cycle that the motion leaves.
     """
 
     time: float
     changes: int
+    last: float
     drift: float
     x: Array
     period: float = 0.0
+    count: int = 0
     cycle: ClosedCycle | None = None
     unstable: ClosedCycle | None = None
     why: str = ""
+    leaves: str = ""
+    rests: bool = False
     decided: bool = True
 
 
 class Search:
     """The motion of a rig from its present state on, until it is known where it settles.
 
-    The system of the rig begins at the standing start. `every` [s]: the time between looks, which otherwise doubles.
-    `repeat`: the relative difference of the rounds of a cycle that simulation finds. `patience` [s]: as long a motion
-    may approach its cycle by itself before Newton's method closes it.
+    The system of the rig begins at the standing start; `begins`: where the motion does, in words. `every` [s]: the time
+    between looks, which otherwise doubles. `repeat`: the relative difference of the rounds of a cycle that simulation
+    finds. `patience` [s]: as long a motion may approach its cycle by itself before Newton's method closes it. Raises
+    UsageError for a rig that neither vibrates nor decays.
     """
 
     def __init__(
-        self, rig: FreeRig, sliding: Steady, every: float = 0.0, repeat: float = 0.0, patience: float = 0.0
+        self,
+        rig: FreeRig,
+        sliding: Steady,
+        every: float = 0.0,
+        repeat: float = 0.0,
+        patience: float = 0.0,
+        begins: str = "a standing start",
     ) -> None:
         self.rig, self.sliding, self.every, self.patience = rig, sliding, every, patience
-        self.rest = Rest(sliding, rig.system.start)
+        self.rest = Rest(sliding, rig.system.start, begins)
         self.turn, self.slowest = turn_of(sliding), sliding.time_scales()[1]
         self.repeat = repeat or (1e-7 if rig.method == "rk4" else max(REPEAT, 10.0 * rig.tolerance))
         self.rough = ROUGH
@@ -212,8 +230,8 @@ class Search:
         stretch = self.turn if uneven else self.every or _SHORT * self.slowest
         while self.now < longest and self.changes < most:
             begun, before = self.now, self.changes
-            if beyond := self._simulated(min(stretch, longest - self.now), most):
-                return self._settled(why=beyond)
+            if (left := self._simulated(min(stretch, longest - self.now), most)) is not None:
+                return left
             if uneven:
                 settled = self._over_a_turn(begun, self.changes - before)
             else:
@@ -225,8 +243,8 @@ class Search:
                 return settled
         return self._undecided()
 
-    def _simulated(self, time: float, most: float) -> str:
-        """Simulate a stretch; return which limit of the scene the motion has left, in words."""
+    def _simulated(self, time: float, most: float) -> Settled | None:
+        """Simulate a stretch; return where the motion has left a limit of the scene."""
         rig, motion, limits = self.rig, self.motion, list(self.rig.scene.limits.items())
         ticks = max(round(time / rig.step), 1)
         apart = min(math.ceil(ticks / _ONCE), self.coarsest)
@@ -239,52 +257,53 @@ class Search:
             events = motion.events()
             if events and events[-1].tick >= origin:
                 origin, calm = events[-1].tick + 1, []
-            calm.append(motion.states[max(origin - first, (origin - first) % apart) :: apart])
+            calm.append(motion.states[max(origin - first, (origin - first) % apart) :: apart].copy())
+            self.events = [*self.events, *events][-4 * MOST :]
+            self.changes += len(events)
             if limits:
                 values = np.abs(motion.outputs_at(motion.states, motion.mode_sets_of_states))
                 beyond = np.argwhere(values > [limit for _, limit in limits])
                 if len(beyond):
                     tick, which = beyond[0].tolist()
                     name, limit = limits[which]
-                    at = (first + tick) * rig.step
-                    return f"no limit cycle: {name} exceeds its limit of {limit:g} {rig.units[name]} at {at:.4g} s"
-            self.events = [*self.events, *events][-4 * MOST :]
-            self.changes += len(events)
+                    self.events = [event for event in self.events if event.tick <= first + tick]
+                    at = (first + tick - self._begun) * rig.step
+                    leaves = f"{name} exceeds its limit of {limit:g} {rig.units[name]} at {at:.4g} s"
+                    return self._settled(why=f"no limit cycle: {leaves}", time=at, leaves=leaves)
             if rig.system.sectors:  # changes of contacts, not of their sectors
                 modes = [rig.system.modes(key)[:2] for key in (*(event.before for event in events), motion.key)]
                 touched = rig.stuck(motion.key) or any(a != b for a, b in pairwise(modes))
                 self.quiet = 0.0 if touched else self.quiet + count * rig.step
         self.calm, self.spacing = np.concatenate(calm), apart * rig.step
-        return ""
+        return None
 
     def _looked_at(self, late: bool) -> Settled | None:
         """Where the motion has settled; None if it is not known yet. Events may repeat when it is `late`."""
         if len(self.calm) * self.spacing >= _DECAY * self.slowest and not self.rig.stuck(self.motion.key):
             if self.rest.reached(self.motion.x) or self.rest.decays(self.calm, self.spacing):
-                return self._settled(why=self.rest.text())
+                return self._settled(why=self.rest.text(), rests=True)
             period = 0.0 if self.rest.grows(self.calm, self.spacing) else self._between_turning_points()
-            cycle = self._closed(period) if period else None
-            if cycle is not None:
-                return self._settled(cycle=cycle)
+            if period and (settled := self._closed(period)) is not None:
+                return settled
         return self._repeated() if late and self.events else None
 
     def _repeated(self) -> Settled | None:
         """The cycle whose events repeat, if there is one."""
-        if self.now > self.patience and (period := self._round(self.rough)):
-            if (cycle := self._closed(period)) is not None:
-                return self._settled(cycle=cycle)
-        period = self._round(self.repeat)
-        return self._settled(period=period) if period else None
+        if self.now > self.patience and (period := self._round(self.rough)[0]):
+            if (settled := self._closed(period)) is not None:
+                return settled
+        period, count = self._round(self.repeat)
+        return self._settled(period=period, count=count) if period else None
 
-    def _round(self, repeat: float) -> float:
-        """The period [s] of a motion whose events repeat to `repeat`; else 0."""
+    def _round(self, repeat: float) -> tuple[float, int]:
+        """The period [s] of a motion whose events repeat to `repeat`, and their number in it; else 0."""
         step = self.rig.step
         count, self.drift = repeating(self.events, step, repeat)
         last = self.events[-count - 1 :]
         period = time_of(last[-1], last[0].tick, step) - time_of(last[0], last[0].tick, step)
         over = -time_of(last[-1], self.motion.tick, step) > 2.0 * period  # the events are those of an earlier motion
         repeats = count and self.drift <= repeat and not over and all_round(period, self.turn)
-        return period if repeats else 0.0
+        return (period, count) if repeats else (0.0, 0)
 
     def _between_turning_points(self) -> float:
         """The period [s] of a motion without events, from the states at its last turning points; 0 if none repeats.
@@ -306,8 +325,10 @@ class Search:
                 return float(times[-1] - times[-1 - count])
         return 0.0
 
-    def _closed(self, period: float) -> ClosedCycle | None:
-        """The stable cycle near the present motion, which returns after about `period` [s]; None without one."""
+    def _closed(self, period: float) -> Settled | None:
+        """Where the present motion, which returns after about `period` [s], settles: in the cycle near it; None: it is
+        not known.
+        """
         motion = self.motion
         saved, tick = motion.save(), motion.tick
         driving = np.delete(np.arange(self.rig.system.n), self.rig.moving)
@@ -328,7 +349,10 @@ class Search:
         if cycle.multiplier > 1.0 + _GROWS:
             self.unstable, self.rough = cycle, 0.1 * min(self.drift, self.rough)
             return None
-        return cycle
+        if cycle.multiplier >= 1.0 - _DECAYS:
+            return self._settled(why="no limit cycle: nothing damps the vibration, which keeps any amplitude")
+        count, x = len(cycle.end.events), cycle.map.state(cycle.u)
+        return self._settled(period=cycle.period, count=count, x=x, cycle=cycle)
 
     def _over_a_turn(self, begun: float, changes: int) -> Settled | None:
         """The same on an uneven surface: each sector excites the rig, and sliding must persist through all of them."""
@@ -339,11 +363,12 @@ class Search:
                 "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and rig sound"
             )
         if self.rest.stable and self.quiet >= _CALM * self.turn:
-            return self._settled(why=self.rest.text(f"; no contact changes in {_CALM} turns of the surface"))
+            why = self.rest.text(f"; no contact changes in {_CALM} turns of the surface")
+            return self._settled(why=why, rests=True)
         return self._repeated() if self.events else None
 
     def _undecided(self) -> Settled:
-        """The result "undecided": why, and what to do."""
+        """The result "undecided", and why."""
         held = bool(self.rig.stuck(self.motion.key)) and not self.changes
         what = "the start still sticks" if held else "the motion does not repeat"
         why = f"undecided: {what} within {self.now:.4g} s and {self.changes} mode set changes"
@@ -353,11 +378,12 @@ class Search:
             period = self.unstable.period
             rate = math.log(self.unstable.multiplier) / period
             why += f"; there is an unstable cycle of {period:.6g} s, which it leaves with {rate:.3g} 1/s"
-        why += f". The motion is slow or irregular. Use --longest {4.0 * self.now:.3g}, or rig map"
-        return replace(self._settled(why=why), decided=False)
+        return self._settled(why=why, decided=False)
 
-    def _settled(self, cycle: ClosedCycle | None = None, period: float = 0.0, why: str = "") -> Settled:
-        return Settled(self.now, self.changes, self.drift, self.motion.x.copy(), period, cycle, self.unstable, why)
+    def _settled(self, **how: Any) -> Settled:
+        last = (self.events[-1].tick - self._begun) * self.rig.step if self.events else 0.0
+        now = Settled(self.now, self.changes, last, self.drift, self.motion.x.copy(), unstable=self.unstable)
+        return replace(now, **how)
 
 
 def closed_cycle(rig: FreeRig, x: Array, period: float, driven: bool) -> ClosedCycle:
@@ -418,7 +444,9 @@ def limit_cycle(
     default = LONGEST if math.isinf(search.turn) else max(LONGEST, _ROUNDS * search.turn)
     settled = search.run(longest or default, most, watch)
     if settled.why:
-        found = Cycle(scene.name, method, False, settled.why, settled.time, decided=settled.decided)
+        more = f"The motion is slow or irregular. Use --longest {4.0 * settled.time:.3g}, or rig map"
+        why = settled.why if settled.decided else f"{settled.why}. {more}"
+        found = Cycle(scene.name, method, False, why, settled.time, decided=settled.decided)
     else:
         found = _recorded(rig, settled, method, tolerance)
     return replace(found, left_out=left_out(scene))
@@ -427,11 +455,9 @@ def limit_cycle(
 def _recorded(rig: FreeRig, settled: Settled, method: str, tolerance: float) -> Cycle:
     """Record one period of the cycle in which a motion has settled, and return its properties."""
     cycle, period, x = settled.cycle, settled.period, settled.x
-    floquet, newton = Floquet(why=_NOT_SMOOTH), 0
-    if cycle is not None:
-        period, x, floquet, newton = cycle.period, cycle.map.state(cycle.u), cycle.floquet, cycle.map.steps
+    floquet, newton = (Floquet(why=_NOT_SMOOTH), 0) if cycle is None else (cycle.floquet, cycle.map.steps)
     recorder = FreeRig(rig.scene, rig.assembly, x, method=method, tolerance=tolerance, dense=True)
-    turn = recorder.recorded(math.ceil(1e9 * period) * 1e-9)  # whole nanoseconds, no less than a period
+    turn = recorder.recorded(period)
     outputs = recorder.outputs
     time, values = turn.dense.sampled(_POINTS, len(outputs))
     times = [0.0, *(t for t, _ in turn.events), period]
@@ -514,7 +540,7 @@ def stuck(system: System, x: Array) -> Array:
     nq = len(system.coordinates)
     out = x.copy()
     out[: 2 * nq] = 0.0
-    directions = np.array([p.direction for p in system.patches])
+    directions = np.array([p.direction for p in system.patches]).reshape(-1, nq)
     push = np.linalg.solve(system.mass, directions.T)
     speeds = system.slip_rows @ out
     out[nq : 2 * nq] = push @ np.linalg.lstsq(directions @ push, speeds, rcond=None)[0]

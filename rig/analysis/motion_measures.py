@@ -3,21 +3,23 @@
 A setting is a method of integration with its step (rk4, kick) or its tolerance (dopri5, rosenbrock); the step of exact
 is the sample step of the scene. A problem is a scene's plant with every actuator held, a start, and a duration.
 Actuators have the values that the protocol of the scene holds for the longest. If these differ from the initial values,
-the rig starts stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. A first run with
-the method of the scene decides the kind of motion and the duration:
+the rig starts stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. The search for a
+limit cycle (rig.analysis.cycle) decides the kind of motion and the duration:
 
-    cycle       mode set changes repeat: simulated until some rounds after they do; on an uneven surface they must
-                repeat over a whole turn of it
+    cycle       it settles in a cycle with mode set changes: until some rounds after the largest multiplier has made its
+                distance from the cycle small
     vibration   mode set changes that do not repeat (yet)
-    smooth      none in the last third: growth, decay, forced motion
+    smooth      none in the last third: growth, decay, forced motion; and every film of points
 
 A motion that leaves a limit of the scene is simulated until then. The evaluated window is a whole number of frames.
-Measures:
+Measures of such a run:
 
     every kind   event times: of the first mode set changes, as a share of the mean time of a cycle (or between two)
     cycle        period, stick share, energy in a cycle; amplitude (half of peak to peak) of every quantity
     vibration    frequency, stick share, friction power; rms about the mean of every quantity
     smooth       frequency, growth rate; rms about the mean of every quantity
+
+A cycle in which the motion settles has all of them over the one period that is recorded, for every output.
 
 Quantities are the displacement, or the first output of the plant, and every output that a sensor of the scene reads.
 Pointwise differences are not used: the phases of two stick-slip motions drift apart while all properties of interest
@@ -30,7 +32,6 @@ import hashlib
 import itertools
 import json
 import math
-import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -41,12 +42,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.cycle import stuck
-from rig.analysis.repetition import all_round, repeating, turn_of
-from rig.bench.free_rig import Dense, FreeRig
+from rig.analysis.cycle import Search, Settled, stuck
+from rig.analysis.repetition import turn_of
+from rig.bench.free_rig import TIGHT, Dense, FreeRig
 from rig.bench.run.runner import PlantRunner
 from rig.compiled import kernel
-from rig.errors import NumericsError
+from rig.errors import NumericsError, UsageError
 from rig.model.assembly import Assembly, portrait
 from rig.model.method import ADAPTIVE, METHODS, as_integrated, chosen
 from rig.model.system import System
@@ -55,7 +56,7 @@ from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 from rig.scenes.sections import with_values
 from rig.solve.film_steps import GROUP
-from rig.stability.linearisation import sliding_key, steady
+from rig.stability.linearisation import Steady, sliding_key, steady
 from rig.stability.report import RK4_LIMIT
 
 TIGHTEST = 1e-12  # tolerance
@@ -66,16 +67,22 @@ _FINE = 2e-3  # |lambda| h of the finest rk4 step of a series
 _RUNG = 2.0  # smallest ratio of two steps of a series
 Array = NDArray[np.float64]
 ROUNDS = 4  # simulated cycles after repetition
-TIGHT = 1e-10  # tolerance of the first run
-_REPEATS = 1e-6  # of a period: it counts as repeating
+_REPEATS = 1e-6  # of a period: the last difference of a cycle that is simulated until it repeats
+_CERTAIN = 1e-9  # of a multiplier
 _LONGEST = 60.0  # s, simulated
-_WALL = 3.0  # s, for the first run
 _EVENTS = 4000
+_WORK = 1.2e10  # sample steps of a run times the square of its states
+_TURNS = 3.1  # of an uneven surface: the last third of so many is a whole one
 _TIMED = 2000  # fewest sample steps in one timed run
 _FALL = 7.0  # natural logarithm of the decay over which a motion is simulated
 FIRST = 12  # mode set changes whose times are compared, for a motion that does not repeat
 _STILL = 1e-9  # of the size of a quantity: below this it does not move
 _AT_ONCE = 1e-3  # of the mean time of a cycle, or between two events: the order of nearer ones is left to rounding
+_OF_KIND = {
+    "cycle": ("period", "stick share", "energy per cycle", "amplitude"),
+    "vibration": ("frequency", "stick share", "friction power", "rms"),
+    "smooth": ("frequency", "growth rate", "rms"),
+}
 SLOW = 1e-2  # of the angular frequency: smallest scale of an error of growth
 
 
@@ -163,7 +170,8 @@ class Problem:
     """A scene's plant over a range of time. `length` and `window` in ticks: the whole run, and its evaluated end.
 
     `count`: mode set changes in one cycle, 0 without a cycle. `values`: of the held actuators. `leaves`: the limit of
-    the scene that the motion leaves, where it ends.
+    the scene that the motion leaves, where it ends. `period` [s], `x`: of the cycle in which the motion settles, with
+    mode set changes or without; 0 without one, and `why`.
     """
 
     scene: Scene
@@ -175,6 +183,9 @@ class Problem:
     window: int
     count: int
     leaves: str = ""
+    period: float = 0.0
+    x: Array | None = None
+    why: str = ""
 
     def __reduce__(self) -> tuple[Any, ...]:
         rest = {entry.name: getattr(self, entry.name) for entry in fields(self)[3:]}
@@ -261,15 +272,21 @@ def digest(scene: Scene) -> str:
 def _own_sources() -> str:
     """The sources that define the measurement."""
     rooms = Path(__file__).parents[1]
-    names = ("qualify/cost/measuring", "analysis/motion_measures", "analysis/repetition", "bench/free_rig")
+    names = (
+        "qualify/cost/measuring",
+        "analysis/motion_measures",
+        "analysis/cycle",
+        "analysis/return_map",
+        "bench/free_rig",
+    )
     return "".join((rooms / f"{name}.py").read_text() for name in names)
 
 
-def problem(scene: Scene, values: Mapping[str, float] | None = None, patience: float = _WALL) -> Problem:
+def problem(scene: Scene, values: Mapping[str, float] | None = None, work: float = _WORK) -> Problem:
     """Determine the problem to measure for `scene`. Raises rig.errors.NumericsError if the simulation has to stop.
 
-    `values`: of actuators that the rig has; by default those that the protocol holds for the longest. `patience` [s]:
-    wall time of the first run; without a limit the result does not depend on the load of the machine.
+    `values`: of actuators that the rig has; by default those that the protocol holds for the longest. `work`: the most
+    sample steps of a run, times the square of its states.
     """
     assembly = scene.assemble()
     values = held(scene, assembly) if values is None else {k: v for k, v in values.items() if k in assembly.inputs}
@@ -287,8 +304,7 @@ def problem(scene: Scene, values: Mapping[str, float] | None = None, patience: f
         sliding = steady(system, sliding_key(system))
         if sliding.exists:
             system = replace(system, start=stuck(system, sliding.x))
-    first = Problem(scene, assembly, system, values, "smooth", 0, 0, 0)
-    return _watched(first, patience)
+    return _planned(Problem(scene, assembly, system, values, "smooth", 0, 0, 0), work)
 
 
 def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
@@ -307,50 +323,52 @@ def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
     return {name: value for name, value in zip(now, longest) if value != start[name]}
 
 
-def _watched(first: Problem, patience: float) -> Problem:
-    """Simulate it once to find the kind of motion and the duration."""
+def _planned(first: Problem, work: float) -> Problem:
+    """The problem with the kind of motion and the duration."""
     scene, step = first.scene, first.step
-    setting = of(scene, first.system)
-    orbit = first.orbit(replace(setting, tolerance=TIGHT) if setting.tolerance else setting)
-    turn = turn_of(steady(first.system, sliding_key(first.system)))
-    turns_ns = 0 if math.isinf(turn) else int(3.1e9 * turn)  # enough of them that the last third is a whole one
-    longest = min(max(scene.duration_ns or 10**10, turns_ns), int(_LONGEST * 1e9)) // scene.step_ns
-    events: list[Event] = []
-    count, enough, asked = 0, longest, 0
-    end = time.perf_counter() + patience
-    while orbit.motion.tick < enough and len(events) < _EVENTS and time.perf_counter() < end:
-        events += orbit.block(min(orbit.longest, enough - orbit.motion.tick))
-        if beyond := orbit.beyond():
-            first = replace(first, leaves=f"{beyond} after {orbit.motion.tick * step:.3g} s")
-            break
-        if count or len(events) < asked + max(4, asked // 4):
-            continue
-        asked = len(events)
-        cycle, drift = repeating(events, step, _REPEATS)
-        period = (events[-1].tick - events[-1 - cycle].tick) * step if cycle else 0.0
-        if drift <= _REPEATS and all_round(period, turn):
-            count = cycle
-            enough = min(longest, orbit.motion.tick + int((ROUNDS + 0.5) * period / step))
-    length = orbit.motion.tick
-    whole = scene.frame_ns // scene.step_ns
-    length = max(length // whole, 3) * whole
-    if count and len(events) > ROUNDS * count:
-        span = (events[-1].tick - events[-1 - ROUNDS * count].tick) / ROUNDS
-        window = int(span) + 1
-        return replace(first, kind="cycle", length=length, window=window + -window % whole, count=count)
-    if any(event.tick > 2 * length // 3 for event in events):
-        return replace(first, kind="vibration", length=length, window=_third(length, whole))
-    last = max((event.tick for event in events), default=0) * step
     sliding = steady(first.system, sliding_key(first.system))
+    turns = 0.0 if math.isinf(turn := turn_of(sliding)) else _TURNS * turn
+    longest = min(max((scene.duration_ns or 10**10) * 1e-9, turns), _LONGEST, work * step / first.system.n**2)
+    settled = _settled(first, sliding, longest)
+    stops = settled.leaves or settled.changes >= _EVENTS
+    time = min(settled.time, longest) if stops else longest
+    whole = scene.frame_ns // scene.step_ns
+    first = replace(first, leaves=settled.leaves, period=settled.period, x=settled.x, why=settled.why)
+
+    def over(time: float, kind: str, window: float = 0.0, count: int = 0) -> Problem:
+        """The problem over so much time [s]; `window` [s]: evaluated, by default a third."""
+        frames = max(round(time / step) // whole, 3)
+        part = math.ceil(window / (whole * step)) if window else frames // 3
+        return replace(first, kind=kind, length=frames * whole, window=part * whole, count=count)
+
+    if settled.count:
+        largest = 0.0 if settled.cycle is None else settled.cycle.multiplier
+        decay = -math.log(np.clip(largest, _CERTAIN, 1.0 - _CERTAIN))  # in a period
+        rounds = math.log(max(settled.drift / _REPEATS, 1.0)) / decay + ROUNDS + 0.5
+        until = min(settled.time + rounds * settled.period, longest)
+        if settled.changes / settled.count + (until - settled.time) / settled.period > ROUNDS:
+            return over(until, "cycle", settled.period, settled.count)
+    if settled.last > 2.0 / 3.0 * time:
+        return over(time, "vibration")
     decay = -float(sliding.eigenvalues()[0].real) if sliding.exists else 0.0
     dies = _FALL / decay if decay > _FALL / _LONGEST else _LONGEST  # s, of a small motion about steady sliding
-    length = max(min(length // whole, int((last + dies) / (scene.frame_ns * 1e-9))), 3) * whole
-    return replace(first, kind="smooth", length=length, window=_third(length, whole))
+    return over(min(time, max(settled.last + dies, turns)), "smooth")
 
 
-def _third(length: int, whole: int) -> int:
-    """A third of a run [ticks], in whole frames."""
-    return length // (3 * whole) * whole
+def _settled(first: Problem, sliding: Steady, longest: float) -> Settled:
+    """Where the motion settles; nowhere for a film of points, and without vibration and decay."""
+    scene, start = first.scene, first.system.start
+    if first.assembly.film is None:
+        standing = stuck(first.system, sliding.x)
+        rig = FreeRig(scene, first.assembly, standing, tolerance=TIGHT, read=tuple(scene.limits))
+        rig.motion.restart(start)
+        try:
+            return Search(rig, sliding, begins="the start of the scene").run(longest, _EVENTS)
+        except UsageError as error:
+            why = str(error)
+    else:
+        why = "a film of points moves irregularly"
+    return Settled(longest, 0, 0.0, math.inf, start, why=why)
 
 
 @dataclass(frozen=True)
@@ -393,16 +411,22 @@ def _observed(problem: Problem, setting: Setting, framed: bool) -> Seen:
     while orbit.motion.tick < until:
         events += orbit.block(until - orbit.motion.tick)
     step, count = problem.step, problem.count
-    if problem.kind == "cycle":
-        values = _cycle(problem, orbit, events)
-    else:
-        values, more = _stretch(problem, orbit)
+    values: dict[str, float] = {}
+    if problem.kind != "cycle":
+        values, more = _over(orbit, problem.window * step, problem.quantities)
         events += more
+    elif len(events) > ROUNDS * count:
+        last = events[-ROUNDS * count - 1 :]
+        times = [((e.tick - last[0].tick) + e.place) * step for e in last]
+        period = (times[-1] - times[0]) / ROUNDS
+        values = {"period": period} | _over(orbit, period, problem.quantities)[0]
+        values |= _stick_shares(orbit, times, [e.before for e in last[1:]])
+    values = {name: value for name, value in values.items() if name.startswith(_OF_KIND[problem.kind])}
     kept = (ROUNDS * count if count else FIRST) + _at_once(problem)  # the last may be simultaneous with its successors
-    times = tuple(((e.tick + e.place) * step, e.what) for e in events[:kept])
+    met = tuple(((e.tick + e.place) * step, e.what) for e in events[:kept])
     gaps = max(len(events) - 1, 1) / (count or 1)
     mean = (events[-1].tick - events[0].tick) * step / gaps if len(events) > 1 else problem.seconds
-    return Seen(values, times, len(events), mean, orbit.motion.counts()["trial_steps"])
+    return Seen(values, met, len(events), mean, orbit.motion.counts()["trial_steps"])
 
 
 def _at_once(problem: Problem) -> int:
@@ -410,25 +434,12 @@ def _at_once(problem: Problem) -> int:
     return len(problem.system.patches) + len(problem.system.normals)
 
 
-def _cycle(problem: Problem, orbit: FreeRig, events: list[Event]) -> dict[str, float]:
-    """Measures of a limit cycle, from its last rounds and one more recorded round."""
-    step, count = problem.step, problem.count
-    if not count or len(events) <= ROUNDS * count:
-        return {}
-    last = events[-ROUNDS * count - 1 :]
-    times = [((e.tick - last[0].tick) + e.place) * step for e in last]
-    period = (times[-1] - times[0]) / ROUNDS
-    measures = {"period": period}
-    for p, patch in enumerate(problem.system.patches):
-        held = sum(b - a for a, b, e in zip(times, times[1:], last[1:]) if p in orbit.stuck(e.before))
-        measures[f"stick share {patch.name}"] = held / (times[-1] - times[0])
-    turn = orbit.recorded(period)
-    measures["energy per cycle"] = turn.energy["friction"]
-    for name in problem.quantities:
-        low, high = turn.dense.extremes(orbit.outputs.index(name))
-        if moves(low, high):
-            measures[f"amplitude {name}"] = 0.5 * (high - low)
-    return measures
+def of_cycle(problem: Problem) -> dict[str, float]:
+    """Return the measures of the cycle in which the motion settles, over one period with the method of the scene."""
+    method = of(problem.scene, problem.system).method
+    rig = FreeRig(problem.scene, problem.assembly, problem.x, method=method, tolerance=TIGHT, dense=True)
+    values, _ = _over(rig, problem.period, [*problem.assembly.outputs])
+    return values | {"period": problem.period, "frequency": 1.0 / problem.period, "growth rate": 0.0}
 
 
 def moves(low: float, high: float) -> bool:
@@ -436,33 +447,35 @@ def moves(low: float, high: float) -> bool:
     return high - low > _STILL * max(abs(low), abs(high))
 
 
-def _stretch(problem: Problem, orbit: FreeRig) -> tuple[dict[str, float], list[Event]]:
-    """Measures of the last part of a motion that does not repeat, and the events in it."""
-    length = problem.window * problem.step
-    part = orbit.recorded(length)
+def _over(rig: FreeRig, length: float, names: Sequence[str]) -> tuple[dict[str, float], list[Event]]:
+    """The measures over the next `length` [s] of a motion, and the events in it. `names`: of quantities."""
+    part = rig.recorded(length)
     events = [event for _, event in part.events]
-    measures: dict[str, float] = {}
-    names = problem.quantities
+    measures = {"energy per cycle": part.energy["friction"], "friction power": part.energy["friction"] / length}
     for name in names:
-        output = orbit.outputs.index(name)
-        if moves(*part.dense.extremes(output)):
+        output = rig.outputs.index(name)
+        low, high = part.dense.extremes(output)
+        if moves(low, high):
+            measures[f"amplitude {name}"] = 0.5 * (high - low)
             measures[f"rms {name}"] = moments(part.dense, output, 0.0, length)[1]
-    lead = orbit.outputs.index(names[0])
+    lead = rig.outputs.index(names[0])
     turns = crossings(part.dense, lead, moments(part.dense, lead, 0.0, length)[0])
     if len(turns) > 2:
         measures["frequency"] = (len(turns) - 1) / (turns[-1] - turns[0])
-    if problem.kind == "smooth":
-        early, late = (moments(part.dense, lead, a, a + 0.5 * length)[1] for a in (0.0, 0.5 * length))
-        if min(early, late) > 0.0:
-            measures["growth rate"] = math.log(late / early) / (0.5 * length)
-    else:
-        measures["friction power"] = part.energy["friction"] / length
-        ends = [0.0, *(t for t, _ in part.events), length]
-        keys = [*(e.before for e in events), orbit.motion.key]
-        for p, patch in enumerate(problem.system.patches):
-            held = sum(b - a for a, b, key in zip(ends, ends[1:], keys) if p in orbit.stuck(key))
-            measures[f"stick share {patch.name}"] = held / length
-    return measures, events
+    early, late = (moments(part.dense, lead, a, a + 0.5 * length)[1] for a in (0.0, 0.5 * length))
+    if min(early, late) > 0.0:
+        measures["growth rate"] = math.log(late / early) / (0.5 * length)
+    times = [0.0, *(t for t, _ in part.events), length]
+    return measures | _stick_shares(rig, times, [*(e.before for e in events), rig.motion.key]), events
+
+
+def _stick_shares(rig: FreeRig, times: Sequence[float], keys: Sequence[int]) -> dict[str, float]:
+    """The share of each contact in stick, between times [s] of mode set changes, each with the mode set before it."""
+    shares = {}
+    for p, patch in enumerate(rig.system.patches):
+        held = sum(b - a for a, b, key in zip(times, times[1:], keys) if p in rig.stuck(key))
+        shares[f"stick share {patch.name}"] = held / (times[-1] - times[0])
+    return shares
 
 
 def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:

@@ -350,19 +350,29 @@ class ReturnMap:
         begins = np.roll(u[:-2].reshape(-1, n), -1, axis=0)
         return np.append(self.ends(u, end) - begins, phase)
 
-    def matrix(self, d: Derivative, along: Array) -> Array:
-        """Return the derivative of the residual over u [n + 1, n + 2]."""
+    def matrix(self, u: Array, d: Derivative, along: Array) -> Array:
+        """Return the derivative of the residual over u [n + 1, n + 2].
+
+        A conserved quantity closes by itself: its equation states that it keeps its value.
+        """
         n, count = len(along), len(d.parts)
         A = np.zeros((count * n + 1, count * n + 2))
         for i, P in enumerate(d.parts):
             A[i * n : (i + 1) * n, i * n : (i + 1) * n] = P
         A[:-1, :-2] -= np.roll(np.eye(count * n), n, axis=1)
+        kept = np.linalg.qr(np.tile(self.conserved(u, d.end), count).T)[0]
+        A[:-1, :-2] += kept @ kept.T
         A[:-1, -1] = d.over_p.ravel()
         if self.period is None:
             A[-1 - n : -1, -2], A[-1, -2 - n : -2] = d.end_rate, along
         else:
             A[-1, -2] = 1.0
         return A
+
+    def conserved(self, u: Array, end: Carried) -> Array:
+        """Return rows over the scaled states [quantity, i] that the motion of a run conserves."""
+        keys = frozenset([end.first, end.key, *(event.before for _, event in end.events)])
+        return self.rig(u).conserved(keys) * self.size
 
     def along(self, u: Array) -> Array:
         """Return the direction of the flow at the begin of the last part, of length one."""
@@ -429,7 +439,7 @@ class ReturnMap:
                 du, dR = u - before[0], R - before[1]
                 M = M + np.outer(dR - M @ du, du) / (du @ du)  # Broyden
             elif before is not None or M is None:
-                M = np.vstack([self.matrix(self.derivative(u, end, over_p), along), gradient])
+                M = np.vstack([self.matrix(u, self.derivative(u, end, over_p), along), gradient])
             last, before = size, (u, R)
             u = self.shifted(u, -np.linalg.lstsq(M, R, rcond=FLAT)[0])
             if not (math.isfinite(size) and 0.05 < u[-2] / reference[-2] < 5.0):

@@ -49,6 +49,8 @@ _FINE, _MOST = 1e-8, 64  # estimated error of steps that are then extrapolated; 
 _TERMS = 24  # of the exponential series, over a radian
 _AFTER_END = 4  # ticks beyond the end: the state between two of them follows from as many on both sides
 _RESOLVED = 0.1  # radians of the fastest mode in a tick: then such an interpolation is exact to 1e-11
+_ROUNDING = 1e-3  # ns, of a time
+_NOTHING = 1e-12  # of the largest change of a quantity: it is conserved
 _NODES = np.arange(2.0 * _AFTER_END)
 _APART = _NODES[:, None] - _NODES + np.eye(2 * _AFTER_END)
 
@@ -216,6 +218,7 @@ class FreeRig:
         self._rates: dict[int, Callable[[Array], Array]] = {}
         self._largest: dict[int, float] = {}
         self._stuck: dict[int, tuple[int, ...]] = {}
+        self._conserved: dict[frozenset[int], Array] = {}
 
     def in_motion(self, start: Array | None = None, step_ns: int = 0, **how: Any) -> Motion:
         """Return a motion of this rig from a state, by default from its start, as the clock of its scene says.
@@ -315,6 +318,21 @@ class FreeRig:
     def closed(self, key: int, p: int) -> bool:
         """Whether contact p is loaded in a mode set."""
         return any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, self.system.modes(key)[1]))
+
+    def conserved(self, keys: frozenset[int]) -> Array:
+        """Return rows over the moving states [quantity, i] whose values no motion in these mode sets changes.
+
+        Such as the charge on the electrodes of an open stack.
+        """
+        if keys not in self._conserved:
+            sets = [self.modes(key) for key in keys]
+            changes = np.hstack([part for m in sets for part in (m.A, m.b, m.landing - np.eye(self.system.n))])
+            changes = changes[self.moving]
+            largest = np.abs(changes).max(axis=1, keepdims=True)
+            largest[largest == 0.0] = 1.0
+            _, shares, rows = np.linalg.svd((changes / largest).T)
+            self._conserved[keys] = rows[shares <= _NOTHING * shares[0]] / largest[:, 0]
+        return self._conserved[keys]
 
     def rate(self, x: Array, key: int) -> Array:
         """Return dx/dt in a mode set."""
@@ -444,17 +462,10 @@ class FreeRig:
         self.motion.advance(min(ticks, self.longest))
         return self.motion.events()
 
-    def beyond(self) -> str:
-        """Return which quantity has left the limit that the scene sets, in words; "" if none has."""
-        if self.motion.beyond < 0:
-            return ""
-        name = self.outputs[self.motion.beyond]
-        return f"{name} exceeds its limit of {self.scene.limits[name]:g} {self.units[name]}"
-
     def recorded(self, time: float) -> Recorded:
-        """Step the plant by `time` [s] and record everything."""
+        """Step the plant by `time` [s], in whole nanoseconds no less, and record everything."""
         dense, before = Dense(), self._energy(self.motion)
-        whole, rest = divmod(round(time * 1e9), self.step_ns)
+        whole, rest = divmod(math.ceil(time * 1e9 - _ROUNDING), self.step_ns)
         events: list[tuple[float, Event]] = []
         states = [self.motion.x[None].copy()]
         done = 0

@@ -8,6 +8,7 @@ the benchmarks do the same. Results are therefore bit-identical on one build and
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import platform
@@ -20,7 +21,7 @@ from typing import Any, Self, TypeVar
 
 import numba
 from llvmlite import ir
-from llvmlite.binding import Linkage, ModuleRef, parse_bitcode
+from llvmlite.binding import Linkage, ModuleRef, newpassmanagers, parse_bitcode
 from numba.core import codegen, event, registry, types
 
 from rig.compiled import kernel_store
@@ -66,6 +67,30 @@ class _Compiler(event.Listener):  # type: ignore[misc]
         """Called when it has been compiled."""
 
 
+class _Collector(event.Listener):  # type: ignore[misc]
+    """Suspends Python's search for cyclic garbage while a kernel is compiled: it took a ninth of the time.
+
+    What the compiler leaves behind is found by the first search after it.
+    """
+
+    def __init__(self) -> None:
+        self._depth, self._suspended = 0, False
+
+    def on_start(self, _: event.Event) -> None:
+        """Called when a kernel is about to be compiled, possibly for another one."""
+        if not self._depth:
+            self._suspended = gc.isenabled()
+            gc.disable()
+        self._depth += 1
+
+    def on_end(self, _: event.Event) -> None:
+        """Called when it has been compiled."""
+        self._depth -= 1
+        if self._suspended and not self._depth:
+            gc.enable()
+
+
+event.register("numba:compile", _Collector())  # type: ignore[no-untyped-call]
 if os.environ.get("RIG_OWN_PROCESS"):
     for _listener in (_Compiler(), _PROGRESS):
         event.register("numba:compile", _listener)  # type: ignore[no-untyped-call]
@@ -81,11 +106,13 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
     The bitcode of a stored kernel is parsed only when another kernel links it. A run only calls it.
 
     Machine code is made when a function is first asked for by its address. Most kernels are only linked into others:
-    numba would make, store and load code of theirs that nothing calls, a fifth of the time of compiling.
+    numba would make, store and load code of theirs that nothing calls, a fifth of the time of compiling. For the same
+    reason a kernel into which others are linked is optimised only before its machine code is made, as a whole.
     """
 
     _bitcode: bytes | None = None
     _emitted = True
+    _whole = True  # optimised as far as machine code needs
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Self:
@@ -124,15 +151,35 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
             if name not in {function.name for function in self._final_module.functions}:
                 return 0
             self._emitted = True
+            if not self._whole:
+                self._run_passes()
             super()._finalize_final_module()  # type: ignore[no-untyped-call]
         if self._bitcode is not None:
             return self._codegen._engine.get_function_address(name)  # type: ignore[no-any-return]  # noqa: SLF001
         return super().get_pointer_to_function(name)  # type: ignore[no-untyped-call, no-any-return]
 
+    def _optimize_final_module(self) -> None:
+        self._whole = not self._object_caching_enabled or not self._copies()
+        if self._whole:
+            super()._optimize_final_module()  # type: ignore[no-untyped-call]
+        else:
+            cost = {"loop_vectorize": self._codegen._loopvect, "opt": self._codegen._opt_level}  # noqa: SLF001
+            self._run_passes(slp_vectorize=False, cost="cheap", **cost)  # as numba does before all other passes
+
+    def _run_passes(self, **options: Any) -> None:
+        manager: Any = self._codegen._module_pass_manager  # noqa: SLF001
+        passes, builder = manager(**options)
+        passes.run(self._final_module, builder)
+
+    def _copies(self) -> list[Any]:
+        """Our functions that were linked into this library."""
+        functions = self._final_module.functions
+        return [f for f in functions if not f.is_declaration and f.linkage == _SHARED and f.name.startswith("_ZN3rig")]
+
     def _finalize_final_module(self) -> None:
         module = self._final_module
         own = [function for function in module.functions if not function.is_declaration]
-        copies = [function for function in own if function.linkage == _SHARED and function.name.startswith("_ZN3rig")]
+        copies = self._copies()
         if copies and self._shared_module is None:
             shared = module.clone()  # the copy that others link keeps its symbols open, or they would have them twice
             for function in own:
@@ -157,6 +204,10 @@ class _Codegen(codegen.JITCPUCodegen):  # type: ignore[misc]
 _OPEN, _SHARED = Linkage.external, Linkage.linkonce_odr
 _codegen: Any = registry.cpu_target.target_context.codegen()  # type: ignore[attr-defined]
 _codegen.__class__, _codegen._library_class = _Codegen, _Library  # noqa: SLF001
+for _kind in (newpassmanagers.ModulePassManager, newpassmanagers.FunctionPassManager):
+    # llvmlite frees neither: of its two base classes the first one, which frees nothing, is asked. numba makes one for
+    # each function of each kernel, also for those that are only declared: 1 MB for the smallest kernel.
+    _kind._dispose = newpassmanagers.NewPassManager._dispose  # noqa: SLF001
 
 _njit: Any = numba.njit  # noqa: TID251
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}

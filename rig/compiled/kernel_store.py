@@ -242,6 +242,7 @@ class _Kept(FunctionCache):  # type: ignore[misc]
             if self._by_address:
                 data.library.get_pointer_to_function(data.fndesc.llvm_func_name)
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        vars(data.type_annotation).clear()  # each step of it with its types, 2,000 objects, which only numba would show
 
 
 @cache

@@ -40,7 +40,7 @@ SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
 """Room for the smooth segments of a frame, to begin with and at most."""
 MOST_EVENTS = 1 << 20
 """Room for the events of a block of many frames, at most."""
-_ROOMY = 8  # times as many ticks as a call may have the room that was made for events: new room takes a millisecond
+_ROOMY = 64  # times as many ticks as a call may have the room that was made for events: new room takes a millisecond
 COLLECTED = 1 << 12
 """Room for the events of all frames of a call."""
 

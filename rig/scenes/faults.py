@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from rig.quantities import BOUNDS, Unit, in_words
+from rig.quantities import BOUNDS, Unit, details_of, in_words
 from rig.units import brief
 
 TAGS = ("law", "kind", "on", "step", "direction")
@@ -28,7 +28,7 @@ Loc = tuple[int | str, ...]
 
 def lines(error: ValidationError, model: Any, raw: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
     """(dotted key, line) for every fault in `error`, found when `raw` was read as `model`."""
-    for fault in error.errors(include_url=False, include_input=False):
+    for fault in details_of(error):
         kind, context = fault["type"], fault.get("ctx", {})
         path, owner, annotation, unit = _walk(model, fault["loc"], raw)
         key = dotted(path, prefix)

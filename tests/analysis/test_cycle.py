@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 
 import rig
 from rig.analysis.cycle import limit_cycle
+from rig.bench.free_rig import FreeRig
 from rig.errors import UsageError
 from rig.model.formulation import assemble
 from rig.scenes import names
@@ -93,14 +94,27 @@ def test_every_shipped_scene_has_a_cycle_that_repeats_or_a_reason_why_not(name):
         assert not found.found or found.repeats < 1e-6
 
 
-@pytest.mark.slow
-def test_the_charge_of_an_open_stack_is_free():
+def test_a_cycle_with_an_open_stack_has_the_charge_of_its_start():
+    """q = e dx + Cps U is 0: neither extension nor voltage at the start. A free multiplier of 1 belongs to it."""
     found = limit_cycle(rig.load("brake_shunt"))
-    assert found.frequency == pytest.approx(3399.62, abs=0.01)
-    assert found.amplitude["velocity"] == pytest.approx(0.17768, rel=1e-3)
+    x = found.state
+    pad, calliper = (x[f"{body}.z"] - 0.0167 * x[f"{body}.phi"] for body in ("inner_pad", "calliper"))
+    assert 3e-8 * x["shunt.voltage"] == pytest.approx(0.9916 * (calliper - pad), rel=1e-9)
     charge, slowest = found.floquet.multipliers[:2]
     assert charge == pytest.approx(1.0, abs=1e-5)  # by differences of a motion with 2 events in a period
     assert math.log(abs(slowest)) / found.period == pytest.approx(-0.34, abs=0.05)
+
+
+@pytest.mark.slow
+def test_the_cycle_of_an_open_stack_is_that_of_a_minute_of_simulation():
+    """The slowest disturbance dies away with 0.34 1/s: after a minute it is a 1e-9th of itself."""
+    scene = rig.load("brake_shunt")
+    long = FreeRig(scene, start=scene.assemble().system().start)
+    while long.motion.tick * long.step < 75.0:
+        long.motion.advance(16_384)
+    turn = FreeRig(scene, start=long.motion.x.copy(), dense=True).recorded(3e-4)
+    found, output = limit_cycle(scene), list(scene.assemble().outputs).index("velocity")
+    assert found.extremes["velocity"] == pytest.approx(turn.dense.extremes(output), rel=1e-8)
 
 
 def test_a_disc_that_is_not_alike_all_round_has_no_cycle_and_says_so_at_once():
@@ -171,6 +185,33 @@ def test_a_seal_that_slides_stably_is_at_rest(name, speed):
     assert found.decided
     told = re.search(r"sliding is stable, its least stable mode decays with (\S+) 1/s", found.why)
     assert float(told[1]) == pytest.approx(-np.roots([0.2, damping, 2e4]).real.max(), rel=1e-4)
+
+
+def test_a_decay_is_known_from_its_first_two_periods_however_many_ticks_they_have():
+    """5 t on the spring: 9 s, and 2e-5 of the amplitude are lost in each of them."""
+    scene = rig.load("belt_c_damped", {"limits": "none", "body.mass": "5000 kg", "drive.speed": "1 m/s"})
+    found = limit_cycle(scene)
+    assert not found.found
+    assert found.decided
+    assert found.why.startswith("no limit cycle found from a standing start: sliding is stable")
+    assert found.after == pytest.approx(2.1 * 2.0 * math.pi * math.sqrt(5000.0 / 2500.0), abs=0.01)
+
+
+def test_a_forced_vibration_in_sliding_is_the_resonance_of_the_mass():
+    """Friction mu F(t) drives the mass in its natural frequency: amplitude mu F / d, the decay d / (2 m)."""
+    found = limit_cycle(rig.load("belt_fluctuating_load"))
+    assert not found.events
+    assert found.period == pytest.approx(1.0 / 3.5588127, rel=1e-9)
+    assert found.amplitude["velocity"] == pytest.approx(0.25 * 0.4 / 2.0, rel=1e-9)
+    assert np.abs(found.floquet.multipliers) == pytest.approx(2 * [math.exp(-0.2 * found.period)], rel=1e-6)
+
+
+def test_two_undamped_modes_at_once_are_no_cycle_although_each_alone_repeats():
+    """Frequencies 9.60 and 10.38 rad/s: after 88 s the motion has come back to 1 %, and a single mode is close."""
+    springs = {f"spring_{i}.damping": 0.0 for i in (1, 2)}
+    found = limit_cycle(rig.load("two_dof", {"friction.mu": 0.3, "separation": "none", "limits": "none", **springs}))
+    assert not found.found
+    assert found.why == "no limit cycle: nothing damps the vibration, which keeps any amplitude"
 
 
 def test_a_cycle_that_attracts_slowly_is_found_by_newton_and_is_that_of_the_simulation():

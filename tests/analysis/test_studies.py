@@ -120,6 +120,24 @@ def test_a_point_without_a_value_is_a_row_with_its_reason(belt, tmp_path):
     assert "1 of 2 points" in found.text() or "2 of 2 points" in found.text()
 
 
+def test_a_motion_that_settles_in_a_cycle_has_the_measures_of_the_cycle(tmp_path):
+    """The lever halves its distance from the cycle in a period: 30 s of simulation leave 1e-7 of it."""
+    kinds = ("period", "frequency", "amplitude.arm_displacement", "stick_share")
+    wanted = [f"{source}.{kind}" for kind in kinds for source in ("motion", "cycle")]
+    wanted += ["motion.energy_per_cycle", "cycle.energy", "motion.growth_rate"]
+    [values] = lab.study(lab.load("lever"), {"load.force": [20.0]}, wanted, folder=tmp_path, workers=1).values
+    assert values[:10:2] == pytest.approx(values[1:10:2], rel=1e-9)
+    assert values[10] == 0.0
+
+
+def test_a_motion_that_settles_in_no_cycle_says_why(tmp_path):
+    scene = lab.load("lever", {"drive.speed": "8 rpm"})
+    study = lab.study(scene, {"load.force": [20.0]}, ["motion.period", "motion.rms"], folder=tmp_path, workers=1)
+    [reason] = study.reasons
+    assert reason.startswith("no motion.period, which is a motion of kind smooth: no limit cycle found from the start")
+    assert study.values[0, 1] > 0.0
+
+
 def test_numbers_of_controllers_and_sensors_are_parameters_too():
     over = {"controllers.nf.gain": "100:300 N*s/m:3", "sensors.vibrometer.noise": [1e-5, 2e-5]}
     scene = lab.load("pendulum")

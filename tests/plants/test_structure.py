@@ -413,6 +413,7 @@ def disc(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RIG_MODELS", str(folder / "models"))
         yield folder
+    of_matrices._estimator.cache_clear()  # noqa: SLF001 (factorisations of 0.2 GB)
 
 
 def test_a_job_of_calculix_with_contacts_slides_and_states_its_errors(disc):

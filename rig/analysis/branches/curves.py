@@ -278,7 +278,7 @@ def _carried(at: Place, track: Sequence[tuple[float, Array]], value: float, meas
         slope = np.zeros(len(at.u))
         if beside.met == at.end.met:
             slope[:-2] = (at.map.ends(at.u, beside) - at.map.ends(at.u, at.end)).ravel() / small
-        M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), at.t])
+        M = np.vstack([at.map.matrix(at.u, at.d, at.map.along(at.u)), at.t])
         guess = at.u - np.linalg.lstsq(M, slope, rcond=FLAT)[0] * (value - q)
     map = at.map.at(value)
     new = place(map, *solved(at, guess, map, track[0][1]), at.t)

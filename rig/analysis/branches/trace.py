@@ -197,7 +197,7 @@ def place(
     """
     d = map.derivative(u, end)
     if t is None:
-        A = map.matrix(d, map.along(u))
+        A = map.matrix(u, d, map.along(u))
         t = np.asarray(np.linalg.svd(A)[2][-1])
         if forward is not None and float(t @ forward) < 0.0:
             t = -t
@@ -207,7 +207,7 @@ def place(
 def _closed(at: Place, held: bool) -> Place:
     """The place with its motion closed to CLOSE of its own range, which may be far below the scales of the map."""
     map, along = at.map, at.map.along(at.u)
-    A = map.matrix(at.d, along)
+    A = map.matrix(at.u, at.d, along)
     M = np.vstack([A, np.append(np.zeros(len(at.u) - 1), 1.0) if held else at.t])
     for _ in range(_CLOSINGS):
         misses = missed(at)
@@ -250,7 +250,7 @@ def solved(at: Place, guess: Array, map: ReturnMap, reference: Array) -> tuple[A
     def plane(v: Array, _: Carried) -> tuple[float, Array]:
         return float(at.t @ (v - guess)), at.t
 
-    first = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), at.t])
+    first = np.vstack([at.map.matrix(at.u, at.d, at.map.along(at.u)), at.t])
     return map.newton(guess, plane, reference, at.end.met, first=first)
 
 
@@ -261,7 +261,7 @@ def _at_value(at: Place, p: float) -> Place:
     share = (target - at.u[-1]) / at.t[-1] if at.t[-1] else 0.0
     guess = at.u + share * at.t
     guess[-1] = target
-    M = np.vstack([at.map.matrix(at.d, at.map.along(at.u)), closing(guess, at.end)[1]])
+    M = np.vstack([at.map.matrix(at.u, at.d, at.map.along(at.u)), closing(guess, at.end)[1]])
     u, end = at.map.newton(at.map.shifted(guess, 0.0 * guess), closing, at.u, at.end.met, first=M)
     return place(at.map, u, end, at.t, held=True)
 
@@ -609,7 +609,7 @@ def _switched(at: Place, other: Carried) -> Place | None:
 def _beyond(at: Place, end: Carried, d: Derivative, f: Array) -> Place | None:
     """The first place with the events of `end`, whose derivative is d."""
     map = at.map
-    A = map.matrix(d, f)
+    A = map.matrix(at.u, d, f)
     t = np.asarray(np.linalg.svd(A)[2][-1])
     t = t if float(t @ at.t) >= 0.0 else -t
     for step in _BEYOND:

@@ -39,7 +39,7 @@ from rig.analysis.recorded.series import Series, series
 from rig.errors import Faults, RigError, SceneError, UsageError
 from rig.laws import LAWS, class_of, laws_of
 from rig.model.assembly import Assembly
-from rig.quantities import whole
+from rig.quantities import details_of, whole
 from rig.record.imports.channel_map import ChannelMap
 from rig.record.imports.import_run import import_files
 from rig.record.reader import open as read_recording
@@ -304,8 +304,9 @@ def _law(scene: Scene, name: str, free: Mapping[str, Any], own: Mapping[str, Any
     try:
         parameters = model.model_validate({**sections.dump(scene.parameters), "friction": values})
     except ValidationError as error:
-        missing = ", ".join(f"friction.{e['loc'][-1]}" for e in error.errors() if e["type"] == "missing")
-        what = f"needs {missing}" if missing else str(error.errors()[0]["msg"])
+        faults = details_of(error)
+        missing = ", ".join(f"friction.{fault['loc'][-1]}" for fault in faults if fault["type"] == "missing")
+        what = f"needs {missing}" if missing else faults[0]["msg"]
         raise UsageError(
             f'law {name}: {what}; give the ranges of its keys, [laws.{name}] "friction.KEY" = "FROM:TO"'
         ) from None

@@ -71,7 +71,6 @@ _KEPT = 3  # cycles from which the next one is extrapolated
 _SEEN = 3.05  # periods of it from look to look
 _REPEATS = 1e-6  # of a period: rounds that differ by less are the same
 _PATIENCE = 40.0  # periods of the slowest mode in which a motion may approach its cycle by itself
-_FREE = 1e-6  # of one: a vibration without damping neither decays nor grows, at any amplitude
 _LATEST = 20  # turns over sectors
 _ROUNDS = 4  # of simulating on, each for twice as long
 _ROOM = 200_000  # ticks in a window: a turn of a surface that creeps is simulated in parts
@@ -310,16 +309,14 @@ class Track:
         """Where the motion settles within `longest` s: in a cycle or in sliding. `every` [s]: see Search."""
         rig, at = self._standing(), self.sliding(self.value)
         settled = Search(rig, at, every, _REPEATS, _PATIENCE * self.slowest).run(longest, math.inf)
-        x, self.period = settled.x, settled.period
-        if settled.cycle is not None and settled.cycle.multiplier < 1.0 - _FREE:
-            x, self.period = settled.cycle.map.state(settled.cycle.u), settled.cycle.period
+        self.period = settled.period
         if self.period:
-            window, middle = steady_state.of_cycle(rig, x, self.period)
+            window, middle = steady_state.of_cycle(rig, settled.x, self.period)
             others = [(value, state) for value, state in self.cycles if value != self.value]
             self.cycles = () if middle is None else (*others, (self.value, middle))[-_KEPT:]
             return Point(STICK_SLIP if window.share else VIBRATION, window, settled.time)
         self.cycles = ()
-        if not settled.decided or settled.cycle is not None:
+        if not settled.rests:
             return Point(UNDECIDED, BLANK, settled.time)
         output = rig.motion.outputs_at(at.x[None], rig.motion.mode_sets_of_states[-1:])
         return Point(SLIDING, steady_state.at_rest(float(output[0, 0])), settled.time)

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from rig.analysis.cycle import limit_cycle, slides
 from rig.analysis.eigenvalue_curves import equilibrium, none
 from rig.analysis.modes import dithers
-from rig.analysis.motion_measures import observe, of, problem
+from rig.analysis.motion_measures import observe, of, of_cycle, problem
 from rig.analysis.pool import Arrays
 from rig.analysis.recorded.amplitude import index
 from rig.bench.run.simulate import simulate
@@ -222,16 +222,22 @@ def _of_cycle(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, st
 
 
 def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
-    asked = problem(scene, patience=math.inf)
-    seen = observe(asked, of(asked.scene, asked.system)) if any(m.kind != SLIDES for m in some) else None
+    values, fault, without = dict[str, float](), "", ""
+    if any(measure.kind != SLIDES for measure in some):
+        asked = problem(scene, work=math.inf)
+        if asked.period:
+            values = of_cycle(asked)
+        else:
+            seen = observe(asked, of(asked.scene, asked.system))
+            values, fault, without = seen.values, seen.fault, f", which is a motion of kind {asked.kind}: {asked.why}"
     for measure in some:
-        if seen is None or measure.kind == SLIDES:
+        if measure.kind == SLIDES:
             ends, why = slides(scene)
             yield math.nan if ends is None else float(ends), measure.unit, why
             continue
-        value = seen.values.get(f"{measure.kind} {measure.of}".strip(), math.nan)
-        missing = "" if math.isfinite(value) else f"a motion of kind {asked.kind} has no {measure.name}"
-        yield value, measure.unit, seen.fault or missing
+        value = values.get(f"{measure.kind} {measure.of}".strip(), math.nan)
+        missing = "" if math.isfinite(value) else f"no {measure.name}{without}"
+        yield value, measure.unit, fault or missing
 
 
 def _of_modes(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:

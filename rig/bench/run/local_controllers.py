@@ -35,6 +35,7 @@ from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.native import Native, Uncompiled
 from rig.controllers.runtime.skipped import SkippedSteps
 from rig.errors import ControllerLost, SceneError, Untrusted, UsageError
+from rig.quantities import details_of
 from rig.scenes import checks
 from rig.scenes.scene import Scene
 from rig.scenes.sections import changes
@@ -78,7 +79,7 @@ def placed(scene: Scene, given: Mapping[str, Any]) -> tuple[Scene, dict[str, Gue
             try:
                 sections[name] = _linear(object_, kept)
             except ValidationError as error:
-                lines = [fault["msg"].removeprefix("Value error, ") for fault in error.errors(include_url=False)]
+                lines = [fault["msg"].removeprefix("Value error, ") for fault in details_of(error)]
                 faults += [f"{name}: {line}" for line in lines]
             except ValueError as fault:
                 faults.append(f"{name}: {fault}")
