@@ -342,7 +342,7 @@ class Modes(Result):
     limits: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     up_to: float = math.inf
-    nodes: Nodes | None = field(default=None, repr=False, compare=False)
+    nodes: Nodes | None = field(default=None, compare=False)
     left_out: str = ""
 
     COLUMNS: ClassVar = ("mode", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")

@@ -86,7 +86,7 @@ class Compared(Result):
     measures: tuple[Measure, ...]
     notes: tuple[str, ...] = ()
     """Damage of the recordings."""
-    runs: tuple[Run, ...] = field(default=(), compare=False, repr=False)
+    runs: tuple[Run, ...] = field(default=(), compare=False)
     """Both runs."""
 
     @property

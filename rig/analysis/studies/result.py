@@ -501,9 +501,6 @@ class StudyResult(Result):
             put(make(self), paths[-1])
         return paths
 
-    def __repr__(self) -> str:
-        return self.text()
-
 
 def gathered(work: StudyRuns, rows: Mapping[int, Arrays], provenance: Mapping[str, str], folder: Path) -> StudyResult:
     """Assemble the result of a study from its points."""
