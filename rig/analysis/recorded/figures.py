@@ -46,7 +46,8 @@ _DRAWN_SAMPLES, _DRAWN_CHANNELS, _COLUMNS = 40_000, 5, 2400
 _DRAWN_CYCLES = 12  # of a measurement beside its simulation
 Floats = NDArray[np.floating[Any]]
 _RANGE = 70.0  # range of a map [dB below its maximum]
-_NAMED, _APART = 3, 0.35  # number of lines that a picture labels, and their smallest distance [decades]
+_NAMED = 0.01  # share of the mean square from which on a picture labels a line
+_WIDE, _ROW = 0.17, 0.075  # width and height of such a label as shares of the axes
 _ALL = 1e-4  # share of the mean square that may lie above the range of a map
 
 
@@ -90,9 +91,13 @@ def spectrum_figure(spectrum: Spectrum | Orders) -> Figure:
             over = f", over {plain(averaged.over)}" if isinstance(averaged, Orders) else ""
             _density(density, averaged.density, averaged.lines, unit, averaged.axis_unit)
             windows = counted(averaged.density.windows, "Hann window")
-            density.set(title=f"mean of {windows} of {averaged.window:.4g} {per}{over}", xlabel=axis)
+            resolution = f"resolution {averaged.density.step:.3g} {averaged.axis_unit}"
+            density.set(title=f"mean of {windows} of {averaged.window:.4g} {per}{over}; {resolution}", xlabel=axis)
             _map(over_time, averaged.map, averaged.density, f"level [dB re 1 {unit}]")
-            over_time.set(title=f"windows of {averaged.map_window:.4g} {per}", xlabel="time [s]", ylabel=axis)
+            resolution = f"resolution {averaged.map.f[1]:.3g} {averaged.axis_unit}"
+            over_time.set(
+                title=f"windows of {averaged.map_window:.4g} {per}; {resolution}", xlabel="time [s]", ylabel=axis
+            )
     return figure
 
 
@@ -100,16 +105,24 @@ def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, a
     axes.loglog(density.f[1:], density.s[1:], color=BLUE)
     low, high = axes.get_ylim()
     top = float(density.s[1:].max(initial=0.0))
-    axes.set_ylim(max(low, 1e-12 * top) if top else low, 8.0 * high)
+    low = max(low, 1e-12 * top) if top else low
     axes.set_ylabel(f"power spectral density\n[{unit}]")
-    named: list[float] = []
-    for line in lines:
-        if len(named) < _NAMED and all(abs(math.log10(line.at / other)) >= _APART for other in named):
-            named.append(line.at)
-            digits = max(0, 3 - math.floor(math.log10(line.at)))  # at least four, without an exponent
-            axes.annotate(f"{line.at:.{digits}f} {axis}", (line.at, line.density), (0, 5), textcoords="offset points",
-                          ha="center", fontsize=9, color=GREY,
-                          bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
+    left, right = axes.get_xlim()
+    rows: list[list[float]] = []
+    for line in lines:  # the strongest first
+        if line.rms**2 < _NAMED * density.rms**2:
+            continue
+        at = math.log(line.at / left) / math.log(right / left)
+        row = next((i for i, row in enumerate(rows) if all(abs(at - other) >= _WIDE for other in row)), len(rows))
+        rows += [[]] if row == len(rows) else []
+        rows[row].append(at)
+        digits = max(0, 3 - math.floor(math.log10(line.at)))  # at least four, without an exponent
+        text = f"{line.at:.{digits}f} {axis}, {100.0 * line.rms**2 / density.rms**2:.2g} %"
+        axes.annotate(text, (line.at, line.density), (line.at, 0.95 - _ROW * row), ha="center", fontsize=9, color=GREY,
+                      textcoords=("data", "axes fraction"), arrowprops={"arrowstyle": "-", "color": GREY, "lw": 0.6},
+                      bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
+    share = _ROW * len(rows) + 0.02  # of the height, for the labels
+    axes.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))
 
 
 def _map(axes: Axes, course: Map, density: Density, unit: str) -> None:
