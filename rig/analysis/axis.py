@@ -279,7 +279,7 @@ def fixed(scene: Scene, axes: Iterable[Axis]) -> str:
 def heading(figure: Figure, scene: Scene, axes: Iterable[Axis], title: str = "") -> None:
     """Write a title (by default that of the scene) and below it what is held constant."""
     constant = fixed(scene, axes)
-    figure.suptitle(title or scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+    figure.suptitle(title or scene.title, x=0.01, ha="left")
     if constant:
         text = textwrap.fill(f"fixed: {constant}", round(_LETTERS * figure.get_figwidth()))
         figure.get_axes()[0].set_title(text, loc="left", fontsize=10)

@@ -20,7 +20,7 @@ from rig.analysis.recorded.amplitude import NOISY, Amplitudes, Row
 from rig.analysis.sweep import Sweep
 from rig.errors import UsageError
 from rig.view.channels import Channels
-from rig.view.curves import Bools, apart, plain
+from rig.view.curves import Bools, apart, largest, plain, scaled
 from rig.view.palette import ALARM, BLUE, GREY, LINES, VERMILION, drawn, headline, page
 
 if TYPE_CHECKING:
@@ -36,9 +36,8 @@ def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
         raise UsageError("nothing to draw: no sensor has samples")
     columns = min(len(sensors), 3)
     lines = math.ceil(len(sensors) / columns)
-    with page(4.4 * columns, 1.0 + 3.2 * lines, layout="constrained") as figure:
-        title = f"{amplitudes.scene}: amplitude in each stage", "(half of peak to valley) and frequency"
-        figure.suptitle(("\n" if columns == 1 else " ").join(title), ha="center")
+    title = f"{amplitudes.scene}: amplitude and frequency" + " in each stage" * (columns > 1)
+    with page(4.4 * columns, 1.0 + 3.2 * lines, title, layout="constrained") as figure:
         for i, sensor in enumerate(sensors):
             _bars(figure.add_subplot(lines, columns, i + 1), [row for row in rows if row.sensor == sensor])
     return figure
@@ -48,13 +47,15 @@ def _bars(axes: Axes, rows: Sequence[Row]) -> None:
     first = rows[0]
     places = range(len(rows))
     sizes = [row.found.half if row.found.cycles or row.why == NOISY else 0.0 for row in rows]
-    bars = axes.bar(places, sizes, color=BLUE, width=0.6)
+    factor, unit = scaled(first.unit, max(sizes))
+    bars = axes.bar(places, [factor * size for size in sizes], color=BLUE, width=0.6)
     short = {NOISY: "at noise\nlevel"}
     labels = [f"{row.found.frequency:.4g} Hz" if row.found.cycles else short.get(row.why, "no cycle") for row in rows]
     axes.bar_label(bars, labels, fontsize=8, padding=2)
     axes.margins(y=0.15)
+    axes.set_ylim(bottom=0.0)
     axes.set_xticks(places, [row.stage for row in rows], rotation=20 if len(rows) > 3 else 0, fontsize=8)
-    axes.set_ylabel(f"{first.sensor.replace('_', ' ')} [{first.unit}]")
+    axes.set_ylabel(f"amplitude of {plain(first.sensor)} [{unit}]")
     axes.grid(axis="x", visible=False)
     axes.set_axisbelow(True)
 
@@ -66,7 +67,7 @@ _STICK = "#d9dde3"
 @drawn(12.8, 6.6)
 def cycle_figure(figure: Figure, cycle: Cycle) -> None:
     """Draw a limit cycle; a search that found none gives one with the reason."""
-    figure.suptitle(_title(cycle), x=0.07, ha="left", wrap=True)
+    headline(figure, _title(cycle))
     if cycle.found:
         _compose_cycle(figure, cycle)
 
@@ -87,11 +88,13 @@ def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
     right = grid[1].subgridspec(2, 1, height_ratios=(1.5, 1), hspace=0.35)
     rows = [figure.add_subplot(left[i]) for i in range(len(panels))]
     for axes, panel in zip(rows, panels):
+        title, unit = panel.title.removesuffix("]").rsplit(" [", 1)
+        factor, shown = scaled(unit, largest(*(cycle.outputs[name] for name in panel.outputs)))
         for name in panel.outputs:
-            axes.plot(cycle.time, cycle.outputs[name], color=channels.colours[name], lw=1.6, label=plain(name))
+            axes.plot(cycle.time, factor * cycle.outputs[name], color=channels.colours[name], lw=1.6, label=plain(name))
         for begin, end in cycle.sticking:
             axes.axvspan(begin, end, color=_STICK, lw=0.0, zorder=0)
-        axes.set(ylabel=panel.title, xlim=(0.0, cycle.period))
+        axes.set(ylabel=f"{title} [{shown}]", xlim=(0.0, cycle.period))
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize=8, frameon=False, handlelength=1.0)
         axes.tick_params(labelbottom=axes is rows[-1])
     sticks = f"; grey: {plain(next(iter(cycle.stick_time)))} sticks" if cycle.sticking else ""
@@ -103,11 +106,15 @@ def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
 
 
 def _portrait(axes: Axes, cycle: Cycle, displacement: str, velocity: str) -> None:
-    style = "--" if cycle.repels else "-"
-    axes.plot(cycle.outputs[displacement], cycle.outputs[velocity], style, color=BLUE, lw=1.4)
+    style, x, v = "--" if cycle.repels else "-", cycle.outputs[displacement], cycle.outputs[velocity]
+    (along, unit), (rate, speed) = (
+        scaled(cycle.units[displacement], largest(x)),
+        scaled(cycle.units[velocity], largest(v)),
+    )
+    axes.plot(along * x, rate * v, style, color=BLUE, lw=1.4)
     axes.set(
-        xlabel=f"{plain(displacement)} [{cycle.units[displacement]}]",
-        ylabel=f"{plain(velocity)} [{cycle.units[velocity]}]",
+        xlabel=f"{plain(displacement)} [{unit}]",
+        ylabel=f"{plain(velocity)} [{speed}]",
         title="phase portrait" + "; dashed: the cycle is unstable" * cycle.repels,
     )
 
@@ -132,7 +139,7 @@ def loop_report_figure(figure: Figure, report: LoopReport) -> None:
     """Draw `report`."""
     grid = figure.add_gridspec(2, 3, height_ratios=(1, 1.5), left=0.07, right=0.985, top=0.86, bottom=0.09,
                                hspace=0.5, wspace=0.24)  # fmt: skip
-    figure.suptitle(f"{report.scene}: loop of {report.found.controller}", x=0.07, ha="left", weight="bold")
+    headline(figure, f"{report.scene}: loop of {report.found.controller}")
     _budget(figure.add_subplot(grid[0, :]), report)
     for column, curve in enumerate(report.curves):
         axes = figure.add_subplot(grid[1, column])

@@ -17,7 +17,7 @@ from rig.qualify.cost.table import WORST, Row, Table, front
 from rig.qualify.cost.timing import Spread
 from rig.results import Result
 from rig.view import palette
-from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, SKY, VERMILION, page, printed
+from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, SKY, VERMILION, headline, page, printed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -153,7 +153,7 @@ def sheet(title: str, machine: dict[str, str]) -> Iterator[Figure]:
         yield figure
         first, second = "{processor}, {cores} cores", "Python {python}, numba {numba}, {date:.10}"
         machine_text = f"{first}\n{second}".format_map(machine)
-        figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        headline(figure, title)
         figure.text(0.99, 0.015, machine_text, ha="right", va="bottom", fontsize=8.5, color="#666666")
 
 
