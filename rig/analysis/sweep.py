@@ -255,14 +255,15 @@ class Sweep(Result):
     def partner(self, critical: Critical) -> int | None:
         """Return the branch whose frequency meets that of the critical mode (mode coupling); None if there is none.
 
-        The two are near each other at the critical value, and apart somewhere else on the axis.
+        The two are near each other beside the critical value, and apart somewhere else on the axis.
         """
         if critical.kind != "flutter" or critical.branch < 0:
             return None
         hertz = np.where(self.frequency > 0.0, self.frequency, np.nan)
         gaps = np.abs(hertz - hertz[:, [critical.branch]])
         gaps[:, critical.branch] = np.nan
-        here = gaps[int(np.abs(np.array(self.axis.values) - critical.value).argmin())]
+        near = np.abs(np.array(self.axis.values) - critical.value).argsort()[:2]
+        here = np.min(np.where(np.isfinite(gaps), gaps, np.inf)[near], axis=0)
         most = np.max(np.where(np.isfinite(gaps), gaps, 0.0), axis=0)
         meets = (here < _MEETS * most) & (here < _NEAR * critical.frequency)
         return int(np.where(meets, here, np.inf).argmin()) if meets.any() else None

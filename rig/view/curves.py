@@ -26,6 +26,7 @@ from rig.view.palette import ALARM, GREEN, LINES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 
@@ -289,6 +290,13 @@ def scaled(unit: str, most: float) -> tuple[float, str]:
         return 1.0, unit
     factor, prefix = next((factor, prefix) for least, factor, prefix in _PREFIXES if most >= least)
     return factor, prefix + unit
+
+
+def read_in(axis: Axis, unit: str, most: float) -> str:
+    """Write the ticks of an `axis` with values in `unit` up to `most` in the unit that `scaled` gives; return it."""
+    factor, shown = scaled(unit, most)
+    axis.set_major_formatter(lambda value, _: f"{factor * value:.6g}".replace("-", "\N{MINUS SIGN}"))
+    return shown
 
 
 class Scales:

@@ -11,7 +11,7 @@ import numpy as np
 from rig.analysis.axis import heading
 from rig.analysis.branches.curves import Curves
 from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, TURNS, Branch, Branches, Point
-from rig.view.curves import plain
+from rig.view.curves import plain, read_in
 from rig.view.palette import ALARM, BARE, BLUE, GREEN, GREY, LINES, PURPLE, VERMILION, page
 
 if TYPE_CHECKING:
@@ -93,7 +93,8 @@ def _draw(figure: Figure, result: Branches) -> None:
             handle.set_label(f"{handle.get_label()}: {', '.join(dict.fromkeys(texts))}")
     if REST in kinds:
         handles.append(axes.collections[0])
-    axes.set(xlabel=result.axis.title, ylabel=f"lowest and highest {plain(result.output)} [{result.unit}]")
+    unit = read_in(axes.yaxis, result.unit, max(map(abs, axes.get_ylim())))
+    axes.set(xlabel=result.axis.title, ylabel=f"lowest and highest {plain(result.output)} [{unit}]")
     axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
     if most:
         figure.colorbar(colours, ax=axes, label="share of the period in stick", pad=0.02)

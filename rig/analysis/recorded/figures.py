@@ -342,7 +342,11 @@ def _in_phase(axes: Axes, pair: Pair) -> None:
         phase = np.linspace(0.0, 1.0, cycles.middle.size)
         axes.plot(phase, factor * cycles.middle, color=colour, lw=1.4)
         axes.fill_between(phase, factor * cycles.low, factor * cycles.high, color=colour, alpha=0.18, lw=0.0)
-    axes.set(xlabel="phase of the cycle [1]", ylabel=f"[{unit}]", title="median and 10 to 90 % of the cycles")
+    axes.set(
+        xlabel="phase of the cycle [1]",
+        ylabel=f"{plain(pair.channel)} [{unit}]",
+        title="median and 10 to 90 % of the cycles",
+    )
 
 
 def _slips(times: Axes, friction: Axes, both: tuple[StickSlip, StickSlip]) -> None:
@@ -456,7 +460,7 @@ def stick_slip_figure(contact: StickSlip) -> Figure:
             speed.axvspan(slip.begin, slip.end, color=ALARM, alpha=0.12, lw=0.0)
         speed.axhline(factor * contact.threshold, color=GREY, lw=0.9, ls="--", label="threshold of slip")
         speed.set(ylabel=f"slip speed [{unit}]", xlabel="time [s]", title="slips are shaded")
-        speed.legend(loc="best")
+        speed.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         longest = max((max(slip.motion, np.nan_to_num(slip.stick)) for slip in contact.slips), default=1.0)
         for name, colour in (("stick", BLUE), ("motion", ALARM)):
             values = [getattr(slip, name) for slip in contact.slips if np.isfinite(getattr(slip, name))]
