@@ -276,10 +276,10 @@ def fixed(scene: Scene, axes: Iterable[Axis]) -> str:
     return ", ".join(words for key, (words, _) in main(scene).items() if key not in varied)
 
 
-def heading(figure: Figure, scene: Scene, axes: Iterable[Axis], title: str = "") -> None:
-    """Write a title (by default that of the scene) and below it what is held constant."""
+def heading(figure: Figure, scene: Scene, axes: Iterable[Axis], what: str) -> None:
+    """Write the title, the scene and `what` is shown of it, and below it what is held constant."""
     constant = fixed(scene, axes)
-    figure.suptitle(title or scene.title, x=0.01, ha="left")
+    figure.suptitle(f"{scene.name}: {what}", x=0.01, ha="left")
     if constant:
         text = textwrap.fill(f"fixed: {constant}", round(_LETTERS * figure.get_figwidth()))
         figure.get_axes()[0].set_title(text, loc="left", fontsize=10)

@@ -56,7 +56,7 @@ def curves_figure(result: Curves) -> Figure:
         ends = result.second.shown_values[[0, -1]]
         axes.set(xlabel=result.axis.title, ylabel=result.second.title, ylim=sorted(ends))
         axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
-        heading(figure, result.scene, [result.axis, result.second], f"{result.scene.title}: special points")
+        heading(figure, result.scene, [result.axis, result.second], "special points")
     return figure
 
 
@@ -98,7 +98,7 @@ def _draw(figure: Figure, result: Branches) -> None:
     axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
     if most:
         figure.colorbar(colours, ax=axes, label="share of the period in stick", pad=0.02)
-    heading(figure, result.scene, [result.axis], f"{result.scene.title}: stable and unstable motions")
+    heading(figure, result.scene, [result.axis], "stable and unstable motions")
 
 
 def _colours() -> Colormap:

@@ -271,7 +271,8 @@ def figure(result: Map | Boundary, lines: Lines = ()) -> Figure:
             _bifurcation(figure, result)
         else:
             _regions(figure.add_subplot(), result, lines)
-        heading(figure, result.job.scene, [axis for axis in (result.job.x, result.job.y) if axis is not None])
+        axes = [axis for axis in (result.job.x, result.job.y) if axis is not None]
+        heading(figure, result.job.scene, axes, "steady-state behaviour")
     return figure
 
 

@@ -116,7 +116,7 @@ def figure(report: CostReport) -> Figure:
     table, metric, pick = report.table, report.metric, report.pick
     if not front(table.rows, metric):
         raise UsageError("nothing to draw: no setting has both an error and a cost")
-    with sheet(f"{table.title}: error against compute time", table.machine) as figure:
+    with sheet(f"{table.scene}: error against compute time", table.machine) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         for axes, of in ((left, lambda row: row.cost.p99), (right, _of_plant)):
             _curves(axes, table, metric, of)
