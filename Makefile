@@ -7,6 +7,7 @@
 #   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
 #                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
 #   make docs       docs/gallery, made again: the figures of the papers and how their numbers compare
+#   make pictures   the pictures of README, made again (that of the page needs Chromium)
 #   make tracks     the moving pictures of the page's opening, made again
 #   make lessons    figures and printed lines of docs/lessons, made again by the commands of the lessons
 #   make site       the documentation as a site, build/site/index.html (installs Sphinx into .venv the first time)
@@ -29,7 +30,7 @@ RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
-.PHONY: install tools demo test test-slow test-browser screenshots check bench docs tracks lessons site golden proto lock uninstall clean
+.PHONY: install tools demo test test-slow test-browser screenshots check bench docs pictures tracks lessons site golden proto lock uninstall clean
 
 install: $(VENV)/.installed
 tools: $(VENV)/.installed-tools
@@ -72,6 +73,10 @@ test-browser: tools # RIG_SCREENSHOTS=FOLDER keeps pictures of the page
 screenshots: tools
 	@mkdir -p build/screenshots
 	@RIG_SCREENSHOTS=build/screenshots $(RUN) pytest -m browser -rs tests/web/browser/test_states.py -k screen
+
+pictures: tools
+	@$(BIN)/python docs/readme_pictures.py
+	@RIG_SCREENSHOTS=docs $(RUN) pytest -m browser -rs tests/web/browser/test_page_picture.py
 
 tracks: install
 	@$(BIN)/python docs/page_tracks.py

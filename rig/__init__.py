@@ -101,21 +101,27 @@ def _scene(
     untold: Mapping[str, object] | None = None,
     redesign: bool = False,
 ) -> Scene:
-    """A scene that is loaded, or named, as `load` does. Raises UsageError for anything else.
+    """A scene that is loaded, or named, with `overrides`, as `load` does. Raises UsageError for anything else.
 
     `untold`, `redesign`: what its controllers believe of the rig (rig.scenes.belief).
     """
-    from pathlib import Path
-
-    from rig.errors import UsageError
     from rig.scenes.belief import believing
-    from rig.scenes.scene import Scene
+    from rig.scenes.loader import loaded
 
-    if isinstance(scene, str | Path):
-        scene = load(scene, overrides)
-    if isinstance(scene, Scene):
-        return believing(scene, untold or {}, redesign)
-    raise UsageError(f"{scene!r:.60} is no scene; give a name, a file, or what rig.load returns")
+    made = loaded(scene, overrides)
+    for note in made.notes if made is not scene else ():
+        _warn(note)
+    return believing(made, untold or {}, redesign)
+
+
+def _run(run: object) -> Run:
+    """A run. Raises UsageError for anything else, such as the path of a recording."""
+    from rig.errors import UsageError
+    from rig.record.run import Run
+
+    if isinstance(run, Run):
+        return run
+    raise UsageError(f"{run!r:.60} is no run; give what rig.open or rig.simulate returns")
 
 
 def simulate(
@@ -124,6 +130,8 @@ def simulate(
     stop: Callable[[], str] | None = None,
     controllers: Mapping[str, Any] | None = None,
     untold: Mapping[str, object] | None = None,
+    *,
+    overrides: Mapping[str, object] | None = None,
 ) -> Run:
     """Run a scene in this process, with its controllers, for `duration` seconds or as long as its protocol takes.
 
@@ -132,8 +140,8 @@ def simulate(
     `_` for the dot), or, for a scene given by name, the path of a file as `rig simulate --controller` takes it. A
     controller of the scene with the same name is replaced; its delay is kept. `stop` is called ten times per simulated
     second: "" continues the run, any other text ends it and is the reason. `untold`: values of the rig, by dotted key,
-    that the controllers do not know: they are designed without them (docs/belief.md). The run has its provenance
-    (versions, machine, command), which `Run.save` writes.
+    that the controllers do not know: they are designed without them (docs/belief.md). `overrides`: as for `load`, of a
+    scene given by name or file. The run has its provenance (versions, machine, command), which `Run.save` writes.
 
     Raises rig.errors.SceneError for controllers that cannot be designed or do not fit the scene, UsageError for objects
     that are not controllers and for a scene without an end, ControllerFailed for an exception of a controller; the
@@ -147,7 +155,7 @@ def simulate(
     from rig.record.provenance import provenance
 
     files, objects = divided(controllers or {}, isinstance(scene, str | Path))
-    loaded, guests = placed(_scene(scene, files, untold), objects)
+    loaded, guests = placed(_scene(scene, {**(overrides or {}), **files}, untold), objects)
     result = run(loaded, duration_ns=run_length_ns(duration), stop=stop, guests=guests)
     result.provenance = provenance(loaded.seed)
     return result.checked()
@@ -185,24 +193,30 @@ def diff(
     follow: Mapping[str, str] | None = None,
     pair: Mapping[str, str] | None = None,
     stick: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, object] | None = None,
 ) -> Compared | AgainstScene:
     """Compare two runs, or a measurement with its simulation by a scene, from `begin` to `end` [s].
 
     Two runs: scenes, channels, and measures such as period and amplitude. `tolerance`: allowed deviation of a channel,
     as a share of its range. A scene runs under the measured speed and load; then `follow` is actuator -> channel, by
     default by their names; `pair`: channel -> "SIMULATED" or "SIMULATED, FACTOR" ("displacement, 168 N/m"), by default
-    equal names; `stick`: arguments of `rig.analysis.recorded.stick_slip`, for stick and motion times. Raises
-    rig.errors.UsageError for runs without a common time, and for channels that cannot be followed or compared.
+    equal names; `stick`: arguments of `rig.analysis.recorded.stick_slip`, for stick and motion times; `overrides`: of
+    the scene, as for `load`. Raises rig.errors.UsageError for runs without a common time, and for channels that cannot
+    be followed or compared.
     """
+    from rig.errors import UsageError
     from rig.record.run import Run
 
+    measured = _run(first)
     if isinstance(second, Run):
         from rig.analysis.recorded.comparison import compare
 
-        return compare(first, second, begin, end, tolerance)
+        if overrides:
+            raise UsageError(f"overrides {', '.join(overrides)}: change a scene; the second one is a run")
+        return compare(measured, second, begin, end, tolerance)
     from rig.analysis.recorded.against_scene import against_scene
 
-    return against_scene(first, _scene(second), begin, end, follow, pair, stick)
+    return against_scene(measured, _scene(second, overrides), begin, end, follow, pair, stick)
 
 
 def events(
@@ -214,24 +228,33 @@ def events(
     last: float = float("inf"),
     over: Scene | str | Path | None = None,
     key: str = "",
+    *,
+    overrides: Mapping[str, object] | None = None,
 ) -> Events:
     """Find the vibration events of a channel `name` from `first` to `last` [s], measured or simulated.
 
     Each has begin, end, frequency, level, growth rate with an interval of 90 %, and means of the channels `at` during
     the growth (default: speed of the drive, load, temperature). `window` [s]: default 40 ms, or eight periods. `over`:
-    a scene whose eigenvalues over `key` (drive.speed) are compared with them. Raises UsageError and SceneError.
+    a scene, with `overrides` as for `load`, whose eigenvalues over `key` (drive.speed) are compared with them. Raises
+    UsageError and SceneError.
     """
     from rig.analysis.recorded.events import events as find
+    from rig.errors import UsageError
 
-    scene = None if over is None else _scene(over)
-    return find(run, name, None if at is None else list(at), window, first, last, scene, key)
+    if over is None and overrides:
+        raise UsageError(f"overrides {', '.join(overrides)}: change the scene of `over`, which is not given")
+    scene = None if over is None else _scene(over, overrides)
+    return find(_run(run), name, None if at is None else list(at), window, first, last, scene, key)
 
 
-def modes(scene: Scene | str | Path) -> Modes:
-    """Compute growth rates, frequencies, damping ratios and shapes of the vibration modes about steady sliding."""
+def modes(scene: Scene | str | Path, *, overrides: Mapping[str, object] | None = None) -> Modes:
+    """Compute growth rates, frequencies, damping ratios and shapes of the vibration modes about steady sliding.
+
+    `overrides`: as for `load`, of a scene given by name or file.
+    """
     from rig.analysis.modes import modes as solve
 
-    return solve(_scene(scene))
+    return solve(_scene(scene, overrides))
 
 
 def sweep(
@@ -240,6 +263,7 @@ def sweep(
     values: Iterable[float],
     controller: str = "",
     *,
+    overrides: Mapping[str, object] | None = None,
     untold: Mapping[str, object] | None = None,
     redesign: bool = False,
 ) -> Sweep:
@@ -247,49 +271,60 @@ def sweep(
 
     With `controller`, these are those of its closed loop; the key may then be one of the controller
     (controllers.NAME.gain). The controller keeps the numbers that it has for the scene; it is told only set-points
-    (speed of the drive, load) and with `redesign` every value. `untold`: see `simulate`. Raises rig.errors.SceneError
-    for a key that is not a number of the rig and for values that the scene cannot have.
+    (speed of the drive, load) and with `redesign` every value. `overrides`, `untold`: see `simulate`. Raises
+    rig.errors.SceneError for a key that is not a number of the rig and for values that the scene cannot have.
     """
     from rig.analysis.axis import Axis
     from rig.analysis.control_loop import sweep_loop
     from rig.analysis.sweep import sweep as solve
 
-    loaded = _scene(scene, None, untold, redesign)
+    loaded = _scene(scene, overrides, untold, redesign)
     axis = Axis.of(key, values, loaded, controller)
     return sweep_loop(loaded, axis, controller) if controller else solve(loaded, axis)
 
 
-def loop(scene: Scene | str | Path, controller: str, *, untold: Mapping[str, object] | None = None) -> Loop:
+def loop(
+    scene: Scene | str | Path,
+    controller: str,
+    *,
+    overrides: Mapping[str, object] | None = None,
+    untold: Mapping[str, object] | None = None,
+) -> Loop:
     """Analyse a closed loop about steady sliding: eigenvalues, range of gains, margins of phase and delay.
 
-    `untold`: see `simulate`. Raises rig.errors.SceneError for a controller that is not a linear feedback and where
-    nothing slides steadily.
+    `overrides`, `untold`: see `simulate`. Raises rig.errors.SceneError for a controller that is not a linear feedback
+    and where nothing slides steadily.
     """
     from rig.analysis.control_loop import loop as solve
 
-    return solve(_scene(scene, None, untold), controller)
+    return solve(_scene(scene, overrides, untold), controller)
 
 
-def state_space(scene: Scene | str | Path, delay: float = 0.0) -> StateSpace:
+def state_space(
+    scene: Scene | str | Path, delay: float = 0.0, *, overrides: Mapping[str, object] | None = None
+) -> StateSpace:
     """Linearise the rig about steady sliding: python-control's StateSpace from its actuators to its outputs.
 
-    `delay` [s]: delay of the commands, as a Pade approximation of order 8. Raises rig.errors.SceneError where nothing
-    slides steadily.
+    `delay` [s]: delay of the commands, as a Pade approximation of order 8. `overrides`: as for `load`, of a scene
+    given by name or file. Raises rig.errors.SceneError where nothing slides steadily.
     """
     from rig.analysis.control_loop import state_space as solve
 
-    return solve(_scene(scene), delay)
+    return solve(_scene(scene, overrides), delay)
 
 
-def limit_cycle(scene: Scene | str | Path, longest: float | None = None) -> Cycle:
+def limit_cycle(
+    scene: Scene | str | Path, longest: float | None = None, *, overrides: Mapping[str, object] | None = None
+) -> Cycle:
     """Find the limit cycle at constant actuator values: period, stick time, extremes, energy, Floquet multipliers.
 
     `longest`: simulated seconds within which the motion must settle, 120 by default; otherwise `decided` is false.
-    Raises rig.errors.NumericsError if the integration has to stop.
+    `overrides`: as for `load`, of a scene given by name or file. Raises rig.errors.NumericsError if the integration has
+    to stop.
     """
     from rig.analysis.cycle import limit_cycle as search
 
-    return search(_scene(scene), longest=longest)
+    return search(_scene(scene, overrides), longest=longest)
 
 
 def branches(
@@ -301,6 +336,7 @@ def branches(
     points: int = 400,
     second: str | None = None,
     folder: str | Path = "branches",
+    overrides: Mapping[str, object] | None = None,
 ) -> Branches | Curves:
     """Follow stable and unstable motions over a parameter: `rig.branches("belt", "drive.speed=0.05 m/s:0.8 m/s")`.
 
@@ -310,8 +346,8 @@ def branches(
     the ends of the range), a value at which to simulate, a map, a recording. `output`: plant output of the figure, by
     default the first. `points`: most points of a branch. `second`: a further parameter, KEY=FROM:TO:COUNT; then the
     result is the curves of the special points over both, the boundaries of sliding, stick-slip and both. Results go to
-    a folder of their own in `folder`; an interrupted computation goes on from its last point. Raises
-    rig.errors.SceneError and UsageError.
+    a folder of their own in `folder`; an interrupted computation goes on from its last point. `overrides`: as for
+    `load`, of a scene given by name or file. Raises rig.errors.SceneError and UsageError.
     """
     from pathlib import Path
 
@@ -319,7 +355,7 @@ def branches(
     from rig.analysis.branches import branches as follow
     from rig.analysis.branches import curves, job
 
-    loaded = _scene(scene)
+    loaded = _scene(scene, overrides)
     todo = job(loaded, over, output, tuple(start), points)
     root = Path(folder)
     return follow(todo, root) if second is None else curves(todo, Axis.parse(second, loaded), root)
@@ -335,6 +371,7 @@ def map(
     longest: float | None = None,
     folder: str | Path = "maps",
     workers: int | None = None,
+    overrides: Mapping[str, object] | None = None,
 ) -> Map | Boundary:
     """Map the steady-state behaviour over one or two parameters: `rig.map("belt", "drive.speed=0.05:0.8:40")`.
 
@@ -342,13 +379,14 @@ def map(
     point before), near and far (runs that start near steady sliding or far from it); `longest`: simulated seconds for
     one point. Over dither.frequency and dither.amplitude the map shows the boundary above which dither keeps the rig
     sliding, averaged and simulated. Results go to a folder of their own in `folder`; an interrupted map continues from
-    it. Raises rig.errors.SceneError, UsageError, and WorkerError when a worker is lost.
+    it. `overrides`: as for `load`, of a scene given by name or file. Raises rig.errors.SceneError, UsageError, and
+    WorkerError when a worker is lost.
     """
     from pathlib import Path
 
     from rig.analysis.map import chart, job
 
-    loaded = _scene(scene)
+    loaded = _scene(scene, overrides)
     return chart(job(loaded, x, y, output, runs, longest), Path(folder), workers)  # type: ignore[return-value]
 
 
@@ -366,6 +404,7 @@ def study(
     folder: str | Path = "studies",
     workers: int | None = None,
     cluster: str = "",
+    overrides: Mapping[str, object] | None = None,
     untold: Mapping[str, object] | None = None,
     redesign: bool = False,
 ) -> StudyResult:
@@ -378,7 +417,7 @@ def study(
     times, point number k with the seed `seed` + k. `duration` [s] of a run: by default the length of its protocol.
     `keep`: condition for keeping the recording of a run, such as "cycle.amplitude > 5 mm". Results go to a folder of
     their own in `folder`, from which an interrupted study continues. `workers`: processes, one for each core by
-    default. `cluster`: the address of a dask scheduler. `untold`, `redesign`: what the controllers are told, as for
+    default. `cluster`: the address of a dask scheduler. `overrides`, `untold`, `redesign`: as for
     `sweep`. Raises rig.errors.SceneError and UsageError with every fault, WorkerError if workers fail.
     """
     from pathlib import Path
@@ -386,7 +425,7 @@ def study(
     from rig.analysis.studies import prepared
     from rig.analysis.studies import study as carry_out
 
-    loaded = _scene(scene, None, untold, redesign)
+    loaded = _scene(scene, overrides, untold, redesign)
     work = prepared(loaded, over, measure, samples, sampling, repeat, seed, duration, keep)
     return carry_out(work, Path(folder), workers, keep=keep, cluster=cluster)
 
@@ -403,6 +442,7 @@ def optimise(
     folder: str | Path = "searches",
     workers: int | None = None,
     cluster: str = "",
+    overrides: Mapping[str, object] | None = None,
     untold: Mapping[str, object] | None = None,
     redesign: bool = False,
 ) -> SearchResult:
@@ -411,14 +451,14 @@ def optimise(
     `over`: dotted key -> range in SI, or text such as "10 N:30 N". `measure`: as for `rig.study`; `largest`: search for
     its largest value. At most `evaluations` points are computed, by differential evolution, all with `seed`. Results go
     to a folder of their own in `folder`, from which an interrupted search, or one with more evaluations, continues.
-    `duration`, `workers`, `cluster`, `untold`, `redesign`: as for `rig.study`. Raises rig.errors.SceneError,
-    UsageError and WorkerError.
+    `duration`, `workers`, `cluster`, `overrides`, `untold`, `redesign`: as for `rig.study`. Raises
+    rig.errors.SceneError, UsageError and WorkerError.
     """
     from pathlib import Path
 
     from rig.analysis.studies.search import prepared, search
 
-    loaded = _scene(scene, None, untold, redesign)
+    loaded = _scene(scene, overrides, untold, redesign)
     work = prepared(loaded, over, measure, largest, evaluations, seed, duration)
     return search(work, Path(folder), workers, cluster=cluster)
 
@@ -435,6 +475,7 @@ def identify(
     seed: int | None = None,
     folder: str | Path | None = None,
     workers: int | None = None,
+    overrides: Mapping[str, object] | None = None,
 ) -> Identified:
     """Fit parameters of a scene to recordings: value, interval of 90 % and verdict for each.
 
@@ -442,8 +483,9 @@ def identify(
     key -> range, "0.1:1" or (0.1, 1.0). `laws`: friction laws to compare, law -> ranges of its own keys. `per_run`:
     ["level"] gives each record an offset of its own. `over`: settings among which the next experiment is proposed,
     key -> values. `starts`: further starts near the values of the scene. `folder`: where evaluations are kept, from
-    which an interrupted fit continues; None: nowhere. `workers`: processes, one for each core by default. Raises
-    rig.errors.SceneError and UsageError with every fault, WorkerError if workers fail.
+    which an interrupted fit continues; None: nowhere. `workers`: processes, one for each core by default.
+    `overrides`: as for `load`, of a scene given by name or file. Raises rig.errors.SceneError and UsageError with every
+    fault, WorkerError if workers fail.
     """
     from pathlib import Path
 
@@ -452,7 +494,7 @@ def identify(
     from rig.analysis.identification.runs import prepared
 
     given = runs if isinstance(runs, str | Path) else [*runs]
-    task = prepared(_scene(scene), given, free, laws, per_run, starts, seed)
+    task = prepared(_scene(scene, overrides), given, free, laws, per_run, starts, seed)
     found = fit(task, None if folder is None else Path(folder), workers)
     return propose(found, over, workers) if over else found
 

@@ -74,12 +74,14 @@ class RigError(Exception):
 
 
 class SceneError(RigError):
-    """A scene that cannot be used; `faults` holds one line for each fault, all found at once."""
+    """A scene that cannot be used; `faults` holds one line for each fault, all found at once. One fault is one line."""
 
     def __init__(self, where: str, faults: Iterable[str]) -> None:
         self.where = where
         self.faults = tuple(faults)
-        super().__init__("\n".join([f"{where}:", *(f"  {fault}" for fault in self.faults)]))
+        single = len(self.faults) == 1 and "\n" not in self.faults[0]
+        lines = [f"{where}: {self.faults[0]}"] if single else [f"{where}:", *(f"  {fault}" for fault in self.faults)]
+        super().__init__("\n".join(lines))
 
 
 class UsageError(RigError):

@@ -1,4 +1,4 @@
-"""What every result has: a figure, and a form for notebooks that contains its text and its figure.
+"""What every result has: its text, which is also what Python prints, a figure, and a form for notebooks with both.
 
 A class of results names the function that draws it in `FIGURE`. Commands write what `plot` returns to the file of
 `--figure`, so that both are one picture.
@@ -19,6 +19,8 @@ from rig.errors import RigError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_HEAD = 40
+"""Most lines that Python prints of a result."""
 _CELL = '<td style="text-align:left;white-space:pre;padding:0 1.2em 0 0">'
 
 
@@ -27,6 +29,19 @@ class Result:
 
     FIGURE: ClassVar[str]
     """The function that draws it, as "module:function"; named, because most figures are in rooms above the result."""
+
+    def __init_subclass__(cls) -> None:
+        """Print every class of results in one way: a dataclass keeps the `__repr__` that its class has."""
+        super().__init_subclass__()
+        cls.__repr__ = Result.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        """Return the text, or its first lines and how many follow."""
+        lines = self.text().splitlines()
+        more = len(lines) - _HEAD
+        if more <= 1:  # the line that counts them would take its place
+            return "\n".join(lines)
+        return "\n".join([*lines[:_HEAD], f"... and {more} more lines: .text() returns all"])
 
     def text(self) -> str:
         """Return the report as text."""

@@ -26,7 +26,7 @@ PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "recordings" / "READM
          *sorted((ROOT / "docs" / "reference").glob("*.md")),
          *sorted((ROOT / "docs" / "theory").glob("*.md"))]  # fmt: skip
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
-PYTHON = ("README.md", "docs/python.md", "docs/export.md", "docs/getting_started.md", "docs/studies.md", "docs/gym.md")
+PYTHON = ("docs/python.md", "docs/export.md", "docs/getting_started.md", "docs/studies.md", "docs/gym.md")
 
 
 def blocks(page, language):
@@ -54,6 +54,32 @@ def test_the_python_of_a_page_runs(page, tmp_path):
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path
     )
     assert found.returncode == 0, found.stderr
+
+
+def test_the_outputs_in_readme_are_those_of_the_lines_above_them(tmp_path):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    text = (ROOT / "README.md").read_text()
+    assert "](docs/soft.png)" in text
+    (scene,) = blocks("README.md", "toml")
+    assert len(scene.split("\n\n")[0].splitlines() + scene.split("\n\n")[1].splitlines()) <= 10
+    (tmp_path / "soft.toml").write_text(scene)
+    shown = 0
+    for (kind, body), (after, output) in itertools.pairwise(FENCE.findall(text)):
+        if after != "text":
+            continue
+        lines = [shlex.split(line, comments=True)[1:] for line in body.splitlines() if line.startswith("rig ")]
+        calls = [["-c", body]] if kind == "python" else [["-m", "rig", *words] for words in lines]
+        printed = ""
+        for call in calls:
+            done = subprocess.run(
+                [sys.executable, "-W", "error", *call], capture_output=True, text=True, env=environment, cwd=tmp_path
+            )
+            assert done.returncode == 0, done.stderr
+            printed = done.stdout
+        assert printed == output
+        shown += 1
+    assert shown == 2
+    assert (tmp_path / "soft.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(("page", "words"), [*commands()], ids=str)
@@ -94,6 +120,7 @@ def test_every_command_of_the_program_is_on_the_page_of_commands():
 
 
 SCENE_BASES = {
+    "README.md": None,
     "scenes.md": None,
     "parts.md": "belt",
     "own_controller.md": "belt",

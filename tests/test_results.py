@@ -6,6 +6,7 @@ import io
 import os
 import subprocess
 import sys
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -18,7 +19,7 @@ import rig
 from rig.analysis import recorded
 from rig.analysis.motion_measures import Setting
 from rig.cli import app
-from rig.errors import UsageError
+from rig.errors import RigError, SceneError, UsageError
 from rig.qualify.cost.report import CostReport
 from rig.qualify.cost.table import Row, Table
 from rig.qualify.cost.timing import Cost, Spread
@@ -137,6 +138,10 @@ def test_a_result_has_a_figure_and_an_html_form(name, tmp_path, monkeypatch):
     html = result._repr_html_()
     assert html.count("<img ") == html.count("data:image/png;base64,") == 1
     assert html.startswith(html_of(result.text()))
+    printed, lines = repr(result).splitlines(), result.text().splitlines()
+    assert printed[:40] == lines[:40]
+    assert len(printed) == len(lines) or printed[40:] == [f"... and {len(lines) - 40} more lines: .text() returns all"]
+    assert str(result) == repr(result)
 
 
 def test_a_command_and_a_notebook_draw_what_plot_returns(tmp_path):
@@ -180,6 +185,60 @@ def test_lines_with_columns_in_common_become_a_table_and_nothing_is_markup():
         "mode", "growth 1/s", "flutter", "1.5", "&lt;i&gt;", "-20"
     ]  # fmt: skip
     assert "a line of words" in tail
+
+
+@pytest.mark.parametrize("name", ["pendulum", "brake_shunt", "plate", "tip_knock"])
+def test_the_overview_of_a_run_is_one_table(name):
+    html = html_of(golden(name).text())
+    assert html.startswith("<table")
+    assert html.count("<table") == html.count("</table>") == 1
+    assert html.endswith("</table>")
+
+
+SCENES = {
+    "simulate": (),
+    "modes": (),
+    "sweep": ("drive.speed", [0.1, 0.2]),
+    "loop": ("nf",),
+    "state_space": (),
+    "limit_cycle": (),
+    "branches": ("drive.speed=0.1:0.4",),
+    "map": ("drive.speed=0.1:0.4:3",),
+    "study": ({"drive.speed": [0.1]}, ["run.rms"]),
+    "optimise": ({"drive.speed": (0.1, 0.2)}, "run.rms"),
+    "identify": ([],),
+}
+"""Function whose first argument is a scene -> its other arguments."""
+
+
+def test_every_function_that_takes_the_name_of_a_scene_takes_overrides():
+    from rig import gym
+
+    def takes(function):
+        return any("Scene" in str(one.annotation) for one in inspect.signature(function).parameters.values())
+
+    run, box = golden("belt"), {"observe": {}, "act": {}, "reward": len}
+    calls = {getattr(rig, name): ("belt_normal_force", *more) for name, more in SCENES.items()}
+    assert {one for name in rig.__all__ if takes(one := getattr(rig, name))} == {*calls, rig.diff, rig.events}
+    made = [partial(one, *given) for one, given in calls.items()]
+    made += [partial(rig.diff, run, "belt"), partial(rig.events, run, over="belt")]
+    made += [partial(gym.make, "belt", **box), partial(gym.make_vec, "belt", 2, **box)]
+    for call in made:
+        with pytest.raises(SceneError, match=r"load\.forse"):
+            call(overrides={"load.forse": "10 N"})
+    assert rig.modes("belt", overrides={"load.force": "10 N"}) == rig.modes(rig.load("belt", {"load.force": "10 N"}))
+    with pytest.raises(UsageError, match=r"^overrides load\.force: the scene belt is loaded already; .* rig\.load"):
+        rig.modes(rig.load("belt"), overrides={"load.force": "10 N"})
+
+
+def test_a_path_where_a_run_is_needed_is_told_in_one_line():
+    for call in (lambda: rig.diff("a.mcap", "b.mcap"), lambda: rig.events("a.mcap")):
+        with pytest.raises(UsageError, match=r"^'a\.mcap' is no run; give what rig\.open or rig\.simulate returns$"):
+            call()
+    for call in (rig.open, rig.load, rig.report, rig.fork, lambda path: rig.identify("belt", path)):
+        with pytest.raises(RigError, match=r"^none\.mcap.* [Nn]o such file.*$") as fault:
+            call("none.mcap")
+        assert "\n" not in str(fault.value)
 
 
 def test_where_nothing_can_be_drawn_the_text_is_shown_with_the_reason():

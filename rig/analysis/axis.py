@@ -257,23 +257,29 @@ def in_words(key: str, scene: Scene, declared: bool = False) -> str:
     return title or ("" if declared else " ".join([*path, name]).replace("_", " "))
 
 
-def fixed(scene: Scene, axes: Iterable[Axis]) -> str:
-    """Return the main parameters of `scene` that are on none of the axes, with their values.
+def main(scene: Scene) -> dict[str, tuple[str, str]]:
+    """Return the main parameters of `scene` by key: each in words with its value, and in words.
 
     Main are those whose field declares words for them: speed of the drive, load, coefficients of friction.
     """
-    varied, values, shown = {axis.key for axis in axes}, scene.values(), []
+    values, shown = scene.values(), {}
     for key, unit in sweepable(scene.parameters):
         words = in_words(key, scene, declared=True)
-        if words and key not in varied and values[key][0] is not None:
-            shown.append(f"{words} {values[key][0]:.4g}{'' if unit == '1' else f' {unit}'}")
-    return ", ".join(shown)
+        if words and values[key][0] is not None:
+            shown[key] = f"{words} {values[key][0]:.4g}{'' if unit == '1' else f' {unit}'}", words
+    return shown
 
 
-def heading(figure: Figure, scene: Scene, axes: Iterable[Axis], title: str = "") -> None:
-    """Write a title (by default that of the scene) and below it what is held constant."""
+def fixed(scene: Scene, axes: Iterable[Axis]) -> str:
+    """Return the main parameters of `scene` that are on none of the axes, with their values."""
+    varied = {axis.key for axis in axes}
+    return ", ".join(words for key, (words, _) in main(scene).items() if key not in varied)
+
+
+def heading(figure: Figure, scene: Scene, axes: Iterable[Axis], what: str) -> None:
+    """Write the title, the scene and `what` is shown of it, and below it what is held constant."""
     constant = fixed(scene, axes)
-    figure.suptitle(title or scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+    figure.suptitle(f"{scene.name}: {what}", x=0.01, ha="left")
     if constant:
         text = textwrap.fill(f"fixed: {constant}", round(_LETTERS * figure.get_figwidth()))
         figure.get_axes()[0].set_title(text, loc="left", fontsize=10)

@@ -55,15 +55,15 @@ class Cycle(Result):
     decided: bool = True
     left_out: str = ""
     """The controllers that do not act, in words."""
-    time: Array = field(default_factory=lambda: np.empty(0), compare=False, repr=False)
+    time: Array = field(default_factory=lambda: np.empty(0), compare=False)
     """Instants in one period [s], several in each step of the integrator, [n]."""
-    outputs: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
+    outputs: dict[str, Array] = field(default_factory=dict, compare=False)
     """Each plant output at these instants, [n]; both sides of a jump have the same instant."""
     sticking: tuple[tuple[float, float], ...] = ()
     """Begin and end [s] of each interval of this period in which the first contact sticks."""
-    rig: Scene | None = field(default=None, compare=False, repr=False)
+    rig: Scene | None = field(default=None, compare=False)
     """The scene."""
-    state: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
+    state: dict[str, float] = field(default_factory=dict, compare=False)
     """Every state at the first of these instants, by name."""
 
     @property

@@ -6,7 +6,7 @@ Each function takes a result and returns its figure; a class of results names it
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,11 +16,11 @@ from rig.analysis.control_loop import Loop
 from rig.analysis.cycle_report import Cycle
 from rig.analysis.loop_report import LoopReport
 from rig.analysis.modes import Modes
-from rig.analysis.recorded.amplitude import Amplitudes, Row
+from rig.analysis.recorded.amplitude import NOISY, Amplitudes, Row
 from rig.analysis.sweep import Sweep
 from rig.errors import UsageError
 from rig.view.channels import Channels
-from rig.view.curves import Bools, apart, plain
+from rig.view.curves import Bools, apart, largest, plain, scaled
 from rig.view.palette import ALARM, BLUE, GREY, LINES, VERMILION, drawn, headline, page
 
 if TYPE_CHECKING:
@@ -36,9 +36,8 @@ def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
         raise UsageError("nothing to draw: no sensor has samples")
     columns = min(len(sensors), 3)
     lines = math.ceil(len(sensors) / columns)
-    with page(4.4 * columns, 1.0 + 3.2 * lines, layout="constrained") as figure:
-        title = f"{amplitudes.scene}: amplitude in each stage", "(half of peak to valley) and frequency"
-        figure.suptitle(("\n" if columns == 1 else " ").join(title), ha="center")
+    title = f"{amplitudes.scene}: amplitude and frequency" + " in each stage" * (columns > 1)
+    with page(4.4 * columns, 1.0 + 3.2 * lines, title, layout="constrained") as figure:
         for i, sensor in enumerate(sensors):
             _bars(figure.add_subplot(lines, columns, i + 1), [row for row in rows if row.sensor == sensor])
     return figure
@@ -47,12 +46,16 @@ def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
 def _bars(axes: Axes, rows: Sequence[Row]) -> None:
     first = rows[0]
     places = range(len(rows))
-    bars = axes.bar(places, [row.found.half if row.found.cycles else 0.0 for row in rows], color=BLUE, width=0.6)
-    labels = [f"{row.found.frequency:.4g} Hz" if row.found.cycles else "no cycle" for row in rows]
+    sizes = [row.found.half if row.found.cycles or row.why == NOISY else 0.0 for row in rows]
+    factor, unit = scaled(first.unit, max(sizes))
+    bars = axes.bar(places, [factor * size for size in sizes], color=BLUE, width=0.6)
+    short = {NOISY: "at noise\nlevel"}
+    labels = [f"{row.found.frequency:.4g} Hz" if row.found.cycles else short.get(row.why, "no cycle") for row in rows]
     axes.bar_label(bars, labels, fontsize=8, padding=2)
     axes.margins(y=0.15)
+    axes.set_ylim(bottom=0.0)
     axes.set_xticks(places, [row.stage for row in rows], rotation=20 if len(rows) > 3 else 0, fontsize=8)
-    axes.set_ylabel(f"{first.sensor.replace('_', ' ')} [{first.unit}]")
+    axes.set_ylabel(f"amplitude of {plain(first.sensor)} [{unit}]")
     axes.grid(axis="x", visible=False)
     axes.set_axisbelow(True)
 
@@ -64,7 +67,7 @@ _STICK = "#d9dde3"
 @drawn(12.8, 6.6)
 def cycle_figure(figure: Figure, cycle: Cycle) -> None:
     """Draw a limit cycle; a search that found none gives one with the reason."""
-    figure.suptitle(_title(cycle), x=0.07, ha="left", wrap=True)
+    headline(figure, _title(cycle))
     if cycle.found:
         _compose_cycle(figure, cycle)
 
@@ -85,11 +88,13 @@ def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
     right = grid[1].subgridspec(2, 1, height_ratios=(1.5, 1), hspace=0.35)
     rows = [figure.add_subplot(left[i]) for i in range(len(panels))]
     for axes, panel in zip(rows, panels):
+        title, unit = panel.title.removesuffix("]").rsplit(" [", 1)
+        factor, shown = scaled(unit, largest(*(cycle.outputs[name] for name in panel.outputs)))
         for name in panel.outputs:
-            axes.plot(cycle.time, cycle.outputs[name], color=channels.colours[name], lw=1.6, label=plain(name))
+            axes.plot(cycle.time, factor * cycle.outputs[name], color=channels.colours[name], lw=1.6, label=plain(name))
         for begin, end in cycle.sticking:
             axes.axvspan(begin, end, color=_STICK, lw=0.0, zorder=0)
-        axes.set(ylabel=panel.title, xlim=(0.0, cycle.period))
+        axes.set(ylabel=f"{title} [{shown}]", xlim=(0.0, cycle.period))
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize=8, frameon=False, handlelength=1.0)
         axes.tick_params(labelbottom=axes is rows[-1])
     sticks = f"; grey: {plain(next(iter(cycle.stick_time)))} sticks" if cycle.sticking else ""
@@ -101,11 +106,15 @@ def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
 
 
 def _portrait(axes: Axes, cycle: Cycle, displacement: str, velocity: str) -> None:
-    style = "--" if cycle.repels else "-"
-    axes.plot(cycle.outputs[displacement], cycle.outputs[velocity], style, color=BLUE, lw=1.4)
+    style, x, v = "--" if cycle.repels else "-", cycle.outputs[displacement], cycle.outputs[velocity]
+    (along, unit), (rate, speed) = (
+        scaled(cycle.units[displacement], largest(x)),
+        scaled(cycle.units[velocity], largest(v)),
+    )
+    axes.plot(along * x, rate * v, style, color=BLUE, lw=1.4)
     axes.set(
-        xlabel=f"{plain(displacement)} [{cycle.units[displacement]}]",
-        ylabel=f"{plain(velocity)} [{cycle.units[velocity]}]",
+        xlabel=f"{plain(displacement)} [{unit}]",
+        ylabel=f"{plain(velocity)} [{speed}]",
         title="phase portrait" + "; dashed: the cycle is unstable" * cycle.repels,
     )
 
@@ -130,7 +139,7 @@ def loop_report_figure(figure: Figure, report: LoopReport) -> None:
     """Draw `report`."""
     grid = figure.add_gridspec(2, 3, height_ratios=(1, 1.5), left=0.07, right=0.985, top=0.86, bottom=0.09,
                                hspace=0.5, wspace=0.24)  # fmt: skip
-    figure.suptitle(f"{report.scene}: loop of {report.found.controller}", x=0.07, ha="left", weight="bold")
+    headline(figure, f"{report.scene}: loop of {report.found.controller}")
     _budget(figure.add_subplot(grid[0, :]), report)
     for column, curve in enumerate(report.curves):
         axes = figure.add_subplot(grid[1, column])
@@ -246,11 +255,15 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
     frequency = figure.add_subplot(grid[1, 0], sharex=growth)
     locus = figure.add_subplot(grid[:, 1])
     x, rates, hertz = sweep.axis.shown_values, sweep.growth, sweep.frequency
-    colours = {b: _COLOURS[i % len(_COLOURS)] for i, b in enumerate(np.flatnonzero(np.isfinite(rates).any(axis=0)))}
+    known = np.flatnonzero(np.isfinite(rates).any(axis=0)).tolist()
+    colours = {b: _COLOURS[i % len(_COLOURS)] for i, b in enumerate(known)}
+    partners = {crossing.branch: sweep.partner(crossing) for crossing in sweep.critical}
+    coupled = [b for branch, other in partners.items() if other is not None for b in (branch, other)]
+    growing = np.flatnonzero(np.any(rates > _ROUNDED * np.nanmax(np.abs(rates), initial=0.0), axis=0))
     jumps = _jumps(sweep)
     for branch, colour in colours.items():
         for grows, line in ((False, "-"), (True, "--")):
-            style: dict[str, Any] = {"color": colour, "ls": line, "lw": 1.6}
+            style: dict[str, Any] = {"color": colour, "ls": line, "lw": 2.4 if branch in coupled else 1.6}
             part = _part(rates[:, branch], grows)
             growth.plot(*apart(x, rates[:, branch] + part, jumps), **style)
             frequency.plot(*apart(x, hertz[:, branch] + part, jumps), **style)
@@ -260,28 +273,56 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
     dots = locus.scatter(rates[seen], hertz[seen], c=shades[seen], s=13, cmap="viridis", zorder=3)
     bar = figure.colorbar(dots, ax=locus, pad=0.02, label=sweep.axis.title)
     bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.ax.grid(visible=False)
     _critical(sweep, growth, frequency, locus)
     light = rates[rates > -_LIGHT * 2.0 * np.pi * hertz]
     if sweep.errors.size and light.size:  # else the many damped modes of a structure hide those that begin to grow
         growth.set_ylim(1.1 * light.min(), 1.1 * light.max())
         locus.set_xlim(growth.get_ylim())
+    if zoomed := bool(coupled) and np.isin([*growing, *partners], coupled).all():
+        growth.set_ylim(*_room(rates[:, coupled]))
+        locus.set_xlim(*_room(rates[:, coupled]))
+        seen = seen & np.isin(np.arange(rates.shape[1]), coupled)
     for axes in (growth, locus):
         _zero(axes, upright=axes is locus)
     growth.set_ylabel("growth [1/s]")
     growth.tick_params(labelbottom=False)
     frequency.set(ylabel="frequency [Hz]", xlabel=sweep.axis.title)
     if np.any(seen):
-        low, high = float(np.nanmin(hertz)), float(np.nanmax(hertz))
-        margin = max(0.08 * (high - low), 0.02 * high, 1e-9)  # a nearly constant curve must look constant
-        frequency.set_ylim(low - margin, high + margin)
-    locus.set(xlabel="growth [1/s]", ylabel="frequency [Hz]")
-    locus.set_title("root locus", loc="center")
+        low, high = float(np.nanmin(hertz[seen])), float(np.nanmax(hertz[seen]))
+        # a nearly constant curve must look constant, and two that meet must look apart where they are
+        margin = max(0.08 * (high - low), (0.002 if zoomed else 0.02) * high, 1e-9)
+        for axes in (frequency, locus):
+            axes.set_ylim(low - margin, high + margin)
+    _kinds(sweep, frequency, {b: colour for b, colour in colours.items() if b in coupled})
+    locus.set(xlabel="growth [1/s]", ylabel="frequency [Hz]", title="root locus")
     figure.align_ylabels((growth, frequency))
     what = f"loop of {sweep.loop}" if sweep.loop else "steady sliding"
     what += f", {sweep.friction}" if sweep.friction else ""
-    figure.text(0.07, 0.95, f"{sweep.scene}: {what}", fontsize=15, fontweight="bold")
-    fixed = f"fixed: {sweep.fixed}; " if sweep.fixed else ""
-    figure.text(0.07, 0.918, f"{fixed}solid: decays, dashed: grows", fontsize=10)
+    headline(figure, f"{sweep.scene}: {what}")
+    pairs = dict.fromkeys(sweep.pair(crossing) for crossing in sweep.critical)
+    told = [f"the modes of {pair[0]:.5g} and {pair[1]:.5g} Hz meet" for pair in pairs if pair]
+    told += [f"fixed: {sweep.fixed}"] if sweep.fixed else []
+    figure.text(0.01, 0.925, "; ".join(told), fontsize=10)
+
+
+def _room(values: Array) -> tuple[float, float]:
+    """Ends of an axis with a tenth of the range of `values` on both sides."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    margin = max(0.1 * (high - low), 1e-9)
+    return low - margin, high + margin
+
+
+def _kinds(sweep: Sweep, axes: Axes, coupled: Mapping[int, str]) -> None:
+    """A legend of the kinds of lines, and of the modes that meet, by their frequencies at the begin of the axis."""
+    from matplotlib.lines import Line2D
+
+    first = {branch: next(hertz for hertz in sweep.frequency[:, branch] if hertz == hertz) for branch in coupled}
+    lines = [Line2D([], [], color=colour, lw=2.4, label=f"mode of {first[branch]:.5g} Hz")
+             for branch, colour in coupled.items()]  # fmt: skip
+    lines += [Line2D([], [], color=GREY, ls=style, lw=1.6, label=label)
+              for style, label in (("-", "decays"), ("--", "grows"))]  # fmt: skip
+    axes.legend(handles=lines, loc="best", ncols=2, fontsize=8.5, frameon=True, edgecolor="none", framealpha=0.85)
 
 
 def _jumps(sweep: Sweep) -> Bools:
@@ -330,5 +371,6 @@ def _zero(axes: Axes, upright: bool) -> None:
         axes.set_ylim(low, high)
 
 
+_ROUNDED = 1e-6  # growth rates up to this share of the largest rate are rounding
 _NAMED = 3  # critical values in the legend, one line
 _LIGHT = 0.02  # largest damping ratio of the modes for which the axes of a structure have room

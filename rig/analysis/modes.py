@@ -342,7 +342,7 @@ class Modes(Result):
     limits: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     up_to: float = math.inf
-    nodes: Nodes | None = field(default=None, repr=False, compare=False)
+    nodes: Nodes | None = field(default=None, compare=False)
     left_out: str = ""
 
     COLUMNS: ClassVar = ("mode", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")
@@ -438,6 +438,14 @@ class Modes(Result):
         lines += ["", *(f"  {f.level}: {f.what}\n    {f.remedy}" for f in self.findings)] if self.findings else []
         return "\n".join(lines)
 
+    def summary(self) -> str:
+        """Return the stability in one sentence: the mode that grows fastest, or that decays most slowly."""
+        what = "steady sliding" if self.sliding.coefficient else "rest"
+        told = [f"{what} {_stability(self.sliding)}"]
+        if self.dithered is not None:
+            told.append(f"with dither it {_stability(self.dithered)}")
+        return "; ".join([*told, *filter(None, [self.left_out])])
+
     def _outputs(self) -> Iterator[str]:
         """The outputs at equilibrium; a row of places (`pressure_3_2`) as a range."""
         for common, names in grouped(self.sliding.equilibrium).items():
@@ -447,6 +455,21 @@ class Modes(Result):
             else:
                 span = f"{min(values):.6g} to {max(values):.6g} {unit}"
                 yield f"  {common.removesuffix('_of')} of {len(names)} points: {span}"
+
+
+def _stability(sliding: Sliding) -> str:
+    """Predicate of a sentence on the stability of an equilibrium."""
+    if not sliding.exists:
+        return f"does not exist at these values: {sliding.why}" if sliding.why else "does not exist at these values"
+    if not sliding.modes:
+        return "has no vibration mode"
+    mode = max(sliding.modes, key=lambda mode: mode.growth)
+    at = f" at {mode.frequency:.4g} Hz" if mode.frequency else ""
+    if mode.growth > 0.0:
+        return f"is unstable: {mode.kind} grows with {mode.growth:.4g} 1/s{at}"
+    if mode.growth == 0.0:
+        return f"neither decays nor grows: {mode.kind}{at}"
+    return f"is stable: the slowest mode decays with {-mode.growth:.4g} 1/s{at}"
 
 
 def shape_text(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str:

@@ -214,5 +214,5 @@ def figure(result: Regions) -> Figure:
         ticks = [-most, -most / 20.0, 0.0, most / 20.0, most]
         bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
         bar.outline.set_visible(False)  # type: ignore[operator]
-        heading(figure, result.scene, (result.x, result.y))
+        heading(figure, result.scene, (result.x, result.y), "where sliding grows into vibration")
     return figure

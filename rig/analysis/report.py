@@ -445,7 +445,7 @@ def measures(run: Run, modes: Integers) -> Html:
     columns = ("stage", "from [s]", "to [s]", *shares, "events")
     sizes = [
         (row.stage, row.sensor, row.mean, row.found.half if row.found.cycles else float("nan"), row.unit,
-         row.found.cycles, row.found.frequency)
+         row.found.cycles, row.found.frequency if row.found.cycles else row.why)
         for row in measured(run, begin)
     ]  # fmt: skip
     names = ("stage", "sensor", "mean", "amplitude", "unit", "cycles", "frequency [Hz]")

@@ -31,6 +31,8 @@ from rig.structure.eigenvalues import DAMPED
 Complex = NDArray[np.complex128]
 JUMP = 1e-3  # of the growth beside it: the residual at a root of a continuous function is far smaller
 _SAME = 1e-9  # of the axis: critical values of one kind this close belong to one mode, a pair of eigenvalues
+_MEETS = 0.25  # two frequencies meet at less than this share of their largest distance on the axis, [chosen]
+_NEAR = 0.03  # and at less than this share of the frequency [chosen]
 Array = NDArray[np.float64]
 
 
@@ -250,6 +252,31 @@ class Sweep(Result):
         """The largest growth rate at each value [1/s]."""
         return np.array([max(row[np.isfinite(row)], default=math.nan) for row in self.rates.real])
 
+    def partner(self, critical: Critical) -> int | None:
+        """Return the branch whose frequency meets that of the critical mode (mode coupling); None if there is none.
+
+        The two are near each other beside the critical value, and apart somewhere else on the axis.
+        """
+        if critical.kind != "flutter" or critical.branch < 0:
+            return None
+        hertz = np.where(self.frequency > 0.0, self.frequency, np.nan)
+        gaps = np.abs(hertz - hertz[:, [critical.branch]])
+        gaps[:, critical.branch] = np.nan
+        near = np.abs(np.array(self.axis.values) - critical.value).argsort()[:2]
+        here = np.min(np.where(np.isfinite(gaps), gaps, np.inf)[near], axis=0)
+        most = np.max(np.where(np.isfinite(gaps), gaps, 0.0), axis=0)
+        meets = (here < _MEETS * most) & (here < _NEAR * critical.frequency)
+        return int(np.where(meets, here, np.inf).argmin()) if meets.any() else None
+
+    def pair(self, critical: Critical) -> tuple[float, ...]:
+        """Return the frequencies [Hz], at the begin of the axis, of the two modes that meet; () if none does."""
+        partner = self.partner(critical)
+        if partner is None:
+            return ()
+        both = self.frequency[:, sorted((critical.branch, partner))]
+        known = both[np.isfinite(both).all(axis=1)]
+        return tuple(sorted(known[0].tolist())) if known.size else ()
+
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; a number that is not there is null."""
         growth, frequency, errors = self.growth, self.frequency, self.errors.T.tolist()
@@ -269,7 +296,11 @@ class Sweep(Result):
                 if np.isfinite(g).any()
             ],
             "critical": [
-                {**vars(critical), "shape": {name: [v.real, v.imag] for name, v in critical.shape.items()}}
+                {
+                    **vars(critical),
+                    "shape": {name: [v.real, v.imag] for name, v in critical.shape.items()},
+                    "pair": list(self.pair(critical)),
+                }
                 for critical in self.critical
             ],
             "gaps": [gap._asdict() for gap in self.gaps],
@@ -290,6 +321,9 @@ class Sweep(Result):
             at = f" at {critical.frequency:.6g} Hz" if critical.frequency else ""
             what = critical.sides if critical.kind == "jamming" else f"{critical.kind}{at}, {critical.sides}"
             lines += [f"  {axis.text(critical.value, 12)}: {what}"]
+            if pair := self.pair(critical):
+                both = " and ".join(f"{hertz:.5g}" for hertz in pair)
+                lines += [f"    the modes of {both} Hz meet (frequencies at {axis.text(axis.values[0])})"]
             if critical.energy:
                 lines += [f"    {shape_text(critical.shape, critical.energy)} (share of the energy)"]
         if not self.critical:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -112,21 +114,23 @@ def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) ->
     """Print a table in the width of the terminal; at most 160 columns without a terminal."""
     texts = [[printable(cell if isinstance(cell, str) else number(cell)) for cell in row] for row in rows]
     lines = [text.removeprefix("  ") for text in columns([titles, *texts], "<" * len(titles))]
-    if not sys.stdout.isatty() and max(map(len, lines)) <= _WIDTH:
+    if not sys.stdout.isatty() and max(map(len, lines)) <= width():
         for text in (name, *lines) if name else lines:
             line(text)
         return
     from rich.console import Console  # 30 ms: only where it sets or folds text
     from rich.table import Table
 
-    made = Table(title=name, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+    made = Table(box=None, pad_edge=False, header_style="dim")
     for title in titles:
         made.add_column(title, overflow="fold")
     for row in texts:
         made.add_row(*row)
     console = Console()
     if not console.is_terminal:
-        console = Console(width=_WIDTH)
+        console = Console(width=width())
+    if name:
+        console.print(name, style="bold", markup=False, highlight=False)
     console.print(made, markup=False, highlight=False)
 
 
@@ -136,6 +140,51 @@ def listing(title: str, heads: Mapping[str, str], rows: Sequence[Mapping[str, An
         report(rows)
     else:
         table(title, [*heads.values()], [[row[key] for key in heads] for row in rows])
+
+
+def width() -> int:
+    """Columns of the terminal; 160 without one."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else _WIDTH
+
+
+def paragraph(text: str) -> None:
+    """Print a text as it is; where its lines are wider than the terminal, its paragraphs are folded."""
+    lines = text.splitlines()
+    if max(map(len, lines), default=0) > width():
+        lines = [line for part in text.split("\n\n") for line in (*textwrap.wrap(part, width()), "")][:-1]
+    for text_line in lines:
+        line(text_line)
+
+
+_BESIDE = 30  # fewest columns for a text beside its row; with less it stands below
+_BELOW = 4
+
+
+def described(title: str, rows: Iterable[Sequence[str]], align: str = "") -> None:
+    """Print rows of cells in columns, the last of which is a text that is folded to the width of the terminal.
+
+    `align`: "<" or ">" for each of the other columns.
+    """
+    table = [[printable(cell) for cell in row] for row in rows]
+    if title:
+        line(title)
+    if not table:
+        return
+    cells = [row[:-1] for row in table]
+    begins = [*columns(cells, align or "<" * len(cells[0]))]
+    edge = max(map(len, begins)) + 2
+    beside = width() - edge >= _BESIDE
+    for begin, (*_, text) in zip(begins, table):
+        if beside:
+            first, *more = textwrap.wrap(text, width() - edge) or [""]
+            line(f"{begin:<{edge}}{first}".rstrip())
+            for rest in more:
+                line(" " * edge + rest)
+        else:
+            for folded in textwrap.wrap(begin, width(), subsequent_indent=" " * _BELOW, drop_whitespace=False):
+                line(folded.rstrip())
+            for rest in textwrap.wrap(text, width() - _BELOW):
+                line(" " * _BELOW + rest)
 
 
 def pairs(rows: Iterable[tuple[str, str]]) -> None:

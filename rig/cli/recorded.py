@@ -436,7 +436,8 @@ def diff(
     if not _is_scene(second):
         from rig.analysis.recorded.comparison import compare
 
-        compared = compare(run, opened(Path(second), trust), low, high, tolerance)
+        names = tuple(str(path) for path in (first, second))
+        compared = compare(run, opened(Path(second), trust), low, high, tolerance, names)
         printing.result(compared, as_json, figure=figure)
         draw(compared, figure)
         printing.passed(compared.agree)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,14 +15,14 @@ import typer
 from rig.cli import printing
 from rig.cli.options import Changes, Figure, Force, Json, SceneName, Untold, changes, the_scene
 from rig.cli.printing import new, writable
-from rig.errors import LogError, UsageError
+from rig.errors import LogError, RigError, UsageError
 from rig.machine.files import write_file
 from rig.printable import counted
 
 if TYPE_CHECKING:
     from rig.qualify.cost.effects import Paired
     from rig.qualify.effects_measured import Rate
-    from rig.scenes.explain import Value
+    from rig.scenes.explain import Effect, Explanation, Value
     from rig.scenes.scene import Scene
 
 
@@ -32,22 +34,39 @@ def list_scenes(
 ) -> None:
     """List the shipped scenes, or those in a folder; and parts that other packages have installed."""
     from rig.scenes import names
-    from rig.scenes.shipped import card
+    from rig.scenes.shipped import FIRST, card, groups
 
     if folder is None:
-        cards = [card(name) for name in names()]
+        cards = {name: {**card(name), "group": groups()[name]} for name in names()}
+        if as_json:
+            printing.report([*cards.values()])
+            return
+        printing.line(f"start with {FIRST}: rig run {FIRST} --view")
+        _print_cards([cards[name] for name in groups()])
     else:
         from rig.scenes.inherit import cards as cards_of  # slow to import
 
-        cards = cards_of(folder)
-    if as_json:
-        printing.report(cards)
-        return
-    rows = [(c["name"], c["plant"] or "", c["pace_limit"] or "", c["title"]) for c in cards]
-    printing.table("", ("scene", "plant", "largest pace", "title"), rows)
+        found = cards_of(folder)
+        if as_json:
+            printing.report(found)
+            return
+        _print_cards(found)
     _list_installed()
-    printing.line("\nlargest pace: largest real-time factor of rig run; blank: not limited")
-    printing.line("next: rig explain SCENE | rig run SCENE --view | rig simulate SCENE")
+    printing.line("\nnext: rig explain SCENE | rig simulate SCENE | rig run SCENE --view")
+
+
+def _print_cards(cards: Sequence[Mapping[str, Any]]) -> None:
+    """Names and titles in groups by what happens; all names have one width."""
+    width = max((len(card["name"]) for card in cards), default=0)
+    for group, listed in groupby(cards, key=lambda card: card.get("group", "")):
+        printing.line()
+        printing.described(group, [(f"{card['name']:<{width}}", _title(card)) for card in listed])
+
+
+def _title(card: Mapping[str, Any]) -> str:
+    title, limit = card["title"] or f"based on {card['based_on']}", card["pace_limit"]
+    title += "" if "group" in card else f", plant {card['plant']}"
+    return f"{title} (real-time factor up to {limit:g})" if limit else title
 
 
 def _list_installed() -> None:
@@ -166,20 +185,9 @@ def explain(
             }
         )
         return
-    chaotic = ("After the first opening of a contact point the motion is chaotic: only statistics count. "
-               f"Their spread: rig study {shlex.quote(scene)} --repeat 8 -p noise.force=1e-6 "
-               "--measure run.rms")  # fmt: skip
-    paragraphs = (
-        f"{loaded.title} ({loaded.name})",
-        loaded.about,
-        loaded.bases and f"Based on {', which is based on '.join(loaded.bases)}",
-        loaded.slow and f"Paced, {loaded.slow}",
-        loaded.assemble().film is not None and chaotic,
-    )
-    for text in filter(None, paragraphs):
-        printing.line(f"{text}\n")
-    rows = [(e.name, "on" if e.on else "absent", len(e.states), e.states_text, e.about) for e in explanation.effects]
-    printing.table(f"effects: {counted(explanation.states, 'state')}", ("effect", "", "states", "", "about"), rows)
+    _print_screen(explanation, scene)
+    effects = [(e.name, "on" if e.on else "absent", _with_states(e)) for e in explanation.effects]
+    printing.described(f"effects: {counted(explanation.states, 'state')}", effects)
     printing.line()
     actuators = [(a.name, f"{a.low:g} .. {a.high:g}", _unit(a.unit), f"{a.start:g}", f"{a.safe:g}")
                  for a in explanation.actuators]  # fmt: skip
@@ -190,12 +198,104 @@ def explain(
         _print_network(loaded)
     if loaded.faults:
         _print_faults(loaded)
-    shown = [(v.key, ", ".join(map(printing.number, v.value if isinstance(v.value, list) else [v.value])),
-              _unit(v.unit), v.origin.origin, v.origin.note, str(v.place or "")) for v in values]  # fmt: skip
-    printing.table("values", ("key", "value", "unit", "origin", "note", "file"), shown)
+    _print_values(values)
     left = len(explanation.values) - len(values)
     more = f"{left} more values have defaults; to list them: rig explain {shlex.quote(scene)} --all"
-    printing.line(f"\n{more}" if left else "")
+    if left:
+        printing.line()
+        printing.paragraph(more)
+
+
+def _print_screen(explanation: Explanation, typed: str) -> None:
+    """One screen: what acts, what it does, what is uncertain. `typed`: the name that the user gave."""
+    scene, name = explanation.scene, shlex.quote(typed)
+    based_on = scene.bases and f"Based on {', which is based on '.join(scene.bases)}"
+    for text in (f"{scene.title} ({scene.name})", scene.about, based_on, scene.slow and f"Paced, {scene.slow}"):
+        if text:
+            printing.paragraph(text)
+            printing.line()
+    on = [effect for effect in explanation.effects if effect.on and effect.name != "structure"]
+    acts = [(effect.name, effect.about) for effect in on if effect.name.startswith(_CONTACT)]
+    acts += [("also", ", ".join(effect.name for effect in on if not effect.name.startswith(_CONTACT)))]
+    acts += [(f"controller {key}", _loop(section)) for key, section in scene.controllers.items()]
+    acts += [("sensors", ", ".join(scene.sensors))]
+    for title, rows in (
+        ("what acts", acts), ("what it does", _does(scene, name)), ("what is uncertain", _uncertain(explanation)),
+    ):  # fmt: skip
+        printing.described(title, [row for row in rows if row[1]])
+    printing.paragraph(f"next: rig simulate {name} | rig modes {name} | rig run {name} --view")
+    printing.line()
+
+
+_CONTACT = "friction at "
+_SOURCED = ("paper", "public", "derived", "measured")
+"""Origins that another person can check."""
+
+
+def _loop(section: Any) -> str:
+    from rig.controllers import controller_drives, controller_reads
+
+    reads = ", ".join(dict.fromkeys(controller_reads(section).values()))
+    drives = ", ".join(controller_drives(section))
+    return f"kind {section.kind}, reads {reads or 'nothing'}, drives {drives or 'nothing'}"
+
+
+def _does(scene: Scene, name: str) -> Iterator[tuple[str, str]]:
+    """The stability of steady sliding, and the protocol."""
+    from rig.analysis.axis import main
+    from rig.analysis.modes import modes
+
+    try:
+        stability = modes(scene).summary()
+    except RigError as fault:
+        stability = " ".join(str(fault).split())
+    yield "stability", stability
+    yield "at", ", ".join(words for words, _ in main(scene).values())
+    if scene.protocol:
+        length = "without an end" if scene.duration_ns is None else f"{scene.duration_ns / 1e9:g} s"
+        yield "protocol", f"{counted(len(scene.protocol), 'step')}, {length}"
+    if scene.assemble().film is not None:
+        yield "chaos", ("after the first opening of a contact point the motion is chaotic: only statistics count. "
+                        f"Their spread: rig study {name} --repeat 8 -p noise.force=1e-6 --measure run.rms")  # fmt: skip
+
+
+def _uncertain(explanation: Explanation) -> Iterator[tuple[str, str]]:
+    """How many values have which origin; of the main ones those that have no source."""
+    from rig.analysis.axis import main
+
+    stated = [v for v in explanation.values if v.place or v.key in explanation.scene.origins]
+    counts = Counter(value.origin.origin for value in stated)
+    yield "origins", ", ".join(f"{number} {origin}" for origin, number in counts.most_common()) or "all are defaults"
+    words: dict[str, list[str]] = {}
+    shown = main(explanation.scene)
+    for value in stated:
+        if value.key in shown and value.origin.origin not in _SOURCED:
+            words.setdefault(value.origin.origin, []).append(shown[value.key][1])
+    yield "no source", "; ".join(f"{', '.join(names)} ({origin})" for origin, names in words.items())
+    yield "your rig", "rig identify fits parameters to your recordings: docs/identify.md"
+
+
+def _with_states(effect: Effect) -> str:
+    states = f"{counted(len(effect.states), 'state')} {effect.states_text}" if effect.states else ""
+    return "; ".join(filter(None, (effect.about, states)))
+
+
+def _print_values(values: Sequence[Value]) -> None:
+    """Every value with its origin, note and line; the file that gives most of them is named once."""
+    files = Counter(v.place.file for v in values if v.place and v.place.line)
+    usual = files.most_common(1)[0][0] if files else ""
+
+    def line_of(value: Value) -> str:
+        place = str(value.place or "")
+        return place.removeprefix(f"{usual}, ") if usual else place
+
+    shown = [(v.key, f"{_listed(v.value)} {_unit(v.unit)}".strip(), v.origin.origin,
+              ", ".join(filter(None, (v.origin.note, line_of(v))))) for v in values]  # fmt: skip
+    printing.described(f"values, with lines of {usual}" if usual else "values", shown)
+
+
+def _listed(value: Any) -> str:
+    return ", ".join(map(printing.number, value if isinstance(value, list) else [value]))
 
 
 def _unit(unit: str) -> str:
@@ -228,12 +328,13 @@ def _print_controllers(scene: Scene) -> None:
     printing.table(title, ("controller", "number", "value"), rows)
     without = [name for name, numbers in by_controller.items() if not numbers]
     if without:
-        printing.line(f"{', '.join(without)}: no number of the rig")
+        printing.paragraph(f"{', '.join(without)}: no number of the rig")
     for line in filter(None, [fault and f"cannot be designed: {fault}", *lines(scene)]):
-        printing.line(line)
-    printing.line(
-        "set-points (speed of the drive, load) are told when they are varied, other values are not: docs/belief.md\n"
+        printing.paragraph(line)
+    printing.paragraph(
+        "set-points (speed of the drive, load) are told when they are varied, other values are not: docs/belief.md"
     )
+    printing.line()
 
 
 def _short(value: Any) -> str:
@@ -250,13 +351,14 @@ def _print_network(scene: Scene) -> None:
 
     ticks = {topic: link.ticks(scene.frame_ns) for topic, link in scene.network.links.items()}
     rows = [
-        (topic, described(dump(scene.network.links[topic])),
-         f"{least} .. {most} frames" if most > least else counted(most, "frame"))
+        (topic, f"under way {least} .. {most} frames" if most > least else f"under way {counted(most, 'frame')}",
+         described(dump(scene.network.links[topic])))
         for topic, (least, most) in ticks.items()
     ]  # fmt: skip
     seed = scene.seed if scene.network.seed is None else scene.network.seed
-    printing.table(f"impaired links, seed {seed}", ("link", "", "time under way"), rows)
-    printing.line("a message arrives at a frame: its transmission time is rounded up to whole frames\n")
+    printing.described(f"impaired links, seed {seed}", rows)
+    printing.paragraph("a message arrives at a frame: its transmission time is rounded up to whole frames")
+    printing.line()
 
 
 def _print_faults(scene: Scene) -> None:
@@ -266,11 +368,11 @@ def _print_faults(scene: Scene) -> None:
     units = {name: named.unit for name, named in scene.assemble().inputs.items()}
     units |= {name: sensor.unit for name, sensor in scene.sensors.items()}
     rows = [
-        (f"{fault.at / 1e9:g} s", "the end" if fault.end is None else f"{fault.end / 1e9:g} s", name,
+        (f"{fault.at / 1e9:g} s", "to the end" if fault.end is None else f"to {fault.end / 1e9:g} s", name,
          described(fault, units[fault.part]))
         for name, fault in sorted(scene.faults.items(), key=lambda named: named[1].at)
     ]  # fmt: skip
-    printing.table("faults of sensors and actuators", ("from", "to", "fault", ""), rows)
+    printing.described("faults of sensors and actuators", rows)
     printing.line()
 
 

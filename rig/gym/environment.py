@@ -5,6 +5,7 @@ A step of a rig takes 20 us, a message to another process more: processes would 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from rig.gym.episode import Episode, Ranges, Reward
 from rig.quantities import whole
-from rig.scenes import load
+from rig.scenes.loader import loaded
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -57,18 +58,23 @@ class RigEnv(gymnasium.Env[Array, Array]):
 
 
 def make(
-    scene: Scene | str | Path, *, observe: Ranges, act: Ranges, reward: Reward, frames: int = 1, duration: Any = None
+    scene: Scene | str | Path,
+    *,
+    observe: Ranges,
+    act: Ranges,
+    reward: Reward,
+    frames: int = 1,
+    duration: Any = None,
+    overrides: Mapping[str, object] | None = None,
 ) -> RigEnv:
     """A scene as an environment.
 
     `observe`, `act`: sensor or actuator -> (least, largest value), in SI or as texts with a unit. Observations and
     commands are limited to these ranges. `reward`: a function of `Now`. `frames`: frames of the scene in a step.
-    `duration`: length of an episode in seconds; by default that of the protocol. Raises rig.errors.UsageError with all
-    faults.
+    `duration`: length of an episode in seconds; by default that of the protocol. `overrides`: as for `rig.load`, of a
+    scene given by name or file. Raises rig.errors.UsageError with all faults.
     """
-    return RigEnv(
-        Episode(load(scene) if isinstance(scene, str | Path) else scene, observe, act, reward, frames, duration)
-    )
+    return RigEnv(Episode(loaded(scene, overrides), observe, act, reward, frames, duration))
 
 
 def make_vec(
@@ -80,11 +86,13 @@ def make_vec(
     reward: Reward,
     frames: int = 1,
     duration: Any = None,
+    overrides: Mapping[str, object] | None = None,
 ) -> SyncVectorEnv[Array, Array]:
     """`count` rigs of a scene as one vectorised environment; for the other arguments see `rig.gym.make`.
 
     Raises rig.errors.UsageError with all faults of the arguments.
     """
-    loaded = load(scene) if isinstance(scene, str | Path) else scene
-    one = partial(make, loaded, observe=observe, act=act, reward=reward, frames=frames, duration=duration)
+    one = partial(
+        make, loaded(scene, overrides), observe=observe, act=act, reward=reward, frames=frames, duration=duration
+    )
     return SyncVectorEnv([one] * count)

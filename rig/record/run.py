@@ -30,40 +30,42 @@ LINES = 12
 """Most outputs, and most sensors, that have a line each."""
 WIDTH = 120
 """Most characters of a line."""
-_LABEL, _NAME = 12, 24
+_LABEL = 40  # widest column of names
 
 
 def overview(run: RunData) -> str:
-    """Return scene, length, timing verdict, outputs and sensors with their ranges, controllers, events and damage."""
-    return "\n".join(line if len(line) <= WIDTH else f"{line[: WIDTH - 4]} ..." for line in _lines(run))
+    """Return scene, length, timing verdict, outputs and sensors with their ranges, controllers, events and damage.
+
+    All texts begin in one column, so that the notebook shows them as one table.
+    """
+    rows = [*_rows(run)]
+    label = min(max(len(name) for name, _ in rows), _LABEL)
+    lines = (f"{name:<{label}}  {text}".rstrip() for name, text in rows)
+    return "\n".join(line if len(line) <= WIDTH else f"{line[: WIDTH - 4]} ..." for line in lines)
 
 
-def _lines(run: RunData) -> Iterator[str]:
+def _rows(run: RunData) -> Iterator[tuple[str, str]]:
     length = run.span[1] if run.span else 0.0
     if run.measured:
-        yield _line("measurement", f"{run.name}, {length:g} s")
+        yield "measurement", f"{run.name}, {length:g} s"
     else:
-        yield _line("run", f"{_scene(run)}, {length:g} s, step {run.step_ns / 1e6:g} ms")
-        yield _line("timing", _timing(run))
-        yield _line("outputs", f"{counted(run.time.size, 'row')}{_rate(np.rint(run.time * 1e9).astype(np.int64))}")
+        yield "run", f"{_scene(run)}, {length:g} s, step {run.step_ns / 1e6:g} ms"
+        yield "timing", _timing(run)
+        yield "outputs", f"{counted(run.time.size, 'row')}{_rate(np.rint(run.time * 1e9).astype(np.int64))}"
         yield from _some(_outputs(run), len(grouped(run.signals)))
     if run.measurements:
-        yield _line("sensors", str(len(run.measurements)))
+        yield "sensors", str(len(run.measurements))
         yield from _some(_sensors(run), len(run.measurements))
     commands = (f"{name}: {counted(sent.tick.size, 'command')}" for name, sent in run.commands.items())
-    yield _line("controllers", ", ".join(commands) or "none")
+    yield "controllers", ", ".join(commands) or "none"
     kinds = Counter(event["kind"] for event in run.events)
-    yield _line("events", ", ".join(f"{kind} {number}" for kind, number in kinds.items()) or "none")
+    yield "events", ", ".join(f"{kind} {number}" for kind, number in kinds.items()) or "none"
     if "error" in run.energy:
-        yield _line("energy", f"residual of the balance: {abs(run.energy['error']):.1e} of its largest term")
+        yield "energy", f"residual of the balance: {abs(run.energy['error']):.1e} of its largest term"
     for label, text in (("fault", run.fault), ("recovered", run.recovered), ("restarted", run.untold)):
         if text and text != run.damage:
-            yield _line(label, text.partition("\n")[0])
-    yield _line("damage", run.damage or "none")
-
-
-def _line(label: str, text: str) -> str:
-    return f"{label:<{_LABEL}}{text}".rstrip()
+            yield label, text.partition("\n")[0]
+    yield "damage", run.damage or "none"
 
 
 def _scene(run: RunData) -> str:
@@ -81,22 +83,22 @@ def _timing(run: RunData) -> str:
     return f"{verdict}: {', '.join(map(str, reasons))}" if reasons else str(verdict)
 
 
-def _some(lines: Iterator[str], count: int) -> Iterator[str]:
-    yield from islice(lines, LINES)
+def _some(rows: Iterator[tuple[str, str]], count: int) -> Iterator[tuple[str, str]]:
+    yield from islice(rows, LINES)
     if count > LINES:
-        yield f"  and {count - LINES} more"
+        yield f"  and {count - LINES} more", ""
 
 
-def _outputs(run: RunData) -> Iterator[str]:
+def _outputs(run: RunData) -> Iterator[tuple[str, str]]:
     for name, members in grouped(run.signals).items():
         unit = run.units.get(members[0], "") + (f" at {len(members)} points" if len(members) > 1 else "")
-        yield f"  {name:<{_NAME}} {_range([run.signals[member] for member in members])} {unit}"
+        yield f"  {name}", f"{_range([run.signals[member] for member in members])} {unit}"
 
 
-def _sensors(run: RunData) -> Iterator[str]:
+def _sensors(run: RunData) -> Iterator[tuple[str, str]]:
     for name, (t_ns, v) in run.measurements.items():
         unit, rows = run.units.get(f"meas/{name}", ""), counted(v.size, "row")
-        yield f"  {name:<{_NAME}} {_range([v])} {unit}, {rows}{_rate(t_ns)}"
+        yield f"  {name}", f"{_range([v])} {unit}, {rows}{_rate(t_ns)}"
 
 
 def _range(values: list[Reals]) -> str:
@@ -167,6 +169,3 @@ class Run(RunData, Result):
     def text(self) -> str:
         """Return the overview as text."""
         return overview(self)
-
-    def __repr__(self) -> str:
-        return self.text()

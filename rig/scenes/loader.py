@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from rig.controllers.blocks.compiled import CompiledSection
 from rig.effects import EFFECTS, knock
-from rig.errors import PartError, SceneError
+from rig.errors import PartError, SceneError, UsageError
 from rig.laws import LAWS, FrictionLaw, with_laws
 from rig.parts import Code, calling, code_of
 from rig.plants import PLANTS
@@ -67,6 +67,21 @@ def load(
         listed = tables.faults[: merged.MOST]
         more = ["and more"] if len(tables.faults) > merged.MOST else []
         raise SceneError(str(name_or_path), [*listed, *more, *tables.notes])
+    return scene
+
+
+def loaded(scene: Scene | str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
+    """Return a scene that is loaded already, or load the one of a name or file with `overrides`, as `load` does.
+
+    Raises SceneError as `load`, UsageError for what is no scene and for overrides of a scene that is loaded already.
+    """
+    if isinstance(scene, str | Path):
+        return load(str(scene), overrides)
+    if not isinstance(scene, Scene):
+        raise UsageError(f"{scene!r:.60} is no scene; give a name, a file, or what rig.load returns")
+    if overrides:
+        raise UsageError(f"overrides {', '.join(overrides)}: the scene {scene.name} is loaded already; "
+                         "give them to rig.load, or give its name or file here")  # fmt: skip
     return scene
 
 

@@ -20,6 +20,38 @@ _BASE = re.compile(r'^based_on\s*=\s*"([^"]*)"', re.MULTILINE)
 _TABLE = re.compile(r"^(?=\[[a-z])", re.MULTILINE)
 
 
+FIRST = "pendulum"
+"""The scene to start from."""
+GROUPS = {
+    "stick-slip": "pendulum pendulum_by_hand belt belt_b belt_c seal_p seal_l tread_rough disc_slider",
+    "stick-slip with other friction laws": "belt_stick_time belt_contact_temperature belt_lugre belt_elasto_plastic "
+    "belt_maxwell_slip belt_dahl belt_rate_state",
+    "sliding and stick-slip both stable; run-up and run-down": "belt_hysteresis belt_c_damped lever lever_three_stage "
+    "lever_coulomb lever_sector lever_sector_three_stage tip tip_knock tip_epoxy tip_beam",
+    "remedies against stick-slip": "belt_remedy_damping belt_remedy_friction belt_remedy_load belt_remedy_speed "
+    "belt_remedy_stiffness belt_tuned_mass belt_tuned_mass_wrong belt_shunt",
+    "feedback against stick-slip": "belt_normal_force belt_normal_force_acceleration belt_normal_force_displacement "
+    "belt_velocity_feedback belt_slow_card belt_poor_network belt_faults",
+    "dither and fluctuating load": "belt_dither belt_dither_controlled belt_dither_sampled two_dof_dither "
+    "disc_slider_dither belt_fluctuating_load",
+    "flutter, mostly by mode coupling": "two_dof four_dof north pin tread structure disc_slider_c plate_cea",
+    "squeal of a brake": "brake brake_3400 brake_disc_modes",
+    "squeal that a piezo stack stops": "brake_shunt brake_shunt_listener brake_shunt_sound brake_shunt_tuned "
+    "brake_active",
+    "divergence and moving load": "north_divergence disc_slider_a",
+    "detachment, chaotic motion": "plate plate_96 plate_converged plate_example_2 plate_example_3",
+    "tests that find the parameters of a rig": "lever_static_friction lever_kinetic_friction lever_free_cylinder "
+    "lever_free_lever plate_free",
+}
+"""What happens -> the scenes in which it does, the first one to begin with."""
+
+
+@cache
+def groups() -> dict[str, str]:
+    """What happens in each shipped scene, in the order of `GROUPS`."""
+    return {name: group for group, listed in GROUPS.items() for name in listed.split()}
+
+
 @cache
 def names() -> tuple[str, ...]:
     """Names of the shipped scenes."""

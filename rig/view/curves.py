@@ -26,6 +26,7 @@ from rig.view.palette import ALARM, GREEN, LINES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 
@@ -199,8 +200,8 @@ _STEP, _MARK = 8.5, 9.5
 """Size of the letters of a step of the protocol and of a mark [pt]."""
 _ROW, _ROWS = 1.45, 7
 """Height of a row of marks in heights of its letters, and most rows."""
-_PREFIXED = re.compile(r"(m|rad|N|V|A|Pa)(?![A-Za-z])")
-_PREFIXES = ((5e-2, 1.0, ""), (5e-5, 1e3, "m"), (5e-8, 1e6, "u"), (0.0, 1e9, "n"))  # least value, factor and prefix
+_PREFIXED = re.compile(r"(m|N|V|A|Pa)(/s(\^2)?)?")
+_PREFIXES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-6, 1e6, "u"), (0.0, 1e9, "n"))  # least value, factor and prefix
 _VISIBLE, _NOISY, _LASTING = 0.02, 3.0, 3
 """Samples show a faster motion if they leave the line between two states by this share of their range, by so many
 times the difference of neighbours (which noise does not), and in so many intervals one after the other."""
@@ -280,6 +281,24 @@ def _faster(t: Reals, v: Reals, at: Reals) -> bool:
     return bool(np.convolve(fast, np.ones(_LASTING, int)).max() >= _LASTING)
 
 
+def scaled(unit: str, most: float) -> tuple[float, str]:
+    """Factor from `unit` to the one in which values up to `most` read well, and this unit: mm/s below 1 m/s.
+
+    The page (dom.js) has the same rule.
+    """
+    if not _PREFIXED.fullmatch(unit) or not 0.0 < most < math.inf:
+        return 1.0, unit
+    factor, prefix = next((factor, prefix) for least, factor, prefix in _PREFIXES if most >= least)
+    return factor, prefix + unit
+
+
+def read_in(axis: Axis, unit: str, most: float) -> str:
+    """Write the ticks of an `axis` with values in `unit` up to `most` in the unit that `scaled` gives; return it."""
+    factor, shown = scaled(unit, most)
+    axis.set_major_formatter(lambda value, _: f"{factor * value:.6g}".replace("-", "\N{MINUS SIGN}"))
+    return shown
+
+
 class Scales:
     """One unit for each quantity of a figure, so that its largest value is a number of the usual size.
 
@@ -294,11 +313,7 @@ class Scales:
 
     def of(self, unit: str, v: Reals | None = None) -> tuple[float, str]:
         """Factor from `unit` to the unit that the figure shows, and this unit; of values `v` that are no output."""
-        most = self._most.get(unit, 0.0 if v is None else largest(v))
-        if not _PREFIXED.match(unit) or not 0.0 < most < math.inf:
-            return 1.0, unit
-        factor, prefix = next((factor, prefix) for least, factor, prefix in _PREFIXES if most >= least)
-        return factor, prefix + unit
+        return scaled(unit, self._most.get(unit, 0.0 if v is None else largest(v)))
 
 
 def largest(*values: Reals) -> float:
@@ -438,7 +453,7 @@ def heading(figure: Figure, run: Run, left: float) -> None:
     """Write the title of the run's scene and, if the run stopped early, the reason; `left`: share of the width."""
     about = described(run.scene)
     figure.text(
-        left, 0.968, about.get("title") or about.get("name") or run.name or "run", fontsize=15, fontweight="bold"
+        left, 0.968, about.get("title") or about.get("name") or run.name or "run", fontsize=13, fontweight="bold"
     )
     if run.fault:
         figure.text(0.985, 0.968, run.fault.partition("\n")[0][:110], color=ALARM, ha="right", fontsize=10.5)

@@ -29,6 +29,8 @@ ALARM = "#9b2226"
 """Critical values, limits, faults."""
 STYLE: dict[str, Any] = {
     "font.size": 10.5,
+    "figure.titlesize": 13,
+    "figure.titleweight": "bold",
     "axes.titlesize": 11,
     "axes.titlelocation": "left",
     "axes.labelsize": 10.5,
@@ -100,7 +102,7 @@ def drawn(
 
 def headline(figure: Figure, text: str) -> None:
     """Write the title of a figure, at its left edge."""
-    figure.suptitle(text, x=0.01, ha="left", fontweight="bold")
+    figure.suptitle(text, x=0.01, ha="left")
 
 
 @cache

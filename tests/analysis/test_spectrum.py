@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -170,3 +171,12 @@ def test_the_command(tmp_path, rig):
     assert "orders" not in out
     code, out, err = rig("spectrum", log, "--window", "1 kg", "--orders", "y", "--signal", "x")
     assert (code, out, len(err.splitlines())) == (2, "", 3)
+
+
+def test_the_figure_labels_every_line_above_a_share_of_the_power_and_states_its_resolution():
+    found = spectrum(lab.open(Path(__file__).parents[2] / "recordings" / "golden" / "plate_free.mcap"), "accelerometer")
+    strong = [line for line in found.lines if line.rms**2 >= 0.01 * found.density.rms**2]
+    assert 3 < len(strong) < len(found.lines)
+    axes = found.plot().axes[0]
+    assert sorted(int(text.get_text().split()[0]) for text in axes.texts) == sorted(round(line.at) for line in strong)
+    assert f"resolution {found.density.step:.3g} Hz" in axes.get_title(loc="left")

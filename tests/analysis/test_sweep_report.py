@@ -95,3 +95,29 @@ def test_a_figure_names_every_parameter_in_words(shipped):
             assert unit == "1" or words.endswith(f" [{unit}]")
     axis = Axis.parse("controllers.nf.gain=1:2:3", rig.load("belt_normal_force"), "nf")
     assert axis.title.startswith("nf gain")
+
+
+@pytest.mark.parametrize(("name", "axis", "first"), [
+    ("two_dof", (0.1, 0.6, 11), (1.4621, 1.7111)), ("brake", (0.0, 0.7, 8), (2079.4, 2182.8)),
+])  # fmt: skip
+def test_a_sweep_names_the_pair_of_modes_that_meets_and_its_figure_shows_it_large(name, axis, first):
+    found = rig.sweep(name, "friction.mu", np.linspace(*axis))
+    [critical] = found.critical
+    assert found.pair(critical) == pytest.approx(first, rel=1e-4)
+    both = " and ".join(f"{hertz:.5g}" for hertz in first)
+    assert f"the modes of {both} Hz meet (frequencies at {axis[0]:g})" in found.text()
+    figure = found.plot()
+    assert any(f"the modes of {both} Hz meet" in text.get_text() for text in figure.texts)
+    frequency, locus = figure.axes[1], figure.axes[2]
+    for axes in (frequency, locus):
+        low, high = axes.get_ylim()
+        assert low < first[0] < first[1] < high
+        assert high - low < 1.4 * (first[1] - first[0])
+    legend = [text.get_text() for text in frequency.get_legend().get_texts()]
+    assert {"decays", "grows"} < {*legend}
+    assert len(legend) == 4
+
+
+def test_a_mode_that_grows_by_itself_meets_none():
+    found = rig.sweep("disc_slider", "drive.speed", [1.0, 2.0, 3.0, 4.0])
+    assert [found.pair(critical) for critical in found.critical] == [()] * len(found.critical) != []

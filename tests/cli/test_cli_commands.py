@@ -20,6 +20,7 @@ from rig.cli import printing
 from rig.cli.app import program
 from rig.errors import ExitCode
 from rig.record.reader import open as open_recording
+from rig.scenes import shipped
 
 COMMANDS = sorted(set(program.commands) - {"topic"})
 PROMISED = (
@@ -71,12 +72,16 @@ def _environment():
     return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
 
 
-def test_list_names_every_scene(rig):
+def test_list_begins_with_the_scene_to_start_from_and_names_every_scene_in_one_group(rig):
     code, out, _ = rig("list")
     assert code == 0
-    assert all(name in out for name in scenes.names())
+    assert out.startswith("start with pendulum: rig run pendulum --view\n\nstick-slip\n  pendulum ")
+    listed = [line.split()[0] for line in out.splitlines() if line.startswith("  ")]
+    assert sorted(listed) == list(scenes.names())
     code, out, _ = rig("list", "--json")
-    assert [card["name"] for card in json.loads(out)] == list(scenes.names())
+    cards = json.loads(out)
+    assert [card["name"] for card in cards] == list(scenes.names())
+    assert {card["group"] for card in cards} == set(shipped.GROUPS)
 
 
 def test_explain_shows_effects_and_origins(rig):
@@ -84,11 +89,24 @@ def test_explain_shows_effects_and_origins(rig):
     assert code == 0
     assert "dither.sin, dither.cos" in out
     assert "absent" in out
-    assert any("load.force" in line and "25" in line and "user" in line for line in out.splitlines())
+    assert re.search(r"^  load\.force +25 N +user +given with -p$", out, re.MULTILINE)
     code, out, _ = rig("explain", "pendulum", "--json")
     told = json.loads(out)
     assert told["duration_s"] == 21.0
     assert {value["key"]: value["origin"] for value in told["values"]}["load.force"] == "calibrated"
+
+
+@pytest.mark.parametrize("name", ["pendulum", "belt_poor_network", "brake_shunt_listener", "lever_free_lever"])
+def test_explain_begins_with_one_screen_and_fits_the_terminal(rig, monkeypatch, name):
+    monkeypatch.setattr(printing, "width", lambda: 80)
+    code, out, _ = rig("explain", name)
+    assert code == 0
+    lines = out.splitlines()
+    screen = lines[: lines.index(next(line for line in lines if line.startswith("effects: ")))]
+    assert [line for line in screen if line.startswith("what ")] == ["what acts", "what it does", "what is uncertain"]
+    assert len(screen) <= 32
+    assert re.search(r"^  stability  +\w.* is (un)?stable: ", out, re.MULTILINE)
+    assert [line for line in lines if len(line.rstrip()) > 80] == []
 
 
 @pytest.mark.parametrize(
@@ -163,7 +181,7 @@ def test_a_scene_that_is_too_slow_for_the_clock_is_refused_with_what_works(rig):
     assert code == 2
     assert all(text in err for text in ("1 to 2 ms", "rig simulate", "--lockstep", "--pace 0.5"))
     code, out, _ = rig("list")
-    assert [line.split()[2] for line in out.splitlines() if line.startswith("brake_disc_modes ")] == ["0.5"]
+    assert "  brake_disc_modes  Disc brake whose disc bends (real-time factor up to 0.5)\n" in out
 
 
 def test_reports_are_json_even_where_a_number_is_none(capsys):

@@ -18,7 +18,7 @@ def test_a_new_scene_can_be_explained_at_once(rig, tmp_path, monkeypatch):
     code, out, err = rig("explain", "mine.toml")
     assert (code, err) == (0, "")
     assert "Based on scene belt\n" in out
-    assert "scene belt, line " in out
+    assert "\nvalues, with lines of scene belt\n" in out
     told = json.loads(rig("explain", "mine.toml", "-p", "load.force=30", "--json")[1])
     assert (told["based_on"], told["notes"]) == (["scene belt"], [])
     places = {value["key"]: (value["file"], value["line"]) for value in told["values"]}
@@ -56,5 +56,5 @@ def test_a_recording_in_place_of_a_scene_is_told(rig, tmp_path, monkeypatch):
     code, _, err = rig("simulate", "log.mcap")
     assert (code, err.splitlines()) == (
         2,
-        ["log.mcap:", "  is a recording (MCAP) and no scene; rig simulate --from LOG continues it"],
+        ["log.mcap: is a recording (MCAP) and no scene; rig simulate --from LOG continues it"],
     )

@@ -137,7 +137,7 @@ def test_a_live_run_shows_no_vibration_that_there_was_not(tmp_path):
 @pytest.mark.parametrize(
     ("scene", "only", "labels"),
     [
-        ("brake_shunt_listener", ["microphone", "truth/stack_voltage"], ["stack voltage [V]", "microphone [Pa]"]),
+        ("brake_shunt_listener", ["microphone", "truth/stack_voltage"], ["stack voltage [mV]", "microphone [mPa]"]),
     ],
 )
 def test_any_sensor_and_output_can_be_drawn_alone(scene, only, labels, tmp_path):

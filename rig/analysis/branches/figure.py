@@ -11,7 +11,7 @@ import numpy as np
 from rig.analysis.axis import heading
 from rig.analysis.branches.curves import Curves
 from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, TURNS, Branch, Branches, Point
-from rig.view.curves import plain
+from rig.view.curves import plain, read_in
 from rig.view.palette import ALARM, BARE, BLUE, GREEN, GREY, LINES, PURPLE, VERMILION, page
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def curves_figure(result: Curves) -> Figure:
         ends = result.second.shown_values[[0, -1]]
         axes.set(xlabel=result.axis.title, ylabel=result.second.title, ylim=sorted(ends))
         axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
-        heading(figure, result.scene, [result.axis, result.second], f"{result.scene.title}: special points")
+        heading(figure, result.scene, [result.axis, result.second], "special points")
     return figure
 
 
@@ -93,11 +93,12 @@ def _draw(figure: Figure, result: Branches) -> None:
             handle.set_label(f"{handle.get_label()}: {', '.join(dict.fromkeys(texts))}")
     if REST in kinds:
         handles.append(axes.collections[0])
-    axes.set(xlabel=result.axis.title, ylabel=f"lowest and highest {plain(result.output)} [{result.unit}]")
+    unit = read_in(axes.yaxis, result.unit, max(map(abs, axes.get_ylim())))
+    axes.set(xlabel=result.axis.title, ylabel=f"lowest and highest {plain(result.output)} [{unit}]")
     axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
     if most:
         figure.colorbar(colours, ax=axes, label="share of the period in stick", pad=0.02)
-    heading(figure, result.scene, [result.axis], f"{result.scene.title}: stable and unstable motions")
+    heading(figure, result.scene, [result.axis], "stable and unstable motions")
 
 
 def _colours() -> Colormap:

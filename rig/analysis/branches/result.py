@@ -92,7 +92,7 @@ class Branch:
     kind: str
     family: int
     events: tuple[str, ...]
-    points: tuple[Point, ...]
+    points: tuple[Point, ...] = field(repr=False)
     specials: tuple[SpecialPoint, ...] = ()
     end: SpecialPoint | None = None
 

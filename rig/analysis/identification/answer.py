@@ -349,9 +349,6 @@ class Identified(Result):
             lines += ["", *proposal.lines()]
         return "\n".join(lines)
 
-    def __repr__(self) -> str:
-        return self.text()
-
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
         best = self.best

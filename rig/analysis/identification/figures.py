@@ -11,7 +11,7 @@ from rig.analysis.identification.answer import Identified, RunFit, phases
 from rig.analysis.identification.cycles import BINS, MEASURES, CycleRun
 from rig.analysis.identification.features import lines, responses
 from rig.printable import counted
-from rig.view.palette import BLUE, GREY, VERMILION, page
+from rig.view.palette import BLUE, GREY, VERMILION, headline, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +29,7 @@ def identified_figure(identified: Identified) -> Figure:
     with page(3.6 * max(len(runs), 2), 0.5 + 3.0 * (rows + cycles), layout="constrained") as figure:
         law = f", law {best.law.name}" if best.law.name else ""
         state = "" if best.fits else ": does not fit"
-        figure.suptitle(f"{identified.task.scene.name}: {counted(len(best.runs), 'run')}{law}{state}", ha="center")
+        headline(figure, f"{identified.task.scene.name}: {counted(len(best.runs), 'run')}{law}{state}")
         grid = figure.add_gridspec(rows + cycles, len(runs))
         for i, run in enumerate(runs):
             mean = figure.add_subplot(grid[0, i])

@@ -26,7 +26,7 @@ from rig.machine.files import csv_table
 from rig.printable import columns, counted
 from rig.results import Result
 from rig.scenes.left_out import left_out
-from rig.view.curves import apart, plain
+from rig.view.curves import apart, plain, read_in
 from rig.view.palette import AMBER, BARE, BLUE, GREEN, LINES, VERMILION, page
 
 if TYPE_CHECKING:
@@ -271,7 +271,8 @@ def figure(result: Map | Boundary, lines: Lines = ()) -> Figure:
             _bifurcation(figure, result)
         else:
             _regions(figure.add_subplot(), result, lines)
-        heading(figure, result.job.scene, [axis for axis in (result.job.x, result.job.y) if axis is not None])
+        axes = [axis for axis in (result.job.x, result.job.y) if axis is not None]
+        heading(figure, result.job.scene, axes, "steady-state behaviour")
     return figure
 
 
@@ -346,8 +347,9 @@ def _bifurcation(figure: Figure, result: Map) -> None:
         top.plot(np.repeat(x, section.shape[1]), section.ravel(), ".", color=colour, ms=1.5)
         middle.plot(*apart(x, result.tables["rms"][number, 0], jumps), **style)
         bottom.plot(*apart(x, result.tables["share"][number, 0], jumps), **style)
-    top.set_ylabel(f"{plain(settings.output)} [{unit}]\nextremes, local maxima")
-    middle.set_ylabel(f"rms about\nthe mean [{unit}]")
+    shown, _ = (read_in(axes.yaxis, unit, max(map(abs, top.get_ylim()))) for axes in (top, middle))
+    top.set_ylabel(f"{plain(settings.output)} [{shown}]\nextremes, local maxima")
+    middle.set_ylabel(f"rms about\nthe mean [{shown}]")
     bottom.set_ylabel("share of\ntime stuck")
     bottom.set_xlabel(result.job.x.title)
     _legend(bottom, _there(result), top)

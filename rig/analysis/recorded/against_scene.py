@@ -95,7 +95,7 @@ class AgainstScene(Result):
     pairs: tuple[Pair, ...]
     stick: tuple[StickSlip, StickSlip] | None
     notes: tuple[str, ...]
-    run: Run = field(compare=False, repr=False)
+    run: Run = field(compare=False)
     """The simulation."""
 
     def within(self, tolerance: float) -> bool:

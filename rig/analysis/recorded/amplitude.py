@@ -6,6 +6,9 @@ The amplitude index: the size of a steady vibration, computed from a measurement
 
 Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), equation 31. The paper leaves open whether the
 factor 1/2 belongs to the index; `full` is the index without it.
+
+Noise crosses its middle too. An amplitude that noise and resolution of the instrument explain is marked as such; it has
+neither cycles nor a frequency.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from rig.analysis import stick_speeds
 from rig.analysis.recorded.series import scene_name
 from rig.errors import UsageError
 from rig.printable import columns
+from rig.record.film_points import read
 from rig.record.run import Run
 from rig.results import Result
 from rig.view.curves import Span
@@ -48,7 +52,7 @@ class Amplitudes(Result):
         return [
             (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}",
              "-" if math.isnan(row.found.half) else f"{row.found.half:.5g} {row.unit}", str(row.found.cycles),
-             f"{row.found.frequency:.5g} Hz" if row.found.cycles else row.found.why)
+             f"{row.found.frequency:.5g} Hz" if row.found.cycles else row.why)
             for row in self.rows
         ]  # fmt: skip
 
@@ -59,7 +63,7 @@ class Amplitudes(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
-        rows = [{**row._asdict(), "found": {**row.found._asdict(), "why": row.found.why}} for row in self.rows]
+        rows = [{**row._asdict(), "found": {**row.found._asdict(), "why": row.why}} for row in self.rows]
         return {"rows": rows, "stages": self.sticks._asdict() if self.sticks else None}
 
 
@@ -75,6 +79,8 @@ def amplitudes(run: Run, first: float = 0.0, last: float = float("inf")) -> Ampl
 
 
 Array = NDArray[np.float64]
+_NOISE = 4.0  # noise of a cycle reaches this many standard deviations to either side [chosen]
+NOISY = "at noise level"
 _BAND = 0.25  # hysteresis of a passage through the middle, as a share of half the range: noise does not count as cycles
 
 
@@ -137,13 +143,23 @@ def rises(x: Array) -> NDArray[np.int64]:
 
 
 class Row(NamedTuple):
-    """The amplitude index of one sensor in one stage of a run; `mean` is in the unit of the sensor."""
+    """The amplitude index of one sensor in one stage of a run; `mean` is in the unit of the sensor.
+
+    `noise`: the largest amplitude that noise and resolution of the instrument explain, 0 if they are not known. A
+    smaller one has an amplitude, but no cycles.
+    """
 
     stage: str
     sensor: str
     unit: str
     mean: float
     found: Index
+    noise: float = 0.0
+
+    @property
+    def why(self) -> str:
+        """Why cycles and frequency are missing; "" if they are not."""
+        return NOISY if 0.0 < self.found.half <= self.noise else self.found.why
 
 
 def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Span]:
@@ -165,10 +181,21 @@ def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Spa
 
 def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Row]:
     """Yield the index of every sensor from `first` to `last` [s], for each stage of the run."""
+    floors = _floors(run)
     for stage in stages(run, first, last):
         for sensor, samples in run.measurements.items():
             t = np.multiply(samples.t_ns, 1e-9, dtype=np.float64)
             here = (t >= stage.begin) & (t <= stage.end) & np.isfinite(samples.v)
             if here.any():
-                v = samples.v[here]
-                yield Row(stage.text, sensor, run.units[f"meas/{sensor}"], float(v.mean()), index(t[here], v))
+                v, floor = samples.v[here], floors.get(sensor, 0.0)
+                found = index(t[here], v)
+                if found.half <= floor:
+                    found = found._replace(cycles=0, frequency=float("nan"))
+                yield Row(stage.text, sensor, run.units[f"meas/{sensor}"], float(v.mean()), found, floor)
+
+
+def _floors(run: Run) -> dict[str, float]:
+    """Largest amplitude by noise and resolution of each sensor; empty for a run whose scene is not known."""
+    scene = read(run.scene)
+    ends = {name: sensor.front_end() for name, sensor in scene.sensors.items()} if scene else {}
+    return {name: _NOISE * end.noise + end.resolution for name, end in ends.items()}

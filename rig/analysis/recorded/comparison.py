@@ -18,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.recorded.amplitude import growth, index
+from rig.analysis.recorded.series import scene_name
 from rig.analysis.stick_speeds import stuck
 from rig.errors import RigError, UsageError
 from rig.parts import is_binary
 from rig.printable import columns, counted
 from rig.record.compare import Comparison, Difference, Series, series_of
 from rig.record.compare import compare as compare_signals
+from rig.record.film_points import read
 from rig.record.run import Run
 from rig.record.statistics import whole_signals
 from rig.results import Result
@@ -33,6 +35,8 @@ from rig.view.curves import described
 _PLAIN = ("format", "name", "title", "about", "origins", "models", "parts")
 _OPERATOR = "operator"
 _LISTED = 20  # most values of the scenes that the text lists
+_NAMED = 2  # most values that a label names
+_LAST = ("sensors.", "clock.", "seed", "limits.", "protocol")  # named where nothing else differs
 _RMS, _GROWTH = "RMS", "growth rate"
 _STILL = 1e-12  # an RMS below this share of the largest value is the rounding error of a constant. [chosen]
 # A vibration whose size changes by less than this share over the time span has no growth rate to compare. [chosen]
@@ -86,8 +90,35 @@ class Compared(Result):
     measures: tuple[Measure, ...]
     notes: tuple[str, ...] = ()
     """Damage of the recordings."""
-    runs: tuple[Run, ...] = field(default=(), compare=False, repr=False)
+    runs: tuple[Run, ...] = field(default=(), compare=False)
     """Both runs."""
+    names: tuple[str, ...] = ()
+    """Their names, such as those of their files; empty if they have none."""
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """What tells the two from each other: their scenes, values that differ, or their names; "A" and "B" if none."""
+        scenes = tuple(scene_name(run) for run in self.runs)
+        differ = self._differing() if len({*scenes}) == 1 and self.values else ("", "")
+        told = scenes if len({*scenes}) == 2 else differ if any(differ) else self.names
+        first, second = told if len({*told}) == 2 else ("", "")
+        return f"A: {first}" if first else "A", f"B: {second}" if second else "B"
+
+    def _differing(self) -> tuple[str, ...]:
+        """The first values that differ, in words, for each of the two."""
+        scene, shown = (
+            read(self.runs[0].scene),
+            sorted(self.values, key=lambda value: value.key.startswith(_LAST))[:_NAMED],
+        )
+        units = {key: unit for key, (_, unit) in scene.values().items() if unit != "1"} if scene else {}
+        more = [f"and {len(self.values) - len(shown)} more"] if len(self.values) > len(shown) else []
+
+        def words(value: Value, text: str) -> str:
+            return f"{value.key} {text or 'none'} {units.get(value.key, '')}".strip()
+
+        first = [words(value, value.first) for value in shown]
+        second = [words(value, value.second) for value in shown]
+        return ", ".join([*first, *more]), ", ".join([*second, *more])
 
     @property
     def agree(self) -> bool:
@@ -130,6 +161,7 @@ class Compared(Result):
             yield f"agree at all common instants: {counted(signals.compared, 'number')}, {how}"
         else:
             yield f"differ; {counted(signals.compared, 'number')} compared at common instants"
+        yield from self.labels if self.labels != ("A", "B") else ()
         yield from self.notes
         if self.values:
             yield "scene"
@@ -173,9 +205,17 @@ class Compared(Result):
             yield channel.topic, self.outcome(channel), worst, "; ".join(filter(None, (first, alone)))
 
 
-def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, tolerance: float = 0.0) -> Compared:
+def compare(
+    first: Run,
+    second: Run,
+    begin: float = 0.0,
+    end: float = math.inf,
+    tolerance: float = 0.0,
+    names: tuple[str, ...] = (),
+) -> Compared:
     """Compare two runs from `begin` to `end` [s]; `tolerance`: allowed deviation as a share of a channel's range.
 
+    `names`: of the two, such as those of their files, which name them where their scenes are the same.
     Raises UsageError for a tolerance that is negative and for runs without a common time span.
     """
     if not 0.0 <= tolerance < math.inf:
@@ -198,6 +238,7 @@ def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, 
         tuple(_measures(first, second, low, high)),
         tuple(f"{which}: {note}" for which, run in (("A", first), ("B", second)) for note in _notes(run)),
         (first, second),
+        names,
     )
 
 

@@ -31,7 +31,7 @@ from rig.record.compare import series_of
 from rig.record.run import Reals
 from rig.record.statistics import whole_signals
 from rig.view import curves
-from rig.view.curves import plain, thinned
+from rig.view.curves import largest, plain, scaled, thinned
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, SKY, VERMILION, page
 from rig.view.pressure import draw_map, draw_scale, where
 
@@ -46,35 +46,42 @@ _DRAWN_SAMPLES, _DRAWN_CHANNELS, _COLUMNS = 40_000, 5, 2400
 _DRAWN_CYCLES = 12  # of a measurement beside its simulation
 Floats = NDArray[np.floating[Any]]
 _RANGE = 70.0  # range of a map [dB below its maximum]
-_NAMED, _APART = 3, 0.35  # number of lines that a picture labels, and their smallest distance [decades]
+_NAMED = 0.01  # share of the mean square from which on a picture labels a line
+_WIDE, _ROW = 0.17, 0.075  # width and height of such a label as shares of the axes
 _ALL = 1e-4  # share of the mean square that may lie above the range of a map
 
 
 def hysteresis_figure(hysteresis: Hysteresis) -> Figure:
     """Draw the RMS over the speed, and both over time."""
     over, name = plain(hysteresis.over), plain(hysteresis.name)
+    size, unit = scaled(hysteresis.unit, largest(*(curve.rms for curve in hysteresis.curves)))
+    along, shown = scaled(hysteresis.over_unit, largest(*(curve.speed for curve in hysteresis.curves)))
     with page(12.0, 8.0, f"{hysteresis.scene}: {name} over {over}", layout="constrained") as figure:
         loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
         rms.sharex(speed)
         for curve in hysteresis.curves:
             way, colour, dashes = ("rising", BLUE, "-") if curve.branch.rises else ("falling", AMBER, "--")
             label = f"{over} {way}" if f"{over} {way}" not in loop.get_legend_handles_labels()[1] else None
-            loop.plot(*thinned(curve.speed, curve.rms), color=colour, ls=dashes, label=label)
-            for axes, values in ((rms, curve.rms), (speed, curve.speed)):
+            loop.plot(*thinned(along * curve.speed, size * curve.rms), color=colour, ls=dashes, label=label)
+            for axes, values in ((rms, size * curve.rms), (speed, along * curve.speed)):
                 axes.plot(*thinned(curve.t, values), color=colour)
             if math.isfinite(curve.stick):
                 what = "last stick" if curve.branch.rises else "first stick"
                 loop.axvline(
-                    curve.stick, color=colour, lw=0.9, ls=":", label=f"{what}: {curve.stick:.4g} {hysteresis.over_unit}"
+                    along * curve.stick,
+                    color=colour,
+                    lw=0.9,
+                    ls=":",
+                    label=f"{what}: {along * curve.stick:.4g} {shown}",
                 )
         loop.set_title(f"RMS about the mean, centred window of {hysteresis.window:.4g} s")
-        loop.set(xlabel=f"{over} [{hysteresis.over_unit}]", ylabel=f"RMS of {name} [{hysteresis.unit}]")
+        loop.set(xlabel=f"{over} [{shown}]", ylabel=f"RMS of {name} [{unit}]")
         loop.set_ylim(0.0, None)
         loop.legend(loc="best")
-        rms.set(ylabel=f"RMS [{hysteresis.unit}]")
+        rms.set(ylabel=f"RMS [{unit}]")
         rms.set_ylim(0.0, None)
         rms.tick_params(labelbottom=False)
-        speed.set(ylabel=f"{over}\n[{hysteresis.over_unit}]", xlabel="time [s]")
+        speed.set(ylabel=f"{over}\n[{shown}]", xlabel="time [s]")
         figure.align_ylabels([rms, speed])
     return figure
 
@@ -90,9 +97,13 @@ def spectrum_figure(spectrum: Spectrum | Orders) -> Figure:
             over = f", over {plain(averaged.over)}" if isinstance(averaged, Orders) else ""
             _density(density, averaged.density, averaged.lines, unit, averaged.axis_unit)
             windows = counted(averaged.density.windows, "Hann window")
-            density.set(title=f"mean of {windows} of {averaged.window:.4g} {per}{over}", xlabel=axis)
+            resolution = f"resolution {averaged.density.step:.3g} {averaged.axis_unit}"
+            density.set(title=f"mean of {windows} of {averaged.window:.4g} {per}{over}; {resolution}", xlabel=axis)
             _map(over_time, averaged.map, averaged.density, f"level [dB re 1 {unit}]")
-            over_time.set(title=f"windows of {averaged.map_window:.4g} {per}", xlabel="time [s]", ylabel=axis)
+            resolution = f"resolution {averaged.map.f[1]:.3g} {averaged.axis_unit}"
+            over_time.set(
+                title=f"windows of {averaged.map_window:.4g} {per}; {resolution}", xlabel="time [s]", ylabel=axis
+            )
     return figure
 
 
@@ -100,16 +111,24 @@ def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, a
     axes.loglog(density.f[1:], density.s[1:], color=BLUE)
     low, high = axes.get_ylim()
     top = float(density.s[1:].max(initial=0.0))
-    axes.set_ylim(max(low, 1e-12 * top) if top else low, 8.0 * high)
+    low = max(low, 1e-12 * top) if top else low
     axes.set_ylabel(f"power spectral density\n[{unit}]")
-    named: list[float] = []
-    for line in lines:
-        if len(named) < _NAMED and all(abs(math.log10(line.at / other)) >= _APART for other in named):
-            named.append(line.at)
-            digits = max(0, 3 - math.floor(math.log10(line.at)))  # at least four, without an exponent
-            axes.annotate(f"{line.at:.{digits}f} {axis}", (line.at, line.density), (0, 5), textcoords="offset points",
-                          ha="center", fontsize=9, color=GREY,
-                          bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
+    left, right = axes.get_xlim()
+    rows: list[list[float]] = []
+    for line in lines:  # the strongest first
+        if line.rms**2 < _NAMED * density.rms**2:
+            continue
+        at = math.log(line.at / left) / math.log(right / left)
+        row = next((i for i, row in enumerate(rows) if all(abs(at - other) >= _WIDE for other in row)), len(rows))
+        rows += [[]] if row == len(rows) else []
+        rows[row].append(at)
+        digits = max(0, 3 - math.floor(math.log10(line.at)))  # at least four, without an exponent
+        text = f"{line.at:.{digits}f} {axis}, {100.0 * line.rms**2 / density.rms**2:.2g} %"
+        axes.annotate(text, (line.at, line.density), (line.at, 0.95 - _ROW * row), ha="center", fontsize=9, color=GREY,
+                      textcoords=("data", "axes fraction"), arrowprops={"arrowstyle": "-", "color": GREY, "lw": 0.6},
+                      bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
+    share = _ROW * len(rows) + 0.02  # of the height, for the labels
+    axes.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))
 
 
 def _map(axes: Axes, course: Map, density: Density, unit: str) -> None:
@@ -203,11 +222,9 @@ def portrait_figure(portrait: Portrait) -> Figure:
     with page(7.6 if section is None else 14.0, 6.6, title, layout="constrained") as figure:
         curve, *beside = figure.subplots(1, 1 if section is None else 2, squeeze=False)[0]
         every = max(portrait.t.size // _DRAWN_SAMPLES, 1)
-        curve.plot(portrait.x[::every], portrait.y[::every], color=BLUE, lw=0.8)
-        curve.set(
-            xlabel=f"{plain(portrait.x_name)} [{portrait.x_unit}]",
-            ylabel=f"{plain(portrait.y_name)} [{portrait.y_unit}]",
-        )
+        (along, x_unit), (up, y_unit) = _portrait_units(portrait)
+        curve.plot(along * portrait.x[::every], up * portrait.y[::every], color=BLUE, lw=0.8)
+        curve.set(xlabel=f"{plain(portrait.x_name)} [{x_unit}]", ylabel=f"{plain(portrait.y_name)} [{y_unit}]")
         curve.set_title("phase portrait")
         if section is not None:
             _cut(curve, portrait, section)
@@ -215,26 +232,32 @@ def portrait_figure(portrait: Portrait) -> Figure:
     return figure
 
 
+def _portrait_units(portrait: Portrait) -> tuple[tuple[float, str], tuple[float, str]]:
+    return scaled(portrait.x_unit, largest(portrait.x)), scaled(portrait.y_unit, largest(portrait.y))
+
+
 def _cut(axes: Axes, portrait: Portrait, section: Section) -> None:
+    (along, _), (up, _) = _portrait_units(portrait)
     at = f"{plain(section.name)} rises through {section.value:.4g} {section.unit}"
-    axes.plot(section.x, section.y, "o", ms=4, color=ALARM, label=at, zorder=3)
+    axes.plot(along * section.x, up * section.y, "o", ms=4, color=ALARM, label=at, zorder=3)
     if section.name == portrait.x_name:
-        axes.axvline(section.value, color=GREY, lw=0.9, ls="--")
+        axes.axvline(along * section.value, color=GREY, lw=0.9, ls="--")
     elif section.name == portrait.y_name:
-        axes.axhline(section.value, color=GREY, lw=0.9, ls="--")
+        axes.axhline(up * section.value, color=GREY, lw=0.9, ls="--")
     axes.legend(loc="best")
 
 
 def _points(axes: Axes, portrait: Portrait, section: Section) -> None:
-    name, unit, values, whole = portrait.x_name, portrait.x_unit, section.x, portrait.x
+    (factor, unit), other = _portrait_units(portrait)
+    name, values, whole = portrait.x_name, section.x, portrait.x
     if section.name == portrait.x_name:
-        name, unit, values, whole = portrait.y_name, portrait.y_unit, section.y, portrait.y
-    axes.plot(section.t, values, "o", ms=3, color=ALARM)
+        (factor, unit), name, values, whole = other, portrait.y_name, section.y, portrait.y
+    axes.plot(section.t, factor * values, "o", ms=3, color=ALARM)
     title = f"{counted(section.t.size, 'point')}"
     if section.returns:
         title += f", repeat after {section.returns}: period {section.period:.6g} s"
     axes.set(title=f"Poincare section, {title}", xlabel="time [s]", ylabel=f"{plain(name)} [{unit}]")
-    low, high = float(np.nanmin(whole)), float(np.nanmax(whole))
+    low, high = factor * float(np.nanmin(whole)), factor * float(np.nanmax(whole))
     axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))  # as in the portrait: what repeats is a line
 
 
@@ -251,16 +274,15 @@ def comparison_figure(compared: Compared) -> Figure:
     with page(14.0, 1.4 + 2.1 * len(names), f"{title}: two recordings", layout="constrained") as figure:
         rows = figure.subplots(max(len(names), 1), 2, squeeze=False, sharex=True, width_ratios=(1.5, 1.0))
         for (over, apart), name in zip(rows, names):
-            unit = first.units.get(name, "")
-            for which, series, style in (
-                ("A", ours[name], {"color": BLUE}),
-                ("B", two[name], {"color": AMBER, "ls": "--"}),
+            factor, unit = scaled(first.units.get(name, ""), largest(ours[name].values, two[name].values))
+            for which, series, style in zip(
+                compared.labels, (ours[name], two[name]), ({"color": BLUE}, {"color": AMBER, "ls": "--"})
             ):
                 t = np.multiply(series.t_ns, 1e-9, dtype=np.float64)
-                over.plot(*thinned(t, series.values), lw=1.0, label=which, **style)
+                over.plot(*thinned(t, factor * series.values), lw=1.0, label=which, **style)
             over.set_ylabel(f"{plain(name.removeprefix('meas/'))}\n[{unit}]")
             shared, at_one, at_two = np.intersect1d(ours[name].t_ns, two[name].t_ns, return_indices=True)
-            away = two[name].values[at_two] - ours[name].values[at_one]
+            away = factor * (two[name].values[at_two] - ours[name].values[at_one])
             apart.plot(*thinned(np.multiply(shared, 1e-9, dtype=np.float64), away), lw=0.9, color=GREY)
             apart.set_ylabel(f"difference B - A\n[{unit}]")
             signal = known[name]
@@ -269,7 +291,7 @@ def comparison_figure(compared: Compared) -> Figure:
                 if signal.differing
                 else "equal, bit by bit"
             )
-        rows[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        rows[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=1, borderaxespad=0.2)
         for axes in rows[-1]:
             axes.set_xlabel("time [s]")
         figure.align_ylabels(rows[:, 0])
@@ -295,14 +317,17 @@ def against_scene_figure(comparison: AgainstScene) -> Figure:
 
 def _in_time(axes: Axes, pair: Pair) -> None:
     """A few cycles of both, the first event at time 0; without cycles all of it, as it was."""
+    factor, unit = scaled(pair.unit, largest(pair.measured, pair.simulated))
     for i, (v, colour, dashes) in enumerate(((pair.measured, BLUE, "-"), (pair.simulated, AMBER, "--"))):
         t, here = pair.t, np.ones(v.size, np.bool_)
         if pair.cycles:
             t = t - pair.cycles[i].begins[0]
             span = _DRAWN_CYCLES * pair.cycles[0].period
             here = (t >= -0.1 * span) & (t <= span)
-        axes.plot(*thinned(t[here], v[here]), lw=1.0, label=("measured", "simulated")[i], color=colour, ls=dashes)
-    axes.set_ylabel(f"{plain(pair.channel)}\n[{pair.unit}]")
+        axes.plot(
+            *thinned(t[here], factor * v[here]), lw=1.0, label=("measured", "simulated")[i], color=colour, ls=dashes
+        )
+    axes.set_ylabel(f"{plain(pair.channel)}\n[{unit}]")
     axes.set_xlabel("time from the first event [s]" if pair.cycles else "time [s]")
 
 
@@ -312,11 +337,16 @@ def _in_phase(axes: Axes, pair: Pair) -> None:
         axes.text(0.5, 0.5, "less than three cycles", ha="center", va="center", color=GREY, transform=axes.transAxes)
         axes.set_axis_off()
         return
+    factor, unit = scaled(pair.unit, largest(pair.measured, pair.simulated))
     for cycles, colour in zip(pair.cycles, (BLUE, AMBER)):
         phase = np.linspace(0.0, 1.0, cycles.middle.size)
-        axes.plot(phase, cycles.middle, color=colour, lw=1.4)
-        axes.fill_between(phase, cycles.low, cycles.high, color=colour, alpha=0.18, lw=0.0)
-    axes.set(xlabel="phase of the cycle [1]", title="median and 10 to 90 % of the cycles")
+        axes.plot(phase, factor * cycles.middle, color=colour, lw=1.4)
+        axes.fill_between(phase, factor * cycles.low, factor * cycles.high, color=colour, alpha=0.18, lw=0.0)
+    axes.set(
+        xlabel="phase of the cycle [1]",
+        ylabel=f"{plain(pair.channel)} [{unit}]",
+        title="median and 10 to 90 % of the cycles",
+    )
 
 
 def _slips(times: Axes, friction: Axes, both: tuple[StickSlip, StickSlip]) -> None:
@@ -424,11 +454,13 @@ def stick_slip_figure(contact: StickSlip) -> Figure:
         axes = figure.subplots(1 + forces, 2, squeeze=False)
         speed, times = axes[0]
         every = max(contact.t.size // _DRAWN_SAMPLES, 1)
-        speed.plot(contact.t[::every], contact.speed[::every], color=BLUE, lw=0.7)
+        factor, unit = scaled(contact.speed_unit, largest(contact.speed))
+        speed.plot(contact.t[::every], factor * contact.speed[::every], color=BLUE, lw=0.7)
         for slip in contact.slips:
             speed.axvspan(slip.begin, slip.end, color=ALARM, alpha=0.12, lw=0.0)
-        speed.axhline(contact.threshold, color=GREY, lw=0.9, ls="--")
-        speed.set(ylabel=f"slip speed [{contact.speed_unit}]", xlabel="time [s]", title="slips are shaded")
+        speed.axhline(factor * contact.threshold, color=GREY, lw=0.9, ls="--", label="threshold of slip")
+        speed.set(ylabel=f"slip speed [{unit}]", xlabel="time [s]", title="slips are shaded")
+        speed.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         longest = max((max(slip.motion, np.nan_to_num(slip.stick)) for slip in contact.slips), default=1.0)
         for name, colour in (("stick", BLUE), ("motion", ALARM)):
             values = [getattr(slip, name) for slip in contact.slips if np.isfinite(getattr(slip, name))]

@@ -97,7 +97,7 @@ class Sound(Result):
     spectrum: NDArray[np.float32]
     threshold: float
     squeals: tuple[Squeal, ...]
-    run: Run = field(compare=False, repr=False)
+    run: Run = field(compare=False)
     """The run that it was heard in."""
 
     @property

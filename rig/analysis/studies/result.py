@@ -109,7 +109,7 @@ def search_figure(result: SearchResult) -> Figure:
     """Return the value over each parameter and over the course of the search."""
     count = len(result.factors) + 1
     title = measure_in_words(result.measure, result.unit)
-    with page(9.6, 2.6 * count, f"{result.scene.title}: search", layout="constrained") as figure:
+    with page(9.6, 2.6 * count, f"{result.scene.name}: search", layout="constrained") as figure:
         top, *rest = figure.subplots(count, 1, squeeze=False)[:, 0]
         worst = -np.inf if result.largest else np.inf
         course = np.where(np.isfinite(result.values), result.values, worst)
@@ -130,7 +130,7 @@ def search_figure(result: SearchResult) -> Figure:
 
 @contextmanager
 def _page(result: StudyResult, width: float, height: float, what: str) -> Iterator[Figure]:
-    title = f"{result.work.scene.title}: {what}, {counted(len(result.values), 'point')}"
+    title = f"{result.work.scene.name}: {what}, {counted(len(result.values), 'point')}"
     with page(width, height, title, layout="constrained") as figure:
         yield figure
 
@@ -500,9 +500,6 @@ class StudyResult(Result):
             paths.append(Path(folder) / name)
             put(make(self), paths[-1])
         return paths
-
-    def __repr__(self) -> str:
-        return self.text()
 
 
 def gathered(work: StudyRuns, rows: Mapping[int, Arrays], provenance: Mapping[str, str], folder: Path) -> StudyResult:

@@ -108,9 +108,6 @@ class SearchResult(Result):
         lines += [f"  the points have {'converged' if self.settled else _APART}"]
         return "\n".join([*lines, *missing])
 
-    def __repr__(self) -> str:
-        return self.text()
-
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; parameters in SI."""
         return {

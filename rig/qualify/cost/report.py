@@ -17,7 +17,7 @@ from rig.qualify.cost.table import WORST, Row, Table, front
 from rig.qualify.cost.timing import Spread
 from rig.results import Result
 from rig.view import palette
-from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, SKY, VERMILION, page, printed
+from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, SKY, VERMILION, headline, page, printed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,7 +116,7 @@ def figure(report: CostReport) -> Figure:
     table, metric, pick = report.table, report.metric, report.pick
     if not front(table.rows, metric):
         raise UsageError("nothing to draw: no setting has both an error and a cost")
-    with sheet(f"{table.title}: error against compute time", table.machine) as figure:
+    with sheet(f"{table.scene}: error against compute time", table.machine) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         for axes, of in ((left, lambda row: row.cost.p99), (right, _of_plant)):
             _curves(axes, table, metric, of)
@@ -153,7 +153,7 @@ def sheet(title: str, machine: dict[str, str]) -> Iterator[Figure]:
         yield figure
         first, second = "{processor}, {cores} cores", "Python {python}, numba {numba}, {date:.10}"
         machine_text = f"{first}\n{second}".format_map(machine)
-        figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        headline(figure, title)
         figure.text(0.99, 0.015, machine_text, ha="right", va="bottom", fontsize=8.5, color="#666666")
 
 

@@ -85,7 +85,7 @@ def draw(cells: Sequence[Cell], path: Path, machine: str) -> None:
         bad = sum(not cell.good for cell in cells)
         few = "one cell of the default is" if bad == 1 else f"{bad} cells of the default are"
         counted = f"{few} not green" if bad else "the default is green everywhere"
-        figure.text(0.01, 1.0 - 0.28 / height, f"Hard cases by methods: {counted}", fontsize=12, fontweight="bold")
+        figure.text(0.01, 1.0 - 0.28 / height, f"Hard cases by methods: {counted}", fontsize=13, fontweight="bold")
         figure.text(0.01, 1.0 - 0.50 / height, NOTE, fontsize=8, color="0.3")
         figure.text(0.01, 0.15 / height, machine, fontsize=7.5, color="0.4")
         put(figure, path)
