@@ -73,7 +73,9 @@ def can_be(name, changes):
 def by_runs(name, key, changes, low, high):
     """(upper end, region) by the map of the rig: four runs at each value, and located ends of the vibration."""
     with tempfile.TemporaryDirectory() as folder:
-        made = rig.map(rig.load(name, changes), f"{key}={low!r}:{high!r}:{FEWER.get(name, COUNT)}", folder=folder, workers=1)
+        made = rig.map(
+            rig.load(name, changes), f"{key}={low!r}:{high!r}:{FEWER.get(name, COUNT)}", folder=folder, workers=1
+        )
     x, regions = made.job.x.values, made.regions[0]
     borders = np.sort(np.concatenate([made.onsets[0], np.nanmean(made.ends[:, 0], axis=1)]))
     for (a, before), (b, after) in pairwise(zip(x, regions)):
