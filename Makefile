@@ -9,6 +9,7 @@
 #   make docs       docs/gallery, made again: the figures of the papers and how their numbers compare
 #   make pictures   the pictures of README, made again (that of the page needs Chromium)
 #   make tracks     the moving pictures of the page's opening, made again
+#   make slidermaps the maps beside the sliders of the page, made again (an hour)
 #   make lessons    figures and printed lines of docs/lessons, made again by the commands of the lessons
 #   make site       the documentation as a site, build/site/index.html (installs Sphinx into .venv the first time)
 #   make golden     recordings/golden, made again
@@ -30,7 +31,7 @@ RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
-.PHONY: install tools demo test test-slow test-browser screenshots check bench docs pictures tracks lessons site golden proto lock uninstall clean
+.PHONY: install tools demo test test-slow test-browser screenshots check bench docs pictures tracks slidermaps lessons site golden proto lock uninstall clean
 
 install: $(VENV)/.installed
 tools: $(VENV)/.installed-tools
@@ -80,6 +81,9 @@ pictures: tools
 
 tracks: install
 	@$(BIN)/python docs/page_tracks.py
+
+slidermaps: install
+	@$(BIN)/python docs/page_slider_maps.py
 
 check: tools
 	@$(RUN) ruff format --check .

@@ -1,6 +1,6 @@
 """Make rig/web/page/slider_maps.json: what a rig of the page's opening does over the range of each of its sliders.
 
-python docs/page_slider_maps.py [SCENE ...]
+make slidermaps, or for some of them: python docs/page_slider_maps.py SCENE ...
 """
 
 import json

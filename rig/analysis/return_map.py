@@ -158,7 +158,7 @@ def same(a: System, b: System) -> bool:
     """Return whether two systems differ in their start alone; False of laws that are compiled, which tell nothing."""
     try:
         return pickle.dumps(replace(a, start=a.start * 0.0)) == pickle.dumps(replace(b, start=b.start * 0.0))
-    except pickle.PicklingError:
+    except (pickle.PicklingError, AttributeError):  # the latter of a function that is local to another one
         return False
 
 

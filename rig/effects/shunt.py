@@ -32,6 +32,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -128,17 +129,19 @@ def static_limit(system: System, stack: Stack) -> float:
 
 def judge(stack: Stack, delta: float, states: Sequence[str], dropped: Sequence[str]) -> Judge:
     """The check of a series shunt for the stability report. `dropped`: parameters without influence, set to zero."""
+    return partial(_findings, stack, delta, states, dropped)  # not a closure: systems with it are compared and sent
 
-    def findings(system: System, step: float) -> Iterator[Finding]:
-        if dropped:
-            what = f"shunt: {' and '.join(dropped)} too small to influence any motion of the structure, taken as 0"
-            yield Finding("info", what, 0.0, "nothing to do; it saves a state that would be very fast")
-        if delta < 0.0:
-            yield from _static(system, stack, delta)
-        if states:
-            yield from _fast(system, states, step)
 
-    return findings
+def _findings(
+    stack: Stack, delta: float, states: Sequence[str], dropped: Sequence[str], system: System, step: float
+) -> Iterator[Finding]:
+    if dropped:
+        what = f"shunt: {' and '.join(dropped)} too small to influence any motion of the structure, taken as 0"
+        yield Finding("info", what, 0.0, "nothing to do; it saves a state that would be very fast")
+    if delta < 0.0:
+        yield from _static(system, stack, delta)
+    if states:
+        yield from _fast(system, states, step)
 
 
 def _static(system: System, stack: Stack, delta: float) -> Iterator[Finding]:

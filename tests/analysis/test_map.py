@@ -128,3 +128,9 @@ def test_what_is_wrong_is_told():
         maps.job(rig.load("belt"), FEW, output="displacment", runs=("up", "sideways"), longest=-1.0)
     with pytest.raises(UsageError, match="-p dither=none"):
         maps.job(rig.load("belt_dither", {"dither.enable": True}), FEW)
+
+
+def test_a_scene_with_a_shunt_is_mapped_over_a_command(tmp_path):
+    """Its system has a check with parameters of its own, which is compared between two values of the command."""
+    found = rig.map("belt_shunt", "drive.speed=0.05:0.3:3", folder=tmp_path, runs=("near", "up"), workers=1)
+    assert (found.regions > 0).all()

@@ -1,7 +1,6 @@
 """The maps beside the sliders of the opening: each slider reaches quiet and vibration, or the page says why not."""
 
 import json
-import re
 from itertools import pairwise
 
 import numpy as np
@@ -14,12 +13,6 @@ from rig.web.form import form
 
 MAPS = json.loads((PAGE / "slider_maps.json").read_text(encoding="utf-8"))
 QUIET, VIBRATING = {"I", "stable"}, {"III", "unstable"}
-
-
-def opening():
-    """The scenes that the opening of the page offers."""
-    text = (PAGE / "panes" / "opening.js").read_text(encoding="utf-8")
-    return [re.search(r'FIRST = "(\w+)"', text)[1], *re.findall(r"^    (\w+): \[t\(", text, flags=re.MULTILINE)]
 
 
 def middles(entry):
@@ -37,7 +30,7 @@ def grows(scene, key, value, others):
     return bool((rates.real > none(rates)).any()) if len(rates) else None
 
 
-@pytest.mark.parametrize("scene", opening())
+@pytest.mark.parametrize("scene", MAPS)
 def test_each_slider_has_a_map_that_eigenvalues_confirm(scene):
     shown = form(rig.load(scene))
     entries = {one["key"]: one for table in shown["sections"] for one in table["values"]}
@@ -60,7 +53,7 @@ def test_the_page_says_why_where_a_slider_decides_nothing():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", opening())
+@pytest.mark.parametrize("scene", MAPS)
 def test_a_run_is_quiet_and_vibrates_where_the_map_says_so(scene):
     """The first slider that decides it: a simulation at a value of either kind."""
     for key, entry in MAPS[scene].items():
