@@ -223,7 +223,7 @@ def test_amplitude_of_the_golden_recording(rig, tmp_path):
     code, out, _ = rig("amplitude", "recordings/golden/pendulum.mcap", "--from", "3 s", "--json", "--figure", figure)
     assert code == 0
     drawn = figure.read_text()
-    assert all(word in drawn for word in ("vibrometer [m/s]", "disc speed [rad/s]", "accelerate", "feedback on"))
+    assert all(word in drawn for word in ("vibrometer [mm/s]", "disc speed [rad/s]", "accelerate", "feedback on"))
     [row] = [r for r in json.loads(out)["rows"] if r["sensor"] == "vibrometer" and r["stage"] == "accelerate"]
     run = open_recording("recordings/golden/pendulum.mcap")
     connected = next(e["t_ns"] for e in run.events if e["text"] == "feedback on") * 1e-9

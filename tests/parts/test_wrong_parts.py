@@ -53,7 +53,7 @@ MUTE = f"class Mute(Exception):\n    def __str__(self):\n        1 / 0\n\n\nrais
 
 
 @pytest.mark.parametrize(("file", "old", "new", "told"), [
-    ("twin.py", BACK, "    return None\n", r"  twin.py: assemble gives NoneType; expected a rig.model"),
+    ("twin.py", BACK, "    return None\n", r" twin.py: assemble gives NoneType; expected a rig.model"),
     ("twin.py", CLASS, f"import sys\nsys.exit(3)\n{CLASS}", r"plant: .*SystemExit: 3 \(line \d+\)"),
     ("twin.py", COUPLING, f"{COUPLING}\n    clock: quantity('s') = 1.0", "Parameters declares clock, which every"),
     ("twin.py", X_LEFT, 'Output({"zz": 1.0}, "m")', "twin.py: output 'x_left' names 'zz', which does not exist"),

@@ -32,7 +32,7 @@ def process_of(word):
 def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified(client, another, listen, folder, rig):
     pages = [listen(), listen()]
     told = client.refused("/api/run", scene=SCENE, changes={"load.force": -3})
-    assert told.splitlines()[1] == "  load.force = -3: must be at least 0 N (given on the page)"
+    assert told == f"{SCENE}: load.force = -3: must be at least 0 N (given on the page)"
     assert client.command("pause") == {"error": "no run is active; start one first"}
     assert client.post("/api/run", scene=SCENE, changes={"load.force": "21 N"}, duration=600.0).status_code == 200
     assert "is active; stop it first" in another.refused("/api/run", scene=SCENE)
