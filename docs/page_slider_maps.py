@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import rig
+from rig.analysis.eigenvalue_curves import none
 from rig.analysis.map.result import REGIONS
 from rig.errors import RigError
 from rig.web.form import form
@@ -23,6 +24,8 @@ COUNT, FEWER = 33, {"disc_slider": 9, "plate": 7, "brake": 13, "brake_shunt": 13
 """Values of one slider, fewer of scenes that take long; where the kind of motion changes is located between them."""
 WITH = {r"shunt\.(resistance|inductance)": {"shunt.connected": "1"}}
 """A value, by a pattern of its key, that acts only with others."""
+UNDAMPED = {"four_dof"}
+"""Scenes in which no vibration dies: runs do not tell sliding from vibration, eigenvalues do."""
 HELD = {"tip": {"drive.speed": 0.06}}
 """Values of a scene whose protocol begins at rest, for the maps of the others."""
 
@@ -50,7 +53,8 @@ def of_slider(name, key, low, high):
     changes.pop(key, None)
     low, high = possible(name, key, changes, low, high)
     controller = key.split(".")[1] if key.startswith("controllers.") else ""
-    spans = in_loop(name, key, controller, low, high) if controller else by_runs(name, key, changes, low, high)
+    linear = controller or name in UNDAMPED
+    spans = by_eigenvalues(name, key, controller, low, high) if linear else by_runs(name, key, changes, low, high)
     return {"low": rounded(low), "high": rounded(high), "spans": joined(spans, high), "with": changes or None}
 
 
@@ -85,12 +89,13 @@ def by_runs(name, key, changes, low, high):
     yield high, REGIONS[regions[-1]]
 
 
-def in_loop(name, key, controller, low, high):
-    """(upper end, region) by the eigenvalues of the closed loop: a gain acts when its controller is connected."""
+def by_eigenvalues(name, key, controller, low, high):
+    """(upper end, region) by the eigenvalues of sliding, with a controller those of the closed loop."""
     swept = rig.sweep(name, key, np.linspace(low, high, COUNT), controller)
     for a, b in pairwise([low, *(one.value for one in swept.critical), high]):
         inside = rig.sweep(name, key, np.linspace(a, b, 3), controller)
-        yield b, "unstable" if np.nanmax(inside.rates[1].real) > 0.0 else "stable"
+        rates = inside.rates[1][np.isfinite(inside.rates[1])]
+        yield b, "unstable" if (rates.real > none(rates)).any() else "stable"
 
 
 def joined(spans, high):

@@ -24,7 +24,7 @@ def test_numbers_that_json_does_not_have_are_null_for_every_page():
     assert strict(Answer({"events": [STRANGE]}).body) == {"events": [PLAIN]}
     broadcast = Broadcast()
     broadcast.put("summary", STRANGE)
-    _, texts = broadcast.since(0, hidden=False)
+    _, texts = broadcast.since(0)
     assert [strict(text) for text in texts] == [{"kind": "summary", "summary": PLAIN}]
 
 

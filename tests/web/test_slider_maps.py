@@ -44,14 +44,6 @@ def test_each_slider_has_a_map_that_eigenvalues_confirm(scene):
             assert region not in VIBRATING or seen is not False, (key, value)
 
 
-def test_the_page_says_why_where_a_slider_decides_nothing():
-    """Such a map is a single span, of which rig/web/page/regions.js makes a sentence."""
-    for scene, of_scene in MAPS.items():
-        for key, entry in of_scene.items():
-            regions = {region for _, region in entry["spans"]} - {"?", "stuck"}
-            assert len(regions) > 1 or len(entry["spans"]) == 1 or regions <= VIBRATING | {"II"}, (scene, key)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", MAPS)
 def test_a_run_is_quiet_and_vibrates_where_the_map_says_so(scene):

@@ -24,7 +24,8 @@ export function told(map, value, unit) {
   const calm = (region) => REGIONS[region][2] === QUIET, here = map.spans.findIndex(([end]) => value <= end);
   if (here < 0 || value < map.low) return "";
   const word = REGIONS[map.spans[here][1]][2];
-  if (map.spans.length === 1) return t("{word} at every value: this slider does not decide it", { word });
+  const kinds = new Set(map.spans.map(([, region]) => region).filter((region) => !["stuck", "?"].includes(region)));
+  if (kinds.size === 1 && kinds.has(map.spans[here][1])) return t("{word} at every value: this slider does not decide it", { word });
   if (calm(map.spans[here][1])) {
     const ends = [here ? t("from {value}", { value: quantity(map.spans[here - 1][0], unit, 3) }) : "", here < map.spans.length - 1 ? t("up to {value}", { value: quantity(map.spans[here][0], unit, 3) }) : ""];
     return [word, ...ends].filter(Boolean).join(" ");
