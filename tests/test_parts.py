@@ -20,6 +20,7 @@ WORDS = {
 """Names of parts that are words of other rooms too: quantities, steps of a protocol, terms of the energy balance."""
 KNOWN = {
     "rig/cli/runs.py": {"pendulum"},  # the scene of `rig demo`
+    "rig/scenes/shipped.py": {"pendulum"},  # the scene to start from
     "rig/design/rig.py": {"dither"},  # scales of a command are those without dither
     "rig/analysis/floquet.py": {"dither"},  # the motion under dither that is not fast
     "rig/analysis/identification/lever.py": {"lever"},  # the experiments that identify this rig
