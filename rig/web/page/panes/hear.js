@@ -16,7 +16,7 @@ export function create(bench) {
   const box = h("details", { class: "chip", hidden: true }, h("summary", { id: "hear-open" }, t("Sound")),
     h("div", { class: "card stack" }, list, h("div", { class: "row" }, button, h("label", { class: "small grow" }, t("volume"), " ", volume)), fault, told));
   let playing = null; // {context, gain, worker} while the page listens
-  let starting = 0;
+  let starting = 0, sounded = false; // sounded: whether there was a run at the last look
 
   const turn = () => { if (playing) playing.gain.gain.value = (volume.value / 100) ** 2; };
 
@@ -106,6 +106,8 @@ export function create(bench) {
     },
     state() {
       if (playing && !store.active) silence();
+      if (sounded && !store.active) box.open = false; // or it would cover what the run ended with
+      sounded = store.active;
       show();
     },
   };
