@@ -318,10 +318,13 @@ def _kinds(sweep: Sweep, axes: Axes, coupled: Mapping[int, str]) -> None:
     from matplotlib.lines import Line2D
 
     first = {branch: next(hertz for hertz in sweep.frequency[:, branch] if hertz == hertz) for branch in coupled}
-    lines = [Line2D([], [], color=colour, lw=2.4, label=f"mode of {first[branch]:.5g} Hz")
-             for branch, colour in coupled.items()]  # fmt: skip
-    lines += [Line2D([], [], color=GREY, ls=style, lw=1.6, label=label)
-              for style, label in (("-", "decays"), ("--", "grows"))]  # fmt: skip
+    lines = [
+        Line2D([], [], color=colour, lw=2.4, label=f"mode of {first[branch]:.5g} Hz")
+        for branch, colour in coupled.items()
+    ]
+    lines += [
+        Line2D([], [], color=GREY, ls=style, lw=1.6, label=label) for style, label in (("-", "decays"), ("--", "grows"))
+    ]
     axes.legend(handles=lines, loc="best", ncols=2, fontsize=8.5, frameon=True, edgecolor="none", framealpha=0.85)
 
 

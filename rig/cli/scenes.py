@@ -220,8 +220,10 @@ def _print_screen(explanation: Explanation, typed: str) -> None:
     acts += [(f"controller {key}", _loop(section)) for key, section in scene.controllers.items()]
     acts += [("sensors", ", ".join(scene.sensors))]
     for title, rows in (
-        ("what acts", acts), ("what it does", _does(scene, name)), ("what is uncertain", _uncertain(explanation)),
-    ):  # fmt: skip
+        ("what acts", acts),
+        ("what it does", _does(scene, name)),
+        ("what is uncertain", _uncertain(explanation)),
+    ):
         printing.described(title, [row for row in rows if row[1]])
     printing.paragraph(f"next: rig simulate {name} | rig modes {name} | rig run {name} --view")
     printing.line()
@@ -255,8 +257,13 @@ def _does(scene: Scene, name: str) -> Iterator[tuple[str, str]]:
         length = "without an end" if scene.duration_ns is None else f"{scene.duration_ns / 1e9:g} s"
         yield "protocol", f"{counted(len(scene.protocol), 'step')}, {length}"
     if scene.assemble().film is not None:
-        yield "chaos", ("after the first opening of a contact point the motion is chaotic: only statistics count. "
-                        f"Their spread: rig study {name} --repeat 8 -p noise.force=1e-6 --measure run.rms")  # fmt: skip
+        yield (
+            "chaos",
+            (
+                "after the first opening of a contact point the motion is chaotic: only statistics count. "
+                f"Their spread: rig study {name} --repeat 8 -p noise.force=1e-6 --measure run.rms"
+            ),
+        )
 
 
 def _uncertain(explanation: Explanation) -> Iterator[tuple[str, str]]:
@@ -289,8 +296,15 @@ def _print_values(values: Sequence[Value]) -> None:
         place = str(value.place or "")
         return place.removeprefix(f"{usual}, ") if usual else place
 
-    shown = [(v.key, f"{_listed(v.value)} {_unit(v.unit)}".strip(), v.origin.origin,
-              ", ".join(filter(None, (v.origin.note, line_of(v))))) for v in values]  # fmt: skip
+    shown = [
+        (
+            v.key,
+            f"{_listed(v.value)} {_unit(v.unit)}".strip(),
+            v.origin.origin,
+            ", ".join(filter(None, (v.origin.note, line_of(v)))),
+        )
+        for v in values
+    ]
     printing.described(f"values, with lines of {usual}" if usual else "values", shown)
 
 

@@ -80,8 +80,10 @@ def loaded(scene: Scene | str | Path, overrides: Mapping[str, object] | None = N
     if not isinstance(scene, Scene):
         raise UsageError(f"{scene!r:.60} is no scene; give a name, a file, or what rig.load returns")
     if overrides:
-        raise UsageError(f"overrides {', '.join(overrides)}: the scene {scene.name} is loaded already; "
-                         "give them to rig.load, or give its name or file here")  # fmt: skip
+        raise UsageError(
+            f"overrides {', '.join(overrides)}: the scene {scene.name} is loaded already; "
+            "give them to rig.load, or give its name or file here"
+        )
     return scene
 
 

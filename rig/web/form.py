@@ -170,8 +170,10 @@ class Slider(NamedTuple):
 
 def usual(scene: Scene, key: str, value: float) -> float:
     """`value`, or if it is 0 the largest to which the protocol moves it."""
-    moved = [step.to for step in flat(scene.protocol) if isinstance(step, Ramp | Set) and step.target == key]
-    return value or max(moved, key=abs, default=0.0)
+    if value:
+        return value
+    moved = (step.to for step in flat(scene.protocol) if isinstance(step, Ramp | Set) and step.target == key)
+    return max(moved, key=abs, default=0.0)
 
 
 def slider_of(value: float, low: float, high: float, hand: Hand | None = None) -> Slider:

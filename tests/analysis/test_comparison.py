@@ -201,9 +201,14 @@ def test_the_command_compares_with_a_scene_and_judges_by_the_tolerance(rig, logs
 
 
 def test_curves_are_named_by_what_differs():
-    belt, load, both = (lab.simulate("belt", 0.2, overrides=given) for given in (
-        {}, {"load.force": "15 N"}, {"load.force": "15 N", "seed": 2, "drive.speed": "0.1 m/s", "body.mass": 6.0}
-    ))  # fmt: skip
+    belt, load, both = (
+        lab.simulate("belt", 0.2, overrides=given)
+        for given in (
+            {},
+            {"load.force": "15 N"},
+            {"load.force": "15 N", "seed": 2, "drive.speed": "0.1 m/s", "body.mass": 6.0},
+        )
+    )
     other = lab.simulate("belt_b", 0.2)
     assert lab.diff(belt, load).labels == ("A: load.force 20 N", "B: load.force 15 N")
     assert lab.diff(belt, belt).labels == ("A", "B")

@@ -97,9 +97,13 @@ def test_a_figure_names_every_parameter_in_words(shipped):
     assert axis.title.startswith("nf gain")
 
 
-@pytest.mark.parametrize(("name", "axis", "first"), [
-    ("two_dof", (0.1, 0.6, 11), (1.4621, 1.7111)), ("brake", (0.0, 0.7, 8), (2079.4, 2182.8)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "axis", "first"),
+    [
+        ("two_dof", (0.1, 0.6, 11), (1.4621, 1.7111)),
+        ("brake", (0.0, 0.7, 8), (2079.4, 2182.8)),
+    ],
+)
 def test_a_sweep_names_the_pair_of_modes_that_meets_and_its_figure_shows_it_large(name, axis, first):
     found = rig.sweep(name, "friction.mu", np.linspace(*axis))
     [critical] = found.critical

@@ -124,9 +124,17 @@ def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, a
         rows[row].append(at)
         digits = max(0, 3 - math.floor(math.log10(line.at)))  # at least four, without an exponent
         text = f"{line.at:.{digits}f} {axis}, {100.0 * line.rms**2 / density.rms**2:.2g} %"
-        axes.annotate(text, (line.at, line.density), (line.at, 0.95 - _ROW * row), ha="center", fontsize=9, color=GREY,
-                      textcoords=("data", "axes fraction"), arrowprops={"arrowstyle": "-", "color": GREY, "lw": 0.6},
-                      bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
+        axes.annotate(
+            text,
+            (line.at, line.density),
+            (line.at, 0.95 - _ROW * row),
+            ha="center",
+            fontsize=9,
+            color=GREY,
+            textcoords=("data", "axes fraction"),
+            arrowprops={"arrowstyle": "-", "color": GREY, "lw": 0.6},
+            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5},
+        )
     share = _ROW * len(rows) + 0.02  # of the height, for the labels
     axes.set_ylim(low, low * (high / low) ** (1.0 / (1.0 - share)))
 
