@@ -73,11 +73,11 @@ test-browser: tools # RIG_SCREENSHOTS=FOLDER keeps pictures of the page
 
 screenshots: tools
 	@mkdir -p build/screenshots
-	@RIG_SCREENSHOTS=build/screenshots $(RUN) pytest -m browser -rs tests/web/browser/test_states.py -k screen
+	@RIG_SCREENSHOTS=$(CURDIR)/build/screenshots $(RUN) pytest -m browser -rs tests/web/browser/test_states.py -k screen
 
 pictures: tools
 	@$(BIN)/python docs/readme_pictures.py
-	@RIG_SCREENSHOTS=docs $(RUN) pytest -m browser -rs tests/web/browser/test_page_picture.py
+	@RIG_SCREENSHOTS=$(CURDIR)/docs $(RUN) pytest -m browser -rs tests/web/browser/test_page_picture.py
 
 tracks: install
 	@$(BIN)/python docs/page_tracks.py

@@ -1,6 +1,6 @@
 """The picture of the page in README: the demonstration while its controller works.
 
-RIG_SCREENSHOTS=docs writes it: make pictures.
+RIG_SCREENSHOTS=FOLDER writes it: make pictures.
 """
 
 import pytest
