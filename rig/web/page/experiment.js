@@ -50,7 +50,7 @@ export function sentence(store) {
   const [factor, written] = scaled(unit, most), told = (size) => number(size * factor, 2);
   const until = stretches.findLastIndex(vibrates), since = stretches[until + 1]?.from;
   if (until < 0) return t("quiet all the time");
-  const cause = (from) => store.events.findLast(({ t: at, kind }) => at <= from && at > 0 && CHANGES.includes(kind));
+  const cause = (from) => store.events.findLast(({ t: at, kind, text }) => at <= from && at > 0 && CHANGES.includes(kind) && !text.startsWith("hold")); // to hold changes nothing
   if (since === undefined) {
     const calm = stretches.findLastIndex((one) => !vibrates(one)), event = calm >= 0 ? cause(stretches[calm + 2]?.from ?? store.t) : null;
     return [t("vibrates: amplitude {size} {unit}", { size: told(last), unit: written }), event ? t("after {cause}", { cause: inWords(event, store) }) : ""].filter(Boolean).join(", ");

@@ -84,6 +84,7 @@ export function create(bench) {
 
   /** Whether all sliders but that of `key` are where the map of `key` was made: it holds for these values only. */
   function holds(key) {
+    if (live() && entryOf(key)?.owner) return false; // it moves by itself
     return entries().every((one) => one.key === key || mapOf(one.key)?.at === undefined || mapOf(key).with?.[one.key] !== undefined
       || (Math.abs(one.value - mapOf(one.key).at) <= 1e-3 * Math.abs(mapOf(one.key).at) && (!live() || !one.owner || key.startsWith(`controllers.${one.owner}.`))));
   }
