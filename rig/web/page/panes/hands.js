@@ -86,7 +86,7 @@ export function create(bench) {
   function holds(key) {
     if (live() && entryOf(key)?.owner) return false; // it moves by itself
     return entries().every((one) => one.key === key || mapOf(one.key)?.at === undefined || mapOf(key).with?.[one.key] !== undefined
-      || (Math.abs(one.value - mapOf(one.key).at) <= 1e-3 * Math.abs(mapOf(one.key).at) && (!live() || !one.owner || key.startsWith(`controllers.${one.owner}.`))));
+      || (live() && one.owner ? key.startsWith(`controllers.${one.owner}.`) : Math.abs(one.value - mapOf(one.key).at) <= 1e-3 * Math.abs(mapOf(one.key).at)));
   }
 
   /** Calls `set` at most every EVERY ms, and with the last value in any case. */
