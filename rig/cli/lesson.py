@@ -20,9 +20,10 @@ def lesson(
     number: Annotated[
         int | None, typer.Argument(metavar="N", help="Number of the lesson. Default: list all lessons.")
     ] = None,
+    solutions: Annotated[bool, typer.Option("--solutions", help="Print the solutions too.")] = False,
     as_json: Json = False,
 ) -> None:
-    """List the lessons, or print lesson N.
+    """List the lessons, or print lesson N without its solutions.
 
     `rig web` shows them with a button for each command.
     """
@@ -33,10 +34,13 @@ def lesson(
         _list(lessons(), as_json)
         return
     chosen = of(number)
+    page = chosen.file.read_text(encoding="utf-8")
+    if not solutions:
+        page = page.replace(chosen.solutions, f"They are printed by `rig lesson {number} --solutions`.")
     if as_json:
-        printing.report(_card(chosen) | {"page": chosen.file.read_text(encoding="utf-8")})
+        printing.report(_card(chosen) | {"page": page})
     else:
-        _show(for_a_terminal(chosen.file.read_text(encoding="utf-8")))
+        _show(for_a_terminal(page))
 
 
 def _show(text: str) -> None:

@@ -65,17 +65,18 @@ def cost(
         pick, why = recommended(measured.rows, by, wanted, most), ""
     except UsageError as error:
         pick, why = None, str(error)
-    if as_json:
-        report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
-        report |= {"recommended": None if pick is None else pick.flat(), "why": why}
-        printing.report(report)
-    else:
+
+    def show() -> None:
         title = f"{measured.scene}: error and compute time on this machine"
         printing.table(title, heads(measured), lines(measured, by, pick))
         printing.line()
         for line in notes(measured, by):
             printing.line(f"  {line}")
         printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
+
+    report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
+    report |= {"recommended": None if pick is None else pick.flat(), "why": why}
+    printing.reported(as_json, report, show)
     if front(measured.rows, by):
         draw(CostReport(measured, by, pick, most), folder / "cost.png")
     if not as_json:

@@ -323,14 +323,13 @@ def simulate(
         from rig.record.save_run import save
 
         save(simulated, out, replace=force)  # another command may have written it since this one began
-    if as_json:
-        printing.report(
-            {**simulated.summary, "energy": simulated.energy, "events": simulated.events, "fault": simulated.fault}
-        )
-    else:
-        from rig.scenes.scene import Scene
+    from rig.scenes.scene import Scene
 
-        printing.pairs(_summary(simulated, loaded or Scene.from_json(simulated.scene), wall, out, figure))
+    printing.reported(
+        as_json,
+        {**simulated.summary, "energy": simulated.energy, "events": simulated.events, "fault": simulated.fault},
+        lambda: printing.pairs(_summary(simulated, loaded or Scene.from_json(simulated.scene), wall, out, figure)),
+    )
     for text in _notes(simulated):
         printing.note(text)
     draw(simulated, figure, names)

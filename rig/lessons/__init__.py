@@ -2,13 +2,16 @@
 
 page       a page in parts: question, text, commands, their output, expected numbers, solutions; runs a command of a
            lesson
+numbers    the expected numbers beside those of a report
 pages/     the pages themselves, with their figures: docs/lessons
 """
 
 from __future__ import annotations
 
+from rig.lessons.numbers import Compared, compare
 from rig.lessons.page import (
     FOLDER,
+    SECTIONS,
     Command,
     Expected,
     Lesson,
@@ -16,12 +19,26 @@ from rig.lessons.page import (
     attempt,
     lesson,
     lessons,
+    prepared,
     readable,
     renew,
     renewed,
 )
 
 __all__ = [
-    "FOLDER", "Command", "Expected", "Lesson", "Outcome", "attempt", "lesson", "lessons",
-    "readable", "renew", "renewed",
-]  # fmt: skip
+    "FOLDER",
+    "SECTIONS",
+    "Command",
+    "Compared",
+    "Expected",
+    "Lesson",
+    "Outcome",
+    "attempt",
+    "compare",
+    "lesson",
+    "lessons",
+    "prepared",
+    "readable",
+    "renew",
+    "renewed",
+]

@@ -213,20 +213,23 @@ class Outcome:
     printed: str
 
 
+def prepared(command: Command, folder: Path) -> list[str]:
+    """The words after `rig` that run `command` in `folder`, with the files that it reads; it replaces what it wrote."""
+    for name, text in command.files:
+        (folder / name).write_text(text, encoding="utf-8")
+    if not (measured := folder / RECORDINGS.name).exists() and RECORDINGS.name in "".join(command.words):
+        measured.symlink_to(RECORDINGS)
+    writes = command.words[0] in _KEEP or any(word in _WRITES for word in command.words)
+    return [*command.words, *(["--force"] if writes and "--force" not in command.words else [])]
+
+
 def attempt(command: Command, folder: Path, as_json: bool = True) -> Outcome:
     """Run `command` in `folder`, with a report as JSON or as a reader sees it; files of an earlier run are replaced.
 
     The command is a process in a session of its own: on Ctrl-C it is asked to stop and has time to complete what it
     writes. Raises WorkerError after `LONGEST_S`.
     """
-    for name, text in command.files:
-        (folder / name).write_text(text, encoding="utf-8")
-    if not (measured := folder / RECORDINGS.name).exists() and RECORDINGS.name in "".join(command.words):
-        measured.symlink_to(RECORDINGS)
-    words = [*command.words, "--json"] if as_json else [*command.words]
-    writes = words[0] in _KEEP or any(word in _WRITES for word in words)
-    if writes and "--force" not in words:
-        words.append("--force")
+    words = [*prepared(command, folder), *(["--json"] if as_json else [])]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "rig", *words],
         cwd=folder,

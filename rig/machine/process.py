@@ -243,11 +243,17 @@ class Child:
 
     Its output on stdout and stderr is kept line by line: new lines for `new_lines`, the last ones in `tail`. What it
     tells with `rig.machine.process.tell` waits for `new_words`; `fault` is why it ends, if it told that. `heard` is set
-    with each line or word and when they end. With `fed` the process reads what `feed` writes.
+    with each line or word and when they end. With `fed` the process reads what `feed` writes. `folder`: where it works,
+    by default that of its parent.
     """
 
     def __init__(
-        self, name: str, arguments: Sequence[str], heard: threading.Event | None = None, fed: bool = False
+        self,
+        name: str,
+        arguments: Sequence[str],
+        heard: threading.Event | None = None,
+        fed: bool = False,
+        folder: Path | None = None,
     ) -> None:
         self.name = name
         self._heard = heard or threading.Event()
@@ -268,6 +274,7 @@ class Child:
                 encoding="utf-8",
                 errors="replace",
                 start_new_session=True,
+                cwd=folder,
                 env={"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONPATH": path, PARENT: str(number)},
                 **inherited,
             )

@@ -12,6 +12,7 @@
     POST /api/run/follow          {run} -> follows one of them;  /api/run/leave: no longer
     GET  /api/recordings          the recordings of the folder;  GET /recordings/NAME: one of them, to keep
     POST /api/recordings/open     {name} -> a whole recording (`rig.web.playback`)
+    POST /api/recordings/picture  {name} -> its rig before the run (`rig.web.playback.at_rest`)
     POST /api/recordings/work     {what, name, other, at, changes} -> a job with a recording (`rig.web.lists`)
     GET  /api/studies             maps, cost tables, branches;  GET /studies/KIND/NAME/FILE: a figure or a table of one
     POST /api/studies/work        {what, scene, changes, x, y} -> a job: eigenvalues, a map, a cost table, branches
@@ -50,13 +51,14 @@ from rig.analysis.report import LOOK
 from rig.bus.topics import Message
 from rig.errors import RigError, UsageError
 from rig.machine.files import RUNS
-from rig.web import lists
+from rig.web import lessons
 from rig.web.broadcast import Broadcast
 from rig.web.form import Catalogue, as_text, form, timing
 from rig.web.jobs import Jobs
+from rig.web.lessons import LessonJobs
 from rig.web.lists import Recordings, Studies
 from rig.web.plain_json import Answer
-from rig.web.playback import recorded
+from rig.web.playback import at_rest, recorded
 from rig.web.run_control import RunControl
 from rig.web.sound import Sounds, packed
 
@@ -92,6 +94,7 @@ class Bench:
         self.jobs = Jobs()
         self.recordings = Recordings(folder / RUNS, self.jobs)
         self.studies = Studies(folder, self.catalogue, self.jobs)
+        self.lessons = LessonJobs(self.jobs)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._urgent = ThreadPoolExecutor(_URGENT, "urgent")
 
@@ -169,16 +172,21 @@ def app(bench: Bench) -> Starlette:
             _answers(lambda body: recorded(bench.recordings.path(body.get("name")))),
             methods=["POST"],
         ),
+        Route(
+            "/api/recordings/picture",
+            _answers(lambda body: at_rest(bench.recordings.path(body.get("name")))),
+            methods=["POST"],
+        ),
         Route("/api/recordings/work", _answers(bench.recordings.work), methods=["POST"]),
         Route("/recordings/{name:path}", _file(lambda given: bench.recordings.path(given["name"]))),
         Route("/api/studies", _answers(lambda _: bench.studies.all())),
         Route("/api/studies/work", _answers(bench.studies.work), methods=["POST"]),
         Route("/api/studies/beside", _answers(bench.studies.beside), methods=["POST"]),
         Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
-        Route("/api/lessons", _answers(lists.listed)),
-        Route("/api/lesson", _answers(lists.text), methods=["POST"]),
-        Route("/api/lesson/run", _answers(lambda body: lists.run_of(body, bench.jobs)), methods=["POST"]),
-        Route("/lessons/{name}", _file(lambda given: lists.figure(given["name"]))),
+        Route("/api/lessons", _answers(lessons.listed)),
+        Route("/api/lesson", _answers(lessons.text), methods=["POST"]),
+        Route("/api/lesson/run", _answers(bench.lessons.run), methods=["POST"]),
+        Route("/lessons/{name}", _file(lambda given: lessons.figure(given["name"]))),
         Route("/api/jobs", _answers(lambda _: bench.jobs.all())),
         Route("/api/jobs/stop", _answers(bench.stop_job), methods=["POST"]),
         Route("/jobs/{number:int}", _file(lambda given: bench.jobs.job(given["number"]).file())),

@@ -32,7 +32,7 @@ from rig.scenes.places import Place
 from rig.scenes.protocol import Mark, Ramp, Repeat, Set, flat
 from rig.scenes.scene import Scene
 from rig.scenes.sections import field_of, known, range_of
-from rig.scenes.shipped import card
+from rig.scenes.shipped import card, groups
 from rig.scenes.source import FORMAT
 from rig.units import with_point
 from rig.view.channels import Channels
@@ -246,12 +246,12 @@ class Catalogue:
         self._folder = folder
 
     def cards(self) -> list[dict[str, Any]]:
-        """Name, title, plant and description of every scene; `own`: it is a file of the folder.
+        """Name, title, plant and description of every scene, and of a shipped one what happens; `own`: a file of the folder.
 
         The title of a file that cannot be read says why.
         """
         return [{**shown, "own": True} for shown in cards(self._folder)] + [
-            {**card(name), "own": False} for name in names()
+            {**card(name), "own": False, "group": group} for name, group in groups().items()
         ]
 
     def scene(self, name: Any, changes: Any = None) -> Scene:

@@ -6,7 +6,7 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +20,31 @@ KEPT = 20
 LINES = 200
 
 
-class Job:
-    """One command of `rig`; `result`: the file or the folder that it writes, if any."""
+Numbers = Callable[[int, Any], list[dict[str, Any]]]
+"""Exit code and report of a command (`--json`, None without one) -> numbers of it, for the page."""
 
-    def __init__(self, number: int, title: str, arguments: Sequence[str], result: Path | None) -> None:
+
+class Job:
+    """One command of `rig`; `result`: the file or the folder that it writes, if any; `folder`: where it runs.
+
+    When it has ended, `numbers` gets its exit code and its report, and gives what is told of them.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        title: str,
+        arguments: Sequence[str],
+        result: Path | None,
+        folder: Path | None,
+        numbers: Numbers | None,
+    ) -> None:
         self.number, self.title, self.command, self.result = number, title, arguments[0], result
         self._lines: list[str] = []
         self._stopped = False
-        self.child = Child(title, ["rig.web.job_process", *arguments])
+        self._numbers = numbers
+        self._report: Any = None
+        self.child = Child(title, ["rig.web.job_process", *arguments], folder=folder)
 
     def stop(self) -> None:
         """Ask the process to stop, as Ctrl-C does."""
@@ -48,11 +65,15 @@ class Job:
         return self.child.code is None
 
     def to_json(self) -> dict[str, Any]:
-        """Number, title, command, state, exit code, lines of output, kind of file of the result ("" without one)."""
+        """Number, title, command, state, exit code, lines of output, kind of file of the result ("" without one).
+
+        `numbers`: what is told of the report when it has ended.
+        """
         code = self.child.code
         if code is not None:
             self.child.wait(0.1)  # its last lines
         self._lines = [*self._lines, *self.child.new_lines()][-LINES:]
+        self._report = dict(self.child.new_words()).get("report", self._report)
         state = "working" if code is None else "stopped" if self._stopped else "done"
         kind = self.result.suffix or ".zip" if code is not None and self.result and self.result.exists() else ""
         return {
@@ -63,6 +84,7 @@ class Job:
             "code": code,
             "lines": self._lines,
             "result": kind,
+            "numbers": self._numbers(code, self._report) if self._numbers and code is not None else [],
         }
 
 
@@ -81,7 +103,14 @@ class Jobs:
             self._folder = tempfile.TemporaryDirectory(prefix="friction-rig-web-")
         return Path(tempfile.mkdtemp(dir=self._folder.name))
 
-    def start(self, title: str, arguments: Sequence[str], result: Path | None = None) -> dict[str, Any]:
+    def start(
+        self,
+        title: str,
+        arguments: Sequence[str],
+        result: Path | None = None,
+        folder: Path | None = None,
+        numbers: Numbers | None = None,
+    ) -> dict[str, Any]:
         """Start `rig` with these arguments. Raises UsageError while `MOST` jobs work."""
         with self._lock:
             if sum(job.working for job in self._jobs.values()) >= MOST:
@@ -89,7 +118,7 @@ class Jobs:
             for number in sorted(number for number, job in self._jobs.items() if not job.working)[:-KEPT]:
                 del self._jobs[number]
             self._number += 1
-            self._jobs[self._number] = Job(self._number, title, arguments, result)
+            self._jobs[self._number] = Job(self._number, title, arguments, result, folder, numbers)
             return self._jobs[self._number].to_json()
 
     def all(self) -> list[dict[str, Any]]:

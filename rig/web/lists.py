@@ -1,7 +1,7 @@
-"""Lists on the page: lessons, recordings, maps and cost tables, with the jobs that make new ones.
+"""Lists on the page: recordings, maps and cost tables, with the jobs that make new ones.
 
-Of lessons the list, the text as HTML, the figures; of the recordings of a folder jobs that check, report, export,
-compare and view them; maps, cost tables and branches are those in the folders `maps`, `cost` and `branches`.
+Of the recordings of a folder jobs that check, report, export, compare and view them; maps, cost tables and branches are
+those in the folders `maps`, `cost` and `branches`.
 
 Every study has a folder of its own, as `rig map`, `rig cost` and `rig branches` write it; the page is given its figures
 and tables.
@@ -12,7 +12,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from typing import Any
 from rig.analysis.axis import Axis, axes
 from rig.analysis.recorded.comparison import flattened
 from rig.errors import UsageError
-from rig.lessons import FOLDER, lesson, lessons, readable
 from rig.machine.files import DATA, contents
 from rig.printable import counted
 from rig.record.contents import SUFFIX
@@ -28,67 +26,6 @@ from rig.record.run_list import runs
 from rig.scenes.scene import Scene
 from rig.web.form import Catalogue, as_text
 from rig.web.jobs import Jobs
-
-GERMAN = Path(__file__).parent / "page" / "german.json"
-"""The catalogue of the page: sections of English texts with their translations."""
-
-
-def listed(_: dict[str, Any]) -> Any:
-    """Number, title, time and scene of every lesson."""
-    return [
-        {"number": entry.number, "title": entry.title, "time": entry.facts["time"], "scene": entry.scene}
-        for entry in lessons()
-    ]
-
-
-def text(body: dict[str, Any]) -> Any:
-    """The text of a lesson as HTML, in German for "de". Raises UsageError for a number that no lesson has."""
-    german = json.loads(GERMAN.read_text(encoding="utf-8")) if body.get("language") == "de" else {}
-    known = {text: other for entries in german.values() for text, other in entries.items()}
-    return {"html": html(lesson(_number(body)).file.read_text(encoding="utf-8"), known)}
-
-
-def _number(body: dict[str, Any]) -> int:
-    number = body.get("number")
-    if isinstance(number, bool) or not isinstance(number, int):
-        raise UsageError(f'"number" is {number!r:.80}; expected the number of a lesson')
-    return number
-
-
-def run_of(body: dict[str, Any], jobs: Jobs) -> dict[str, Any]:
-    """Start a command of a lesson as a job. Raises UsageError for anything else than a line of its page."""
-    command, page = body.get("command"), lesson(_number(body)).file.read_text(encoding="utf-8")
-    if not isinstance(command, str) or not command.startswith("rig ") or command not in page.splitlines():
-        raise UsageError(f"{command!r:.80} is no command of this lesson")
-    return jobs.start(command, shlex.split(command)[1:])
-
-
-def figure(name: str) -> Path:
-    """The file of a figure. Raises UsageError for a name that is none of the lessons."""
-    figures = {file.name: file for file in FOLDER.glob("*.png")}
-    if name not in figures:
-        raise UsageError(f"{name!r:.80}: no lesson has this figure")
-    return figures[name]
-
-
-def html(page: str, known: Mapping[str, str]) -> str:
-    """A page as HTML, its figures from /lessons/. Links to other pages of the site become plain text.
-
-    A paragraph, heading or cell that is `known` (with spaces for ends of lines) is replaced; output stays as it is.
-    """
-    from markdown_it import MarkdownIt
-
-    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
-    tokens = parser.parse(readable(page))
-    for block in tokens:
-        if block.type == "inline" and (other := known.get(block.content.replace("\n", " "))):
-            block.children = parser.parseInline(other)[0].children
-        block.children = [token for token in block.children or () if token.type not in ("link_open", "link_close")]
-        for token in block.children:
-            if token.type == "image":
-                token.attrSet("src", f"/lessons/{token.attrGet('src')}")
-    return str(parser.renderer.render(tokens, parser.options, {}))
-
 
 OF_RECORDINGS = ("verify", "report", "csv", "compare", "view", "spectrum", "sound", "continue")
 

@@ -3,6 +3,8 @@
 setup     as of a run that is followed (`rig.web.follower.description`)
 frame     one frame (`rig.web.frames`) with the extremes of all outputs and measurements, and all events
 pictures  {"t": [s], "frames": [what has moved]}, at most `PICTURES`
+
+For a list of recordings, `at_rest` gives one picture without reading the messages.
 """
 
 from __future__ import annotations
@@ -17,10 +19,12 @@ from rig.errors import UsageError
 from rig.record.reader import open as read
 from rig.record.recorded_setup import head, setup_of
 from rig.scenes.scene import Scene
+from rig.structure import model_store
 from rig.view.channels import Channels
 from rig.view.contact import Contacts, Modes
 from rig.view.process import joined
 from rig.web.follower import description
+from rig.web.form import picture
 from rig.web.frames import columns
 from rig.web.picture import MovingPicture
 from rig.web.plain_json import finite
@@ -59,11 +63,11 @@ def recorded(path: Path) -> dict[str, Any]:
     ]
     still, frames, times = None, [], []
     try:
-        if (picture := MovingPicture.of(scene, assembly, system, channels.colours)) is not None:
-            still, modes = picture.still, Modes(system).indices(keys)
+        if (moving := MovingPicture.of(scene, assembly, system, channels.colours)) is not None:
+            still, modes = moving.still, Modes(system).indices(keys)
             count = int(np.clip((end - run.time[0]) * RATE, 2, min(PICTURES, t_ns.size)))
             for part in (slice(*pair) for pair in pairwise(np.linspace(0, t_ns.size, count + 1).astype(int).tolist())):
-                frames.append(picture.frame(t_ns[part], {k: x[part] for k, x in outputs.items()}, modes[part]))
+                frames.append(moving.frame(t_ns[part], {k: x[part] for k, x in outputs.items()}, modes[part]))
                 times.append(float(run.time[part.stop - 1]))
     except Exception:  # of a drawer that came with a plant of the user: curves and events are shown without it
         still, frames, times = None, [], []
@@ -75,6 +79,17 @@ def recorded(path: Path) -> dict[str, Any]:
         }
     )
     return whole
+
+
+def at_rest(path: Path) -> dict[str, Any] | None:
+    """The picture of the recorded rig before its run (`rig.web.form.picture`); None without a rig. Raises LogError."""
+    setup = setup_of(head(path))
+    if not setup.scene:
+        return None
+    for model in setup.models:
+        model_store.offer(model)
+    scene = Scene.from_json(setup.scene)
+    return picture(scene, scene.assemble())
 
 
 def _spans(begins: Any, ends: Any, values: Any, bits: Any = None) -> dict[str, Any]:

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import psutil
 import pytest
-from lesson_numbers import compare
 from patience import wait_for
 
 from rig import scenes
+from rig.cli import app
 from rig.cli.lesson import for_a_terminal
-from rig.lessons import FOLDER, attempt, lesson, lessons, renew, renewed
+from rig.lessons import FOLDER, attempt, compare, lesson, lessons, renew, renewed
 from rig.lessons.page import Command, read
 
 ROOT = Path(__file__).parents[2]
@@ -36,7 +36,7 @@ def every_number(one, folder):
     count = 0
     for command in one.commands:
         outcome = attempt(command, folder)
-        for found in compare(command, outcome):
+        for found in compare(command, outcome.code, outcome.report):
             assert found.agrees, f"{command.text}: {found.expected}, found {found.value}\n{outcome.notes}"
             count += 1
         if "--figure" in command.words:
@@ -194,7 +194,8 @@ def test_a_wrong_number_does_not_agree(tmp_path):
     file = tmp_path / "01_t.md"
     file.write_text(PAGE)
     (command,) = read(file).commands
-    code, growth, stable = compare(command, attempt(command, tmp_path))
+    outcome = attempt(command, tmp_path)
+    code, growth, stable = compare(command, outcome.code, outcome.report)
     assert code.agrees
     assert (growth.agrees, stable.agrees, stable.value) == (False, False, "no")
     assert growth.value == pytest.approx(3.6553, abs=1e-3)
@@ -202,6 +203,15 @@ def test_a_wrong_number_does_not_agree(tmp_path):
     assert read(file).commands[0].printed == (
         "  mode     growth 1/s  ...", "  flutter         3.65529  ...", "  ...", "  normal_force = 20 N")  # fmt: skip
     assert file.read_text().replace("3.65529  ", "3.6  ").replace("20 N", "21 N") == PAGE
+
+
+def test_solutions_are_printed_on_request(capsys):
+    one = lesson(QUICK)
+    first = one.solutions.splitlines()[0]
+    for options in ([], ["--json"], ["--solutions"]):
+        with pytest.raises(SystemExit):
+            app.run(["lesson", str(QUICK), *options])
+        assert (first in capsys.readouterr().out) is (options == ["--solutions"])
 
 
 def test_a_line_that_a_command_does_not_print_is_refused():

@@ -2,7 +2,9 @@
 
 import re
 
-from rig.lessons import lessons
+from rig.lessons import lesson, lessons
+
+FILES = 9
 
 
 def test_lessons_are_listed_and_shown_with_their_figures(client):
@@ -13,6 +15,9 @@ def test_lessons_are_listed_and_shown_with_their_figures(client):
         assert f"<h1>{one['title']}</h1>" in shown
         assert "<table>" in shown
         assert "<a " not in shown
+        assert re.search(
+            r"<details><summary><h2>Solutions</h2>\n?</summary>.*</details>\n?<h2>What to try", shown, re.DOTALL
+        )
         figures = re.findall(r'<img src="([^"]+)"', shown)
         assert figures
         for address in figures:
@@ -39,6 +44,9 @@ def test_a_lesson_in_german_keeps_its_commands_output_and_figures(client):
 def test_a_command_of_a_lesson_runs_and_no_other(client):
     job = client.job("/api/lesson/run", number=1, command="rig modes belt")
     assert job["code"] == 0
+    numbers = {number["quantity"]: (number["value"], number["agrees"]) for number in job["numbers"]}
+    assert numbers["growth rate"] == ("3.65529 1/s", True)
+    assert all(agrees for _, agrees in numbers.values())
     assert any("3.65529" in line and "3.51094" in line for line in job["lines"])
     for command in ("rig modes", "rig modes belt --force", "ls", "", None, "rig modes belt\n"):
         assert client.post("/api/lesson/run", number=1, command=command).status_code == 422
@@ -49,3 +57,12 @@ def test_what_is_no_lesson_is_refused(client):
         assert client.post("/api/lesson", number=number).status_code == 422
     for name in ("index.md", "..%2Fpage.py", "nothing.png"):
         assert client.get(f"/lessons/{name}").status_code in (404, 422)
+
+
+def test_a_lesson_of_files_runs_in_a_folder_of_its_own(client, folder):
+    """A command finds what those before it have written, and the file that the page asks for."""
+    lines = [line for line in lesson(FILES).file.read_text().splitlines() if line.startswith("rig ")]
+    for line in lines[: 1 + next(place for place, command in enumerate(lesson(FILES).commands) if command.files)]:
+        job = client.job("/api/lesson/run", number=FILES, command=line)
+        assert all(number["agrees"] for number in job["numbers"]), (line, job["numbers"], job["lines"])
+    assert list(folder.iterdir()) == []

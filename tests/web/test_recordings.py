@@ -37,6 +37,8 @@ def test_recordings_are_listed_and_kept_and_nothing_outside_the_folder_is_given(
     (folder / "secret.mcap").write_text("secret")
     scenes = {row["name"]: row["scene"] for row in recorded.get("/api/recordings").json()}
     assert scenes == {"one.mcap": "belt", "two.mcap": "belt"}
+    picture = recorded.post("/api/recordings/picture", name="one.mcap").json()
+    assert picture == recorded.post("/api/scene", scene="belt").json()["picture"]
     kept = recorded.get("/recordings/one.mcap")
     assert kept.content == (runs / "one.mcap").read_bytes()
     assert "attachment" in kept.headers["content-disposition"]

@@ -1,6 +1,6 @@
-// Elements and numbers. Numbers are written with a point in every language, as scenes and the command line write them.
+// Elements and numbers. In German numbers have a decimal comma; a point is read too.
 
-import { said, t } from "/page/text.js";
+import { decimal, language, said, t } from "/page/text.js";
 
 /** Element `tag` with properties (on...: listeners, class, others: attributes or properties) and children. */
 export function h(tag, properties = {}, ...children) {
@@ -31,7 +31,7 @@ export const front = (title, ...children) => h("section", { class: "card stack",
 export function number(value, digits = 4) {
   if (typeof value !== "number") return String(value ?? "");
   if (Number.isInteger(value) && Math.abs(value) < 1e15) return String(value);
-  return String(Number(value.toPrecision(digits)));
+  return decimal(String(Number(value.toPrecision(digits))));
 }
 
 /** A unit as it is written; "1" is no unit. */
@@ -49,9 +49,9 @@ export function scaled(unit, size) {
   return [1 / factor, prefix + unit];
 }
 
-/** What a user typed, as a value for the server: a plain number becomes a number; texts with a comma or a unit are read there. */
+/** What a user typed, as a value for the server: a plain number becomes a number; texts with a unit are read there. */
 export function typed(text) {
-  const trimmed = text.trim();
+  const given = text.trim(), trimmed = language === "de" && /^[-+]?\d+,\d+$/.test(given) ? given.replace(",", ".") : given;
   return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(trimmed) && Number.isFinite(Number(trimmed)) ? Number(trimmed) : trimmed;
 }
 

@@ -9,7 +9,7 @@ const ADDRESS = /(http:\/\/\S+)/;
 const PROGRESS = /^(.*): (\d+) of (\d+)(, .* left)?$/; // as `rig` prints it without a terminal
 const LOOK = 1000; // [ms] between two looks at jobs that work
 
-/** {element, look()} of `commands`. `attempt(action)` tells faults; `ended()` is called after the last one. */
+/** {element, look()} of `commands`. `attempt(action)` tells faults; `ended(jobs)` is called when none of them works any more. */
 export function jobs(commands, attempt, ended = () => {}) {
   const element = h("div"), shown = new Map(); // number -> {text: what is shown of the job, element}
   let looking = false;
@@ -55,12 +55,12 @@ export function jobs(commands, attempt, ended = () => {}) {
     if (looking) return;
     looking = true;
     await attempt(async () => {
-      for (let working = true, was = false; working; was = working) {
+      for (let working = true; working;) {
         const known = (await get("/api/jobs")).filter(({ command, title }) => [command, title].some((one) => commands.includes(one)));
         const now = known.map(draw);
         if (now.some((one, i) => one !== element.children[i])) element.replaceChildren(...now);
         working = known.some(({ state }) => state === "working");
-        if (was && !working) ended();
+        if (known.length && !working) ended(known);
         if (working) await new Promise((done) => { setTimeout(done, LOOK); });
       }
     });

@@ -1,5 +1,7 @@
 // Curves over time on a canvas: as much as a bench needs, without a library.
 
+import { decimal } from "/page/text.js";
+
 let inks = null;
 matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => { inks = null; });
 
@@ -44,7 +46,7 @@ export function ticks(low, high, count) {
 /** A tick in words: with as many decimals as its distance to the next one has, so that no two read alike. */
 export function ticked(tick, all) {
   const step = all.length > 1 ? all[1] - all[0] : Math.abs(tick) || 1, decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-  return decimals > 6 || Math.abs(tick) >= 1e6 ? tick.toExponential(Math.max(0, Math.floor(Math.log10(Math.abs(tick) / step || 1)))) : String(Number(tick.toFixed(decimals)));
+  return decimal(decimals > 6 || Math.abs(tick) >= 1e6 ? tick.toExponential(Math.max(0, Math.floor(Math.log10(Math.abs(tick) / step || 1)))) : String(Number(tick.toFixed(decimals))));
 }
 
 /** Draw the band of a curve (store.js) from time t0 to t1; `x(t)` and `y(v)` are its places. `dots`: a measurement, as points. */

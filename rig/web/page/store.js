@@ -114,8 +114,10 @@ export class Store {
     for (const [name, { from, t, low, high }] of Object.entries(meas)) this.sensors[name]?.push(from, t, low, high);
   }
 
+  /** Add events; one that is there came both with a frame and with the list of former ones. */
   hear(events) {
-    this.events.push(...events);
+    const id = ({ t, source, kind, text }) => `${t} ${source} ${kind} ${text}`, known = new Set(this.events.map(id));
+    this.events.push(...events.filter((event) => !known.has(id(event))));
     this.events.splice(0, this.events.length - MOST_EVENTS);
   }
 

@@ -16,6 +16,10 @@ const literal = ([text]) => text.replace(/\{\w+\}/g, "").length; // the pattern 
 const patterns = Object.entries(sections.messages ?? {}).filter(([text]) => text.includes("{")).sort((one, other) => literal(other) - literal(one))
   .map(([text, other]) => [new RegExp(`^${text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>.+?)")}$`), text, other]);
 
+/** A number with the decimal sign of the language. */
+export const decimal = (text) => (language === "de" ? text.replace(".", ",") : text);
+const DECIMAL = /(?<![\w.,])(\d+)\.(\d+(?:e[-+]?\d+)?)(?![\w.])/g; // in a text, and no version or name of a file
+
 const filled = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
 const marked = (text) => (language === MARKED ? `⟦${text}⟧` : text);
 
@@ -28,7 +32,9 @@ export function said(text) {
   if (text in told) return t(text);
   for (const [shape, own, other] of patterns) {
     const values = text.match(shape)?.groups;
-    if (values) return marked(filled(language === "de" ? other : own, Object.fromEntries(Object.entries(values).map(([name, value]) => [name, language === "de" ? said(value) : value]))));
+    if (!values) continue;
+    if (language !== "de") return marked(filled(own, values));
+    return filled(other, Object.fromEntries(Object.entries(values).map(([name, value]) => [name, said(value).replace(DECIMAL, "$1,$2")])));
   }
   return text.includes("\n") ? text.split("\n").map(said).join("\n") : text;
 }

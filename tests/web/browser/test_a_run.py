@@ -157,15 +157,16 @@ def test_a_server_that_ended_is_said_and_a_new_one_refuses_the_old_page(page, se
     page.complaints()  # of the connection that was refused
 
 
-def test_faults_are_said_beside_the_form_and_are_gone_when_mended(page):
+def test_a_fault_is_said_at_its_field_and_is_gone_when_mended(page):
     page.choose(SCENE)
     page.unfold()
     page.write("value-load.force", "-3")
-    page.until(lambda: "load.force = -3: must be at least 0 N" in page.text("form-fault"))
+    page.until(lambda: "load.force = -3: must be at least 0 N" in page.text("fault-load.force"))
+    assert page.text("form-fault") == ""
     assert not page.one("start").is_enabled()
     page.picture("fault")
     page.write("value-load.force", "21 N")
-    page.until(lambda: page.text("form-fault") == "" and page.one("start").is_enabled())
+    page.until(lambda: page.text("fault-load.force") == "" and page.one("start").is_enabled())
     page.write("pace", "fast")
     page.press("start")
     page.until(lambda: "the pace " in page.text("form-fault"))
@@ -173,5 +174,5 @@ def test_faults_are_said_beside_the_form_and_are_gone_when_mended(page):
     page.press("start")
     page.until_phase("running")
     page.write("value-drive.speed", "5 N")
-    page.until(lambda: "drive.speed" in page.text("touch-fault"))
+    page.until(lambda: "drive.speed" in page.text("fault-drive.speed"))
     page.complaints()  # of the requests that were refused

@@ -1,5 +1,6 @@
 """What single panes show: the picture of every rig, contacts, steps of the protocol, sliders, lessons, other runs."""
 
+import datetime
 import itertools
 import os
 import subprocess
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+import rig
 from rig import scenes
 from rig.bench.live.plant_process import warm
 from rig.lessons import lessons
+from rig.machine.files import RUNS
 from rig.plants import PLANTS
 
 pytestmark = pytest.mark.browser
@@ -187,30 +190,67 @@ def test_a_map_stands_beside_its_slider_with_the_present_values(page):
     page.until(lambda: page.text("branches-note") == "no map yet for these values")
 
 
-def test_a_lesson_is_read_and_its_scene_chosen(page):
+def test_a_lesson_is_read_its_numbers_compared_and_its_scene_chosen(page):
     page.go("lessons")
-    page.until(lambda: page.run("return document.querySelectorAll('#lessons option').length") == len(lessons()))
+    page.until(lambda: page.run("return document.querySelectorAll('#lessons a').length") == len(lessons()))
     for one in lessons():
-        page.run(
-            "const list = document.getElementById('lessons'); list.value = arguments[0];"
-            "list.dispatchEvent(new Event('change'))",
-            str(one.number),
-        )
+        page.go(f"lessons/{one.number}")
         page.until(lambda one=one: one.title in page.text("lesson"))
         pictures = (
             "return [...document.querySelectorAll('#lesson img')].every((one) => one.complete && one.naturalWidth)"
         )
+        page.run("for (const one of document.querySelectorAll('#lesson details')) one.open = true")
         page.until(lambda pictures=pictures: page.run(pictures))
-    page.picture("lesson")
     page.go("lessons/1")
     page.until(lambda: "Falling friction" in page.text("lesson"))
+    assert page.run("return document.querySelector('#lesson details').open") is False  # the solutions
     page.run("document.querySelector('#lesson button.run').click()")
-    page.until(lambda: page.text("lesson").count("3.65529") == 2)  # beside the expected number
+    given = "return [...document.querySelectorAll('#lesson .given')].map((one) => one.textContent)"
+    page.until(lambda: page.run(given))
+    assert page.run(given)[:4] == ["your run", "", "3.65529 1/s", "✓ agrees"]
+    assert set(page.run(given)[3::2]) == {"✓ agrees"}
+    page.picture("lesson")
     page.go(f"lessons/{lessons()[-1].number}")
     page.until(lambda: lessons()[-1].title in page.text("lesson"))
     page.press("lesson-scene")
     page.until(lambda: page.value("scene") == lessons()[-1].scene)
     page.until_known()
+
+
+def test_a_recording_of_the_list_has_its_picture_scene_verdict_and_date(page, folder):
+    (folder / RUNS).mkdir(parents=True)
+    rig.simulate("belt", duration=1.0).save(folder / RUNS / "first.mcap")
+    page.go("recordings")
+    row = "const row = document.querySelector('#recordings a'); "
+    page.until(lambda: page.run(row + "return row && row.textContent"))
+    assert page.run(row + "return row.querySelector('strong').textContent") == "Mass on a belt"
+    assert "simulated" in page.run(row + "return row.textContent")
+    assert str(datetime.date.today().year) in page.run(row + "return row.textContent")
+    painted = (
+        row
+        + "const { width, height } = row.querySelector('canvas'), pen = row.querySelector('canvas').getContext('2d');"
+        "return new Set(pen.getImageData(0, 0, width, height).data).size"
+    )
+    page.until(lambda: page.run(painted) > 20)
+    page.picture("recordings")
+
+
+def test_a_map_is_asked_for_in_words_and_in_the_units_of_the_rig(page):
+    page.choose("belt")
+    page.go("analysis")
+    page.until(lambda: page.value("map-x-over") == "drive.speed")
+    texts = "return [...document.querySelectorAll('#map-x-over option')].slice(0, 3).map((one) => one.textContent)"
+    assert page.run(texts)[:2] == ["belt speed", "normal force"]
+    assert "m/s" in page.run("return document.getElementById('map-x-from').parentElement.textContent")
+    page.write("map-x-count", "3")
+    page.run("document.getElementById('map-y-over').value = 'load.force'")
+    page.run("document.getElementById('map-y-over').dispatchEvent(new Event('change'))")
+    page.write("map-y-count", "2")
+    page.press("regions")
+    page.until(lambda: "belt over drive.speed and load.force" in page.text("studies-jobs"))
+    page.until(lambda: "done" in page.text("studies-jobs"), 120.0)
+    page.until(lambda: "maps/belt" in page.text("studies"))
+    page.picture("analysis")
 
 
 def test_a_run_of_another_terminal_is_followed(page, folder):

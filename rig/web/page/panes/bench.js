@@ -18,6 +18,7 @@ import * as rigOf from "/page/panes/rig.js";
 import * as timeOf from "/page/panes/time.js";
 import * as trustOf from "/page/panes/trust.js";
 
+const PROGRESS = /(\d+) of (\d+) compiled/;
 const KEPT = "chosen"; // what has been chosen on this tab, so that it outlasts a reload
 
 export function create(bench) {
@@ -41,7 +42,8 @@ export function create(bench) {
   const said = h("div", { class: "small pre grow" }), summary = data("pre", { class: "scroll", tabIndex: 0 }), recorded = h("div", { class: "small" });
   const whole = h("details", { hidden: true }, h("summary", { class: "small" }, t("Whole summary")), recorded, summary);
   const again = h("button", { id: "look-at-it", hidden: true, onclick: () => bench.go(`recordings/${store.state.log}`) }, t("Look at the recording"));
-  const experiment = h("p", { id: "experiment" });
+  const experiment = h("p", { id: "experiment" }), how = h("span", { id: "doing" }), far = h("progress", { "aria-label": t("starting") });
+  const doing = h("div", { class: "row", role: "status", hidden: true }, far, how); // what a run that starts waits for, and how far it is
   const outcome = h("div", { id: "outcome", class: "row", role: "status", hidden: true }, said, whole, again);
   const lines = data("div", { class: "small pre scroll soft", id: "lines", tabIndex: 0 });
   const others = h("div", { id: "others" }), foreign = h("details", { ontoggle: () => foreign.open && look() }, h("summary", {}, t("Runs of other terminals")), others);
@@ -95,7 +97,7 @@ export function create(bench) {
   }
 
   bench.chosen = () => ({ scene: list.value, changes, form, good });
-  bench.change = (key, value) => { changes[key] = value; show(); };
+  bench.change = (key, value) => { changes[key] = value; show(key); };
   bench.reset = () => { clear(); show(); };
   bench.choose = async (scene, now = false) => {
     await filled;
@@ -104,7 +106,8 @@ export function create(bench) {
   };
   bench.place = (...which) => hands.place(...which);
 
-  async function show() {
+  /** Show the form of the chosen scene; a fault is that of the value `key`, if it has just been changed. */
+  async function show(key = "") {
     asked += 1;
     const mine = asked;
     keep();
@@ -116,11 +119,14 @@ export function create(bench) {
       shown = list.value;
       good = true;
       fault.textContent = "";
+      hands.blame();
       render();
     } catch (error) {
       if (mine === asked) {
         good = false;
-        fault.textContent = told(error.message);
+        const text = told(error.message);
+        if (!text.includes("\n") && hands.blame(key, text)) fault.textContent = "";
+        else fault.textContent = text;
         if (shown !== list.value) blank();
       }
     }
@@ -140,7 +146,7 @@ export function create(bench) {
     warnings.textContent = [...form.notes, ...form.warnings, form.slow].filter(Boolean).map(told).join("\n");
     effects.replaceChildren(...form.effects.map((one) =>
       h("tr", { class: one.on ? "" : "soft" }, h("td", {}, told(one.name)), h("td", {}, one.on ? t("on") : "–"), h("td", {}, told(one.about)))));
-    if (form.pace_limit && Number(pace.value) > form.pace_limit) pace.value = number(form.pace_limit);
+    if (form.pace_limit && typed(pace.value) > form.pace_limit) pace.value = number(form.pace_limit);
   }
 
   /** The title and the text of what is shown, and the scene that waits while it is another one. */
@@ -186,9 +192,9 @@ export function create(bench) {
   async function fill(chosen) {
     const cards = await get("/api/scenes");
     const option = (one) => h("option", { value: one.name, title: one.about, selected: one.name === chosen }, `${one.name} – ${told(one.title)}`);
-    const own = cards.filter((one) => one.own), plants = Object.groupBy(cards.filter((one) => !one.own), ({ plant }) => plant);
+    const own = cards.filter((one) => one.own), groups = Object.groupBy(cards.filter((one) => !one.own), ({ group }) => group);
     list.replaceChildren(...(own.length ? [h("optgroup", { label: t("this folder") }, ...own.map(option))] : []),
-      ...Object.entries(plants).map(([plant, scenes]) => h("optgroup", { label: plant }, ...scenes.map(option))));
+      ...Object.entries(groups).map(([group, scenes]) => h("optgroup", { label: told(group) }, ...scenes.map(option))));
   }
 
   function update() {
@@ -197,6 +203,10 @@ export function create(bench) {
     start.hidden = active;
     start.disabled = active || !online || !good || starting;
     for (const one of [pause, stop, knock, impulse, unit]) one.hidden = !active;
+    doing.hidden = state.phase !== "starting";
+    const line = state.lines?.at(-1)?.replace(/^plant: /, "") ?? "", share = line.match(PROGRESS);
+    put(how, told(line) || t("the processes of the run start"));
+    if (share) [far.value, far.max] = share.slice(1).map(Number); else far.removeAttribute("value");
     pause.textContent = state.phase === "paused" ? t("Resume") : t("Pause");
     pause.disabled = knock.disabled = !(online && live);
     step.hidden = state.phase !== "paused";
@@ -227,7 +237,7 @@ export function create(bench) {
   return {
     element: h("div", { class: "bench" },
       h("section", { class: "stagearea stack", "aria-label": t("rig") }, picture,
-        h("div", { class: "row bar" }, start, pause, step, stop, knock, impulse, unit, h("div", { class: "row asides" }, hear.element, trust.element)), protocol.element, experiment,
+        h("div", { class: "row bar" }, start, pause, step, stop, knock, impulse, unit, h("div", { class: "row asides" }, hear.element, trust.element)), protocol.element, doing, experiment,
         h("div", { class: "told stack" }, fault, outcome, leave)),
       h("section", { class: "card stack hands", "aria-label": t("values") }, hands.element, branches.element),
       h("section", { class: "card stack time", "aria-label": t("time") }, time.element),

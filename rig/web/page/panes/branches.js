@@ -2,6 +2,7 @@
 // where the rig slides and vibrates, over one or two; the boundaries, and a dot for the present state.
 
 import { post } from "/page/api.js";
+import { axis } from "/page/axis.js";
 import { attempting, called, data, h, number, put, quantity, scaled, words, written } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { ink, sized, ticks } from "/page/plot.js";
@@ -10,7 +11,7 @@ import { said, t } from "/page/text.js";
 
 const left = 54, bottom = 18, edge = 6; // [px] about the picture
 const LATELY = 1; // [s] of the run of which the extremes are shown
-const WIDE = 4; // the range that is proposed, as a multiple of the present value
+
 export function create(bench) {
   const { store } = bench;
   const canvas = h("canvas", { id: "branches-picture", role: "img", "aria-label": t("branches and the present state"), hidden: true });
@@ -19,9 +20,8 @@ export function create(bench) {
   const legend = h("div", { class: "row small" });
   const fault = data("div", { class: "fault pre", id: "branches-fault", role: "alert" });
   const attempt = attempting(fault);
-  const field = (name, wide) => h("input", { type: "text", class: `value ${wide}`, id: `branches-${name}`, "aria-label": t(`branches: ${name}`) });
-  const key = h("select", { id: "branches-over", "aria-label": t("branches over"), style: "width: auto", onchange: propose }), from = field("from", ""), to = field("to", ""), unit = data("span");
-  let known = [], asked = "", named = "";
+  const over = axis(bench, "branches", t("branches over"));
+  let known = [], asked = "";
 
   const inWords = (one) => called(one, bench.chosen().form?.hands);
 
@@ -32,7 +32,7 @@ export function create(bench) {
   jobs.element.id = "branches-jobs";
   const compute = () => attempt(async () => {
     const { scene, changes } = bench.chosen();
-    await post("/api/studies/work", { what: "branches", scene, changes, x: `${key.value}=${from.value.trim()}:${to.value.trim()}` });
+    await post("/api/studies/work", { what: "branches", scene, changes, x: over.text() });
     jobs.look();
   });
 
@@ -48,29 +48,14 @@ export function create(bench) {
       canvas.hidden = !known.length;
       note.textContent = known.length ? "" : t("no map yet for these values");
     });
-    if (scene !== named) {
-      named = scene;
-      const { sections, hands } = form, over = sections.flatMap(({ values }) => values).filter(({ value, kind }) => kind === "number" && value !== 0);
-      const first = [...Object.keys(hands), "drive.speed"].filter((one) => over.some(({ key: other }) => other === one));
-      key.replaceChildren(...[...new Set([...first, ...over.map(({ key: one }) => one)])].map((one) =>
-        data("option", { value: one, selected: one === "drive.speed" }, first.includes(one) ? inWords(one) : `${inWords(one)} (${one})`)));
-      propose();
-    }
+    over.fill();
     bench.redraw();
   }
 
-  /** Propose a range about the present value, as far as values are allowed. */
-  function propose() {
-    const { value, limits, unit: of } = bench.chosen().form.sections.flatMap(({ values }) => values).find((one) => one.key === key.value) ?? {};
-    const ends = [value / WIDE, value * WIDE].sort((a, b) => a - b), [least, most] = limits ?? [-Infinity, Infinity];
-    [from.value, to.value] = value ? [number(Math.max(ends[0], least)), number(Math.min(ends[1], most))] : ["", ""];
-    unit.textContent = written(of);
-  }
-
   /** Value of the parameter, extremes and latest value of the output, as far as they are known. */
-  function present({ key: over, output }) {
-    const at = valueNow(over), curve = store.outputs[output];
-    if (!liveOf(over) || !curve) return { at };
+  function present({ key, output }) {
+    const at = valueNow(key), curve = store.outputs[output];
+    if (!liveOf(key) || !curve) return { at };
     let low = Infinity, high = -Infinity;
     for (let i = curve.t.length - 1; i >= 0 && curve.t[i] > store.t - LATELY; i -= 1) {
       if (curve.low[i] === null) continue;
@@ -191,8 +176,8 @@ export function create(bench) {
   const block = h("div", { class: "stack", style: "gap: .2rem" }, list, canvas, legend, note, differs);
   return {
     element: h("div", { class: "stack" }, block, h("details", {}, h("summary", {}, t("Draw the map of a value: where it slides, sticks, vibrates")),
-      h("div", { class: "row small" }, key, t("from"), " ", from, t("to"), " ", to, unit, h("button", { onclick: compute, id: "branches-compute",
-        title: t("stable and unstable motions; most rigs take seconds") }, t("Compute")))), fault, jobs.element),
+      over.element, h("button", { onclick: compute, id: "branches-compute",
+        title: t("stable and unstable motions; most rigs take seconds") }, t("Compute"))), fault, jobs.element),
     draw,
     state: () => bench.redraw(),
   };

@@ -2,7 +2,7 @@
 
 import { data, h, pane } from "/page/dom.js";
 import { inWords } from "/page/experiment.js";
-import { said, t } from "/page/text.js";
+import { decimal, said, t } from "/page/text.js";
 
 const SHOWN = 60;
 
@@ -17,7 +17,7 @@ export function create(bench) {
       if (last === shown) return;
       shown = last;
       rows.replaceChildren(...store.events.slice(-SHOWN).reverse().map((one) => h("tr", { class: one.level === "error" ? "bad" : one.level === "warning" ? "doubtful" : "" },
-        h("td", { class: "number" }, `${one.t.toFixed(3)} s`), data("td", {}, one.source === "plant" ? "" : one.source), h("td", {}, said(one.kind)),
+        h("td", { class: "number" }, `${decimal(one.t.toFixed(3))} s`), data("td", {}, one.source === "plant" ? "" : one.source), h("td", {}, said(one.kind)),
         h("td", {}, inWords(one, store)))));
     },
   };

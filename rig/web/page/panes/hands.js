@@ -63,8 +63,9 @@ export function create(bench) {
       fault.textContent = owner ? t("{owner} drives {key}: the value takes effect when {owner} is disconnected", { owner, key: called(key, declaredHands()) }) : "";
       if (last()) row?.expect(answer.values?.[key.replace(`controllers.${entryOf(key)?.of}.`, "")], performance.now() + (owner ? 0 : LATE));
       setTimeout(() => row?.show(entryOf(key)), LATE + 1); // it was limited, or another operator has changed it
+      row?.blame("");
     } catch (error) {
-      fault.textContent = said(error.message);
+      row?.blame(said(error.message));
       row?.expect(undefined, 0);
       row?.show(entryOf(key));
     }
@@ -108,7 +109,7 @@ export function create(bench) {
     const { key, unit, limits } = entry;
     const moved = throttled(key);
     const attributes = { id: `value-${key}`, "aria-label": named ? `${named}, ${key}` : key };
-    const owner = h("span", { class: "small doubtful" });
+    const owner = h("span", { class: "small doubtful" }), wrong = h("div", { class: "fault small", id: `fault-${key}`, role: "alert" });
     const map = named ? mapOf(key) : undefined;
     let field, slider = null, held = false;
     let wanted, until = 0; // what has been set: values that were read before do not replace it
@@ -140,7 +141,7 @@ export function create(bench) {
     const range = limits ? `${number(limits[0])} – ${quantity(limits[1], unit)}` : "";
     const element = data("div", { class: "hand", "data-key": key, title: [key, range, entry.note, entry.place].filter(Boolean).join("\n") },
       h("div", { class: "row" }, h("span", { class: "grow" }, named || called(key), " ", owner, entry.origin && !named ? h("span", { class: "small soft" }, `  ${said(entry.origin)}`) : null),
-        field, h("span", { class: "small unit" }, written(unit))), line, says);
+        field, h("span", { class: "small unit" }, written(unit))), wrong, line, says);
 
     /** Let the slider reach over a range too, as far as values are allowed. */
     function widen([from, to]) {
@@ -154,9 +155,11 @@ export function create(bench) {
     /** Say what the map tells of a value. */
     function tell(value) {
       if (!map) return;
-      const valid = holds(key), needed = Object.keys(map.with ?? {}).filter((one) => one.startsWith("shunt."));
+      const valid = holds(key), needed = Object.entries(map.with ?? {}).filter(([one]) => !one.startsWith("controllers."));
       bar.classList.toggle("pale", !valid);
-      const when = key.startsWith("controllers.") ? t("when connected") : needed.length ? t("with the shunt connected") : "";
+      const when = key.startsWith("controllers.") ? t("when connected")
+        : needed.map(([one, set]) => (entryOf(one)?.kind === "switch" ? t("with {key}", { key: t(words(one.replace(".", " "))) })
+          : t("with {key}", { key: `${called(one, declaredHands())} ${quantity(set, entryOf(one)?.unit)}` }))).join(", ");
       put(says, valid ? [when, told(map, value, unit)].filter(Boolean).join(": ") : t("the bar holds for the scene's other values"));
     }
 
@@ -172,7 +175,7 @@ export function create(bench) {
       if (slider && !held) { slider.value = placeOf(entry.slider, now.value); tell(now.value); }
       owner.textContent = now.owner ? t("driven by {owner}", { owner: now.owner }) : "";
     }
-    return { element, widen, show, expect(value, time) { [wanted, until] = [value, time]; } };
+    return { element, widen, show, blame: (text) => put(wrong, text), expect(value, time) { [wanted, until] = [value, time]; } };
   }
 
   function control(name, drives) {
@@ -255,6 +258,12 @@ export function create(bench) {
       if (!made || made.element.nextSibling === block) return;
       made.element.after(block);
       made.widen(range);
+    },
+    /** Say at its field what is wrong with a value; no `text`: none is wrong. Whether there is such a field. */
+    blame(key, text = "") {
+      if (!text) for (const made of rows.values()) made.blame("");
+      else rows.get(key)?.blame(text);
+      return rows.has(key);
     },
     setup() {
       fault.textContent = "";

@@ -1,7 +1,7 @@
 // The head: where one is, how the run goes, and the emergency stop, which stands at one place in every view.
 
 import { data, h, number, put } from "/page/dom.js";
-import { language, languages, said, speak, t } from "/page/text.js";
+import { decimal, language, languages, said, speak, t } from "/page/text.js";
 
 const PHASES = {
   idle: t("no run yet"), starting: t("starting"), running: t("running"), paused: t("paused"), ending: t("ending"), ended: t("ended"),
@@ -12,7 +12,6 @@ export function create(bench, views) {
   const { store } = bench;
   const run = data("span", { class: "soft small", id: "run" });
   const phase = h("strong", { id: "phase", role: "status" });
-  const doing = data("span", { class: "small soft", id: "doing" }); // what a run that starts is waiting for
   const time = h("span", { id: "time" });
   const fault = data("div", { class: "fault", id: "fault", role: "alert" }), cause = data("div", { class: "fault", id: "cause", role: "alert" });
   const links = Object.entries(views).map(([name, text]) => h("a", { href: `#${name}` }, text));
@@ -31,13 +30,13 @@ export function create(bench, views) {
 
   function draw() {
     const rate = store.active && store.health ? `, ${t("pace")} ${number(store.health.rate, 3)}` : ""; // of the last fifth of a second
-    put(time, store.setup ? `t = ${store.t.toFixed(2)} s${rate}` : "");
+    put(time, bench.shown?.setup ? `t = ${decimal(store.t.toFixed(2))} s${rate}` : "");
     const why = broken();
     put(cause, why);
   }
 
   const brand = h("a", { class: "brand", href: "#rigs", translate: "no" }, "friction-rig"), narrow = matchMedia("(max-width: 720px)"); // as in style.css
-  const rest = [h("nav", { "aria-label": t("views") }, ...links), h("span", { class: "status" }, run, doing, time, phase)];
+  const rest = [h("nav", { "aria-label": t("views") }, ...links), h("span", { class: "status" }, run, time, phase)];
   const order = () => (narrow.matches ? emergency : brand).after(...rest); // of keys as it is seen
   const element = h("header", {}, brand, speaks, emergency, fault, cause);
   narrow.addEventListener("change", order);
@@ -50,10 +49,10 @@ export function create(bench, views) {
     show(view) { links.forEach((one, i) => (Object.keys(views)[i] === view ? one.setAttribute("aria-current", "page") : one.removeAttribute("aria-current"))); },
     state() {
       const { state, online, active } = store;
-      phase.textContent = online ? PHASES[state.phase] : `${t("not connected")}: ${said(store.why)}`;
       phase.className = online ? "" : "bad";
-      doing.textContent = state.phase === "starting" ? state.lines.at(-1) ?? "" : "";
-      run.textContent = state.phase === "starting" ? "" : state.run ? `${said(state.title)} (${state.run})` : said(state.title ?? "");
+      const known = active || !store.setup || bench.shown.setup; // after a run, as long as it is the one that is shown
+      phase.textContent = online ? PHASES[known ? state.phase : "idle"] : `${t("not connected")}: ${said(store.why)}`;
+      run.textContent = state.phase === "starting" || !known ? "" : state.run ? `${said(state.title)} (${state.run})` : said(state.title ?? "");
       emergency.disabled = !(online && active);
       document.title = active ? `${said(state.title)}: ${PHASES[state.phase]}` : "friction-rig";
       draw();

@@ -7,8 +7,10 @@ import { jobs as jobsOf } from "/page/jobs.js";
 import { sized } from "/page/plot.js";
 import { Solids } from "/page/solids.js";
 import { Store } from "/page/store.js";
-import { said, t } from "/page/text.js";
+import { language, said, t } from "/page/text.js";
 import * as timeOf from "/page/panes/time.js";
+
+const LOOK = { VALID: "good", DEGRADED: "doubtful", INVALID: "bad" }; // of timing verdicts
 
 export function create(bench) {
   const fault = data("div", { class: "fault", id: "recordings-fault", role: "alert" });
@@ -40,7 +42,7 @@ export function create(bench) {
     solids = null;
     const one = known.find((row) => row.name === which);
     title.textContent = said(told.setup.title);
-    about.replaceChildren(...[h("a", { href: `/recordings/${encodeURIComponent(which)}`, title: "MCAP" }, which), ", ", facts(one)]);
+    about.replaceChildren(...[h("a", { href: `/recordings/${encodeURIComponent(which)}`, title: "MCAP" }, which), ...(one ? [", ", facts(one)] : [])]);
     against.replaceChildren(h("option", { value: "" }, "–"), ...known.filter((row) => row.scene === one?.scene && row.name !== which).map((row) => h("option", { value: row.name }, row.name)));
     key.replaceChildren(...Object.entries(told.setup.hands).map(([of, words]) => h("option", { value: of }, t(words))));
     time.setup();
@@ -80,10 +82,33 @@ export function create(bench) {
     });
   }
 
-  const facts = (one) => (one ? said(one.fault) || [one.began && new Date(one.began * 1000).toISOString().slice(0, 19).replace("T", " "),
-    one.seconds !== null && `${number(one.seconds)} s`, said(one.timing), `${number(one.bytes / 1e6, 3)} MB`, ...one.notes.map(said)].filter(Boolean).join(", ") : "");
+  const when = (one) => (one.began ? new Date(one.began * 1000).toLocaleString(language, { dateStyle: "medium", timeStyle: "short" }) : "");
+  const length = (one) => (one.seconds === null ? "" : `${number(one.seconds)} s`);
+  const facts = (one) => [`${number(one.bytes / 1e6, 3)} MB`, ...one.notes.map(said)].join(", ");
 
-  const row = (one) => h("a", { href: `#recordings/${one.name}`, class: "small" }, h("strong", {}, said(one.title) || one.name), data("div", { class: "soft" }, facts(one)));
+  const small = new Map(); // name and time of a recording -> its picture in the list, as soon as it has been seen
+  const views = new IntersectionObserver((changes) => {
+    for (const { target, isIntersecting: seen } of changes) if (seen) { views.unobserve(target); paint(target); }
+  });
+
+  async function paint(place) {
+    const { name: which, began } = place.recording, key = `${which} ${began}`;
+    if (!small.has(key)) small.set(key, post("/api/recordings/picture", { name: which }).catch(() => null));
+    const picture = await small.get(key);
+    if (!picture?.shapes) return;
+    const rig = new Solids(picture);
+    rig.move(picture.at);
+    rig.draw(sized(place));
+  }
+
+  function row(one) {
+    const place = h("canvas", { class: "stage", "aria-hidden": "true" });
+    place.recording = one;
+    views.observe(place);
+    return h("a", { href: `#recordings/${one.name}`, class: "recording small" }, place, h("div", {}, h("strong", {}, said(one.title) || one.name),
+      one.fault ? data("div", { class: "bad" }, said(one.fault)) : [h("div", { class: LOOK[one.timing] ?? "soft" }, said(one.timing)),
+        h("div", { class: "soft" }, [when(one), length(one)].filter(Boolean).join(" · "))]));
+  }
 
   const mark = () => [...list.children].forEach((one, i) => { if (known[i]?.name === name) one.setAttribute("aria-current", "true"); else one.removeAttribute("aria-current"); });
 

@@ -1,7 +1,8 @@
 // Maps and cost tables: those of the folder, with their figures, and new ones of the scene that is chosen.
 
 import { get, post } from "/page/api.js";
-import { attempting, called, data, front, h, pane } from "/page/dom.js";
+import { axis } from "/page/axis.js";
+import { attempting, data, front, h, pane, put } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
 import { said, t } from "/page/text.js";
 
@@ -11,31 +12,10 @@ export function create(bench) {
   const fault = data("div", { class: "fault pre", id: "studies-fault", role: "alert" });
   const attempt = attempting(fault);
   const list = h("div", { id: "studies" });
-  const keys = h("datalist", { id: "axis-keys" });
   const note = h("p", { class: "small soft" }), which = h("strong");
   const jobs = jobsOf(["modes", "map", "cost"], attempt, fill);
   jobs.element.id = "studies-jobs";
-  const field = (label, properties) => h("label", { class: "small" }, `${label} `, h("input", { type: "text", class: "value", "aria-label": label, ...properties }));
-
-  /** The fields of an axis; `text()` is that of rig map, "" if no value has been named. */
-  function axis(name) {
-    const key = h("input", { type: "text", "aria-label": `${name}: ${t("value of the rig")}`, translate: "no", placeholder: "drive.speed", onfocus: offer });
-    key.setAttribute("list", "axis-keys");
-    const from = field(t("from"), { placeholder: "0.05 m/s" }), to = field(t("to"), { placeholder: "0.8 m/s" }), count = field(t("values"), { value: COUNT });
-    const [a, b, n] = [from, to, count].map((one) => one.querySelector("input"));
-    return {
-      element: h("div", { class: "row" }, h("span", { class: "small" }, name), key, from, to, count),
-      text: () => (key.value.trim() ? `${key.value.trim()}=${a.value.trim()}:${b.value.trim()}:${n.value.trim()}` : ""),
-    };
-  }
-
-  function offer() {
-    const { form } = bench.chosen();
-    const numbers = (form?.sections ?? []).flatMap(({ values }) => values).filter(({ value, live }) => live && typeof value === "number");
-    keys.replaceChildren(...numbers.map(({ key }) => h("option", { value: key, label: called(key, form.hands) })));
-  }
-
-  const x = axis(t("over")), y = axis(t("and over"));
+  const x = axis(bench, "map-x", t("over"), { count: COUNT }), y = axis(bench, "map-y", t("and over"), { count: COUNT, second: true });
   const start = (what) => () => attempt(async () => {
     const { scene, changes } = bench.chosen();
     await post("/api/studies/work", { what, scene, changes, x: x.text(), y: y.text() });
@@ -71,10 +51,14 @@ export function create(bench) {
   note.textContent = t("With its changed values: eigenvalues take seconds. A map simulates many runs, a cost table compares methods and steps. Both take minutes to hours and all processors: do not start them beside a run whose timing matters. Results of a stopped job are kept.");
   const button = (id, text, title = "") => h("button", { onclick: start(id), id, title }, text);
   return {
-    element: h("div", { class: "split" }, front(t("Analyse a rig"), h("div", { class: "small" }, t("on the bench:"), " ", which), keys, x.element, y.element,
+    element: h("div", { class: "split" }, front(t("Analyse a rig"), h("div", { class: "small" }, t("on the bench:"), " ", which), x.element, y.element,
       h("div", { class: "row" }, button("modes", t("Eigenvalues"), t("frequency and growth rate of each vibration mode")), button("map", t("Map by simulation")),
         button("regions", t("Map by eigenvalues"), t("where sliding is unstable, over two values; seconds")), button("cost", t("Cost table"))), note),
     h("div", { class: "stack" }, fault, jobs.element, pane(t("Maps and cost tables of this folder"), list))),
-    enter() { which.textContent = said(bench.chosen().form?.title ?? ""); fill(); jobs.look(); },
+    enter() { fill(); jobs.look(); },
+    draw() { // the form of the scene may come later
+      put(which, said(bench.chosen().form?.title ?? ""));
+      for (const one of [x, y]) one.fill();
+    },
   };
 }

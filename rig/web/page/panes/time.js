@@ -15,11 +15,14 @@ const LEAST = 1e-3; // [s] that are shown
 const SHRINKS = 1; // [s] of the viewer's time: the axis of a value adapts to smaller ones as fast as this
 const QUIET = new Set(["contact", "state", "verdict"]); // kinds of events that are no marks
 
+const MEANING = { stick: t("nothing slides"), "slip+": t("the surface is faster"), "slip-": t("the body is faster"), open: t("no contact") };
+
 export function create(source, redraw, { whole = false, other = () => null, moved = () => {} } = {}) {
   const canvas = h("canvas", { id: whole ? "recorded" : "timeline", tabIndex: 0, role: "img", hidden: true,
     "aria-label": t("contacts, curves and events over time; arrow keys move the cursor, + and - zoom") });
   const empty = h("div", { class: "empty" }, t("Curves, contacts and events appear here when the rig moves."));
   const chips = h("div", { class: "chips", role: "group", "aria-label": t("channels") });
+  const legend = h("div", { class: "row small soft" }); // of the states of contacts
   const readout = h("output", { class: "small", id: whole ? "recorded-readout" : "readout" });
   const contact = h("span", { id: whole ? "recorded-contact" : "contact" });
   const hold = h("button", { id: whole ? "recorded-hold" : "hold", "aria-pressed": "false", hidden: whole, onclick: () => freeze(end === null) }, t("Hold the view"));
@@ -83,7 +86,7 @@ export function create(source, redraw, { whole = false, other = () => null, move
     const { setup: about } = source();
     canvas.hidden = !about;
     empty.hidden = !canvas.hidden;
-    for (const one of [chips, contact, readout]) one.replaceChildren();
+    for (const one of [chips, contact, readout, legend]) one.replaceChildren();
     if (!about) return;
     [end, cursor, before] = [whole ? source().t : null, whole ? 0 : null, null];
     if (whole) span = source().t;
@@ -93,6 +96,10 @@ export function create(source, redraw, { whole = false, other = () => null, move
       ...plot.outputs.map((name) => ({ name, measured: false, colour: colour(name), factor: 1, unit: about.outputs.find((one) => one.name === name).unit, on: i < FIRST })),
       ...plot.sensors.map((name) => ({ name, measured: true, colour: about.sensors[name].colour, factor: about.sensors[name].factor,
         unit: plot.outputs.length ? about.outputs.find((one) => one.name === plot.outputs[0]).unit : about.sensors[name].unit, on: i < FIRST }))] }));
+    if (about.contacts.length) {
+      legend.replaceChildren(...about.modes.map(({ name, colour: of }) => h("span", {}, h("span", { class: "key", style: `background-color:${of}` }), `${said(name)}: ${MEANING[name] ?? ""}`)),
+        h("span", {}, t("T: friction force, N: normal force")));
+    }
     chips.replaceChildren(...plots.flatMap(({ channels }) => channels.map(chip)));
   }
 
@@ -189,7 +196,8 @@ export function create(source, redraw, { whole = false, other = () => null, move
       return i < 0 || low === null || low === undefined ? "" : `${t(words(channel.name))}${channel.measured ? ` (${t("measured")})` : ""} ${low === high ? of(low) : `${of(low)} … ${of(high)}`} ${unit}`;
     }));
     const contacts = store.contacts.slice(0, 4).map((curve) => modes.filter((_, mode) => curve.low[curve.from(cursor)] & (1 << mode)).map(({ name }) => said(name)).join("/"));
-    put(readout, [`t = ${number(cursor, 5)} s`, ...contacts, ...values].filter(Boolean).join("   "));
+    const [t0, t1] = range(), near = store.events.filter(({ t: at, kind }) => !QUIET.has(kind) && Math.abs(at - cursor) < (t1 - t0) / 100);
+    put(readout, [`t = ${number(cursor, 5)} s`, ...near.map((event) => inWords(event, store)), ...contacts, ...values].filter(Boolean).join("   "));
   }
 
   function now() {
@@ -233,7 +241,7 @@ export function create(source, redraw, { whole = false, other = () => null, move
 
   const spans = whole ? [] : [1, 5, 20, 60].map((s) => button(`${s} s`, t("show the last {span} s", { span: s }), () => { span = s; redraw(); }));
   return {
-    element: h("div", { class: "stack" }, h("div", { class: "row small" }, ...spans, button("+", t("zoom in"), () => zoom(0.5)), button("−", t("zoom out"), () => zoom(2)), hold), readout, empty, canvas, chips),
+    element: h("div", { class: "stack" }, h("div", { class: "row small" }, ...spans, button("+", t("zoom in"), () => zoom(0.5)), button("−", t("zoom out"), () => zoom(2)), hold), readout, empty, canvas, legend, chips),
     contact,
     setup,
     draw,

@@ -22,9 +22,9 @@ export function create(bench) {
       if (chip.hidden) return;
       const late = number((100 * health.late) / Math.max(health.tick, 1), 2), word = store.verdict;
       const energy = health.energy_error === null ? "" : Math.abs(health.energy_error).toExponential(0);
-      put(verdict, word);
+      put(verdict, said(word));
       verdict.className = LOOK[word] ?? "";
-      put(short, ` ${[t("{late} % late", { late }), energy && t("energy {energy}", { energy })].filter(Boolean).join(" · ")}`);
+      put(short, ` ${[t("{late} % late", { late }), energy && t("energy balanced to {energy}", { energy })].filter(Boolean).join(" · ")}`);
       if (!chip.open) return;
       const reasons = state.outcome?.reasons ?? store.status?.reasons ?? [];
       const rows = [

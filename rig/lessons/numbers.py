@@ -1,15 +1,17 @@
-"""The numbers of a lesson's page beside those that its command reports."""
+"""The numbers that the page of a lesson expects of a command, beside those that its report has."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-from rig.lessons import Command, Expected, Outcome
+from rig.lessons.page import Command, Expected
 
 EXIT_CODE = "exit code"
 
 
 @dataclass(frozen=True)
-class Found:
+class Compared:
     """A number of a report beside the one that the page expects. `value`: None if the report has no such place."""
 
     expected: Expected
@@ -25,21 +27,24 @@ class Found:
         return f"{shown} {self.expected.unit}".strip()
 
 
-def compare(command: Command, outcome: Outcome) -> list[Found]:
-    """The expected numbers beside those that were found; the exit code 0 is expected unless the page says otherwise."""
+def compare(command: Command, code: int, report: Any) -> list[Compared]:
+    """The expected numbers beside those of an exit code and of a report (`--json`), in the order of the page.
+
+    Before them the exit code 0, unless the page expects another one.
+    """
     expected = list(command.expected)
     if EXIT_CODE not in (row.place for row in expected):
         expected.insert(0, Expected("exit code", EXIT_CODE, 0.0, "", 0.0))
-    return [_found(row, outcome) for row in expected]
+    return [_compared(row, code, report) for row in expected]
 
 
-def _found(expected: Expected, outcome: Outcome) -> Found:
-    value = outcome.code if expected.place == EXIT_CODE else at(outcome.report, expected.place)
+def _compared(expected: Expected, code: int, report: Any) -> Compared:
+    value = code if expected.place == EXIT_CODE else at(report, expected.place)
     if isinstance(value, bool):
         value = "yes" if value else "no"
     if isinstance(expected.value, str) or not isinstance(value, int | float):
-        return Found(expected, value, value == expected.value)
-    return Found(expected, value, abs(value - expected.value) <= expected.tolerance)
+        return Compared(expected, value, value == expected.value)
+    return Compared(expected, value, abs(value - expected.value) <= expected.tolerance)
 
 
 def at(report: Any, place: str) -> Any:
