@@ -246,7 +246,7 @@ class Catalogue:
         self._folder = folder
 
     def cards(self) -> list[dict[str, Any]]:
-        """Name, title, plant and description of every scene, and of a shipped one what happens; `own`: a file of the folder.
+        """Name, title, plant and description of every scene; of shipped ones what happens; `own`: a file of the folder.
 
         The title of a file that cannot be read says why.
         """
