@@ -9,7 +9,7 @@ const FIRST = "drive.speed"; // is proposed where a scene has it
 /** {element, fill(), text()}: `id` begins the ids of its fields; `count`: values along the axis; `second`: "none" can be chosen. */
 export function axis(bench, id, label, { count = 0, second = false } = {}) {
   const field = (name, text, size) => h("input", { type: "text", class: `value ${size}`, id: `${id}-${name}`, "aria-label": `${label}: ${text}`, translate: "no" });
-  const key = h("select", { id: `${id}-over`, "aria-label": label, style: "width: auto", onchange: propose });
+  const key = h("select", { id: `${id}-over`, "aria-label": label, onchange: propose });
   const from = field("from", t("from"), ""), to = field("to", t("to"), ""), values = field("count", t("values"), "");
   const unit = data("span"), range = h("span", { class: "row" }, t("from"), " ", from, t("to"), " ", to, unit);
   let shown = null;
@@ -44,7 +44,7 @@ export function axis(bench, id, label, { count = 0, second = false } = {}) {
 
   if (count) range.append(h("label", {}, t("values"), " ", values));
   return {
-    element: h("div", { class: "row small" }, h("label", { class: "row" }, label, " ", key), range),
+    element: h("div", { class: "axis small" }, h("label", {}, label, " ", key), range),
     fill,
     /** KEY=FROM:TO or KEY=FROM:TO:COUNT as `rig map` reads it, in SI units unless others are typed; "" for no value. */
     text() {

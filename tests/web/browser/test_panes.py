@@ -207,7 +207,8 @@ def test_a_lesson_is_read_its_numbers_compared_and_its_scene_chosen(page):
     page.run("document.querySelector('#lesson button.run').click()")
     given = "return [...document.querySelectorAll('#lesson .given')].map((one) => one.textContent)"
     page.until(lambda: page.run(given))
-    assert page.run(given)[:4] == ["your run", "", "3.65529 1/s", "✓ agrees"]
+    assert page.run(given)[:2] == ["your run", ""]
+    assert "3.65529 1/s" in page.run(given)[2::2]
     assert set(page.run(given)[3::2]) == {"✓ agrees"}
     page.picture("lesson")
     page.go(f"lessons/{lessons()[-1].number}")

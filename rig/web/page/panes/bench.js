@@ -42,8 +42,8 @@ export function create(bench) {
   const said = h("div", { class: "small pre grow" }), summary = data("pre", { class: "scroll", tabIndex: 0 }), recorded = h("div", { class: "small" });
   const whole = h("details", { hidden: true }, h("summary", { class: "small" }, t("Whole summary")), recorded, summary);
   const again = h("button", { id: "look-at-it", hidden: true, onclick: () => bench.go(`recordings/${store.state.log}`) }, t("Look at the recording"));
-  const experiment = h("p", { id: "experiment" }), how = h("span", { id: "doing" }), far = h("progress", { "aria-label": t("starting") });
-  const doing = h("div", { class: "row", role: "status", hidden: true }, far, how); // what a run that starts waits for, and how far it is
+  const experiment = h("p", { id: "experiment" }), how = data("span", { id: "doing" }), far = h("progress", { "aria-label": t("starting") });
+  const doing = h("div", { class: "doing", role: "status", hidden: true }, far, how); // what a run that starts waits for, and how far it is
   const outcome = h("div", { id: "outcome", class: "row", role: "status", hidden: true }, said, whole, again);
   const lines = data("div", { class: "small pre scroll soft", id: "lines", tabIndex: 0 });
   const others = h("div", { id: "others" }), foreign = h("details", { ontoggle: () => foreign.open && look() }, h("summary", {}, t("Runs of other terminals")), others);
@@ -125,7 +125,7 @@ export function create(bench) {
       if (mine === asked) {
         good = false;
         const text = told(error.message);
-        if (!text.includes("\n") && hands.blame(key, text)) fault.textContent = "";
+        if (!text.includes("\n") && hands.blame(key, text.replace(`${list.value}: `, ""))) fault.textContent = "";
         else fault.textContent = text;
         if (shown !== list.value) blank();
       }
@@ -204,6 +204,7 @@ export function create(bench) {
     start.disabled = active || !online || !good || starting;
     for (const one of [pause, stop, knock, impulse, unit]) one.hidden = !active;
     doing.hidden = state.phase !== "starting";
+    experiment.hidden = !doing.hidden;
     const line = state.lines?.at(-1)?.replace(/^plant: /, "") ?? "", share = line.match(PROGRESS);
     put(how, told(line) || t("the processes of the run start"));
     if (share) [far.value, far.max] = share.slice(1).map(Number); else far.removeAttribute("value");

@@ -83,7 +83,7 @@ export function create(bench) {
   }
 
   const when = (one) => (one.began ? new Date(one.began * 1000).toLocaleString(language, { dateStyle: "medium", timeStyle: "short" }) : "");
-  const length = (one) => (one.seconds === null ? "" : `${number(one.seconds)} s`);
+  const length = (one) => (one.seconds === null ? "" : `${number(one.seconds)}\u00a0s`);
   const facts = (one) => [`${number(one.bytes / 1e6, 3)} MB`, ...one.notes.map(said)].join(", ");
 
   const small = new Map(); // name and time of a recording -> its picture in the list, as soon as it has been seen

@@ -4,7 +4,7 @@ import { get, post } from "/page/api.js";
 import { axis } from "/page/axis.js";
 import { attempting, data, front, h, pane, put } from "/page/dom.js";
 import { jobs as jobsOf } from "/page/jobs.js";
-import { said, t } from "/page/text.js";
+import { language, said, t } from "/page/text.js";
 
 const COUNT = 20; // values of an axis at first
 
@@ -24,26 +24,26 @@ export function create(bench) {
 
   function study({ kind, name, about, changed, finished, files }) {
     const address = (file) => `/studies/${kind}/${encodeURIComponent(name)}/${encodeURIComponent(file)}`;
-    const when = new Date(changed * 1000).toISOString().slice(0, 16).replace("T", " ");
+    const when = new Date(changed * 1000).toLocaleString(language, { dateStyle: "medium", timeStyle: "short" });
     const figures = h("div");
     return h("details", {
-      class: "small",
+      class: "small", "data-name": `${kind}/${name}`,
       ontoggle: ({ target }) => { // pictures are loaded when they are looked at
         if (target.open) {
           figures.replaceChildren(...files.filter((file) => file.endsWith(".png")).map((file) =>
             h("a", { href: address(file), target: "_blank", rel: "noopener" }, h("img", { src: `${address(file)}?${changed}`, alt: `${name}, ${file}` }))));
         }
       },
-    }, data("summary", {}, `${kind}/${name} `, h("span", { class: "soft" }, `${when} UTC`)), finished ? null : h("div", { class: "doubtful" }, t("unfinished: start it again and it continues")),
-    data("div", {}, about), data("div", { class: "row" }, ...files.map((file) => h("a", { href: address(file), target: "_blank", rel: "noopener" }, file))), figures);
+    }, h("summary", {}, about ? data("strong", {}, about) : "", data("span", { class: "soft" }, ` ${kind}/${name}, ${when}`)), finished ? null : h("div", { class: "doubtful" }, t("unfinished: start it again and it continues")),
+    data("div", { class: "row" }, ...files.map((file) => h("a", { href: address(file), target: "_blank", rel: "noopener" }, file))), figures);
   }
 
   function fill() {
     return attempt(async () => {
-      const open = new Set([...list.querySelectorAll("details[open] > summary")].map((one) => one.textContent.split(" ")[0]));
+      const open = new Set([...list.querySelectorAll("details[open]")].map((one) => one.dataset.name));
       const known = await get("/api/studies");
       list.replaceChildren(...known.map(study));
-      for (const one of list.children) one.open = open.has(one.querySelector("summary").textContent.split(" ")[0]);
+      for (const one of list.children) one.open = open.has(one.dataset.name);
       if (!known.length) list.replaceChildren(h("p", { class: "small soft" }, t("none yet in this folder")));
     });
   }

@@ -197,7 +197,7 @@ export function create(source, redraw, { whole = false, other = () => null, move
     }));
     const contacts = store.contacts.slice(0, 4).map((curve) => modes.filter((_, mode) => curve.low[curve.from(cursor)] & (1 << mode)).map(({ name }) => said(name)).join("/"));
     const [t0, t1] = range(), near = store.events.filter(({ t: at, kind }) => !QUIET.has(kind) && Math.abs(at - cursor) < (t1 - t0) / 100);
-    put(readout, [`t = ${number(cursor, 5)} s`, ...near.map((event) => inWords(event, store)), ...contacts, ...values].filter(Boolean).join("   "));
+    put(readout, [`t = ${number(cursor, 5)} s`, ...new Set(near.map((event) => inWords(event, store))), ...contacts, ...values].filter(Boolean).join("   "));
   }
 
   function now() {
