@@ -20,12 +20,13 @@ from rig.web.form import form
 
 PAGE = Path(__file__).parents[1] / "rig" / "web" / "page"
 FILE = PAGE / "slider_maps.json"
-COUNT, FEWER = 33, {"disc_slider": 9, "plate": 7, "brake": 13, "brake_shunt": 13}
+COUNT, FEWER = 33, {"disc_slider": 7, "tip": 9}
 """Values of one slider, fewer of scenes that take long; where the kind of motion changes is located between them."""
 WITH = {r"shunt\.(resistance|inductance)": {"shunt.connected": "1"}}
 """A value, by a pattern of its key, that acts only with others."""
-UNDAMPED = {"four_dof"}
-"""Scenes in which no vibration dies: runs do not tell sliding from vibration, eigenvalues do."""
+LINEAR = {"four_dof", "brake", "brake_shunt", "plate"}
+"""Scenes whose maps tell by eigenvalues where sliding is stable: no vibration of the first one dies, so that runs do
+not tell sliding from vibration, and a run of the others takes minutes."""
 HELD = {"tip": {"drive.speed": 0.06}}
 """Values of a scene whose protocol begins at rest, for the maps of the others."""
 
@@ -53,8 +54,9 @@ def of_slider(name, key, low, high):
     changes.pop(key, None)
     low, high = possible(name, key, changes, low, high)
     controller = key.split(".")[1] if key.startswith("controllers.") else ""
-    linear = controller or name in UNDAMPED
-    spans = by_eigenvalues(name, key, controller, low, high) if linear else by_runs(name, key, changes, low, high)
+    linear = controller or name in LINEAR
+    scene = rig.load(name, changes)
+    spans = by_eigenvalues(scene, key, controller, low, high) if linear else by_runs(scene, key, low, high)
     return {"low": rounded(low), "high": rounded(high), "spans": joined(spans, high), "with": changes or None}
 
 
@@ -74,12 +76,11 @@ def can_be(name, changes):
     return True
 
 
-def by_runs(name, key, changes, low, high):
+def by_runs(scene, key, low, high):
     """(upper end, region) by the map of the rig: four runs at each value, and located ends of the vibration."""
     with tempfile.TemporaryDirectory() as folder:
-        made = rig.map(
-            rig.load(name, changes), f"{key}={low!r}:{high!r}:{FEWER.get(name, COUNT)}", folder=folder, workers=1
-        )
+        over = f"{key}={low!r}:{high!r}:{FEWER.get(scene.name, COUNT)}"
+        made = rig.map(scene, over, folder=folder, workers=1)
     x, regions = made.job.x.values, made.regions[0]
     borders = np.sort(np.concatenate([made.onsets[0], np.nanmean(made.ends[:, 0], axis=1)]))
     for (a, before), (b, after) in pairwise(zip(x, regions)):
@@ -89,11 +90,12 @@ def by_runs(name, key, changes, low, high):
     yield high, REGIONS[regions[-1]]
 
 
-def by_eigenvalues(name, key, controller, low, high):
+def by_eigenvalues(scene, key, controller, low, high):
     """(upper end, region) by the eigenvalues of sliding, with a controller those of the closed loop."""
-    swept = rig.sweep(name, key, np.linspace(low, high, COUNT), controller)
-    for a, b in pairwise([low, *(one.value for one in swept.critical), high]):
-        inside = rig.sweep(name, key, np.linspace(a, b, 3), controller)
+    swept = rig.sweep(scene, key, np.linspace(low, high, COUNT), controller)
+    inner = [critical.value for critical in swept.critical if low < critical.value < high]
+    for a, b in pairwise([low, *inner, high]):
+        inside = rig.sweep(scene, key, np.linspace(a, b, 3), controller)
         rates = inside.rates[1][np.isfinite(inside.rates[1])]
         yield b, "unstable" if (rates.real > none(rates)).any() else "stable"
 

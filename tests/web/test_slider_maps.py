@@ -1,6 +1,7 @@
 """The maps beside the sliders of the opening: each slider reaches quiet and vibration, or the page says why not."""
 
 import json
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,7 @@ from rig.web.app import PAGE
 from rig.web.form import form
 
 MAPS = json.loads((PAGE / "slider_maps.json").read_text(encoding="utf-8"))
+OPENING = (PAGE / "panes" / "opening.js").read_text(encoding="utf-8")
 QUIET, VIBRATING = {"I", "stable"}, {"III", "unstable"}
 
 
@@ -28,6 +30,11 @@ def grows(scene, key, value, others):
     else:
         rates = equilibrium(rig.load(scene, {**others, key: value})).rates
     return bool((rates.real > none(rates)).any()) if len(rates) else None
+
+
+def test_every_scene_of_the_opening_has_maps():
+    first = re.findall(r'FIRST = "(\w+)"', OPENING)
+    assert set(MAPS) == {*first, *re.findall(r"^    (\w+): \[t\(", OPENING, flags=re.MULTILINE)}
 
 
 @pytest.mark.parametrize("scene", MAPS)
