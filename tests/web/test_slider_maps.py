@@ -14,6 +14,8 @@ from rig.web.form import form
 
 MAPS = json.loads((PAGE / "slider_maps.json").read_text(encoding="utf-8"))
 OPENING = (PAGE / "panes" / "opening.js").read_text(encoding="utf-8")
+UNDAMPED = {"four_dof"}
+"""No vibration of it dies: a run does not tell which values are quiet."""
 QUIET, VIBRATING = {"I", "stable"}, {"III", "unstable"}
 
 
@@ -51,10 +53,18 @@ def test_each_slider_has_a_map_that_eigenvalues_confirm(scene):
             assert region not in VIBRATING or seen is not False, (key, value)
 
 
+def amplitudes(scene, changes):
+    """Half of peak to peak of the velocity, else of the first output, in the third and in the last fifth of a run."""
+    run = rig.simulate(rig.load(scene, changes), duration=20.0)
+    signal = run.signals["velocity" if "velocity" in run.signals else next(iter(run.signals))]
+    parts = np.array_split(signal, 5)
+    return tuple(0.5 * float(np.ptp(parts[which])) for which in (2, 4))
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", MAPS)
+@pytest.mark.parametrize("scene", [scene for scene in MAPS if scene not in UNDAMPED])
 def test_a_run_is_quiet_and_vibrates_where_the_map_says_so(scene):
-    """The first slider that decides it: a simulation at a value of either kind."""
+    """The first slider that decides it: a simulation at a value of either kind. What is quiet may still decay."""
     for key, entry in MAPS[scene].items():
         values = {region: value for value, region in middles(entry)}
         quiet, moving = values.keys() & QUIET, values.keys() & VIBRATING
@@ -62,10 +72,7 @@ def test_a_run_is_quiet_and_vibrates_where_the_map_says_so(scene):
             break
     else:
         pytest.skip("no slider of this scene decides it alone: the page says so")
-    sizes = []
-    for value in (values[quiet.pop()], values[moving.pop()]):
-        run = rig.simulate(rig.load(scene, {**(entry["with"] or {}), key: value}), duration=20.0)
-        signal = run.signals["velocity" if "velocity" in run.signals else next(iter(run.signals))]
-        last = signal[-signal.size // 5 :]
-        sizes.append(0.5 * float(np.ptp(last)))
-    assert sizes[0] < 0.05 * sizes[1]
+    changes = entry["with"] or {}
+    calm, stirred = (amplitudes(scene, {**changes, key: values[kind.pop()]}) for kind in (quiet, moving))
+    assert stirred[1] > 0.98 * stirred[0]
+    assert calm[1] < max(0.05 * stirred[1], 0.98 * calm[0])
