@@ -6,7 +6,8 @@
 #   make check      formatting, lint, import rules, types
 #   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
 #                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
-#   make docs       docs/gallery, made again: the figures of the papers and how their numbers compare
+#   make docs       the figures of the papers, made again: docs/gallery, and build/gallery/README.md with all numbers
+#   make tables     what docs/benchmarks, cost, effects, torture and peers show, measured again (an idle machine, an hour)
 #   make pictures   the pictures of README, made again (that of the page needs Chromium)
 #   make tracks     the moving pictures of the page's opening, made again
 #   make slidermaps the maps beside the sliders of the page, made again (an hour)
@@ -31,7 +32,7 @@ RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
-.PHONY: install tools demo test test-slow test-browser screenshots check bench docs pictures tracks slidermaps lessons site golden proto lock uninstall clean
+.PHONY: install tools demo test test-slow test-browser screenshots check bench docs tables pictures tracks slidermaps lessons site golden proto lock uninstall clean
 
 install: $(VENV)/.installed
 tools: $(VENV)/.installed-tools
@@ -95,7 +96,19 @@ bench: tools
 	@$(RUN) benchmarks $(if $(AGAINST),--against $(AGAINST)) $(if $(LOOP),--loop $(LOOP))
 
 docs: install
-	@$(BIN)/rig reproduce all --out docs/gallery --force
+	@$(BIN)/rig reproduce all --out build/gallery --force
+	@cp build/gallery/*.png build/gallery/*.svg build/gallery/numbers.json docs/gallery
+
+tables: tools # the figures go to docs, and the page peers.md; what else is measured goes to build/tables
+	@rm -rf build/tables
+	@mkdir -p build/tables
+	@$(RUN) benchmarks --json build/tables/benchmarks.json > build/tables/benchmarks.txt || [ $$? -eq 1 ]
+	@$(BIN)/rig cost pendulum --target 1e-6 --budget 40% --out build/tables/cost --force
+	@$(BIN)/rig explain brake_shunt -p shunt.connected=true --measure --figure docs/effects.png --force
+	@$(BIN)/rig torture --out build/tables/torture --force
+	@cp build/tables/cost/pendulum-*/cost.png docs/cost.png
+	@cp build/tables/torture/matrix.png docs/torture.png
+	@$(BIN)/python tests/peers/page.py
 
 lessons: install
 	@$(BIN)/python -c "from rig.lessons import lessons, renew; [renew(one) for one in lessons()]"

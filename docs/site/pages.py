@@ -7,6 +7,8 @@ from docutils import nodes
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 
+from rig.papers import gallery_tables, kept
+
 SHOWN = {"README": "index", "CHANGELOG": "changelog", "recordings/README": "golden_recordings"}
 """File outside of this folder -> page that includes it. A link to the file leads to the page."""
 _FOLDER = re.compile(r"^(\w+)/\*\n", re.MULTILINE)
@@ -32,6 +34,14 @@ def _leave_out_empty_folders(app: Sphinx, page: str, source: list[str]) -> None:
     source[0] = _FOLDER.sub(kept, source[0])
 
 
+def _add_figures(app: Sphinx, page: str, source: list[str]) -> None:
+    """Append all figures and numbers to the page of the gallery: as a file it is short."""
+    if page == "gallery/README":
+        folder = Path(app.srcdir) / "gallery"
+        app.env.note_dependency(str(folder / "numbers.json"))
+        source[0] += "\n".join(["", *gallery_tables(kept(folder)), ""])
+
+
 def _widen_lessons(_: Sphinx, page: str, __: str, context: dict[str, object], ___: object) -> None:
     """Leave out the list of sections beside a lesson: its figures take that width, so that one can read them."""
     if page.startswith("lessons/") and page != "lessons/index":
@@ -41,6 +51,7 @@ def _widen_lessons(_: Sphinx, page: str, __: str, context: dict[str, object], __
 def setup(app: Sphinx) -> dict[str, bool]:
     """Change pages before and after they are read."""
     app.connect("source-read", _leave_out_empty_folders)
+    app.connect("source-read", _add_figures)
     app.connect("doctree-read", _lead_to_pages)
     app.connect("html-page-context", _widen_lessons)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

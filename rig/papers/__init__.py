@@ -2,6 +2,17 @@
 
 from __future__ import annotations
 
-from rig.papers.entry import Comparison, Entry, Result, gallery_page, keep, make, make_all, pick
+from rig.papers.entry import Comparison, Entry, Result, gallery_page, gallery_tables, keep, kept, make, make_all, pick
 
-__all__ = ["Comparison", "Entry", "Result", "gallery_page", "keep", "make", "make_all", "pick"]
+__all__ = [
+    "Comparison",
+    "Entry",
+    "Result",
+    "gallery_page",
+    "gallery_tables",
+    "keep",
+    "kept",
+    "make",
+    "make_all",
+    "pick",
+]

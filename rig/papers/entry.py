@@ -305,7 +305,7 @@ def keep(results: Iterable[Result], folder: Path) -> list[Result]:
     """Write `results` into `folder`, replacing older ones of the same figures; return all, in the order of the
     papers.
     """
-    by_name = {result.entry.name: result for result in (*_kept(folder), *results)}
+    by_name = {result.entry.name: result for result in (*kept(folder), *results)}
     held = [by_name[name] for name in entries() if name in by_name]
     text = json.dumps([stored(result) for result in held], indent=1, allow_nan=False)
     write_file(folder / _FILE, f"{text}\n".encode())
@@ -323,8 +323,8 @@ def restored(raw: dict[str, Any], folder: Path) -> Result:
     return Result(entries()[raw["name"]], compared, folder / raw["picture"], raw["seconds"])
 
 
-def _kept(folder: Path) -> list[Result]:
-    """The results of earlier calls, for figures that still exist."""
+def kept(folder: Path) -> list[Result]:
+    """Return the results that earlier calls kept in `folder`, of figures that still exist."""
     try:
         read = json.loads(contents(folder / _FILE, DATA))
     except (OSError, ValueError):
@@ -357,11 +357,13 @@ def _figure(folder: Path, name: str) -> Arrays:
 
 def gallery_page(results: Sequence[Result], machine: str) -> str:
     """Return a page of pictures and tables, for the folder of the pictures."""
+    head = ("# Figures of the papers, reproduced", "", f"Made by `rig reproduce`, the last of them on {machine}.", "")
+    return "\n".join((*head, *gallery_tables(results))) + "\n"
+
+
+def gallery_tables(results: Sequence[Result]) -> list[str]:
+    """Return the lines of the page below its head: a table of the figures, then each figure with its numbers."""
     lines = [
-        "# Figures of the papers, reproduced",
-        "",
-        f"Made by `make docs` (`rig reproduce all`), the last of them on {machine}.",
-        "",
         "A number agrees when it lies within the bound beside it. *Not reproduced*: it is known to lie outside.",
         "Sources: *paper*, printed there; *reference*, an independent computation of the same equations with the same",
         "parameters; *theory*, a closed form; *coarser*, ours with a coarser resolution.",
@@ -395,4 +397,4 @@ def gallery_page(results: Sequence[Result], machine: str) -> str:
                 f"| {c.source} | {c.bound} | {c.result} |"
                 for c in result.comparisons
             ]
-    return "\n".join(lines) + "\n"
+    return lines

@@ -1,6 +1,7 @@
 """Figures of the papers: the list, what compares, and the page. The figures themselves run with the slow tests."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -32,13 +33,28 @@ def test_every_entry_names_shipped_scenes_and_has_a_name_and_a_drawing_of_its_ow
 def test_the_gallery_has_every_figure_as_pixels_and_as_curves():
     names = {entry.name for entry in papers.pick("all")}
     assert {path.stem for path in GALLERY.glob("*.png")} == {path.stem for path in GALLERY.glob("*.svg")} == names
-    page = (GALLERY / "README.md").read_text()
+    short, lines = (GALLERY / "README.md").read_text(), papers.gallery_tables(papers.kept(GALLERY))
     for name in names:
         drawn = (GALLERY / f"{name}.svg").read_text()
         assert len(drawn) < 1_000_000
         assert "<dc:date>" not in drawn
-        assert f"({name}.png)" in page
-        assert f"({name}.svg)" in page
+        assert f"({name}.png)" in short
+        assert f"### {name}" in lines
+        assert f"The figure as [SVG]({name}.svg)." in lines
+
+
+def test_the_page_of_the_gallery_counts_what_agrees():
+    rows = []
+    for paper in ("kroeger", "liu000", "liu003", "detachment", "bistable"):
+        compared = [[c for c in result.comparisons if c.compared] for result in papers.kept(GALLERY)
+                    if result.entry.paper == paper]  # fmt: skip
+        agree = [sum(c.agrees for c in numbers) for numbers in compared]
+        counts = [len(numbers) for numbers in compared]
+        rows.append((len(compared), sum(a == n for a, n in zip(agree, counts)), sum(counts), sum(agree)))
+    text = (GALLERY / "README.md").read_text()
+    counted = re.compile(r"^\|.*\| `\w+`((?: \| \d+){4}) \|$", re.MULTILINE)
+    told = [tuple(map(int, row[1].split("|")[1:])) for row in counted.finditer(text)]
+    assert told == [*rows, tuple(map(sum, zip(*rows)))]
 
 
 def test_a_number_agrees_within_its_bound_only():
