@@ -136,7 +136,7 @@ def simulate(
     """Run a scene in this process, with its controllers, for `duration` seconds or as long as its protocol takes.
 
     `controllers`: additional controllers by name. Each is an object with the attributes of a controller
-    (docs/own_controller.md), a discrete system of python-control with named inputs (sensors) and outputs (actuators,
+    (docs/own.md), a discrete system of python-control with named inputs (sensors) and outputs (actuators,
     `_` for the dot), or, for a scene given by name, the path of a file as `rig simulate --controller` takes it. A
     controller of the scene with the same name is replaced; its delay is kept. `stop` is called ten times per simulated
     second: "" continues the run, any other text ends it and is the reason. `untold`: values of the rig, by dotted key,

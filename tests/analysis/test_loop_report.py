@@ -136,9 +136,9 @@ def test_what_has_no_loop_is_refused(arguments, told):
     assert told in str(caught.value)
 
 
-def test_the_linear_controller_of_the_page_on_own_controllers_has_a_report(rig, tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "own_controller.md").read_text()
-    example = page.partition("## Margins of the loop")[2].partition("```python\n")[2].partition("```")[0]
+def test_the_linear_controller_of_the_page_on_own_parts_has_a_report(rig, tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "own.md").read_text()
+    example = page.partition("### Compiled, and with margins")[2].partition("```python\n")[2].partition("```")[0]
     (tmp_path / "smooth.py").write_text(example)
     code, out, err = rig("loop", "belt", "--controller", tmp_path / "smooth.py", "--json")
     assert code == 0, err

@@ -26,10 +26,7 @@ from rig.motion.motion import Motion
 from rig.record.provenance import provenance
 
 ROOT = HERE.parents[1]
-RACES = (
-    ("P1: Coulomb friction", "p1", (1e-2, 1e-6, 2e-9), "exact"),
-    ("P2: friction that falls", "p2", (1e-6, 2e-9), "dopri5"),
-)
+RACES = (("Coulomb friction", "p1", 1e-6), ("friction that falls", "p2", 1e-6))
 
 
 class Better(NamedTuple):
@@ -53,73 +50,41 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
 
 
 def values() -> Iterator[str]:
-    """The problems of others: error and time of both sides."""
+    """The problems of others: one row each, with error and time of both sides; of each program its nearest answer."""
+    rows = []
     for problem in PROBLEMS.values():
         exact, ours = problem.exact(), problem.ours()
-        yield from (f"### {problem.title}", "", f"{problem.source}. {problem.measure.capitalize()}: **{exact:.12g} "
-                    f"{problem.unit}** ({problem.by}).", "")  # fmt: skip
-        rows = [("friction-rig", problem.how, number(abs(ours.value - exact)), number(ours.seconds))]
-        if not math.isnan(ours.alone):
-            rows.append(("friction-rig", "the run alone", number(abs(ours.value - exact)), number(ours.alone)))
-        rows += [(name, "published", number(abs(v - exact)), "") for name, v in problem.stored.items()]
+        theirs = [f"{name}: {number(abs(v - exact))}, published" for name, v in problem.stored.items()]
         for other in OTHERS:
             if PROBLEMS[other.problem] is problem and other.available():
-                for step in other.steps:
-                    value, seconds = other.answer(step)
-                    name = f"{other.name} ({other.version()})"
-                    rows.append((name, f"{other.setting} {step:g}", number(abs(value - exact)), number(seconds)))
-        yield from table(("program", "setting", f"error [{problem.unit}]", "processor time [s]"), rows)
+                value, seconds = min((other.answer(step) for step in other.steps), key=lambda a: abs(a[0] - exact))
+                theirs.append(f"{other.name} ({other.version()}): {number(abs(value - exact))} in {number(seconds)} s")
+        what = f"{problem.measure}: {exact:.12g} {problem.unit} ({problem.by})"
+        own = f"{number(abs(ours.value - exact))} in {number(ours.seconds)} s"
+        rows.append((f"{problem.title} ({problem.source})", what, own, "; ".join(theirs)))
+    yield from table(("problem", "exact value", "error of friction-rig", "error of others"), rows)
 
 
 def races() -> Iterator[str]:
     """Mass on a belt by all solvers, at equal errors of the times of mode changes."""
-    for title, name, targets, method in RACES:
+    rows = []
+    for title, name, target in RACES:
         entries = race(rig.load(ROOT / "tests" / "problems" / f"{name}.toml"))
-        rows, near = [], set()
-        for target in targets:
-            ours, *best = cheapest(entries, target)
-            for entry in (entry for entry in best if entry.error <= target):
-                ratio = ours.factor / entry.factor
-                near |= {entry.peer} if ratio < 10.0 else set()
-                rows.append((f"{target:g}", entry.peer, entry.setting, number(entry.error), f"{ratio:.3g}"))
+        ours, *best = cheapest(entries, target)
+        for entry in (entry for entry in best if entry.error <= target):
+            faster = f"{ours.factor / entry.factor:.3g}"
+            rows.append((title, entry.peer, entry.setting, number(entry.error), faster))
         exact = min((entry for entry in entries if entry.peer == OURS), key=lambda entry: entry.error)
         for entry in [entry for entry in entries if entry.peer == "heyoka" and not entry.fault][-1:]:  # its tightest
             factor = f"{exact.factor / entry.factor:.3g}"
-            rows.append(("least of both", entry.peer, entry.setting, number(entry.error), factor))
-        yield from (f"### {title}", "")
-        yield from table(("error at most", "solver", "its setting", "its error", "friction-rig is faster by"), rows)
-        yield from ([f"Less than ten times: {', '.join(sorted(near))}.", ""] if near else [])
-        yield from (parts(name, method), "")
+            rows.append((f"{title}, least error of both", entry.peer, entry.setting, number(entry.error), factor))
+    yield from table(("problem", "solver", "its setting", "its error", "friction-rig is faster by"), rows)
 
 
 def other_races() -> Iterator[str]:
     """Races beyond a mass on a belt."""
-    for measure in RACES_BEYOND:
-        rows = [(r.what, r.who, number(r.error), f"{r.figure:.3g} {r.unit}") for r in measure()]
-        yield from table(("case", "program", "relative error", "figure"), rows)
-
-
-def parts(name: str, method: str, seconds: float = 4.0) -> str:
-    """What our own run consists of: its time with a state every millisecond, every 0.1 ms, and every 20 ms."""
-    system = rig.load(ROOT / "tests" / "problems" / f"{name}.toml").assemble().system()
-    spent, events = [], 0
-    for step_ns in (1_000_000, 100_000, 20_000_000):
-        ticks = round(seconds * 1e9 / step_ns)
-        motion = Motion(system, step_ns, method, with_energy=False, longest=ticks)
-
-        def run(motion: Motion = motion, ticks: int = ticks) -> float:
-            motion.x[:] = system.start
-            motion.advance(ticks)
-            return 0.0
-
-        spent.append(1e6 * min(timed(run)[1] for _ in range(20)))
-        events = motion.event_count
-    state = (spent[1] - spent[0]) / (9e3 * seconds)
-    return (
-        f"A run of ours with `{method}` takes {spent[0]:.0f} us: {1e3 * seconds * state:.0f} us for {1e3 * seconds:g} "
-        f"states ({1e3 * state:.1f} ns each), the rest for steps and {events} events; with a state every 20 ms "
-        f"{spent[2]:.0f} us."
-    )
+    rows = [(r.what, r.who, number(r.error), f"{r.figure:.3g} {r.unit}") for measure in RACES_BEYOND for r in measure()]
+    yield from table(("case", "program", "relative error", "figure"), rows)
 
 
 def smooth(seconds: float = 20.0) -> Better:
@@ -202,25 +167,25 @@ def better() -> Iterator[str]:
     yield from table(("case", "program", "its time [s]", "ours [s]", "why"), rows)
 
 
-EQUAL = """Mass on a belt that sticks and slips for 4 s with a state every millisecond; the error is that of the times
-at which stick begins and ends, as a share of a period. The solvers take turns; processor time, the shortest run."""
-LOADS = """Processor time of one core, but the paced loop in wall time, which other programs lengthen (load, below). The
-error of the disc is that of the slider's place, of its range; that of the map the difference up to which cycles count
-as the same, and for scipy the error of the period after twelve cycles. Our two processes of the paced loop ask for
-real-time scheduling; those of the socket do not. Where ours is less than ten times as fast, a line says why: the loop
-without its controller in Python, the bus alone."""
-TEXT = """# The tests of others
+TEXT = """# Other programs, compared
 
-Values that other projects use to test themselves or to show what they can do, answered by this one, and by those
-projects where they are installed. Each problem is a scene in tests/peers; the exact value comes from a closed form or
-from an integration that is written out in tests/peers/problems.py. `python -m pytest -m peers tests/peers` asks all of
-it again.
+Test problems of other programs, solved by friction-rig and by the programs that are installed, on one machine, in
+turns. The exact value of each problem comes from a closed form or from an integration that is written out in
+tests/peers/problems.py. An error has the unit of the exact value. Times are processor times; ours are those of the
+whole call, with the check of stability before it.
 
 ```
 pip install -e '.[peers]'             # siconos is a package of Debian: python3-siconos
-python tests/peers/page.py            # makes this page again
+python -m pytest -m peers tests/peers # solves and checks all of it
+python tests/peers/page.py            # measures again and writes this page
 ```
+
+## How near to the exact value
 """
+EQUAL = """Mass on a belt that sticks and slips for 4 s, a state every millisecond, each solver at its cheapest setting
+whose error of the times at which stick begins and ends is at most 1e-6 of a period."""
+LOADS = """Processor time of one core; the loop between two processes in wall time. The error of the disc is that of the
+slider's place, as a share of its range; that of the map is the difference up to which cycles count as the same."""
 
 
 def main() -> None:
@@ -228,7 +193,7 @@ def main() -> None:
     machine = provenance(0, ("page.py",))
     load = f"load {os.getloadavg()[2]:.0f} in the last 15 minutes"
     where = ", ".join(f"{key} {machine[key]}" for key in ("date", "processor", "cores", "python", "numpy", "scipy"))
-    parts = (TEXT, "## Values", "", *values(), "## Speed at equal error", "", EQUAL, "", *races())
+    parts = (TEXT, *values(), "## Speed at equal error", "", EQUAL, "", *races())
     parts += ("## Other loads", "", LOADS, "", *other_races())
     lines = [*parts, "## Where another is better", "", *better(), f"Measured on: {where}, {load}."]
     write_file(ROOT / "docs" / "peers.md", ("\n".join(lines) + "\n").encode())

@@ -17,7 +17,6 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import rig
-from rig.motion.motion import Motion
 
 HERE = Path(__file__).parent
 G, STEEP = 9.81, math.radians(20.0)
@@ -30,11 +29,10 @@ STRIBECK = {
 
 
 class Answer(NamedTuple):
-    """A value and the processor time [s] that it took; `alone`: of the run without preparation. nan: not measured."""
+    """A value and the processor time [s] that it took. nan: not measured."""
 
     value: float
     seconds: float = math.nan
-    alone: float = math.nan
 
 
 class Problem(NamedTuple):
@@ -49,7 +47,6 @@ class Problem(NamedTuple):
     ours: Callable[[], Answer]
     tolerance: float
     stored: Mapping[str, float] = {}
-    how: str = "the whole call"
 
 
 def timed(run: Callable[[], Any], least: float = 0.05) -> tuple[Any, float]:
@@ -71,23 +68,6 @@ def at_end(name: str, output: str) -> Callable[[], Answer]:
         scene = rig.load(HERE / f"{name}.toml")
         run, seconds = timed(lambda: rig.simulate(scene))
         return Answer(float(run.signals[output][-1]), seconds)
-
-    return answer
-
-
-def at_rest(name: str) -> Callable[[], Answer]:
-    """The same of `displacement` after 1 s under constant loads, with the time of the run without preparation."""
-
-    def answer() -> Answer:
-        system = rig.load(HERE / f"{name}.toml").assemble().system()
-        motion = Motion(system, 1_000_000, "exact", longest=1000)
-
-        def run() -> float:
-            motion.restart(system.start)
-            motion.advance(1000)
-            return float(motion.x[0])
-
-        return at_end(name, "displacement")()._replace(alone=timed(run)[1])
 
     return answer
 
@@ -227,11 +207,11 @@ ZERO: Callable[[], float] = lambda: 0.0  # noqa: E731
 PROBLEMS = {
     "slope": Problem(
         "Block on a slope", "MuJoCo documentation, Drake examples: inclined plane; 1 kg, 20 degrees, mu 0.5",
-        "creep in 1 s", "m", ZERO, "below the limit of friction nothing moves", at_rest("slope"), 0.0,
+        "creep in 1 s", "m", ZERO, "below the limit of friction nothing moves", at_end("slope", "displacement"), 0.0,
     ),
     "grip": Problem(
         "Capsule in a grip", "MuJoCo issue 3328: 45 g, mu 0.7, two fingers with 12 N",
-        "creep in 1 s", "m", ZERO, "below the limit of friction nothing moves", at_rest("grip"), 0.0,
+        "creep in 1 s", "m", ZERO, "below the limit of friction nothing moves", at_end("grip", "displacement"), 0.0,
         {"MuJoCo (issue 3328)": 155e-6},
     ),
     "brake": Problem(
@@ -266,6 +246,5 @@ PROBLEMS = {
     "points": Problem(
         "24 points that open and close", "ring of 24 masses on contact springs under a travelling force (points.py)",
         "height of the first point at 0.2 s", "m", points.exact, "explicit method of order 8 at 1e-12", _points, 1e-9,
-        how="film, steps of 1 us",
     ),
 }  # fmt: skip
