@@ -66,7 +66,7 @@ html_show_sourcelink = False
 html_copy_source = False
 html_show_search_summary = False  # a page from the file system may not read the others
 html_show_copyright = False
-html_sidebars = {page: [] for page in ("index", "getting_started", "changelog", "decisions", "paper")}  # no sub-pages
+html_sidebars = {page: [] for page in ("index", "getting_started", "changelog", "decisions")}  # no sub-pages
 html_theme_options = {
     "show_prev_next": True,
     "navigation_with_keys": False,
