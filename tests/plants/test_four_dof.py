@@ -201,7 +201,7 @@ def test_one_damper_halves_the_critical_friction(spring):
 
 
 def test_with_dampers_it_has_a_limit_cycle_that_slides_lifts_off_and_sticks():
-    """The one that docs/four_dof.md tells."""
+    """The one that docs/theory/plants.md tells."""
     changes = {f"spring_{i}.damping": 0.5 for i in range(1, 6)} | {"friction.mu": 1.5}
     found = rig.limit_cycle(rig.load("four_dof", changes))
     assert found.period == pytest.approx(0.6643446824, rel=1e-6)
