@@ -7,7 +7,7 @@
 #   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
 #                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
 #   make docs       the figures of the papers, made again: docs/gallery, and build/gallery/README.md with all numbers
-#   make tables     what docs/benchmarks, cost, effects, torture and peers show, measured again (an idle machine, an hour)
+#   make tables     what docs/benchmarks, cost, effects, torture and peers show, measured again: on an idle machine, with the extra peers
 #   make pictures   the pictures of README, made again (that of the page needs Chromium)
 #   make tracks     the moving pictures of the page's opening, made again
 #   make slidermaps the maps beside the sliders of the page, made again (an hour)
