@@ -196,3 +196,29 @@ def test_the_summary_of_the_gallery_counts_what_the_gallery_has():
     assert sum(int(row[-1].rstrip(" |")) for row in rows) == sum(
         one["agrees"] for figure in figures for one in figure["comparisons"]
     )
+
+
+@pytest.mark.usefixtures("site")
+def test_the_page_of_the_gallery_has_a_heading_a_picture_and_its_numbers_for_each_figure():
+    import pages
+
+    short = (GALLERY / "README.md").read_text()
+    text = pages.with_figures(short, GALLERY)
+    assert text.startswith(short)
+    for figure in json.loads((GALLERY / "numbers.json").read_text()):
+        section = text.partition(f"\n### {figure['name']}\n")[2].partition("\n##")[0]
+        assert f"]({figure['name']}.png)" in section
+        assert section.count("\n| ") == 1 + len(figure["comparisons"])
+        assert f"]({figure['name']}.png)" in short
+
+
+def test_the_short_page_of_the_gallery_counts_what_agrees():
+    rows = {}
+    for figure in json.loads((GALLERY / "numbers.json").read_text()):
+        compared = [one["agrees"] for one in figure["comparisons"] if one["expected"] is not None]
+        for name in (figure["name"].partition("-")[0], "all"):
+            before = rows.get(name, (0, 0, 0, 0))
+            rows[name] = tuple(map(sum, zip(before, (1, all(compared), len(compared), sum(compared)))))
+    counted = re.compile(r"^\|.*\| `(\w+)`((?: \| \d+){4}) \|$", re.MULTILINE)
+    told = counted.finditer((GALLERY / "README.md").read_text())
+    assert {row[1]: tuple(map(int, row[2].split("|")[1:])) for row in told} == rows

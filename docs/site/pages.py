@@ -34,12 +34,16 @@ def _leave_out_empty_folders(app: Sphinx, page: str, source: list[str]) -> None:
     source[0] = _FOLDER.sub(kept, source[0])
 
 
+def with_figures(text: str, folder: Path) -> str:
+    """Return the text of the page of the gallery with all figures and numbers: as a file it is short."""
+    return "\n".join([text, *gallery_tables(kept(folder)), ""])
+
+
 def _add_figures(app: Sphinx, page: str, source: list[str]) -> None:
-    """Append all figures and numbers to the page of the gallery: as a file it is short."""
     if page == "gallery/README":
         folder = Path(app.srcdir) / "gallery"
         app.env.note_dependency(str(folder / "numbers.json"))
-        source[0] += "\n".join(["", *gallery_tables(kept(folder)), ""])
+        source[0] = with_figures(source[0], folder)
 
 
 def _widen_lessons(_: Sphinx, page: str, __: str, context: dict[str, object], ___: object) -> None:

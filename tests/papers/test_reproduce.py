@@ -1,7 +1,6 @@
 """Figures of the papers: the list, what compares, and the page. The figures themselves run with the slow tests."""
 
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -41,20 +40,6 @@ def test_the_gallery_has_every_figure_as_pixels_and_as_curves():
         assert f"({name}.png)" in short
         assert f"### {name}" in lines
         assert f"The figure as [SVG]({name}.svg)." in lines
-
-
-def test_the_page_of_the_gallery_counts_what_agrees():
-    rows = []
-    for paper in ("kroeger", "liu000", "liu003", "detachment", "bistable"):
-        compared = [[c for c in result.comparisons if c.compared] for result in papers.kept(GALLERY)
-                    if result.entry.paper == paper]  # fmt: skip
-        agree = [sum(c.agrees for c in numbers) for numbers in compared]
-        counts = [len(numbers) for numbers in compared]
-        rows.append((len(compared), sum(a == n for a, n in zip(agree, counts)), sum(counts), sum(agree)))
-    text = (GALLERY / "README.md").read_text()
-    counted = re.compile(r"^\|.*\| `\w+`((?: \| \d+){4}) \|$", re.MULTILINE)
-    told = [tuple(map(int, row[1].split("|")[1:])) for row in counted.finditer(text)]
-    assert told == [*rows, tuple(map(sum, zip(*rows)))]
 
 
 def test_a_number_agrees_within_its_bound_only():
