@@ -20,11 +20,11 @@ from rig.web.form import form
 
 PAGE = Path(__file__).parents[1] / "rig" / "web" / "page"
 FILE = PAGE / "slider_maps.json"
-COUNT, FEWER = 33, {"disc_slider": 7, "tip": 9}
+COUNT, FEWER = 33, {"tip": 9}
 """Values of one slider, fewer of scenes that take long; where the kind of motion changes is located between them."""
 WITH = {r"shunt\.(resistance|inductance)": {"shunt.connected": "1"}}
 """A value, by a pattern of its key, that acts only with others."""
-LINEAR = {"four_dof", "brake", "brake_shunt", "plate"}
+LINEAR = {"four_dof", "brake", "brake_shunt", "plate", "disc_slider"}
 """Scenes whose maps tell by eigenvalues where sliding is stable: no vibration of the first one dies, so that runs do
 not tell sliding from vibration, and a run of the others takes minutes."""
 HELD = {"tip": {"drive.speed": 0.06}}

@@ -9,7 +9,7 @@ const QUIET = t("it is quiet"), VIBRATES = t("it vibrates");
 export const REGIONS = {
   I: [GREEN, t("sliding, no vibration found"), QUIET], II: [AMBER, t("sliding and vibration: the past decides"), t("quiet or not: the past decides")],
   III: [RED, t("vibration only"), VIBRATES], stuck: ["#6f6fae", t("nothing moves"), t("nothing moves")],
-  stable: [GREEN, t("sliding is stable"), QUIET], unstable: [RED, t("sliding is unstable"), VIBRATES], "?": ["#808080", t("undecided"), t("undecided")],
+  stable: [GREEN, t("sliding is stable"), t("small vibrations die out")], unstable: [RED, t("sliding is unstable"), VIBRATES], "?": ["#808080", t("undecided"), t("undecided")],
 };
 
 /** The map of a slider {low, high, spans: [[end, region]]} as a CSS background over the range {low, high} of the slider. */
@@ -21,7 +21,7 @@ export function background(map, { low, high }) {
 
 /** What the rig does at a value, and where the nearest quiet values are. */
 export function told(map, value, unit) {
-  const calm = (region) => REGIONS[region][2] === QUIET, here = map.spans.findIndex(([end]) => value <= end);
+  const calm = (region) => ["I", "stable"].includes(region), here = map.spans.findIndex(([end]) => value <= end);
   if (here < 0 || value < map.low) return "";
   const word = REGIONS[map.spans[here][1]][2];
   const kinds = new Set(map.spans.map(([, region]) => region).filter((region) => !["stuck", "?"].includes(region)));
