@@ -31,6 +31,10 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
+_ADDRESS = re.compile(r"\s*For further information visit https://errors\.pydantic\.dev/\S*")
+
+_SHOWN = 12  # values of a state in a message
+
 
 class ExitCode(IntEnum):
     """The exit codes of all commands. docs/commands.md lists them for users.
@@ -52,9 +56,6 @@ class ExitCode(IntEnum):
     TIMING = 3
     STOPPED = 4
     INTERRUPTED = 130
-
-
-_ADDRESS = re.compile(r"\s*For further information visit https://errors\.pydantic\.dev/\S*")
 
 
 def kind_and_text(error: BaseException) -> str:
@@ -125,9 +126,6 @@ class Singular(RigError):
     def __init__(self, why: str, mode: str, jams: bool = False) -> None:
         self.why, self.mode, self.jams = why, mode, jams
         super().__init__(f"{why}\n  in mode set {mode}")
-
-
-_SHOWN = 12  # values of a state in a message
 
 
 class NumericsError(RigError):

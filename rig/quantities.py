@@ -43,6 +43,35 @@ ORIGINS = ("paper", "public", "derived", "identified", "calibrated", "chosen", "
 LONGEST = 1_000_000_000_000_000
 """Longest duration [ns]: 1e6 s, eleven days."""
 
+_CONDITION = re.compile(r"\s*(?P<bar>\|?)\s*(?P<name>[^<>=|]+?)\s*(?P=bar)\s*(?P<sense>[<>=])\s*(?P<level>[^<>|]+?)\s*")
+
+BOUNDS = {
+    "greater_than": ("greater than", "gt"),
+    "greater_than_equal": ("at least", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("at most", "le"),
+}
+"""Kind of pydantic's fault of a bound -> the bound in words, its name in the context of the fault."""
+_WORDS = {
+    "missing": "is missing",
+    "extra_forbidden": "unknown key",
+    "finite_number": "must be a finite number",
+    "string_type": "expected a text",
+    "bool_type": "expected true or false",
+    "bool_parsing": "expected true or false",
+    "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "float_type": "expected a number",
+    "float_parsing": "expected a number",
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "dict_type": "expected a table",
+    "tuple_type": "expected a list",
+    "too_long": "has too many entries",
+    "list_type": "expected a list",
+}
+
 
 class Unit(str):
     """Marks a field with its SI unit; `Unit("1")` is dimensionless."""
@@ -135,9 +164,6 @@ def run_length_ns(duration: float | None) -> int | None:
         raise UsageError(f"the duration{given} {fault}") from None
 
 
-_CONDITION = re.compile(r"\s*(?P<bar>\|?)\s*(?P<name>[^<>=|]+?)\s*(?P=bar)\s*(?P<sense>[<>=])\s*(?P<level>[^<>|]+?)\s*")
-
-
 class Condition(NamedTuple):
     """A condition as its user wrote it: `name` is above (>), below (<) or at (=) a `level`, a text with a unit.
 
@@ -180,34 +206,6 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     if isinstance(value, Integral) and not isinstance(value, bool) and least <= int(value) <= most:
         return int(value)
     raise UsageError(f"{name} = {brief(value)}: must be a whole number from {least} to {most}")
-
-
-BOUNDS = {
-    "greater_than": ("greater than", "gt"),
-    "greater_than_equal": ("at least", "ge"),
-    "less_than": ("less than", "lt"),
-    "less_than_equal": ("at most", "le"),
-}
-"""Kind of pydantic's fault of a bound -> the bound in words, its name in the context of the fault."""
-_WORDS = {
-    "missing": "is missing",
-    "extra_forbidden": "unknown key",
-    "finite_number": "must be a finite number",
-    "string_type": "expected a text",
-    "bool_type": "expected true or false",
-    "bool_parsing": "expected true or false",
-    "int_type": "expected a whole number",
-    "int_parsing": "expected a whole number",
-    "int_from_float": "expected a whole number",
-    "float_type": "expected a number",
-    "float_parsing": "expected a number",
-    "model_type": "expected a table",
-    "model_attributes_type": "expected a table",
-    "dict_type": "expected a table",
-    "tuple_type": "expected a list",
-    "too_long": "has too many entries",
-    "list_type": "expected a list",
-}
 
 
 def in_words(kind: str, message: str, context: Mapping[str, Any] | None = None) -> str:

@@ -67,14 +67,6 @@ USUAL: dict[str, dict[str, float]] = {
 pint knows these as well: to load it takes 0.3 s, which neither a start nor a running loop has.
 """
 
-
-@cache
-def _registry() -> Any:
-    import pint  # takes 0.3 s, so only for a unit that is not a usual one
-
-    return pint.UnitRegistry()
-
-
 _POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
 # Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever
 _UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
@@ -82,6 +74,18 @@ _LONGEST_UNIT = 60
 # A number that a unit follows without a space: 2s, 40mm/s. No run of digits is split: that took quadratic time.
 _GLUED = re.compile(r"^([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)(?![eE][-+]?\d)(?=[^\W\d_]|[°%µμ])")
 _ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'
+
+# Characters of typeset numbers: the minus sign, and spaces of fixed width
+_PASTED = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\xa0\u2007\u2009\u202f"), " ")
+_COMMA = re.compile(r"([-+]?(\d++)),(\d++)(?![.,])([^,]*)")
+_POINT = " with a decimal point, not a comma"
+
+
+@cache
+def _registry() -> Any:
+    import pint  # takes 0.3 s, so only for a unit that is not a usual one
+
+    return pint.UnitRegistry()
 
 
 def _usual(text: str, unit: str) -> float | None:
@@ -130,12 +134,6 @@ def si_unit(text: str) -> str:
         raise ValueError(f"{brief(text)} is unknown, or has no SI unit")
     known = (unit for unit in SIZES if exponents(unit) == powers)
     return next(known, "*".join(f"{base}^{power}" if power != 1 else base for base, power in powers.items()))
-
-
-# Characters of typeset numbers: the minus sign, and spaces of fixed width
-_PASTED = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\xa0\u2007\u2009\u202f"), " ")
-_COMMA = re.compile(r"([-+]?(\d++)),(\d++)(?![.,])([^,]*)")
-_POINT = " with a decimal point, not a comma"
 
 
 def with_point(text: str, name: str) -> str:

@@ -44,8 +44,11 @@ BLOCK = 16
 """Ticks in one call of a recording rig: the record of all outputs between the ticks holds so many."""
 _LONGEST = 16384  # ticks in one call
 _PLACES = 9  # of a segment, at which the extremes of an output are looked for
-_NEAR, _SHARE = 2.5, 0.1  # ticks, and of a period: one that differs by less is advanced with the same number of them
-_FINE, _MOST = 1e-8, 64  # estimated error of steps that are then extrapolated; most steps in the rest of a tick
+# A period that differs by less, in ticks and as a share of the period, is advanced with the same number of ticks.
+_NEAR = 2.5
+_SHARE = 0.1
+_FINE = 1e-8  # estimated error of steps that are then extrapolated
+_MOST = 64  # steps in the rest of a tick
 _TERMS = 24  # of the exponential series, over a radian
 _AFTER_END = 4  # ticks beyond the end: the state between two of them follows from as many on both sides
 _RESOLVED = 0.1  # radians of the fastest mode in a tick: then such an interpolation is exact to 1e-11

@@ -44,10 +44,17 @@ from rig.printable import printable, utf8
 
 GUESTS = 16
 COMMON = ("recorder", "viewer", "operator")
-SESSIONS, ACCEPT_MS = 64, 500
-FROM_LEAVES, SHORT = 1 << 20, 1 << 16
-"""Longest message [bytes] that the hub assembles, and longest message that it accepts from a process."""
+SESSIONS = 64
+ACCEPT_MS = 500
+FROM_LEAVES = 1 << 20
+"""Longest message [bytes] that the hub assembles."""
+SHORT = 1 << 16
+"""Longest message [bytes] that the hub accepts from a process."""
 _DICTIONARY = ".dictionary"
+
+_LONGEST = 107 if sys.platform == "linux" else 103
+_PRIVATE = ("unixsock-stream/", "tcp/127.0.0.1:", "tcp/[::1]:", "tcp/localhost:")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
 @dataclass
@@ -203,11 +210,6 @@ def bounds(run: str, own: BusUser, users: Path) -> dict[str, Any]:
 def login(own: BusUser) -> dict[str, Any]:
     """The settings with which a process logs in: user and password."""
     return {"transport/auth/usrpwd/user": own.user, "transport/auth/usrpwd/password": own.password}
-
-
-_LONGEST = 107 if sys.platform == "linux" else 103
-_PRIVATE = ("unixsock-stream/", "tcp/127.0.0.1:", "tcp/[::1]:", "tcp/localhost:")
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
 @dataclass(frozen=True)

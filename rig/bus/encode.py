@@ -17,7 +17,8 @@ _ONE = struct.Struct("<Bq")
 _TWO = struct.Struct("<BqBqB")
 _THREE = struct.Struct("<BqBqBqB")
 _FOUR = struct.Struct("<BqBqBqBqB")
-_FIXED, _PACKED = 1, 2
+_FIXED = 1
+_PACKED = 2
 
 
 def _tag(number: int, wire: int) -> bytes:

@@ -26,6 +26,29 @@ QUESTION = 1 << 16
 DEEPEST = 32
 """Most levels of lists and objects inside each other."""
 
+PAYLOAD = 1 << 24
+"""Longest message [bytes]. From another process the hub accepts at most `rig.bus.address.FROM_LEAVES`."""
+TICKS = 1 << 53
+"""Bound of a tick."""
+TIMES_NS = 1 << 62
+"""Bound of a simulated time [ns]."""
+SPAN_NS = 1 << 42
+"""Bound of a sample interval [ns]."""
+TOPICS = 1024
+"""Most topics that are counted one by one."""
+_BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
+FIELDS = {
+    kind: tuple((name, limit) for name, limit in _BOUNDS.items() if isinstance(getattr(made(), name, None), int))
+    for kind, made in messages.TYPES.items()
+}
+"""Kind of message -> its bounded fields and the bound of each."""
+
+_SENDERS = 32  # most senders that are counted one by one
+_OF_A_GUEST = 16  # most topics of a guest that are counted one by one
+
+T = TypeVar("T")
+A = TypeVar("A", bound="Arrived")
+
 
 def read_json(data: bytes, limit: int = QUESTION, *, finite: bool = True) -> dict[str, Any]:
     """Read the JSON object in `data`.
@@ -70,20 +93,6 @@ def _finite(text: str) -> float:
     return number
 
 
-PAYLOAD = 1 << 24
-"""Longest message [bytes]. From another process the hub accepts at most `rig.bus.address.FROM_LEAVES`."""
-TICKS, TIMES_NS, SPAN_NS = 1 << 53, 1 << 62, 1 << 42
-"""Bounds of tick, simulated time and sample interval."""
-TOPICS = 1024
-"""Most topics that are counted one by one."""
-_BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
-FIELDS = {
-    kind: tuple((name, limit) for name, limit in _BOUNDS.items() if isinstance(getattr(made(), name, None), int))
-    for kind, made in messages.TYPES.items()
-}
-"""Kind of message -> its bounded fields and the bound of each."""
-
-
 def _check_totals(topic: str, content: Any, counts: dict[str, Count], now: float) -> None:
     """Raise Refused for totals that claim messages of others, or more than can have been sent by `now` [s]."""
     sent, heard = content.sent_topic, content.heard_topic
@@ -99,12 +108,6 @@ def _check_totals(topic: str, content: Any, counts: dict[str, Count], now: float
         seen = counts.get(claimed, nothing)
         if number < 0 or not seen.plausible(number - 1 - seen.last, now):
             raise Refused("implausible number", f"Totals of {number} messages on {claimed[:80]}")
-
-
-_SENDERS, _OF_A_GUEST = 32, 16  # most senders that are counted one by one, and most topics of a guest
-
-T = TypeVar("T")
-A = TypeVar("A", bound="Arrived")
 
 
 def speaks(user: str, topic: str, reserved: frozenset[str]) -> bool:

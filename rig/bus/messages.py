@@ -52,6 +52,25 @@ FINGERPRINT = hashlib.sha256(
 ).hexdigest()[:8]
 """Hash of both files and the framing. It is part of every message's encoding: other versions are detected by it."""
 
+Columns = dict[str, NDArray[Any]]
+"""Fields of several messages: name -> int64 or float64 [messages], and [messages, entries] of a repeated field."""
+_NUMBERS = {FieldDescriptor.TYPE_SFIXED64: np.dtype("<i8"), FieldDescriptor.TYPE_DOUBLE: np.dtype("<f8")}
+_FIXED = 1
+_PACKED = 2
+
+WAITS_NS = 25_000_000
+"""Age [ns] of a batch at which it is sent. A plant flushes 50 times a second: sooner."""
+EVERY = 16
+"""Messages of a batch between two checks of its age."""
+LONGEST = 1 << 15
+"""Size [bytes] at which encoded messages are sent, and of the pieces of a batch: half of what Zenoh sends in one."""
+_KEEPING = 7000  # bytes that Zenoh needs to keep a batch, in addition to its payload (measured)
+WAITING = (160 << 20) // (LONGEST + _KEEPING)
+"""Most batches that wait in the memory of a recorder: 160 MB."""
+
+Row = tuple[str, str, bytes | tuple[int, int], Callable[..., bytes], tuple[Any, ...]]
+"""User, topic, header (packed, or number and time), and the function that encodes the message, with its arguments."""
+
 
 def field_name(name: str) -> str:
     """The protobuf field name for `name`: "drive.speed" becomes "drive_speed"."""
@@ -157,12 +176,6 @@ def file_descriptor_set(kind: type[Message]) -> bytes:
     return bytes(files.SerializeToString())
 
 
-Columns = dict[str, NDArray[Any]]
-"""Fields of several messages: name -> int64 or float64 [messages], and [messages, entries] of a repeated field."""
-_NUMBERS = {FieldDescriptor.TYPE_SFIXED64: np.dtype("<i8"), FieldDescriptor.TYPE_DOUBLE: np.dtype("<f8")}
-_FIXED, _PACKED = 1, 2
-
-
 def alike(kind: type[Message], payloads: Sequence[bytes]) -> Columns | None:
     """Decode messages of the same length (at least one); None if their layouts differ or have no such columns."""
     places = _places(kind, payloads[0])
@@ -228,18 +241,6 @@ def _varint(payload: bytes, at: int) -> tuple[int, int]:
         if payload[end] < 0x80:
             return value, end + 1
     return 0, at
-
-
-WAITS_NS, EVERY = 25_000_000, 16
-"""Age [ns] of a batch at which it is sent, as every 16th message checks. A plant flushes 50 times a second: sooner."""
-LONGEST = 1 << 15
-"""Size [bytes] at which encoded messages are sent, and of the pieces of a batch: half of what Zenoh sends in one."""
-_KEEPING = 7000  # bytes that Zenoh needs to keep a batch, in addition to its payload (measured)
-WAITING = (160 << 20) // (LONGEST + _KEEPING)
-"""Most batches that wait in the memory of a recorder: 160 MB."""
-
-Row = tuple[str, str, bytes | tuple[int, int], Callable[..., bytes], tuple[Any, ...]]
-"""User, topic, header (packed, or number and time), and the function that encodes the message, with its arguments."""
 
 
 class Batch:

@@ -32,6 +32,23 @@ from rig.bus.topics import HEADER, Arrived, Count, Message, Presence, Refused
 from rig.errors import BusError, RigError, UsageError
 from rig.units import converts
 
+_MOST = 256
+"""Most items that one call processes, so that a flood of messages cannot block it."""
+_TOPICS = 4096
+DRAINED = 1 << 14
+"""Most messages that one call of `Receiver.drain` returns."""
+PRESENCES = 1 << 14
+"""Most presence tokens that wait to be read."""
+
+_QUESTIONS = 16
+"""Most queries that one call of `Server.poll` answers."""
+WAITING = 1 << 8
+"""Most queries that wait for an answer."""
+
+Later = Callable[[], "dict[str, Any] | None"]
+"""An answer that takes time: called at every poll until it returns something."""
+Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes | Later"]
+
 
 class Publisher(ABC):
     """Sends messages on one topic; never waits for a reader."""
@@ -105,14 +122,6 @@ class _InOrder(Publisher):
     def send(self, payload: bytes, header: bytes) -> None:
         self._batch.flush()
         self._post(lambda: self._alone.send(payload, header))
-
-
-_MOST, _TOPICS = 256, 4096
-"""Most items that one call processes, so that a flood of messages cannot block it."""
-DRAINED = 1 << 14
-"""Most messages that one call of `Receiver.drain` returns."""
-PRESENCES = 1 << 14
-"""Most presence tokens that wait to be read."""
 
 
 class Receiver(ABC):
@@ -256,12 +265,6 @@ class Watch(ABC):
         return (role, name) in self.present
 
 
-_QUESTIONS = 16
-"""Most queries that one call of `Server.poll` answers."""
-WAITING = 1 << 8
-"""Most queries that wait for an answer."""
-
-
 class Request(ABC):
     """A query from another process; it must be answered or refused exactly once."""
 
@@ -274,11 +277,6 @@ class Request(ABC):
     @abstractmethod
     def refuse(self, why: str) -> None:
         """Refuse the query and give the reason."""
-
-
-Later = Callable[[], "dict[str, Any] | None"]
-"""An answer that takes time: called at every poll until it returns something."""
-Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes | Later"]
 
 
 class ParamRequest(NamedTuple):

@@ -45,6 +45,26 @@ _BLOCK, _RESTORE = (int(getattr(signal, name, 0)) for name in ("SIG_BLOCK", "SIG
 
 T = TypeVar("T")
 
+_AT_ONCE: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP}
+"""How a query is sent, and with it the answer."""
+_WHOLE: dict[str, Any] = {
+    "congestion_control": zenoh.CongestionControl.BLOCK,
+    "priority": zenoh.Priority.DATA_LOW,
+}
+"""The models of a structure have megabytes, which DROP never delivers; what waits holds up its own priority alone."""
+_LARGE = 60_000
+"""Bytes of an answer that fits into one of Zenoh's batches."""
+_MOST = 64
+"""Number of waiting functions beyond which the plant waits too: one without a pace could outrun the sender."""
+_SENDER_CLOSING_S = 1.0
+"""Longest time for sending what still waits when the session closes."""
+
+_JOINING = 0.5  # s after which the processes of a run have heard of each other
+_KEYS = 4096  # most keys that a receiver remembers
+_PUT = zenoh.SampleKind.PUT
+
+_CLOSING_S = 2.0  # time allowed for closing the connection
+
 
 def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
     """The next item of a queue; wait for it at most `timeout` seconds. Raises queue.Empty.
@@ -95,21 +115,6 @@ class Inbox(Generic[T]):
             return None
 
 
-_AT_ONCE: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP}
-"""How a query is sent, and with it the answer."""
-_WHOLE: dict[str, Any] = {
-    "congestion_control": zenoh.CongestionControl.BLOCK,
-    "priority": zenoh.Priority.DATA_LOW,
-}
-"""The models of a structure have megabytes, which DROP never delivers; what waits holds up its own priority alone."""
-_LARGE = 60_000
-"""Bytes of an answer that fits into one of Zenoh's batches."""
-_MOST = 64
-"""Number of waiting functions beyond which the plant waits too: one without a pace could outrun the sender."""
-_SENDER_CLOSING_S = 1.0
-"""Longest time for sending what still waits when the session closes."""
-
-
 class Sender:
     """Calls functions one after another in a thread of its own."""
 
@@ -143,11 +148,6 @@ class Sender:
         if self._thread is not None:
             self._queue.put(None)
             self._thread.join(_SENDER_CLOSING_S)
-
-
-_JOINING = 0.5  # s after which the processes of a run have heard of each other
-_KEYS = 4096  # most keys that a receiver remembers
-_PUT = zenoh.SampleKind.PUT
 
 
 class _Publisher(Publisher):
@@ -309,9 +309,6 @@ class _Server(Server):
     def _next(self, timeout: float) -> Request | None:
         query = self._inbox.take(timeout)
         return None if query is None else _Request(query, self._key, self._topic)
-
-
-_CLOSING_S = 2.0  # time allowed for closing the connection
 
 
 class ZenohSession(Session):

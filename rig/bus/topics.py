@@ -26,8 +26,34 @@ from typing import Any, NamedTuple
 from rig.errors import BusError
 
 HEADER = struct.Struct("<QQ")
-FASTEST, AT_ONCE = 200_000, 1_000
-"""Largest plausible jump of message numbers: messages per second of the fastest topic, and messages lost at once."""
+FASTEST = 200_000
+"""Largest plausible jump of message numbers in a second: messages per second of the fastest topic."""
+AT_ONCE = 1_000
+"""Largest plausible jump of message numbers at once: messages lost at once."""
+
+ALONE = "alone"
+LOOP = "loop"
+BATCH = "batch"
+ERROR = "error"
+WARN = "warn"
+LEVELS = {
+    **dict.fromkeys(("fault", "diverged", "limit", "emergency", "lost"), ERROR),
+    **dict.fromkeys(
+        ("missing", "left", "evicted", "safe", "held", "not finite", "refused", "flood", "overruled"), WARN
+    ),
+    **dict.fromkeys(("never", "timeout", "overrun", "pause", "scheduling", "warning"), WARN),
+    **dict.fromkeys(("outdated", "skipped"), WARN),
+}
+"""Kind of an event -> how serious it is; all other kinds are news."""
+BLOCK_NS = 20_000_000
+"""Longest span of a block of samples [ns of simulated time]."""
+STATE_NS = 5_000_000
+"""Shortest time between two states [ns of simulated time]."""
+SPAN_NS = 1_000_000
+"""Length of a span of `band`; with a longer step one step [ns of simulated time]."""
+
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
+ROLES = ("plant", "controller", "recorder", "viewer", "operator")
 
 
 class Refused(BusError):
@@ -130,21 +156,6 @@ class Topic(NamedTuple):
     about: str
 
 
-ALONE, LOOP, BATCH = "alone", "loop", "batch"
-ERROR, WARN = "error", "warn"
-LEVELS = {
-    **dict.fromkeys(("fault", "diverged", "limit", "emergency", "lost"), ERROR),
-    **dict.fromkeys(
-        ("missing", "left", "evicted", "safe", "held", "not finite", "refused", "flood", "overruled"), WARN
-    ),
-    **dict.fromkeys(("never", "timeout", "overrun", "pause", "scheduling", "warning"), WARN),
-    **dict.fromkeys(("outdated", "skipped"), WARN),
-}
-"""Kind of an event -> how serious it is; all other kinds are news."""
-BLOCK_NS, STATE_NS = 20_000_000, 5_000_000
-"""Longest span of a block of samples, and shortest time between two states [ns of simulated time]."""
-SPAN_NS = 1_000_000
-"""Length of a span of `band`; with a longer step one step [ns of simulated time]."""
 TABLE = (
     Topic("step", "Step", "plant", "REAL_TIME", LOOP, True, "one frame: latest sample of every sensor"),
     Topic("act/<controller>", "Act", "controller", "REAL_TIME", LOOP, True, "commands for the step of a tick"),
@@ -173,8 +184,6 @@ TABLE = (
 RECORDED = tuple(re.sub("<.*>", "*", row.name) for row in TABLE if row.recorded)
 """Patterns of all topics that the recorder keeps."""
 _ROWS = {row.name.partition("/")[0]: row for row in TABLE}
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
-ROLES = ("plant", "controller", "recorder", "viewer", "operator")
 
 
 def is_name(text: object) -> bool:

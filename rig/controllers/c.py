@@ -21,6 +21,13 @@ from rig.parts import Binary
 VERSION = 1
 _MOST = 1000  # signals, parameters, states
 
+LONGEST_S = 2.0
+"""Longest time of a step [s]; then the timer of the system ends the process (SIGALRM). # chosen"""
+OPENED: dict[str, Library] = {}
+"""SHA-256 -> library that this process has loaded."""
+_TIMER: Any = getattr(signal, "setitimer", lambda *_: None)
+_REAL = getattr(signal, "ITIMER_REAL", 0)
+
 
 class _Signal(ctypes.Structure):
     _fields_ = [("name", ctypes.c_char_p), ("unit", ctypes.c_char_p)]
@@ -132,14 +139,6 @@ class Library:
         p, s, after, heard, given = self._at
         code = self._step(p, s, after, t_ns, heard, given)
         return code, self._next[:], self._output[:]
-
-
-LONGEST_S = 2.0
-"""Longest time of a step [s]; then the timer of the system ends the process (SIGALRM). # chosen"""
-OPENED: dict[str, Library] = {}
-"""SHA-256 -> library that this process has loaded."""
-_TIMER: Any = getattr(signal, "setitimer", lambda *_: None)
-_REAL = getattr(signal, "ITIMER_REAL", 0)
 
 
 class CompiledC(CompiledSection):

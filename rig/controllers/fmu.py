@@ -61,6 +61,12 @@ _NAMED = {
 }
 """Exponents of the base units, without zeros at the end -> unit."""
 
+_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+_WARNING = 1
+_KEPT = 20  # messages
+_FOLDERS: dict[str, Path] = {}
+"""SHA-256 of an FMU -> folder with its files, which is removed when this process ends."""
+
 
 def unit_of(exponents: Iterable[int]) -> str:
     """The SI unit with these exponents of kg, m, s, A, K, mol, cd, rad."""
@@ -169,13 +175,6 @@ def _of(variable: Any, attribute: str) -> Any:
 def _brief(error: Exception) -> str:
     lines = [line for line in str(error).splitlines() if line.strip()]
     return "; ".join(lines[:3])[:300] or type(error).__name__
-
-
-_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-_WARNING = 1
-_KEPT = 20  # messages
-_FOLDERS: dict[str, Path] = {}
-"""SHA-256 of an FMU -> folder with its files, which is removed when this process ends."""
 
 
 def _folder(file: Binary) -> Path:

@@ -36,12 +36,26 @@ except ImportError:
 
 _log = logging.getLogger("rig")
 _warned: set[Path] = set()  # folders for which this process has warned
-_NUMBERS, _MATRIX, _COMPRESSED = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}, 14, 15
+_NUMBERS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}
+_MATRIX = 14
+_COMPRESSED = 15
 """Types of the elements of a MATLAB file of format 5."""
 _NESTED = {1, 2, 3, 16, 17}
 """Classes of MATLAB that contain other matrices: cells, structures, objects."""
 _OTHERS = 0o022
 """The bits of a mode that let others write."""
+
+RUNS = Path("recordings/runs")
+"""Where runs are recorded unless their user names a file."""
+TEXT = 1 << 20
+"""Largest file that counts as written by hand [bytes]."""
+# Most files in a zip file. # chosen
+FILES = 10_000
+DATA = 1 << 28
+"""Largest file of data that a program wrote for later [bytes]."""
+FIGURES = (".png", ".svg", ".pdf")
+"""Suffixes of a figure, in small or capital letters; they select its format."""
+WRITTEN = "another run is writing it; name another file"
 
 
 def take(file: int | IO[bytes] | IO[str], *, wait: bool = False, shared: bool = False) -> bool:
@@ -126,19 +140,6 @@ def _alone_in(group: int) -> bool:
     except KeyError:
         return False
     return members.gr_name == user and {*members.gr_mem} <= {user}
-
-
-RUNS = Path("recordings/runs")
-"""Where runs are recorded unless their user names a file."""
-TEXT = 1 << 20
-"""Largest file that counts as written by hand [bytes]."""
-# Most files in a zip file. # chosen
-FILES = 10_000
-DATA = 1 << 28
-"""Largest file of data that a program wrote for later [bytes]."""
-FIGURES = (".png", ".svg", ".pdf")
-"""Suffixes of a figure, in small or capital letters; they select its format."""
-WRITTEN = "another run is writing it; name another file"
 
 
 def regular(path: Path) -> int:

@@ -41,6 +41,16 @@ copies = [0]
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=lambda: copies.__setitem__(0, copies[0] + 1))
 
+_ROOT = Path(__file__).resolve().parents[2]
+_KEPT = 50
+"""Lines of output that are kept at the end; of more, the oldest are left out."""
+_WAITING = 1000
+"""Lines of output that wait to be shown; of more, the oldest are left out."""
+LONGEST = 2000
+"""Longest line of output [characters]; longer ones, such as dots without an end of line, are several lines."""
+STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (getattr(signal, "SIGKILL", signal.SIGTERM), 2.0))
+"""Signals that end a process, in order, and how long to wait after each [s]."""
+
 
 def end_copy(before: int) -> None:
     """End this process if a user's code has made it since `copies` was `before`, and returns here from both.
@@ -222,15 +232,6 @@ def _leave(code: int) -> NoReturn:
                 with suppress(OSError, ValueError):
                     sys.stderr.write(f"the output could not be written: {fault}\n")
     os._exit(code)
-
-
-_ROOT = Path(__file__).resolve().parents[2]
-_KEPT, _WAITING = 50, 1000
-"""Lines of output that are kept at the end, and that wait to be shown; of more, the oldest are left out."""
-LONGEST = 2000
-"""Longest line of output [characters]; longer ones, such as dots without an end of line, are several lines."""
-STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (getattr(signal, "SIGKILL", signal.SIGTERM), 2.0))
-"""Signals that end a process, in order, and how long to wait after each [s]."""
 
 
 class Child:

@@ -34,6 +34,27 @@ ANY = -1
 """No particular core."""
 _all_cores = True
 
+_SETATTR = {"x86_64": 314, "aarch64": 274}  # sched_setattr of <asm/unistd.h>
+_TURN_NS = 100_000
+_PATIENCE_US = 200_000
+_NO_PAUSE = f"a thread left no pause for {_PATIENCE_US / 1e6:g} s"
+
+PLANT = 19
+CONTROLLER = 18
+"""Real-time priorities. The plant's is higher: with one processor it interrupts a computing controller.
+
+Bus threads have one more than their process. So answers leave while a controller computes further, and not in one
+burst when it pauses, of which the plant would lose the part for which it has no space.
+"""
+# Real-time priority of the bus threads of a recorder: behind plant and controllers, ahead of all other programs.
+_RECEIVER = 1
+AGAIN_S = 1.0  # time after which a process that fell back asks for real-time scheduling again [s]; doubled each time
+
+# MCL_* of <asm-generic/mman.h>
+_CURRENT = 1
+_FUTURE = 2
+_ON_FAULT = 4
+
 
 def choose() -> tuple[int, int]:
     """A core for the plant and one for the bus: the two least busy ones, measured over 0.1 s.
@@ -103,22 +124,6 @@ def of_bus(thread: Path) -> bool:
 def _put(thread: int, cores: set[int]) -> None:
     with suppress(OSError):  # the thread has just ended, or this process may not use the core
         os.sched_setaffinity(thread, cores)
-
-
-_SETATTR = {"x86_64": 314, "aarch64": 274}  # sched_setattr of <asm/unistd.h>
-_TURN_NS = 100_000
-_PATIENCE_US = 200_000
-_NO_PAUSE = f"a thread left no pause for {_PATIENCE_US / 1e6:g} s"
-
-PLANT, CONTROLLER = 19, 18
-"""Real-time priorities. The plant's is higher: with one processor it interrupts a computing controller.
-
-Bus threads have one more than their process. So answers leave while a controller computes further, and not in one
-burst when it pauses, of which the plant would lose the part for which it has no space.
-"""
-# Real-time priority of the bus threads of a recorder: behind plant and controllers, ahead of all other programs.
-_RECEIVER = 1
-AGAIN_S = 1.0  # time after which a process that fell back asks for real-time scheduling again [s]; doubled each time
 
 
 def come_first() -> bool:
@@ -265,9 +270,6 @@ def stand_back(nice: int) -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     with suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, nice)
-
-
-_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_* of <asm-generic/mman.h>
 
 
 @contextmanager

@@ -25,6 +25,8 @@ from rig.scenes.rooms import assembled
 
 _ENDS = ("disconnected", "dismissed")
 
+SUFFIX = ".mcap"
+
 
 def commanded(run: RunData) -> tuple[str, ...]:
     """Return the actuators that controllers of `run` commanded."""
@@ -72,9 +74,6 @@ def actuators(run: RunData) -> dict[str, tuple[str, ...]]:
     drives |= {data["controller"]: tuple(data["drives"]) for data in guests}
     return {name: driven for name, driven in drives.items() if name in run.commands and run.commands[name].tick.size
             and run.commands[name].values.shape[1] == len(driven)}  # fmt: skip
-
-
-SUFFIX = ".mcap"
 
 
 @dataclass(frozen=True)

@@ -104,6 +104,25 @@ _NAMES = {
     Opcode.METADATA: "metadata",
 }
 
+MAGIC = b"\x89MCAP0\r\n"
+PROFILE = "friction-rig"
+FORMAT = 2
+"""Format of recordings: their attachments, metadata and topics, and what these mean. The metadata record "log"
+states it; a recording without it has format 1. The scene in a recording has its own format (`Scene.from_json`).
+In format 1 `publish_time` was simulated time and `log_time` the wall clock (`rig.record.mcap_file.Messages.times`)."""
+COPY = "copy/"
+"""Begin of the names of the attachments and metadata at the end of a file: other programs warn about equal names."""
+CRC = "crc32"
+DIGEST = "digest"
+SHARE = 25
+"""Largest size of a chunk, as a share of the messages before it."""
+_LEVEL = 6  # of zstd: chunks are small; a tenth smaller than with level 3 in the same time
+SPILL = 1 << 22  # bytes of chunk indexes in memory: some 20 000 chunks; more go to a temporary file
+_MESSAGE = struct.Struct("<BQHIQQ")
+_INDEXED = struct.Struct("<QQ")
+_INDEX = struct.Struct("<BQHI")
+_END = struct.Struct("<BQQQ")
+
 
 class Found(NamedTuple):
     """A record from byte `begin` to `end`; `body`: the record as parsed by mcap, or the content of a chunk; None if
@@ -313,25 +332,6 @@ def inside(content: bytes) -> tuple[list[Schema | Channel], Messages]:
     starts = np.array(begin, np.int64)
     head = np.frombuffer(content, np.uint8)[starts[:, None] + np.arange(HEAD.itemsize)]
     return described, Messages(content, starts, head.view(HEAD)[:, 0])
-
-
-MAGIC = b"\x89MCAP0\r\n"
-PROFILE = "friction-rig"
-FORMAT = 2
-"""Format of recordings: their attachments, metadata and topics, and what these mean. The metadata record "log"
-states it; a recording without it has format 1. The scene in a recording has its own format (`Scene.from_json`).
-In format 1 `publish_time` was simulated time and `log_time` the wall clock (`rig.record.mcap_file.Messages.times`)."""
-COPY = "copy/"
-"""Begin of the names of the attachments and metadata at the end of a file: other programs warn about equal names."""
-CRC, DIGEST = "crc32", "digest"
-SHARE = 25
-"""Largest size of a chunk, as a share of the messages before it."""
-_LEVEL = 6  # of zstd: chunks are small; a tenth smaller than with level 3 in the same time
-SPILL = 1 << 22  # bytes of chunk indexes in memory: some 20 000 chunks; more go to a temporary file
-_MESSAGE = struct.Struct("<BQHIQQ")
-_INDEXED = struct.Struct("<QQ")
-_INDEX = struct.Struct("<BQHI")
-_END = struct.Struct("<BQQQ")
 
 
 def refuse_newer(path: Path, log: Mapping[str, str]) -> None:

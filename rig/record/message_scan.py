@@ -48,6 +48,18 @@ from rig.record.mcap_file import (
 _OURS = {"scene.json", "setup.json"}
 _SHOWN = 3
 
+_FOOTER = 29  # bytes
+_OFFSET_HEAD = struct.pack("<BQ", Opcode.SUMMARY_OFFSET, 17)
+_OFFSET = len(_OFFSET_HEAD) + 17  # bytes of a summary offset
+_SLICE = 1 << 20
+
+_SEQUENCE = 1 << 32
+_COPY = "a copy of a chunk before it,"
+_UNPROVED = "its header or an index"
+"""What differs if every record is intact and the checksum of the whole file is wrong."""
+_NO_MESSAGES = (_COPY, "an attachment", "metadata")
+"""Damaged places that contain no message."""
+
 
 def why(
     data: Data,
@@ -78,12 +90,6 @@ def why(
     more = ", ..." if len(topics) > _SHOWN else ""
     channel = f"; its channels: {', '.join(topic[:40] for topic in topics[:_SHOWN])}{more}" if topics else ""
     return f"it is an MCAP file of another program ({made}{channel}); read it with that program"
-
-
-_FOOTER = 29  # bytes
-_OFFSET_HEAD = struct.pack("<BQ", Opcode.SUMMARY_OFFSET, 17)
-_OFFSET = len(_OFFSET_HEAD) + 17  # bytes of a summary offset
-_SLICE = 1 << 20
 
 
 @contextmanager
@@ -135,14 +141,6 @@ def sha256_of(data: Data, end: int) -> str:
     for part in _slices(data, 0, end):
         digest.update(part)
     return digest.hexdigest()
-
-
-_SEQUENCE = 1 << 32
-_COPY = "a copy of a chunk before it,"
-_UNPROVED = "its header or an index"
-"""What differs if every record is intact and the checksum of the whole file is wrong."""
-_NO_MESSAGES = (_COPY, "an attachment", "metadata")
-"""Damaged places that contain no message."""
 
 
 def _missing(number: int) -> str:

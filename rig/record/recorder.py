@@ -33,6 +33,13 @@ from rig.printable import counted
 from rig.record.windows import Trigger, Windows, path_of
 from rig.record.writer import Writer
 
+TURN = 1 << 12  # messages taken between two checks for the plant
+_PAUSE_S = 0.005
+TELL_S = 0.25
+_LAST_WORDS_S = 0.3
+_LEFT = "the plant left"
+_NICE = 5
+
 
 @dataclass
 class _Life:
@@ -93,14 +100,6 @@ class SenderLives:
         for life in self._lives.values():
             tails.update(life.tail())
         return {topic: tail for topic, tail in tails.items() if tail}
-
-
-TURN = 1 << 12  # messages taken between two checks for the plant
-_PAUSE_S = 0.005
-TELL_S = 0.25
-_LAST_WORDS_S = 0.3
-_LEFT = "the plant left"
-_NICE = 5
 
 
 @dataclass

@@ -44,6 +44,11 @@ from rig.scenes.scene import Scene
 _SAVED_ONLY = "contact"
 """Kind of event that a run on the bus does not publish: there may be thousands a second."""
 
+PATIENCE_S = 5.0
+"""Longest wait for the answer to one step. # chosen"""
+_SHOWN_S = 0.1
+_SLICE_S = 0.02
+
 
 @dataclass(frozen=True)
 class RebuiltTraffic:
@@ -313,12 +318,6 @@ class Replayed:
         elif any(self.compared.values()):
             lines.append("no command differs")
         return "\n".join(lines)
-
-
-PATIENCE_S = 5.0
-"""Longest wait for the answer to one step. # chosen"""
-_SHOWN_S = 0.1
-_SLICE_S = 0.02
 
 
 class Processes(Protocol):

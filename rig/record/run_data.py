@@ -20,8 +20,15 @@ from rig.errors import ControllerFailed, LogError, UsageError
 from rig.record.film_points import listed
 from rig.scenes.faults import close
 
-MEASURED, TRUE = "meas/", "truth/"
+MEASURED = "meas/"
+TRUE = "truth/"
 """Prefix of a name that a sensor and a plant output share: it selects the output."""
+
+Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BRIDGED = 4  # samples: the longest gap that a line bridges
+_UNEVEN = 0.01  # of a period: times are rounded to nanoseconds, and a period is 1 us at least
 
 
 def signals(run: RunData) -> dict[str, str]:
@@ -40,10 +47,6 @@ def unknown(name: str, names: Mapping[str, str], where: str = "recording") -> Us
     near = get_close_matches(name, names, 3, 0.5)
     hint = f"did you mean {', '.join(near)}? " if near else ""
     return UsageError(f"no {name!r} in this {where}: {hint}known: {', '.join(listed(names)) or 'none'}")
-
-
-Reals = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Samples(NamedTuple):
@@ -172,10 +175,6 @@ class RunData:
     def notes(self) -> list[str]:
         """Return warnings that a reader needs before using numbers from the recording."""
         return [note for note in (self.damage, self.recovered) if note]
-
-
-BRIDGED = 4  # samples: the longest gap that a line bridges
-_UNEVEN = 0.01  # of a period: times are rounded to nanoseconds, and a period is 1 us at least
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,8 @@ from rig.record.contents import SUFFIX, Contents, contents
 from rig.record.run import Run
 from rig.scenes.scene import Scene
 
+INDEX = ".runs.json"
+
 
 def drives(run: Run) -> list[str]:
     """Return the outputs of `run` that are the speed of a drive, those in rad/s first."""
@@ -46,9 +48,6 @@ def _outputs(run: Run) -> dict[str, Output]:
     except SceneError:
         return {}
     return {name: output for name, output in rows.items() if name in run.signals}
-
-
-INDEX = ".runs.json"
 
 
 class _Entry(BaseModel):

@@ -18,14 +18,21 @@ import numpy as np
 from rig.record.film_points import Points, grouped
 from rig.record.run import Reals, Run, Samples
 
-FRACTION, OPENINGS, CENTRE = "contact_fraction", "openings", "pressure_centre_"
-"""Outputs of a contact of many points: share of closed points, openings so far, centre of pressure."""
+FRACTION = "contact_fraction"
+"""Output of a contact of many points: share of closed points."""
+OPENINGS = "openings"
+"""Output of a contact of many points: openings so far."""
+CENTRE = "pressure_centre_"
+"""Begin of the outputs of a contact of many points that are the centre of pressure."""
 ACCELERATION = "m/s^2"
 SETTLED = 5e-3
 """Time [s] for which all points must be closed before an opening counts as the first. # chosen"""
 _BANDS = 5
 _STILL = 1e-12  # of its size: below this an output does not move
 _LINES = 16  # fewest lines of the transform in a band
+
+_BEFORE = 0.02
+"""The map before the first opening precedes it by this share of the time up to it."""
 
 
 class Statistic(NamedTuple):
@@ -130,10 +137,6 @@ def _bands(name: str, t: Reals, v: Reals, unit: str) -> Iterator[Statistic]:
             return
         yield Statistic("band", f"{name} {0.5 * high:g}..{high:g} Hz", float(np.sqrt(power[here].sum())), unit)
         high *= 0.5
-
-
-_BEFORE = 0.02
-"""The map before the first opening precedes it by this share of the time up to it."""
 
 
 class Instant(NamedTuple):

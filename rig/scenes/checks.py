@@ -25,6 +25,8 @@ from rig.scenes.protocol import Clock, Connect, Disconnect, Repeat, extremes, fl
 from rig.sensors.chain.front_end import FrontEnd
 from rig.units import brief, is_number, same_unit, unit_fault
 
+TIMES = ("over", "time", "duration", "timeout", "window")
+
 
 def units(
     controllers: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Mapping[str, str]
@@ -90,9 +92,6 @@ def _at_once(actuator: Any, sensor: Any, outputs: Mapping[str, Any]) -> bool:
         return False
     row = outputs[sensor.reads].row  # accelerations and forces follow a command at once
     return actuator.state in row or any(":" in name or name.endswith("''") for name in row)
-
-
-TIMES = ("over", "time", "duration", "timeout", "window")
 
 
 def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[source.Fault]:

@@ -11,7 +11,9 @@ from rig.scenes.source import FORMAT
 
 FIRST = ("drive", "load", "friction")
 """Tables that come first, because experiments vary them."""
-_TABLES, _VALUES = 5, 5  # a longer list is not read
+# A longer list is not read.
+_TABLES = 5
+_VALUES = 5
 _HEAD = """\
 # A scene based on {base}. It has all values of {base}, except those that this file changes. Next steps:
 #   rig explain {file}            every value with its origin, and the file and line it comes from

@@ -24,6 +24,11 @@ UNSTATED = places.Origin("not stated")
 _ROW = 5  # largest number of numbered states that are listed one by one
 _NUMBER = re.compile(r"\d+")
 
+_SINGLE = 8  # contacts that are listed one by one
+
+ENTRY = re.compile(r"(?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*)  +(?P<text>\S.*)")
+TAG = re.compile(rf"\[({'|'.join(ORIGINS)})\b")
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -139,9 +144,6 @@ def _effects(scene: Scene) -> Iterator[Effect]:
         yield Effect(name, False, (), text)
 
 
-_SINGLE = 8  # contacts that are listed one by one
-
-
 def _unit(assembly: Any, table: str) -> str:
     return next((str(i.unit) for name, i in assembly.inputs.items() if name.startswith(f"{table}.")), "")
 
@@ -210,7 +212,3 @@ def descriptions(section: type[BaseModel], field: str) -> Iterator[str]:
                     break
                 text += f" {more.strip()}"
             yield " ".join(text.split())
-
-
-ENTRY = re.compile(r"(?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*)  +(?P<text>\S.*)")
-TAG = re.compile(rf"\[({'|'.join(ORIGINS)})\b")

@@ -27,6 +27,9 @@ from rig.scenes.faults import near
 from rig.scenes.protocol import Share
 from rig.sensors.chain.units import Delay
 
+EXAMPLE = "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, duplicate 0.1 %, reorder; seed 3"
+_LINK = re.compile(r"(meas|act)/([A-Za-z][A-Za-z0-9_]*)")
+
 
 class Link(Section):
     """One link.
@@ -88,10 +91,6 @@ def checks(raw: Any, sensors: Iterable[str], controllers: Iterable[str]) -> Iter
             if name not in known:
                 key = f"network.{room}.{name}"
                 yield key, f"{key}: unknown {what}; {near(name, known)}"
-
-
-EXAMPLE = "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, duplicate 0.1 %, reorder; seed 3"
-_LINK = re.compile(r"(meas|act)/([A-Za-z][A-Za-z0-9_]*)")
 
 
 def keys(texts: Iterable[str], given: Iterable[str] = ()) -> dict[str, str]:

@@ -67,6 +67,25 @@ FixedStep: Any = duration(10, 1_000_000_000)
 Share: Any = quantity("1", Ge(0.0), Le(1.0))
 Small: Any = quantity("1", Gt(0.0), Le(1e-2))
 Large: Any = quantity("1", Gt(0.0))
+Impulse: Any = quantity("N*s")
+
+Length = Annotated[
+    int,
+    Unit("s"),
+    BeforeValidator(partial(nanoseconds, within=Range("s", (Ge(0.0),)))),
+    Ge(0),
+    Le(LONGEST),
+    PlainSerializer(lambda ns: ns / 1e9),
+]
+
+DEFAULT_TIMEOUT = 60_000_000_000
+DEFAULT_WINDOW = 1_000_000_000
+
+CONDITIONS = ("above", "below", "quiet", "settled")
+
+_SWITCHED = BeforeValidator(lambda to: float(to) if isinstance(to, bool) else to)
+
+_LATER = ConfigDict(defer_build=True)
 
 
 class Clock(Section):
@@ -108,19 +127,6 @@ class Clock(Section):
     def substeps(self, step_ns: int) -> int:
         """Steps of rk4 or kick in `step_ns` [ns], none longer than `rk4_step`."""
         return max(1, -(-step_ns // int(self.rk4_step)))
-
-
-Length = Annotated[
-    int,
-    Unit("s"),
-    BeforeValidator(partial(nanoseconds, within=Range("s", (Ge(0.0),)))),
-    Ge(0),
-    Le(LONGEST),
-    PlainSerializer(lambda ns: ns / 1e9),
-]
-Impulse: Any = quantity("N*s")
-DEFAULT_TIMEOUT = 60_000_000_000
-DEFAULT_WINDOW = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -254,9 +260,6 @@ class Wait(Section):
         return float(getattr(self, self.condition))
 
 
-CONDITIONS = ("above", "below", "quiet", "settled")
-
-
 class Mark(Section):
     """Write `text` into the recording."""
 
@@ -341,9 +344,6 @@ class Follow(Section):
         return max(frames, 0) * self.file.frame_ns if self.file.content else 0
 
 
-_SWITCHED = BeforeValidator(lambda to: float(to) if isinstance(to, bool) else to)
-
-
 class Set(Section):
     """Set an actuator, a parameter of the rig (`friction.mu_dynamic`) or of a controller (`controllers.nf.gain`)."""
 
@@ -392,7 +392,6 @@ class Repeat(Section):
 Step = Annotated[
     Load | Ramp | Hold | Wait | Mark | Knock | Follow | Set | Connect | Disconnect | Repeat, Field(discriminator="step")
 ]
-_LATER = ConfigDict(defer_build=True)
 STEP: TypeAdapter[Step] = TypeAdapter(Step, config=_LATER)
 STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...], config=_LATER)
 

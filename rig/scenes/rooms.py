@@ -22,7 +22,8 @@ from rig.parts import Parts, Room, calling, carried, code_of, file_of, is_file, 
 from rig.plants import PLANTS
 from rig.quantities import Section
 
-CONTROLLERS, SENSORS = controllers.KINDS, sensors.KINDS
+CONTROLLERS = controllers.KINDS
+SENSORS = sensors.KINDS
 ROOMS: dict[str, Room[Any]] = {room.what: room for room in (PLANTS, EFFECTS, LAWS, SENSORS, CONTROLLERS)}
 FILE = "file"
 """Key of a controller or sensor that names a file it is made of."""

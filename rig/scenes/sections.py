@@ -27,6 +27,9 @@ from rig.parts import is_file
 from rig.quantities import Range, Section, Unit, finite
 from rig.scenes import faults, merged, protocol
 
+PARTS = ("sensors", "controllers")
+"""The tables of a scene whose entries are parts with values of their own: sensors.NAME.KEY."""
+
 
 def dump(section: Section) -> dict[str, Any]:
     """A section as plain JSON values in SI units."""
@@ -49,10 +52,6 @@ def values_of(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple
                     yield f"{key}.{entry}", (plain[name][entry], faults.unit_of(info))
         elif value is not None and name in plain:  # not a flaw that an ideal instrument is free of
             yield key, (value if isinstance(value, str) else plain[name], faults.unit_of(info))  # of a file its name
-
-
-PARTS = ("sensors", "controllers")
-"""The tables of a scene whose entries are parts with values of their own: sensors.NAME.KEY."""
 
 
 def parted(key: str) -> tuple[str, str, str]:

@@ -22,6 +22,10 @@ from rig.scenes.faults import lookup
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import names, plant, text_of
 
+Keys = list[str]
+SWITCHED = 0.5
+"""Value of a switch from which on it is closed."""
+
 
 class Choice(NamedTuple):
     """A table or a value that a scene may leave out.
@@ -92,11 +96,6 @@ def _sections(annotation: Any) -> Iterator[Any]:
         yield annotation
     for part in get_args(annotation):
         yield from _sections(part)
-
-
-Keys = list[str]
-SWITCHED = 0.5
-"""Value of a switch from which on it is closed."""
 
 
 def dropped(scene: Scene) -> dict[str, Keys]:

@@ -35,6 +35,26 @@ ROUNDED = frozenset({"processor", "blas", "numba", "python"})
 MODE_SET = "mode set"
 _PLACE = ("kernel", "processor", "blas", "numba", "python")
 
+BEFORE = 1e-5
+"""Largest deviation up to the first opening, as a share of the range of a signal. Points that stick and slip in the
+last milliseconds before it amplify a rounding error to 4e-7. # chosen"""
+ONSET = 0.01
+"""Largest difference between the times of the first opening, as a share of that time. # chosen"""
+SHORTEST = 0.1
+"""Shortest time span whose statistics are compared [s]. # chosen: 0.03 s have twice the spread"""
+FEWEST = 1000
+"""Fewest samples of outputs whose statistics are compared: with 20 the RMS is uncertain by 16 %. # chosen"""
+RMS = 1.5
+"""Largest factor between the RMS of accelerations. # chosen"""
+BAND = 2.0
+"""Largest factor between the RMS of accelerations in one band. # chosen"""
+MEAN = 0.1
+"""Largest difference between the means of the contact fraction. # chosen"""
+LEAST = 0.15
+"""Largest difference between the least values of the contact fraction. # chosen"""
+# Largest difference between ranges of the pressure centre, as a share of the longest range. # chosen
+RANGE = 0.5
+
 
 def changed_place(run: Run) -> list[str]:
     """The differences between this machine and that of the recording: sources, processor, linear algebra, versions.
@@ -148,23 +168,6 @@ def other_mode_sets(run: Run, again: Run, end_ns: int) -> list[str]:
 def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals, nothing: float) -> Pair:
     shared, here, there = common_instants(t_ns, u_ns)
     return Pair(name, shared, np.ascontiguousarray(v[here]), np.ascontiguousarray(u[there]), nothing)
-
-
-BEFORE = 1e-5
-"""Largest deviation up to the first opening, as a share of the range of a signal. Points that stick and slip in the
-last milliseconds before it amplify a rounding error to 4e-7. # chosen"""
-ONSET = 0.01
-"""Largest difference between the times of the first opening, as a share of that time. # chosen"""
-SHORTEST = 0.1
-"""Shortest time span whose statistics are compared [s]. # chosen: 0.03 s have twice the spread"""
-FEWEST = 1000
-"""Fewest samples of outputs whose statistics are compared: with 20 the RMS is uncertain by 16 %. # chosen"""
-RMS, BAND = 1.5, 2.0
-"""Largest factor between the RMS of accelerations, and between their RMS in one band. # chosen"""
-MEAN, LEAST = 0.1, 0.15
-"""Largest difference between the means, and between the least values, of the contact fraction. # chosen"""
-# Largest difference between ranges of the pressure centre, as a share of the longest range. # chosen
-RANGE = 0.5
 
 
 class Compared(NamedTuple):

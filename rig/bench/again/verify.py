@@ -64,6 +64,8 @@ _CONTACT = "contact"  # kind of event that a run on the bus does not publish
 
 Event = Mapping[str, Any]
 
+Wrong = tuple[NDArray[np.bool_], str]
+
 
 def differences(run: Run, again: Run, end_ns: int, exact: bool = True) -> tuple[int, list[str]]:
     """Compare the events of `run` up to `end_ns` with those of its re-simulation `again`, to the last bit.
@@ -108,9 +110,6 @@ def _agree(event: Event | None, other: Event | None, exact: bool) -> bool:
 
 def _shown(event: Event | None) -> str:
     return "none" if event is None else f"{event['text']!r} at {event['t_ns']} ns {event['data'] or ''}".rstrip()
-
-
-Wrong = tuple[NDArray[np.bool_], str]
 
 
 def command_faults(log: Path, run: Run, scene: Scene) -> Iterator[str]:

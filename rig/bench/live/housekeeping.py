@@ -27,7 +27,8 @@ HEALTH_NS = 200_000_000
 MOST_WAITING = WAITING // 2  # most batches that a recorder may be behind
 PATIENCE_S = 30.0
 """Longest wait for a recorder that does not get on [s]; from then on it loses messages, which are counted."""
-_LOOK_S, _EVERY_NS = 0.1, 20_000_000
+_LOOK_S = 0.1
+_EVERY_NS = 20_000_000
 MISSED = ("controller", "recorder")
 """Roles whose early leaving the timing verdict mentions."""
 

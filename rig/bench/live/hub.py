@@ -38,6 +38,14 @@ from rig.scenes.sections import sensors_in_full
 from rig.sensors.chain.bank import Bank
 from rig.sensors.chain.instants import Instants
 
+_REMEMBERED = 1 << 10
+_ACTS = 1 << 10  # most commands that wait, and most that one frame reads
+# Time after its admission for which the name of a controller stays reserved until it is present [s]. # chosen
+ANNOUNCED_S = 5.0
+# Commands between two checks (0.2 s) that count as a flood, beyond four for each step and one for each older step
+# without an answer. # chosen
+_TOO_MANY = 1000
+
 
 class AllSamples:
     """The samples of all `instruments`, published in blocks on `session`."""
@@ -122,15 +130,6 @@ def _encoded(tick: int, instants: Instants, period_ns: int, first: int, kept: li
     raw = b"".join(kept)
     times = None if instants.even else instants.at(np.arange(first, first + len(raw) // 8))
     return encode.block(tick, instants.instant(first), period_ns, raw, times)
-
-
-_REMEMBERED = 1 << 10
-_ACTS = 1 << 10  # most commands that wait, and most that one frame reads
-# Time after its admission for which the name of a controller stays reserved until it is present [s]. # chosen
-ANNOUNCED_S = 5.0
-# Commands between two checks (0.2 s) that count as a flood, beyond four for each step and one for each older step
-# without an answer. # chosen
-_TOO_MANY = 1000
 
 
 class CommandInbox:

@@ -44,6 +44,15 @@ from rig.scenes.scene import Scene
 # Share of the processors' time from which on the machine counts as busy. # chosen: one core of six
 BUSY = 0.15
 
+LONGEST_NS = 1_000_000
+"""Longest piece [ns of the wall clock]. # chosen: other processes see less delay from it than from the bus at times"""
+
+Policy = Literal["catch-up", "skip", "slow", "stop"]
+PAUSE = 250_000_000
+"""Longest time [ns] that is caught up. # chosen: a quarter of a second is still a stutter, not a pause."""
+
+_TIMER_SLACK = 29  # PR_SET_TIMERSLACK of <linux/prctl.h>
+
 
 class MachineLoad:
     """Measures from its construction on; this process and its children that have ended do not count as others."""
@@ -83,10 +92,6 @@ def advice(verdict: str, late_share: float, shares: Mapping[str, float]) -> str:
         f"the machine is busy: {' and '.join(taken)} of its processors' time; "
         "end other programs and run again, or use rig simulate, which needs no clock"
     )
-
-
-LONGEST_NS = 1_000_000
-"""Longest piece [ns of the wall clock]. # chosen: other processes see less delay from it than from the bus at times"""
 
 
 def length(scene: Scene, pace: float | None, periods: Collection[int] | None = None) -> int:
@@ -131,13 +136,6 @@ class FrameBatches:
         whole = self.length
         timing.resize(whole)
         return whole - self._runner.tick % whole
-
-
-Policy = Literal["catch-up", "skip", "slow", "stop"]
-PAUSE = 250_000_000
-"""Longest time [ns] that is caught up. # chosen: a quarter of a second is still a stutter, not a pause."""
-
-_TIMER_SLACK = 29  # PR_SET_TIMERSLACK of <linux/prctl.h>
 
 
 class Clock(Protocol):

@@ -74,6 +74,11 @@ TELL_S = 2.0
 COUNTERS_S = 1.0  # longest wait for the counters of a controller [s]; it looks for questions ten times per second
 LAST_ANSWER_S = 0.1  # longest wait for the answers to the last steps [s]
 
+Say = Callable[[str], object]
+Show = Callable[[dict[str, Any]], object]
+# Longest time [ns of the wall clock] between two looks at operators in lockstep. # chosen: nobody notices it
+LOOK_NS = 10_000_000
+
 
 def finalise(plant: Plant) -> dict[str, Any]:
     """End the run of `plant` and return its summary."""
@@ -238,12 +243,6 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
     away = plant.from_start - hub.watch.present
     gone = {name for role, name in away if role == "recorder" and plant.is_recorder(name)}
     return missed, [f"recorder {name}" for name in sorted(asked | gone)]
-
-
-Say = Callable[[str], object]
-Show = Callable[[dict[str, Any]], object]
-# Longest time [ns of the wall clock] between two looks at operators in lockstep. # chosen: nobody notices it
-LOOK_NS = 10_000_000
 
 
 class Plant:

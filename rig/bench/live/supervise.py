@@ -47,6 +47,25 @@ ELSEWHERE = frozenset({"step", "overrun", "end", "verdict"})
 """Kinds of events that the live line or the summary shows; all others are shown as lines."""
 MOST_SHOWN = 20  # most lines of one call
 
+MOST_KEPT = 2000
+"""Most lines that are kept, the latest ones."""
+LONGEST = 1000
+"""Most characters of a line."""
+
+JOIN_S = 30.0
+"""Longest wait of a process for the run, and of the plant for the processes."""
+VIEWER = ("viewer", "viewer")
+RECORDER = ("recorder", "recorder")
+LEAVE_S = 3.0
+"""Time [s] in which all processes but the recorder must leave after the plant."""
+# Time [s] in which the recorder must finish its file. # chosen: a slow disk takes 100 MB in it
+WRITE_S = 120.0
+TELL_S = 2.0
+"""Time [s] after which it is told that the recorder is waited for."""
+# Time [s] after which it is told that the rehearsal waits for a controller. # chosen
+SILENT_S = 5.0
+PRINTED = 5  # most lines that a process prints which are shown at a time, ten times a second; others are counted
+
 
 class EventLines:
     """Shows events of a run: `say` gets a line for each."""
@@ -71,10 +90,6 @@ class EventLines:
             self._say(line)
         if len(lines) > MOST_SHOWN:
             self._say(f"            {len(lines) - MOST_SHOWN} more events: rig report shows those that are recorded")
-
-
-MOST_KEPT, LONGEST = 2000, 1000
-"""Most lines that are kept, the latest ones, and most characters of a line."""
 
 
 def path() -> Path:
@@ -104,20 +119,6 @@ class RunLog:
         with suppress(OSError):
             path().parent.mkdir(parents=True, exist_ok=True)
             path().write_text(text)
-
-
-JOIN_S = 30.0
-"""Longest wait of a process for the run, and of the plant for the processes."""
-VIEWER, RECORDER = ("viewer", "viewer"), ("recorder", "recorder")
-LEAVE_S = 3.0
-"""Time [s] in which all processes but the recorder must leave after the plant."""
-# Time [s] in which the recorder must finish its file. # chosen: a slow disk takes 100 MB in it
-WRITE_S = 120.0
-TELL_S = 2.0
-"""Time [s] after which it is told that the recorder is waited for."""
-# Time [s] after which it is told that the rehearsal waits for a controller. # chosen
-SILENT_S = 5.0
-PRINTED = 5  # most lines that a process prints which are shown at a time, ten times a second; others are counted
 
 
 def run(

@@ -66,6 +66,22 @@ _SMALL = 1e-3  # of a h: below this the series of the weights is exact to roundi
 Variant = Callable[[Scene], tuple[System, Mapping[str, Input]]]
 """The rig of a scene with an effect more, and its actuators."""
 
+Compared = dict[str, tuple[float, float, float]]
+LEAST = 1e-3
+"""Share of the forces below which an effect counts as having no influence."""
+MOST = 24
+"""Most states of a run that are kept."""
+_SCATTER = 64
+"""Most frames by which a kept state is earlier than evenly spaced ones."""
+_ROUNDING = 1e-12
+_MARGIN = 1e-9
+"""Share by which a guard is beyond zero where a contact has left its mode."""
+_LATER = 0.05
+"""Share of the largest slip speed of the run. # chosen. A change below it that reverses a slip only shifts an event."""
+_ROUNDS = 3
+"""Most times that contacts of another rig are looked at, and steps of Newton's method."""
+_GOLDEN = (sqrt(5.0) - 1.0) / 2.0
+
 
 class Stretch:
     """A part of a run with one rig, `scene` and `system`: driving states [kept tick, state] from tick `first` on."""
@@ -219,23 +235,6 @@ def _followed(system: System, name: str, rate: Array, time: Array, start: float 
             yield z
 
     return np.fromiter(values(), np.float64, len(time))
-
-
-Compared = dict[str, tuple[float, float, float]]
-LEAST = 1e-3
-"""Share of the forces below which an effect counts as having no influence."""
-MOST = 24
-"""Most states of a run that are kept."""
-_SCATTER = 64
-"""Frames by which they are earlier than evenly spaced ones, at most."""
-_ROUNDING = 1e-12
-_MARGIN = 1e-9
-"""Share by which a guard is beyond zero where a contact has left its mode."""
-_LATER = 0.05
-"""Share of the largest slip speed of the run. # chosen. A change below it that reverses a slip only shifts an event."""
-_ROUNDS = 3
-"""Most times that contacts of another rig are looked at, and steps of Newton's method."""
-_GOLDEN = (sqrt(5.0) - 1.0) / 2.0
 
 
 class VisitedState(NamedTuple):

@@ -23,6 +23,10 @@ from rig.scenes.protocol import Follow, Hold, Load, Ramp, Repeat, Set
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report, step_findings
 
+SPEED = "drive.speed"
+ROUND = 1e-9
+"""Tolerance for rounding when a slider stops at the edge [m]."""
+
 
 def findings(scene: Scene, system: System | None = None) -> list[Finding]:
     """All findings about the rig of `scene`, the most severe first. `system`: its matrices, if already assembled."""
@@ -46,11 +50,6 @@ def refuse_stiff_film(scene: Scene, system: System) -> None:
     findings = step_findings(system, *_steps(scene, system), scene.clock.tolerance, (0.0, ""))
     if faults := [f"{finding.what}: {finding.remedy}" for finding in findings if finding.level == "error"]:
         raise SceneError(scene.name, faults)
-
-
-SPEED = "drive.speed"
-ROUND = 1e-9
-"""Tolerance for rounding when a slider stops at the edge [m]."""
 
 
 def meets_edge(scene: Scene, duration: float | None = None) -> str:

@@ -41,10 +41,13 @@ from rig.scenes.sections import unrolled, values_of
 PAUSE_S = 0.5
 """Least time between the starts of two builds in spare time. # chosen: each makes one or two frames of 1 ms late, on
 two cores"""
-MOST, LOOKED_AT = 32, 10_000
-"""Most changes of the protocol that are prepared, each of which takes some tens of milliseconds, and most steps that
-are searched for them. # chosen"""
-WAITS, GOES_ON, NEVER = "waits", "goes on", "never"
+MOST = 32
+"""Most changes of the protocol that are prepared, each of which takes some tens of milliseconds. # chosen"""
+LOOKED_AT = 10_000
+"""Most steps of the protocol that are searched for changes. # chosen"""
+WAITS = "waits"
+GOES_ON = "goes on"
+NEVER = "never"
 """Kinds of the events of a step that waits for its matrices."""
 
 Make = Callable[[], list[RigVariant]]

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from rig.bus.impaired_link import ImpairedLink
 from rig.record.run import Commands
 
-AS_SENT, CLAMPED, SAFE = 0, 1, 2
+AS_SENT = 0
+CLAMPED = 1
+SAFE = 2
 """Values of `status` of a command that took effect."""
 
 

@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from rig.bench.run.builds import CommandedRigs
     from rig.bench.run.runner import PlantRunner
 
+LONGEST_NS = 3600 * 10**9
+"""Longest period of a controller. # chosen"""
+
 
 def in_range(inputs: Mapping[str, Input], drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
     """Return the values clamped to the ranges of this tick; a parameter of the rig may have changed the ranges."""
@@ -96,10 +99,6 @@ class ProtocolValues:
         """Set the safe value of every actuator; all moves end."""
         self._moves.clear()
         self._values = {name: actuator.safe for name, actuator in self._runner.inputs.items()}
-
-
-LONGEST_NS = 3600 * 10**9
-"""Longest period of a controller. # chosen"""
 
 
 class Exchange:

@@ -44,7 +44,10 @@ from rig.units import si
 
 # Time in which the drive stops after a limit has ended the experiment. # chosen
 RUN_DOWN_NS = 500_000_000
-BEGIN, FORK, PLANT, EMERGENCY = "begin", "fork", "plant", "emergency"
+BEGIN = "begin"
+FORK = "fork"
+PLANT = "plant"
+EMERGENCY = "emergency"
 FAULT = "fault"
 """Kind of event that says that a fault begins or is over."""
 

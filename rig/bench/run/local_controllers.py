@@ -41,6 +41,24 @@ from rig.scenes.scene import Scene
 from rig.scenes.sections import changes
 from rig.solve.control_loop import ROWS
 
+TRIALS = 200
+"""Answers of a compiled controller that are compared with Python's before it is used. # chosen"""
+WORTH = 500_000
+"""Number of answers of one class of controllers in this process that makes compiling worth it: Python takes 1.4 s for
+them, the compiler 1 to 3 s. # chosen"""
+LOST = "lost"
+"""Kind of the event that a controller works no more."""
+NEVER = 1 << 62
+"""Tick of the next answer of a controller that is lost."""
+CALLS: list[Callable[[str], object]] = []
+"""Called with the name of each controller before it is called, and with "" when it has answered: whoever waits for this
+process learns who ended it."""
+
+_Answer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
+_EXPECTED: Counter[type] = Counter()
+_TRIED: set[int] = set()
+"""Addresses of compiled controllers whose trials have given the answers of Python in this process."""
+
 
 class Guest(NamedTuple):
     """A controller that is admitted to a run; `delay_ns`: additional delay of its loop."""
@@ -120,24 +138,6 @@ def _check(scene: Scene) -> None:
     ]
     if wrong:
         raise SceneError(scene.name, [line for _, line in wrong])
-
-
-TRIALS = 200
-"""Answers of a compiled controller that are compared with Python's before it is used. # chosen"""
-WORTH = 500_000
-"""Number of answers of one class of controllers in this process that makes compiling worth it: Python takes 1.4 s for
-them, the compiler 1 to 3 s. # chosen"""
-LOST = "lost"
-"""Kind of the event that a controller works no more."""
-NEVER = 1 << 62
-"""Tick of the next answer of a controller that is lost."""
-CALLS: list[Callable[[str], object]] = []
-"""Called with the name of each controller before it is called, and with "" when it has answered: whoever waits for this
-process learns who ended it."""
-_Answer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
-_EXPECTED: Counter[type] = Counter()
-_TRIED: set[int] = set()
-"""Addresses of compiled controllers that have passed this comparison in this process."""
 
 
 def loop_of(name: str, controller: Controller) -> Loop:

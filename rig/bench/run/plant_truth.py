@@ -26,8 +26,14 @@ from rig.motion.motion import Motion
 from rig.record.run import Samples
 from rig.sensors.chain.bank import Bank
 
-LEAST, MOST = 1 << 12, 1 << 21
+LEAST = 1 << 12
+MOST = 1 << 21
 """Limits of the columns for which there is room at first. When it is used up, it is doubled."""
+
+SPANS = 20
+"""Most spans in one message."""
+PAIRS = 512
+"""Most of the last steps that a message has for the phase portrait."""
 
 
 class GrowingRows:
@@ -80,10 +86,6 @@ class Measurements:
         return {
             name: Samples(times[key], taken.all()[0]) for name, key, taken in zip(self._bank.names, series, self._taken)
         }
-
-
-SPANS, PAIRS = 20, 512
-"""Most spans in one message, and most of its last steps that it has for the phase portrait."""
 
 
 class Truth:

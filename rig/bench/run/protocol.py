@@ -22,6 +22,8 @@ from rig.model.assembly import Input
 from rig.scenes.protocol import Follow, Hold, Knock, Load, Mark, Ramp, Set, Wait, duration_ns
 from rig.scenes.sections import least_ns, number, unrolled
 
+NOTHING: tuple[Action, ...] = ()
+
 
 class Apply(NamedTuple):
     """Set an actuator to a value at once."""
@@ -80,7 +82,6 @@ class Finish(NamedTuple):
 
 
 Action = Apply | Move | Strike | Release | Change | Switch | Note | Finish
-NOTHING: tuple[Action, ...] = ()
 
 
 class Condition:

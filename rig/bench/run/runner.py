@@ -54,6 +54,13 @@ from rig.solve.frames import Surroundings
 ROOM = 1 << 10
 """Largest number of ticks between two calls of `advance`. # chosen: a bank keeps as many samples"""
 
+DRAWS = 1 << 12
+_NAME = "process noise"  # no instrument can have this name, since it has a space
+
+Array = NDArray[np.float64]
+ROWS = 1 << 15
+"""Most steps that a motion keeps: for `truth` before they are handed over, and in one call."""
+
 
 class HeardOverLinks:
     """What arrives over `links` (sensor -> link), to be read like `bank`; other sensors of it are not changed."""
@@ -119,10 +126,6 @@ class HeardOverLinks:
 
 Hearing = Bank | HeardOverLinks
 """What a controller is told: by a bank of instruments directly, or over impaired links."""
-
-
-DRAWS = 1 << 12
-_NAME = "process noise"  # no instrument can have this name, since it has a space
 
 
 class Numbers:
@@ -206,11 +209,6 @@ def _faulty(fault: Any, value: float, before: float, t: float) -> float:
     if fault.kind in ("drift", "spike"):
         return value + float(fault.rate * t if fault.kind == "drift" else fault.height)
     return {"freeze": before, "dropout": 0.0, "wrong_sign": -value}[fault.kind]
-
-
-Array = NDArray[np.float64]
-ROWS = 1 << 15
-"""Most steps that a motion keeps: for `truth` before they are handed over, and in one call."""
 
 
 class PlantRunner:

@@ -37,6 +37,17 @@ Samples = tuple[Sequence[float], ...]
 State = Any
 Update = Callable[[Any, int, Any], tuple[Any, Values]]
 """Type of `update` where it is `functools.partial(law, constants)`."""
+Delay: Any = duration(0)
+OptionalSpeed = optional("m/s", Ge(0.0))
+OptionalHertz = optional("Hz", Gt(0.0))
+OptionalForce = optional("N", Ge(0.0))
+OptionalSecond = optional("s", Gt(0.0))
+Fraction = quantity("1", Gt(0.0), Lt(1.0))
+Gain = quantity("V*s/m", Gt(0.0))
+Margin = quantity("1", Ge(1.0))
+Ahead = quantity("s", Ge(0.0), Le(1.0))
+ForcePerSpeed = quantity("N*s/m")
+
 Entry = TypeVar("Entry", float, complex)
 
 
@@ -64,17 +75,6 @@ class Controller(Protocol):
 
 
 C = TypeVar("C", bound=Controller)
-
-Delay: Any = duration(0)
-OptionalSpeed = optional("m/s", Ge(0.0))
-OptionalHertz = optional("Hz", Gt(0.0))
-OptionalForce = optional("N", Ge(0.0))
-OptionalSecond = optional("s", Gt(0.0))
-Fraction = quantity("1", Gt(0.0), Lt(1.0))
-Gain = quantity("V*s/m", Gt(0.0))
-Margin = quantity("1", Ge(1.0))
-Ahead = quantity("s", Ge(0.0), Le(1.0))
-ForcePerSpeed = quantity("N*s/m")
 
 
 class ControllerSection(Section):

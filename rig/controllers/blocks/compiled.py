@@ -18,6 +18,8 @@ from rig.units import unit_fault
 
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,60}")
 
+_MADE: dict[tuple[type, str], type[CompiledSection]] = {}
+
 
 class Signal(NamedTuple):
     """An input or output of a compiled controller: name, unit [SI; "" if it states none].
@@ -137,9 +139,6 @@ def checked(file: Binary, signals: Iterable[Signal], parameters: Iterable[Parame
         seen.add(p.key)
     if faults:
         raise PartError("\n".join(f"{file}: {fault}" for fault in faults))
-
-
-_MADE: dict[tuple[type, str], type[CompiledSection]] = {}
 
 
 def _with_keys(cls: type[CompiledSection], file: Binary) -> type[CompiledSection]:

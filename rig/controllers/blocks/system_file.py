@@ -48,6 +48,14 @@ NOISE = 1e-4
 """Variance of a noise of the command, relative to that which y causes: zeros on the unit circle need it. # chosen"""
 _SAME = 1e-9  # relative difference of two periods that are the same
 
+STATES = 100
+"""Most states of a controller. # chosen"""
+SIGNALS = 16
+"""Most inputs or outputs of a controller. # chosen"""
+_LARGEST = 1 << 24  # bytes
+_KEYS = ("A", "B", "C", "D", "num", "den", "dt", "inputs", "outputs")
+_AS_MATRICES = "save its matrices: [A, B, C, D] = ssdata(K); dt = K.Ts; save('K.mat', 'A', 'B', 'C', 'D', 'dt', '-v7')"
+
 
 class Discrete(NamedTuple):
     """x(k+1) = A x + B y + L (u - v), v = C x + D y, with u the command in force."""
@@ -121,13 +129,6 @@ def _anti_windup(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Matrix:
         "anti-windup is not possible: a state that does not decay (an integrator) has no effect on the "
         "outputs; state the system without it (a minimal realisation)"
     )
-
-
-STATES, SIGNALS = 100, 16
-"""Most states, and most inputs or outputs, of a controller. # chosen"""
-_LARGEST = 1 << 24  # bytes
-_KEYS = ("A", "B", "C", "D", "num", "den", "dt", "inputs", "outputs")
-_AS_MATRICES = "save its matrices: [A, B, C, D] = ssdata(K); dt = K.Ts; save('K.mat', 'A', 'B', 'C', 'D', 'dt', '-v7')"
 
 
 class System(NamedTuple):

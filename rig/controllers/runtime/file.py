@@ -34,6 +34,15 @@ from rig.parts import Code, calling, is_file, trust
 from rig.quantities import Section
 from rig.units import brief
 
+_TRIAL_S = 30.0  # chosen: the start of a process on a busy machine, and the timer of a step
+_TRIAL = """
+import json, sys
+from rig.controllers import restored
+from rig.controllers.runtime.file import faults_of
+faults_of(restored(json.load(sys.stdin)))
+"""
+_tried: set[str] = set()  # SHA-256 of the compiled files whose first call returned
+
 
 def load_file(path: str | Path, keys: Mapping[str, object] | None = None) -> Controller:
     """Load the controller of a file. Raises UsageError with the line or the attribute that is wrong.
@@ -86,16 +95,6 @@ def section_faults(section: Section, numbers: Numbers) -> list[str]:
             return faults_of(build(section, numbers))
     except (UsageError, ControllerLost) as error:
         return [str(error)]
-
-
-_tried: set[str] = set()  # SHA-256 of the compiled files whose first call returned
-_TRIAL_S = 30.0  # chosen: the start of a process on a busy machine, and the timer of a step
-_TRIAL = """
-import json, sys
-from rig.controllers import restored
-from rig.controllers.runtime.file import faults_of
-faults_of(restored(json.load(sys.stdin)))
-"""
 
 
 def _ending(section: Section, numbers: Numbers) -> str:

@@ -20,6 +20,9 @@ from rig.units import brief
 NOT_FINITE = "an answer of {} is not finite: it is not sent, and the controller starts again"
 """What is reported the first time."""
 
+_NO_ROW = (dict, set, frozenset, bytes)
+"""Types that Python would read as a row of numbers: by their keys, in any order, or byte by byte."""
+
 
 def _finite(values: Values) -> bool:
     return isfinite(sum(values)) or all(map(isfinite, values))  # the sum alone may overflow
@@ -33,10 +36,6 @@ def _unfit(controller: Controller, answer: Any) -> PartError:
         return PartError(f"{what} returns {brief(answer)}; expected (state, commands)")
     drives = ", ".join(controller.drives)
     return PartError(f"{what} commands {brief(answer[1])}; expected a tuple with one number for each of {drives}")
-
-
-_NO_ROW = (dict, set, frozenset, bytes)
-"""Types that Python would read as a row of numbers: by their keys, in any order, or byte by byte."""
 
 
 def failure(name: str, t_ns: int, error: BaseException) -> ControllerFailed:

@@ -37,6 +37,9 @@ _OBJECTS = {"BUILD_MAP", "BUILD_CONST_KEY_MAP", "BUILD_STRING", "FORMAT_VALUE", 
 """Instructions for what is no number; the compiler would take seconds to find out."""
 typeof: Any = _typeof
 
+_COMPILED: dict[Any, Any] = {}
+"""Code compiled in this process: (law, types of constants and state) -> code, or the reason why there is none."""
+
 
 class Uncompiled(Exception):
     """The controller has no compiled law; why."""
@@ -108,10 +111,6 @@ def _for_compiler(function: FunctionType, known: dict[FunctionType, Any]) -> Any
     plain = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
     known[function] = as_python(plain)
     return known[function]
-
-
-_COMPILED: dict[Any, Any] = {}
-"""Code compiled in this process: (law, types of constants and state) -> code, or the reason why there is none."""
 
 
 class Native:

@@ -34,7 +34,8 @@ from rig.machine.process import as_process, no_garbage, stopping, tell
 from rig.machine.scheduling import CONTROLLER, ahead, anywhere, come_first, locked, placed
 from rig.parts import is_file, trust_scene
 
-LONG_NS, LONG_ANSWERS = 300_000, 20
+LONG_NS = 300_000
+LONG_ANSWERS = 20
 """A controller with this number of successive answers above this time [ns] leaves the processor core of the bus."""
 UNHEARD = (math.nan,)
 ADMITTED = 60.0

@@ -59,6 +59,18 @@ if TYPE_CHECKING:
 FILE = "datapackage.json"
 _FORMATS = {"csv": ".csv", "parquet": ".parquet", "wav": ".wav"}
 
+_ROWS = 1 << 16
+
+LONGEST = 63  # characters of a name
+_LARGEST = 1 << 31  # bytes of a variable
+_WORDS = frozenset(
+    "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return spmd "
+    "switch try while".split()
+)
+
+Report = Callable[[str], object]
+Facts = Mapping[str, str]
+
 
 def write_package(folder: Path, name: str, resources: Iterable[Mapping[str, Any]], facts: Mapping[str, str]) -> None:
     """Write the description of the files in `folder`. Raises OSError."""
@@ -101,9 +113,6 @@ def description(run: RunData) -> dict[str, str]:
         "frame_ns": run.frame_ns,
     }
     return {name: value if isinstance(value, str) else json.dumps(value) for name, value in facts.items() if value}
-
-
-_ROWS = 1 << 16
 
 
 def write_csv(table: Table, path: Path) -> None:
@@ -152,14 +161,6 @@ def _batches(table: Table, schema: pa.Schema) -> Iterator[Any]:
         yield pa.record_batch(arrays, schema=schema)
 
 
-LONGEST = 63  # characters of a name
-_LARGEST = 1 << 31  # bytes of a variable
-_WORDS = frozenset(
-    "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return spmd "
-    "switch try while".split()
-)
-
-
 def write_mat(tables: Iterable[Table], path: Path, facts: Mapping[str, str]) -> None:
     """Write `tables` to `path`, with `facts` about the run.
 
@@ -202,10 +203,6 @@ def valid(name: str, taken: Iterable[str]) -> str:
     if plain not in others:
         return plain
     return next(candidate for n in count(2) if (candidate := f"{plain[: LONGEST - 1 - len(str(n))]}_{n}") not in others)
-
-
-Report = Callable[[str], object]
-Facts = Mapping[str, str]
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,19 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import DataTree
 
+ATTENUATION = 100.0  # dB
+PASSED = 0.4  # of the new rate
+STOPPED = 0.5
+_FEWEST = 10
+"""Rows that must remain: the filter reaches over 66 of them, so that fewer are made of its continuation alone."""
+_WHOLE = 1e-6  # of a factor: rates come from times in whole nanoseconds
+
+OUTPUTS = "outputs"
+EVENTS = "events"
+MODE = "mode"
+TIME = "time"
+_APART = 0.75  # of a period: sensors share a table if no two of its rows are closer
+
 
 def frames(tables: Iterable[Table]) -> dict[str, DataFrame]:
     """Return each table by name as a frame over the time [s], with the units in `attrs["units"]`.
@@ -95,14 +108,6 @@ def tree(tables: Iterable[Table], facts: Mapping[str, str]) -> DataTree:
 def _attributes(column: Column) -> dict[str, str]:
     attributes = {"units": column.unit, "description": column.about}
     return {name: text for name, text in attributes.items() if text}
-
-
-ATTENUATION = 100.0  # dB
-PASSED = 0.4  # of the new rate
-STOPPED = 0.5
-_FEWEST = 10
-"""Rows that must remain: the filter reaches over 66 of them, so that fewer are made of its continuation alone."""
-_WHOLE = 1e-6  # of a factor: rates come from times in whole nanoseconds
 
 
 @dataclass(frozen=True)
@@ -200,10 +205,6 @@ def _filtered(v: Reals, factor: int, first: int) -> Reals:
     delay = taps.size // 2
     longer = np.pad(v, delay, mode="reflect", reflect_type="odd")
     return np.asarray(signal.upfirdn(taps, longer[first:], 1, factor)[2 * delay // factor :], np.float64)
-
-
-OUTPUTS, EVENTS, MODE, TIME = "outputs", "events", "mode", "time"
-_APART = 0.75  # of a period: sensors share a table if no two of its rows are closer
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,8 @@ from rig.record.writer import Writer
 from rig.results import Result
 
 _SLICE_NS = 250_000_000
-_LEAST, _MOST = 4096, 1 << 16  # samples of a message
+_LEAST = 4096  # samples of a message
+_MOST = 1 << 16
 _GAP = 1.5  # periods: a longer distance of two samples is a gap
 _EVEN = 0.01  # of a period
 _TOLD = 20

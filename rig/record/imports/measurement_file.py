@@ -30,6 +30,13 @@ _LARGEST = 1 << 31  # bytes of a MATLAB file, unpacked
 Block = Mapping[str, Reals]
 """Column -> its next values; columns of one length have equally many."""
 
+_OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, struct.error)
+"""Errors that a library raises where it does not expect what it reads, such as "list index out of range"."""
+
+_BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
+
+_PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset")
+
 
 class Column(NamedTuple):
     """One column of a file."""
@@ -70,10 +77,6 @@ class MeasurementFile:
         return self._by_name[name]
 
 
-_OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, struct.error)
-"""Errors that a library raises where it does not expect what it reads, such as "list index out of range"."""
-
-
 def opened(path: Path) -> MeasurementFile:
     """The columns of a file. Raises UsageError for one that cannot be read, is damaged or of an unknown format."""
     read = _FORMATS.get(path.suffix.lower())
@@ -98,9 +101,6 @@ def opened(path: Path) -> MeasurementFile:
     if not file.columns:
         raise UsageError(f"{path}: it has no column of numbers")
     return file
-
-
-_BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
 
 
 def name_and_unit(label: str) -> tuple[str, str]:
@@ -263,9 +263,6 @@ def _word(given: Any) -> str:
     values = np.asarray("" if given is None else given).ravel()
     value = values[0] if values.size == 1 else ""
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value) if isinstance(value, str) else ""
-
-
-_PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset")
 
 
 def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
