@@ -124,7 +124,9 @@ class Singular(RigError):
     exit_code = ExitCode.STOPPED
 
     def __init__(self, why: str, mode: str, jams: bool = False) -> None:
-        self.why, self.mode, self.jams = why, mode, jams
+        self.why = why
+        self.mode = mode
+        self.jams = jams
         super().__init__(f"{why}\n  in mode set {mode}")
 
 
@@ -137,7 +139,10 @@ class NumericsError(RigError):
     exit_code = ExitCode.STOPPED
 
     def __init__(self, what: str, time: float, mode: str, state: dict[str, float]) -> None:
-        self.what, self.time, self.mode, self.state = what, time, mode, state
+        self.what = what
+        self.time = time
+        self.mode = mode
+        self.state = state
         sizes = sorted(state, key=lambda name: abs(state[name]) if state[name] == state[name] else float("inf"))
         large = {*sizes[-_SHOWN:]} if len(state) > _SHOWN else state.keys()
         values = ", ".join(f"{name} = {value:.6g}" for name, value in state.items() if name in large)

@@ -116,7 +116,9 @@ class Range:
 
     def __init__(self, unit: str, bounds: Iterable[Gt | Ge | Lt | Le] = ()) -> None:
         least, most = SIZES.get(unit, OTHERS)
-        self.unit, self.low, self.high = unit, -most, most
+        self.unit = unit
+        self.low = -most
+        self.high = most
         for bound in bounds:
             if isinstance(bound, Gt):
                 self.low = float(bound.gt) or least  # type: ignore[arg-type]

@@ -198,7 +198,8 @@ class FreeRig:
         dense: bool = False,
         framed: bool = False,
     ) -> None:
-        self.scene, self.assembly = scene, scene.assemble() if assembly is None else assembly
+        self.scene = scene
+        self.assembly = scene.assemble() if assembly is None else assembly
         self.system: System = self.assembly.system()
         self._started = start is not None
         if start is not None:
@@ -228,7 +229,8 @@ class FreeRig:
 
         `step_ns`: another step; `how`: other arguments of Motion.
         """
-        clock, step_ns = self.scene.clock, step_ns or self.step_ns
+        clock = self.scene.clock
+        step_ns = step_ns or self.step_ns
         longest = how.pop("longest", self.longest)
         limits = self.scene.limits.items() if self.dense else ()
         usual = {
@@ -345,8 +347,11 @@ class FreeRig:
 
     def _rate(self, key: int) -> Callable[[Array], Array]:
         """dx/dt in a mode set as a function of x, without what is zero in this one."""
-        modes, system = self.modes(key), self.system
-        contact, load, load_t = own_law(system, modes), modes.load, modes.load_t
+        modes = self.modes(key)
+        system = self.system
+        contact = own_law(system, modes)
+        load = modes.load
+        load_t = modes.load_t
         of_states = [product for product in system.products if all(f.kind == STATE for f in product.factors)]
         if len(of_states) < len(system.products) or system.remembers or load_t.any():
             return lambda x: np.asarray(modes.A @ x + modes.b @ inputs(system, modes, x, contact)[0])
@@ -355,7 +360,8 @@ class FreeRig:
         columns = modes.b.T
 
         def rate(x: Array) -> Array:
-            out, values = modes.A @ x, x.tolist()
+            out = modes.A @ x
+            values = x.tolist()
             for p in slipping:
                 T = contact(p, float(system.slip_rows[p] @ x), float(load[p] @ x))[0]
                 out += columns[p] * T
@@ -370,17 +376,20 @@ class FreeRig:
         modes = self.modes(key)
         if not modes.nonlinear.any() and not self.system.products and not self.system.remembers:
             return self._propagated(x, key, time)
-        rough, pieces = self._stepped(x, key, time, 1), 2
+        rough = self._stepped(x, key, time, 1)
+        pieces = 2
         while True:
             fine = self._stepped(x, key, time, pieces)
             missed = (fine - rough) / 15.0
             if pieces == _MOST or np.all(np.abs(missed) <= _FINE * (np.abs(fine) + np.abs(fine - x))):
                 return np.asarray(fine + missed)
-            rough, pieces = fine, 2 * pieces
+            rough = fine
+            pieces *= 2
 
     def _propagated(self, x: Array, key: int, time: float) -> Array:
         """State x after `time` in a linear mode set: exp(A time) x by its series, in pieces of a radian."""
-        A, pieces = self.modes(key).A, math.ceil(self._fastest(key) * abs(time))
+        A = self.modes(key).A
+        pieces = math.ceil(self._fastest(key) * abs(time))
         if pieces > _MOST:
             from scipy.linalg import expm
 
@@ -409,7 +418,8 @@ class FreeRig:
         """Return the end of a run from x over `time` [s], or over a number of ticks; `keep`: with the states at its
         ticks [tick, n].
         """
-        motion, step = self.motion, self.step
+        motion = self.motion
+        step = self.step
         motion.restart(x)
         first = motion.key
         if ticks is None:
@@ -419,10 +429,13 @@ class FreeRig:
         else:
             time = ticks * step
         events: list[tuple[float, Event]] = []
-        states, values = [x[None].copy()], []
+        states = [x[None].copy()]
+        values = []
         between = motion.system.linear is False and ticks > _AFTER_END
         more = _AFTER_END if between else 0
-        done, end, key = 0, x, first
+        done = 0
+        end = x
+        key = first
         while done < ticks:
             count = min(_LONGEST, ticks - done)
             motion.advance(count + more if done + count == ticks else count)
@@ -436,7 +449,8 @@ class FreeRig:
         rest = time - ticks * step
         if rest:
             near = slice(-2 * _AFTER_END, None)
-            last, sets = motion.states[near], motion.mode_sets_of_states[near]
+            last = motion.states[near]
+            sets = motion.mode_sets_of_states[near]
             if between and len(last) == 2 * _AFTER_END and (sets == sets[0]).all() and self._slow(key):
                 weights = _interpolation(_AFTER_END - 1 + rest / step)
                 end = weights @ last
@@ -467,7 +481,8 @@ class FreeRig:
 
     def recorded(self, time: float) -> Recorded:
         """Step the plant by `time` [s], in whole nanoseconds no less, and record everything."""
-        dense, before = Dense(), self._energy(self.motion)
+        dense = Dense()
+        before = self._energy(self.motion)
         whole, rest = divmod(math.ceil(time * 1e9 - _ROUNDING), self.step_ns)
         events: list[tuple[float, Event]] = []
         states = [self.motion.x[None].copy()]
@@ -487,7 +502,8 @@ class FreeRig:
             dense.add(whole * self.step, end)
             events += [((whole * self.step_ns + e.place * rest) * 1e-9, e) for e in end.events()]
             exchanged += self._energy(end) - before
-        terms, stored = exchanged[:-1], float(exchanged[-1])
+        terms = exchanged[:-1]
+        stored = float(exchanged[-1])
         largest = max(float(np.abs(terms).max()), abs(float(before[-1])), 1e-30)
         balance = {"stored": stored, "error": (float(terms @ energy_balance.SIGNS) - stored) / largest}
         energy = energy_forms.by_name(self.system, terms) | balance

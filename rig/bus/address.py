@@ -162,7 +162,8 @@ def dictionary(run: str) -> Iterator[Path]:
 
 def rules(run: str) -> dict[str, Any]:
     """Zenoh's access rules for the users of a run; what they do not allow is denied."""
-    prefix, loop = f"rig/{run}/", f"loop/{run}/"
+    prefix = f"rig/{run}/"
+    loop = f"loop/{run}/"
     users = sorted(path.name for path in folder(run).iterdir() if path.name != _DICTIONARY)
     looking = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     telling = ["put", "reply", "query", "declare_queryable", "liveliness_token"]
@@ -288,7 +289,8 @@ class Reservation:
 
     def __init__(self, path: Path, descriptor: int, address: RunAddress) -> None:
         self.address = address
-        self._path, self._descriptor = path, descriptor
+        self._path = path
+        self._descriptor = descriptor
 
     def open(self) -> None:
         """Make the run visible to other processes."""

@@ -95,7 +95,8 @@ def _finite(text: str) -> float:
 
 def _check_totals(topic: str, content: Any, counts: dict[str, Count], now: float) -> None:
     """Raise Refused for totals that claim messages of others, or more than can have been sent by `now` [s]."""
-    sent, heard = content.sent_topic, content.heard_topic
+    sent = content.sent_topic
+    heard = content.heard_topic
     if len(sent) != len(content.sent) or not len(heard) == len(content.received) == len(content.lost):
         raise Refused("wrong length", "Totals whose columns differ in length")
     if max(len(sent), len(heard)) > TOPICS:
@@ -218,7 +219,8 @@ class InboundCheck:
         if len(payload) > PAYLOAD:
             raise Refused("too long", f"{len(payload)} bytes; at most {PAYLOAD} are read")
         seq, t_ns = HEADER.unpack(header)
-        count, now = counts.get(topic), time.monotonic()
+        count = counts.get(topic)
+        now = time.monotonic()
         if count is None:
             if len(counts) >= TOPICS:
                 raise Refused("too many topics", f"more than {TOPICS} topics")
@@ -250,7 +252,8 @@ class InboundCheck:
 
     def row(self, user: str, topic: str, counts: dict[str, Count]) -> Row | None:
         """How to read further messages of a user on a topic; None before the first one is accepted and counted."""
-        granted, count = self.granted.get((user, topic)), counts.get(topic)
+        granted = self.granted.get((user, topic))
+        count = counts.get(topic)
         if granted is None or granted.read is None or count is None or granted.kind in ("Event", "Totals"):
             return None
         return Row(user, topic, granted, count, self.granted)

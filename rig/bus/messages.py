@@ -214,13 +214,16 @@ def _blank(kind: type[Message], count: int) -> Columns:
 
 def _places(kind: type[Message], payload: bytes) -> dict[str, tuple[int, int]] | None:
     """First and last byte of the numbers of each field in `payload`; None if there is anything but numbers."""
-    blank, places, at = _blank(kind, 1), dict[str, tuple[int, int]](), 0
+    blank = _blank(kind, 1)
+    places = dict[str, tuple[int, int]]()
+    at = 0
     while at < len(payload):
         tag, begin = _varint(payload, at)
         field = kind.DESCRIPTOR.fields_by_number.get(tag >> 3)
         if field is None or field.name in places or field.name not in blank:
             return None
-        size, many = 8, blank[field.name].ndim == 2
+        size = 8
+        many = blank[field.name].ndim == 2
         if tag & 7 != (_PACKED if many else _FIXED):
             return None
         if many:
@@ -252,7 +255,8 @@ class Batch:
         self.rows: list[Row] = []
         """The collected messages. A plant appends to it, which costs it less than a call; then `flush_if_due`."""
         self._send = send
-        self._size, self._due = 0, 0
+        self._size = 0
+        self._due = 0
 
     def add(self, user: str, topic: str, header: bytes, payload: bytes) -> None:
         """Add an encoded message of `user` on `topic`; `header` contains its number and time, packed."""
@@ -270,10 +274,13 @@ class Batch:
 
     def flush(self) -> None:
         """Send the collected messages as one batch."""
-        self._size, self._due = 0, time.monotonic_ns() + WAITS_NS  # messages that `gather` adds must not flush again
+        self._size = 0
+        self._due = time.monotonic_ns() + WAITS_NS  # messages that `gather` adds must not flush again
         self.gather()
         if self.rows:
-            rows, self.rows, self._size = self.rows, [], 0
+            rows = self.rows
+            self.rows = []
+            self._size = 0
             self._send(rows)
 
 
@@ -289,7 +296,9 @@ def encoded_batches(rows: list[Row]) -> Iterator[bytes]:
         size += len(content)
         if size >= LONGEST:
             yield _encoded(places, columns)
-            places, columns, size = {}, [], 0
+            places = {}
+            columns = []
+            size = 0
     if columns:
         yield _encoded(places, columns)
 

@@ -105,7 +105,8 @@ class _Copied(Publisher):
 
     def __init__(self, at_once: Publisher, batch: Batch) -> None:
         super().__init__(at_once.topic)
-        self._at_once, self._batch = at_once, batch
+        self._at_once = at_once
+        self._batch = batch
 
     def send(self, payload: bytes, header: bytes) -> None:
         self._at_once.send(payload, header)
@@ -117,7 +118,9 @@ class _InOrder(Publisher):
 
     def __init__(self, alone: Publisher, batch: Batch, post: Callable[[Callable[[], None]], None]) -> None:
         super().__init__(alone.topic)
-        self._alone, self._batch, self._post = alone, batch, post
+        self._alone = alone
+        self._batch = batch
+        self._post = post
 
     def send(self, payload: bytes, header: bytes) -> None:
         self._batch.flush()
@@ -133,7 +136,9 @@ class Receiver(ABC):
     def __init__(
         self, inbound: InboundCheck, patterns: tuple[str, ...], depth: int, copies: Batch | None = None
     ) -> None:
-        self.inbound, self.patterns, self.depth = inbound, patterns, depth
+        self.inbound = inbound
+        self.patterns = patterns
+        self.depth = depth
         self.heard = topics.heard(patterns)
         """The pattern to which it is subscribed; it may match more topics than `patterns`."""
         self.counts: dict[str, Count] = {}
@@ -289,7 +294,8 @@ class ParamRequest(NamedTuple):
 
 def param_request(body: dict[str, Any]) -> ParamRequest:
     """Read a request on `param/<process>`. Raises UsageError if it is malformed."""
-    keys, changes = body.get("get", []), body.get("set", {})
+    keys = body.get("get", [])
+    changes = body.get("set", {})
     if unknown := [key for key in body if key not in ("get", "set", "list")]:
         raise UsageError(f'the request has {unknown[0]!r:.80}; it can have "get" and "set", or "list" alone')
     if not (isinstance(keys, list) and all(isinstance(key, str) for key in keys)):
@@ -316,7 +322,8 @@ class Server(ABC):
     """Answers the queries on one topic, in the thread that calls `poll`."""
 
     def __init__(self, inbound: InboundCheck, answer: Answer) -> None:
-        self.inbound, self._answer = inbound, answer
+        self.inbound = inbound
+        self._answer = answer
         self.asker = ""
         """The user whose query is being answered."""
         self._later: list[tuple[Request, dict[str, Any], Later]] = []
@@ -335,7 +342,8 @@ class Server(ABC):
         if not (self._later or self.waiting() or timeout):  # the usual case, in every frame
             return 0
         if self._later:
-            waiting, self._later = self._later, []
+            waiting = self._later
+            self._later = []
             for asked, body, later in waiting:
                 self._serve(asked, body, later)
         answered = 0
@@ -379,7 +387,10 @@ class Session(ABC):
     """The connection of one process to the bus of one run. Use it in a `with` block, or call `close`."""
 
     def __init__(self, run: str, role: str, name: str, user: str, reserved: frozenset[str]) -> None:
-        self.run, self.role, self.name, self.user = run, role, name, user
+        self.run = run
+        self.role = role
+        self.name = name
+        self.user = user
         topics.of(f"alive/{role}/{name}")
         self.inbound = InboundCheck(reserved)
         """Checks everything that other processes send, and counts refusals."""
@@ -443,7 +454,8 @@ class Session(ABC):
         """
         if topic not in self._publishers:
             self._own(topic)
-            way, batch = topics.of(topic).way, self._batch
+            way = topics.of(topic).way
+            batch = self._batch
             if batch is None:
                 self._publishers[topic] = self._publisher(topic)
             elif way == topics.BATCH:
@@ -498,7 +510,8 @@ class Session(ABC):
         topics.of(topic)
         if topic.startswith("param/") and isinstance(changes := body.get("set"), dict):
             body = {**body, "set": self._in_si(topic, changes, timeout)}
-        text, deadline = json.dumps(body).encode(), time.monotonic() + timeout
+        text = json.dumps(body).encode()
+        deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0.0:
             reply = self._ask(topic, text, left)
             if reply is not None:
@@ -529,7 +542,8 @@ class Session(ABC):
             given = [(key, value, units.get(key)) for key, value in changes.items()]
         except (BusError, AttributeError, LookupError, TypeError):  # the owner refuses the change itself
             return changes
-        faults, numbers = [], dict(changes)
+        faults = []
+        numbers = dict(changes)
         for key, value, unit in given:
             if unit and converts(value, unit):
                 try:

@@ -76,7 +76,8 @@ def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
         return waiting.get_nowait()
     if _MASK is None or threading.get_ident() != _MAIN:
         return waiting.get(True, timeout)
-    deadline, left = time.monotonic() + timeout, timeout
+    deadline = time.monotonic() + timeout
+    left = timeout
     while True:
         before = _MASK(_BLOCK, _SIGNALS)
         try:
@@ -183,9 +184,11 @@ class _ZenohReceiver(Receiver):
 
     def _arrived(self, delivered: tuple[zenoh.Sample, int]) -> Arrived:
         sample, arrived_ns = delivered
-        who, data = _who(sample.key_expr, self._prefix), sample.payload.to_bytes()
+        who = _who(sample.key_expr, self._prefix)
+        data = sample.payload.to_bytes()
         encoding = "" if who in self.inbound.granted else str(sample.encoding)
-        header, payload = data[: HEADER.size], data[HEADER.size :]
+        header = data[: HEADER.size]
+        payload = data[HEADER.size :]
         return Arrived(*who, payload, header, sample.kind == _PUT, encoding, arrived_ns)
 
     def _usual(self, delivered: tuple[zenoh.Sample, int]) -> Message | None:
@@ -224,7 +227,8 @@ class _QueuedReceiver(_ZenohReceiver):
     ) -> None:
         super().__init__(inbound, patterns, depth, prefix, copies)
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        put, clock = self._queue.put, time.monotonic_ns
+        put = self._queue.put
+        clock = time.monotonic_ns
         self._stamped = stamped
         self.take: Callable[[zenoh.Sample], None] = (lambda sample: put((sample, clock()))) if stamped else put
 
@@ -277,7 +281,8 @@ class _Watch(Watch):
 class _Request(Request):
     def __init__(self, query: zenoh.Query, key: str, topic: str) -> None:
         user = str(query.key_expr).rpartition("/")[2]
-        self._query, self._key = query, f"{key}/{user}"
+        self._query = query
+        self._key = f"{key}/{user}"
         payload = query.payload
         self.asked = Arrived(user, topic, payload.to_bytes() if payload is not None else b"")
 
@@ -301,7 +306,8 @@ class _Server(Server):
 
     def __init__(self, inbound: InboundCheck, answer: Answer, key: str, topic: str) -> None:
         super().__init__(inbound, answer)
-        self._key, self._topic = key, topic
+        self._key = key
+        self._topic = topic
         self._inbox = Inbox[zenoh.Query](WAITING)
         self.waiting = self._inbox.qsize
         self.take = self._inbox.put  # Zenoh answers a dropped query for us: its asker learns that nobody answers
@@ -324,10 +330,13 @@ class ZenohSession(Session):
         shared: bool = False,
     ) -> None:
         super().__init__(run, role, bus_user.name, bus_user.user, bus_user.reserved)
-        self._zenoh, self._bus_user, self._reservation = opened, bus_user, reservation
+        self._zenoh = opened
+        self._bus_user = bus_user
+        self._reservation = reservation
         self._shared = shared
         """Whether another session owns the connection and closes it."""
-        self._prefix, self._loop = f"rig/{run}/", f"loop/{run}/"
+        self._prefix = f"rig/{run}/"
+        self._loop = f"loop/{run}/"
         self._mine = f"{self._prefix}{bus_user.user}/"
         self._declared: list[Any] = []
         self._sender = Sender()

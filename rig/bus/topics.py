@@ -246,7 +246,8 @@ def heard(patterns: tuple[str, ...]) -> str:
 
 def matches(pattern: str, topic: str) -> bool:
     """Whether `topic` matches `pattern`: `*` stands for one part, `**` at the end for all following parts."""
-    wanted, given = pattern.split("/"), topic.split("/")
+    wanted = pattern.split("/")
+    given = topic.split("/")
     if wanted[-1] == "**":
         wanted, given = wanted[:-1], given[: len(wanted) - 1]
     return len(wanted) == len(given) and all(w in ("*", g) for w, g in zip(wanted, given))

@@ -38,7 +38,8 @@ if __name__ != "rig.controllers":  # found through the link at the top of a chec
 
 def _section(module: ModuleType, kind: str) -> Any:
     """The section of a controller's module; a foreign one is extended by the keys of every controller of a scene."""
-    made, own = class_of(module), parameters_of(module)
+    made = class_of(module)
+    own = parameters_of(module)
     if code_of(module) is None:
         return own
     bases: tuple[type[Section], ...] = (ControllerSection,)

@@ -69,7 +69,8 @@ def _about_of(library: ctypes.CDLL) -> dict[str, Any]:
         )
     lists: dict[str, list[Any]] = {}
     for count, name, least in (("inputs", "input", 0), ("outputs", "output", 1), ("parameters", "parameter", 0)):
-        number, first = getattr(stated, count), getattr(stated, name)
+        number = getattr(stated, count)
+        first = getattr(stated, name)
         if not least <= number <= _MOST or (number and not first):
             raise PartError(f"states {number} {count}; possible are {least} to {_MOST}, with a list of them")
         lists[count] = [first[i] for i in range(number)]
@@ -102,9 +103,11 @@ class Library:
         self.about = about = _about_of(self._library)
         inputs, outputs, parameters = (len(about[name]) for name in ("inputs", "outputs", "parameters"))
         states = about["states"]
-        self._parameters, self._state = (ctypes.c_double * parameters)(), (ctypes.c_double * states)()
+        self._parameters = (ctypes.c_double * parameters)()
+        self._state = (ctypes.c_double * states)()
         self._input = (ctypes.c_double * inputs)()
-        self._next, self._output = (ctypes.c_double * states)(), (ctypes.c_double * outputs)()
+        self._next = (ctypes.c_double * states)()
+        self._output = (ctypes.c_double * outputs)()
         self._given: Sequence[float] | None = None
         self._init = self._function("init", ctypes.c_void_p, ctypes.c_void_p)
         self._step = self._function("step", *[ctypes.c_void_p] * 3, ctypes.c_int64, *[ctypes.c_void_p] * 2)
@@ -116,7 +119,8 @@ class Library:
             function = getattr(self._library, f"rig_controller_{name}")
         except AttributeError:
             raise PartError(f"defines no rig_controller_{name} (see rig_controller.h)") from None
-        function.argtypes, function.restype = kinds, ctypes.c_int32
+        function.argtypes = kinds
+        function.restype = ctypes.c_int32
         return function
 
     def _take(self, parameters: Sequence[float]) -> None:
@@ -135,7 +139,8 @@ class Library:
     ) -> tuple[int, list[float], list[float]]:
         """What step returned, the next state, and the commands."""
         self._take(parameters)
-        self._state[:], self._input[:] = list(state), list(values)
+        self._state[:] = list(state)
+        self._input[:] = list(values)
         p, s, after, heard, given = self._at
         code = self._step(p, s, after, t_ns, heard, given)
         return code, self._next[:], self._output[:]
@@ -169,8 +174,10 @@ class CompiledController:
     def __init__(self, section: CompiledC, numbers: Numbers) -> None:
         if faults := section.faults():
             raise UsageError("; ".join(faults))
-        self.section, self.numbers = section, numbers
-        self.reads, self.drives = section.connected_sensors, section.connected_actuators
+        self.section = section
+        self.numbers = numbers
+        self.reads = section.connected_sensors
+        self.drives = section.connected_actuators
         self.period_ns = section.period
         self._parameters = section.values()
         self._library: Library | None = None

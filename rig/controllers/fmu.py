@@ -240,7 +240,9 @@ class Unit:
         kind, state = ("Float64", "FMUState") if self._three else ("Real", "FMUstate")
         self._keep, self._back, self._drop = (getattr(made, f"{verb}{state}") for verb in ("get", "set", "free"))
         self._assign, self._read = (getattr(made, f"{verb}{kind}") for verb in ("set", "get"))
-        self._inputs, self._outputs, self._parameters = list(inputs), list(outputs), list(parameters)
+        self._inputs = list(inputs)
+        self._outputs = list(outputs)
+        self._parameters = list(parameters)
         self._values = list(values)
 
     def _instantiate(self, module: Any, log: Callable[[int, bytes | None], None]) -> None:
@@ -383,7 +385,8 @@ class Fmu(CompiledSection):
             faults += [f"{key}: {self.file} has no real {key[:-1]} {name:.80}; it has {', '.join(known) or 'none'}"
                        for name in getattr(self, key) if name not in known]  # fmt: skip
         faults = faults or super().faults()
-        step, period = self.file.about["step"], self.period * 1e-9
+        step = self.file.about["step"]
+        period = self.period * 1e-9
         if step is not None and (step <= 0.0 or abs(period / step - round(period / step)) > 1e-9 or period < step):
             faults.append(f"period: {period:g} s is not a multiple of {step:g} s, the fixed step of {self.file}")
         return faults
@@ -446,8 +449,10 @@ class FmuController:
     def __init__(self, section: Fmu, numbers: Numbers) -> None:
         if faults := section.faults():
             raise UsageError("; ".join(faults))
-        self.section, self.numbers = section, numbers
-        self.reads, self.drives = section.connected_sensors, section.connected_actuators
+        self.section = section
+        self.numbers = numbers
+        self.reads = section.connected_sensors
+        self.drives = section.connected_actuators
         self.period_ns = section.period
         self._h = section.period * 1e-9
         about = section.file.about

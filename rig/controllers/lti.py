@@ -96,7 +96,8 @@ class LTI(ControllerSection):
 
     @model_validator(mode="after")
     def _fits(self) -> LTI:
-        outputs, inputs = len(self.D), len(self.D[0]) if self.D else 0
+        outputs = len(self.D)
+        inputs = len(self.D[0]) if self.D else 0
         faults = []
         for key, names, count in (("reads", self.reads, inputs), ("drives", self.drives, outputs)):
             what = "inputs" if key == "reads" else "outputs"
@@ -137,7 +138,8 @@ def table(given: system_file.System, raw: Mapping[str, Any]) -> dict[str, Any]:
             raise ValueError(f"period: the system has dt = {given.dt!r} s, which is not a whole number of nanoseconds")
     if not given.dt and raw.get("method") is None:
         own["method"] = system_file.DEFAULT
-    method, period = {**raw, **own}.get("method"), _period({**raw, **own})
+    method = {**raw, **own}.get("method")
+    period = _period({**raw, **own})
     try:
         prewarp = None if raw.get("prewarp") is None else finite(raw["prewarp"], "Hz", Gt(0.0))
         known = period is not None and (method is None or method in system_file.METHODS)
@@ -209,8 +211,11 @@ class LinearController:
     update: Update
 
     def __init__(self, section: LTI, numbers: Numbers) -> None:
-        self.section, self.numbers = section, numbers
-        self.reads, self.drives, self.period_ns = section.reads, section.drives, section.period
+        self.section = section
+        self.numbers = numbers
+        self.reads = section.reads
+        self.drives = section.drives
+        self.period_ns = section.period
         matrices = section.A, section.B, section.C, section.D, section.L
         count = len(self.drives)
         units = numbers.get("unit", (None,) * count)

@@ -109,7 +109,9 @@ class NarrowBandFeedback(base.SceneController[NarrowBand]):
         """
         import control
 
-        half, delay, period = 0.5 * section.bandwidth, section.delay * 1e-9, section.period * 1e-9
+        half = 0.5 * section.bandwidth
+        delay = section.delay * 1e-9
+        period = section.period * 1e-9
         band = section.frequency - half, section.frequency + half
         modes, residues = rig.modes(section.sensor, section.drive, delay, *band)
         if not len(modes):
@@ -117,7 +119,8 @@ class NarrowBandFeedback(base.SceneController[NarrowBand]):
             raise ValueError(f"frequency: no mode is in the band about {section.frequency:g} Hz; there are {known} Hz")
         poles = np.exp(modes * period)
         driven = residues * (poles - 1.0) / modes
-        F, G = _real(np.diag(poles)), _parts(driven)[:, None]
+        F = _real(np.diag(poles))
+        G = _parts(driven)[:, None]
         C = np.tile([2.0, 0.0], len(modes))[None, :]
         k, _, _ = control.dlqr(F, G, C.T @ C, np.array([[section.effort**-2]]))
         shaken = section.disturbance**2 * G @ G.T

@@ -136,7 +136,8 @@ def _alone_in(group: int) -> bool:
     import pwd
 
     try:
-        user, members = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
+        user = pwd.getpwuid(os.geteuid()).pw_name
+        members = grp.getgrgid(group)
     except KeyError:
         return False
     return members.gr_name == user and {*members.gr_mem} <= {user}
@@ -241,13 +242,15 @@ def matlab_checked(data: bytes, most: int) -> None:
 
     Raises ValueError for an element that cannot be, and for more than `most` bytes unpacked.
     """
-    order, unpacked_bytes = "<" if data[126:128] == b"IM" else ">", 0
+    order = "<" if data[126:128] == b"IM" else ">"
+    unpacked_bytes = 0
 
     def elements(data: bytes, at: int, end: int, allowed: Set[int]) -> None:
         nonlocal unpacked_bytes
         while at + 8 <= end:
             kind, length = struct.unpack_from(f"{order}II", data, at)
-            start, padded = at + 8, length + -length % 8 * (kind != _COMPRESSED)
+            start = at + 8
+            padded = length + -length % 8 * (kind != _COMPRESSED)
             if kind >> 16:  # a short element, with its data in the tag
                 kind, length, start, padded = kind & 0xFFFF, kind >> 16, at + 4, 4
             if kind not in allowed or length > min(padded, end - start):

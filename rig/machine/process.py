@@ -333,7 +333,8 @@ class Child:
     def new_lines(self, most: int = _WAITING) -> list[str]:
         """Lines of output since the last call: the latest `most`, before them a line that counts those left out."""
         lines = [self._lines.popleft() for _ in range(len(self._lines))]
-        left_out, self._left_out = self._left_out + max(len(lines) - most, 0), 0
+        left_out = self._left_out + max(len(lines) - most, 0)
+        self._left_out = 0
         return [f"({left_out} lines left out)", *lines[-most:]] if left_out else lines
 
     def new_words(self) -> list[tuple[str, Any]]:

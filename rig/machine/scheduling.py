@@ -161,7 +161,8 @@ class Ahead:
         """How often it fell back to ordinary scheduling."""
         self.fallen_ns = 0
         """Total time in ordinary scheduling after falling back, up to the last return [ns]."""
-        self._priority, self._fell_back = priority, fell_back
+        self._priority = priority
+        self._fell_back = fell_back
         self._since = 0
         self._again: threading.Timer | None = None
         self._over = False
@@ -188,7 +189,8 @@ class Ahead:
         _schedule(os.SCHED_OTHER, 0)
         if self._over:
             return
-        self.why, self._since = _NO_PAUSE, time.monotonic_ns()
+        self.why = _NO_PAUSE
+        self._since = time.monotonic_ns()
         self._again = threading.Timer(AGAIN_S * 2**self.falls, self._regain)
         self._again.daemon = True
         self._again.start()
@@ -227,7 +229,8 @@ def ahead(priority: int, fell_back: Callable[[], object] = lambda: None) -> Iter
         return
     import resource
 
-    handler, limits = signal.signal(signal.SIGXCPU, scheduling.fall_back), resource.getrlimit(resource.RLIMIT_RTTIME)
+    handler = signal.signal(signal.SIGXCPU, scheduling.fall_back)
+    limits = resource.getrlimit(resource.RLIMIT_RTTIME)
     try:
         scheduling.enter()
         yield scheduling

@@ -157,7 +157,8 @@ def _first(topic: str, of_first: Series, of_second: Series) -> Difference:
     counts = (int(shared.size), int(np.count_nonzero(apart)), alone, beyond, *away)
     if apart.any():
         row = int(np.argmax(apart))
-        first, second = float(of_first.values[at_one[row]]), float(of_second.values[at_two[row]])
+        first = float(of_first.values[at_one[row]])
+        second = float(of_second.values[at_two[row]])
         return Difference(topic, int(at_one[row]), float(shared[row]) * 1e-9, first, second, *counts)
     lone = [
         (int(t_ns[i]), int(i), which)

@@ -55,7 +55,8 @@ def held(run: RunData, actuator: str) -> Samples:
         parts.append((np.array(ends, np.int64), np.full(len(ends), np.nan)))
     tick, values = (np.concatenate(part) for part in zip(*parts))
     order = np.argsort(tick, kind="stable")
-    tick, values = tick[order], values[order]
+    tick = tick[order]
+    values = values[order]
     end = round(float(run.time[-1]) * 1e9) // run.frame_ns if run.time.size else int(tick[-1])
     frames = np.arange(tick[0], max(end, int(tick[-1])) + 1)
     return Samples(frames * run.frame_ns, values[np.searchsorted(tick, frames, side="right") - 1])

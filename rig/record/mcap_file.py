@@ -157,7 +157,8 @@ class Messages(NamedTuple):
 
     def times(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Simulated time [ns], and the wall clock at reception [ns since 1970, UTC], of each message."""
-        log, published = self.head["log"], self.head["published"]
+        log = self.head["log"]
+        published = self.head["published"]
         former = log >= _WALL_NS
         stamps = np.where(former, published, log), np.where(former, log, published)
         return stamps[0].astype(np.int64), stamps[1].astype(np.int64)
@@ -212,7 +213,8 @@ def _extent(data: Data, at: int) -> tuple[int, int]:
 
 def _fits(data: Data, at: int, opcode: int, end: int) -> bool:
     """Whether the lengths inside a record add up to its own."""
-    layout, place = _LAYOUT.get(opcode), at + _HEAD.size
+    layout = _LAYOUT.get(opcode)
+    place = at + _HEAD.size
     if layout is None or not end:
         return False
     for part in layout:
@@ -277,7 +279,8 @@ class _Stream(ReadDataStream):
     """A stream of bytes in memory for the parser of mcap; a short read is an error."""
 
     def __init__(self, raw: bytes) -> None:
-        self._raw, self._count = raw, 0
+        self._raw = raw
+        self._count = 0
 
     def read(self, length: int) -> bytes:
         content = self._raw[self._count : self._count + length]
@@ -318,8 +321,10 @@ def _content(data: Data, at: int, end: int) -> bytes | None:
 
 def inside(content: bytes) -> tuple[list[Schema | Channel], Messages]:
     """Return the records in the content of a chunk: descriptions and messages, each in order."""
-    described, begin = list[Schema | Channel](), list[int]()
-    at, size = 0, len(content)
+    described = list[Schema | Channel]()
+    begin = list[int]()
+    at = 0
+    size = len(content)
     while at + _HEAD.size <= size:  # for every message of a recording: nothing else is done for each of them
         opcode, length = _HEAD.unpack_from(content, at)
         if opcode == Opcode.MESSAGE:
@@ -363,7 +368,9 @@ class Writer:
         self.__stream = stream
         self._chunk_size = chunk_size
         self._compressor = zstandard.ZstdCompressor(_LEVEL, write_checksum=True)
-        self._offset, self._crc, self._sha = 0, 0, hashlib.sha256()
+        self._offset = 0
+        self._crc = 0
+        self._sha = hashlib.sha256()
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._fresh: list[Schema | Channel] = []
@@ -375,7 +382,8 @@ class Writer:
         """Simulated time up to which the run has been added; the caller states it."""
         self._ends: list[tuple[int, int]] = []
         """Ends of the chunks that the system may not have yet, and the simulated time that each reaches."""
-        self._first_ns, self._last_ns = (1 << 64) - 1, 0
+        self._first_ns = (1 << 64) - 1
+        self._last_ns = 0
         self._attached: list[AttachmentIndex] = []
         self._noted: list[MetadataIndex] = []
         self._begin_chunk()
@@ -450,11 +458,13 @@ class Writer:
             return
         content = b"".join(self._parts)
         packed = self._compressor.compress(content)
-        start, (begin, end) = self._offset, self._span
+        start = self._offset
+        begin, end = self._span
         record = _packed(Chunk("zstd", packed, end, begin, zlib.crc32(content), len(content)))
         self._put(record)
         self._ends.append((self._offset, self.reached_ns))
-        offsets, raw = dict[int, int](), bytearray()
+        offsets = dict[int, int]()
+        raw = bytearray()
         for channel, places in self._indexes.items():
             offsets[channel] = self._offset + len(raw)
             raw += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(places), channel, len(places)) + places
@@ -467,8 +477,10 @@ class Writer:
         self._chunk_indexes.write(_packed(index))
         self._chunks += 1
         self._messages += self._held
-        self._first_ns, self._last_ns = min(self._first_ns, begin), max(self._last_ns, end)
-        again, self._fresh = self._fresh, []
+        self._first_ns = min(self._first_ns, begin)
+        self._last_ns = max(self._last_ns, end)
+        again = self._fresh
+        self._fresh = []
         self._begin_chunk()
         for description in again:
             self._hold(_packed(description))
@@ -493,7 +505,8 @@ class Writer:
         self._end_chunk()
         self.note(DIGEST, {"sha256": self._sha.hexdigest()})
         self._put(_packed(DataEnd(self._crc)))
-        start, self._crc = self._offset, 0
+        start = self._offset
+        self._crc = 0
         self._chunk_indexes.seek(0)
         groups = [
             self._group(Opcode.SCHEMA, map(_packed, self._schemas.values())),

@@ -111,7 +111,8 @@ def summary_start(data: Data) -> int | None:
     record = next(walk(data, at), None) if at > 0 else None
     if not isinstance(record, Found) or not isinstance(record.body, Footer):
         return None
-    start, crc = _shifted(data, at, record.body), record.body.summary_crc
+    start = _shifted(data, at, record.body)
+    crc = record.body.summary_crc
     if not 0 < start <= at or crc == 0 or crc_of(data, start, record.end - 4) != crc:
         return None
     return start
@@ -313,7 +314,8 @@ class Scan:
         if t_ns.size and not self.began_ns:
             apart = wall_ns - t_ns
             self.began_ns = int(apart[np.argmax(apart != 0)])
-        channels, numbers = head["channel"].tolist(), head["sequence"].tolist()
+        channels = head["channel"].tolist()
+        numbers = head["sequence"].tolist()
         first, last = dict(zip(reversed(channels), reversed(numbers))), dict(zip(channels, range(head.size)))
         here = len(self.skipped)
         for channel, number in first.items():
@@ -342,11 +344,13 @@ class Scan:
             body.name = body.name.removeprefix(COPY)
             self.attachments[body.name] = body
         elif isinstance(body, Metadata):
-            values, name = dict(body.metadata), body.name.removeprefix(COPY)
+            values = dict(body.metadata)
+            name = body.name.removeprefix(COPY)
             if values.pop(CRC, None) not in (None, checksum(body.name, values)):
                 self._skip(Hole(part.begin, part.end, "metadata"))
             elif name == DIGEST:
-                self._digest_at, self.metadata[DIGEST] = part.begin, values
+                self._digest_at = part.begin
+                self.metadata[DIGEST] = values
             else:
                 self.metadata[name] = values
                 if name == "log":

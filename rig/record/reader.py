@@ -254,7 +254,8 @@ def _placed(samples: run.Samples, time_ns: run.Integers) -> run.Reals:
 
 
 def _commands(blocks: list[messages.Columns]) -> run.Commands:
-    rows, widths = list[run.Commands](), Counter[int]()
+    rows = list[run.Commands]()
+    widths = Counter[int]()
     for applied in blocks:
         names = ("ticks", "answers", "statuses") if applied["ticks"].size else ("tick", "answered", "status")
         tick, answered, status = (applied[name].ravel() for name in names)

@@ -76,7 +76,8 @@ class SenderLives:
 
     def _anew(self, owner: str, last: dict[str, int]) -> _Life:
         """Begin a new life of a sender, of which the messages up to `last` have been received."""
-        before, life = self._lives.get(owner), _Life(last)
+        before = self._lives.get(owner)
+        life = _Life(last)
         if before is not None:
             self._tails.update(before.tail())
             if not before.stated:
@@ -87,7 +88,8 @@ class SenderLives:
     def compare(self, message: topics.Message) -> None:
         """Compare what a sender states to have sent, its Totals `message`, with what was received from it."""
         owner = topics.owner(message.topic)
-        life, stated = self._lives[owner], dict(zip(message.said.sent_topic, message.said.sent))
+        life = self._lives[owner]
+        stated = dict(zip(message.said.sent_topic, message.said.sent))
         past = {topic for topic, sent in stated.items() if topic != message.topic and life.last.get(topic, -1) >= sent}
         if past and owner != "plant":  # the plant continues to send, and may overtake its total
             # More was received than this sender sent: it came from a predecessor, and nothing of this sender arrived.
@@ -226,13 +228,17 @@ class RunRecorder:
         plant: port.Watch,
         writer: Writer | Windows,
     ) -> None:
-        self._session, self._heard, self._plant, self._writer = session, heard, plant, writer
+        self._session = session
+        self._heard = heard
+        self._plant = plant
+        self._writer = writer
         self._lives = SenderLives()
         self._admitted = {"plant", *session.inbound.reserved}
         """Senders whose losses count."""
         self._totals = False
         self._paced = described.paced
-        self._told_s, self._reached_ns = time.monotonic(), 0
+        self._told_s = time.monotonic()
+        self._reached_ns = 0
         self._news = False
         """Whether something was recorded since it told its totals."""
         self._summary: dict[str, Any] = {}
@@ -265,7 +271,8 @@ class RunRecorder:
             elif message.topic.startswith("event/"):
                 self._look(message)
             if topics.of_plant(message.topic):
-                self._reached_ns, self._news = message.t_ns, True
+                self._reached_ns = message.t_ns
+                self._news = True
         self._writer.flush_if_due()
         if (taken == TURN or (self._news and not self._paced)) and time.monotonic() > self._told_s + TELL_S:
             self._tell(self._reached_ns)
@@ -273,7 +280,8 @@ class RunRecorder:
 
     def _tell(self, t_ns: int) -> None:
         """Publish the own totals. A plant that waits for them sees how far the recorder is."""
-        self._told_s, self._news = time.monotonic(), False
+        self._told_s = time.monotonic()
+        self._news = False
         self._session.publisher(f"total/{self._session.name}").put(self._session.totals(), t_ns)
 
     def _compare(self, message: topics.Message) -> None:

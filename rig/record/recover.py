@@ -113,7 +113,9 @@ def _surveyed(scan: message_scan.Scan) -> tuple[reader.Decoder, set[str]]:
 
 def _copy(recovered: Recovered, scan: message_scan.Scan, file: BinaryIO) -> None:
     decode = reader.Decoder(recorded_setup.setup_of(scan))
-    attachments, metadata, known = dict(scan.attachments), dict(scan.metadata), dict(scan.schemas)
+    attachments = dict(scan.attachments)
+    metadata = dict(scan.metadata)
+    known = dict(scan.schemas)
     metadata["recovered"] = {"from": scan.path.name, "fault": recovered.fault, "lost": recovered.losses()}
     metadata["recording"] = {"began": str(scan.began_ns), **metadata.get("recording", {})}
     out = mcap_file.Writer(file, writer.CHUNK, Path(file.name).parent)

@@ -63,7 +63,8 @@ class RebuiltTraffic:
     """Makes the impaired links as they were at the start of the run: sensor -> link over which it was heard."""
 
     def __iter__(self) -> Iterator[Record]:
-        run, frame = self.run, self.run.frame_ns
+        run = self.run
+        frame = self.run.frame_ns
         series = list(run.measurements.values())
         last = max((int(t_ns[-1]) for t_ns, _ in series if t_ns.size), default=-1) // frame
         edges = np.arange(-1, last + 1) * frame  # frame k has the samples published in (t_{k-1}, t_k]
@@ -98,7 +99,8 @@ class RebuiltTraffic:
 
     def _blocks(self, tick: int, last: int, cuts: list[Integers]) -> Iterator[Record]:
         """The blocks of measurements that are full at this tick."""
-        now, frames = tick * self.run.frame_ns, max(topics.BLOCK_NS // self.run.frame_ns, 1)
+        now = tick * self.run.frame_ns
+        frames = max(topics.BLOCK_NS // self.run.frame_ns, 1)
         if tick % frames == frames - 1 or tick == last:
             for (name, (t_ns, v)), cut in zip(self.run.measurements.items(), cuts):
                 low, high = cut[tick - tick % frames], cut[tick + 1]
@@ -107,7 +109,9 @@ class RebuiltTraffic:
 
     def _step(self, tick: int, cuts: list[Integers], over: Mapping[str, impaired_link.HeardSensor]) -> bytes:
         series = list(self.run.measurements.items())
-        latest, fresh, new = np.full(len(series), np.nan), np.zeros(len(series), np.int64), {}
+        latest = np.full(len(series), np.nan)
+        fresh = np.zeros(len(series), np.int64)
+        new = {}
         for i, ((name, (_, v)), cut) in enumerate(zip(series, cuts)):
             low, high = cut[tick], cut[tick + 1]
             samples = v[low:high]
@@ -123,10 +127,12 @@ class RebuiltTraffic:
 
     def _states(self) -> Iterator[Record]:
         """The states at the rate of a run on the bus; none if an output was lost."""
-        run, frame = self.run, self.run.frame_ns
+        run = self.run
+        frame = self.run.frame_ns
         if not all(name in run.signals for name in self.outputs):
             return
-        pack, every = encode.StateEncoder(len(self.outputs)), max(-(-topics.STATE_NS // frame), 1) * frame
+        pack = encode.StateEncoder(len(self.outputs))
+        every = max(-(-topics.STATE_NS // frame), 1) * frame
         time_ns = np.rint(run.time * 1e9).astype(np.int64)
         for i in np.flatnonzero(time_ns % every == 0).tolist():
             now = int(time_ns[i])
@@ -185,7 +191,8 @@ class RecordedController:
 
     def _note_protocol(self, content: Any) -> None:
         """Add a change by the protocol."""
-        begin, changes = f"controllers.{self.name}.", _data(content).get("set")
+        begin = f"controllers.{self.name}."
+        changes = _data(content).get("set")
         if isinstance(changes, dict):
             mine = {key.removeprefix(begin): value for key, value in changes.items() if key.startswith(begin)}
             if mine:
@@ -200,7 +207,8 @@ class RecordedController:
             self.lives.append([0 if self._here else tick, tick])
         elif number < self._number:  # a process counts its messages from 0
             self.lives.append([tick, tick])
-        self.lives[-1][1], self._number = tick, number
+        self.lives[-1][1] = tick
+        self._number = number
 
     @property
     def begins(self) -> list[int]:
@@ -293,7 +301,8 @@ class Replayed:
 
     def text(self) -> str:
         """The result as text."""
-        messages, steps = counted(self.messages, "message"), counted(self.steps, "step")
+        messages = counted(self.messages, "message")
+        steps = counted(self.steps, "step")
         lines = [f"{messages}, {steps}, {self.seconds:.3f} s of simulated time"]
         if self.timing is not None:
             lines.append(f"timing error of the steps: {self.timing}")
@@ -352,17 +361,20 @@ def replay(
     Raises LogError if the recording has lost the description of its run, BusError if a controller does not join,
     leaves, does not answer a step within 5 s, or refuses a change of its parameters.
     """
-    start, into = recorded_setup.head(path), into or {}
+    start = recorded_setup.head(path)
+    into = into or {}
     setup = recorded_setup.setup_of(start)
     if not setup.frame_ns:
         raise LogError(f"{path} has lost the description of its run: it can be read, but not replayed")
     saved = start.metadata.get("log", {}).get("made") in ("saved", "measured")
     in_plant = [name for name in into if setup.controllers.get(name, {}).get("section", {}).get("where") == "plant"]
-    every, heard = _heard(into.values()), frozenset[str]()
+    every = _heard(into.values())
+    heard = frozenset[str]()
     if saved or in_plant or every:  # needs the code of all controllers
         heard = _heard(map(controllers.restored, filter(None, setup.controllers.values())))
     run = reader.open(path) if saved or in_plant or every - heard else None
-    scan, rebuilt = Scan(path), None
+    scan = Scan(path)
+    rebuilt = None
     if run is not None:
         links = partial(Scene.from_json(setup.scene).links, "meas") if _impaired(setup.scene) else dict
         rebuilt = RebuiltTraffic(run, list(setup.outputs), heard | every, links)
@@ -412,9 +424,14 @@ class _Replay:
         wait: float,
         progress: Callable[[float], object],
     ) -> None:
-        self._session, self._into, self._recorded = session, into, recorded
-        self._processes, self._initial = processes, initial
-        self._pace, self._wait, self._progress = pace, wait, progress
+        self._session = session
+        self._into = into
+        self._recorded = recorded
+        self._processes = processes
+        self._initial = initial
+        self._pace = pace
+        self._wait = wait
+        self._progress = progress
         self._frame_ns = setup.frame_ns
         self._scene = session.serve("scene", lambda body: setup.to_json())
         self._doors = session.serve("cmd/plant", self._admit), session.serve("param/plant", self._fixed)
@@ -454,7 +471,9 @@ class _Replay:
 
     def carry_out(self, traffic: Iterable[Record]) -> Replayed:
         self._session.announce()
-        result, shown, last = self._result, 0.0, -1
+        result = self._result
+        shown = 0.0
+        last = -1
         for record in traffic:
             kind, _, name = record.topic.partition("/")
             if curves.derived(record.topic) or kind == "total" or (name in self._into and kind in ("act", "event")):
@@ -589,7 +608,8 @@ class _Replay:
                 self._compare(name, tick, tuple(message.said.values))
 
     def _compare(self, name: str, tick: int, answered: tuple[float, ...]) -> None:
-        result, recorded_controller = self._result, self._recorded[name]
+        result = self._result
+        recorded_controller = self._recorded[name]
         if tick not in recorded_controller.answers:
             result.silent[name] += recorded_controller.silent_at(tick)
             return

@@ -77,7 +77,8 @@ def _scene(run: RunData) -> str:
 
 
 def _timing(run: RunData) -> str:
-    verdict, reasons = run.summary.get("verdict"), run.summary.get("reasons", ())
+    verdict = run.summary.get("verdict")
+    reasons = run.summary.get("reasons", ())
     if verdict is None:
         return "simulated without a clock"
     return f"{verdict}: {', '.join(map(str, reasons))}" if reasons else str(verdict)
@@ -97,7 +98,8 @@ def _outputs(run: RunData) -> Iterator[tuple[str, str]]:
 
 def _sensors(run: RunData) -> Iterator[tuple[str, str]]:
     for name, (t_ns, v) in run.measurements.items():
-        unit, rows = run.units.get(f"meas/{name}", ""), counted(v.size, "row")
+        unit = run.units.get(f"meas/{name}", "")
+        rows = counted(v.size, "row")
         yield f"  {name}", f"{_range([v])} {unit}, {rows}{_rate(t_ns)}"
 
 

@@ -134,8 +134,10 @@ class RunData:
     """Whether checksums prove every byte of the recording; those of older versions have no digest."""
 
     def __post_init__(self) -> None:
-        self.signals, self.units = Channels(self.signals), Channels(self.units)
-        self.measurements, self.commands = Channels(self.measurements), Channels(self.commands)
+        self.signals = Channels(self.signals)
+        self.units = Channels(self.units)
+        self.measurements = Channels(self.measurements)
+        self.commands = Channels(self.commands)
 
     def scene_text(self) -> str:
         """Return the scene as JSON; raises rig.errors.LogError if damage to the recording removed it."""
@@ -162,7 +164,8 @@ class RunData:
 
         A damaged recording may have fewer samples of one signal than of another; lost rows are NaN in `signals`.
         """
-        t_ns, v = np.rint(self.time * 1e9).astype(np.int64), self.signals[name]
+        t_ns = np.rint(self.time * 1e9).astype(np.int64)
+        v = self.signals[name]
         here = ~np.isnan(v) if self.notes else np.ones(v.size, np.bool_)
         return Samples(t_ns[here], v[here])
 
@@ -222,7 +225,8 @@ def grid(name: str, samples: Samples) -> Grid:
         raise UsageError(f"{name}: the recording has {count} of it; a rate needs at least two")
     if not increasing(t_ns):
         raise UsageError(f"{name}: its times do not increase; export it without --rate, and not as wav")
-    at, step = places(t_ns), period(t_ns)
+    at = places(t_ns)
+    step = period(t_ns)
     if np.abs(t_ns - t_ns[0] - at * step).max() > _UNEVEN * step:
         raise UsageError(f"{name}: its times are not evenly spaced; export it without --rate, and not as wav")
     times = t_ns[0] + np.rint(np.arange(at[-1] + 1) * step).astype(np.int64)
@@ -240,7 +244,8 @@ def gaps(v: Reals) -> list[tuple[int, int]]:
 
 def bridge(v: Reals) -> tuple[Reals, int]:
     """Interpolate gaps of up to `BRIDGED` samples linearly; return the samples and the number of interpolated ones."""
-    v, count = v.copy(), 0
+    v = v.copy()
+    count = 0
     known = np.flatnonzero(np.isfinite(v))
     values = v[known]
     for a, b in gaps(v):

@@ -92,7 +92,8 @@ def runs(
     """
     listed = list[Listed]()
     paths = sorted(_recordings(folder, listed))
-    known, index = _Index() if rebuild else _index(folder), _Index()
+    known = _Index() if rebuild else _index(folder)
+    index = _Index()
     for done, path in enumerate(paths):
         progress(done, len(paths))
         try:
@@ -155,7 +156,8 @@ def _read(path: Path, state: os.stat_result) -> _Entry:
     try:
         entry.contents = contents(path)
     except LogError as fault:
-        entry.contents, entry.fault = _begun(path), str(fault).removeprefix(f"{path} ")
+        entry.contents = _begun(path)
+        entry.fault = str(fault).removeprefix(f"{path} ")
     return entry
 
 
@@ -165,7 +167,8 @@ def _begun(path: Path) -> Contents | None:
         scan = recorded_setup.head(path)
         setup = recorded_setup.setup_of(scan)
         scene = json.loads(setup.scene)
-        name, title = str(scene["name"]), str(scene.get("title", ""))
+        name = str(scene["name"])
+        title = str(scene.get("title", ""))
     except (LogError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     return Contents(name, title, scan.began_ns, None, "", None, setup.run, "")

@@ -63,7 +63,9 @@ def first_opening(run: Run) -> float | None:
 def _first(time: Reals, count: Reals, closed: Reals) -> float | None:
     """The first opening; `count`: openings so far, `closed`: share of the points."""
     here = np.isfinite(count) & np.isfinite(closed)
-    time, count, closed = time[here], count[here], closed[here]
+    time = time[here]
+    count = count[here]
+    closed = closed[here]
     if time.size < 2:
         return None
     opens = np.diff(count) > 0.0
@@ -168,7 +170,8 @@ def characteristic(run: Run, points: Points | None = None) -> list[Instant]:
     count = run.time.size
     pressed = {name: run.output(name) for name in points.names} if points is not None else {}
     if FRACTION in run.signals or not pressed:
-        opening, closed = first_open(run), run.signals.get(FRACTION)
+        opening = first_open(run)
+        closed = run.signals.get(FRACTION)
     else:
         open_now = np.stack([force <= 0.0 for force in pressed.values()], axis=1)
         closed = np.where(np.isnan(np.sum(list(pressed.values()), axis=0)), np.nan, 1.0 - open_now.mean(axis=1))

@@ -57,7 +57,8 @@ def followed(
     `units` of the actuators; from `begin_ns` to `end_ns`, by default where all channels have samples. Raises ValueError
     with all faults.
     """
-    rows, faults = dict[str, Samples](), list[str]()
+    rows = dict[str, Samples]()
+    faults = list[str]()
     for actuator, name in channels.items():
         try:
             rows[actuator] = samples(run, name, units[actuator])

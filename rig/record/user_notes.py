@@ -72,7 +72,8 @@ def read(log: Path) -> Notes:
     except OSError as fault:
         raise LogError(f"{path} cannot be read: {fault.strerror}") from None
     notes = [_note(line) for line in lines if line.strip()]
-    known, present = [note for note in notes if note is not None], digest(log)
+    known = [note for note in notes if note is not None]
+    present = digest(log)
     mine = tuple(note for note in known if note.digest in ("", present) or not present)
     return Notes(path, mine, tuple(note for note in known if note not in mine), len(notes) - len(known))
 

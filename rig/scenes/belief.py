@@ -87,7 +87,8 @@ def beliefs(scene: Scene) -> Iterator[Belief]:
     """Yield each value of which the controllers of `scene` believe another one."""
     if not scene.believed:
         return
-    values, believed = scene.values(), scene.designed_for.values()
+    values = scene.values()
+    believed = scene.designed_for.values()
     nothing = (None, "")
     for key in scene.believed:
         value, unit = values.get(key, nothing)

@@ -100,7 +100,8 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
         for field in ("period", "delay"):
             value = getattr(section, field, 0)
             if not _whole_ns(value, least=int(field == "period")):  # a default, which nobody has checked yet
-                key, file = f"controllers.{name}.{field}", file_of(sys.modules[type(section).__module__])
+                key = f"controllers.{name}.{field}"
+                file = file_of(sys.modules[type(section).__module__])
                 yield key, f"{key}: {file} declares {brief(value)}; expected whole nanoseconds, e.g. 1_000_000"
                 continue
             given = lookup(raw, ("controllers", name, field))
@@ -125,7 +126,9 @@ def foreign(key: str, section: Any) -> Iterator[source.Fault]:
                 lines.append(f"{file}: {name} = {fault}")
         try:
             with calling(sys.modules[type(section).__module__]):
-                end, factor, back = section.front_end(), section.sensitivity, section.conversion
+                end = section.front_end()
+                factor = section.sensitivity
+                back = section.conversion
         except PartError as error:
             lines.append(str(error))
         else:
@@ -163,9 +166,11 @@ def misdeclared(section: BaseModel, key: str) -> Iterator[source.Fault]:
     A default of a quantity that is a text: only what a scene gives is converted. A value that JSON, and so a recording,
     cannot hold.
     """
-    where, whole = file_of(sys.modules[type(section).__module__]), _plain(section)
+    where = file_of(sys.modules[type(section).__module__])
+    whole = _plain(section)
     for name, info in type(section).model_fields.items():
-        value, inner = getattr(section, name), f"{key}.{name}" if key else name
+        value = getattr(section, name)
+        inner = f"{key}.{name}" if key else name
         what = f"{inner}: {where}: {type(section).__name__}.{name}"
         if isinstance(value, BaseModel):
             yield from misdeclared(value, inner)
@@ -247,7 +252,8 @@ def wiring(
     controllers: Mapping[str, Any], sensors: Iterable[str], inputs: Iterable[str], plant: str
 ) -> Iterator[source.Fault]:
     """Controllers read existing sensors and drive existing actuators, and each actuator has one driver."""
-    sensors, inputs = set(sensors), set(inputs)
+    sensors = set(sensors)
+    inputs = set(inputs)
     owners: dict[str, str] = {}
     for name, section in controllers.items():
         for field, sensor in controller_reads(section).items():
@@ -286,7 +292,8 @@ def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[so
         for inner, target in ((part, target) for part in flat([step]) for target in targets(part)):
             if target not in inputs:
                 continue
-            actuator, key = inputs[target], f"protocol[{i}].{inner.step}"
+            actuator = inputs[target]
+            key = f"protocol[{i}].{inner.step}"
             for value in dict.fromkeys(extremes(inner, target)):
                 if not actuator.low <= value <= actuator.high:
                     unit = "" if actuator.unit == "1" else f" {actuator.unit}"

@@ -101,7 +101,8 @@ class Merged:
         """
         for table, (tag, before) in recast.items():
             values = source.at(self.raw, table.split("."))
-            now, kinds = (values or {}).get(tag), self._kinds(table, tag)
+            now = (values or {}).get(tag)
+            kinds = self._kinds(table, tag)
             if values is None or not isinstance(now, str) or now not in kinds:
                 continue  # a fault that the loader reports
             try:
@@ -146,7 +147,8 @@ class Merged:
             for i, step in enumerate(steps if isinstance(steps, list) else (), 1):
                 if not isinstance(step, dict):
                     continue
-                here, target = f"{key}[{i}]", step.get("target")
+                here = f"{key}[{i}]"
+                target = step.get("target")
                 if isinstance(target, str) and target not in names.inputs and target not in names.settable:
                     if any(target.startswith(f"{table}.") for table in self.recast):
                         steps[i - 1] = {"step": "mark", "text": f"left out: {step.get('step')} {target}"}

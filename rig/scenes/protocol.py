@@ -159,7 +159,8 @@ def read_in_unit_of(value: Any, field: str, info: ValidationInfo, of: Callable[[
     """A value in the unit `of` the quantity that `field` names. A wrong name is reported separately."""
     if value is None:
         return None
-    known, name = info.context, info.data.get(field, "")
+    known = info.context
+    name = info.data.get(field, "")
     if known is None:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("expected a number in SI")
@@ -301,7 +302,8 @@ class Track(DataFile):
 
     @classmethod
     def _followed(cls, value: Any, info: ValidationInfo) -> Track:
-        known, channels = info.context, info.data.get("channels")
+        known = info.context
+        channels = info.data.get("channels")
         if not isinstance(value, str) or isinstance(value, cls):
             return cls._from(value)
         if known is None:

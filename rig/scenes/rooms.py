@@ -134,7 +134,8 @@ def assembled(
     _sound(plant, made, {})
     for section, add in on_any_plant(parameters):
         if random or not section.declares.random:
-            effect, before = sys.modules[type(section).__module__], dict(made.outputs)
+            effect = sys.modules[type(section).__module__]
+            before = dict(made.outputs)
             with calling(effect):
                 add(made, section, frame_ns * 1e-9, moved or {})
             _sound(effect, made, before)

@@ -94,7 +94,8 @@ def parsed(path: Path, text: str) -> dict[str, Any]:
         line, column = place.groups() if place else (None, None)
         if line is None:
             lines = text.rstrip().split("\n")
-            line, column = str(len(lines)), str(len(lines[-1]) + 1)
+            line = str(len(lines))
+            column = str(len(lines[-1]) + 1)
         what = _POSITION.sub("", message)
         if bare := _BARE.match(text.split("\n")[int(line) - 1]):
             what += "; a number has a decimal point" if bare[1] else '; a value with a unit is in quotes, "2 rpm"'
@@ -167,7 +168,8 @@ def change(
     recast: dict[str, tuple[str, Any]] = {}
     for key, value in overrides.items():
         *parents, last = key.split(".")
-        first, value = key.split(".")[0].partition("[")[0], _read(value)
+        first = key.split(".")[0].partition("[")[0]
+        value = _read(value)
         if not all((*parents, last)) or len(parents) >= _DEEPEST:
             faults.append((key, f"{brief(key)}: is not a dotted key such as drive.speed"))
         elif first in FIXED:

@@ -163,7 +163,8 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
     plants = dict.fromkeys([scene.plant, *(map(plant, having) if of_others else ())])
     for name in (name for wanted in plants for name in having if plant(name) == wanted):
         other = _parameters(name)
-        raw, closing = other.model_dump(), switches(other)
+        raw = other.model_dump()
+        closing = switches(other)
         values = {
             key: _at_work(key, value, closing) for key in keys if (value := lookup(raw, key.split("."))) is not None
         }

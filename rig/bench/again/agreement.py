@@ -82,13 +82,16 @@ class Agreement(NamedTuple):
 
 def agreement(pairs: Iterable[Pair], scene: Scene, elsewhere: bool, until: float = math.inf) -> Agreement:
     """Agreement of the samples before `until` [s]; with `elsewhere` measurements may differ by their resolution."""
-    compared, deviation, first = 0, 0.0, ""
+    compared = 0
+    deviation = 0.0
+    first = ""
     for name, t_ns, recorded, simulated, nothing in pairs:
         count = int(np.searchsorted(t_ns, until * 1e9 - 0.5)) if until < math.inf else t_ns.size
         compared += count
         apart = recorded[:count].view(np.uint64) != simulated[:count].view(np.uint64)
         if apart.any():
-            values, others = recorded[:count], simulated[:count]
+            values = recorded[:count]
+            others = simulated[:count]
             size = float(np.nanmax(np.abs(values - others), initial=0.0))
             size -= max(_resolution(scene, name), nothing) if elsewhere else 0.0
             size = max(size, 0.0) / (float(np.nanmax(np.abs(recorded), initial=0.0)) or 1.0)
@@ -124,7 +127,8 @@ def pairs(run: Run, again: Run, modes: bool = False) -> Iterator[Pair]:
     """
     largest: dict[str, float] = {}
     for name, v in run.signals.items():
-        size, unit = float(np.nanmax(np.abs(v), initial=0.0)), run.units.get(name, "")
+        size = float(np.nanmax(np.abs(v), initial=0.0))
+        unit = run.units.get(name, "")
         largest[unit] = max(largest.get(unit, 0.0), size)
     for name, (t_ns, v) in run.measurements.items():
         if name in again.measurements:
@@ -139,7 +143,8 @@ def pairs(run: Run, again: Run, modes: bool = False) -> Iterator[Pair]:
 
 def unknown(run: Run, again: Run) -> list[str]:
     """Faults: sensors and outputs in the recording that its scene does not have here, and sensors that it lacks."""
-    sensors, here = run.measurements.keys(), again.measurements.keys()
+    sensors = run.measurements.keys()
+    here = again.measurements.keys()
     strange = run.signals.keys() - again.signals.keys()
     faults = [
         *(f"the sensor {name} is recorded, but not in the scene" for name in sensors - here),
@@ -179,7 +184,8 @@ class Compared(NamedTuple):
     agrees: bool
 
     def __str__(self) -> str:
-        statistic, unit = self.recorded, "" if self.recorded.unit == "1" else f" {self.recorded.unit}"
+        statistic = self.recorded
+        unit = "" if self.recorded.unit == "1" else f" {self.recorded.unit}"
         return f"{statistic.name}: {statistic.value:.4g} and {self.simulated:.4g}{unit} ({self.allowed})"
 
 
@@ -228,9 +234,11 @@ def compared(run: Run, again: Run, first: float, last: float) -> Iterator[Compar
         (max(statistic.value, here[statistic.name].value) for statistic in both if statistic.kind == "range"),
         default=0.0,
     )
-    factors, distances = {"rms": RMS, "band": BAND}, {"mean": MEAN, "least": LEAST, "range": RANGE * longest}
+    factors = {"rms": RMS, "band": BAND}
+    distances = {"mean": MEAN, "least": LEAST, "range": RANGE * longest}
     for statistic in both:
-        value, kind = here[statistic.name].value, statistic.kind
+        value = here[statistic.name].value
+        kind = statistic.kind
         low, high = sorted((statistic.value, value))
         if kind in factors and statistic.unit == ACCELERATION:
             yield Compared(statistic, value, f"factor {factors[kind]:g}", high <= factors[kind] * low)

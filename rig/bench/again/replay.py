@@ -132,7 +132,8 @@ class _Processes:
     """The processes of the controllers `files`: name -> name in the scene or Python file."""
 
     def __init__(self, run: str, files: Mapping[str, str]) -> None:
-        self._run, self._files = run, files
+        self._run = run
+        self._files = files
         self.children: dict[str, Child] = {}
 
     def start(self, name: str) -> None:

@@ -55,8 +55,11 @@ class _Resident(ControllerInProcess):
         self._held_reported = False
 
     def _lose(self, why: Exception) -> None:
-        self.due, self.given, self.fault = NEVER, None, None
-        self.service.tick, self.service.t_ns = self._runner.tick, self._runner.t_ns
+        self.due = NEVER
+        self.given = None
+        self.fault = None
+        self.service.tick = self._runner.tick
+        self.service.t_ns = self._runner.t_ns
         self.service.failed(fault := failure(self.name, self.service.t_ns, why))
         self.failure = str(fault)
         self.leave()
@@ -87,7 +90,8 @@ class ControllersInPlant:
     def __init__(
         self, session: Session, experiment: Experiment, described: Mapping[str, Any], notice: Callable[[], object]
     ) -> None:
-        self._experiment, self._notice = experiment, notice
+        self._experiment = experiment
+        self._notice = notice
         self._all: dict[str, _Resident] = {}
         for name in sorted(experiment.scene.in_plant):
             loop = Loop(controllers.restored(described[name]))
@@ -146,20 +150,25 @@ class Lockstep:
     """Sends steps and waits for the answers, until `stopped()`."""
 
     def __init__(self, hub: Hub, housekeeper: Housekeeper, stopped: Callable[[], bool]) -> None:
-        self._hub, self._housekeeper, self._stopped = hub, housekeeper, stopped
-        self._commands, self._exchange = hub.commands, hub.experiment.exchange
+        self._hub = hub
+        self._housekeeper = housekeeper
+        self._stopped = stopped
+        self._commands = hub.commands
+        self._exchange = hub.experiment.exchange
         self._evicted: set[str] = set()
         self._partners: dict[str, Partner] = {}
         self._tick = -1  # tick of the last step
         self._due: set[str] = set()  # controllers that have not answered it
         self._found: dict[str, Values] = {}  # the answers to it
-        self._again, self._looked = AGAIN, 0
+        self._again = AGAIN
+        self._looked = 0
         self.again = 0
         """Number of repeated steps."""
 
     def look(self) -> Sequence[ControllerInProcess]:
         """The controllers that have joined and are not evicted; to be called between two pieces of the run."""
-        hub, queues = self._hub, self._exchange.queues
+        hub = self._hub
+        queues = self._exchange.queues
         here = [
             name for name in sorted(queues) if ("controller", name) in hub.watch.present and name not in hub.in_plant
         ]
@@ -173,7 +182,8 @@ class Lockstep:
     @property
     def asks_each_tick(self) -> bool:
         """Whether a controller is due at each tick, and the compiled loop can ask all of them."""
-        queues, runner = [partner.queue for partner in self._partners.values()], self._hub.runner
+        queues = [partner.queue for partner in self._partners.values()]
+        runner = self._hub.runner
         return (
             any(queue.period == 1 for queue in queues)
             and len(queues) <= len(runner.controllers.controllers)
@@ -187,9 +197,12 @@ class Lockstep:
         At a tick that the plant runner has not reached yet, because the compiled loop asks, this waits for a moment
         only: the loop then ends, and another call continues to wait.
         """
-        hub, due = self._hub, self._due
+        hub = self._hub
+        due = self._due
         if tick != self._tick:
-            self._tick, self._found, self._again = tick, {}, AGAIN
+            self._tick = tick
+            self._found = {}
+            self._again = AGAIN
             hub.gather(tick)
             for name, partner in self._partners.items():
                 if not tick % partner.queue.period:
@@ -218,7 +231,8 @@ class Lockstep:
 
     def _goes_on_waiting(self, tick: int) -> bool:
         """Repeat the step; whether the plant runner is at this tick. Raises Stopped."""
-        hub, now = self._hub, time.monotonic_ns()
+        hub = self._hub
+        now = time.monotonic_ns()
         if self._stopped():
             raise Stopped
         here = hub.runner.tick == tick
@@ -264,7 +278,8 @@ class Partner(ControllerInProcess):
 
     def __init__(self, name: str, lockstep: Lockstep, hub: Hub) -> None:
         self._take_place(name, hub.experiment)
-        self._lockstep, self.columns = lockstep, []
+        self._lockstep = lockstep
+        self.columns = []
         self.due = -(-hub.runner.tick // self.queue.period) * self.queue.period
 
     def ask(self, tick: int) -> Values:
@@ -274,7 +289,8 @@ class Partner(ControllerInProcess):
             if self._runner.tick < tick:
                 return ()  # it is asked again when the loop has ended
             values = ()  # it has left, or is evicted
-        self.due, self.given = tick + self.queue.period, values
+        self.due = tick + self.queue.period
+        self.given = values
         return values if isfinite(sum(values)) else ()
 
     def native(self) -> None:

@@ -93,9 +93,12 @@ class SampleBlocks:
     """
 
     def __init__(self, instruments: Bank, i: int, publisher: Publisher, share: float = 1.0) -> None:
-        self._i, self._memory, self._publisher = i, instruments.memory, publisher
+        self._i = i
+        self._memory = instruments.memory
+        self._publisher = publisher
         self._instants = instants = instruments.instants[i]
-        self._even, self._period_ns = instants.even, round(instants.period_ns)
+        self._even = instants.even
+        self._period_ns = round(instants.period_ns)
         self._whole = max(BLOCK_NS // self._period_ns, 1)
         self._size = max(round(share * self._whole), 1)
         self._kept: list[bytes] = []
@@ -123,7 +126,9 @@ class SampleBlocks:
         """Publish at `t_ns` what has been collected, if anything; another thread encodes it later."""
         if kept := self._kept:
             self._publisher.put_later(t_ns, _encoded, tick, self._instants, self._period_ns, self._first, kept)
-            self._kept, self._first, self._size = [], self._next, self._whole
+            self._kept = []
+            self._first = self._next
+            self._size = self._whole
 
 
 def _encoded(tick: int, instants: Instants, period_ns: int, first: int, kept: list[bytes]) -> bytes:
@@ -140,7 +145,9 @@ class CommandInbox:
     """
 
     def __init__(self, session: Session, exchange: Exchange, steps: Publisher, stamped: bool) -> None:
-        self._inbound, self._exchange, self.steps = session.inbound, exchange, steps
+        self._inbound = session.inbound
+        self._exchange = exchange
+        self.steps = steps
         self.acts = session.subscribe("act/*", depth=_ACTS, stamped=stamped)
         # Admitted controller -> user whose commands count. A controller of the scene is the user of its name.
         self._voices: dict[str, str] = {}
@@ -150,12 +157,14 @@ class CommandInbox:
         self._accepted: defaultdict[str, Count] = defaultdict(Count)
         # Topic -> number of commands up to the last check, and of steps that were then not answered yet.
         self._counted: dict[str, tuple[int, int]] = {}
-        self._steps, self._ticks = 0, -1
+        self._steps = 0
+        self._ticks = -1
         self.round_trip = Spread()
         """Distribution of the time from sending a step to the arrival of an answer."""
         self._trips: list[int] = []
         self._put_at = [(-1, 0)] * _REMEMBERED  # tick and time [ns] of the steps sent last
-        self.last_step, self.put_ns = -1, 0
+        self.last_step = -1
+        self.put_ns = 0
         """Tick of the last step sent, and time at which it was sent for the first time [ns, monotonic clock]."""
 
     def receive(self) -> None:
@@ -174,7 +183,8 @@ class CommandInbox:
         """
         message = self.acts.get(timeout)
         while message is not None:
-            act, name = message.said, message.topic[4:]
+            act = message.said
+            name = message.topic[4:]
             if self.speaks_for(message.user, name):
                 if name in self._exchange.queues:
                     self._count(message.topic, message.seq)
@@ -197,7 +207,8 @@ class CommandInbox:
 
     def admit(self, name: str, user: str) -> None:
         """From now on accept commands of controller `name` from `user` only."""
-        self._voices[name], self._admitted[name] = user, time.monotonic()
+        self._voices[name] = user
+        self._admitted[name] = time.monotonic()
 
     def speaks_for(self, user: str, name: str) -> bool:
         """Whether messages of `user` under `name` count: it has this name, or was admitted under it."""
@@ -225,12 +236,15 @@ class CommandInbox:
 
         A controller that was delayed answers all waiting steps at once; this backlog is not a flood.
         """
-        steps, self._steps = self.steps.sent - self._steps, self.steps.sent
-        ticks, self._ticks = self.last_step - self._ticks, self.last_step
+        steps = self.steps.sent - self._steps
+        self._steps = self.steps.sent
+        ticks = self.last_step - self._ticks
+        self._ticks = self.last_step
         lines = []
         for topic, count in self.acts.counts.items():
             lost = self._accepted[topic].lost if topic in self._accepted else 0
-            sent, queue = count.received + lost, self._exchange.queues.get(topic[4:])
+            sent = count.received + lost
+            queue = self._exchange.queues.get(topic[4:])
             before, owed = self._counted.get(topic, (0, 0))
             new = sent - before
             if new > owed + 4 * steps + _TOO_MANY:
@@ -243,12 +257,14 @@ class CommandInbox:
 
     def fold(self) -> None:
         """Add the recorded round trips to their distribution."""
-        trips, self._trips = self._trips, []
+        trips = self._trips
+        self._trips = []
         self.round_trip.add(np.array(trips, np.int64))
 
     def unanswered(self, name: str) -> int:
         """Number of steps, since the first one, that a controller has not answered."""
-        queue, count = self._exchange.queues[name], self._accepted.get(f"act/{name}")
+        queue = self._exchange.queues[name]
+        count = self._accepted.get(f"act/{name}")
         answers = count.received + count.lost if count is not None else 0
         return self.last_step // queue.period + 1 - answers
 
@@ -264,9 +280,11 @@ class Hub:
     """
 
     def __init__(self, session: Session, experiment: Experiment, setup: Setup, waits: bool = False) -> None:
-        self.session, self.experiment = session, experiment
+        self.session = session
+        self.experiment = experiment
         self.runner = experiment.runner
-        runner, bank = self.runner, self.runner.bank
+        runner = self.runner
+        bank = self.runner.bank
         self._step = session.publisher("step")
         self._heard: list[int] = []
         self.in_plant = experiment.scene.in_plant
@@ -307,7 +325,8 @@ class Hub:
 
     def _show(self) -> None:
         """Send the extremes of all steps while a viewer is present."""
-        watched, runner = any(role == "viewer" for role, _ in self.watch.present), self.runner
+        watched = any(role == "viewer" for role, _ in self.watch.present)
+        runner = self.runner
         if watched is (runner.bands is None):
             later = self._band.put_later
             made = Bands(len(runner.outputs), runner.step_ns, runner.pair, later, runner.frame_ns)
@@ -354,7 +373,8 @@ class Hub:
         """Publish the state, if it is due at `tick`."""
         runner = self.runner
         if tick % self._state_ticks == 0:
-            t_ns, values = tick * runner.frame_ns, runner.output_values().tobytes()
+            t_ns = tick * runner.frame_ns
+            values = runner.output_values().tobytes()
             if runner.bands is not None:
                 runner.bands.put()
             self._state.put_later(t_ns, self._encode_state, t_ns, tick, runner.motion.key, values)

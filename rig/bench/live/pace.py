@@ -71,7 +71,8 @@ class MachineLoad:
 
 def _now() -> tuple[int, int, int] | None:
     """Wall time, processor time of other programs, and that taken by the host [ns]."""
-    times, here = spent(), os.times()
+    times = spent()
+    here = os.times()
     if times.others < 0:
         return None
     return times.wall, times.others - round(1e9 * (here.children_user + here.children_system)), stolen_ns()
@@ -117,8 +118,10 @@ class FrameBatches:
     """The division of a run into pieces of several frames."""
 
     def __init__(self, experiment: Experiment, pace: float | None) -> None:
-        self._runner, self._queues = experiment.runner, experiment.exchange.queues
-        self._scene, self._pace = experiment.scene, pace
+        self._runner = experiment.runner
+        self._queues = experiment.exchange.queues
+        self._scene = experiment.scene
+        self._pace = pace
         self._short = length(self._scene, pace, ()) == 1  # whether every piece is one frame
 
     @property
@@ -185,7 +188,8 @@ class Pacer:
 
     def __init__(self, frame_ns: int, pace: float, policy: Policy, clock: Clock, pause_ns: int = PAUSE) -> None:
         self.wall_ns = frame_ns / pace
-        self.policy, self.pause_ns = policy, pause_ns
+        self.policy = policy
+        self.pause_ns = pause_ns
         self.frame = -1
         self.waited = False
         """Whether there was time to wait before this frame. If not, the plant was busy until after the deadline."""
@@ -201,7 +205,8 @@ class Pacer:
 
     def anchor(self) -> None:
         """Make the next frame due now: at the start, and after an operator's pause."""
-        self._start, self._first = self._clock.now(), self._next
+        self._start = self._clock.now()
+        self._first = self._next
 
     def wait(self, frames: int = 1) -> tuple[int, int]:
         """Wait for the next piece of `frames` frames; returns the time and the lateness [ns]."""
@@ -229,7 +234,8 @@ class Pacer:
 
     def take_given_up(self) -> list[GivenUp]:
         """What was given up since the last call, which the pacer forgets."""
-        taken, self.given_up = self.given_up, []
+        taken = self.given_up
+        self.given_up = []
         return taken
 
 
@@ -267,7 +273,8 @@ def choose(frame_ns: int, frames: int = 60) -> Waiting:
     before = spent()
     first = lateness(sleep, each, frames // 4)
     spin = int(min(np.quantile(first, 0.95) * 1.5, each / 5))
-    slept, spun = [first], []
+    slept = [first]
+    spun = []
     for _ in range(3):
         spun.append(lateness(WallClock(spin), each, frames // 4))
         slept.append(lateness(sleep, each, frames // 4))

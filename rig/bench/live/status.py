@@ -26,7 +26,8 @@ class Live:
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream, self._width = stream or sys.stderr, 0
+        self._stream = stream or sys.stderr
+        self._width = 0
         self._terminal = self._stream.isatty()
         self._queue: queue.SimpleQueue[tuple[str, bool] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="live", daemon=True)
@@ -64,7 +65,8 @@ class Live:
 
 def line(health: Mapping[str, Any]) -> str:
     """The progress line from the health of a plant, with simulated time `t` [s]; 80 columns show all but the end."""
-    left, late = health["eta_s"], health["lateness_us"] / 1e3
+    left = health["eta_s"]
+    late = health["lateness_us"] / 1e3
     words = [
         health["phase"],
         f"{health['t']:.1f} s",
@@ -92,7 +94,8 @@ def parts(outcome: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
     refused = sorted(outcome.get("refused", {}).items(), key=lambda sender: -sender[1])
     others = [f"{counted(sum(count for _, count in refused[REFUSED:]), 'other')}"] if refused[REFUSED:] else []
     lost = [f"{count} of {topic}" for topic, count in outcome["lost"].items()]
-    late_share, machine = outcome["timing"].get("late_share", 0.0), outcome.get("machine", {})
+    late_share = outcome["timing"].get("late_share", 0.0)
+    machine = outcome.get("machine", {})
     return [
         ("timing", _timing(outcome)),
         ("busy", [pace.advice(outcome["verdict"], late_share, machine)]),
@@ -131,7 +134,8 @@ def _timing(outcome: Mapping[str, Any]) -> list[str]:
     ]
     timing = outcome["timing"]
     if timing:
-        late, waiting = timing["lateness"], outcome["waiting"]
+        late = timing["lateness"]
+        waiting = outcome["waiting"]
         how = f"{'sleep and spin' if waiting.get('spin_ns') else 'sleep'} ({waiting.get('why', '')})"
         lines.append(f"lateness {late['p50']:.0f} / {late['p95']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us "
                      f"(p50, p95, p99, worst); the plant waits by {how}")  # fmt: skip
@@ -170,7 +174,9 @@ def _loop(outcome: Mapping[str, Any]) -> list[str]:
 
 def unanswered(counts: Mapping[str, int]) -> list[str]:
     """What a controller with these counters (`Loop.counters`) did not answer, in words."""
-    held, refused, skipped = counts["held"], counts["refused"], counts.get("skipped", 0)
+    held = counts["held"]
+    refused = counts["refused"]
+    skipped = counts.get("skipped", 0)
     return [
         *([f"{counted(held, 'update')} left out, because a measurement was missing"] if held else []),
         *([f"{counted(refused, 'answer')} not finite, and not sent"] if refused else []),
@@ -182,7 +188,8 @@ def _postponed(counts: Mapping[str, Any] | None) -> list[str]:
     if not counts:
         return []
     never = f"; {counts['never']} never took effect" if counts["never"] else ""
-    waited, longest = counted(counts["waited"], "step"), f"{counts['longest_s']:.3g} s"
+    waited = counted(counts["waited"], "step")
+    longest = f"{counts['longest_s']:.3g} s"
     return [f"{waited} waited for new matrices, the longest {longest}{never}"]
 
 

@@ -79,7 +79,8 @@ class EventLines:
         """Show the events that have arrived."""
         lines: list[str] = []
         for message in events.drain():
-            event, who = message.said, message.topic[6:]  # of the topic's process, whatever the event says
+            event = message.said
+            who = message.topic[6:]  # of the topic's process, whatever the event says
             own = who == "plant"
             self.over = self.over or (own and event.kind == "end")
             if event.kind not in ELSEWHERE and not (self.over and event.kind == "left"):  # all leave at the end
@@ -171,7 +172,8 @@ def run(
         parent=os.getpid(),
         command=tuple(command or sys.argv),
     )
-    live, interrupts = Live(), [] if interrupts is None else interrupts
+    live = Live()
+    interrupts = [] if interrupts is None else interrupts
     load = MachineLoad()
     log = RunLog(say or live.say)
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, told_to_stop(interrupts.append):
@@ -203,8 +205,13 @@ class RunProcesses:
         trigger: Sequence[str] = (),
         begun: Callable[[str], object] = lambda run: None,
     ) -> None:
-        self._trigger, self._begun = trigger, begun
-        self.job, self._out, self._replace, self._web, self._say = job, out, replace, web, say
+        self._trigger = trigger
+        self._begun = begun
+        self.job = job
+        self._out = out
+        self._replace = replace
+        self._web = web
+        self._say = say
         self._calling_file = folder / CALLING
         self._summary: dict[str, Any] = {}  # what the plant told at its end
         self.plant = Child("the plant", ["rig.bench.live.plant_process", str(self._calling_file)], fed=True)
@@ -246,7 +253,8 @@ class RunProcesses:
         session = self._join()
         if session is not None:
             with session:
-                health, events = session.subscribe("health"), session.subscribe("event/*")
+                health = session.subscribe("health")
+                events = session.subscribe("event/*")
                 while not self.plant.wait(0.1):
                     self._interrupt(interrupts)
                     self._events.show(events)
@@ -270,7 +278,8 @@ class RunProcesses:
 
     def wait_for_file(self, recorder: Child, interrupts: list[str]) -> None:
         """Wait until the recorder has finished its file: a slow disk may have much to write."""
-        begun, told = time.monotonic(), False
+        begun = time.monotonic()
+        told = False
         while not recorder.wait(0.1) and (waited := time.monotonic() - begun) < WRITE_S:
             if waited > TELL_S and not told:
                 told = True
@@ -359,7 +368,8 @@ class RunProcesses:
             fault = UsageError(summary["failed"])
             fault.exit_code = ExitCode(summary["exit_code"])
             raise fault
-        recorder, files = self._recorder, [Path(file) for file in self._recording.get("files", [self._file])]
+        recorder = self._recorder
+        files = [Path(file) for file in self._recording.get("files", [self._file])]
         log = next((str(path) for path in files if self._owns(path)), "")
         account = self._recording.get("text", "")
         if recorder is None or not (why := self._incomplete(recorder, files, summary["seconds"])):
@@ -405,7 +415,9 @@ class RunProcesses:
 
     def _obituary(self) -> dict[str, Any]:
         """The summary for a plant that died without publishing one."""
-        known, ending, within = self._health, self.plant.ending, sorted(Scene.from_json(self.job.scene).in_plant)
+        known = self._health
+        ending = self.plant.ending
+        within = sorted(Scene.from_json(self.job.scene).in_plant)
         if within:
             ending += f"; it called {', '.join(within)} in its own process"
         return {

@@ -87,7 +87,10 @@ class Stretch:
     """A part of a run with one rig, `scene` and `system`: driving states [kept tick, state] from tick `first` on."""
 
     def __init__(self, scene: Scene, system: System, first: int) -> None:
-        self.scene, self.system, self.first, self.count = scene, system, first, 0
+        self.scene = scene
+        self.system = system
+        self.first = first
+        self.count = 0
         self.rows = np.empty((MOST_STATES, system.n - system.one))
 
     def driving(self, inputs: Mapping[str, Input]) -> dict[str, Array]:
@@ -101,11 +104,13 @@ class DrivingHistory:
 
     def __init__(self) -> None:
         self.stretches: list[Stretch] = []
-        self._count, self._every = 0, 1
+        self._count = 0
+        self._every = 1
 
     def follow(self, motion: Motion, scene: Scene) -> None:
         """Keep what is in the log of `motion`, which follows what was kept before."""
-        first, every = motion.tick - motion.kept + 1, self._every
+        first = motion.tick - motion.kept + 1
+        every = self._every
         after = -first % every
         taken = motion.log.out[after : motion.kept : every]
         if not len(taken):
@@ -129,7 +134,8 @@ class DrivingHistory:
             after = -stretch.first % self._every // (self._every // 2)
             kept = stretch.rows[after : stretch.count : 2].copy()
             stretch.first += after * (self._every // 2)
-            stretch.rows[: len(kept)], stretch.count = kept, len(kept)
+            stretch.rows[: len(kept)] = kept
+            stretch.count = len(kept)
         self._count = sum(stretch.count for stretch in self.stretches)
 
     def ticks(self, stretch: Stretch) -> Array:
@@ -181,7 +187,8 @@ class DrivingHistory:
                 last |= {name: float(trace[-1][-1]) for name, trace in traces.items()}
         if not ticks:
             return None
-        at, values = np.concatenate(ticks), {name: np.concatenate(trace) for name, trace in traces.items()}
+        at = np.concatenate(ticks)
+        values = {name: np.concatenate(trace) for name, trace in traces.items()}
         return lambda tick: {name: float(np.interp(tick, at, trace)) for name, trace in values.items()}
 
 
@@ -251,7 +258,8 @@ class Pull:
     """How often and how far a contact that cannot open would have had to: `count` of all ticks, `most` [N]."""
 
     def __init__(self) -> None:
-        self.count, self.most = 0, 0.0
+        self.count = 0
+        self.most = 0.0
 
 
 class StateSamples:
@@ -313,7 +321,8 @@ class StateSamples:
 
     def _pulls(self, name: str, ticks: int, force: float) -> None:
         pull = self.pulls.setdefault(name, Pull())
-        pull.count, pull.most = pull.count + ticks, max(pull.most, -force)
+        pull.count += ticks
+        pull.most = max(pull.most, -force)
 
     def pulled(self, comparison: Comparison) -> dict[str, tuple[float, float]]:
         """Contacts that pulled -> the share of the time in which they did, and their largest pull [N].
@@ -450,9 +459,12 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
     if not witness.kept:
         return
     kept = [*witness.kept, VisitedState(motion.system, motion.key, motion.x.copy(), scene, motion.tick)]
-    comparison, clamped, judged = Comparison(kept), _clamped(motion), (len(kept), witness.since)
+    comparison = Comparison(kept)
+    clamped = _clamped(motion)
+    judged = (len(kept), witness.since)
     pulls = witness.pulled(comparison)
-    reason, inertia = _moves_on(motion, kept), comparison.inertia()
+    reason = _moves_on(motion, kept)
+    inertia = comparison.inertia()
 
     def unjudged(name: str, part: float) -> str:
         """Why the share of forces `part` says nothing; "" for a share of the time, or for no influence at all."""
@@ -529,7 +541,8 @@ def _moves_on(motion: Motion, kept: Sequence[VisitedState]) -> str:
 
 def _clamped(motion: Motion) -> dict[str, float]:
     """Share of the ticks in which each limiter was clamped; the kept states would miss rare clamping."""
-    system, tally = motion.system, motion.state.tally.astype(np.float64)
+    system = motion.system
+    tally = motion.state.tally.astype(np.float64)
     shares = dict.fromkeys((limiter.name for limiter in system.limiters), 0.0)
     for ticks, modes in zip(tally.tolist(), motion.mode_sets.sets):
         for limiter, mode in zip(system.limiters, system.modes(modes.key)[2]):
@@ -539,7 +552,8 @@ def _clamped(motion: Motion) -> dict[str, float]:
 
 def _lifted(motion: Motion, other: System) -> float:
     """Share of the ticks that began with a contact open that always stays closed in the rig `other`."""
-    system, tally = motion.system, motion.state.tally.tolist()
+    system = motion.system
+    tally = motion.state.tally.tolist()
     closed = {normal.name for normal in other.normals if not normal.opens}
     lifted = sum(
         ticks
@@ -591,7 +605,8 @@ class Comparison:
                 continue
             theirs = _compared_values(*other)
             for name in mine.keys() & theirs.keys():
-                group, (value, size, weight) = name.partition(" ")[0], mine[name]
+                group = name.partition(" ")[0]
+                value, size, weight = mine[name]
                 value_there, size_there, _ = theirs[name]
                 total = sums.setdefault("a" if group == "a" else name, [0.0, 0.0, 0.0])
                 for j, part in enumerate((value - value_there, size, size_there)):
@@ -608,7 +623,8 @@ class Comparison:
             values = _compared_values(visited.system, modes, visited.x, _forces(visited.system, modes, visited.x))
             for name, (value, size, weight) in values.items():
                 if name.startswith("a "):
-                    inertia, forces = inertia + weight * value * value, forces + weight * size * size
+                    inertia += weight * value * value
+                    forces += weight * size * size
         return sqrt(inertia / forces) if forces else 0.0
 
     def modes(self, system: System, key: int) -> ModeSet | None:
@@ -662,7 +678,8 @@ class Comparison:
 
 def _slips(system: System, key: int, x: Array) -> dict[str, tuple[float, int]]:
     """The slip speed [m/s] and the mode of every patch."""
-    speeds, modes = (system.slip_rows @ x).tolist(), system.modes(key)[0]
+    speeds = (system.slip_rows @ x).tolist()
+    modes = system.modes(key)[0]
     return {patch.name: (speed, mode) for patch, speed, mode in zip(system.patches, speeds, modes)}
 
 
@@ -715,7 +732,8 @@ def _in_equilibrium(system: System, other: System, modes: ModeSet, x: Array) -> 
 
 def _forces(system: System, modes: ModeSet, x: Array) -> _Forces:
     T, _ = inputs(system, modes, x, own_law(system, modes))
-    friction, normal = (modes.friction, modes.friction_t), (modes.normal, modes.normal_t)
+    friction = (modes.friction, modes.friction_t)
+    normal = (modes.normal, modes.normal_t)
     load = modes.load, modes.load_t
     return _Forces(T, *(over_x @ x + over_t @ T for over_x, over_t in (friction, normal, load)))
 
@@ -724,7 +742,8 @@ def _departures(system: System, modes: ModeSet, x: Array, forces: _Forces) -> di
     """Parts that cannot be in their mode at x -> the mode they take. A part: 0 and a patch, 1 and a normal force."""
     patches, normals, *_ = system.modes(modes.key)
     _, friction, normal, load = forces
-    speed, scale = system.slip_rows @ x, np.abs(system.slip_rows) @ np.abs(x)
+    speed = system.slip_rows @ x
+    scale = np.abs(system.slip_rows) @ np.abs(x)
     departures = {}
     for p, (patch, mode) in enumerate(zip(system.patches, patches)):
         most = system.law(p, modes.key).towards(friction[p]).static * load[p]

@@ -30,7 +30,8 @@ ROUND = 1e-9
 
 def findings(scene: Scene, system: System | None = None) -> list[Finding]:
     """All findings about the rig of `scene`, the most severe first. `system`: its matrices, if already assembled."""
-    clock, system = scene.clock, scene.assemble().system() if system is None else system
+    clock = scene.clock
+    system = scene.assemble().system() if system is None else system
     return stability_report(system, *_steps(scene, system), clock.tolerance)
 
 
@@ -71,11 +72,14 @@ def meets_edge(scene: Scene, duration: float | None = None) -> str:
         return ""
     left, rest = (math.inf, 0.0) if duration is None else (duration, duration)
     given: Any = scene.parameters
-    time, place, speed = 0.0, float(assembly.start[film.travel]), float(given.drive.speed)
+    time = 0.0
+    place = float(assembly.start[film.travel])
+    speed = float(given.drive.speed)
     for lasts, to in chain(_pieces(scene.protocol), [(rest, None)]):
         part = min(lasts, left - time)
         after = speed if to is None else speed + (to - speed) * (part / lasts if lasts else 1.0)
-        place, time = place + 0.5 * (speed + after) * part, time + part
+        place += 0.5 * (speed + after) * part
+        time += part
         speed = after
         if not -ROUND <= place <= film.longest + ROUND:
             limit = "begins at 0 mm" if place < 0.0 else f"ends at {1e3 * film.longest:.4g} mm"
@@ -112,7 +116,8 @@ class DelayWarnings:
     """Notes a warning in `journal` for each delay of `scene` that is as long as the run, once for each."""
 
     def __init__(self, scene: Scene, journal: Journal) -> None:
-        self._scene, self._journal = scene, journal
+        self._scene = scene
+        self._journal = journal
         self._noted: set[str] = set()
 
     def check(self, length_ns: int) -> None:

@@ -114,7 +114,8 @@ class Builds:
     def collect(self, who: object) -> None:
         """Keep the rigs of a build that is done. Raises what it raised if it was begun for `who`."""
         if self._build is not None and self._build[1].done():
-            (whose, build), self._build = self._build, None
+            whose, build = self._build
+            self._build = None
             if whose == who or build.exception() is None:
                 self._variants.keep(build.result())
 
@@ -141,7 +142,9 @@ class CommandedRigs:
     """
 
     def __init__(self, runner: PlantRunner, journal: Journal, builds: Builds) -> None:
-        self._runner, self._journal, self._builds = runner, journal, builds
+        self._runner = runner
+        self._journal = journal
+        self._builds = builds
         self._asked: dict[str, float] = {}  # actuator -> the value whose rig was begun last
         self._faulty: dict[str, float] = {}
 
@@ -150,7 +153,8 @@ class CommandedRigs:
         return tuple([self._newest(drive, value) for drive, value in zip(drives, values)])
 
     def _newest(self, drive: str, value: float) -> float:
-        runner, builds = self._runner, self._builds
+        runner = self._runner
+        builds = self._builds
         if not runner.rebuilds(drive, value):
             self._asked.pop(drive, None)
             return value
@@ -198,7 +202,10 @@ class PostponedSteps:
     ) -> None:
         self.never: list[str] = []
         """Actions that never took effect, in words."""
-        self._runner, self._journal, self._wants, self._builds = runner, journal, wants, builds
+        self._runner = runner
+        self._journal = journal
+        self._wants = wants
+        self._builds = builds
         self._number = 0
         self._waiting: deque[Waiting] = deque()
         self._count = self._longest = 0  # number of actions that have waited, and the longest wait [ticks]
@@ -210,7 +217,8 @@ class PostponedSteps:
 
     def has_to_wait(self, action: Action) -> bool:
         """Whether an action must wait; then `due` yields it later."""
-        number, self._number = self._number, self._number + 1
+        number = self._number
+        self._number += 1
         waits = number in self._until
         if self._builds.apart and self._rebuilds(action):  # in the order of the protocol
             waits = bool(self._waiting) or not self._runner.variants.has(self._wants(action))
@@ -294,7 +302,10 @@ class PreparedRigs:
     """
 
     def __init__(self, scene: Scene, runner: PlantRunner, protocol: Protocol, builds: Builds) -> None:
-        self._scene, self._runner, self._protocol, self._builds = scene, runner, protocol, builds
+        self._scene = scene
+        self._runner = runner
+        self._protocol = protocol
+        self._builds = builds
         self._begin()
         while made := self._next(self._rigs):
             runner.variants.keep(made)

@@ -55,7 +55,10 @@ class CommandQueue:
     def __init__(
         self, name: str, drives: Sequence[str], period: int, delay: int, hold: int, link: ImpairedLink | None = None
     ) -> None:
-        self.name, self.drives, self.period, self.delay = name, tuple(drives), period, delay
+        self.name = name
+        self.drives = tuple(drives)
+        self.period = period
+        self.delay = delay
         self.hold = hold
         """Time for which the last command is held when commands are missing."""
         self.queue: deque[tuple[int, int, Sequence[float]]] = deque()
@@ -70,7 +73,9 @@ class CommandQueue:
         """The command in force; () before the first one."""
         self.wanted: tuple[float, ...] = ()
         """The latest command, if it needs a rig that is still being built; else ()."""
-        self.answered, self.status, self.last = -1, AS_SENT, 0
+        self.answered = -1
+        self.status = AS_SENT
+        self.last = 0
         self.counts = Counts()
         self._columns = (array("q"), array("q"), array("q"), array("d"))
 

@@ -117,7 +117,9 @@ class Exchange:
         """The last queue of every name, also of dismissed controllers, because their counts stay in the summary."""
         self.refused: dict[str, int] = {}
         """Senders without a queue, and how often they were refused."""
-        self._runner, self._frame_ns, self._hold = runner, frame_ns, hold
+        self._runner = runner
+        self._frame_ns = frame_ns
+        self._hold = hold
         self.faulty: dict[str, ActuatorFault] = {}
         """Actuators that are faulty at this tick, with their faults."""
         self.links = links
@@ -160,7 +162,8 @@ class Exchange:
                 "recording holds one number of commands under each name, so give the controller another name"
             )
         if period_ns % self._frame_ns or not 0 < period_ns <= LONGEST_NS:
-            frame, longest = f"{self._frame_ns / 1e6:g} ms", f"{LONGEST_NS / 1e9:g} s"
+            frame = f"{self._frame_ns / 1e6:g} ms"
+            longest = f"{LONGEST_NS / 1e9:g} s"
             allowed = f"no whole number of {frame} frames between {frame} and {longest}"
             faults.append(f"its period of {brief(period_ns)} ns is {allowed}")
         if faults:
@@ -169,7 +172,8 @@ class Exchange:
     def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> CommandQueue:
         """Add a queue for a controller. Raises UsageError if the controller cannot be admitted."""
         self.check(name, drives, period_ns)
-        period, delay = period_ns // self._frame_ns, delay_ns // self._frame_ns
+        period = period_ns // self._frame_ns
+        delay = delay_ns // self._frame_ns
         queue = CommandQueue(name, drives, period, delay, self._hold, self.links.get(name))
         if name in self.all_queues:
             queue.follow(self.all_queues[name])
@@ -207,7 +211,8 @@ class Exchange:
 
     def take_over(self) -> list[CommandQueue]:
         """Put the commands of this tick into force and return the queues that changed (a list that is reused)."""
-        tick, changed = self._runner.tick, self._changed
+        tick = self._runner.tick
+        changed = self._changed
         changed.clear()
         for queue in self._order:
             waiting = queue.queue
@@ -261,7 +266,8 @@ class Exchange:
         return first
 
     def _take(self, queue: CommandQueue, tick: int, answered: int, given: Sequence[float]) -> None:
-        counts, status = queue.counts, AS_SENT
+        counts = queue.counts
+        status = AS_SENT
         if not isfinite(sum(given)):
             given = self._without_gaps(queue, given)
         given = tuple(given)
@@ -302,9 +308,13 @@ class Exchange:
 
     def impose(self, queue: CommandQueue, answered: int, status: int, values: tuple[float, ...]) -> None:
         """Put values into force unchanged: `take_over` has checked them, or they come from a recording."""
-        tick, in_force = self._runner.tick, self.in_force
+        tick = self._runner.tick
+        in_force = self.in_force
         apply = self._apply if self.faulty else self._runner.apply
-        queue.values, queue.answered, queue.status, queue.last = values, answered, status, tick
+        queue.values = values
+        queue.answered = answered
+        queue.status = status
+        queue.last = tick
         for drive, value in zip(queue.drives, values):
             if in_force.get(drive) != value:
                 in_force[drive] = value
@@ -399,7 +409,9 @@ class Exchange:
     def _give_back(self, queue: CommandQueue) -> None:
         given_back = self.given_back(queue)
         queue.queue.clear()
-        queue.values, queue.status, queue.wanted = (), AS_SENT, ()
+        queue.values = ()
+        queue.status = AS_SENT
+        queue.wanted = ()
         for drive, value in given_back.items():
             self._write(drive, value)
             if (rest := self._protocol.rest_of_move(drive)) is not None:
@@ -452,7 +464,8 @@ class PlayedCommands:
     """The recorded commands of one controller; the first `done` of them have taken effect."""
 
     def __init__(self, commands: Commands) -> None:
-        self.commands, self.done = commands, 0
+        self.commands = commands
+        self.done = 0
         self._ticks = commands.tick.tolist()
 
     def due(self, ahead: int = 0) -> int | None:
@@ -527,7 +540,8 @@ class Playback(Exchange):
         """Put into force the recorded commands of this tick; from `end` on those that controllers have sent."""
         if not self.plays:
             return super().take_over()
-        tick, changed = self._runner.tick, self._changed
+        tick = self._runner.tick
+        changed = self._changed
         changed.clear()
         for queue in self._order:
             played = self.played.get(queue.name)

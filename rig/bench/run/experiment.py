@@ -58,7 +58,8 @@ class FaultTimes:
     """The begins and ends of the faults of `scene` that are still to come, in order."""
 
     def __init__(self, scene: Scene, runner: PlantRunner, journal: Journal) -> None:
-        self._runner, self._journal = runner, journal
+        self._runner = runner
+        self._journal = journal
         units = {name: actuator.unit for name, actuator in runner.inputs.items()} | dict(
             zip(runner.bank.names, runner.bank.units)
         )
@@ -85,7 +86,8 @@ class FaultTimes:
 
     def never(self) -> list[str]:
         """A line for each fault whose time has not come."""
-        frame, end = self._runner.frame_ns * 1e-9, self._runner.t_ns * 1e-9
+        frame = self._runner.frame_ns * 1e-9
+        end = self._runner.t_ns * 1e-9
         return [
             f"faults.{name}.at: {tick * frame:g} s is after the end of the run at {end:g} s, so this fault never acts "
             f"({self._words[name]}); let it begin earlier or run longer"
@@ -98,7 +100,10 @@ class Tuning:
     """Changes actuators and parameters of the rig of `runner`, all at one tick; `journal` records the changes."""
 
     def __init__(self, scene: Scene, runner: PlantRunner, exchange: Exchange, journal: Journal) -> None:
-        self.scene, self.runner, self.exchange, self.journal = scene, runner, exchange, journal
+        self.scene = scene
+        self.runner = runner
+        self.exchange = exchange
+        self.journal = journal
 
     def wanted(self, changes: Mapping[str, Any]) -> Wanted:
         """The variant of the rig that `change` needs for these changes. Raises UsageError with all faults.
@@ -131,7 +136,8 @@ class Tuning:
 
     def _wanted(self, actuators: Mapping[str, float], parameters: Mapping[str, Any]) -> Wanted:
         """The variant with command states for these actuators; without a command state a value is a parameter."""
-        runner, lacking = self.runner, self.runner.lacking(actuators)
+        runner = self.runner
+        lacking = self.runner.lacking(actuators)
         matrices = {
             key: value
             for key, value in actuators.items()
@@ -141,7 +147,8 @@ class Tuning:
 
     def _sorted(self, changes: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
         """Separate changes of actuators (in SI) and of parameters. Raises UsageError with all faults."""
-        inputs, known = self.runner.inputs, dict(values_of(self.scene.parameters))
+        inputs = self.runner.inputs
+        known = dict(values_of(self.scene.parameters))
         actuators: dict[str, float] = {}
         parameters: dict[str, Any] = {}
         faults = []
@@ -211,7 +218,10 @@ class Experiment:
         journal = Journal(runner.frame_ns, lambda: runner.tick)
         links = scene.links("act", runner.bank.seed)
         commands = exchange(runner, runner.frame_ns, scene.clock.hold_frames, journal, links)
-        self.scene, self.runner, self.exchange, self.journal = scene, runner, commands, journal
+        self.scene = scene
+        self.runner = runner
+        self.exchange = commands
+        self.journal = journal
         self._faults = FaultTimes(scene, runner, self.journal)
         for name, section in scene.controllers.items():
             self.exchange.admit(name, controller_drives(section), section.period, section.delay)
@@ -348,7 +358,9 @@ class Experiment:
         tick = runner.tick
         self._faults.carry_out(self.exchange)
         if not self.aborted and (name := runner.beyond()):
-            value, limit, unit = runner.output(name), self.scene.limits[name], runner.units[name]
+            value = runner.output(name)
+            limit = self.scene.limits[name]
+            unit = runner.units[name]
             self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
         if not self.aborted:
             for action in self.postponed.due():
@@ -408,7 +420,8 @@ class Experiment:
 
     def _repeat(self, event: Mapping[str, Any]) -> None:
         """Carry out a recorded action of an operator. Raises LogError for one that this rig cannot have recorded."""
-        data, kind = event["data"], event["kind"]
+        data = event["data"]
+        kind = event["kind"]
         does: dict[str, Callable[[], object]] = {
             "parameter": lambda: self.change(data["set"]),
             FORK: lambda: self.journal.note(FORK, event["text"], **data),

@@ -49,7 +49,8 @@ class GrowingRows:
 
     def append(self, columns: int) -> tuple[NDArray[Any], int]:
         """Append columns and return the array, which the caller fills, and the first new column."""
-        first, self.count = self.count, self.count + columns
+        first = self.count
+        self.count += columns
         if self.count > self._whole.shape[1]:
             larger = np.empty((len(self._whole), max(2 * self._whole.shape[1], self.count)), dtype=self._whole.dtype)
             larger[:, :first] = self._whole[:, :first]
@@ -106,7 +107,8 @@ class Truth:
     def keep(self, motion: Motion) -> None:
         """Append the steps in the log of a motion, as outputs computed with its present matrices."""
         steps = motion.kept
-        states, mode_sets = motion.log.out[:steps], motion.log.modes[:steps]
+        states = motion.log.out[:steps]
+        mode_sets = motion.log.modes[:steps]
         motion.write_outputs(states, mode_sets, *self._outputs.append(steps))
         keys, first = self._keys.append(steps)
         _write_keys(motion, mode_sets, keys[0, first : first + steps])
@@ -127,7 +129,8 @@ class Truth:
         contacts: list[dict[str, Any]] = []
         for _, group in groupby(self._met, lambda met: id(met[0])):
             systems, begins, events, places = zip(*group)
-            describe, happens = cache(systems[0].describe), cache(systems[0].event_text)
+            describe = cache(systems[0].describe)
+            happens = cache(systems[0].event_text)
             ticks = np.concatenate(events)[:, 0] + np.repeat(begins, [len(part) for part in events])
             share = np.concatenate(places)
             times = np.rint((ticks + share) * self._step_ns).astype(np.int64)
@@ -162,14 +165,19 @@ class Bands:
     def __init__(
         self, outputs: int, step_ns: int, pair: tuple[int, ...], later: Callable[..., object], frame_ns: int
     ) -> None:
-        self._outputs, self._step_ns, self._pair, self._later, self._frame_ns = outputs, step_ns, pair, later, frame_ns
+        self._outputs = outputs
+        self._step_ns = step_ns
+        self._pair = pair
+        self._later = later
+        self._frame_ns = frame_ns
         self._span = max(SPAN_NS // step_ns, 1)
         self._room = SPANS * self._span
         self._first = self._count = 0
         self._empty()
 
     def _empty(self) -> None:
-        self._values, self._keys = np.empty((self._outputs, self._room)), np.empty(self._room, np.int64)
+        self._values = np.empty((self._outputs, self._room))
+        self._keys = np.empty(self._room, np.int64)
         self._count = 0
 
     def add(self, motion: Motion) -> None:
@@ -180,8 +188,10 @@ class Bands:
         if not self._count:
             self._first = motion.tick - steps
             if steps > self._room:
-                self._values, self._keys = np.empty((self._outputs, steps)), np.empty(steps, np.int64)
-        mode_sets, at = motion.log.modes[:steps], self._count
+                self._values = np.empty((self._outputs, steps))
+                self._keys = np.empty(steps, np.int64)
+        mode_sets = motion.log.modes[:steps]
+        at = self._count
         motion.write_outputs(motion.log.out[:steps], mode_sets, self._values, at)
         _write_keys(motion, mode_sets, self._keys[at : at + steps])
         self._count += steps

@@ -90,7 +90,8 @@ class Condition:
     def __init__(self, step: Wait, column: int, frame_ns: int) -> None:
         self.column = column
         self.is_met = False
-        self._kind, self._limit = step.condition, step.limit
+        self._kind = step.condition
+        self._limit = step.limit
         frames = max(step.window // frame_ns, 1)
         self._range = Range(frames)
         self._before: deque[tuple[float, float]] = deque(maxlen=frames + 1)
@@ -105,7 +106,8 @@ class Condition:
         elif self._kind == "below":
             self.is_met = sample < self._limit
         elif self._range.add(sample):
-            now, past = (self._range.highest, self._range.lowest), self._before
+            now = (self._range.highest, self._range.lowest)
+            past = self._before
             if self._kind == "quiet":
                 self.is_met = (now[0] - now[1]) / 2.0 < self._limit
             else:  # settled
@@ -132,7 +134,9 @@ class Range:
 
     def add(self, sample: float) -> bool:
         """Add a sample; whether there are `frames` of them."""
-        high, low, number = self._high, self._low, self._seen
+        high = self._high
+        low = self._low
+        number = self._seen
         while high and high[-1][1] <= sample:
             high.pop()
         while low and low[-1][1] >= sample:
@@ -162,7 +166,8 @@ class Following:
     """The moves of a step `Follow` that begins at `tick`: one for each frame in which a value changes."""
 
     def __init__(self, step: Follow, tick: int, frame_ns: int) -> None:
-        self._names, self._first = tuple(step.channels), tick
+        self._names = tuple(step.channels)
+        self._first = tick
         values = step.file.values(len(self._names))
         if step.file.frame_ns != frame_ns:  # a recorded step that is continued with another frame
             ticks = np.arange(step.duration // frame_ns + 1) * frame_ns
@@ -269,13 +274,16 @@ class Protocol:
                 actions += self._finished()
             elif self._until > tick:
                 return actions
-        self.done, self.phase = True, "done"
+        self.done = True
+        self.phase = "done"
         return actions
 
     def _finished(self) -> list[Action]:
         """The present step, which had a duration, is over: return its last actions."""
-        step, condition = self._current, self._condition
-        following, self._following = self._following, None
+        step = self._current
+        condition = self._condition
+        following = self._following
+        self._following = None
         self._current = self._condition = None
         if following is not None:
             return following.end()

@@ -66,7 +66,8 @@ class HeardOverLinks:
     """What arrives over `links` (sensor -> link), to be read like `bank`; other sensors of it are not changed."""
 
     def __init__(self, bank: Bank, links: Mapping[str, ImpairedLink], frame_ns: int) -> None:
-        self._bank, self._frame = bank, frame_ns
+        self._bank = bank
+        self._frame = frame_ns
         self._tick = -1
         self._heard = {bank.names.index(name): HeardSensor(link) for name, link in links.items()}
         # What was heard of each sensor with a link at the last ticks: latest sample, samples of the tick.
@@ -138,7 +139,8 @@ class Numbers:
 
     def __init__(self, system: System, seed: int) -> None:
         self.record = RandomNumbers(np.array([-1]), np.array([DRAWS]), np.zeros(DRAWS))
-        self.seed, self._stream = seed, Stream(seed, _NAME)
+        self.seed = seed
+        self._stream = Stream(seed, _NAME)
         self.find(system)
 
     def find(self, system: System) -> None:
@@ -173,11 +175,13 @@ class FaultySensors:
     """
 
     def __init__(self, bank: Bank, faults: Mapping[str, Any], frame_ns: int) -> None:
-        self._bank, self._faults = bank, []
+        self._bank = bank
+        self._faults = []
         for fault in faults.values():
             i = bank.names.index(fault.sensor)
             instants = bank.instants[i]
-            first, end = instants.count(fault.at - 1), None if fault.end is None else instants.count(fault.end - 1)
+            first = instants.count(fault.at - 1)
+            end = None if fault.end is None else instants.count(fault.end - 1)
             if fault.kind == "spike" and end is None:
                 end = first + 1
             begins = -(-instants.instant(first) // frame_ns)
@@ -194,7 +198,8 @@ class FaultySensors:
         """Make the samples faulty that the bank published in the last frame."""
         bank = self._bank
         for fault, i, first, end, _, _ in self._faults:
-            number, samples = bank.first(i), bank.samples(i)
+            number = bank.first(i)
+            samples = bank.samples(i)
             low, high = max(first, number), number + len(samples) if end is None else min(end, number + len(samples))
             for k in range(low, high):
                 before = float(bank.since(i, k - 1)[0]) if k else 0.0
@@ -219,7 +224,8 @@ class PlantRunner:
     """
 
     def __init__(self, scene: Scene, truthful: bool = False, piece: int = 1) -> None:
-        self.frame_ns, self.step_ns = scene.frame_ns, scene.step_ns
+        self.frame_ns = scene.frame_ns
+        self.step_ns = scene.step_ns
         self.steps = self.frame_ns // self.step_ns
         self.tick = 0
         assembly = scene.assemble()
@@ -228,7 +234,8 @@ class PlantRunner:
         needs = Bank.needs(scene.sensors)
         self.outputs: tuple[str, ...] = (*needs, *(name for name in assembly.outputs if name not in needs))
         self.units = {name: assembly.outputs[name].unit for name in self.outputs}
-        rig, clock = FreeRig(scene, assembly), scene.clock
+        rig = FreeRig(scene, assembly)
+        clock = scene.clock
         system = rig.system
         try:
             as_integrated(system, rig.method, clock.smoothing)
@@ -265,7 +272,9 @@ class PlantRunner:
         )
         self._look = True
         self.state_samples = StateSamples(scene, self.values)
-        self._needs, self._truthful, self._piece = len(needs), truthful, piece
+        self._needs = len(needs)
+        self._truthful = truthful
+        self._piece = piece
         self.variants = RigVariants(scene, self.motion, self.outputs)
         self.keep_samples: Callable[[], object] = lambda: None
         """Called before the bank forgets samples."""
@@ -342,7 +351,8 @@ class PlantRunner:
             self.random_numbers.fill()
         self._look = True
         if self._over_links is not None:
-            _, most = self.hearing, min(most, ROOM)
+            _ = self.hearing
+            most = min(most, ROOM)
         faulty = self._faulty_sensors
         if faulty is not None and (ahead := faulty.ahead(self.tick)) is not None:
             most = min(most, max(ahead, 1))
@@ -364,7 +374,8 @@ class PlantRunner:
 
     def _carry(self, most: int) -> bool:
         """Advance the motion by up to `most` frames; see `Motion.advance`."""
-        motion, truth = self.motion, self.truth
+        motion = self.motion
+        truth = self.truth
         rows = min(ROWS, motion.mode_sets.states_at_once)
         if truth is None:  # a longer call would only need more memory
             try:
@@ -411,7 +422,8 @@ class PlantRunner:
 
     def apply(self, name: str, value: float) -> None:
         """Set an actuator to `value` at this tick; a ramp in progress ends."""
-        actuator, rebuilds = self.inputs[name], self.rebuilds(name, value)
+        actuator = self.inputs[name]
+        rebuilds = self.rebuilds(name, value)
         self.values[name] = value
         self.state_samples.hears(name, value)
         if actuator.write is not None:
@@ -645,4 +657,6 @@ class ResumedRunner(PlantRunner):
             controls.rows[i, :count] = waiting[:count]
             drives = slice(int(line["drives"]), int(line["driven"]))
             controls.values[:count, drives] = controls.queued[first : first + count, drives]
-            line["kept"], line["oldest"], line["waiting"] = count, first + count, len(waiting) - count
+            line["kept"] = count
+            line["oldest"] = first + count
+            line["waiting"] = len(waiting) - count

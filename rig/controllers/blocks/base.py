@@ -103,7 +103,9 @@ class SceneController(Generic[S]):
     drives: tuple[str, ...]
 
     def __init__(self, section: S, numbers: Numbers) -> None:
-        self.section, self.numbers, self.period_ns = section, numbers, section.period
+        self.section = section
+        self.numbers = numbers
+        self.period_ns = section.period
         if hasattr(section, "sensor"):
             self.reads = (section.sensor,)
         if hasattr(section, "drive"):

@@ -153,7 +153,9 @@ def _with_keys(cls: type[CompiledSection], file: Binary) -> type[CompiledSection
         if period is not None:
             fields["period"] = Nanoseconds, period
         made = create_model(cls.__name__, __base__=cls, __module__=cls.__module__, __doc__=cls.__doc__, **fields)
-        made.all_inputs, made.all_outputs, made.parameters = tuple(inputs), tuple(outputs), tuple(parameters)
+        made.all_inputs = tuple(inputs)
+        made.all_outputs = tuple(outputs)
+        made.parameters = tuple(parameters)
         made.fixed = cls.fixed | {p.key for p in parameters if p.fixed}
         _MADE[which] = made
     return _MADE[which]

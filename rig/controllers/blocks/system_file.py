@@ -80,14 +80,16 @@ def discrete(given: System, period: float, method: str | None, prewarp: float | 
             raise ValueError(f"period: is {period:g} s, but the system is discrete with dt = {given.dt:g} s")
         return Discrete(*given[:4], _anti_windup(*given[:4]))
     method = method or DEFAULT
-    step, alpha = period, None
+    step = period
+    alpha = None
     if prewarp is not None:
         if method != "tustin":
             raise ValueError(f"prewarp: is possible with the method tustin only, not with {method}")
         if 2.0 * prewarp * period >= 1.0:
             raise ValueError(f"prewarp: is {prewarp:g} Hz; must be below half the sample rate, {0.5 / period:g} Hz")
         turn = 2.0 * math.pi * prewarp
-        step, alpha = 2.0 * math.tan(0.5 * turn * period) / turn, 0.5
+        step = 2.0 * math.tan(0.5 * turn * period) / turn
+        alpha = 0.5
     if method == "impulse" and given.D.any():
         raise ValueError("method: is impulse, which needs a system without a direct term (D = 0)")
     made = given[:4]
@@ -106,7 +108,8 @@ def discrete(given: System, period: float, method: str | None, prewarp: float | 
 
 def _anti_windup(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Matrix:
     """The gain L of the observer form [states, outputs]."""
-    states, outputs = len(a), len(d)
+    states = len(a)
+    outputs = len(d)
     if not states or not (c.any() and (b.any() or d.any())):
         return np.zeros((states, outputs))
     from scipy.linalg import solve_discrete_are
@@ -114,7 +117,8 @@ def _anti_windup(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Matrix:
     moved = c @ b
     spread = np.diag(d @ d.T + moved @ moved.T)
     noise = np.diag(NOISE * np.where(spread > 0.0, spread, spread.max() or 1.0))
-    seen, cross = d @ d.T + noise, b @ d.T
+    seen = d @ d.T + noise
+    cross = b @ d.T
     walk = b @ b.T
     for more in (0.0, 1e-12, 1e-8):  # what y does not move has to be observed too, if it does not decay
         try:
@@ -214,7 +218,8 @@ def of_control(given: Any) -> System:
     import control
 
     if isinstance(given, control.TransferFunction):
-        numerators, denominators = given.num_list, given.den_list
+        numerators = given.num_list
+        denominators = given.den_list
         values: dict[str, Any] = {
             "num": [[polynomial.tolist() for polynomial in row] for row in numerators],
             "den": [[polynomial.tolist() for polynomial in row] for row in denominators],
@@ -251,7 +256,8 @@ def system(values: Mapping[str, Any], where: str) -> System:
     matrices: tuple[Matrix, Matrix, Matrix, Matrix] | None = None
     try:
         matrices = _fraction(values) if "num" in values or "den" in values else _state_space(values)
-        (outputs, inputs), states = matrices[3].shape, len(matrices[0])
+        outputs, inputs = matrices[3].shape
+        states = len(matrices[0])
         if states > STATES or max(inputs, outputs) > SIGNALS:
             raise ValueError(
                 f"has {states} states, {inputs} inputs and {outputs} outputs; at most {STATES} states and {SIGNALS} "
@@ -304,7 +310,8 @@ def _state_space(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Mat
         return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0)), d
     a = np.atleast_2d(_numbers(values["A"], "A"))
     states = len(a)
-    b, c = _numbers(values["B"], "B"), _numbers(values["C"], "C")
+    b = _numbers(values["B"], "B")
+    c = _numbers(values["C"], "C")
     if b.ndim < 2:
         b = b.reshape(states, -1) if b.size == states * inputs else np.atleast_2d(b)
     c = np.atleast_2d(c)
@@ -334,7 +341,8 @@ def _fraction(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix
     rows = [len(row) if isinstance(row, list) else -1 for row in (*num, *den)]
     if len(num) != len(den) or not num or len({*rows}) != 1 or rows[0] < 1:
         raise ValueError("num and den differ in their numbers of outputs and inputs")
-    outputs, inputs = len(num), rows[0]
+    outputs = len(num)
+    inputs = rows[0]
     blocks = [
         [_canonical(num[i][j], den[i][j], f"[{i + 1}][{j + 1}]" if outputs * inputs > 1 else "") for j in range(inputs)]
         for i in range(outputs)
@@ -360,7 +368,8 @@ def _canonical(num: Any, den: Any, place: str) -> tuple[Matrix, Matrix, Matrix, 
             f"is improper{f' at {place}' if place else ''}: num has degree {above.size - 1}, den {below.size - 1}; add "
             "a pole, such as a low-pass filter"
         )
-    above, below = np.pad(above, (below.size - above.size, 0)) / below[0], below / below[0]
+    above = np.pad(above, (below.size - above.size, 0)) / below[0]
+    below = below / below[0]
     count = below.size - 1
     a = np.vstack([-below[1:], np.eye(count)[:-1]]) if count else np.zeros((0, 0))
     return a, np.eye(count, 1), (above[1:] - above[0] * below[1:])[None], float(above[0])

@@ -55,7 +55,8 @@ def load_file(path: str | Path, keys: Mapping[str, object] | None = None) -> Con
     code = Code.read(path)
     trust([code])
     module = code.module(path)
-    make, parameters = class_of(module), parameters_of(module)
+    make = class_of(module)
+    parameters = parameters_of(module)
     try:
         with calling(module, ValidationError):
             controller = make() if parameters is None else make(parameters(), {})
@@ -102,7 +103,8 @@ def _ending(section: Section, numbers: Numbers) -> str:
 
     What it raises is raised again, and reported, in this process.
     """
-    content, command = json.dumps(described(section, numbers)).encode(), [sys.executable, "-P", "-c", _TRIAL]
+    content = json.dumps(described(section, numbers)).encode()
+    command = [sys.executable, "-P", "-c", _TRIAL]
     try:
         trial = subprocess.run(command, input=content, capture_output=True, check=False, timeout=_TRIAL_S)
     except subprocess.TimeoutExpired:

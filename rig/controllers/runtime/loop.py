@@ -107,7 +107,9 @@ class Loop:
             self.state = controller.start()
             return self.command
         self.updates += 1
-        self.last_input, self.state, self.command = (t_ns, values), state, command
+        self.last_input = (t_ns, values)
+        self.state = state
+        self.command = command
         return command
 
     def skip(self, values: Any) -> None:
@@ -125,7 +127,9 @@ class Loop:
     def adopt(self, updates: int, t_ns: int, values: Values, state: State, command: Values) -> None:
         """Adopt the result of updates elsewhere: their number, time and values of the last one, state, command."""
         self.updates += updates
-        self.last_input, self.state, self.command = (t_ns, values), state, command
+        self.last_input = (t_ns, values)
+        self.state = state
+        self.command = command
 
     def retune(self, changes: Mapping[str, object]) -> None:
         """Change parameters between two ticks, all or none; the state stays.

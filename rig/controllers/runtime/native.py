@@ -76,7 +76,8 @@ def law_of(controller: Controller) -> tuple[FunctionType, tuple[Any, ...]]:
         raise Uncompiled("it gets every sample of its sensors")
     if not isinstance(update, partial) or update.keywords or len(update.args) != 1:
         raise Uncompiled("its update is not functools.partial(law, constants)")
-    law, (constants,) = update.func, update.args
+    law = update.func
+    (constants,) = update.args
     if not isinstance(law, FunctionType):
         raise Uncompiled(f"{law!r} is not a plain function")
     return law, constants
@@ -92,7 +93,8 @@ def _for_compiler(function: FunctionType, known: dict[FunctionType, Any]) -> Any
     used = list(dis.get_instructions(function))
     of_module = False
     for instruction in used:
-        name, value = str(instruction.argval), names.get(str(instruction.argval))
+        name = str(instruction.argval)
+        value = names.get(str(instruction.argval))
         if instruction.opname == "BINARY_OP" and instruction.argrepr.strip("=") in ("**", "@"):
             raise Uncompiled(f"{function.__qualname__} has a power")
         if instruction.opname in _OBJECTS:
@@ -122,7 +124,8 @@ class Native:
 
     def __init__(self, controller: Controller, state: State) -> None:
         self._law, constants = law_of(controller)
-        self._constants, self._state = _Shape(constants, 0), _Shape(state, sum(1 for _ in _words(constants)))
+        self._constants = _Shape(constants, 0)
+        self._state = _Shape(state, sum(1 for _ in _words(constants)))
         self._code = _compiled_code(controller, self._law, self._constants, self._state)
         self.memory = np.zeros(max(self._state.first + self._state.size, 1))
         self._whole = self.memory.view(np.int64)
@@ -153,7 +156,8 @@ class Native:
 
     def reproduces(self, t_ns: int, values: Sequence[float], command: Values, state: State) -> bool:
         """Whether an update with `values` gives this command and state, to the last bit."""
-        heard, answer = np.array(values, dtype=np.float64), np.zeros(len(command))
+        heard = np.array(values, dtype=np.float64)
+        answer = np.zeros(len(command))
         answers = self._call(0, t_ns, heard.ctypes.data, answer.ctypes.data, self.memory.ctypes.data)
         given = np.array(command, dtype=np.float64)
         return bool(answers) and answer.tobytes() == given.tobytes() and repr(self.state()) == repr(state)
@@ -163,7 +167,8 @@ class _Shape:
     """The layout of constants or a state in words, from the word `first` on."""
 
     def __init__(self, like: State, first: int) -> None:
-        self.like, self.first = like, first
+        self.like = like
+        self.first = first
         self.size = sum(1 for _ in _words(like))
 
     def fits(self, numbers: State) -> bool:

@@ -19,8 +19,10 @@ class Service:
     """Events and parameters of the controller in `loop`. `tick`, `t_ns`: those of the last step that it received."""
 
     def __init__(self, session: Session, loop: Loop) -> None:
-        self.session, self.loop = session, loop
-        self.tick, self.t_ns = -1, 0
+        self.session = session
+        self.loop = loop
+        self.tick = -1
+        self.t_ns = 0
         self.events = session.publisher(f"event/{session.name}")
         self.server = session.serve(f"param/{session.name}", self.answer_request)
 
@@ -28,7 +30,8 @@ class Service:
         """Get or set parameters; a set is applied as a whole or refused, and takes effect at the next step."""
         everything, keys, changes = param_request(body)
         if everything:
-            units, now = tunable(self.loop.controller), parameters(self.loop.controller)
+            units = tunable(self.loop.controller)
+            now = parameters(self.loop.controller)
             return {"values": {key: now[key] for key in units}, "units": units}
         values = parameters(self.loop.controller)
         if unknown := [key for key in keys if key not in values]:

@@ -199,7 +199,8 @@ def valid(name: str, taken: Iterable[str]) -> str:
     plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
     if not re.match(r"[A-Za-z]", plain) or plain in _WORDS:
         plain = f"x{plain}"
-    plain, others = plain[:LONGEST], set(taken)
+    plain = plain[:LONGEST]
+    others = set(taken)
     if plain not in others:
         return plain
     return next(candidate for n in count(2) if (candidate := f"{plain[: LONGEST - 1 - len(str(n))]}_{n}") not in others)
@@ -307,7 +308,8 @@ def _place(draft: Path, path: Path, folder: bool) -> None:
 def _each(to: str, tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Written]:
     """One file for each table."""
     folder.mkdir()
-    written, resources = [], []
+    written = []
+    resources = []
     for number, table in enumerate(tables, 1):
         file = f"{table.name}{FORMATS[to].suffix}"
         report(f"writing {file}, {number} of {len(tables.tables)}")
@@ -358,7 +360,8 @@ def _wav(tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Wri
             "--to wav: only outputs and sensors can be written; choose another format for commands and events"
         )
     folder.mkdir()
-    written, resources = [], []
+    written = []
+    resources = []
     for number, (name, table, column) in enumerate(signals, 1):
         file = f"{name}.wav"
         report(f"writing {file}, {number} of {len(signals)}")

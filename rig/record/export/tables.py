@@ -130,7 +130,10 @@ def lowered(signals: Mapping[str, Samples], rate: float) -> Lowered:
         raise UsageError(
             f"--rate {rate:.6g} Hz: the highest recorded rate is {fastest:.6g} Hz; take a lower one or leave out --rate"
         )
-    exported, notes, faults, bridged = dict(signals), list[str](), list[str](), 0
+    exported = dict(signals)
+    notes = list[str]()
+    faults = list[str]()
+    bridged = 0
     for recorded, names in _by_rate(grids).items():
         factor = recorded / rate
         text = f"{', '.join(listed(dict.fromkeys(map(_plain, names), '')))}: recorded at {recorded:.6g} Hz"
@@ -296,7 +299,8 @@ def _aliased(run: RunData, chosen: _Chosen, times: Integers) -> Iterator[str]:
 def _chosen(run: RunData, only: Sequence[str]) -> _Chosen:
     if not only:
         return _Chosen([*run.signals], [*run.measurements], [*run.commands], bool(run.mode.size), True)
-    chosen, faults = _Chosen(), []
+    chosen = _Chosen()
+    faults = []
     points = numbered(run.signals)
     for name in dict.fromkeys(only):
         plain = name.removeprefix(MEASURED).removeprefix(TRUE)

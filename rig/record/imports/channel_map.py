@@ -87,7 +87,8 @@ class ChannelMap:
         except ValueError as fault:
             raise UsageError(f"{path}: is no TOML: {fault}") from None
         channels = tables.pop("channels", {})
-        time, rate = tables.pop("time", ""), tables.pop("rate", "")
+        time = tables.pop("time", "")
+        rate = tables.pop("rate", "")
         if tables:
             raise UsageError(f"{path}: unknown key {next(iter(tables))}; known: time, rate, channels")
         if not isinstance(channels, dict) or not all(
@@ -115,7 +116,8 @@ class ChannelMap:
 
     def channels_of(self, columns: Sequence[Column], where: str) -> list[Channel]:
         """The channels that the columns of a file become. Raises UsageError with all faults."""
-        made, faults = list[Channel](), list[str]()
+        made = list[Channel]()
+        faults = list[str]()
         for column, text in self.channels.items():
             try:
                 made.append(_channel(_known(column, columns, where), text, where))

@@ -77,7 +77,8 @@ class TimeBase:
             self.begin = float(t[0])
             self.period = float(np.median(np.diff(t))) if t.size > 1 else 0.0
         steps = np.diff(t, prepend=self.last) if self.samples else np.diff(t)
-        self.samples, self.last = self.samples + t.size, float(t[-1])
+        self.samples += t.size
+        self.last = float(t[-1])
         if not steps.size or not self.period:
             return
         far = steps > _GAP * self.period
@@ -97,10 +98,8 @@ class TimeBase:
 
     def text(self) -> str:
         """The time base in words."""
-        whole, count = (
-            self.last - self.begin - self.lost,
-            self.samples - 1 - self.gaps,
-        )  # times may be rounded: the mean
+        whole = self.last - self.begin - self.lost
+        count = self.samples - 1 - self.gaps  # times may be rounded: the mean
         rate = f", {count / whole:.6g} Hz" if count > 0 and whole > 0.0 else ""
         told = f"{self.file}: {counted(self.samples, 'sample')}{rate}, t = {self.begin:g} to {self.last:g} s"
         told += f"; moved by {self.shift:.9g} s" if self.shift else ""
@@ -180,11 +179,15 @@ class Listed:
 
 def listed(paths: Sequence[Path]) -> Listed:
     """Read the files through and propose a map. Raises UsageError with the faults of all of them."""
-    rows, bases, together = [], [], ChannelMap()
+    rows = []
+    bases = []
+    together = ChannelMap()
     for file in _all_opened(paths):
         names = [column.name for column in file.columns]
         low, high = dict.fromkeys(names, np.inf), dict.fromkeys(names, -np.inf)
-        count, last, rising = dict.fromkeys(names, 0), dict.fromkeys(names, -np.inf), set(names)
+        count = dict.fromkeys(names, 0)
+        last = dict.fromkeys(names, -np.inf)
+        rising = set(names)
         times: dict[str, TimeBase] = {name: TimeBase(file.path.name) for name in names}
         for block in file.blocks(names):
             for name, v in block.items():
@@ -192,10 +195,8 @@ def listed(paths: Sequence[Path]) -> Listed:
                 if not v.size:
                     continue
                 count[name] += known.size
-                low[name], high[name] = (
-                    min(low[name], known.min(initial=np.inf)),
-                    max(high[name], known.max(initial=-np.inf)),
-                )
+                low[name] = min(low[name], known.min(initial=np.inf))
+                high[name] = max(high[name], known.max(initial=-np.inf))
                 if name in rising and known.size == v.size and v[0] > last[name] and np.all(np.diff(v) > 0.0):
                     times[name].add(v)
                     last[name] = v[-1]
@@ -256,7 +257,8 @@ def import_files(
 
 
 def _all_opened(paths: Sequence[Path]) -> list[MeasurementFile]:
-    files, faults = list[MeasurementFile](), list[str]()
+    files = list[MeasurementFile]()
+    faults = list[str]()
     for path in paths:
         try:
             files.append(opened(path))
@@ -298,7 +300,9 @@ class _Part:
 
     def blocks(self, base: TimeBase) -> Iterator[dict[str, tuple[Reals, Reals]]]:
         """Channel -> times [s] and values in SI, block by block. Raises UsageError with all faults of the file."""
-        base.shift, row, faults = self.shift, self.file.first_row, _Faults(self.file.path)
+        base.shift = self.shift
+        row = self.file.first_row
+        faults = _Faults(self.file.path)
         last = dict[str, float]()
         for block in self._timed_or_refused():
             size = max(t.size for t, _ in block.values())
@@ -341,7 +345,9 @@ class _Part:
 
     def _faults_of_rows(self) -> _Faults:
         """The faults of times and values in a text, with the numbers of its lines, which may be blank between rows."""
-        columns, faults, last = [channel.column for channel in self.channels], _Faults(self.file.path), -np.inf
+        columns = [channel.column for channel in self.channels]
+        faults = _Faults(self.file.path)
+        last = -np.inf
         for row, values in self.file.rows([self.time, *columns]) if self.file.rows else ():
             if self.time in values:
                 t = np.array([values[self.time] * self.scale])
@@ -358,7 +364,8 @@ class _Part:
         for block in self.file.blocks(wanted):
             timed = dict[str, tuple[Reals, Reals]]()
             for name in names:
-                column, v = self.file.column(name), block[name]
+                column = self.file.column(name)
+                v = block[name]
                 if self.time and block[self.time].size == v.size and not column.rate:
                     t = block[self.time] * self.scale
                 else:
@@ -372,7 +379,8 @@ class _Faults:
     """What is wrong with the values of a file: the first ones with their rows, and how many."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._told = path, list[str]()
+        self._path = path
+        self._told = list[str]()
         self.count = 0
 
     def times(self, t: Reals, last: float, row: int, name: str) -> None:
@@ -411,13 +419,16 @@ def _parts(files: Sequence[MeasurementFile], given: ChannelMap, join: str, skip_
     """What each file becomes. Raises UsageError with the faults of all of them."""
     if not given.channels:
         raise UsageError('no channel is named: add --map "COLUMN = NAME, UNIT"; without it the columns are listed')
-    parts, faults, met = list[_Part](), list[str](), set[str]()
+    parts = list[_Part]()
+    faults = list[str]()
+    met = set[str]()
     try:
         rate = finite(given.rate, "Hz") if given.rate else 0.0
     except ValueError as fault:
         raise UsageError(f"--rate {given.rate}: {fault}") from None
     for file in files:
-        where, own = str(file.path), {column.name for column in file.columns}
+        where = str(file.path)
+        own = {column.name for column in file.columns}
         mine = given.channels if len(files) == 1 else {c: text for c, text in given.channels.items() if c in own}
         met |= mine.keys()
         try:
@@ -465,7 +476,8 @@ def _join(parts: Sequence[_Part], join: str) -> None:
 
 def _fired(t: Reals, v: Reals, unit: str, condition: Condition, part: _Part) -> float:
     """The time of the first sample that meets the condition, between it and the one before [s]."""
-    level, size = condition.level_in(unit), np.abs(v) if condition.size else v
+    level = condition.level_in(unit)
+    size = np.abs(v) if condition.size else v
     beyond = size - level if condition.sense == ">" else level - size
     met = np.flatnonzero(beyond > 0.0)
     if not met.size:
@@ -549,7 +561,8 @@ def _written(
                     writer.write(f"meas/{name}", payload, int(piece[0]), numbers[name], began_ns + int(piece[0]))
             if np.isfinite(until := min(reached)) and not faults:
                 writer.settle(round((until - begin) * 1e9))
-            done, total = sum(base.samples for base in bases), sum(part.expected for part in parts)
+            done = sum(base.samples for base in bases)
+            total = sum(part.expected for part in parts)
             progress(done, max(done, total))
         if faults:
             raise UsageError("\n".join(faults))

@@ -145,7 +145,8 @@ class _Arrays:
             return
         if array.dtype.kind == "M":
             ns = array.astype("datetime64[ns]").astype(np.int64)
-            array, unit = (ns - ns.flat[0]) * 1e-9 if ns.size else array, "s"
+            array = (ns - ns.flat[0]) * 1e-9 if ns.size else array
+            unit = "s"
         if array.dtype.kind not in "fiub" or array.size < 2 or np.squeeze(array).ndim > 2:
             return
         array = np.squeeze(array)
@@ -179,7 +180,8 @@ def _parquet(path: Path) -> MeasurementFile:
         length = file.metadata.num_rows
     if not length:
         raise UsageError(f"{path}: its table has no rows")
-    columns, labels = [], {}
+    columns = []
+    labels = {}
     for field in fields:
         if not (types.is_floating(field.type) or types.is_integer(field.type) or types.is_temporal(field.type)):
             continue
@@ -308,7 +310,8 @@ def _wav(path: Path) -> MeasurementFile:
 
 
 def _uff(path: Path) -> MeasurementFile:
-    pyuff, arrays = needed("pyuff", "measurements"), _Arrays(path)
+    pyuff = needed("pyuff", "measurements")
+    arrays = _Arrays(path)
     if not path.read_bytes().rstrip().endswith(b"    -1"):  # the end of a data set
         raise UsageError(f"{path}: is cut off: its last data set has no end")
     file = pyuff.UFF(str(path))
@@ -335,14 +338,17 @@ def _uff(path: Path) -> MeasurementFile:
 
 
 def _tdms(path: Path) -> MeasurementFile:
-    nptdms, arrays, began = needed("nptdms", "measurements"), _Arrays(path), None
+    nptdms = needed("nptdms", "measurements")
+    arrays = _Arrays(path)
+    began = None
     with nptdms.TdmsFile.open(path) as file:
         if file.file_status.incomplete_final_segment:
             raise UsageError(f"{path}: is cut off: its last segment is not complete")
         for group in file.groups():
             for channel in group.channels():
                 about = channel.properties
-                step, start = float(about.get("wf_increment", 0.0)), float(about.get("wf_start_offset", 0.0))
+                step = float(about.get("wf_increment", 0.0))
+                start = float(about.get("wf_start_offset", 0.0))
                 unit = str(about.get("unit_string", about.get("NI_UnitDescription", "")))
                 if step and (stamp := about.get("wf_start_time")) is not None:
                     stamp_ns = int(np.datetime64(stamp, "ns").astype(np.int64))

@@ -161,7 +161,8 @@ class TextTable:
 
     def _faults(self, names: Sequence[str], wanted: Collection[str]) -> str:
         """All rows that cannot be read, one a line."""
-        told, count = list[str](), 0
+        told = list[str]()
+        count = 0
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for number, line in enumerate(islice(file, self.skip, None), self.skip + 1):
                 for fault in self._of_row(line, names, wanted):
@@ -174,7 +175,8 @@ class TextTable:
         """Yield number and values of each row, line by line, without what cannot be read; NaN: there is no value."""
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for number, line in enumerate(islice(file, self.skip, None), self.skip + 1):
-                cells, values = _split(line, self.separator), dict[str, float]()
+                cells = _split(line, self.separator)
+                values = dict[str, float]()
                 for name, cell, stamped in zip(names, cells, self.stamped) if len(cells) == len(names) else ():
                     if name not in wanted:
                         continue
@@ -188,7 +190,8 @@ class TextTable:
                     yield number, values
 
     def _of_row(self, line: str, names: Sequence[str], wanted: Collection[str]) -> Iterator[str]:
-        cells, text = _split(line, self.separator), line.strip()
+        cells = _split(line, self.separator)
+        text = line.strip()
         if not text:
             return
         if len(cells) != len(names):
@@ -214,7 +217,9 @@ class _Form:
     """How a text would be read with a separator and a decimal mark."""
 
     def __init__(self, separator: str, mark: str, words: bool) -> None:
-        self.separator, self.mark, self.words = separator, mark, words
+        self.separator = separator
+        self.mark = mark
+        self.words = words
         self.rows = self.skip = self.width = 0
         self.headed = self.ended = False
 
@@ -235,13 +240,18 @@ class _Form:
 
         With `words`, columns of words are allowed beside a column of values.
         """
-        form, begin, width = cls(separator, mark, words), 0, -1
+        form = cls(separator, mark, words)
+        begin = 0
+        width = -1
         widths = [form._width_of(line) for line in lines]
         for i, here in enumerate([*widths, -1]):
             if here < 0 or here != width:
                 if width >= 0 and i - begin > form.rows:
-                    form.rows, form.skip, form.width = i - begin, begin, width
-                begin, width = i, here
+                    form.rows = i - begin
+                    form.skip = begin
+                    form.width = width
+                begin = i
+                width = here
         form._skip_to_header(lines, widths)
         form.ended = form.rows > 0 and form.split(lines[form.skip])[-1] == ""
         form.headed = form.rows > 0 and form.skip > 0 and form.heading(lines[form.skip - 1]) is not None
@@ -272,7 +282,8 @@ class _Form:
             rows = widths[i : self.skip]
             headed = widths[i - 1] < 0 and len(self.split(lines[i - 1])) == self.width
             if headed and rows[0] == self.width and 2 * rows.count(self.width) >= len(rows):
-                self.skip, self.rows = i, self.rows + rows.count(self.width)
+                self.skip = i
+                self.rows += rows.count(self.width)
                 return
 
     @property
@@ -295,10 +306,12 @@ class _Form:
         headings = list[list[str]]()  # from the rows upwards
         while above and (cells := above.pop()) is not None:
             headings.append(cells)
-        units, labels = [""] * self.width, headings[0] if headings else [""] * self.width
+        units = [""] * self.width
+        labels = headings[0] if headings else [""] * self.width
         for named, stated in zip(headings[1:], headings, strict=False):
             if _are_units(stated) and sum(map(bool, named)) >= max(sum(map(bool, stated)), self.width - self.ended):
-                units, labels = [cell.strip("[]() ") for cell in stated], named
+                units = [cell.strip("[]() ") for cell in stated]
+                labels = named
                 break
         rows = [self.split(line) for line in lines[self.skip : self.skip + 100]]
         columns = list(zip(*(cells for cells in rows if len(cells) == self.width), strict=True))
@@ -381,6 +394,7 @@ class _Plain(io.RawIOBase):
             lines = self._text.readlines(len(buffer))
             text = "".join(" ".join(line.split()) + "\n" for line in lines) if self._blanks else "".join(lines)
             self._left = text.encode()
-        part, self._left = self._left[: len(buffer)], self._left[len(buffer) :]
+        part = self._left[: len(buffer)]
+        self._left = self._left[len(buffer) :]
         buffer[: len(part)] = part
         return len(part)

@@ -60,7 +60,8 @@ class Bank:
         self.latest = np.full(n, np.nan)
         self.fresh = np.zeros(n, dtype=np.int64)
         stored = max(room, *(int(KEPT_NS // instants.period_ns) for instants in self.instants), 0)
-        self._samples, self._noise = np.zeros((n, stored)), np.zeros((n, room))
+        self._samples = np.zeros((n, stored))
+        self._noise = np.zeros((n, room))
         self._memory = [row.data for row in self._samples]
         longest = max((max(end.period_ns, frame_ns) * end.dropout_rate * 1e-9 for end in self._ends), default=0.0)
         self._gaps = np.zeros((n, CHUNK + math.ceil(16 * longest), 2), dtype=np.int64)
@@ -199,10 +200,13 @@ class Bank:
 
     def back(self, kept: Mapping[str, NDArray[Any]]) -> None:
         """Store the samples of `keep` again; `resume` does the rest."""
-        fronts, stored = kept["fronts"].copy().view(INSTRUMENT).reshape(-1), kept["stored"]
+        fronts = kept["fronts"].copy().view(INSTRUMENT).reshape(-1)
+        stored = kept["stored"]
         self._samples[:, : stored.shape[1]] = stored
-        self.latest[:], self.fresh[:] = kept["latest"], kept["fresh"]
-        self._fronts["published"], self._fronts["kept"] = fronts["published"], fronts["kept"]
+        self.latest[:] = kept["latest"]
+        self.fresh[:] = kept["fresh"]
+        self._fronts["published"] = fronts["published"]
+        self._fronts["kept"] = fronts["kept"]
 
     def play(self, recorded: Sequence[tuple[Integers, NDArray[np.float64]]], t_ns: int) -> None:
         """Publish samples of a recording (times, values of each instrument) up to `t_ns` instead of measuring.
@@ -216,7 +220,8 @@ class Bank:
             new = values[s["published"] : last]
             self._samples[i, s["kept"] : s["kept"] + len(new)] = new
             s["kept"] += len(new)
-            s["published"], self.fresh[i] = last, last - before
+            s["published"] = last
+            self.fresh[i] = last - before
             if len(new):
                 self.latest[i] = new[-1]
 
@@ -259,11 +264,16 @@ class Bank:
         self._fronts[i] = np.zeros((), dtype=INSTRUMENT)
         s["column"] = self._columns.index(self._sections[i].reads)
         s["period"], s["rest"] = end.instants.whole
-        s["samples"], s["cycle"] = end.instants.samples, SECOND * end.instants.seconds
-        s["mean"], s["delay"], s["most"] = end.period_ns, end.delay_ns, self._most[i]
+        s["samples"] = end.instants.samples
+        s["cycle"] = SECOND * end.instants.seconds
+        s["mean"] = end.period_ns
+        s["delay"] = end.delay_ns
+        s["most"] = self._most[i]
         for key in ("averages", "holds", "direct", "gain", "offset", "slope", "warmth", "fade", "rise", "noise"):
             s[key] = getattr(end, key)
-        s["low"], s["high"], s["resolution"] = end.low, end.high, end.resolution
+        s["low"] = end.low
+        s["high"] = end.high
+        s["resolution"] = end.resolution
         s["slew"] = end.slew * 1e-9 * end.period_ns
         s["dropouts"] = end.dropout_rate > 0.0
         s["first"] = row
@@ -280,7 +290,8 @@ class Bank:
             row += 1
         s["last"] = row
         before_it = sum(len(other.echoes) for other in self._ends[:i])
-        s["echo"], s["silence"] = before_it, before_it + len(end.echoes)
+        s["echo"] = before_it
+        s["silence"] = before_it + len(end.echoes)
         self._past[i] = end.gain * at_rest
         s["followed"] = s["previous"] = end.gain * at_rest * (1.0 + sum(share for share, _ in end.echoes))
         return row
@@ -295,7 +306,8 @@ class Bank:
         """Drop all samples but the last of each instrument."""
         for i, s in enumerate(self._fronts):
             if s["kept"] > 1:
-                self._samples[i, 0], s["kept"] = self._samples[i, s["kept"] - 1], 1
+                self._samples[i, 0] = self._samples[i, s["kept"] - 1]
+                s["kept"] = 1
 
     def _draw(self, everything: bool) -> None:
         """Replace used random numbers, or all of them, by new ones."""
