@@ -382,8 +382,11 @@ class Fmu(CompiledSection):
         faults = []
         for key, signals in (("inputs", self.all_inputs), ("outputs", self.all_outputs)):
             known = [signal.name for signal in signals]
-            faults += [f"{key}: {self.file} has no real {key[:-1]} {name:.80}; it has {', '.join(known) or 'none'}"
-                       for name in getattr(self, key) if name not in known]  # fmt: skip
+            faults += [
+                f"{key}: {self.file} has no real {key[:-1]} {name:.80}; it has {', '.join(known) or 'none'}"
+                for name in getattr(self, key)
+                if name not in known
+            ]
         faults = faults or super().faults()
         step = self.file.about["step"]
         period = self.period * 1e-9

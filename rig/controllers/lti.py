@@ -46,8 +46,13 @@ class LTI(ControllerSection):
     """
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {
-        "file", "method", "prewarp", "reads", "drives", *MATRICES,
-    }  # fmt: skip
+        "file",
+        "method",
+        "prewarp",
+        "reads",
+        "drives",
+        *MATRICES,
+    }
     files: ClassVar[tuple[str, ...]] = tuple(system_file.READERS)
 
     kind: Literal["lti"]

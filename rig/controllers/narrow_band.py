@@ -40,8 +40,12 @@ class NarrowBand(ControllerSection):
     """
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {
-        "frequency", "bandwidth", "effort", "disturbance", "noise",
-    }  # fmt: skip
+        "frequency",
+        "bandwidth",
+        "effort",
+        "disturbance",
+        "noise",
+    }
 
     kind: Literal["narrow_band"]
     sensor: str

@@ -73,8 +73,11 @@ def actuators(run: RunData) -> dict[str, tuple[str, ...]]:
     drives = {name: controller_drives(section) for name, section in scene.controllers.items()}
     guests = [e["data"] for e in run.plant_events if e["kind"] == "admitted"]
     drives |= {data["controller"]: tuple(data["drives"]) for data in guests}
-    return {name: driven for name, driven in drives.items() if name in run.commands and run.commands[name].tick.size
-            and run.commands[name].values.shape[1] == len(driven)}  # fmt: skip
+    return {
+        name: driven
+        for name, driven in drives.items()
+        if name in run.commands and run.commands[name].tick.size and run.commands[name].values.shape[1] == len(driven)
+    }
 
 
 @dataclass(frozen=True)

@@ -470,10 +470,16 @@ class Writer:
             raw += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(places), channel, len(places)) + places
         self._put(bytes(raw))
         index = ChunkIndex(
-            chunk_length=len(record), chunk_start_offset=start, compression="zstd", compressed_size=len(packed),
-            message_end_time=end, message_index_length=len(raw), message_index_offsets=offsets,
-            message_start_time=begin, uncompressed_size=len(content),
-        )  # fmt: skip
+            chunk_length=len(record),
+            chunk_start_offset=start,
+            compression="zstd",
+            compressed_size=len(packed),
+            message_end_time=end,
+            message_index_length=len(raw),
+            message_index_offsets=offsets,
+            message_start_time=begin,
+            uncompressed_size=len(content),
+        )
         self._chunk_indexes.write(_packed(index))
         self._chunks += 1
         self._messages += self._held

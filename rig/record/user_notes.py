@@ -115,7 +115,11 @@ def add(log: Path, text: str, tags: Sequence[str] = ()) -> Note:
 def _note(line: bytes) -> Note | None:
     try:
         values = json.loads(line.decode(errors="replace"))
-        return Note(str(values["date"]), str(values.get("text", "")), tuple(map(str, values.get("tags", ()))),
-                    str(values.get("digest", "")))  # fmt: skip
+        return Note(
+            str(values["date"]),
+            str(values.get("text", "")),
+            tuple(map(str, values.get("tags", ()))),
+            str(values.get("digest", "")),
+        )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

@@ -36,8 +36,10 @@ def units(
         if not isinstance(section, compiled.CompiledSection):
             continue
         heard = {sensor: instrument.unit for sensor, instrument in sensors.items()}
-        both = (("reads", section.connected_sensors, section.used_inputs, heard, "sensor"),
-                ("drives", section.connected_actuators, section.used_outputs, inputs, "actuator"))  # fmt: skip
+        both = (
+            ("reads", section.connected_sensors, section.used_inputs, heard, "sensor"),
+            ("drives", section.connected_actuators, section.used_outputs, inputs, "actuator"),
+        )
         for field, names, signals, known, what in both:
             for other, signal in zip(names, signals):
                 if signal.unit and other in known and not same_unit(known[other], signal.unit):

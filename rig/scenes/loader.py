@@ -237,8 +237,13 @@ class _Reading:
         except PartError as error:
             raise Wrong(("plant", f"plant: {error}")) from None
         if taken := sorted(model.model_fields.keys() & {*merged.OWN}):
-            raise Wrong(("plant", f"plant: {rooms.name_of(plant)}: Parameters declares {', '.join(taken)}, which every "
-                        "scene has already; rename it"))  # fmt: skip
+            raise Wrong(
+                (
+                    "plant",
+                    f"plant: {rooms.name_of(plant)}: Parameters declares {', '.join(taken)}, which every "
+                    "scene has already; rename it",
+                )
+            )
         return model
 
     def _effects(self, tables: Mapping[str, Any], model: type[Section]) -> dict[str, Any]:

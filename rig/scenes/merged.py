@@ -17,8 +17,21 @@ from rig.scenes import faults, inherit, places, protocol, rooms, source
 
 MOST = 100
 """Largest number of faults that an error lists."""
-OWN = ("format", "based_on", "title", "plant", "about", "seed", "clock", "sensors", "controllers", "network",
-       "faults", "protocol", "limits")  # fmt: skip
+OWN = (
+    "format",
+    "based_on",
+    "title",
+    "plant",
+    "about",
+    "seed",
+    "clock",
+    "sensors",
+    "controllers",
+    "network",
+    "faults",
+    "protocol",
+    "limits",
+)
 """Keys of a scene file that do not depend on its plant."""
 
 

@@ -122,8 +122,10 @@ def fork(
     scene = recorded_scene(log, run)
     if run.begin_ns:
         begin = f"{run.begin_ns * 1e-9:g} s"
-        raise UsageError(f"{log}: is a window of a run, from {begin} on: the state at its begin is not recorded, so it "
-                         "cannot be continued; continue a recording that begins at 0 s")  # fmt: skip
+        raise UsageError(
+            f"{log}: is a window of a run, from {begin} on: the state at its begin is not recorded, so it "
+            "cannot be continued; continue a recording that begins at 0 s"
+        )
     tick = _tick(log, run, at)
     end = scene.duration_ns if duration_ns is None else tick * run.frame_ns + duration_ns
     if end is None or end <= tick * run.frame_ns:
@@ -248,8 +250,13 @@ def _skipped_before(run: Run, tick: int) -> dict[str, SkippedSteps]:
 def _action(kind: str, tick: int, t_ns: int, text: str, data: Mapping[str, Any]) -> dict[str, Any]:
     """An event that the plant carries out for an operator."""
     return {
-        "t_ns": t_ns, "tick": tick, "source": PLANT, "kind": kind, "text": text, "data": {**data, "by": OPERATOR},
-    }  # fmt: skip
+        "t_ns": t_ns,
+        "tick": tick,
+        "source": PLANT,
+        "kind": kind,
+        "text": text,
+        "data": {**data, "by": OPERATOR},
+    }
 
 
 def _repeats(log: Path, run: Run, repeated: Run, scene: Scene, until: float) -> None:
@@ -266,5 +273,7 @@ def _repeats(log: Path, run: Run, repeated: Run, scene: Scene, until: float) -> 
         counts = [int(np.searchsorted(times, until * 1e9 - 0.5)) for times in (t_ns, repeated.measurements[name].t_ns)]
         if missing := counts[1] - counts[0]:
             which = "missing" if missing > 0 else "there more than once"
-            raise LogError(f"{log}: {counted(abs(missing), 'sample')} of {name} before {until:g} s are {which}, so it "
-                           f"is not certain that they repeat; {remedy}")  # fmt: skip
+            raise LogError(
+                f"{log}: {counted(abs(missing), 'sample')} of {name} before {until:g} s are {which}, so it "
+                f"is not certain that they repeat; {remedy}"
+            )

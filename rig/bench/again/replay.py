@@ -62,9 +62,16 @@ def replay(
         processes = _Processes(session.run, names)
         try:
             return recorded.replay(
-                session, log, taking_part, pace, JOIN_S, lambda seconds: report(f"t {seconds:.1f} s"),
-                processes=processes, described=described, initial=initial,
-            )  # fmt: skip
+                session,
+                log,
+                taking_part,
+                pace,
+                JOIN_S,
+                lambda seconds: report(f"t {seconds:.1f} s"),
+                processes=processes,
+                described=described,
+                initial=initial,
+            )
         except BusError as fault:
             for child in processes.children.values():
                 child.wait(ENDING_S)

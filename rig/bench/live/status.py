@@ -137,8 +137,10 @@ def _timing(outcome: Mapping[str, Any]) -> list[str]:
         late = timing["lateness"]
         waiting = outcome["waiting"]
         how = f"{'sleep and spin' if waiting.get('spin_ns') else 'sleep'} ({waiting.get('why', '')})"
-        lines.append(f"lateness {late['p50']:.0f} / {late['p95']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us "
-                     f"(p50, p95, p99, worst); the plant waits by {how}")  # fmt: skip
+        lines.append(
+            f"lateness {late['p50']:.0f} / {late['p95']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us "
+            f"(p50, p95, p99, worst); the plant waits by {how}"
+        )
         spans = [f"{name} {s['mean']:.0f}/{s['p95']:.0f}/{s['max']:.0f}" for name, s in timing["spans"].items()]
         each = timing.get("each", 1)
         what = "compute time per frame" if each == 1 else f"compute time per piece of {each} frames"
@@ -155,8 +157,10 @@ def _loop(outcome: Mapping[str, Any]) -> list[str]:
     lines = []
     trip = outcome["round_trip"]
     if trip["max"]:
-        lines.append(f"time from step to command {trip['p50'] / 1e3:.2f} / {trip['p99'] / 1e3:.2f} / "
-                     f"{trip['max'] / 1e3:.2f} ms (p50, p99, worst)")  # fmt: skip
+        lines.append(
+            f"time from step to command {trip['p50'] / 1e3:.2f} / {trip['p99'] / 1e3:.2f} / "
+            f"{trip['max'] / 1e3:.2f} ms (p50, p99, worst)"
+        )
     for name, counts in outcome["loop"].items():
         if name == "refused":
             lines += [f"{sender}: {counted(count, 'command')} refused" for sender, count in counts.items()]

@@ -48,9 +48,24 @@ class CommandQueue:
     """The queue of the commands of one controller, and the command in force. Times are in ticks."""
 
     __slots__ = (
-        "_columns", "answered", "connected", "counts", "delay", "drives", "hold", "last", "link", "name",
-        "oldest", "oldest_in_time", "period", "queue", "status", "values", "wanted",
-    )  # fmt: skip
+        "_columns",
+        "answered",
+        "connected",
+        "counts",
+        "delay",
+        "drives",
+        "hold",
+        "last",
+        "link",
+        "name",
+        "oldest",
+        "oldest_in_time",
+        "period",
+        "queue",
+        "status",
+        "values",
+        "wanted",
+    )
 
     def __init__(
         self, name: str, drives: Sequence[str], period: int, delay: int, hold: int, link: ImpairedLink | None = None

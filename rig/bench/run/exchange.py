@@ -502,8 +502,10 @@ class Playback(Exchange):
     def _fits(self, queue: CommandQueue) -> None:
         if (played := self.played.get(queue.name)) is not None:
             if (width := played.commands.values.shape[1]) != len(queue.drives):
-                raise LogError(f"the recorded commands of {queue.name} have {width} values, its actuators are "
-                               f"{', '.join(queue.drives)}")  # fmt: skip
+                raise LogError(
+                    f"the recorded commands of {queue.name} have {width} values, its actuators are "
+                    f"{', '.join(queue.drives)}"
+                )
 
     @property
     def plays(self) -> bool:

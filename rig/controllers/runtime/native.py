@@ -29,9 +29,33 @@ from rig.compiled.kernel import announce_compiling, as_python, called_by_address
 from rig.controllers.blocks.base import Controller, State, Values, dot, gets_every_sample, mapped
 
 _MATH = {
-    "acos", "asin", "atan", "atan2", "copysign", "cos", "cosh", "e", "exp", "expm1", "fabs", "floor", "inf", "isfinite",
-    "isnan", "log", "log1p", "nan", "phase", "pi", "sin", "sinh", "sqrt", "tan", "tanh", "tau",
-}  # fmt: skip
+    "acos",
+    "asin",
+    "atan",
+    "atan2",
+    "copysign",
+    "cos",
+    "cosh",
+    "e",
+    "exp",
+    "expm1",
+    "fabs",
+    "floor",
+    "inf",
+    "isfinite",
+    "isnan",
+    "log",
+    "log1p",
+    "nan",
+    "phase",
+    "pi",
+    "sin",
+    "sinh",
+    "sqrt",
+    "tan",
+    "tanh",
+    "tau",
+}
 _BUILTIN = {"abs", "bool", "complex", "enumerate", "float", "int", "len", "max", "min", "range", "reversed", "zip"}
 _OBJECTS = {"BUILD_MAP", "BUILD_CONST_KEY_MAP", "BUILD_STRING", "FORMAT_VALUE", "FORMAT_SIMPLE"}
 """Instructions for what is no number; the compiler would take seconds to find out."""

@@ -368,8 +368,17 @@ def _wav(tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Wri
         even = grid(column.name, Samples(table.t_ns, column.values))
         full = wav.write(even.v, even.rate, folder / file)
         written.append(Written(file, table.name, even.v.size, 1, even.rate, full, column.unit))
-        resources.append({"name": name.lower(), "path": file, "format": "wav", "unit": column.unit,
-                          "full_scale": full, "rate": even.rate, "start": float(table.time[0])})  # fmt: skip
+        resources.append(
+            {
+                "name": name.lower(),
+                "path": file,
+                "format": "wav",
+                "unit": column.unit,
+                "full_scale": full,
+                "rate": even.rate,
+                "start": float(table.time[0]),
+            }
+        )
     write_package(folder, folder.name, resources, facts)
     return written
 

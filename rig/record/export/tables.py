@@ -143,11 +143,15 @@ def lowered(signals: Mapping[str, Samples], rate: float) -> Lowered:
             near = " or ".join(f"{recorded / n:.6g} Hz" for n in (math.ceil(factor), math.floor(factor)))
             faults.append(f"--rate {rate:.6g} Hz: {text}; a lower rate is this over a whole number: {near}")
         elif round(factor) > 1 and (size := min(grids[name].v.size for name in names)) < _FEWEST * factor:
-            faults.append(f"--rate {rate:.6g} Hz: {text} for {size / recorded:.4g} s; at least {_FEWEST} rows must "
-                          f"remain: take {_FEWEST * recorded / size:.4g} Hz or more")  # fmt: skip
+            faults.append(
+                f"--rate {rate:.6g} Hz: {text} for {size / recorded:.4g} s; at least {_FEWEST} rows must "
+                f"remain: take {_FEWEST * recorded / size:.4g} Hz or more"
+            )
         elif round(factor) > 1:
-            notes.append(f"{text}, now at {rate:.6g} Hz behind a low-pass filter: pass band to {PASSED * rate:.6g} Hz, "
-                         f"{ATTENUATION:g} dB below from {STOPPED * rate:.6g} Hz")  # fmt: skip
+            notes.append(
+                f"{text}, now at {rate:.6g} Hz behind a low-pass filter: pass band to {PASSED * rate:.6g} Hz, "
+                f"{ATTENUATION:g} dB below from {STOPPED * rate:.6g} Hz"
+            )
             for name in names:
                 v, filled = decimated(grids[name].v, round(factor))
                 exported[name] = Samples(grids[name].t_ns[:: round(factor)], v)
@@ -292,8 +296,10 @@ def _aliased(run: RunData, chosen: _Chosen, times: Integers) -> Iterator[str]:
     """A note on outputs that are recorded less often than the plant steps."""
     step = period(times)
     if chosen.outputs and step > run.step_ns * 1.01:
-        yield (f"outputs of the plant were recorded at {1e9 / step:.6g} Hz and not filtered: vibration above "
-               f"{0.5e9 / step:.6g} Hz is aliased; a sensor keeps all of its samples")  # fmt: skip
+        yield (
+            f"outputs of the plant were recorded at {1e9 / step:.6g} Hz and not filtered: vibration above "
+            f"{0.5e9 / step:.6g} Hz is aliased; a sensor keeps all of its samples"
+        )
 
 
 def _chosen(run: RunData, only: Sequence[str]) -> _Chosen:

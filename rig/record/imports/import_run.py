@@ -139,8 +139,13 @@ class Imported(Result):
     def to_json(self) -> dict[str, object]:
         """The same as plain values."""
         bases = [base.to_json() for base in self.bases]
-        return {"path": str(self.path), "channels": self.channels, "ranges": self.ranges, "time": bases,
-                "missing": self.missing}  # fmt: skip
+        return {
+            "path": str(self.path),
+            "channels": self.channels,
+            "ranges": self.ranges,
+            "time": bases,
+            "missing": self.missing,
+        }
 
 
 def _span(low: float, high: float) -> str:

@@ -126,7 +126,10 @@ class TextTable:
                 with csv.open_csv(
                     file if as_it_is else _Plain(file, self),
                     csv.ReadOptions(
-                        use_threads=False, block_size=BLOCK, skip_rows=self.skip, column_names=list(names),
+                        use_threads=False,
+                        block_size=BLOCK,
+                        skip_rows=self.skip,
+                        column_names=list(names),
                         encoding="utf8" if self.encoding != "latin-1" else "latin1",
                     ),
                     csv.ParseOptions(delimiter=self.separator, invalid_row_handler=refuse),
@@ -137,7 +140,7 @@ class TextTable:
                         null_values=_BLANK_VALUES,
                         check_utf8=False,
                     ),
-                ) as reader:  # fmt: skip
+                ) as reader:
                     for batch in reader:
                         if ragged:
                             break
