@@ -216,7 +216,9 @@ class FreeRig:
         self._rows += [{name: 1.0} for name in self.system.names] if dense else []
         self._recorded = (len(read) or len(self._rows)) if dense else 0
         self._frame = scene.frame_ns // scene.step_ns if framed else 0
-        self.longest = (BLOCK + -BLOCK % self._frame if framed else BLOCK) if dense else 1
+        self.longest = 1
+        if dense:
+            self.longest = BLOCK + -BLOCK % self._frame if framed else BLOCK
         self._ticks = -_LONGEST
         self._modes: dict[int, ModeSet] = {}
         self._rates: dict[int, Callable[[Array], Array]] = {}
@@ -352,11 +354,13 @@ class FreeRig:
         contact = own_law(system, modes)
         load = modes.load
         load_t = modes.load_t
-        of_states = [product for product in system.products if all(f.kind == STATE for f in product.factors)]
+        of_states = [product for product in system.products if _of_states(product)]
         if len(of_states) < len(system.products) or system.remembers or load_t.any():
             return lambda x: np.asarray(modes.A @ x + modes.b @ inputs(system, modes, x, contact)[0])
         slipping = np.flatnonzero(modes.nonlinear).tolist()
-        products = [[f.index for f in product.factors] for product in of_states]
+        products = list[list[int]]()
+        for product in of_states:
+            products.append([factor.index for factor in product.factors])
         columns = modes.b.T
 
         def rate(x: Array) -> Array:
@@ -513,6 +517,11 @@ class FreeRig:
     def _energy(motion: Motion) -> Array:
         """The energy terms of a motion so far, and its stored energy behind them [J]."""
         return np.append(motion.terms(), energy_forms.stored(motion.system, motion.x, motion.key))
+
+
+def _of_states(product: Any) -> bool:
+    """Whether all factors of a product of forces are state variables."""
+    return all(factor.kind == STATE for factor in product.factors)
 
 
 def _at_rest(system: System, x: Array) -> Array:

@@ -161,12 +161,17 @@ def unknown(run: Run, again: Run) -> list[str]:
 def other_mode_sets(run: Run, again: Run, end_ns: int) -> list[str]:
     """A fault if more than the share `MOVED` of the mode sets up to `end_ns` differ; for runs of the same sources."""
     for name, t_ns, recorded, simulated, _ in pairs(run, again, modes=True):
-        if name == MODE_SET and (count := int(np.searchsorted(t_ns, end_ns, "right"))):
-            apart = recorded[:count] != simulated[:count]
-            if (differing := int(apart.sum())) > MOVED * count:
-                t = t_ns[int(np.argmax(apart))] * 1e-9
-                instants = f"{differing} of {count} instants differ ({MOVED * count:.0f} are allowed)"
-                return [f"the mode sets of {instants}, first at t = {t:.9g} s"]
+        if name != MODE_SET:
+            continue
+        count = int(np.searchsorted(t_ns, end_ns, "right"))
+        if count == 0:
+            continue
+        apart = recorded[:count] != simulated[:count]
+        differing = int(apart.sum())
+        if differing > MOVED * count:
+            t = t_ns[int(np.argmax(apart))] * 1e-9
+            instants = f"{differing} of {count} instants differ ({MOVED * count:.0f} are allowed)"
+            return [f"the mode sets of {instants}, first at t = {t:.9g} s"]
     return []
 
 

@@ -140,8 +140,9 @@ def fork(
     asked: list[str] = []
 
     def ask() -> str:
-        if stop is not None and (why := stop()):
-            asked.append(why)
+        reason = "" if stop is None else stop()
+        if reason:
+            asked.append(reason)
         return asked[-1] if asked else ""
 
     text = f"continues {log.name} from {now * 1e-9:g} s"

@@ -116,9 +116,12 @@ class SampleBlocks:
         The instruments may have published more: those of later frames.
         """
         end = t_ns // self._period_ns + 1 if self._even else self._instants.count(t_ns)
-        if end > self._next and (new := len(samples := self._memory(self._i, self._next, end - self._next))):
+        if end <= self._next:
+            return
+        samples = self._memory(self._i, self._next, end - self._next)
+        if len(samples):
             self._kept.append(samples.tobytes())
-            self._next += new
+            self._next += len(samples)
             if self._next - self._first >= self._size:
                 self.put(tick, t_ns)
 

@@ -62,7 +62,8 @@ class MachineLoad:
 
     def shares(self) -> dict[str, float]:
         """Share of the processors' time that other programs took, and the host of a virtual machine; empty: unknown."""
-        if self._begin is None or (now := _now()) is None:
+        now = None if self._begin is None else _now()
+        if self._begin is None or now is None:
             return {}
         wall, others, host = (after - before for before, after in zip(self._begin, now))
         whole = wall * (os.cpu_count() or 1)
@@ -283,13 +284,16 @@ def choose(frame_ns: int, frames: int = 60) -> Waiting:
 
 def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, cores: int, load: float) -> Waiting:
     """Choose by two sets of lateness [ns], the number of cores and the load on them [cores]."""
-    a, b = int(np.quantile(slept, 0.95)), int(np.quantile(spun, 0.95))
+    late_ns = int(np.quantile(slept, 0.95))
+    late_spun_ns = int(np.quantile(spun, 0.95))
     if cores < 2 or load > cores - 1:
-        return Waiting(0, a, f"no free core: load {load:.1f} on {cores}")
+        return Waiting(0, late_ns, f"no free core: load {load:.1f} on {cores}")
     bad = frame_ns // 2
     if np.mean(spun > bad) > np.mean(slept > bad):
-        return Waiting(0, a, "spinning has more bad frames")
-    return Waiting(0, a, "spinning gains nothing") if b > a / 2 else Waiting(spin_ns, a, "spinning is more exact")
+        return Waiting(0, late_ns, "spinning has more bad frames")
+    if late_spun_ns > late_ns / 2:
+        return Waiting(0, late_ns, "spinning gains nothing")
+    return Waiting(spin_ns, late_ns, "spinning is more exact")
 
 
 class ProcessorTime(NamedTuple):

@@ -126,7 +126,7 @@ def finalise(plant: Plant) -> dict[str, Any]:
         "exit_code": code,
         "ended": ended,
         "fault": plant.fault or experiment.aborted,
-        "mode": ("lockstep" if plant.job.in_lockstep else "paced") if plant.job.pace else "lockstep, not paced",
+        "mode": _mode(plant.job),
         "pace": plant.job.pace,
         "ticks": runner.tick,
         "seconds": t,
@@ -156,6 +156,13 @@ def finalise(plant: Plant) -> dict[str, Any]:
     plant.session.publisher("event/plant").put(event, runner.t_ns)
     hub.put_totals()
     return summary
+
+
+def _mode(job: Job) -> str:
+    """Which clock the run has, in the words of its summary."""
+    if not job.pace:
+        return "lockstep, not paced"
+    return "lockstep" if job.in_lockstep else "paced"
 
 
 def timing_verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
@@ -203,7 +210,10 @@ def _unanswered(plant: Plant, skipped: Mapping[str, int]) -> dict[str, int]:
     asked = plant.scene.controllers.keys() - hub.in_plant
     for name in sorted(name for role, name in here if role == "controller" and name in asked):
         left_out = skipped.get(name, 0)
-        while hub.commands.unanswered(name) > left_out and (left := deadline - time.monotonic()) > 0.0:
+        while hub.commands.unanswered(name) > left_out:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                break
             hub.commands.next(left)
         if (count := hub.commands.unanswered(name) - left_out) > 0:
             unanswered[f"step to {name}"] = count
@@ -231,7 +241,10 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
     deadline = time.monotonic() + ANSWERS_S
     last = time.monotonic() + CATCH_UP_S
     tell = time.monotonic() + TELL_S
-    while asked and (left := min(deadline, last) - time.monotonic()) > 0.0:
+    while asked:
+        left = min(deadline, last) - time.monotonic()
+        if left <= 0.0:
+            break
         message = hub.totals.get(left)
         if message is None:
             break
@@ -570,12 +583,14 @@ class Plant:
         paused = self.operator.paused
         if paused:
             self.experiment.postponed.step_back()
-        while not (why := self._why()) and operator.paused and not operator.steps:
+        why = self._why()
+        while not why and operator.paused and not operator.steps:
             self.housekeeper.look(time.perf_counter_ns())
             self.hub.put_events()
             time.sleep(0.01)
             operator.poll()
             self.in_plant.poll()
+            why = self._why()
         if paused and pacer is not None:
             pacer.anchor()
         operator.steps -= operator.paused and operator.steps > 0

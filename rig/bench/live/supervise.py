@@ -243,7 +243,8 @@ class RunProcesses:
                 break
             self._interrupt(interrupts)
             self._hear()
-            if not told and (silent := self._silent()):
+            silent = "" if told else self._silent()
+            if silent:
                 told = True
                 self._say(f"the plant rehearses the run; {silent}. Ctrl-C ends it")
         for child in self.others.values():
@@ -280,7 +281,10 @@ class RunProcesses:
         """Wait until the recorder has finished its file: a slow disk may have much to write."""
         begun = time.monotonic()
         told = False
-        while not recorder.wait(0.1) and (waited := time.monotonic() - begun) < WRITE_S:
+        while not recorder.wait(0.1):
+            waited = time.monotonic() - begun
+            if waited >= WRITE_S:
+                break
             if waited > TELL_S and not told:
                 told = True
                 self._say("waiting for the recorder, which finishes its file")
@@ -372,7 +376,8 @@ class RunProcesses:
         files = [Path(file) for file in self._recording.get("files", [self._file])]
         log = next((str(path) for path in files if self._owns(path)), "")
         account = self._recording.get("text", "")
-        if recorder is None or not (why := self._incomplete(recorder, files, summary["seconds"])):
+        why = "" if recorder is None else self._incomplete(recorder, files, summary["seconds"])
+        if not why:
             return Outcome(summary, log, account, tuple(self.died))
         died = self.died if account or why in self.died else [*self.died, why]
         return Outcome(summary, log, account, tuple(died)).without_recording(why)

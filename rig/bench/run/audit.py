@@ -332,11 +332,15 @@ class StateSamples:
         shares = {name: (pull.count / self.ticks, pull.most) for name, pull in self.pulls.items()}
         for visited in self.kept:
             modes = comparison.modes(visited.system, visited.key)
-            if modes is None or not (unread := _can_pull(visited.system).keys() - self._read[1].keys()):
+            if modes is None:
+                continue
+            unread = _can_pull(visited.system).keys() - self._read[1].keys()
+            if not unread:
                 continue
             forces = _forces(visited.system, modes, visited.x).normal.tolist()
             for normal, force in zip(visited.system.normals, forces):
-                if (name := _contact(visited.system, normal)) in unread and force < 0.0:
+                name = _contact(visited.system, normal)
+                if name in unread and force < 0.0:
                     part, most = shares.get(name, (0.0, 0.0))
                     shares[name] = part + 1.0 / len(self.kept), max(most, -force)
         return shares
@@ -370,11 +374,12 @@ def _can_pull(system: System) -> dict[str, str]:
 def _readings(system: System, scene: Scene, outputs: Sequence[str]) -> dict[str, int]:
     """Normal forces that can pull -> the number of the output that is this force, where there is one."""
     rows = {name: output.row for name, output in scene.assemble().outputs.items() if name in outputs}
-    return {
-        contact: list(outputs).index(name)
-        for contact, force in _can_pull(system).items()
-        for name in [name for name, row in rows.items() if row == {force: 1.0}][:1]
-    }
+    readings = {}
+    for contact, force in _can_pull(system).items():
+        output = next((name for name, row in rows.items() if row == {force: 1.0}), None)
+        if output is not None:
+            readings[contact] = list(outputs).index(output)
+    return readings
 
 
 def _scattered(number: int, room: int) -> int:
@@ -555,13 +560,11 @@ def _lifted(motion: Motion, other: System) -> float:
     system = motion.system
     tally = motion.state.tally.tolist()
     closed = {normal.name for normal in other.normals if not normal.opens}
-    lifted = sum(
-        ticks
-        for ticks, modes in zip(tally, motion.mode_sets.sets)
-        if any(
-            mode == OPEN and normal.name in closed for normal, mode in zip(system.normals, system.modes(modes.key)[1])
-        )
-    )
+    lifted = 0
+    for ticks, modes in zip(tally, motion.mode_sets.sets):
+        contacts = zip(system.normals, system.modes(modes.key)[1])
+        if any(mode == OPEN and normal.name in closed for normal, mode in contacts):
+            lifted += ticks
     return float(lifted / max(sum(tally), 1))
 
 
@@ -685,25 +688,36 @@ def _slips(system: System, key: int, x: Array) -> dict[str, tuple[float, int]]:
 
 def _same_mode_set(visited: VisitedState, other: System, x: Array) -> list[list[int]]:
     """The modes of the parts of another rig at its state x: those visited, else as x has them."""
-    names = [[part.name for part in parts] for parts in _parts(visited.system)]
-    known = [dict(zip(n, modes)) for n, modes in zip(names, visited.system.modes(visited.key))]
-    patches, normals, limiters, sectors, switches = (
-        [(part, modes.get(part.name)) for part in parts] for modes, parts in zip(known, _parts(other))
-    )
-    values = [float(limiter.row @ x) for limiter, _ in limiters]
+    known = map(_by_name, _parts(visited.system), visited.system.modes(visited.key))
+    patches, normals, limiters, sectors, switches = map(_with_modes, _parts(other), known)
     return [
         [SLIP_PLUS if mode is None else mode for _, mode in patches],
         [mode if mode is not None and normal.opens else CLOSED for normal, mode in normals],
-        [
-            mode if mode is not None else LOW if value < limiter.low else HIGH if value > limiter.high else LINEAR
-            for (limiter, mode), value in zip(limiters, values)
-        ],
-        *([part.at(x) if mode is None else mode for part, mode in parts] for parts in (sectors, switches)),
+        [_limited(limiter, x) if mode is None else mode for limiter, mode in limiters],
+        [sector.at(x) if mode is None else mode for sector, mode in sectors],
+        [switch.at(x) if mode is None else mode for switch, mode in switches],
     ]
 
 
 def _parts(system: System) -> tuple[Sequence[Any], ...]:
     return system.patches, system.normals, system.limiters, system.sectors, system.switches
+
+
+def _by_name(parts: Sequence[Any], modes: Sequence[int]) -> dict[str, int]:
+    return {part.name: mode for part, mode in zip(parts, modes)}
+
+
+def _with_modes(parts: Sequence[Any], modes: Mapping[str, int]) -> list[tuple[Any, int | None]]:
+    """Each part with its mode in another rig; None if that rig does not have it."""
+    return [(part, modes.get(part.name)) for part in parts]
+
+
+def _limited(limiter: Any, x: Array) -> int:
+    """The mode of a limiter at the state x."""
+    value = float(limiter.row @ x)
+    if value < limiter.low:
+        return LOW
+    return HIGH if value > limiter.high else LINEAR
 
 
 def _carried(visited: VisitedState, other: System, inputs: Mapping[str, Input], more: Mapping[str, float]) -> Array:

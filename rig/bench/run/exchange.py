@@ -216,7 +216,8 @@ class Exchange:
         changed.clear()
         for queue in self._order:
             waiting = queue.queue
-            if waiting and waiting[0][0] <= tick and (command := self._last_due(queue, tick)) is not None:
+            command = self._last_due(queue, tick) if waiting and waiting[0][0] <= tick else None
+            if command is not None:
                 self._take(queue, tick, *command)
                 changed.append(queue)
             elif queue.wanted and self._catches_up(queue):
@@ -473,6 +474,11 @@ class PlayedCommands:
         at = self.done + ahead
         return self._ticks[at] if at < len(self._ticks) else None
 
+    def is_due(self, tick: int) -> bool:
+        """Whether the next command has to be in force at `tick`."""
+        due = self.due()
+        return due is not None and due <= tick
+
 
 class Playback(Exchange):
     """An exchange that plays recorded commands and ignores controllers, up to tick `end` if it is not None.
@@ -547,7 +553,7 @@ class Playback(Exchange):
         changed.clear()
         for queue in self._order:
             played = self.played.get(queue.name)
-            while played is not None and (due := played.due()) is not None and due <= tick:
+            while played is not None and played.is_due(tick):
                 _, answered, status, values = (column[played.done].tolist() for column in played.commands)
                 self.impose(queue, answered, status, tuple(values))
                 played.done += 1

@@ -259,10 +259,8 @@ class Experiment:
         self.builds = Builds(runner)
         self.postponed = PostponedSteps(runner, self.journal, self._wants, self.builds, reported)
         first = next((i for i, event in enumerate(reported) if event["kind"] == BEGIN), 0)
-        self._before, self._outside = (
-            deque(event for event in part if event["data"].get("by") == OPERATOR)
-            for part in (reported[:first], reported[first:])
-        )
+        self._before = deque(event for event in reported[:first] if _by_operator(event))
+        self._outside = deque(event for event in reported[first:] if _by_operator(event))
 
     def prepared_rigs(self) -> PreparedRigs:
         """Build the rigs that protocol and limits will need, and return what builds them again after other changes."""
@@ -357,7 +355,8 @@ class Experiment:
         runner = self.runner
         tick = runner.tick
         self._faults.carry_out(self.exchange)
-        if not self.aborted and (name := runner.beyond()):
+        name = "" if self.aborted else runner.beyond()
+        if name:
             value = runner.output(name)
             limit = self.scene.limits[name]
             unit = runner.units[name]
@@ -492,3 +491,7 @@ class Experiment:
         phase = "safe state" if self.aborted else progress.phase
         fraction = min(self.runner.tick / self._end, 1.0) if self._end else 1.0
         return progress._replace(phase=phase, fraction=fraction, left_ns=left * self.runner.frame_ns)
+
+
+def _by_operator(event: Mapping[str, Any]) -> bool:
+    return bool(event["data"].get("by") == OPERATOR)

@@ -261,7 +261,9 @@ class Protocol:
         """The first tick after `tick` at which something may be due; None if the protocol is done."""
         if self._condition is not None:
             return tick + 1
-        return None if self.done else self._until if self._following is None else self._following.next
+        if self.done:
+            return None
+        return self._until if self._following is None else self._following.next
 
     def _go_on(self, tick: int, latest: NDArray[Any]) -> list[Action]:
         actions = self._finished()
@@ -330,11 +332,15 @@ class Protocol:
 
     def progress(self, tick: int) -> Progress:
         """Progress of the experiment at `tick`."""
-        waiting = self._condition is not None
         left = None
+        fraction = None
         if self._length is not None:
-            left = self._length - self._passed + (0 if waiting else max(self._until - tick, 0) * self._frame_ns)
-        fraction = 1.0 if self.done else 1.0 - left / self._length if left is not None and self._length else None
+            waits = self._condition is not None
+            left = self._length - self._passed + (0 if waits else max(self._until - tick, 0) * self._frame_ns)
+            if self._length:
+                fraction = 1.0 - left / self._length
+        if self.done:
+            fraction = 1.0
         return Progress(self.phase, self.begun, self._count, fraction, left)
 
     def described(self, step: Any) -> str:

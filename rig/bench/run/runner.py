@@ -200,7 +200,10 @@ class FaultySensors:
         for fault, i, first, end, _, _ in self._faults:
             number = bank.first(i)
             samples = bank.samples(i)
-            low, high = max(first, number), number + len(samples) if end is None else min(end, number + len(samples))
+            low = max(first, number)
+            high = number + len(samples)
+            if end is not None:
+                high = min(end, high)
             for k in range(low, high):
                 before = float(bank.since(i, k - 1)[0]) if k else 0.0
                 t = (bank.instants[i].instant(k) - fault.at) * 1e-9
@@ -252,7 +255,8 @@ class PlantRunner:
         broken = {name: fault for name, fault in scene.faults.items() if isinstance(fault, SensorFault)}
         self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
         sections = scene.controllers.values()
-        reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
+        reads = sum(len(controller_reads(section)) for section in sections)
+        drives = sum(len(controller_drives(section)) for section in sections)
         self.controllers = controller_tables(len(sections), reads, drives, scene.frame_ns)
         self.random_numbers = Numbers(system, scene.seed)
         surroundings = Surroundings(self.bank.loan.content, self.controllers, self.random_numbers.record)
@@ -354,7 +358,8 @@ class PlantRunner:
             _ = self.hearing
             most = min(most, ROOM)
         faulty = self._faulty_sensors
-        if faulty is not None and (ahead := faulty.ahead(self.tick)) is not None:
+        ahead = None if faulty is None else faulty.ahead(self.tick)
+        if ahead is not None:
             most = min(most, max(ahead, 1))
         try:
             self._look = self._carry(most)
@@ -507,7 +512,9 @@ class PlantRunner:
         """The value of a parameter of the rig now. Raises SceneError for an unknown key."""
         value: Any = self.scene.parameters
         for part in key.split("."):
-            inside = value if isinstance(value, dict) else dict(value) if isinstance(value, BaseModel) else {}
+            inside: dict[str, Any] = {}
+            if isinstance(value, dict | BaseModel):
+                inside = dict(value)
             if part not in inside:
                 raise SceneError(shortened(key), ["is not a parameter of this rig"])
             value = inside[part]

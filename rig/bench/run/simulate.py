@@ -128,11 +128,13 @@ def carry_out(
             if stop is not None:
                 until = min(until, runner.tick + every - runner.tick % every)
             carry_on(experiment, working, until)
-            if not (runner.tick % apart or experiment.aborted) and (kept := runner.checkpoint()):
+            kept = None if runner.tick % apart or experiment.aborted else runner.checkpoint()
+            if kept:
                 checkpoints[runner.tick] = kept
             if tell is not None and duration_ns:
                 tell(runner.t_ns // 1_000_000_000, -(-duration_ns // 1_000_000_000))
-            if stop is not None and (why := stop()):
+            why = "" if stop is None else stop()
+            if why:
                 experiment.stop(why)
     except NumericsError as error:
         fault = str(error)
@@ -226,9 +228,8 @@ def carry_on(
         return
     inside = inside or CompiledControllers(experiment)
     plays = exchange.plays
-    heard, others = (
-        [asked for asked in working if (asked.queue.connected and not plays) is on] for on in (True, False)
-    )
+    heard = [asked for asked in working if asked.queue.connected and not plays]
+    others = [asked for asked in working if plays or not asked.queue.connected]
     while True:
         for asked in working:
             asked.answer()
@@ -239,7 +240,8 @@ def carry_on(
         for asked in heard:
             if asked.name not in compiled:
                 end = min(end, asked.due)
-        if end - tick > 1 and (waits := exchange.until(compiled)) is not None:
+        waits = exchange.until(compiled) if end - tick > 1 else None
+        if waits is not None:
             end = min(end, waits)
         try:
             runner.frames(end - tick)
