@@ -126,7 +126,10 @@ def of_varied(scene: Scene, keys: list[str]) -> list[str]:
 
 
 def _text(value: Any, unit: str) -> str:
-    number = f"{value:.9g}" if isinstance(value, float) else "none" if value is None else str(value)
+    if isinstance(value, float):
+        number = f"{value:.9g}"
+    else:
+        number = "none" if value is None else str(value)
     return f"{number} {unit}" if unit not in ("", "1") else number
 
 

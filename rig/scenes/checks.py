@@ -62,10 +62,9 @@ def algebraic_loops(
         heard = {signal.name: sensor for signal, sensor in zip(section.used_inputs, section.connected_sensors)}
         for signal, driven in zip(section.used_outputs, section.connected_actuators):
             for sensor in (heard[input_name] for input_name in signal.direct or () if input_name in heard):
-                for actuator in (
-                    candidate for candidate in inputs if _at_once(inputs[candidate], sensors[sensor], outputs)
-                ):
-                    follows.setdefault(actuator, []).append((name, sensor, driven))
+                for actuator in inputs:
+                    if _at_once(inputs[actuator], sensors[sensor], outputs):
+                        follows.setdefault(actuator, []).append((name, sensor, driven))
 
     def chain(actuator: str, path: tuple[str, ...], seen: frozenset[str]) -> tuple[str, ...]:
         """The way from `actuator` back to the first one; empty if there is none."""
@@ -73,7 +72,8 @@ def algebraic_loops(
             here = (*path, sensor, name, driven)
             if driven == path[0]:
                 return here
-            if driven not in seen and (way := chain(driven, here, seen | {driven})):
+            way = () if driven in seen else chain(driven, here, seen | {driven})
+            if way:
                 return way
         return ()
 
@@ -174,9 +174,10 @@ def misdeclared(section: BaseModel, key: str) -> Iterator[source.Fault]:
         value = getattr(section, name)
         inner = f"{key}.{name}" if key else name
         what = f"{inner}: {where}: {type(section).__name__}.{name}"
+        unit = unit_of(info)
         if isinstance(value, BaseModel):
             yield from misdeclared(value, inner)
-        elif isinstance(value, str) and name not in section.model_fields_set and (unit := unit_of(info)):
+        elif isinstance(value, str) and name not in section.model_fields_set and unit:
             yield inner, f"{what} has the default {brief(value)}; expected a number in {unit}"
         elif not whole and not _plain(section, {name}):
             holds = f"{what} holds {brief(value)}, which no recording can contain"

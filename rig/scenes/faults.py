@@ -148,7 +148,10 @@ def dotted(path: Iterable[int | str], prefix: str = "") -> str:
     """A key as the user writes it: tables by dots, list entries counted from one."""
     out = prefix
     for part in path:
-        out += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if out else part
+        if isinstance(part, int):
+            out += f"[{part + 1}]"
+        else:
+            out += f".{part}" if out else part
     return out
 
 
@@ -222,15 +225,19 @@ def _walk(model: Any, loc: Loc, raw: Any) -> tuple[Loc, Any, Any, str]:
     annotation = model
     unit = ""
     for part in loc:
-        if FrictionLaw in _models(annotation) and isinstance(table := lookup(raw, tuple(path)), Mapping):
-            annotation = class_of(table, laws_of(model)) or annotation
+        if FrictionLaw in _models(annotation):
+            table = lookup(raw, tuple(path))
+            if isinstance(table, Mapping):
+                annotation = class_of(table, laws_of(model)) or annotation
         origin = get_origin(annotation)
         if origin in (tuple, list, Sequence) and isinstance(part, int):
-            annotation, unit = get_args(annotation)[0], _unit(get_args(annotation)[0]) or unit
+            annotation = get_args(annotation)[0]
+            unit = _unit(annotation) or unit
             path.append(part)
             continue
         if origin is dict and not isinstance(part, int):
-            annotation, unit = get_args(annotation)[1], _unit(get_args(annotation)[1])
+            annotation = get_args(annotation)[1]
+            unit = _unit(annotation)
             path.append(part)
             continue
         candidates = list(_models(annotation))

@@ -50,7 +50,8 @@ class Link(Section):
     @field_validator("jitter")
     @classmethod
     def _within_delay(cls, jitter: int, info: ValidationInfo) -> int:
-        if "delay" in info.data and jitter > (delay := info.data["delay"]):
+        delay = info.data.get("delay")
+        if delay is not None and jitter > delay:
             raise ValueError(
                 f"is more than the delay of {delay / 1e6:g} ms; a message cannot arrive before it is sent, so at most "
                 f"{delay / 1e6:g} ms are possible"

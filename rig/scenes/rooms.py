@@ -52,14 +52,13 @@ def anchor(tables: dict[str, Any], folder: Path) -> None:
     named = [(tables, "plant")]
     for key, table in tables.items():
         if isinstance(table, dict):
-            inner = table.values() if key in (SENSORS.what, CONTROLLERS.what) else ()
-            files = ("kind", FILE)
-            named += [
-                (table, EFFECT),
-                *((section, name) for section in inner if isinstance(section, dict) for name in files),
-            ]
+            named.append((table, EFFECT))
+            for section in table.values() if key in (SENSORS.what, CONTROLLERS.what) else ():
+                if isinstance(section, dict):
+                    named += [(section, "kind"), (section, FILE)]
     for table, key in named:
-        if isinstance(text := table.get(key), str) and (is_file(text) or key == FILE):
+        text = table.get(key)
+        if isinstance(text, str) and (is_file(text) or key == FILE):
             table[key] = os.path.abspath(folder / text)
     steps = tables.get("protocol")
     for step in _tables(steps):
@@ -78,7 +77,8 @@ def _tables(steps: Any) -> Iterator[dict[str, Any]]:
 
 def _anchored(value: Any, folder: Path) -> Any:
     if isinstance(value, dict):
-        if isinstance(law := value.get(LAW), str) and is_file(law):
+        law = value.get(LAW)
+        if isinstance(law, str) and is_file(law):
             value = value | {LAW: os.path.abspath(folder / law)}
         return {key: inner if key in ("kind", EFFECT) else _anchored(inner, folder) for key, inner in value.items()}
     if isinstance(value, list):

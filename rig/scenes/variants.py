@@ -159,15 +159,21 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
     """Values for `keys`, and the scene they are from."""
     yield {key: {} for key in keys}, ""
     words = [key.rpartition(".")[2] for key in keys]  # no other scene is read
-    having = [name for name in names() if any(word in text_of(name) for word in words)]
+    having = []
+    for name in names():
+        text = text_of(name)
+        if any(word in text for word in words):
+            having.append(name)
     plants = dict.fromkeys([scene.plant, *(map(plant, having) if of_others else ())])
     for name in (name for wanted in plants for name in having if plant(name) == wanted):
         other = _parameters(name)
         raw = other.model_dump()
         closing = switches(other)
-        values = {
-            key: _at_work(key, value, closing) for key in keys if (value := lookup(raw, key.split("."))) is not None
-        }
+        values = {}
+        for key in keys:
+            value = lookup(raw, key.split("."))
+            if value is not None:
+                values[key] = _at_work(key, value, closing)
         if values:
             yield values, name
     bounds = {effect.key: effect.about for effect in optional(scene.parameters) if isinstance(effect.about, Bound)}
@@ -201,8 +207,11 @@ def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
 
 def _at_work(key: str, value: Any, closing: Sequence[str]) -> Any:
     """The table of `key`, that its scene switches on later by one of `closing`, switched on."""
-    own = [switch for table, _, switch in (dotted.rpartition(".") for dotted in closing) if table == key]
-    off = [switch for switch in own if value.get(switch) is False]
+    off = []
+    for dotted in closing:
+        table, _, switch = dotted.rpartition(".")
+        if table == key and value.get(switch) is False:
+            off.append(switch)
     return {**value, **dict.fromkeys(off, True)} if off else value
 
 
