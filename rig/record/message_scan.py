@@ -316,18 +316,24 @@ class Scan:
             self.began_ns = int(apart[np.argmax(apart != 0)])
         channels = head["channel"].tolist()
         numbers = head["sequence"].tolist()
-        first, last = dict(zip(reversed(channels), reversed(numbers))), dict(zip(channels, range(head.size)))
+        first = dict(zip(reversed(channels), reversed(numbers)))
+        last = dict(zip(channels, range(head.size)))
         here = len(self.skipped)
         for channel, number in first.items():
             before, holes = self._seen.get(channel, (number, here))
-            if holes != here and (gap := (number - before - 1) % _SEQUENCE) < _SEQUENCE // 2:
+            gap = (number - before - 1) % _SEQUENCE
+            if holes != here and gap < _SEQUENCE // 2:
                 self._gaps += gap
             self._seen[channel] = numbers[last[channel]], here
             if channel in self._of_blocks:
                 self._blocks[channel] = chunk, last[channel]
 
     def _skip(self, hole: Hole) -> None:
-        what = "its last bytes" if self._footer else "the index at its end" if self._end is not None else hole.what
+        what = hole.what
+        if self._footer:
+            what = "its last bytes"
+        elif self._end is not None:
+            what = "the index at its end"
         self.skipped.append(Skipped(hole.begin, hole.end, what, self.last_ns))
 
     def _note(self, part: Found) -> None:
@@ -394,7 +400,8 @@ class Scan:
             front = "" if self._header is not None else "its beginning is damaged or missing; "
             before = f"; before that {_missing(known)}" if known else ""
             return f"{front}it breaks off after t = {self.last_ns * 1e-9:.3f} s{before}"
-        if self.missing is None and self._header is not None and (place := self._taking()) is not None:
+        place = self._taking() if self.missing is None and self._header is not None else None
+        if place is not None:
             least = f"at least {_missing(known)}" if known else "how many messages are missing is unknown"
             what = place.what or "a record"
             return f"{what} {'are' if what.endswith('bytes') else 'is'} damaged; {least}"

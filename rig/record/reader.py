@@ -68,12 +68,14 @@ class Decoder:
 
 def _consistent(columns: messages.Columns) -> bool:
     """Whether the commands in each Applied have one entry in every column, as `rig.bus.messages.commands` demands."""
-    if "ticks" not in columns or not (count := columns["ticks"].shape[1]):
+    if "ticks" not in columns:
         return True
-    return (
-        all(columns[name].shape[1] == count for name in ("answers", "statuses"))
-        and columns["values"].shape[1] % count == 0
-    )
+    count = columns["ticks"].shape[1]
+    if not count:
+        return True
+    if any(columns[name].shape[1] != count for name in ("answers", "statuses")):
+        return False
+    return bool(columns["values"].shape[1] % count == 0)
 
 
 def open(path: Path | str) -> run.Run:
@@ -94,12 +96,11 @@ def open(path: Path | str) -> run.Run:
 
     made = scan.metadata.get("log", {}).get("made")
     time_ns, signals, mode = _truth([topic for topic in gathered if topic.startswith("truth/")], read, setup)
-    events = [
-        event
-        for topic, payloads in gathered.items()
-        if topic.startswith("event/")
-        for event in _events(topic[6:], (decode(topic, payload) for payload in payloads))
-    ]
+    events = list[dict[str, Any]]()
+    for topic, payloads in gathered.items():
+        if topic.startswith("event/"):
+            decoded = (decode(topic, payload) for payload in payloads)
+            events += _events(topic[6:], decoded)
     events.sort(key=itemgetter("t_ns"))
     measurements = {name: _samples(read(f"meas/{name}")) for name in setup.sensors}
     checkpoints = (decode("checkpoint", payload) for payload in gathered.get("checkpoint", ()))
@@ -187,7 +188,8 @@ def _frame(applied: dict[str, list[messages.Columns]]) -> int:
 
 
 def _samples(blocks: list[messages.Columns]) -> run.Samples:
-    times, values = [np.empty(0, np.int64)], [np.empty(0)]
+    times = [np.empty(0, np.int64)]
+    values = [np.empty(0)]
     for block in blocks:
         values.append(block["v"].ravel())
         times.append(_times(block).ravel())

@@ -262,7 +262,10 @@ class RunRecorder:
     def _take(self) -> bool:
         """Record waiting messages, at most a turn's worth; return whether that was all there was time for."""
         taken = 0
-        while taken < TURN and (message := self._heard.get()) is not None:
+        while taken < TURN:
+            message = self._heard.get()
+            if message is None:
+                break
             taken += 1
             self._lives.follow(message)
             self._writer.write(message.topic, message.payload, message.t_ns, message.seq, time.time_ns())

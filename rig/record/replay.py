@@ -73,13 +73,13 @@ class RebuiltTraffic:
             name: impaired_link.HeardSensor(link) for name, link in self.links().items() if name in run.measurements
         }
         acts = {name: sent(commands) for name, commands in run.commands.items()}
-        applied = {name: deque(zip(*(column.tolist() for column in rows))) for name, rows in run.commands.items()}
+        applied = {name: deque(_rows(commands)) for name, commands in run.commands.items()}
         events = deque(event for event in run.events if event["kind"] != _SAVED_ONLY)
         states = iter(self._states())
         state = next(states, None)
-        first = (
-            round(float(run.time[0]) * 1e9) // frame if run.time.size else 0
-        )  # above 0 if it was recorded from there
+        first = 0
+        if run.time.size:  # above 0 if it was recorded from there
+            first = round(float(run.time[0]) * 1e9) // frame
         for tick in range(first, last + 1):
             now = tick * frame
             yield from self._blocks(tick, last, cuts)
@@ -145,6 +145,11 @@ def sent(commands: Commands) -> dict[int, tuple[float, ...]]:
     """Return tick -> command as sent, where known: a clamped command differs from what the controller sent."""
     columns = zip(commands.answered.tolist(), commands.status.tolist(), commands.values.tolist())
     return {tick: tuple(values) for tick, status, values in columns if status == 0}
+
+
+def _rows(commands: Commands) -> Iterator[tuple[Any, ...]]:
+    """The commands one by one: tick, answered step, status and values."""
+    return zip(*(column.tolist() for column in commands))
 
 
 def _event(event: dict[str, object]) -> Record:
@@ -381,7 +386,8 @@ def replay(
     recorded = {name: RecordedController(name, saved) for name in into}
     decode = reader.Decoder(setup)
     for record in rebuilt if saved and rebuilt else scan:
-        if not curves.derived(record.topic) and (content := decode(record.topic, record.payload)) is not None:
+        content = None if curves.derived(record.topic) else decode(record.topic, record.payload)
+        if content is not None:
             for recorded_controller in recorded.values():
                 recorded_controller.note(record, content)
     if run is not None:
@@ -601,7 +607,10 @@ class _Replay:
         return -left
 
     def _take(self, tick: int, timeout: float) -> None:
-        while self._open and (message := self._acts.get(timeout)) is not None:
+        while self._open:
+            message = self._acts.get(timeout)
+            if message is None:
+                break
             name = message.topic.partition("/")[2]
             if name in self._open and message.said.tick == tick:
                 self._open.remove(name)

@@ -87,7 +87,7 @@ def add(log: Path, text: str, tags: Sequence[str] = ()) -> Note:
     """
     text = " ".join(text.split())
     tags = tuple(dict.fromkeys(tag.removeprefix("#") for tag in tags))
-    wrong = [tag for tag in tags if not tag or any(c.isspace() or not c.isprintable() for c in tag) or len(tag) > 64]
+    wrong = [tag for tag in tags if not _is_tag(tag)]
     if wrong:
         raise UsageError(f"--tag {wrong[0]!r}: a tag is one word of at most 64 characters, such as squeal")
     if not text and not tags:
@@ -123,3 +123,10 @@ def _note(line: bytes) -> Note | None:
         )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
+
+
+def _is_tag(text: str) -> bool:
+    """Whether a text is one word of printable characters that is not too long."""
+    if any(character.isspace() or not character.isprintable() for character in text):
+        return False
+    return 0 < len(text) <= 64

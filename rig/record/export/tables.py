@@ -136,13 +136,14 @@ def lowered(signals: Mapping[str, Samples], rate: float) -> Lowered:
     bridged = 0
     for recorded, names in _by_rate(grids).items():
         factor = recorded / rate
+        size = min(grids[name].v.size for name in names)
         text = f"{', '.join(listed(dict.fromkeys(map(_plain, names), '')))}: recorded at {recorded:.6g} Hz"
         if factor < 1.0 - _WHOLE:
             notes.append(f"{text}, below --rate; exported as recorded")
         elif abs(factor - round(factor)) > _WHOLE * factor:
             near = " or ".join(f"{recorded / n:.6g} Hz" for n in (math.ceil(factor), math.floor(factor)))
             faults.append(f"--rate {rate:.6g} Hz: {text}; a lower rate is this over a whole number: {near}")
-        elif round(factor) > 1 and (size := min(grids[name].v.size for name in names)) < _FEWEST * factor:
+        elif round(factor) > 1 and size < _FEWEST * factor:
             faults.append(
                 f"--rate {rate:.6g} Hz: {text} for {size / recorded:.4g} s; at least {_FEWEST} rows must "
                 f"remain: take {_FEWEST * recorded / size:.4g} Hz or more"
@@ -396,11 +397,15 @@ def _commands(run: RunData, name: str) -> Table:
 
 
 def _events(run: RunData) -> Table:
-    texts = {key: [event[key].replace("\0", "\ufffd") for event in run.events] for key in ("source", "kind", "text")}
-    texts["data"] = [json.dumps(event["data"]) if event["data"] else "" for event in run.events]
-    columns = [Column("tick", "", np.array([event["tick"] for event in run.events], np.int64), "frame of the event")]
-    columns += [Column(name, "", np.array(values, object)) for name, values in texts.items()]
-    return Table(EVENTS, np.array([event["t_ns"] for event in run.events], np.int64), tuple(columns))
+    t_ns = np.array([event["t_ns"] for event in run.events], np.int64)
+    ticks = np.array([event["tick"] for event in run.events], np.int64)
+    columns = [Column("tick", "", ticks, "frame of the event")]
+    for name in ("source", "kind", "text"):
+        texts = [event[name].replace("\0", "\ufffd") for event in run.events]
+        columns.append(Column(name, "", np.array(texts, object)))
+    data = [json.dumps(event["data"]) if event["data"] else "" for event in run.events]
+    columns.append(Column("data", "", np.array(data, object)))
+    return Table(EVENTS, t_ns, tuple(columns))
 
 
 def _named(made: list[Table]) -> Iterator[Table]:

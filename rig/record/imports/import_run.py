@@ -189,7 +189,8 @@ def listed(paths: Sequence[Path]) -> Listed:
     together = ChannelMap()
     for file in _all_opened(paths):
         names = [column.name for column in file.columns]
-        low, high = dict.fromkeys(names, np.inf), dict.fromkeys(names, -np.inf)
+        low = dict.fromkeys(names, np.inf)
+        high = dict.fromkeys(names, -np.inf)
         count = dict.fromkeys(names, 0)
         last = dict.fromkeys(names, -np.inf)
         rising = set(names)
@@ -392,13 +393,10 @@ class _Faults:
         """Note times that do not increase, or are none."""
         before = np.concatenate(([last], t[:-1]))
         for i in np.flatnonzero(~(t > before)):
-            what = (
-                "is no number"
-                if not np.isfinite(t[i])
-                else "is that of the row before"
-                if t[i] == before[i]
-                else "falls"
-            )
+            if not np.isfinite(t[i]):
+                what = "is no number"
+            else:
+                what = "is that of the row before" if t[i] == before[i] else "falls"
             self._note(row + int(i), name, f"the time {t[i]:.9g} s {what}")
 
     def missing(self, lost: NDArray[np.bool_], row: int, name: str) -> None:
@@ -564,7 +562,8 @@ def _written(
                     piece = t_ns[low_i:high_i]
                     payload = encode.samples(0, piece, np.ascontiguousarray(v[low_i:high_i]))
                     writer.write(f"meas/{name}", payload, int(piece[0]), numbers[name], began_ns + int(piece[0]))
-            if np.isfinite(until := min(reached)) and not faults:
+            until = min(reached)
+            if np.isfinite(until) and not faults:
                 writer.settle(round((until - begin) * 1e9))
             done = sum(base.samples for base in bases)
             total = sum(part.expected for part in parts)

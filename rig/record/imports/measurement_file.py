@@ -264,7 +264,9 @@ def _word(given: Any) -> str:
     """A text attribute, which some programs store as an array of one text."""
     values = np.asarray("" if given is None else given).ravel()
     value = values[0] if values.size == 1 else ""
-    return value.decode(errors="replace") if isinstance(value, bytes) else str(value) if isinstance(value, str) else ""
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
+    return str(value) if isinstance(value, str) else ""
 
 
 def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
@@ -350,7 +352,8 @@ def _tdms(path: Path) -> MeasurementFile:
                 step = float(about.get("wf_increment", 0.0))
                 start = float(about.get("wf_start_offset", 0.0))
                 unit = str(about.get("unit_string", about.get("NI_UnitDescription", "")))
-                if step and (stamp := about.get("wf_start_time")) is not None:
+                stamp = about.get("wf_start_time")
+                if step and stamp is not None:
                     stamp_ns = int(np.datetime64(stamp, "ns").astype(np.int64))
                     began = stamp_ns if began is None else began
                     start += (stamp_ns - began) * 1e-9  # channels may start one after the other

@@ -110,10 +110,10 @@ class TextTable:
         import pyarrow as pa
         from pyarrow import csv
 
-        kinds = {
-            name: (pa.timestamp("ns") if self.iso else pa.string()) if stamped else pa.float64()
-            for name, stamped in zip(names, self.stamped, strict=True)
-        }
+        of_times = pa.timestamp("ns") if self.iso else pa.string()
+        kinds = {}
+        for name, stamped in zip(names, self.stamped, strict=True):
+            kinds[name] = of_times if stamped else pa.float64()
         ragged = list[Any]()
 
         def refuse(row: Any) -> str:
@@ -301,13 +301,21 @@ class _Form:
     def _is_value(self, cell: str) -> bool:
         return bool(_NUMBER[self.mark].fullmatch(cell) or _TIME.fullmatch(cell))
 
+    def _may_have_values(self, label: str, column: Sequence[str]) -> bool:
+        """Whether enough cells are values, or all cells of a column with a label say that there is none."""
+        if 2 * sum(map(self._is_value, column)) > len(column) * self.words:
+            return True
+        return bool(label) and all(cell in _NO_VALUE for cell in column)
+
     def described(
         self, lines: Sequence[str]
     ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[bool, ...], tuple[bool, ...]]:
         """Labels, units, which columns are times of day, and which may have values."""
         above = [self.heading(line) for line in lines[max(self.skip - 5, 0) : self.skip] if line.strip()]
         headings = list[list[str]]()  # from the rows upwards
-        while above and (cells := above.pop()) is not None:
+        for cells in reversed(above):
+            if cells is None:
+                break
             headings.append(cells)
         units = [""] * self.width
         labels = headings[0] if headings else [""] * self.width
@@ -319,11 +327,7 @@ class _Form:
         rows = [self.split(line) for line in lines[self.skip : self.skip + 100]]
         columns = list(zip(*(cells for cells in rows if len(cells) == self.width), strict=True))
         stamped = tuple(bool(_TIME.fullmatch(cell)) for cell in self.split(lines[self.skip]))
-        used = tuple(
-            2 * sum(map(self._is_value, column)) > len(column) * self.words
-            or (bool(label) and all(cell in _NO_VALUE for cell in column))
-            for label, column in zip(labels, columns, strict=True)
-        )
+        used = tuple(self._may_have_values(label, column) for label, column in zip(labels, columns, strict=True))
         units = ["s" if stamp else unit for unit, stamp in zip(units, stamped, strict=True)]
         return tuple(label or f"column {i}" for i, label in enumerate(labels, 1)), tuple(units), stamped, used
 
