@@ -174,20 +174,25 @@ def rules(run: str) -> dict[str, Any]:
     ]
     policies: list[dict[str, Any]] = [{"rules": ["receive", "look"], "subjects": users}]
     for user in users:
-        whom = "**" if user == "operator" else "plant/**" if inbound.is_guest(user) else "plant/scene"
-        made.append(_allow(f"ask-{user}", ["query"], "ingress", [f"{prefix}{whom}/{user}"]))
+        made.append(_allow(f"ask-{user}", ["query"], "ingress", [f"{prefix}{_asked_by(user)}/{user}"]))
         policies.append({"rules": [f"ask-{user}"], "subjects": [user]})
         if user != "operator":
             own = ["put", "reply", "declare_queryable", "liveliness_token"]
             made.append(_allow(f"own-{user}", own, "ingress", [f"{prefix}{user}/**"]))
             made.append(_allow(f"loop-{user}", ["put"], "ingress", [f"{loop}{user}/**"]))
             policies[-1]["rules"] += [f"own-{user}", f"loop-{user}"]
-        if inbound.is_guest(
-            user
-        ):  # a refusal uses the key of the query, which does not contain the user name of the guest
+        # A refusal uses the key of the query, which does not contain the user name of the guest.
+        if inbound.is_guest(user):
             policies[-1]["rules"].append("refuse")
     subjects = [{"id": user, "usernames": [user]} for user in users]
     return {"enabled": True, "default_permission": "deny", "rules": made, "subjects": subjects, "policies": policies}
+
+
+def _asked_by(user: str) -> str:
+    """The topics whose queries a user may send."""
+    if user == "operator":
+        return "**"
+    return "plant/**" if inbound.is_guest(user) else "plant/scene"
 
 
 def _allow(name: str, what: list[str], flow: str, keys: list[str]) -> dict[str, Any]:

@@ -115,7 +115,8 @@ class ImpairedLink:
     def _of(self, number: int) -> Sequence[float]:
         first = number - number % _BLOCK
         if first != self._first:
-            self._first, self._drawn = first, self.numbers(first, _BLOCK)
+            self._drawn = self.numbers(first, _BLOCK)
+            self._first = first
         return self._drawn[number - first].tolist()  # type: ignore[no-any-return]
 
 

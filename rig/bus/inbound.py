@@ -37,11 +37,7 @@ SPAN_NS = 1 << 42
 TOPICS = 1024
 """Most topics that are counted one by one."""
 _BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
-FIELDS = {
-    kind: tuple((name, limit) for name, limit in _BOUNDS.items() if isinstance(getattr(made(), name, None), int))
-    for kind, made in messages.TYPES.items()
-}
-"""Kind of message -> its bounded fields and the bound of each."""
+"""Bounded fields of messages."""
 
 _SENDERS = 32  # most senders that are counted one by one
 _OF_A_GUEST = 16  # most topics of a guest that are counted one by one
@@ -309,7 +305,7 @@ class InboundCheck:
             raise Refused("too many topics", f"more than {_OF_A_GUEST} topics of one guest")
         kind = row.message
         read = self._state if kind == "State" else messages.TYPES[kind].FromString
-        return _Granted(kind, read, FIELDS.get(kind, ()))
+        return _Granted(kind, read, _bounded(kind))
 
     def presence(self, arrived: Arrived) -> Presence:
         """Check and read a presence token. Raises Refused."""
@@ -326,6 +322,14 @@ class InboundCheck:
     def question(self, arrived: Arrived) -> dict[str, Any]:
         """Read the body of a query. Raises Refused."""
         return read_json(arrived.payload or b"{}")
+
+
+def _bounded(kind: str) -> tuple[tuple[str, int], ...]:
+    """The bounded fields of a kind of message and the bound of each."""
+    if kind not in messages.TYPES:
+        return ()
+    blank = messages.TYPES[kind]()
+    return tuple((name, limit) for name, limit in _BOUNDS.items() if isinstance(getattr(blank, name, None), int))
 
 
 def _another_version(topic: str, encoding: str) -> Refused:

@@ -202,7 +202,10 @@ class Receiver(ABC):
     def drain(self) -> list[Message]:
         """All messages that wait now, at most `DRAINED`."""
         drained: list[Message] = []
-        while len(drained) < DRAINED and (message := self.get()) is not None:
+        while len(drained) < DRAINED:
+            message = self.get()
+            if message is None:
+                break
             drained.append(message)
         return drained
 
@@ -265,9 +268,12 @@ class Watch(ABC):
         """Whether the process `name` in `role` is present; wait for it at most `timeout` seconds."""
         deadline = time.monotonic() + timeout
         self.poll()
-        while (role, name) not in self.present and (left := deadline - time.monotonic()) > 0.0:
+        while (role, name) not in self.present:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                return False
             self.poll(left)
-        return (role, name) in self.present
+        return True
 
 
 class Request(ABC):
@@ -314,8 +320,9 @@ def _check_parameters(answer: dict[str, Any], everything: bool) -> None:
     values, units, overruled = (answer.get(key, {}) for key in ("values", "units", "overruled"))
     if not all(isinstance(part, dict) for part in (values, units, overruled)) or "values" not in answer:
         raise Refused("not parameters", 'it has no object of "values"')
-    if everything and (strange := [key for key in values if not isinstance(units.get(key), str)]):
-        raise Refused("not parameters", f"{strange[0]!r:.80} has no unit")
+    without_unit = [key for key in values if not isinstance(units.get(key), str)]
+    if everything and without_unit:
+        raise Refused("not parameters", f"{without_unit[0]!r:.80} has no unit")
 
 
 class Server(ABC):
@@ -347,7 +354,10 @@ class Server(ABC):
             for asked, body, later in waiting:
                 self._serve(asked, body, later)
         answered = 0
-        while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
+        while answered < _QUESTIONS:
+            request = self._next(0.0 if answered else timeout)
+            if request is None:
+                break
             answered += 1
             question = self.inbound.let_in(self.inbound.question, request.asked)
             if question is None:
@@ -508,7 +518,8 @@ class Session(ABC):
         unreadable answer, or none.
         """
         topics.of(topic)
-        if topic.startswith("param/") and isinstance(changes := body.get("set"), dict):
+        changes = body.get("set") if topic.startswith("param/") else None
+        if isinstance(changes, dict):
             body = {**body, "set": self._in_si(topic, changes, timeout)}
         text = json.dumps(body).encode()
         deadline = time.monotonic() + timeout

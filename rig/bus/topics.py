@@ -249,5 +249,6 @@ def matches(pattern: str, topic: str) -> bool:
     wanted = pattern.split("/")
     given = topic.split("/")
     if wanted[-1] == "**":
-        wanted, given = wanted[:-1], given[: len(wanted) - 1]
+        wanted.pop()
+        given = given[: len(wanted)]
     return len(wanted) == len(given) and all(w in ("*", g) for w, g in zip(wanted, given))

@@ -69,8 +69,10 @@ def class_of(module: ModuleType) -> Any:
 def _unfinished(module: ModuleType) -> Iterator[str]:
     """The classes of a module that have one of the two methods of a controller, in words."""
     for made in vars(module).values():
-        if isinstance(made, type) and made.__module__ == module.__name__ and len(missing := _missing(made)) == 1:
-            yield f"; {made.__name__} has no {missing[0]}"
+        if isinstance(made, type) and made.__module__ == module.__name__:
+            missing = _missing(made)
+            if len(missing) == 1:
+                yield f"; {made.__name__} has no {missing[0]}"
 
 
 @cache

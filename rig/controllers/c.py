@@ -162,7 +162,8 @@ class CompiledC(CompiledSection):
     def keys(cls, file: Binary) -> tuple[Sequence[Signal], Sequence[Signal], Sequence[Parameter], int | None]:
         """See `CompiledSection.keys`."""
         about = file.about
-        inputs, outputs = ([Signal(*row) for row in about[name]] for name in ("inputs", "outputs"))
+        inputs = [Signal(*row) for row in about["inputs"]]
+        outputs = [Signal(*row) for row in about["outputs"]]
         if about["period_ns"] <= 0:
             raise PartError(f"{file}: states a period of {about['period_ns']} ns; expected at least 1")
         return inputs, outputs, [Parameter(*row) for row in about["parameters"]], about["period_ns"]

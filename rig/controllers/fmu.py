@@ -124,11 +124,7 @@ def described(file: Binary) -> dict[str, Any]:
         "once": bool(co.canBeInstantiatedOnlyOncePerProcess),
         "step": _step(model),
         "inputs": [_signal(v, units) for v in real if v.causality == "input"],
-        "outputs": [
-            {**_signal(v, units), "direct": None if (of := direct.get(v.name)) is None else [i.name for i in of]}
-            for v in real
-            if v.causality == "output"
-        ],
+        "outputs": [_output(v, units, direct.get(v.name)) for v in real if v.causality == "output"],
         "parameters": [_parameter(v, units) for v in real if v.causality == "parameter"],
     }
 
@@ -152,6 +148,12 @@ def _signal(variable: Any, units: Mapping[str, Any]) -> dict[str, Any]:
     return {"name": variable.name, "vr": variable.valueReference, "unit": unit, "factor": factor, "offset": offset}
 
 
+def _output(variable: Any, units: Mapping[str, Any], dependencies: Any) -> dict[str, Any]:
+    """The same with the names of the inputs that it depends on at once; None if the FMU does not state them."""
+    direct = None if dependencies is None else [signal.name for signal in dependencies]
+    return {**_signal(variable, units), "direct": direct}
+
+
 def _parameter(variable: Any, units: Mapping[str, Any]) -> dict[str, Any]:
     signal = _signal(variable, units)
     unit = signal["unit"] or "1"
@@ -160,7 +162,8 @@ def _parameter(variable: Any, units: Mapping[str, Any]) -> dict[str, Any]:
     def si(text: Any, default: float) -> float:
         return default if text is None else float(text) * signal["factor"] + signal["offset"]
 
-    low, high = si(_of(variable, "min"), -most), si(_of(variable, "max"), most)
+    low = si(_of(variable, "min"), -most)
+    high = si(_of(variable, "max"), most)
     value = si(variable.start, math.nan)
     tunable = variable.variability == "tunable"
     return {**signal, "unit": unit, "value": value, "low": low, "high": high, "tunable": tunable}
@@ -469,10 +472,11 @@ class FmuController:
 
     def start(self) -> Moment:
         """A new instance, which is initialised at the time of its first step."""
-        rows = (self._inputs, self._outputs, self.section.file.about["parameters"])
-        self._unit = unit = _Instance(
-            self.section.file, *([row["vr"] for row in signals] for signals in rows), self._values
-        )
+        file = self.section.file
+        inputs = [row["vr"] for row in self._inputs]
+        outputs = [row["vr"] for row in self._outputs]
+        parameters = [row["vr"] for row in file.about["parameters"]]
+        self._unit = unit = _Instance(file, inputs, outputs, parameters, self._values)
         return Moment(unit, 0, -1)
 
     def update(self, state: Moment, t_ns: int, values: Values) -> tuple[Moment, Values]:

@@ -154,7 +154,8 @@ def table(given: system_file.System, raw: Mapping[str, Any]) -> dict[str, Any]:
         made = system_file.discrete(given, period, method, prewarp)
     else:  # the declaration of the key at fault reports it
         made = system_file.Discrete(*given[:4], np.zeros((len(given.A), len(given.D))))
-    own |= {name: [[float(x) for x in row] for row in matrix] for name, matrix in zip(MATRICES, made)}
+    for name, matrix in zip(MATRICES, made):
+        own[name] = [list(map(float, row)) for row in matrix]
     if raw.get("file"):
         own["file"] = Path(str(raw["file"])).name
     # python-control has no dots in names: load_force is load.force

@@ -68,7 +68,9 @@ class SquealWatch(base.SceneController[SquealSwitch]):
     def update(self, state: Watch, t_ns: int, values: base.Samples) -> tuple[Watch, base.Values]:
         """The command: 1 (connected) after squeal was detected, otherwise 0."""
         z, square, _ = self.band.run(state.z, values[0])
-        loud = (t_ns if state.loud_ns < 0 else state.loud_ns) if square > self.square else -1
+        loud = -1
+        if square > self.square:
+            loud = t_ns if state.loud_ns < 0 else state.loud_ns
         connected = state.connected
         changed = state.changed_ns
         if connected:

@@ -199,14 +199,16 @@ def _mat(data: bytes) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """A value of a .mat file: matrices as lists of rows, cells as lists, texts as texts."""
     if value.dtype == object:
-        return [[_row(_plain(cell)) for cell in row] for row in value]
+        return [list(map(_cell, row)) for row in value]
     if value.dtype.kind == "U":
         return value.tolist()
     return value.item() if value.size == 1 else value.tolist()
 
 
-def _row(cell: Any) -> Any:
-    return cell[0] if isinstance(cell, list) and len(cell) == 1 else cell
+def _cell(content: Any) -> Any:
+    """The content of a cell; of a matrix with one row this row."""
+    plain = _plain(content)
+    return plain[0] if isinstance(plain, list) and len(plain) == 1 else plain
 
 
 READERS: dict[str, Callable[[bytes], dict[str, Any]]] = {".json": _json, ".npz": _npz, ".mat": _mat}
@@ -220,10 +222,7 @@ def of_control(given: Any) -> System:
     if isinstance(given, control.TransferFunction):
         numerators = given.num_list
         denominators = given.den_list
-        values: dict[str, Any] = {
-            "num": [[polynomial.tolist() for polynomial in row] for row in numerators],
-            "den": [[polynomial.tolist() for polynomial in row] for row in denominators],
-        }
+        values: dict[str, Any] = {"num": _coefficients(numerators), "den": _coefficients(denominators)}
     elif isinstance(given, control.StateSpace):
         values = {name: getattr(given, name).tolist() for name in "ABCD"}
     else:
@@ -231,11 +230,22 @@ def of_control(given: Any) -> System:
             f"a {type(given).__name__} of python-control is not a linear system with a matrix form; "
             "give a StateSpace or a TransferFunction"
         )
-    names = {
-        key: [] if labels == [f"{letter}[{i}]" for i in range(len(labels))] else labels
-        for key, labels, letter in (("inputs", given.input_labels, "u"), ("outputs", given.output_labels, "y"))
-    }
+    names = {"inputs": _chosen(given.input_labels, "u"), "outputs": _chosen(given.output_labels, "y")}
     return system({**values, "dt": given.dt, **names}, f"the {type(given).__name__}")
+
+
+def _coefficients(polynomials: Any) -> list[list[list[float]]]:
+    """Coefficients of a matrix of polynomials as plain numbers."""
+    rows = []
+    for row in polynomials:
+        rows.append([polynomial.tolist() for polynomial in row])
+    return rows
+
+
+def _chosen(labels: list[str], letter: str) -> list[str]:
+    """The labels of signals; none if they are those that python-control gives: u[0], u[1]."""
+    given = [f"{letter}[{i}]" for i in range(len(labels))]
+    return [] if labels == given else labels
 
 
 def system(values: Mapping[str, Any], where: str) -> System:
@@ -343,16 +353,20 @@ def _fraction(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix
         raise ValueError("num and den differ in their numbers of outputs and inputs")
     outputs = len(num)
     inputs = rows[0]
-    blocks = [
-        [_canonical(num[i][j], den[i][j], f"[{i + 1}][{j + 1}]" if outputs * inputs > 1 else "") for j in range(inputs)]
-        for i in range(outputs)
-    ]
+    of_states = list[Matrix]()
+    of_inputs = list[Matrix]()
+    of_outputs = list[Matrix]()
+    direct = np.empty((outputs, inputs))
     from scipy.linalg import block_diag
 
-    d = np.array([[block[3] for block in row] for row in blocks])
-    b = np.concatenate([block_diag(*(block[1] for block in row)) for row in blocks])
-    c = block_diag(*(np.hstack([block[2] for block in row]) for row in blocks))
-    return block_diag(*(block[0] for row in blocks for block in row)), b, c, d
+    for i in range(outputs):
+        places = [f"[{i + 1}][{j + 1}]" if outputs * inputs > 1 else "" for j in range(inputs)]
+        a, b, c, d = zip(*map(_canonical, num[i], den[i], places))
+        of_states += a
+        of_inputs.append(block_diag(*b))
+        of_outputs.append(np.hstack(c))
+        direct[i] = d
+    return block_diag(*of_states), np.concatenate(of_inputs), block_diag(*of_outputs), direct
 
 
 def _canonical(num: Any, den: Any, place: str) -> tuple[Matrix, Matrix, Matrix, float]:

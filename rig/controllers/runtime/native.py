@@ -298,7 +298,8 @@ def _compiled(controller: Controller, law: FunctionType, constants: _Shape, stat
 
 def _wrapped(controller: Controller, constants: _Shape, state: _Shape, names: dict[str, Any]) -> str:
     """The source text of `answer`: it reads measurements and state, and writes command and state if both are finite."""
-    reads, drives = len(controller.reads), len(controller.drives)
+    reads = len(controller.reads)
+    drives = len(controller.drives)
     measured = "".join(f"_h[{k}], " for k in range(reads))
     words_out = list(state.words("state"))
     lines = [

@@ -65,10 +65,14 @@ class Bank:
         self._memory = [row.data for row in self._samples]
         longest = max((max(end.period_ns, frame_ns) * end.dropout_rate * 1e-9 for end in self._ends), default=0.0)
         self._gaps = np.zeros((n, CHUNK + math.ceil(16 * longest), 2), dtype=np.int64)
-        lags = [[round(1e9 * later / end.period_ns) for _, later in end.echoes] for end in self._ends]
-        self._past = np.zeros((n, 1 + max((lag for own in lags for lag in own), default=0)))
-        shares = [share for end in self._ends for share, _ in end.echoes]
-        self._echoes = np.column_stack([np.concatenate([*lags, []]), np.array(shares)])
+        lags = list[int]()
+        shares = list[float]()
+        for end in self._ends:
+            for share, later in end.echoes:
+                lags.append(round(1e9 * later / end.period_ns))
+                shares.append(share)
+        self._past = np.zeros((n, 1 + max(lags, default=0)))
+        self._echoes = np.column_stack([np.array(lags, np.float64), np.array(shares)])
         self._fronts = np.zeros(n, dtype=INSTRUMENT)
         self._numbers = self._fronts["kept"].data, self._fronts["published"].data
         """Of each instrument the numbers of samples that are stored and that were published (views)."""
@@ -255,8 +259,10 @@ class Bank:
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Numbers of samples of each instrument that were clipped, dropped out or lost to the slew limit so far."""
-        kept = ("clipped", "dropped_out", "slew_lost")
-        return {name: {key: int(self._fronts[key][i]) for key in kept} for i, name in enumerate(self.names)}
+        counters = {}
+        for name, front in zip(self.names, self._fronts):
+            counters[name] = {key: int(front[key]) for key in ("clipped", "dropped_out", "slew_lost")}
+        return counters
 
     def _settle(self, i: int, row: int, end: FrontEnd, y: float, before: int) -> int:
         """Set instrument i to rest at the input y, `before` [ns] ahead of t = 0; returns the next free row of poles."""
