@@ -70,7 +70,7 @@ pint knows these as well: to load it takes 0.3 s, which neither a start nor a ru
 _POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
 # Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever
 _UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
-_LONGEST_UNIT = 60
+_LONGEST_UNIT = 60  # characters: a longer text is no unit. chosen
 # A number that a unit follows without a space: 2s, 40mm/s. No run of digits is split: that took quadratic time.
 _GLUED = re.compile(r"^([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)(?![eE][-+]?\d)(?=[^\W\d_]|[°%µμ])")
 _ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'

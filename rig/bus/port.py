@@ -34,7 +34,7 @@ from rig.units import converts
 
 _MOST = 256
 """Most items that one call processes, so that a flood of messages cannot block it."""
-_TOPICS = 4096
+_TOPICS = 4096  # most topics for which a receiver keeps whether it wants them. chosen
 DRAINED = 1 << 14
 """Most messages that one call of `Receiver.drain` returns."""
 PRESENCES = 1 << 14

@@ -252,7 +252,10 @@ def matlab_checked(data: bytes, most: int) -> None:
             start = at + 8
             padded = length + -length % 8 * (kind != _COMPRESSED)
             if kind >> 16:  # a short element, with its data in the tag
-                kind, length, start, padded = kind & 0xFFFF, kind >> 16, at + 4, 4
+                length = kind >> 16
+                kind &= 0xFFFF
+                start = at + 4
+                padded = 4
             if kind not in allowed or length > min(padded, end - start):
                 raise ValueError(f"the element at byte {at} has the type {kind} and {length} bytes")
             if kind == _COMPRESSED:

@@ -46,14 +46,14 @@ from rig.record.mcap_file import (
 )
 
 _OURS = {"scene.json", "setup.json"}
-_SHOWN = 3
+_SHOWN = 3  # channels of another file that a message names
 
 _FOOTER = 29  # bytes
 _OFFSET_HEAD = struct.pack("<BQ", Opcode.SUMMARY_OFFSET, 17)
 _OFFSET = len(_OFFSET_HEAD) + 17  # bytes of a summary offset
-_SLICE = 1 << 20
+_SLICE = 1 << 20  # bytes that are read at a time
 
-_SEQUENCE = 1 << 32
+_SEQUENCE = 1 << 32  # numbers of messages begin again after it: MCAP has 32 bits for them
 _COPY = "a copy of a chunk before it,"
 _UNPROVED = "its header or an index"
 """What differs if every record is intact and the checksum of the whole file is wrong."""

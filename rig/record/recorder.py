@@ -34,11 +34,11 @@ from rig.record.windows import Trigger, Windows, path_of
 from rig.record.writer import Writer
 
 TURN = 1 << 12  # messages taken between two checks for the plant
-_PAUSE_S = 0.005
-TELL_S = 0.25
-_LAST_WORDS_S = 0.3
+_PAUSE_S = 0.005  # between two looks at messages: 200 a second. chosen
+TELL_S = 0.25  # between two messages of how far the recorder is. chosen
+_LAST_WORDS_S = 0.3  # for messages on the way when the plant has left. chosen
 _LEFT = "the plant left"
-_NICE = 5
+_NICE = 5  # of the thread that writes: behind those that control. chosen
 
 
 @dataclass

@@ -46,8 +46,8 @@ _SAVED_ONLY = "contact"
 
 PATIENCE_S = 5.0
 """Longest wait for the answer to one step. # chosen"""
-_SHOWN_S = 0.1
-_SLICE_S = 0.02
+_SHOWN_S = 0.1  # between two reports of progress: ten a second
+_SLICE_S = 0.02  # longest wait between two looks at queries: 50 a second
 
 
 @dataclass(frozen=True)

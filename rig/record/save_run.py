@@ -12,7 +12,7 @@ from rig.bus import encode, messages, run_setup
 from rig.record import run_data
 from rig.record.writer import Writer
 
-_SLICE_NS = 250_000_000
+_SLICE_NS = 250_000_000  # of the run, whose messages are sorted at once. chosen
 
 Stamped = tuple[int, str, bytes]
 """Simulated time, topic, payload."""

@@ -21,7 +21,7 @@ from rig.record.contents import digest
 
 LONGEST = 10_000
 """Most characters of one note."""
-_MOST = 1 << 20
+_MOST = 1 << 20  # bytes of a file of notes. chosen
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.run_data import Reals
 
-_HEADROOM = 0.9
-_FULL = 2**23 - 1
+_HEADROOM = 0.9  # share of the full scale that the peak takes. chosen
+_FULL = 2**23 - 1  # the largest number of 24 bits
 _SLICE = 1 << 20  # samples
 _MOST = (2**32 - 64) // 3  # samples in a file of less than 4 GiB
 

@@ -34,7 +34,7 @@ _PATIENCE_NS = 1_000_000_000
 """Longest wait for the others of them, after one has reached the end of a window [ns of wall time]."""
 _OVERHEAD = 250
 """Memory of a waiting message in addition to its payload [bytes]. # measured: 224"""
-_DIGITS = 3
+_DIGITS = 3  # at least, of the number of a window in the name of its file
 MEMORY = 64 << 20
 """Memory for the messages before a firing [bytes]."""
 

@@ -36,7 +36,7 @@ from rig.machine import files
 from rig.record import curves, mcap_file, recorded_setup
 from rig.record.mcap_file import COPY, FORMAT
 
-CHUNK = 256 * 1024
+CHUNK = 256 * 1024  # bytes
 _Waiting = tuple[int, str, bytes, int, int]
 """A message that is not in the file yet: simulated time, topic, payload, number, wall clock."""
 _OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # not inherited by children, no newline translation

@@ -23,7 +23,7 @@ from rig.scenes.faults import lookup, shown
 
 OWN = ("title", "about")
 """Keys that a scene does not inherit."""
-_LONGEST = 20
+_LONGEST = 20  # files that are based on one another. chosen
 LONGEST_S = 5.0
 """Longest time [s] in which the files of a folder are read for their cards; the others are listed without. # chosen"""
 _NAME = re.compile(r"[^.\[\]]+|\[\d+\]")

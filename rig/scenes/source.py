@@ -27,7 +27,7 @@ KIND = (*(tag for tag in TAGS if tag != "step"), "effect")
 """Keys that state the kind of a table."""
 Fault = tuple[str, str]
 """Dotted key, and its fault in one line."""
-_DEEPEST = 20
+_DEEPEST = 20  # levels of tables and lists: far more than a scene has. chosen
 _PART = r"""(?:[A-Za-z0-9_-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')"""
 _TOKEN = re.compile(
     r"""#[^\n]*+|"{3}(?:\\.|[^\\])*?"{3,5}|'{3}.*?'{3,5}|"""

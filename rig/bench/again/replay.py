@@ -19,8 +19,8 @@ from rig.record.replay import Replayed
 from rig.scenes.scene import Scene
 from rig.structure import model_store
 
-JOIN_S = 30.0
-LEAVE_S = 3.0
+JOIN_S = 30.0  # longest wait of a process for the replay [s]; as in a run
+LEAVE_S = 3.0  # time in which the processes must leave after the replay [s]; as in a run
 ENDING_S = 0.3  # longest wait for the exit code of a process that has left the bus
 
 

@@ -34,9 +34,9 @@ from rig.controllers.runtime.loop import Loop, failure
 from rig.controllers.runtime.service import Service
 from rig.errors import UsageError
 
-AGAIN = 0.01
-EVICTED = 5.0
-_LOOK_NS = 100_000_000
+AGAIN = 0.01  # s until a step without an answer is sent again; doubled each time. chosen
+EVICTED = 5.0  # s. chosen
+_LOOK_NS = 100_000_000  # between two rounds of the housekeeping while the plant waits. chosen
 MOST = 1 << 10
 """Most commands that are read in a frame in which no controller is due."""
 

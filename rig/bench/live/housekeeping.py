@@ -22,13 +22,13 @@ from rig.bench.live.timing import Timing
 from rig.bus.messages import WAITING
 from rig.bus.topics import Message
 
-ATTEND_NS = 20_000_000
-HEALTH_NS = 200_000_000
+ATTEND_NS = 20_000_000  # between two rounds of these tasks: 50 times per second. chosen
+HEALTH_NS = 200_000_000  # between two messages of health: 5 times per second. chosen
 MOST_WAITING = WAITING // 2  # most batches that a recorder may be behind
 PATIENCE_S = 30.0
 """Longest wait for a recorder that does not get on [s]; from then on it loses messages, which are counted."""
-_LOOK_S = 0.1
-_EVERY_NS = 20_000_000
+_LOOK_S = 0.1  # between two looks at recorders that are behind. chosen
+_EVERY_NS = 20_000_000  # between two rounds while the plant waits in lockstep: as often as `ATTEND_NS`
 MISSED = ("controller", "recorder")
 """Roles whose early leaving the timing verdict mentions."""
 

@@ -38,7 +38,7 @@ from rig.scenes.sections import sensors_in_full
 from rig.sensors.chain.bank import Bank
 from rig.sensors.chain.instants import Instants
 
-_REMEMBERED = 1 << 10
+_REMEMBERED = 1 << 10  # steps whose time of sending is known, for the time from step to command. chosen: 1 s
 _ACTS = 1 << 10  # most commands that wait, and most that one frame reads
 # Time after its admission for which the name of a controller stays reserved until it is present [s]. # chosen
 ANNOUNCED_S = 5.0

@@ -73,7 +73,7 @@ MOST = 24
 """Most states of a run that are kept."""
 _SCATTER = 64
 """Most frames by which a kept state is earlier than evenly spaced ones."""
-_ROUNDING = 1e-12
+_ROUNDING = 1e-12  # a smaller share is rounding: some thousand times the relative accuracy of a double. chosen
 _MARGIN = 1e-9
 """Share by which a guard is beyond zero where a contact has left its mode."""
 _LATER = 0.05

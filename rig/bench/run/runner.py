@@ -54,7 +54,7 @@ from rig.solve.frames import Surroundings
 ROOM = 1 << 10
 """Largest number of ticks between two calls of `advance`. # chosen: a bank keeps as many samples"""
 
-DRAWS = 1 << 12
+DRAWS = 1 << 12  # random numbers that are drawn at once. chosen: 32 KiB
 _NAME = "process noise"  # no instrument can have this name, since it has a space
 
 Array = NDArray[np.float64]

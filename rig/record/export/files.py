@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 FILE = "datapackage.json"
 _FORMATS = {"csv": ".csv", "parquet": ".parquet", "wav": ".wav"}
 
-_ROWS = 1 << 16
+_ROWS = 1 << 16  # that are written at a time, so that text takes little memory. chosen
 
 LONGEST = 63  # characters of a name
 _LARGEST = 1 << 31  # bytes of a variable

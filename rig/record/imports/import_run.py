@@ -31,12 +31,13 @@ from rig.record.run_data import Integers, Reals
 from rig.record.writer import Writer
 from rig.results import Result
 
-_SLICE_NS = 250_000_000
-_LEAST = 4096  # samples of a message
+_SLICE_NS = 250_000_000  # of a message. chosen
+# Fewest and most samples of a message. chosen: 32 to 512 KiB
+_LEAST = 4096
 _MOST = 1 << 16
 _GAP = 1.5  # periods: a longer distance of two samples is a gap
 _EVEN = 0.01  # of a period
-_TOLD = 20
+_TOLD = 20  # faults of a file that are listed; of more their number
 _ALIKE = 0.5  # least correlation of a channel that two files have in common
 FRAME_NS = 1_000_000
 """Period at which a replay publishes a measurement, and a controller is asked."""

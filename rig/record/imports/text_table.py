@@ -28,7 +28,7 @@ from rig.units import si_unit
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _HEADS = (1 << 16, 1 << 20, 1 << 23)
 """Lengths of the part in which the form of the table is looked for, until it has `_ROWS` rows [bytes]."""
-_ROWS = 10
+_ROWS = 10  # chosen: enough to tell the form of a table
 BLOCK = 2 << 20
 """Length of the part of a file that is read at once [bytes]."""
 _MOST = 20

@@ -19,7 +19,7 @@ SECOND = 1_000_000_000  # ns
 FINEST_STEP = 1000  # ns
 _LARGEST = 1 << 31  # products of two such numbers are int64
 
-_PIECE = 1 << 16
+_PIECE = 1 << 16  # numbers that are drawn and left out at a time: 512 KiB
 Integers = NDArray[np.int64]
 
 
