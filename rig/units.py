@@ -163,11 +163,13 @@ def converts(value: Any, unit: str) -> TypeGuard[str]:
 
 def refuse_unusual(changes: Mapping[str, object], units: Mapping[str, str]) -> None:
     """Raise UsageError for texts that `si` can convert to `units`, by key, only with pint: to load it stops a loop."""
-    if faults := [
-        f"{key}: is {brief(value)}; expected a number in {units[key]}, because a running loop converts usual units only"
-        for key, value in changes.items()
-        if units.get(key) and converts(value, units[key]) and _usual(parted(value)[1], units[key]) is None
-    ]:
+    faults = []
+    for key, value in changes.items():
+        unit = units.get(key)
+        if unit and converts(value, unit) and _usual(parted(value)[1], unit) is None:
+            reason = "because a running loop converts usual units only"
+            faults.append(f"{key}: is {brief(value)}; expected a number in {unit}, {reason}")
+    if faults:
         raise UsageError("\n".join(faults))
 
 

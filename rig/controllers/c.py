@@ -79,13 +79,17 @@ def _about_of(library: ctypes.CDLL) -> dict[str, Any]:
     return {
         "period_ns": stated.period_ns,
         "states": stated.states,
-        "inputs": [[_text(signal.name), _text(signal.unit)] for signal in lists["inputs"]],
-        "outputs": [[_text(signal.name), _text(signal.unit)] for signal in lists["outputs"]],
+        "inputs": [_named(signal) for signal in lists["inputs"]],
+        "outputs": [_named(signal) for signal in lists["outputs"]],
         "parameters": [
-            [_text(signal.name), _text(signal.unit), signal.value, signal.low, signal.high]
-            for signal in lists["parameters"]
+            [*_named(parameter), parameter.value, parameter.low, parameter.high] for parameter in lists["parameters"]
         ],
     }
+
+
+def _named(signal: Any) -> list[Any]:
+    """Name and unit of a signal or a parameter."""
+    return [_text(signal.name), _text(signal.unit)]
 
 
 def _text(raw: bytes | None) -> str:

@@ -359,15 +359,14 @@ class Fmu(CompiledSection):
         about = file.about
         inputs = [Signal(row["name"], row["unit"]) for row in about["inputs"]]
         names = tuple(signal.name for signal in inputs)
-        outputs = [
-            Signal(o["name"], o["unit"], names if o["direct"] is None else (*o["direct"],)) for o in about["outputs"]
-        ]
-        parameters = [
-            Parameter(
-                _key(p["name"]), p["unit"], p["value"], p["low"], p["high"], not (p["tunable"] and about["repeatable"])
-            )
-            for p in about["parameters"]
-        ]
+        outputs = []
+        for row in about["outputs"]:
+            direct = names if row["direct"] is None else tuple(row["direct"])
+            outputs.append(Signal(row["name"], row["unit"], direct))
+        parameters = []
+        for row in about["parameters"]:
+            fixed = not (row["tunable"] and about["repeatable"])
+            parameters.append(Parameter(_key(row["name"]), row["unit"], row["value"], row["low"], row["high"], fixed))
         return inputs, outputs, parameters, None
 
     @property
@@ -385,11 +384,10 @@ class Fmu(CompiledSection):
         faults = []
         for key, signals in (("inputs", self.all_inputs), ("outputs", self.all_outputs)):
             known = [signal.name for signal in signals]
-            faults += [
-                f"{key}: {self.file} has no real {key[:-1]} {name:.80}; it has {', '.join(known) or 'none'}"
-                for name in getattr(self, key)
-                if name not in known
-            ]
+            for name in getattr(self, key):
+                if name not in known:
+                    listed = ", ".join(known) or "none"
+                    faults.append(f"{key}: {self.file} has no real {key[:-1]} {name:.80}; it has {listed}")
         faults = faults or super().faults()
         step = self.file.about["step"]
         period = self.period * 1e-9

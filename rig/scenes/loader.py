@@ -223,11 +223,10 @@ class _Reading:
         if plant is None:
             tables = self._tables.raw.items()
             missing = f'plant: is missing, and so is based_on = "SCENE"; known: {", ".join(sorted(PLANTS))}'
-            misplaced = [
-                (f"{table}.{key}", f"{table}.{key}: put {key} above the first table of the file")
-                for table, values in tables
-                for key in ({"plant", "based_on"} & values.keys() if isinstance(values, dict) else ())
-            ]
+            misplaced = []
+            for table, values in tables:
+                for key in {"plant", "based_on"} & values.keys() if isinstance(values, dict) else ():
+                    misplaced.append((f"{table}.{key}", f"{table}.{key}: put {key} above the first table of the file"))
             strange = [table for table, values in tables if not isinstance(values, dict) and table not in merged.OWN]
             raise Wrong(("plant", missing), *misplaced, *((key, _unknown(key, Section)) for key in strange))
         if not isinstance(plant, str) or plant not in PLANTS:

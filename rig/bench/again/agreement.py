@@ -137,8 +137,9 @@ def pairs(run: Run, again: Run, modes: bool = False) -> Iterator[Pair]:
         nothing = NOTHING * largest[run.units.get(name, "")]
         yield _common(name, *run.recorded(name), *again.recorded(name), nothing)
     if modes and run.mode.size:
-        (t_ns, key), (u_ns, other) = ((np.rint(each.time * 1e9).astype(np.int64), each.mode) for each in (run, again))
-        yield _common(MODE_SET, t_ns, key.astype(np.float64), u_ns, other.astype(np.float64), 0.0)
+        t_ns = np.rint(run.time * 1e9).astype(np.int64)
+        u_ns = np.rint(again.time * 1e9).astype(np.int64)
+        yield _common(MODE_SET, t_ns, run.mode.astype(np.float64), u_ns, again.mode.astype(np.float64), 0.0)
 
 
 def unknown(run: Run, again: Run) -> list[str]:
@@ -146,11 +147,10 @@ def unknown(run: Run, again: Run) -> list[str]:
     sensors = run.measurements.keys()
     here = again.measurements.keys()
     strange = run.signals.keys() - again.signals.keys()
-    faults = [
-        *(f"the sensor {name} is recorded, but not in the scene" for name in sensors - here),
-        *(f"the sensor {name} is in the scene, but not recorded" for name in here - sensors),
-        *(f"the output {name} is recorded, but the rig of the scene has none of this name here" for name in strange),
-    ]
+    faults = [f"the sensor {name} is recorded, but not in the scene" for name in sensors - here]
+    faults += [f"the sensor {name} is in the scene, but not recorded" for name in here - sensors]
+    for name in strange:
+        faults.append(f"the output {name} is recorded, but the rig of the scene has none of this name here")
     if again.signals and not run.signals:
         faults.append("no output of the rig is recorded")
     if run.frame_ns != again.frame_ns:

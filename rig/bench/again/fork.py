@@ -70,14 +70,20 @@ def nearest(run: Run, scene: Scene, tick: int) -> Resumption | None:
     if not whole or changed_place(run) or any(event["kind"] in _ABORTED for event in run.plant_events):
         return None
     for at in sorted((at for at in run.checkpoints if at < tick), reverse=True):
-        counts = {name: sensor.instants.count(at * run.frame_ns) for name, sensor in scene.sensors.items()}
-        if all(
-            name in run.measurements
-            and np.array_equal(run.measurements[name].t_ns[:count], scene.sensors[name].instants.at(np.arange(count)))
-            for name, count in counts.items()
-        ):
+        if _all_measured(run, scene, at * run.frame_ns):
             return Resumption(at, run.checkpoints[at], run.measurements)
     return None
+
+
+def _all_measured(run: Run, scene: Scene, until_ns: int) -> bool:
+    """Whether every sensor of the scene has all of its samples before `until_ns` in the recording."""
+    for name, sensor in scene.sensors.items():
+        count = sensor.instants.count(until_ns)
+        if name not in run.measurements:
+            return False
+        if not np.array_equal(run.measurements[name].t_ns[:count], sensor.instants.at(np.arange(count))):
+            return False
+    return True
 
 
 def history_end(run: Run) -> int:

@@ -187,9 +187,11 @@ def _as_sent(commands: Commands, sent: dict[int, list[tuple[float, ...]]]) -> It
 
 
 def _follows(sent: Sequence[float], values: Sequence[float], before: Sequence[float]) -> bool:
-    return len(sent) == len(values) and all(
-        value == given or value == held or not isfinite(given) for given, value, held in zip(sent, values, before)
-    )
+    """Whether a command as it took effect is the sent one, completed by the values before it."""
+    if len(sent) != len(values):
+        return False
+    commands = zip(sent, values, before)
+    return all(value == given or value == held or not isfinite(given) for given, value, held in commands)
 
 
 def _sent(log: Path) -> dict[str, dict[int, list[tuple[float, ...]]]]:

@@ -184,12 +184,14 @@ class Lockstep:
         """Whether a controller is due at each tick, and the compiled loop can ask all of them."""
         queues = [partner.queue for partner in self._partners.values()]
         runner = self._hub.runner
-        return (
-            any(queue.period == 1 for queue in queues)
-            and len(queues) <= len(runner.controllers.controllers)
-            and all(queue.connected and queue.link is None for queue in queues)
-            and None not in [runner.plain(drive) for queue in queues for drive in queue.drives]
-        )
+        if not any(queue.period == 1 for queue in queues):
+            return False
+        if len(queues) > len(runner.controllers.controllers):
+            return False
+        if not all(queue.connected and queue.link is None for queue in queues):
+            return False
+        drives = (drive for queue in queues for drive in queue.drives)
+        return all(runner.plain(drive) is not None for drive in drives)
 
     def exchange(self, tick: int) -> None:
         """Send the step of `tick` and wait for the answers of the controllers that are due. Raises Stopped.

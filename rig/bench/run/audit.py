@@ -746,10 +746,10 @@ def _in_equilibrium(system: System, other: System, modes: ModeSet, x: Array) -> 
 
 def _forces(system: System, modes: ModeSet, x: Array) -> _Forces:
     T, _ = inputs(system, modes, x, own_law(system, modes))
-    friction = (modes.friction, modes.friction_t)
-    normal = (modes.normal, modes.normal_t)
-    load = modes.load, modes.load_t
-    return _Forces(T, *(over_x @ x + over_t @ T for over_x, over_t in (friction, normal, load)))
+    friction = modes.friction @ x + modes.friction_t @ T
+    normal = modes.normal @ x + modes.normal_t @ T
+    load = modes.load @ x + modes.load_t @ T
+    return _Forces(T, friction, normal, load)
 
 
 def _departures(system: System, modes: ModeSet, x: Array, forces: _Forces) -> dict[tuple[int, str], int]:
@@ -778,10 +778,11 @@ def _compared_values(system: System, modes: ModeSet, x: Array, forces: _Forces) 
     T, friction, _, load = forces
     rates = modes.A @ x + modes.b @ T
     sizes = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
-    compared = {
-        f"a {name}": (rates[nq + i], sizes[nq + i], system.mass[i, i]) for i, name in enumerate(system.coordinates)
-    }
-    compared |= {f"r {system.names[i]}": (rates[i], sizes[i], 1.0) for i in range(2 * nq, system.n)}
+    compared = {}
+    for i, name in enumerate(system.coordinates):
+        compared[f"a {name}"] = (rates[nq + i], sizes[nq + i], system.mass[i, i])
+    for i in range(2 * nq, system.n):
+        compared[f"r {system.names[i]}"] = (rates[i], sizes[i], 1.0)
     for patch, force, normal in zip(system.patches, friction.tolist(), load.tolist()):
         compared[f"T {patch.name}"] = (force, force, 1.0)
         compared[f"N {patch.name}"] = (normal, normal, 1.0)

@@ -135,8 +135,8 @@ class Truth:
             share = np.concatenate(places)
             times = np.rint((ticks + share) * self._step_ns).astype(np.int64)
             rows = zip(times.tolist(), ticks.tolist(), share.tolist(), np.concatenate(events)[:, 1:].tolist())
-            contacts += [
-                {
+            for t_ns, tick, place, (kind, owner, before) in rows:
+                event = {
                     "t_ns": t_ns,
                     "tick": tick,
                     "source": "plant",
@@ -144,8 +144,7 @@ class Truth:
                     "text": happens(kind, owner),
                     "data": {"tick": tick, "place": place, "before": describe(before)},
                 }
-                for t_ns, tick, place, (kind, owner, before) in rows
-            ]
+                contacts.append(event)
         return contacts
 
 

@@ -325,15 +325,19 @@ def _state_space(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Mat
     if b.ndim < 2:
         b = b.reshape(states, -1) if b.size == states * inputs else np.atleast_2d(b)
     c = np.atleast_2d(c)
-    shapes = {"A": (states, states), "B": (states, inputs), "C": (outputs, states)}
-    wrong = [
-        f"{name} is {' x '.join(map(str, made.shape))}, expected {' x '.join(map(str, shapes[name]))}"
-        for name, made in (("A", a), ("B", b), ("C", c))
-        if made.shape != shapes[name]
-    ]
+    expected = (("A", a, (states, states)), ("B", b, (states, inputs)), ("C", c, (outputs, states)))
+    wrong = []
+    for name, matrix, shape in expected:
+        if matrix.shape != shape:
+            wrong.append(f"{name} is {_size(matrix.shape)}, expected {_size(shape)}")
     if wrong:
         raise ValueError(f"{'; '.join(wrong)} (D is {outputs} x {inputs})")
     return a, b, c, d
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    """A shape in words: "2 x 3"."""
+    return " x ".join(map(str, shape))
 
 
 def _fraction(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]:

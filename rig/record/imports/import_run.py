@@ -166,16 +166,16 @@ class Listed:
     def text(self) -> str:
         """A line for each column, the time bases, and the proposal as TOML."""
         width = max(len(row[1]) for row in self.rows)
-        lines = [
-            f"{file}: {name:<{width}}  {_span(low, high)} {unit or '(no unit stated)'}, {counted(count, 'value')}"
-            + f" at {rate:.6g} Hz" * (rate > 0.0)
-            for file, name, unit, low, high, count, rate in self.rows
-        ]
+        lines = []
+        for file, name, unit, low, high, count, rate in self.rows:
+            at = f" at {rate:.6g} Hz" if rate > 0.0 else ""
+            values = f"{_span(low, high)} {unit or '(no unit stated)'}, {counted(count, 'value')}{at}"
+            lines.append(f"{file}: {name:<{width}}  {values}")
         lines += [base.text() for base in self.bases]
-        ask = "; replace each ? by the unit" if "?" in self.proposal.text() else ""
-        return "\n".join(
-            [*lines, "", f"a map for these columns (import.toml beside the files){ask}:", "", self.proposal.text()]
-        )
+        proposal = self.proposal.text()
+        ask = "; replace each ? by the unit" if "?" in proposal else ""
+        lines += ["", f"a map for these columns (import.toml beside the files){ask}:", "", proposal]
+        return "\n".join(lines)
 
     def to_json(self) -> dict[str, object]:
         """The same as plain values."""
@@ -209,10 +209,10 @@ def listed(paths: Sequence[Path]) -> Listed:
                     last[name] = v[-1]
                 else:
                     rising.discard(name)
-        rows += [
-            (file.path.name, c.name, c.unit, float(low[c.name]), float(high[c.name]), count[c.name], c.rate)
-            for c in file.columns
-        ]
+        for column in file.columns:
+            name = column.name
+            ends = (float(low[name]), float(high[name]))
+            rows.append((file.path.name, name, column.unit, *ends, count[name], column.rate))
         proposal = proposed(file, [name for name in names if name in rising and times[name].samples > 1])
         time = proposal.time.partition(",")[0]
         bases += [times[time]] if time else []
@@ -489,7 +489,9 @@ def _fired(t: Reals, v: Reals, unit: str, condition: Condition, part: _Part) -> 
             f"--join {condition}: never met in {part.file.path}: {size.min():.6g} to {size.max():.6g} {unit}"
         )
     i = int(met[0])
-    return float(t[i]) if i == 0 else float(t[i] - (t[i] - t[i - 1]) * beyond[i] / (beyond[i] - beyond[i - 1]))
+    if i == 0:
+        return float(t[0])
+    return float(t[i] - (t[i] - t[i - 1]) * beyond[i] / (beyond[i] - beyond[i - 1]))
 
 
 def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where: str) -> float:
@@ -497,7 +499,8 @@ def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where
     from scipy.signal import correlate, correlation_lags
 
     step = min(float(np.median(np.diff(t))) for t, *_ in (first, other))
-    a, b = (np.interp(np.arange(t[0], t[-1], step), t, v - v.mean()) for t, v, _ in (first, other))
+    a = _resampled(*first[:2], step)
+    b = _resampled(*other[:2], step)
     c = correlate(a, b)
     k = int(np.argmax(c))
     likeness = float(c[k]) / max(float(np.sqrt((a @ a) * (b @ b))), np.finfo(float).tiny)
@@ -507,7 +510,13 @@ def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where
         )
     bend = c[k - 1] - 2.0 * c[k] + c[k + 1] if 0 < k < c.size - 1 else 0.0
     between = 0.5 * (c[k - 1] - c[k + 1]) / bend if bend else 0.0
-    return float(first[0][0] - other[0][0] + (correlation_lags(a.size, b.size)[k] + between) * step)
+    lag = correlation_lags(a.size, b.size)[k] + between
+    return float(first[0][0] - other[0][0] + lag * step)
+
+
+def _resampled(t: Reals, v: Reals, step: float) -> Reals:
+    """The samples v(t) without their mean, every `step` [s] by straight lines."""
+    return np.interp(np.arange(t[0], t[-1], step), t, v - v.mean())
 
 
 def _written(

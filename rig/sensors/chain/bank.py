@@ -185,10 +185,10 @@ class Bank:
 
     def checkpoint(self) -> dict[str, NDArray[Any]]:
         """What `resume` needs, by name; nothing here changes."""
-        used = [
-            (stream.drawn[0] - len(noise) + s["drawn"], stream.drawn[1] - len(gaps) + s["gap"])
-            for stream, noise, gaps, s in zip(self._streams, self._noise, self._gaps, self._fronts)
-        ]
+        used = []
+        for stream, noise, gaps, s in zip(self._streams, self._noise, self._gaps, self._fronts):
+            drawn_numbers, drawn_gaps = stream.drawn
+            used.append((drawn_numbers - len(noise) + s["drawn"], drawn_gaps - len(gaps) + s["gap"]))
         return {
             "fronts": self._fronts.copy().view(np.uint8).reshape(-1, INSTRUMENT.itemsize),
             "poles": self._poles.copy(),
