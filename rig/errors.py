@@ -80,9 +80,11 @@ class SceneError(RigError):
     def __init__(self, where: str, faults: Iterable[str]) -> None:
         self.where = where
         self.faults = tuple(faults)
-        single = len(self.faults) == 1 and "\n" not in self.faults[0]
-        lines = [f"{where}: {self.faults[0]}"] if single else [f"{where}:", *(f"  {fault}" for fault in self.faults)]
-        super().__init__("\n".join(lines))
+        if len(self.faults) == 1 and "\n" not in self.faults[0]:
+            text = f"{where}: {self.faults[0]}"
+        else:
+            text = "\n".join([f"{where}:", *(f"  {fault}" for fault in self.faults)])
+        super().__init__(text)
 
 
 class UsageError(RigError):

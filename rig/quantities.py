@@ -220,10 +220,10 @@ def in_words(kind: str, message: str, context: Mapping[str, Any] | None = None) 
 
 def refused(faults: Iterable[tuple[str, str]]) -> ValidationError:
     """The exception by which a validator of a whole section refuses values: (their key, what is wrong) of each."""
-    details: list[InitErrorDetails] = [
-        {"type": PydanticCustomError("refused", "{what}", {"what": what}), "loc": tuple(key.split(".")), "input": None}
-        for key, what in faults
-    ]
+    details = list[InitErrorDetails]()
+    for key, what in faults:
+        kind = PydanticCustomError("refused", "{what}", {"what": what})
+        details.append({"type": kind, "loc": tuple(key.split(".")), "input": None})
     return ValidationError.from_exception_data("section", details)
 
 
@@ -242,10 +242,12 @@ def details_of(error: ValidationError) -> list[ErrorDetails]:
 
 def faults_of(error: ValidationError) -> list[tuple[str, str, Any]]:
     """Dotted key, fault in words and given value of each fault that pydantic found in a section."""
-    return [
-        (".".join(map(str, fault["loc"])), in_words(fault["type"], fault["msg"], fault.get("ctx")), fault["input"])
-        for fault in details_of(error)
-    ]
+    faults = []
+    for fault in details_of(error):
+        key = ".".join(map(str, fault["loc"]))
+        words = in_words(fault["type"], fault["msg"], fault.get("ctx"))
+        faults.append((key, words, fault["input"]))
+    return faults
 
 
 def quantity(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
@@ -287,7 +289,8 @@ def duration(least: int = 1, most: int = LONGEST) -> Any:
 def _rising(rows: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     """A table of damping ratios. Raises ValueError for one that cannot be interpolated."""
     hertz = [row[0] for row in rows]
-    if not hertz or sorted(set(hertz)) != hertz or not all(0.0 <= value < math.inf for row in rows for value in row):
+    rising = bool(hertz) and sorted(set(hertz)) == hertz
+    if not rising or not all(0.0 <= value < math.inf for row in rows for value in row):
         raise ValueError("expected rows [Hz, ratio] with rising frequencies and ratios from 0 on")
     return rows
 

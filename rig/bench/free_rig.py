@@ -324,7 +324,8 @@ class FreeRig:
 
     def closed(self, key: int, p: int) -> bool:
         """Whether contact p is loaded in a mode set."""
-        return any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, self.system.modes(key)[1]))
+        contacts = zip(self.system.normals, self.system.modes(key)[1])
+        return any(normal.patch == p and mode == CLOSED for normal, mode in contacts)
 
     def conserved(self, keys: frozenset[int]) -> Array:
         """Return rows over the moving states [quantity, i] whose values no motion in these mode sets changes.
@@ -332,9 +333,10 @@ class FreeRig:
         Such as the charge on the electrodes of an open stack.
         """
         if keys not in self._conserved:
-            sets = [self.modes(key) for key in keys]
-            changes = np.hstack([part for m in sets for part in (m.A, m.b, m.landing - np.eye(self.system.n))])
-            changes = changes[self.moving]
+            parts = list[Array]()
+            for modes in map(self.modes, keys):
+                parts += (modes.A, modes.b, modes.landing - np.eye(self.system.n))
+            changes = np.hstack(parts)[self.moving]
             largest = np.abs(changes).max(axis=1, keepdims=True)
             largest[largest == 0.0] = 1.0
             _, shares, rows = np.linalg.svd((changes / largest).T)

@@ -196,11 +196,10 @@ class InboundCheck:
 
     def news(self) -> list[str]:
         """New refusals since the last call: one line for each sender and kind."""
-        lines = [
-            f"{sender}: {kind}"
-            for (sender, kind), n in self.refused.items()
-            if n > self._reported.get((sender, kind), 0)
-        ]
+        lines = []
+        for (sender, kind), count in self.refused.items():
+            if count > self._reported.get((sender, kind), 0):
+                lines.append(f"{sender}: {kind}")
         self._reported = dict(self.refused)
         return lines
 
@@ -283,10 +282,10 @@ class InboundCheck:
         if len(arrived.payload) > PAYLOAD:
             raise Refused("too long", f"{len(arrived.payload)} bytes; at most {PAYLOAD} are read")
         batch = messages.TYPES["Batch"].FromString(arrived.payload)
-        senders = [
-            (user, topic, "" if (user, topic) in self.granted else messages.encoding(topic))
-            for user, topic in zip(batch.user, batch.topic)
-        ]
+        senders = []
+        for user, topic in zip(batch.user, batch.topic):
+            encoding = "" if (user, topic) in self.granted else messages.encoding(topic)
+            senders.append((user, topic, encoding))
         inner = []
         for place, header, content in zip(batch.place, batch.header, batch.said, strict=True):
             user, topic, encoding = senders[place]

@@ -73,9 +73,10 @@ def unit_of(exponents: Iterable[int]) -> str:
     given = [int(power) for power in exponents]
     while given and not given[-1]:
         given.pop()
-    return _NAMED.get(tuple(given)) or "*".join(
-        f"{base}^{power}" if power != 1 else base for base, power in zip(_BASES, given) if power
-    )
+    if named := _NAMED.get(tuple(given)):
+        return named
+    factors = ((base, power) for base, power in zip(_BASES, given) if power)
+    return "*".join(f"{base}^{power}" if power != 1 else base for base, power in factors)
 
 
 def described(file: Binary) -> dict[str, Any]:

@@ -353,8 +353,15 @@ def checksum(name: str, values: Mapping[str, str]) -> str:
     """Return the checksum of a metadata record, independent of the order of its values; the record stores it under
     `CRC`.
     """
-    parts = [name, *(part for key in sorted(values) if key != CRC for part in (key, values[key]))]
-    return f"{zlib.crc32(b''.join(struct.pack('<I', len(raw)) + raw for raw in map(str.encode, parts))):08x}"
+    texts = [name]
+    for key in sorted(values):
+        if key != CRC:
+            texts += [key, values[key]]
+    packed = bytearray()
+    for text in texts:
+        raw = text.encode()
+        packed += struct.pack("<I", len(raw)) + raw
+    return f"{zlib.crc32(packed):08x}"
 
 
 class Writer:

@@ -413,9 +413,8 @@ class Scan:
             return f"{self.missing} of its {counted(self._statistics.message_count, 'message')} {are} missing"
         if self.missing:
             return f"{self.missing} of its messages {'is' if self.missing == 1 else 'are'} missing"
-        if not self.skipped or all(
-            self._end is not None and skipped.begin >= self._end.end for skipped in self.skipped
-        ):
+        end = self._end
+        if not self.skipped or (end is not None and all(skipped.begin >= end.end for skipped in self.skipped)):
             return "the index at its end is damaged" if ended else "it breaks off in the index at its end"
         if all(skipped.what == _COPY for skipped in self.skipped):
             return "a chunk is in it twice; no message is missing"

@@ -264,10 +264,10 @@ class TimingError:
         return cls(float(np.mean(late)), p50, p99, worst)
 
     def __str__(self) -> str:
-        return ", ".join(
-            f"{name} {value:.3g} s" if value >= 1.0 else f"{name} {1e3 * value:.3g} ms"
-            for name, value in vars(self).items()
-        )
+        words = []
+        for name, value in vars(self).items():
+            words.append(f"{name} {value:.3g} s" if value >= 1.0 else f"{name} {1e3 * value:.3g} ms")
+        return ", ".join(words)
 
 
 @dataclass

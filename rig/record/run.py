@@ -104,9 +104,11 @@ def _sensors(run: RunData) -> Iterator[tuple[str, str]]:
 
 
 def _range(values: list[Reals]) -> str:
-    known = [v[np.isfinite(v)] for v in values]
-    ends = [(v.min(), v.max()) for v in known if v.size]
-    return f"{min(low for low, _ in ends):.6g} .. {max(high for _, high in ends):.6g}" if ends else "no value"
+    finite = [v[np.isfinite(v)] for v in values]
+    known = [v for v in finite if v.size]
+    if not known:
+        return "no value"
+    return f"{min(v.min() for v in known):.6g} .. {max(v.max() for v in known):.6g}"
 
 
 def _rate(t_ns: Integers) -> str:

@@ -152,8 +152,10 @@ class RunData:
         """First and last recorded time [s] of the outputs, of a measurement that of its sensors; None without any."""
         if self.time.size or not self.measured:
             return (float(self.time[0]), float(self.time[-1])) if self.time.size else None
-        ends = [(t_ns[0], t_ns[-1]) for t_ns, _ in self.measurements.values() if t_ns.size]
-        return (min(a for a, _ in ends) * 1e-9, max(b for _, b in ends) * 1e-9) if ends else None
+        times = [t_ns for t_ns, _ in self.measurements.values() if t_ns.size]
+        if not times:
+            return None
+        return min(t_ns[0] for t_ns in times) * 1e-9, max(t_ns[-1] for t_ns in times) * 1e-9
 
     def output(self, name: str) -> Reals:
         """Return the output `name` of the rig at `time`, [n]; NaN if a damaged recording has lost it."""

@@ -27,9 +27,10 @@ def write(v: Reals, rate: float, path: Path) -> float:
         raise UsageError(
             f"{path.name}: {counted(v.size, 'sample')}; a WAV file has at most {_MOST} of 24 bit: choose a lower --rate"
         )
-    peak = max(
-        (float(np.nanmax(np.abs(part), where=np.isfinite(part), initial=0.0)) for part in _parts(v)), default=0.0
-    )
+    peak = 0.0
+    for part in _parts(v):
+        largest = np.nanmax(np.abs(part), where=np.isfinite(part), initial=0.0)
+        peak = max(peak, float(largest))
     full = peak / _HEADROOM or 1.0
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file, wave.open(file, "wb") as sound:

@@ -99,11 +99,10 @@ def beliefs(scene: Scene) -> Iterator[Belief]:
 
 def lines(scene: Scene) -> list[str]:
     """Return one line for each of the `beliefs`, and one if controllers are told of what is varied."""
-    told = [
-        f"controllers believe {belief.key} = {_text(belief.believed, belief.unit)}; the rig has "
-        f"{_text(belief.rig, belief.unit)}"
-        for belief in beliefs(scene)
-    ]
+    told = []
+    for belief in beliefs(scene):
+        believed = _text(belief.believed, belief.unit)
+        told.append(f"controllers believe {belief.key} = {believed}; the rig has {_text(belief.rig, belief.unit)}")
     if scene.redesign:
         told.append("controllers are designed anew for each rig (redesign)")
     return told

@@ -44,11 +44,16 @@ class Effect:
         """Its states; of a long row of numbered ones the first and the last."""
         rows: list[list[str]] = []
         for state in self.states:
-            if rows and _NUMBER.sub(lambda number: str(int(number[0]) + 1), rows[-1][-1], count=1) == state:
+            if rows and _successor(rows[-1][-1]) == state:
                 rows[-1].append(state)
             else:
                 rows.append([state])
         return ", ".join(f"{row[0]} .. {row[-1]}" if len(row) > _ROW else ", ".join(row) for row in rows)
+
+
+def _successor(name: str) -> str:
+    """The name with its first number increased by one."""
+    return _NUMBER.sub(lambda number: str(int(number[0]) + 1), name, count=1)
 
 
 @dataclass(frozen=True)

@@ -134,5 +134,10 @@ def described(link: Mapping[str, object]) -> str:
     """A link in the words of --net. `link`: its values in SI."""
     units = {"delay": (1e3, "ms"), "jitter": (1e3, "ms"), "loss": (1e2, "%"), "duplicate": (1e2, "%")}
     given = {word: float(link[word]) for word in units if link.get(word)}  # type: ignore[arg-type]
-    words = [f"{word} {value * units[word][0]:g} {units[word][1]}" for word, value in given.items()]
-    return ", ".join([*words, *(["reorder"] if link.get("reorder") else [])]) or "perfect"
+    words = []
+    for word, value in given.items():
+        factor, unit = units[word]
+        words.append(f"{word} {value * factor:g} {unit}")
+    if link.get("reorder"):
+        words.append("reorder")
+    return ", ".join(words) or "perfect"

@@ -149,7 +149,9 @@ def stripped(raw: Any, origins: dict[str, places.Origin], faults: list[Fault], k
 
 def _has_origin(raw: list[Any]) -> bool:
     """Whether a list is [value, origin] or [value, origin, note] and not a list of values."""
-    if len(raw) not in (2, 3) or not all(isinstance(part, str) for part in raw[1:]) or isinstance(raw[0], Mapping):
+    if len(raw) not in (2, 3) or isinstance(raw[0], Mapping):
+        return False
+    if not all(isinstance(part, str) for part in raw[1:]):
         return False
     if raw[1] in ORIGINS:
         return True

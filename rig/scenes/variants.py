@@ -126,11 +126,10 @@ def opened(scene: Scene) -> dict[str, str]:
 
 def _closes(scene: Scene, key: str) -> str:
     who = [f"controller {name}" for name, section in scene.controllers.items() if key in controller_drives(section)]
-    if any(
-        isinstance(step, protocol.Set) and step.target == key and step.to >= SWITCHED
-        for step in protocol.flat(scene.protocol)
-    ):
-        who.insert(0, "the protocol")
+    for step in protocol.flat(scene.protocol):
+        if isinstance(step, protocol.Set) and step.target == key and step.to >= SWITCHED:
+            who.insert(0, "the protocol")
+            break
     return f"is closed by {' and '.join(who)}" if who else f"nothing in the scene closes it (rig tune {key}=1 does)"
 
 
@@ -179,8 +178,12 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
     bounds = {effect.key: effect.about for effect in optional(scene.parameters) if isinstance(effect.about, Bound)}
     if of_others and bounds.keys() >= set(keys):
         raw = scene.parameters.model_dump()
-        limited = {key: f"{key.rpartition('.')[0]}.{bounds[key].of}" for key in keys}
-        yield {key: bounds[key].sign * 2.0 * abs(lookup(raw, limited[key].split(".")) or 0.0) for key in keys}, ""
+        values = {}
+        for key in keys:
+            table = key.rpartition(".")[0]
+            limited = lookup(raw, f"{table}.{bounds[key].of}".split(".")) or 0.0
+            values[key] = bounds[key].sign * 2.0 * abs(limited)
+        yield values, ""
 
 
 _parameters = cache(loader.parameters)

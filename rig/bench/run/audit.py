@@ -202,9 +202,8 @@ def _rate(system: System, name: str, known: Mapping[str, Array]) -> Array | None
     """The values of u of driving state `name` at the ticks of `known`; None if it needs a state that is not known."""
     index = system.names.index(name)
     limiters = [limiter for limiter in system.limiters if limiter.state == index]
-    others = np.delete(
-        np.array([system.signals[index - system.one], *(limiter.row for limiter in limiters)]), index, axis=1
-    )
+    rows = [system.signals[index - system.one], *(limiter.row for limiter in limiters)]
+    others = np.delete(np.array(rows), index, axis=1)
     names = [*system.names[:index], *system.names[index + 1 :]]
     if any(names[i] not in known for i in np.flatnonzero(others.any(axis=0))):
         return None

@@ -458,7 +458,9 @@ class Exchange:
     def counters(self) -> dict[str, dict[str, Any]]:
         """Return the counts of each controller; unknown senders are under "refused"."""
         counts: dict[str, dict[str, Any]] = {name: asdict(queue.counts) for name, queue in self.all_queues.items()}
-        return counts | ({"refused": dict(self.refused)} if self.refused else {})
+        if self.refused:
+            counts["refused"] = dict(self.refused)
+        return counts
 
 
 class PlayedCommands:

@@ -60,13 +60,14 @@ class FaultTimes:
     def __init__(self, scene: Scene, runner: PlantRunner, journal: Journal) -> None:
         self._runner = runner
         self._journal = journal
-        units = {name: actuator.unit for name, actuator in runner.inputs.items()} | dict(
-            zip(runner.bank.names, runner.bank.units)
-        )
+        units = {name: actuator.unit for name, actuator in runner.inputs.items()}
+        units.update(zip(runner.bank.names, runner.bank.units))
         self._words = {name: described(fault, units[fault.part]) for name, fault in scene.faults.items()}
-        frame = scene.frame_ns
-        times = [(fault.at // frame, 1, name, fault) for name, fault in scene.faults.items()]
-        times += [(fault.end // frame, 0, name, fault) for name, fault in scene.faults.items() if fault.end is not None]
+        times = []
+        for name, fault in scene.faults.items():
+            times.append((fault.at // scene.frame_ns, 1, name, fault))
+            if fault.end is not None:
+                times.append((fault.end // scene.frame_ns, 0, name, fault))
         self._due: deque[tuple[int, int, str, PartFault]] = deque(sorted(times, key=lambda time: time[:3]))
 
     @property
@@ -88,12 +89,13 @@ class FaultTimes:
         """A line for each fault whose time has not come."""
         frame = self._runner.frame_ns * 1e-9
         end = self._runner.t_ns * 1e-9
-        return [
-            f"faults.{name}.at: {tick * frame:g} s is after the end of the run at {end:g} s, so this fault never acts "
-            f"({self._words[name]}); let it begin earlier or run longer"
-            for tick, begins, name, _ in self._due
-            if begins
-        ]
+        lines = []
+        for tick, begins, name, _ in self._due:
+            if begins:
+                late = f"faults.{name}.at: {tick * frame:g} s is after the end of the run at {end:g} s"
+                words = self._words[name]
+                lines.append(f"{late}, so this fault never acts ({words}); let it begin earlier or run longer")
+        return lines
 
 
 class Tuning:
@@ -173,12 +175,11 @@ class Tuning:
     def tunable(self) -> dict[str, str]:
         """Key -> unit of everything that can be changed: actuators, then parameters of the rig."""
         runner = self.runner
-        known = {
-            key: unit for key, (_, unit) in values_of(runner.scene.parameters) if unit and not key.startswith("start.")
-        }
-        return {name: actuator.unit for name, actuator in runner.inputs.items()} | {
-            key: unit for key, unit in known.items() if key not in runner.inputs
-        }
+        units = {name: actuator.unit for name, actuator in runner.inputs.items()}
+        for key, (_, unit) in values_of(runner.scene.parameters):
+            if unit and key not in runner.inputs and not key.startswith("start."):
+                units[key] = unit
+        return units
 
     def value(self, key: str) -> Any:
         """The present value of an actuator or a parameter of the rig."""

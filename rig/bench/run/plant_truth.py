@@ -97,9 +97,8 @@ class Truth:
 
     def __init__(self, outputs: NDArray[np.float64], key: int, step_ns: int, steps: int) -> None:
         self._step_ns = step_ns
-        self._outputs, self._keys = (
-            GrowingRows(rows, kind, steps + 1) for rows, kind in ((len(outputs), np.float64), (1, np.int64))
-        )
+        self._outputs = GrowingRows(len(outputs), np.float64, steps + 1)
+        self._keys = GrowingRows(1, np.int64, steps + 1)
         self._outputs.append(1)[0][:, 0] = outputs
         self._keys.append(1)[0][:, 0] = key
         self._met: list[tuple[System, int, NDArray[np.int64], NDArray[np.float64]]] = []

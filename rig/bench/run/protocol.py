@@ -190,10 +190,16 @@ class Following:
         begin, end = self._knots[self._at : self._at + 2]
         self._at += 1
         columns = zip(self._names, self._values[:, begin], self._values[:, end])
-        moved = [(name, float(a), float(b)) for name, a, b in columns]
-        first = [Apply(name, a) for name, a, _ in moved] if not begin else []
-        later = (Move(name, b, end - begin) if a != b else Apply(name, a) for name, a, b in moved if a != b or begin)
-        return [*first, *later]
+        actions = list[Action]()
+        later = list[Action]()
+        for name, value, next_value in columns:
+            if not begin:
+                actions.append(Apply(name, float(value)))
+            if value != next_value:
+                later.append(Move(name, float(next_value), end - begin))
+            elif begin:
+                later.append(Apply(name, float(value)))
+        return actions + later
 
     def end(self) -> list[Action]:
         """The values at the end."""

@@ -191,7 +191,10 @@ class FaultySensors:
 
     def ahead(self, tick: int) -> int | None:
         """Number of frames from `tick` on without a faulty sample; None if there is none any more."""
-        left = (max(begins - 1 - tick, 0) for *_, begins, over in self._faults if over is None or over > tick)
+        left = []
+        for *_, begins, over in self._faults:
+            if over is None or over > tick:
+                left.append(max(begins - 1 - tick, 0))
         return min(left, default=None)
 
     def apply(self) -> None:

@@ -164,10 +164,11 @@ def tunable(controller: Controller) -> dict[str, str]:
 def explain(error: ValidationError) -> list[str]:
     """One line for each fault of a section: key, fault, given value."""
     shown = {"is missing": ""}  # what was given is then the whole section
-    return [
-        f"{key or 'the parameters'}: {fault}{shown.get(fault, f' (given: {brief(given)})')}"
-        for key, fault, given in faults_of(error)
-    ]
+    lines = []
+    for key, fault, given in faults_of(error):
+        value = shown.get(fault, f" (given: {brief(given)})")
+        lines.append(f"{key or 'the parameters'}: {fault}{value}")
+    return lines
 
 
 def _near(key: str, known: Mapping[str, object]) -> str:

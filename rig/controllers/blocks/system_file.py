@@ -273,12 +273,9 @@ def system(values: Mapping[str, Any], where: str) -> System:
                 f"has {states} states, {inputs} inputs and {outputs} outputs; at most {STATES} states and {SIGNALS} "
                 "inputs or outputs are possible"
             )
-        counts = (("inputs", inputs), ("outputs", outputs))
-        faults += [
-            f"{key}: {len(own)} names; the system has {count}"
-            for own, (key, count) in zip(names, counts)
-            if own and len(own) != count
-        ]
+        for key, labels, count in zip(("inputs", "outputs"), names, (inputs, outputs)):
+            if labels and len(labels) != count:
+                faults.append(f"{key}: {len(labels)} names; the system has {count}")
     except ValueError as fault:
         faults.append(str(fault))
     if faults or matrices is None:
@@ -347,10 +344,8 @@ def _fraction(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix
     entries = []
     for name in ("num", "den"):
         given = values[name]
-        single = isinstance(given, int | float) or (
-            isinstance(given, list) and not any(isinstance(g, list) for g in given)
-        )
-        entries.append([[given]] if single else given)
+        row = isinstance(given, list) and not any(isinstance(entry, list) for entry in given)
+        entries.append([[given]] if row or isinstance(given, int | float) else given)
     num, den = entries
     rows = [len(row) if isinstance(row, list) else -1 for row in (*num, *den)]
     if len(num) != len(den) or not num or len({*rows}) != 1 or rows[0] < 1:
@@ -373,12 +368,16 @@ def _fraction(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix
     return block_diag(*of_states), np.concatenate(of_inputs), block_diag(*of_outputs), direct
 
 
+def _polynomial(given: Any, name: str) -> Matrix:
+    """The coefficients of a polynomial, the first not zero."""
+    coefficients: Matrix = np.trim_zeros(np.atleast_1d(_numbers(given, name)).ravel(), "f")
+    return coefficients
+
+
 def _canonical(num: Any, den: Any, place: str) -> tuple[Matrix, Matrix, Matrix, float]:
     """The controllable canonical form of one entry."""
-    above, below = (
-        np.trim_zeros(np.atleast_1d(_numbers(given, f"{name}{place}")).ravel(), "f")
-        for name, given in (("num", num), ("den", den))
-    )
+    above = _polynomial(num, f"num{place}")
+    below = _polynomial(den, f"den{place}")
     if not below.size:
         raise ValueError(f"den{place} is zero")
     if above.size > below.size:

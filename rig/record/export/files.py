@@ -40,7 +40,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -201,9 +200,13 @@ def valid(name: str, taken: Iterable[str]) -> str:
         plain = f"x{plain}"
     plain = plain[:LONGEST]
     others = set(taken)
-    if plain not in others:
-        return plain
-    return next(candidate for n in count(2) if (candidate := f"{plain[: LONGEST - 1 - len(str(n))]}_{n}") not in others)
+    candidate = plain
+    number = 1
+    while candidate in others:
+        number += 1
+        ending = f"_{number}"
+        candidate = plain[: LONGEST - len(ending)] + ending
+    return candidate
 
 
 @dataclass(frozen=True)

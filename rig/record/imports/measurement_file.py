@@ -274,8 +274,9 @@ def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         return values
-    fills = [np.ravel(about[key])[0] for key in _PACKED[:2] if key in about]
-    factor, offset = (float(np.ravel(about.get(key, d))[0]) for key, d in zip(_PACKED[2:], (1.0, 0.0)))
+    fills = [np.ravel(about[key])[0] for key in ("_FillValue", "missing_value") if key in about]
+    factor = float(np.ravel(about.get("scale_factor", 1.0))[0])
+    offset = float(np.ravel(about.get("add_offset", 0.0))[0])
     missing = np.isin(array, fills)
     if (factor, offset) != (1.0, 0.0) or missing.any():
         array = np.where(missing, np.nan, array * factor + offset)

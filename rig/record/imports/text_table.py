@@ -199,21 +199,23 @@ class TextTable:
             return
         if len(cells) != len(names):
             ended = " (the file ends in the middle of it)" if not line.endswith(("\n", "\r")) else ""
-            number = _NUMBER[self.decimal]
-            others = [
-                s
-                for s in _SEPARATORS
-                if s != self.separator
-                and len(other := _split(line, s)) == len(names)
-                and all(map(number.fullmatch, other))
-            ]
-            hint = f"; with {others[0]!r} in place of {self.separator!r} it would be right" if others else ""
+            other = self._other_separator(line, len(names))
+            hint = f"; with {other!r} in place of {self.separator!r} it would be right" if other else ""
             yield f"{counted(len(cells), 'value')}, the other rows have {len(names)}{ended}{hint}"
             return
         for name, cell, stamped in zip(names, cells, self.stamped, strict=True):
             right = _TIME if stamped else _NUMBER[self.decimal]
             if name in wanted and cell not in _NO_VALUE and not right.fullmatch(cell):
                 yield f"column {name}: {cell!r:.40} is not a {'time' if stamped else 'number'}"
+
+    def _other_separator(self, line: str, width: int) -> str:
+        """The separator with which a line has `width` numbers; "" if there is none."""
+        for separator in _SEPARATORS:
+            if separator != self.separator:
+                cells = _split(line, separator)
+                if len(cells) == width and all(map(_NUMBER[self.decimal].fullmatch, cells)):
+                    return separator
+        return ""
 
 
 class _Form:
@@ -264,11 +266,12 @@ class _Form:
         """The number of values of a row; -1 for a line that is none."""
         cells = self.split(line)
         known = [self._is_value(cell) for cell in cells]
+        if not any(known):
+            return -1
         if self.words:
-            return len(cells) if any(known) and len(cells) > 1 else -1
-        return (
-            len(cells) if any(known) and all(map(lambda cell, value: value or cell in _NO_VALUE, cells, known)) else -1
-        )
+            return len(cells) if len(cells) > 1 else -1
+        unknown = [cell for cell, value in zip(cells, known) if not value]
+        return len(cells) if all(cell in _NO_VALUE for cell in unknown) else -1
 
     def heading(self, line: str) -> list[str] | None:
         """The cells of a line above the rows, of which only one may end with a separator; None: it is no heading."""
