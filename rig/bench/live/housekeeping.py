@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rig.bench.live import pace
+from rig.bench.live import machine_load, pace
 from rig.bench.live.hub import Hub
 from rig.bench.live.operator_commands import Operator
 from rig.bench.live.outcome import Job, called
@@ -70,7 +70,7 @@ class Housekeeper:
         self._marked = (now, 0)
         self.pacer = pacer
         self._begun = now
-        self._stolen = pace.stolen_ns()
+        self._stolen = machine_load.stolen_ns()
         self._known |= self._hub.watch.present
 
     def look(self, now: int) -> bool:
@@ -152,7 +152,7 @@ class Housekeeper:
             self._count_given_up(self.pacer)
             timing.fold()
             whole = (now - self._begun) * (os.cpu_count() or 1)
-            timing.stolen_share = (pace.stolen_ns() - self._stolen) / whole if whole else 0.0
+            timing.stolen_share = (machine_load.stolen_ns() - self._stolen) / whole if whole else 0.0
 
     def _publish(self, now: int) -> None:
         timing = self._timing

@@ -8,18 +8,13 @@ overrun. The scene states the policy for overruns:
     slow       the deadlines move: this frame counts as on time, and all later ones are due that much later
     stop       the run ends
 
-If several frames are computed in one piece (`rig.bench.live.pace`), a piece takes the place of a frame here.
-
 If a frame is late by more than `PAUSE`, the process was stopped or the machine is overloaded. Then even catch-up skips
 the time and reports it, because a burst of thousands of frames is no meaningful experiment.
 
-What kept the processors of this machine busy beside a run (Linux), and what to do if its frames were late.
-
-Pieces: the frames that a live run computes at once, with one look at the clock and at the bus for all of them.
-
-A frame of 50 us has no time for the bus, and needs none if its controllers work in the plant process. Protocol, limits
-and these controllers still act at their ticks. Messages of other processes are read at the first tick of a piece, and
-messages about its ticks are sent at its end.
+Several frames may be computed in one piece, with one look at the clock and at the bus for all of them; a piece then
+takes the place of a frame here. A frame of 50 us has no time for the bus, and needs none if its controllers work in the
+plant process. Protocol, limits and these controllers still act at their ticks. Messages of other processes are read at
+the first tick of a piece, and messages about its ticks are sent at its end.
 """
 
 from __future__ import annotations
@@ -28,21 +23,17 @@ import ctypes
 import os
 import sys
 import time
-from collections.abc import Collection, Mapping
-from contextlib import suppress
+from collections.abc import Collection
 from dataclasses import dataclass
 from math import gcd
-from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from rig.bench.live.machine_load import load, spent
 from rig.bench.live.timing import Timing
 from rig.bench.run.experiment import Experiment
 from rig.scenes.scene import Scene
-
-# Share of the processors' time from which on the machine counts as busy. # chosen: one core of six
-BUSY = 0.15
 
 LONGEST_NS = 1_000_000
 """Longest piece [ns of the wall clock]. # chosen: other processes see less delay from it than from the bus at times"""
@@ -52,48 +43,6 @@ PAUSE = 250_000_000
 """Longest time [ns] that is caught up. # chosen: a quarter of a second is still a stutter, not a pause."""
 
 _TIMER_SLACK = 29  # PR_SET_TIMERSLACK of <linux/prctl.h>
-
-
-class MachineLoad:
-    """Measures from its construction on; this process and its children that have ended do not count as others."""
-
-    def __init__(self) -> None:
-        self._begin = _now()
-
-    def shares(self) -> dict[str, float]:
-        """Share of the processors' time that other programs took, and the host of a virtual machine; empty: unknown."""
-        now = None if self._begin is None else _now()
-        if self._begin is None or now is None:
-            return {}
-        wall, others, host = (after - before for before, after in zip(self._begin, now))
-        whole = wall * (os.cpu_count() or 1)
-        return {"others": min(max(others / whole, 0.0), 1.0), "host": min(host / whole, 1.0)} if wall > 0 else {}
-
-
-def _now() -> tuple[int, int, int] | None:
-    """Wall time, processor time of other programs, and that taken by the host [ns]."""
-    times = spent()
-    here = os.times()
-    if times.others < 0:
-        return None
-    return times.wall, times.others - round(1e9 * (here.children_user + here.children_system)), stolen_ns()
-
-
-def advice(verdict: str, late_share: float, shares: Mapping[str, float]) -> str:
-    """Return why frames were late and what to do, in one line; "" if the timing is valid or nothing was late."""
-    if verdict == "VALID" or not late_share or not shares:
-        return ""
-    taken = [
-        f"{who} took {shares[name]:.0%}"
-        for name, who in (("others", "other programs"), ("host", "the host of this machine"))
-        if shares[name] >= 0.01
-    ]
-    if sum(shares.values()) < BUSY:
-        return "the machine was not busy; rig doctor measures what makes frames late"
-    return (
-        f"the machine is busy: {' and '.join(taken)} of its processors' time; "
-        "end other programs and run again, or use rig simulate, which needs no clock"
-    )
 
 
 def length(scene: Scene, pace: float | None, periods: Collection[int] | None = None) -> int:
@@ -296,58 +245,11 @@ def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, core
     return Waiting(spin_ns, late_ns, "spinning is more exact")
 
 
-class ProcessorTime(NamedTuple):
-    """Processor time spent up to a time of the wall clock; all in ns.
-
-    `others`: processor time of other processes, the system and the host; -1 if unknown.
-    """
-
-    wall: int
-    others: int
-
-
-def spent() -> ProcessorTime:
-    """Processor time spent up to now (Linux: in steps of 10 ms)."""
-    others = -1
-    with suppress(OSError, ValueError):
-        user, nice, system, _, _, *more = processor_times()
-        others = user + nice + system + sum(more) - time.process_time_ns()
-    return ProcessorTime(time.perf_counter_ns(), others)
-
-
-def processor_times() -> list[int]:
-    """Time of all processors [ns]: user, nice, system, idle, waiting, interrupts, soft ones, taken by the host (Linux).
-
-    Raises OSError on another system.
-    """
-    with Path("/proc/stat").open() as file:
-        return [int(ticks) * 1_000_000_000 // os.sysconf("SC_CLK_TCK") for ticks in file.readline().split()[1:9]]
-
-
-def load(before: ProcessorTime, now: ProcessorTime) -> float:
-    """Mean number of processors that other processes used between two times; if unknown, the load of the last minute.
-
-    The latter still contains work that has just ended, such as compiling in this process.
-    """
-    if before.others >= 0 and now.others >= 0 and now.wall > before.wall:
-        return max(now.others - before.others, 0) / (now.wall - before.wall)
-    with suppress(OSError, AttributeError):  # not on every system
-        return os.getloadavg()[0]
-    return 0.0
-
-
 def sharpen_timers() -> bool:
     """Ask Linux not to extend this thread's sleeps by up to 50 us (to save power); whether it agrees."""
     if sys.platform != "linux":
         return False
     return bool(ctypes.CDLL(None).prctl(_TIMER_SLACK, ctypes.c_ulong(1), 0, 0, 0) == 0)
-
-
-def stolen_ns() -> int:
-    """Processor time [ns] that the host has taken from this virtual machine since its start (Linux); 0 if unknown."""
-    with suppress(OSError, ValueError, IndexError):
-        return processor_times()[7]
-    return 0
 
 
 def asleep_ns() -> int:

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterable, Mapping
 from typing import Any, TextIO
 
-from rig.bench.live import pace
+from rig.bench.live import machine_load
 from rig.model.method import ADAPTIVE
 from rig.printable import counted
 
@@ -100,7 +100,7 @@ def parts(outcome: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
     network = outcome.get("network", {})
     return [
         ("timing", _timing(outcome)),
-        ("busy", [pace.advice(outcome["verdict"], late_share, machine)]),
+        ("busy", [machine_load.advice(outcome["verdict"], late_share, machine)]),
         ("loop", _loop(outcome)),
         ("network", [link(topic, counts) for topic, counts in network.items()]),
         ("lost", _lost(outcome)),

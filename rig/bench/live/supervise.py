@@ -28,8 +28,8 @@ from typing import Any
 import platformdirs
 
 from rig import bus
+from rig.bench.live.machine_load import MachineLoad
 from rig.bench.live.outcome import CALLING, Job, Outcome, Pace, called
-from rig.bench.live.pace import MachineLoad
 from rig.bench.live.status import Live
 from rig.bus import address
 from rig.bus.port import Receiver, Session
