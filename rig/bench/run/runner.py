@@ -5,18 +5,11 @@ the bus in lockstep, or re-simulated from a recording gives the same bits.
 
 `PlantRunner` steps (`frames`), takes commands (`apply`, `ramp`, `knock`, `take`), and can return to a state that was
 kept (`back`). `ResumedRunner` continues a recorded run from one of its checkpoints.
-
-What controllers receive from the instruments, if links between plant and controllers are impaired.
-
-It takes the place of the sensor bank wherever samples are passed to a controller: in this process, in the step on the
-bus, in a recording that is continued. The recording keeps the measurements themselves; what was heard of them follows
-from these, the seed and the tick (rig.bus.impaired_link).
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from math import isfinite
 from typing import Any, NamedTuple
@@ -29,9 +22,10 @@ from rig.bench.free_rig import FreeRig
 from rig.bench.run.audit import StateSamples, audit
 from rig.bench.run.before import findings
 from rig.bench.run.checkpoint import Arrays, KeptState, packed, unpacked
+from rig.bench.run.faulty_sensors import FaultySensors
+from rig.bench.run.heard_over_links import ROOM, HeardOverLinks, Hearing
 from rig.bench.run.plant_truth import Bands, Measurements, Truth
 from rig.bench.run.rig_variants import RigVariant, RigVariants, Wanted
-from rig.bus.impaired_link import HeardSensor, ImpairedLink
 from rig.compiled.records import Loan
 from rig.controllers import controller_drives, controller_reads
 from rig.effects import knock
@@ -51,82 +45,12 @@ from rig.solve.control_loop import controller_tables
 from rig.solve.forces import RandomNumbers
 from rig.solve.frames import Surroundings
 
-ROOM = 1 << 10
-"""Largest number of ticks between two calls of `advance`. # chosen: a bank keeps as many samples"""
-
 DRAWS = 1 << 12  # random numbers that are drawn at once. chosen: 32 KiB
 _NAME = "process noise"  # no instrument can have this name, since it has a space
 
 Array = NDArray[np.float64]
 ROWS = 1 << 15
 """Most steps that a motion keeps: for `truth` before they are handed over, and in one call."""
-
-
-class HeardOverLinks:
-    """What arrives over `links` (sensor -> link), to be read like `bank`; other sensors of it are not changed."""
-
-    def __init__(self, bank: Bank, links: Mapping[str, ImpairedLink], frame_ns: int) -> None:
-        self._bank = bank
-        self._frame = frame_ns
-        self._tick = -1
-        self._heard = {bank.names.index(name): HeardSensor(link) for name, link in links.items()}
-        # What was heard of each sensor with a link at the last ticks: latest sample, samples of the tick.
-        self._past: deque[dict[int, tuple[float, list[float]]]] = deque(maxlen=ROOM + 1)
-
-    def advance(self, tick: int) -> None:
-        """Hear what arrives up to `tick`, at which the bank is; it must hold the samples since the last call."""
-        if self._tick >= tick:
-            return
-        ticks = range(self._tick + 1, tick + 1)
-        sent = {i: [self._bank.samples(i).tolist()] for i in self._heard}
-        if len(ticks) > 1:
-            before = [at * self._frame for at in ticks[:-1]]
-            sent = {i: self._bank.published(i, before) + sent[i] for i in self._heard}
-        for k, at in enumerate(ticks):
-            heard = {i: sensor.tick(at, sent[i][k]) for i, sensor in self._heard.items()}
-            self._past.append({i: (self._heard[i].latest, samples) for i, samples in heard.items()})
-        self._tick = tick
-
-    @property
-    def latest(self) -> NDArray[np.float64]:
-        """See `Bank`."""
-        values = self._bank.latest.copy()
-        for i, (latest, _) in self._past[-1].items():
-            values[i] = latest
-        return values
-
-    @property
-    def fresh(self) -> NDArray[np.int64]:
-        """See `Bank`."""
-        counts = self._bank.fresh.copy()
-        for i, (_, samples) in self._past[-1].items():
-            counts[i] = len(samples)
-        return counts
-
-    def samples(self, i: int) -> NDArray[np.float64]:
-        """See `Bank`."""
-        if i not in self._heard:
-            return self._bank.samples(i)
-        return np.array(self._past[-1][i][1])
-
-    def shown(self, i: int, t_ns: Sequence[int]) -> list[float]:
-        """See `Bank`."""
-        if i not in self._heard:
-            return self._bank.shown(i, t_ns)
-        return [self._at(t)[i][0] for t in t_ns]
-
-    def published(self, i: int, t_ns: Sequence[int]) -> list[list[float]]:
-        """See `Bank`."""
-        if i not in self._heard:
-            return self._bank.published(i, t_ns)
-        return [self._at(t)[i][1] for t in t_ns]
-
-    def _at(self, t_ns: int) -> dict[int, tuple[float, list[float]]]:
-        return self._past[t_ns // self._frame - self._tick - 1]
-
-
-Hearing = Bank | HeardOverLinks
-"""What a controller is told: by a bank of instruments directly, or over impaired links."""
 
 
 class Numbers:
@@ -165,61 +89,6 @@ class Numbers:
         self._stream.skip(used)
         self.record.used[0] = DRAWS
         self.fill()
-
-
-class FaultySensors:
-    """The faults of the sensors of `bank`, which `apply` puts into its latest samples after every frame.
-
-    A faulty sample depends on its number, on the true sample and on the one before it. So nothing has to be kept: a run
-    that continues from a checkpoint has the same bits.
-    """
-
-    def __init__(self, bank: Bank, faults: Mapping[str, Any], frame_ns: int) -> None:
-        self._bank = bank
-        self._faults = []
-        for fault in faults.values():
-            i = bank.names.index(fault.sensor)
-            instants = bank.instants[i]
-            first = instants.count(fault.at - 1)
-            end = None if fault.end is None else instants.count(fault.end - 1)
-            if fault.kind == "spike" and end is None:
-                end = first + 1
-            begins = -(-instants.instant(first) // frame_ns)
-            over = None if end is None else -(-instants.instant(max(end - 1, first)) // frame_ns)
-            if end is None or end > first:
-                self._faults.append((fault, i, first, end, begins, over))
-
-    def ahead(self, tick: int) -> int | None:
-        """Number of frames from `tick` on without a faulty sample; None if there is none any more."""
-        left = []
-        for *_, begins, over in self._faults:
-            if over is None or over > tick:
-                left.append(max(begins - 1 - tick, 0))
-        return min(left, default=None)
-
-    def apply(self) -> None:
-        """Make the samples faulty that the bank published in the last frame."""
-        bank = self._bank
-        for fault, i, first, end, _, _ in self._faults:
-            number = bank.first(i)
-            samples = bank.samples(i)
-            low = max(first, number)
-            high = number + len(samples)
-            if end is not None:
-                high = min(end, high)
-            for k in range(low, high):
-                before = float(bank.since(i, k - 1)[0]) if k else 0.0
-                t = (bank.instants[i].instant(k) - fault.at) * 1e-9
-                samples[k - number] = _faulty(fault, float(samples[k - number]), before, t)
-            if high > low:
-                bank.latest[i] = samples[-1]
-
-
-def _faulty(fault: Any, value: float, before: float, t: float) -> float:
-    """What a sensor reads in place of `value`, `t` [s] after the beginning of its fault; `before`: its last sample."""
-    if fault.kind in ("drift", "spike"):
-        return value + float(fault.rate * t if fault.kind == "drift" else fault.height)
-    return {"freeze": before, "dropout": 0.0, "wrong_sign": -value}[fault.kind]
 
 
 class PlantRunner:
