@@ -3,7 +3,7 @@
     v = nominal + gain (C x + D y),  u = v within the limits,  x(k+1) = A x + B y + L (u - v) / gain
 
 y: measurements in the order of `reads`; u: commands in the order of `drives`. L keeps the state from winding up while a
-command is at a limit (rig.controllers.blocks.system_file). A continuous system is discretised when the scene is
+command is at a limit (rig.controllers.blocks.discretise). A continuous system is discretised when the scene is
 read: scene and recording contain the discrete matrices, and need the file no more.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 from annotated_types import Gt
 from pydantic import Strict, field_validator, model_validator
 
-from rig.controllers.blocks import system_file
+from rig.controllers.blocks import discretise, system_file
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Update, Values, dot, mapped
 from rig.controllers.blocks.design import Actuator, Linear, Rig
 from rig.errors import UsageError
@@ -142,18 +142,18 @@ def table(given: system_file.System, raw: Mapping[str, Any]) -> dict[str, Any]:
         if abs(given.dt * 1e9 - round(given.dt * 1e9)) > 1e-3:
             raise ValueError(f"period: the system has dt = {given.dt!r} s, which is not a whole number of nanoseconds")
     if not given.dt and raw.get("method") is None:
-        own["method"] = system_file.DEFAULT
+        own["method"] = discretise.DEFAULT
     method = {**raw, **own}.get("method")
     period = _period({**raw, **own})
     try:
         prewarp = None if raw.get("prewarp") is None else finite(raw["prewarp"], "Hz", Gt(0.0))
-        known = period is not None and (method is None or method in system_file.METHODS)
+        known = period is not None and (method is None or method in discretise.METHODS)
     except ValueError:
         known = False
     if known and period is not None:
-        made = system_file.discrete(given, period, method, prewarp)
+        made = discretise.discrete(given, period, method, prewarp)
     else:  # the declaration of the key at fault reports it
-        made = system_file.Discrete(*given[:4], np.zeros((len(given.A), len(given.D))))
+        made = discretise.Discrete(*given[:4], np.zeros((len(given.A), len(given.D))))
     for name, matrix in zip(MATRICES, made):
         own[name] = [list(map(float, row)) for row in matrix]
     if raw.get("file"):

@@ -1,14 +1,12 @@
 """Starts, observes and ends the processes of one run: plant, controllers, recorder, viewer.
 
 All start at once, because their imports take as long as the plant's; the others are told the name of the run when it
-can be joined. If another process ends unexpectedly, this is
-reported, the plant continues, and the timing verdict mentions it. When the plant ends for any reason, all others end
-within seconds. The first Ctrl-C ends the plant in order, a second one ends all processes. Only processes started here
-are ended.
+can be joined. If another process ends unexpectedly, this is reported, the plant continues, and the timing verdict
+mentions it. When the plant ends for any reason, all others end within seconds. The first Ctrl-C ends the plant in
+order, a second one ends all processes. Only processes started here are ended.
 
-Events of a run as lines for the terminal.
-
-The messages of the last live run, kept for a bug report: at most `MOST` lines in the user's state folder.
+Events of the run are shown as lines (`EventLines`). All lines of the last run are kept for a bug report (`RunLog`): at
+most `MOST_KEPT` in the user's state folder.
 """
 
 from __future__ import annotations
