@@ -3,7 +3,7 @@
 Messages, queries and presence tokens pass `InboundCheck.let_in`. It refuses data that is malformed, too large, out of
 bounds, or sent by a process that does not own the topic, and counts refusals by sender and kind. Code that uses a
 checked message need not expect an exception from its content. What the plant sends only has to be readable: Zenoh lets
-nobody else send as the plant (`rig.bus.address`).
+nobody else send as the plant (`rig.bus.access`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DEEPEST = 32
 """Most levels of lists and objects inside each other."""
 
 PAYLOAD = 1 << 24
-"""Longest message [bytes]. From another process the hub accepts at most `rig.bus.address.FROM_LEAVES`."""
+"""Longest message [bytes]. From another process the hub accepts at most `rig.bus.access.FROM_LEAVES`."""
 TICKS = 1 << 53
 """Bound of a tick."""
 TIMES_NS = 1 << 62

@@ -28,7 +28,8 @@ from typing import Any, Generic, TypeVar
 import zenoh
 
 from rig.bus import messages, topics
-from rig.bus.address import BusUser, Reservation, is_live, take_user
+from rig.bus.access import BusUser, take_user
+from rig.bus.address import Reservation, is_live
 from rig.bus.inbound import InboundCheck, Row
 from rig.bus.messages import Batch
 from rig.bus.port import PRESENCES, WAITING, Answer, Publisher, Receiver, Request, Server, Session, Watch

@@ -40,7 +40,7 @@ from rig.bench.again.agreement import (
     pairs,
     unknown,
 )
-from rig.bench.again.fork import history_end, recorded_scene
+from rig.bench.again.history import history_end, recorded_scene
 from rig.bench.run.command_queue import AS_SENT, CLAMPED, SAFE
 from rig.bench.run.experiment import EMERGENCY, FAULT, PLANT
 from rig.bench.run.local_controllers import LOST
