@@ -30,9 +30,11 @@ import zenoh
 from rig.bus import messages, topics
 from rig.bus.access import BusUser, take_user
 from rig.bus.address import Reservation, is_live
+from rig.bus.batch import Batch
 from rig.bus.inbound import InboundCheck, Row
-from rig.bus.messages import Batch
-from rig.bus.port import PRESENCES, WAITING, Answer, Publisher, Receiver, Request, Server, Session, Watch
+from rig.bus.port import PRESENCES, Receiver, Session, Watch
+from rig.bus.publishers import Publisher
+from rig.bus.queries import WAITING, Answer, Request, Server
 from rig.bus.topics import HEADER, Arrived, Message
 from rig.errors import BusError
 

@@ -5,7 +5,7 @@ A topic is written relative to its run: `step`, `meas/vibrometer`, `act/normal_f
 
 A topic is transported in one of three ways. LOOP: at once, under the key `loop/<run>/<user>/<topic>`, between plant and
 controllers; receivers of all topics read the plant's copy in a batch. BATCH: only in the plant's batches
-(`rig.bus.messages`), about 50 times a second. ALONE: at once.
+(`rig.bus.batch`), about 50 times a second. ALONE: at once.
 
 Every message is sent with congestion control DROP: a publisher never waits for a slow or hung reader. No message is
 sent "express": an express message occupies one of Zenoh's 16 batches, and at 5 kHz beside two busy processes 2 % were

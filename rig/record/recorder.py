@@ -19,7 +19,7 @@ from typing import Any
 
 from rig import bus
 from rig.bus import messages, port, run_setup, topics
-from rig.bus.messages import WAITING
+from rig.bus.batch import WAITING
 from rig.errors import BusError, OutputError
 from rig.machine import process, scheduling
 from rig.machine.files import RUNS

@@ -30,7 +30,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rig import controllers
-from rig.bus import encode, impaired_link, messages, port, run_setup, topics
+from rig.bus import encode, impaired_link, messages, port, queries, run_setup, topics
 from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.controllers.runtime.skipped import KIND, SkippedSteps
 from rig.errors import BusError, LogError
@@ -466,7 +466,7 @@ class _Replay:
 
     def _fixed(self, body: dict[str, Any]) -> dict[str, Any]:
         """The parameters of a plant that is recorded: none."""
-        asked = port.param_request(body)
+        asked = queries.param_request(body)
         if keys := [*asked.changes, *asked.keys]:
             taking_part = ", ".join(self._into) or "none: rig replay LOG --into NAME starts one"
             raise BusError(

@@ -9,7 +9,8 @@ import numpy as np
 
 from rig.bench.live.timing import Spread
 from rig.bench.run.exchange import Exchange
-from rig.bus.port import Publisher, Session
+from rig.bus.port import Session
+from rig.bus.publishers import Publisher
 from rig.bus.topics import Count, Refused
 from rig.printable import counted
 

@@ -19,7 +19,7 @@ from rig.bench.live.hub import Hub
 from rig.bench.live.operator_commands import Operator
 from rig.bench.live.outcome import Job, called
 from rig.bench.live.timing import Timing
-from rig.bus.messages import WAITING
+from rig.bus.batch import WAITING
 from rig.bus.topics import Message
 
 ATTEND_NS = 20_000_000  # between two rounds of these tasks: 50 times per second. chosen

@@ -1,7 +1,7 @@
 """The plant's connection to the bus: publishes what happens on a plant runner, and receives commands of controllers.
 
 Samples are sent in blocks (`rig.bench.live.sample_blocks`), the state at most 200 times per second of simulated time.
-Both wait for the next batch of the session (`rig.bus.messages`), which another thread sends; only the step is sent at
+Both wait for the next batch of the session (`rig.bus.batch`), which another thread sends; only the step is sent at
 once.
 """
 

@@ -28,7 +28,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rig.bench.live.hub import Hub
 from rig.bench.run.rig_variants import Wanted
-from rig.bus.port import Later, param_request
+from rig.bus.queries import Later, param_request
 from rig.errors import RigError, UsageError
 from rig.quantities import faults_of
 from rig.units import converts, refuse_unusual, si

@@ -13,7 +13,8 @@ import numpy as np
 
 from rig.bus import encode
 from rig.bus.inbound import TIMES_NS
-from rig.bus.port import Publisher, Session
+from rig.bus.port import Session
+from rig.bus.publishers import Publisher
 from rig.bus.topics import BLOCK_NS
 from rig.sensors.chain.bank import Bank
 from rig.sensors.chain.instants import Instants

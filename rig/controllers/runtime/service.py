@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from rig.bus import messages
-from rig.bus.port import Session, param_request
+from rig.bus.port import Session
+from rig.bus.queries import param_request
 from rig.controllers.blocks.base import parameters, tunable
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerFailed, UsageError
