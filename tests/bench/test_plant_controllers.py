@@ -81,7 +81,7 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
 def test_a_recorder_that_is_behind_is_waited_for_while_it_catches_up_but_not_forever(
     scene, monkeypatch, signs, patience, unknown
 ):
-    monkeypatch.setattr("rig.bench.live.finalise.CATCH_UP_S", patience)
+    monkeypatch.setattr("rig.bench.live.plant.CATCH_UP_S", patience)
     with Bench(scene, pace=None, duration=0.1, expect=(("recorder", "recorder"),)) as bench:
         recorder = bench.twin.open("recorder", "recorder")
         heard, operator = recorder.subscribe("**", depth=1 << 16), bench.twin.open("operator", "o")

@@ -70,7 +70,7 @@ def test_a_free_run_waits_for_a_recorder_with_a_slow_disk(scene, tmp_path, monke
 def test_a_recorder_that_hangs_is_not_waited_for_for_long(scene, monkeypatch):
     monkeypatch.setattr(housekeeping, "MOST_WAITING", 5)
     monkeypatch.setattr(housekeeping, "PATIENCE_S", 0.2)
-    monkeypatch.setattr("rig.bench.live.finalise.ANSWERS_S", 0.2)
+    monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.2)
     lines, seconds = [], 60.0  # many looks of the plant at its recorders, on the fastest machine too
     with Bench(scene, pace=None, duration=seconds, expect=(("recorder", "recorder"),)) as bench:
         bench.twin.open("recorder", "recorder").announce()

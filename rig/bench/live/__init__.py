@@ -2,7 +2,7 @@
 
 supervise             starts, observes and ends the processes of one run; outcome: its job and its result
 plant_process         the process of the plant
-plant                 the plant of a live run, paced or in lockstep; finalise: its end and its summary
+plant                 the plant of a live run, paced or in lockstep, from its parts to its summary
 hub                   publishes what happens; sample_blocks: samples in blocks; command_inbox: commands received
 asked_controllers     controllers that the plant asks: in its process, in lockstep in others
 operator_commands     what other processes can do to a running plant

@@ -498,7 +498,7 @@ class CompiledControllers:
                     i = yield result
                     result = 0
                     queue, _, drives, controller, _, _ = self._compiled[i]
-                    values = controller.ask(int(self._clock["tick"]))
+                    values = controller.ask(int(self._clock["tick"]))  # type: ignore[union-attr]
                     first = drives.start  # type: ignore[union-attr]
                     if len(values) == len(queue.drives):
                         for value in values:

@@ -516,7 +516,7 @@ def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where
 
 def _resampled(t: Reals, v: Reals, step: float) -> Reals:
     """The samples v(t) without their mean, every `step` [s] by straight lines."""
-    return np.interp(np.arange(t[0], t[-1], step), t, v - v.mean())
+    return np.asarray(np.interp(np.arange(t[0], t[-1], step), t, v - v.mean()))
 
 
 def _written(
