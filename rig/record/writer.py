@@ -33,7 +33,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from rig.bus import messages, run_setup, topics
 from rig.errors import BusError, OutputError
 from rig.machine import files
-from rig.record import curves, mcap_file, recorded_setup
+from rig.record import curves, mcap_writer, recorded_setup
 from rig.record.mcap_file import COPY, FORMAT
 
 CHUNK = 256 * 1024  # bytes
@@ -124,7 +124,7 @@ class Writer:
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = opened_new(path, replace)
-        self._mcap = mcap_file.Writer(self._file, CHUNK, path.parent)
+        self._mcap = mcap_writer.Writer(self._file, CHUNK, path.parent)
         try:
             with self._guarded():
                 self._describe()

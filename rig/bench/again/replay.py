@@ -15,7 +15,7 @@ from rig.errors import BusError, LogError, UsageError
 from rig.machine.process import Child, end
 from rig.record import replay as recorded
 from rig.record.recorded_setup import head, setup_of
-from rig.record.replay import Replayed
+from rig.record.replay_report import Replayed
 from rig.scenes.scene import Scene
 from rig.structure import model_store
 
