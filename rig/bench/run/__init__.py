@@ -2,9 +2,9 @@
 
 runner                plant and sensors of a scene, stepped frame by frame
 heard_over_links      what controllers receive of the sensors over impaired links; faulty_sensors: broken sensors
-plant_truth           what it collects: outputs at every step, mode sets, events, measurements
+plant_truth           what it collects: outputs at every step, mode sets, events; measurements: those of all sensors
 experiment            everything that happens at a tick between measurement and integration
-protocol              the steps of an experiment, due at ticks or after a condition
+protocol              the steps of an experiment, due at ticks or after a condition; actions: what it asks for
 exchange              commands: taken over, held, clamped, refused, replaced by safe values, or played from a recording
 command_queue         the commands of one controller
 local_controllers     controllers that work in this process: called from Python, or lent to the compiled loop

@@ -28,8 +28,9 @@ from functools import partial
 from itertools import islice
 from typing import Any, NamedTuple
 
+from rig.bench.run.actions import Action, Apply, Change, Move, Switch
 from rig.bench.run.journal import Journal
-from rig.bench.run.protocol import Action, Apply, Change, Move, Protocol, Switch
+from rig.bench.run.protocol import Protocol
 from rig.bench.run.rig_variants import RigVariant, Wanted
 from rig.bench.run.runner import PlantRunner
 from rig.errors import RigError

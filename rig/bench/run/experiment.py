@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.bench.run import protocol
+from rig.bench.run import actions, protocol
 from rig.bench.run.before import DelayWarnings
 from rig.bench.run.builds import Builds, PostponedSteps, PreparedRigs
 from rig.bench.run.exchange import Exchange
@@ -233,14 +233,14 @@ class Experiment:
         self.tuning = Tuning(scene, runner, self.exchange, self.journal)
         self.protocol = protocol.Protocol(scene.protocol, runner.frame_ns, units, runner.inputs)
         self._does: dict[type, Callable[[Any], object]] = {
-            protocol.Note: lambda note: self.journal.note(note.kind, note.text),
-            protocol.Apply: lambda to: commands.ask(to.name, to.value),
-            protocol.Move: lambda move: commands.move(*move),
-            protocol.Strike: lambda knock: self.knock(knock.impulse, "protocol", knock.duration_ns),
-            protocol.Release: lambda _: runner.release(),
-            protocol.Switch: lambda switch: self.switch(switch.controller, switch.on, "protocol"),
-            protocol.Finish: lambda finish: self.stop(finish.reason),
-            protocol.Change: self._change,
+            actions.Note: lambda note: self.journal.note(note.kind, note.text),
+            actions.Apply: lambda to: commands.ask(to.name, to.value),
+            actions.Move: lambda move: commands.move(*move),
+            actions.Strike: lambda knock: self.knock(knock.impulse, "protocol", knock.duration_ns),
+            actions.Release: lambda _: runner.release(),
+            actions.Switch: lambda switch: self.switch(switch.controller, switch.on, "protocol"),
+            actions.Finish: lambda finish: self.stop(finish.reason),
+            actions.Change: self._change,
         }
         self.over = ""
         """Why the experiment has ended; empty while it runs."""
@@ -444,15 +444,15 @@ class Experiment:
             text = f"the recorded event {event['kind']} of an operator at t = {t:.9g} s cannot be repeated"
             raise LogError(f"{text}: {why}") from None
 
-    def _wants(self, action: protocol.Action) -> list[Wanted]:
+    def _wants(self, action: actions.Action) -> list[Wanted]:
         """The rigs that an action of the protocol needs, one after the other."""
-        if isinstance(action, protocol.Switch):
+        if isinstance(action, actions.Switch):
             return [] if action.on else self.given_back(action.controller)
         try:
-            if isinstance(action, protocol.Change):
+            if isinstance(action, actions.Change):
                 wanted = self.tuning.needed({action.key: action.value})
                 return [wanted] if wanted else []
-            if isinstance(action, protocol.Apply) and not self.exchange.overruler(action.name):
+            if isinstance(action, actions.Apply) and not self.exchange.overruler(action.name):
                 actuator = self.runner.inputs[action.name]
                 value = min(max(action.value, actuator.low), actuator.high)
                 return [Wanted({action.name: value})] if self.runner.rebuilds(action.name, value) else []
@@ -460,7 +460,7 @@ class Experiment:
             pass
         return []
 
-    def _carry_out(self, action: protocol.Action) -> None:
+    def _carry_out(self, action: actions.Action) -> None:
         self._does[type(action)](action)
 
     def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> None:
@@ -477,7 +477,7 @@ class Experiment:
         if rig:
             self.tuning.change(rig, by)
 
-    def _change(self, action: protocol.Change) -> None:
+    def _change(self, action: actions.Change) -> None:
         try:
             self.change({action.key: action.value}, "protocol")
         except RigError as fault:  # the experiment continues, and the recording contains the refusal

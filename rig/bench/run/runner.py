@@ -24,7 +24,8 @@ from rig.bench.run.before import findings
 from rig.bench.run.checkpoint import Arrays, KeptState, packed, unpacked
 from rig.bench.run.faulty_sensors import FaultySensors
 from rig.bench.run.heard_over_links import ROOM, HeardOverLinks, Hearing
-from rig.bench.run.plant_truth import Bands, Measurements, Truth
+from rig.bench.run.measurements import Measurements
+from rig.bench.run.plant_truth import Bands, Truth
 from rig.bench.run.rig_variants import RigVariant, RigVariants, Wanted
 from rig.compiled.records import Loan
 from rig.controllers import controller_drives, controller_reads
