@@ -1,15 +1,11 @@
 """The session of the bus between processes, over Zenoh.
 
-A bounded queue, and a wait with a timeout that signals cannot make endless.
-
-The thread in which the plant sends what has no deadline.
+A session declares publishers, receivers, watches and servers at Zenoh. Callbacks never call Zenoh: they only put what
+arrived into a bounded queue (`Inbox`), from which it is read with a timeout that signals cannot make endless
+(`patiently`).
 
 To encode a batch and to hand it to Zenoh takes 100 us or more: with the blocks of many sensors up to half of a frame.
-The plant only puts it into a queue, and the sender works while the plant waits for its next frame.
-
-What a session declares at Zenoh: publishers, receivers, watches and servers.
-
-Callbacks never call Zenoh: they only put what arrived into a queue.
+The plant only puts it into a queue, and a thread (`Sender`) works while the plant waits for its next frame.
 """
 
 from __future__ import annotations

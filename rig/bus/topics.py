@@ -1,4 +1,4 @@
-"""The table of all topics of the bus.
+"""The table of all topics of the bus, and what arrives on them.
 
 A topic is written relative to its run: `step`, `meas/vibrometer`, `act/normal_force`. Its Zenoh key is
 `rig/<run>/<user>/<topic>`. A recording uses the topic itself, so that two runs can be compared.
@@ -11,7 +11,7 @@ Every message is sent with congestion control DROP: a publisher never waits for 
 sent "express": an express message occupies one of Zenoh's 16 batches, and at 5 kHz beside two busy processes 2 % were
 lost. With batching none was lost and the round trip is the same, because batching begins only under back pressure.
 
-Types of what arrives from other processes (raw data, messages, presence tokens), and counts per topic.
+What arrives from other processes is raw data, a message or a presence token; a `Count` counts messages per topic.
 """
 
 from __future__ import annotations

@@ -1,15 +1,12 @@
 """Processors and scheduling: where processes run, and their time slices.
 
-Scheduling of plant and controllers of a paced run: real time if permitted, else short time slices.
-
-Processor cores of a live run.
+Plant and controllers of a paced run have real-time scheduling if permitted, else short time slices. The memory of a
+paced process is locked, so that the system does not swap it out during a run.
 
 In a virtual machine, waking a thread on another core takes 30 to 100 us, many times longer than on the same core
 (measured), and one step to a controller and back wakes six threads. Therefore the bus threads and the controllers of a
 run share one core. In lockstep the plant shares it too, because only one of them works at a time; a paced plant
 computes on a second core at the same time. The system places all other processes, such as recorder and viewer.
-
-The memory of a paced process is locked, so that the system does not swap it out during a run.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """What a recording says of itself at its begin and its end, read without its messages.
 
-The commands of controllers as channels: one for each actuator, held from frame to frame as the plant held them.
+`commanded` makes the commands of controllers channels: one for each actuator, held from frame to frame as the plant
+held them.
 """
 
 from __future__ import annotations

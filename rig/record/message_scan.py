@@ -2,9 +2,7 @@
 
 The file is read from front to back and not through its index, because a file that was cut off has none.
 
-Why a file is not a recording of this project, in words that say what it is instead.
-
-The bytes of a recording in memory, their checksums, and the place of its summary section.
+Its bytes are mapped into memory. If it is no recording of this project, the error says what it is instead.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The description of the run that a recording contains.
 
-Reduced models in a recording: one attachment per model, `model/<digest>`, compressed by zstd.
+Its reduced models are attachments of their own, `model/<digest>`, compressed by zstd.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The result of a run, simulated in this process or read from a recording.
 
-An overview of a run: one screen of text, without arrays.
+A run can be written, exported and drawn; its overview is one screen of text, without arrays.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """What a run holds, as plain data; `rig.record.run.Run` adds what is done with it.
 
-The names by which a user selects the channels of a run, and the answer to a name that does not exist.
-
-Samples at even times: their places on the grid, the gaps between them, and short gaps bridged by straight lines.
+`signals` has the names by which a user selects its channels, `unknown` answers a name that does not exist. `grid` puts
+samples at even times: their places, the gaps between them, and short gaps bridged by straight lines.
 """
 
 from __future__ import annotations

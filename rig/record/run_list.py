@@ -1,7 +1,6 @@
 """The list of the recordings in a folder, with an index so that only new and changed files are read.
 
-The outputs of a run by their roles, as the parts of its scene declare them: the drives, the phase portrait.
-
+A list shows some outputs of a run by their roles, as the parts of its scene declare them: `drives`, `portrait_pair`.
 Nothing is known for a run whose scene is lost. Both functions raise Untrusted if the scene needs code that is not
 trusted, and PartError if that code is damaged.
 """

@@ -1,10 +1,10 @@
-"""Statistics of a part of a run, which do not depend on single samples, and the time of the first opening.
+"""Statistics of a part of a run, which do not depend on single samples, and characteristic instants of a film.
 
 After the first opening of a contact of many points the motion is chaotic: two runs that differ by rounding soon differ
 sample by sample, and agree in these statistics. Sources: the mean square is that about the mean; bands are octaves
 below half the rate, by Parseval's sum over the lines of the discrete Fourier transform.
 
-Characteristic instants of the pressure of a film in a run.
+`characteristic` names instants of the pressure of a film in a run; `first_opening` is the time of the first opening.
 """
 
 from __future__ import annotations

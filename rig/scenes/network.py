@@ -5,10 +5,7 @@
 
 A sensor or controller without a table has a perfect link. rig.bus.impaired_link states what the values mean.
 `rig run --net` writes the same in one line: "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, reorder; seed 3".
-
-Impaired links in one line, as `rig run --net` takes them, and as the keys of [network] that they define.
-
-meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, duplicate 0.1 %, reorder; seed 3
+`keys` reads this line as the keys of [network] that it defines, `described` writes a link in these words.
 """
 
 from __future__ import annotations

@@ -14,9 +14,7 @@
 
 A value has the unit of the quantity that it changes or is compared with. To read a text with a unit, the rig must be
 known: the loader passes `Known` as validation context. Without it only SI numbers are read, as in a recorded scene.
-Times are whole nanoseconds.
-
-The section [clock] of a scene: frame, pace and integration.
+Times are whole nanoseconds. `Clock` is the section [clock], whose frames the steps are carried out in.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """The sections of a scene: their values by dotted key, and what controllers read and drive.
 
-The values of a scene that belong to no part: its texts, its seed, its limits. Faults are reported to its tables.
-
-The steps of a protocol in their order, with repeats unrolled: their number and their duration.
-
-Controllers in files, added to a scene by its user: the changes of the scene that name them.
+Beside the sections a scene has texts, a seed and limits (`text`, `seed`, `limits`; faults are reported to its tables),
+and the steps of a protocol, whose number and duration follow with repeats unrolled. `changes` adds controllers in
+files that a user names.
 """
 
 from __future__ import annotations

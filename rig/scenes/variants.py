@@ -1,6 +1,6 @@
 """A scene with one effect less or one more, for paired runs and the audit of a run.
 
-The optional effects of a plant, as its parameters declare them (rig.about).
+The parameters of a plant declare which effects are optional (rig.about).
 """
 
 from __future__ import annotations

@@ -1,10 +1,7 @@
 """Findings before a run: about the rig, the edge of its plate, and delays as long as the run.
 
-Findings about the rig of a scene before it runs, the same for every command that builds the rig.
-
-Checks before a run whether the protocol moves a slider beyond the edge of its plate.
-
-Warnings about sensors and controllers whose delay is as long as the run.
+Findings about the rig are the same for every command that builds it. `meets_edge` computes whether the protocol moves a
+slider beyond the edge of its plate, `DelayWarnings` names sensors and controllers whose delay is as long as the run.
 """
 
 from __future__ import annotations

@@ -1,26 +1,19 @@
 """The formats of an export, and its files, which are written beside their place and moved there when complete.
 
-The description of a folder of exported files, `datapackage.json`: its files, their columns and units, the run.
+A folder of exported files has a description, `datapackage.json`: its files, their columns and units, the run. It
+follows the Frictionless Data Package (https://specs.frictionlessdata.io/data-package), with the unit of a column as
+`unit`, and `run` for the facts about the run: scene, provenance, timing verdict, damage.
 
-It follows the Frictionless Data Package (https://specs.frictionlessdata.io/data-package), with the unit of a column as
-`unit`, and `run` for the facts about the run.
-
-What an exported file says about its run besides the numbers: scene, provenance, timing verdict, damage.
-
-Tables as files of Apache Arrow's formats, one for each table: CSV and Parquet.
-
-CSV (RFC 4180, UTF-8): the first line has the names with their units, `"time [s]","velocity [m/s]"`. Numbers have a
-decimal point and the fewest digits from which the same floating-point number is read again. A missing number is an
-empty cell.
+CSV and Parquet have one file for each table, written by Apache Arrow. CSV (RFC 4180, UTF-8): the first line has the
+names with their units, `"time [s]","velocity [m/s]"`. Numbers have a decimal point and the fewest digits from which the
+same floating-point number is read again. A missing number is an empty cell.
 
 Parquet: the metadata of a column's field have its unit, and a description where it needs one. The metadata of the file
 describe the run. A missing number is null.
 
-Tables as one file of MATLAB (MAT-file, version 5): a struct of column vectors for each table.
-
-MATLAB's names are letters, digits and underscores, at most 63. A name that is not valid is changed: `load.force`
-becomes `load_force`. The struct `names` has the original name of each field, `units` its unit, `run` the facts about
-the run.
+MATLAB (MAT-file, version 5): one file with a struct of column vectors for each table. MATLAB's names are letters,
+digits and underscores, at most 63. A name that is not valid is changed: `load.force` becomes `load_force`. The struct
+`names` has the original name of each field, `units` its unit, `run` the facts about the run.
 
     load run.mat
     plot(outputs.time, outputs.velocity); ylabel(units.outputs.velocity)
