@@ -15,7 +15,7 @@ import numpy as np
 
 from rig import bus
 from rig.bench.live import pace
-from rig.bench.live.hub import AllSamples
+from rig.bench.live.sample_blocks import AllSamples
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 from rig.errors import BusError

@@ -31,6 +31,10 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
+_ADDRESS = re.compile(r"\s*For further information visit https://errors\.pydantic\.dev/\S*")
+
+_SHOWN = 12  # values of a state in a message
+
 
 class ExitCode(IntEnum):
     """The exit codes of all commands. docs/commands.md lists them for users.
@@ -52,9 +56,6 @@ class ExitCode(IntEnum):
     TIMING = 3
     STOPPED = 4
     INTERRUPTED = 130
-
-
-_ADDRESS = re.compile(r"\s*For further information visit https://errors\.pydantic\.dev/\S*")
 
 
 def kind_and_text(error: BaseException) -> str:
@@ -79,9 +80,11 @@ class SceneError(RigError):
     def __init__(self, where: str, faults: Iterable[str]) -> None:
         self.where = where
         self.faults = tuple(faults)
-        single = len(self.faults) == 1 and "\n" not in self.faults[0]
-        lines = [f"{where}: {self.faults[0]}"] if single else [f"{where}:", *(f"  {fault}" for fault in self.faults)]
-        super().__init__("\n".join(lines))
+        if len(self.faults) == 1 and "\n" not in self.faults[0]:
+            text = f"{where}: {self.faults[0]}"
+        else:
+            text = "\n".join([f"{where}:", *(f"  {fault}" for fault in self.faults)])
+        super().__init__(text)
 
 
 class UsageError(RigError):
@@ -123,11 +126,10 @@ class Singular(RigError):
     exit_code = ExitCode.STOPPED
 
     def __init__(self, why: str, mode: str, jams: bool = False) -> None:
-        self.why, self.mode, self.jams = why, mode, jams
+        self.why = why
+        self.mode = mode
+        self.jams = jams
         super().__init__(f"{why}\n  in mode set {mode}")
-
-
-_SHOWN = 12  # values of a state in a message
 
 
 class NumericsError(RigError):
@@ -139,7 +141,10 @@ class NumericsError(RigError):
     exit_code = ExitCode.STOPPED
 
     def __init__(self, what: str, time: float, mode: str, state: dict[str, float]) -> None:
-        self.what, self.time, self.mode, self.state = what, time, mode, state
+        self.what = what
+        self.time = time
+        self.mode = mode
+        self.state = state
         sizes = sorted(state, key=lambda name: abs(state[name]) if state[name] == state[name] else float("inf"))
         large = {*sizes[-_SHOWN:]} if len(state) > _SHOWN else state.keys()
         values = ", ".join(f"{name} = {value:.6g}" for name, value in state.items() if name in large)

@@ -20,6 +20,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+IN_FIGURE = 3
+"""Last place of a plot that the figure of a run shows even if it is not among the first two plots."""
+
 
 @dataclass(frozen=True)
 class Plot:
@@ -34,8 +37,6 @@ class Plot:
     place: int = 100
 
 
-IN_FIGURE = 3
-"""Last place of a plot that the figure of a run shows even if it is not among the first two plots."""
 _BY_UNIT = {
     "m/s": Plot("velocity", 1),
     "N": Plot("forces", 2),

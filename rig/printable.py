@@ -16,6 +16,9 @@ from pathlib import Path
 # Control characters except tab and end of line, and lone surrogates
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 
+_INDENT = "  "
+_BETWEEN = "  "
+
 
 def unprintable(text: str) -> list[str]:
     """Return the characters of `text` that `printable` replaces, each once."""
@@ -48,9 +51,6 @@ def distinct(names: Iterable[str], numbered: str) -> list[str]:
         others = chain([name], (numbered.format(name, number) for number in count(2)))
         made[next(other for other in others if other not in made)] = None
     return [*made]
-
-
-_INDENT, _BETWEEN = "  ", "  "
 
 
 def columns(rows: Iterable[Sequence[str]], align: str) -> Iterator[str]:

@@ -43,6 +43,35 @@ ORIGINS = ("paper", "public", "derived", "identified", "calibrated", "chosen", "
 LONGEST = 1_000_000_000_000_000
 """Longest duration [ns]: 1e6 s, eleven days."""
 
+_CONDITION = re.compile(r"\s*(?P<bar>\|?)\s*(?P<name>[^<>=|]+?)\s*(?P=bar)\s*(?P<sense>[<>=])\s*(?P<level>[^<>|]+?)\s*")
+
+BOUNDS = {
+    "greater_than": ("greater than", "gt"),
+    "greater_than_equal": ("at least", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("at most", "le"),
+}
+"""Kind of pydantic's fault of a bound -> the bound in words, its name in the context of the fault."""
+_WORDS = {
+    "missing": "is missing",
+    "extra_forbidden": "unknown key",
+    "finite_number": "must be a finite number",
+    "string_type": "expected a text",
+    "bool_type": "expected true or false",
+    "bool_parsing": "expected true or false",
+    "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "float_type": "expected a number",
+    "float_parsing": "expected a number",
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "dict_type": "expected a table",
+    "tuple_type": "expected a list",
+    "too_long": "has too many entries",
+    "list_type": "expected a list",
+}
+
 
 class Unit(str):
     """Marks a field with its SI unit; `Unit("1")` is dimensionless."""
@@ -87,7 +116,9 @@ class Range:
 
     def __init__(self, unit: str, bounds: Iterable[Gt | Ge | Lt | Le] = ()) -> None:
         least, most = SIZES.get(unit, OTHERS)
-        self.unit, self.low, self.high = unit, -most, most
+        self.unit = unit
+        self.low = -most
+        self.high = most
         for bound in bounds:
             if isinstance(bound, Gt):
                 self.low = float(bound.gt) or least  # type: ignore[arg-type]
@@ -135,9 +166,6 @@ def run_length_ns(duration: float | None) -> int | None:
         raise UsageError(f"the duration{given} {fault}") from None
 
 
-_CONDITION = re.compile(r"\s*(?P<bar>\|?)\s*(?P<name>[^<>=|]+?)\s*(?P=bar)\s*(?P<sense>[<>=])\s*(?P<level>[^<>|]+?)\s*")
-
-
 class Condition(NamedTuple):
     """A condition as its user wrote it: `name` is above (>), below (<) or at (=) a `level`, a text with a unit.
 
@@ -182,34 +210,6 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     raise UsageError(f"{name} = {brief(value)}: must be a whole number from {least} to {most}")
 
 
-BOUNDS = {
-    "greater_than": ("greater than", "gt"),
-    "greater_than_equal": ("at least", "ge"),
-    "less_than": ("less than", "lt"),
-    "less_than_equal": ("at most", "le"),
-}
-"""Kind of pydantic's fault of a bound -> the bound in words, its name in the context of the fault."""
-_WORDS = {
-    "missing": "is missing",
-    "extra_forbidden": "unknown key",
-    "finite_number": "must be a finite number",
-    "string_type": "expected a text",
-    "bool_type": "expected true or false",
-    "bool_parsing": "expected true or false",
-    "int_type": "expected a whole number",
-    "int_parsing": "expected a whole number",
-    "int_from_float": "expected a whole number",
-    "float_type": "expected a number",
-    "float_parsing": "expected a number",
-    "model_type": "expected a table",
-    "model_attributes_type": "expected a table",
-    "dict_type": "expected a table",
-    "tuple_type": "expected a list",
-    "too_long": "has too many entries",
-    "list_type": "expected a list",
-}
-
-
 def in_words(kind: str, message: str, context: Mapping[str, Any] | None = None) -> str:
     """A fault that pydantic found, of `kind` with its `message` and `context`, in the words of this project."""
     if kind in BOUNDS:
@@ -220,10 +220,10 @@ def in_words(kind: str, message: str, context: Mapping[str, Any] | None = None) 
 
 def refused(faults: Iterable[tuple[str, str]]) -> ValidationError:
     """The exception by which a validator of a whole section refuses values: (their key, what is wrong) of each."""
-    details: list[InitErrorDetails] = [
-        {"type": PydanticCustomError("refused", "{what}", {"what": what}), "loc": tuple(key.split(".")), "input": None}
-        for key, what in faults
-    ]
+    details = list[InitErrorDetails]()
+    for key, what in faults:
+        kind = PydanticCustomError("refused", "{what}", {"what": what})
+        details.append({"type": kind, "loc": tuple(key.split(".")), "input": None})
     return ValidationError.from_exception_data("section", details)
 
 
@@ -242,10 +242,12 @@ def details_of(error: ValidationError) -> list[ErrorDetails]:
 
 def faults_of(error: ValidationError) -> list[tuple[str, str, Any]]:
     """Dotted key, fault in words and given value of each fault that pydantic found in a section."""
-    return [
-        (".".join(map(str, fault["loc"])), in_words(fault["type"], fault["msg"], fault.get("ctx")), fault["input"])
-        for fault in details_of(error)
-    ]
+    faults = []
+    for fault in details_of(error):
+        key = ".".join(map(str, fault["loc"]))
+        words = in_words(fault["type"], fault["msg"], fault.get("ctx"))
+        faults.append((key, words, fault["input"]))
+    return faults
 
 
 def quantity(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
@@ -287,7 +289,8 @@ def duration(least: int = 1, most: int = LONGEST) -> Any:
 def _rising(rows: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     """A table of damping ratios. Raises ValueError for one that cannot be interpolated."""
     hertz = [row[0] for row in rows]
-    if not hertz or sorted(set(hertz)) != hertz or not all(0.0 <= value < math.inf for row in rows for value in row):
+    rising = bool(hertz) and sorted(set(hertz)) == hertz
+    if not rising or not all(0.0 <= value < math.inf for row in rows for value in row):
         raise ValueError("expected rows [Hz, ratio] with rising frequencies and ratios from 0 on")
     return rows
 

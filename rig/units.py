@@ -67,21 +67,25 @@ USUAL: dict[str, dict[str, float]] = {
 pint knows these as well: to load it takes 0.3 s, which neither a start nor a running loop has.
 """
 
+_POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
+# Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever
+_UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
+_LONGEST_UNIT = 60  # characters: a longer text is no unit. chosen
+# A number that a unit follows without a space: 2s, 40mm/s. No run of digits is split: that took quadratic time.
+_GLUED = re.compile(r"^([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)(?![eE][-+]?\d)(?=[^\W\d_]|[°%µμ])")
+_ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'
+
+# Characters of typeset numbers: the minus sign, and spaces of fixed width
+_PASTED = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\xa0\u2007\u2009\u202f"), " ")
+_COMMA = re.compile(r"([-+]?(\d++)),(\d++)(?![.,])([^,]*)")
+_POINT = " with a decimal point, not a comma"
+
 
 @cache
 def _registry() -> Any:
     import pint  # takes 0.3 s, so only for a unit that is not a usual one
 
     return pint.UnitRegistry()
-
-
-_POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
-# Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever
-_UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
-_LONGEST_UNIT = 60
-# A number that a unit follows without a space: 2s, 40mm/s. No run of digits is split: that took quadratic time.
-_GLUED = re.compile(r"^([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)(?![eE][-+]?\d)(?=[^\W\d_]|[°%µμ])")
-_ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'
 
 
 def _usual(text: str, unit: str) -> float | None:
@@ -132,12 +136,6 @@ def si_unit(text: str) -> str:
     return next(known, "*".join(f"{base}^{power}" if power != 1 else base for base, power in powers.items()))
 
 
-# Characters of typeset numbers: the minus sign, and spaces of fixed width
-_PASTED = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\xa0\u2007\u2009\u202f"), " ")
-_COMMA = re.compile(r"([-+]?(\d++)),(\d++)(?![.,])([^,]*)")
-_POINT = " with a decimal point, not a comma"
-
-
 def with_point(text: str, name: str) -> str:
     """The typed value `name` with its decimal comma as a point: "15,5 N" becomes "15.5 N"; other texts are unchanged.
 
@@ -165,11 +163,13 @@ def converts(value: Any, unit: str) -> TypeGuard[str]:
 
 def refuse_unusual(changes: Mapping[str, object], units: Mapping[str, str]) -> None:
     """Raise UsageError for texts that `si` can convert to `units`, by key, only with pint: to load it stops a loop."""
-    if faults := [
-        f"{key}: is {brief(value)}; expected a number in {units[key]}, because a running loop converts usual units only"
-        for key, value in changes.items()
-        if units.get(key) and converts(value, units[key]) and _usual(parted(value)[1], units[key]) is None
-    ]:
+    faults = []
+    for key, value in changes.items():
+        unit = units.get(key)
+        if unit and converts(value, unit) and _usual(parted(value)[1], unit) is None:
+            reason = "because a running loop converts usual units only"
+            faults.append(f"{key}: is {brief(value)}; expected a number in {unit}, {reason}")
+    if faults:
         raise UsageError("\n".join(faults))
 
 

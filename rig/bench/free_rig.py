@@ -44,8 +44,11 @@ BLOCK = 16
 """Ticks in one call of a recording rig: the record of all outputs between the ticks holds so many."""
 _LONGEST = 16384  # ticks in one call
 _PLACES = 9  # of a segment, at which the extremes of an output are looked for
-_NEAR, _SHARE = 2.5, 0.1  # ticks, and of a period: one that differs by less is advanced with the same number of them
-_FINE, _MOST = 1e-8, 64  # estimated error of steps that are then extrapolated; most steps in the rest of a tick
+# A period that differs by less, in ticks and as a share of the period, is advanced with the same number of ticks.
+_NEAR = 2.5
+_SHARE = 0.1
+_FINE = 1e-8  # estimated error of steps that are then extrapolated
+_MOST = 64  # steps in the rest of a tick
 _TERMS = 24  # of the exponential series, over a radian
 _AFTER_END = 4  # ticks beyond the end: the state between two of them follows from as many on both sides
 _RESOLVED = 0.1  # radians of the fastest mode in a tick: then such an interpolation is exact to 1e-11
@@ -195,7 +198,8 @@ class FreeRig:
         dense: bool = False,
         framed: bool = False,
     ) -> None:
-        self.scene, self.assembly = scene, scene.assemble() if assembly is None else assembly
+        self.scene = scene
+        self.assembly = scene.assemble() if assembly is None else assembly
         self.system: System = self.assembly.system()
         self._started = start is not None
         if start is not None:
@@ -212,7 +216,9 @@ class FreeRig:
         self._rows += [{name: 1.0} for name in self.system.names] if dense else []
         self._recorded = (len(read) or len(self._rows)) if dense else 0
         self._frame = scene.frame_ns // scene.step_ns if framed else 0
-        self.longest = (BLOCK + -BLOCK % self._frame if framed else BLOCK) if dense else 1
+        self.longest = 1
+        if dense:
+            self.longest = BLOCK + -BLOCK % self._frame if framed else BLOCK
         self._ticks = -_LONGEST
         self._modes: dict[int, ModeSet] = {}
         self._rates: dict[int, Callable[[Array], Array]] = {}
@@ -225,7 +231,8 @@ class FreeRig:
 
         `step_ns`: another step; `how`: other arguments of Motion.
         """
-        clock, step_ns = self.scene.clock, step_ns or self.step_ns
+        clock = self.scene.clock
+        step_ns = step_ns or self.step_ns
         longest = how.pop("longest", self.longest)
         limits = self.scene.limits.items() if self.dense else ()
         usual = {
@@ -317,7 +324,8 @@ class FreeRig:
 
     def closed(self, key: int, p: int) -> bool:
         """Whether contact p is loaded in a mode set."""
-        return any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, self.system.modes(key)[1]))
+        contacts = zip(self.system.normals, self.system.modes(key)[1])
+        return any(normal.patch == p and mode == CLOSED for normal, mode in contacts)
 
     def conserved(self, keys: frozenset[int]) -> Array:
         """Return rows over the moving states [quantity, i] whose values no motion in these mode sets changes.
@@ -325,9 +333,10 @@ class FreeRig:
         Such as the charge on the electrodes of an open stack.
         """
         if keys not in self._conserved:
-            sets = [self.modes(key) for key in keys]
-            changes = np.hstack([part for m in sets for part in (m.A, m.b, m.landing - np.eye(self.system.n))])
-            changes = changes[self.moving]
+            parts = list[Array]()
+            for modes in map(self.modes, keys):
+                parts += (modes.A, modes.b, modes.landing - np.eye(self.system.n))
+            changes = np.hstack(parts)[self.moving]
             largest = np.abs(changes).max(axis=1, keepdims=True)
             largest[largest == 0.0] = 1.0
             _, shares, rows = np.linalg.svd((changes / largest).T)
@@ -342,17 +351,23 @@ class FreeRig:
 
     def _rate(self, key: int) -> Callable[[Array], Array]:
         """dx/dt in a mode set as a function of x, without what is zero in this one."""
-        modes, system = self.modes(key), self.system
-        contact, load, load_t = own_law(system, modes), modes.load, modes.load_t
-        of_states = [product for product in system.products if all(f.kind == STATE for f in product.factors)]
+        modes = self.modes(key)
+        system = self.system
+        contact = own_law(system, modes)
+        load = modes.load
+        load_t = modes.load_t
+        of_states = [product for product in system.products if _of_states(product)]
         if len(of_states) < len(system.products) or system.remembers or load_t.any():
             return lambda x: np.asarray(modes.A @ x + modes.b @ inputs(system, modes, x, contact)[0])
         slipping = np.flatnonzero(modes.nonlinear).tolist()
-        products = [[f.index for f in product.factors] for product in of_states]
+        products = list[list[int]]()
+        for product in of_states:
+            products.append([factor.index for factor in product.factors])
         columns = modes.b.T
 
         def rate(x: Array) -> Array:
-            out, values = modes.A @ x, x.tolist()
+            out = modes.A @ x
+            values = x.tolist()
             for p in slipping:
                 T = contact(p, float(system.slip_rows[p] @ x), float(load[p] @ x))[0]
                 out += columns[p] * T
@@ -367,17 +382,20 @@ class FreeRig:
         modes = self.modes(key)
         if not modes.nonlinear.any() and not self.system.products and not self.system.remembers:
             return self._propagated(x, key, time)
-        rough, pieces = self._stepped(x, key, time, 1), 2
+        rough = self._stepped(x, key, time, 1)
+        pieces = 2
         while True:
             fine = self._stepped(x, key, time, pieces)
             missed = (fine - rough) / 15.0
             if pieces == _MOST or np.all(np.abs(missed) <= _FINE * (np.abs(fine) + np.abs(fine - x))):
                 return np.asarray(fine + missed)
-            rough, pieces = fine, 2 * pieces
+            rough = fine
+            pieces *= 2
 
     def _propagated(self, x: Array, key: int, time: float) -> Array:
         """State x after `time` in a linear mode set: exp(A time) x by its series, in pieces of a radian."""
-        A, pieces = self.modes(key).A, math.ceil(self._fastest(key) * abs(time))
+        A = self.modes(key).A
+        pieces = math.ceil(self._fastest(key) * abs(time))
         if pieces > _MOST:
             from scipy.linalg import expm
 
@@ -406,7 +424,8 @@ class FreeRig:
         """Return the end of a run from x over `time` [s], or over a number of ticks; `keep`: with the states at its
         ticks [tick, n].
         """
-        motion, step = self.motion, self.step
+        motion = self.motion
+        step = self.step
         motion.restart(x)
         first = motion.key
         if ticks is None:
@@ -416,10 +435,13 @@ class FreeRig:
         else:
             time = ticks * step
         events: list[tuple[float, Event]] = []
-        states, values = [x[None].copy()], []
+        states = [x[None].copy()]
+        values = []
         between = motion.system.linear is False and ticks > _AFTER_END
         more = _AFTER_END if between else 0
-        done, end, key = 0, x, first
+        done = 0
+        end = x
+        key = first
         while done < ticks:
             count = min(_LONGEST, ticks - done)
             motion.advance(count + more if done + count == ticks else count)
@@ -433,7 +455,8 @@ class FreeRig:
         rest = time - ticks * step
         if rest:
             near = slice(-2 * _AFTER_END, None)
-            last, sets = motion.states[near], motion.mode_sets_of_states[near]
+            last = motion.states[near]
+            sets = motion.mode_sets_of_states[near]
             if between and len(last) == 2 * _AFTER_END and (sets == sets[0]).all() and self._slow(key):
                 weights = _interpolation(_AFTER_END - 1 + rest / step)
                 end = weights @ last
@@ -464,7 +487,8 @@ class FreeRig:
 
     def recorded(self, time: float) -> Recorded:
         """Step the plant by `time` [s], in whole nanoseconds no less, and record everything."""
-        dense, before = Dense(), self._energy(self.motion)
+        dense = Dense()
+        before = self._energy(self.motion)
         whole, rest = divmod(math.ceil(time * 1e9 - _ROUNDING), self.step_ns)
         events: list[tuple[float, Event]] = []
         states = [self.motion.x[None].copy()]
@@ -484,7 +508,8 @@ class FreeRig:
             dense.add(whole * self.step, end)
             events += [((whole * self.step_ns + e.place * rest) * 1e-9, e) for e in end.events()]
             exchanged += self._energy(end) - before
-        terms, stored = exchanged[:-1], float(exchanged[-1])
+        terms = exchanged[:-1]
+        stored = float(exchanged[-1])
         largest = max(float(np.abs(terms).max()), abs(float(before[-1])), 1e-30)
         balance = {"stored": stored, "error": (float(terms @ energy_balance.SIGNS) - stored) / largest}
         energy = energy_forms.by_name(self.system, terms) | balance
@@ -494,6 +519,11 @@ class FreeRig:
     def _energy(motion: Motion) -> Array:
         """The energy terms of a motion so far, and its stored energy behind them [J]."""
         return np.append(motion.terms(), energy_forms.stored(motion.system, motion.x, motion.key))
+
+
+def _of_states(product: Any) -> bool:
+    """Whether all factors of a product of forces are state variables."""
+    return all(factor.kind == STATE for factor in product.factors)
 
 
 def _at_rest(system: System, x: Array) -> Array:

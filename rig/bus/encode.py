@@ -17,7 +17,8 @@ _ONE = struct.Struct("<Bq")
 _TWO = struct.Struct("<BqBqB")
 _THREE = struct.Struct("<BqBqBqB")
 _FOUR = struct.Struct("<BqBqBqBqB")
-_FIXED, _PACKED = 1, 2
+_FIXED = 1
+_PACKED = 2
 
 
 def _tag(number: int, wire: int) -> bytes:
@@ -67,10 +68,12 @@ def step(
     `values` float64 [sensors]: latest sample of each sensor; `fresh` int64 [sensors]: number of its new samples;
     `heard`: index of a sensor -> its new samples.
     """
-    raw, new = _raw(values), fresh.tobytes()
+    raw = _raw(values)
+    new = fresh.tobytes()
     parts = [_TWO.pack(9, tick, 17, t_ns, 26), _length(len(raw)), raw, b"\x22", _length(len(new)), new]
     if heard:
-        places, samples = np.array(list(heard)).tobytes(), b"".join(map(_raw, heard.values()))
+        places = np.array(list(heard)).tobytes()
+        samples = b"".join(map(_raw, heard.values()))
         parts += [b"\x2a", _length(len(places)), places, b"\x32", _length(len(samples)), samples]
     return b"".join(parts)
 
@@ -95,7 +98,8 @@ def each_applied(
     `values` are concatenated.
     """
     first = applied(ticks[0], ticks[0] * frame_ns, answers[0], statuses[0], values[: len(values) // len(ticks)])
-    size, count = len(first), len(ticks)
+    size = len(first)
+    count = len(ticks)
     rows = np.frombuffer(bytearray(first * count), np.uint8).reshape(count, size)
     times = array("q", [tick * frame_ns for tick in ticks])
     columns = [field.tobytes() for field in (ticks, times, answers, statuses)]
@@ -182,8 +186,12 @@ class StateEncoder:
 
     def __call__(self, t_ns: int, tick: int, mode: int, values: np.ndarray | bytes) -> bytes:
         """Encode the State at `t_ns`; `values` float64 [outputs], or their bytes."""
-        head, short, numbers = self._head, self._short, np.frombuffer(values)
-        head[0], head[1], head[2] = t_ns, tick, mode
+        head = self._head
+        short = self._short
+        numbers = np.frombuffer(values)
+        head[0] = t_ns
+        head[1] = tick
+        head[2] = mode
         self._low[:] = numbers[:short]
         if self._high.size:
             self._high[:] = numbers[short:]

@@ -56,13 +56,19 @@ class ImpairedLink:
         reorder: bool = False,
     ) -> None:
         self.name = name
-        self.loss, self.duplicate, self.reorder = loss, duplicate, reorder
-        self._frame, self._delay, self._jitter = frame_ns, delay_ns, jitter_ns
-        self.least, self.most = -(-(delay_ns - jitter_ns) // frame_ns), -(-(delay_ns + jitter_ns) // frame_ns)
+        self.loss = loss
+        self.duplicate = duplicate
+        self.reorder = reorder
+        self._frame = frame_ns
+        self._delay = delay_ns
+        self._jitter = jitter_ns
+        self.least = -(-(delay_ns - jitter_ns) // frame_ns)
+        self.most = -(-(delay_ns + jitter_ns) // frame_ns)
         """Smallest and largest latency [ticks]."""
         self.counts = LinkCounts()
         self._key = np.frombuffer(sha256(f"{seed} {name}".encode()).digest()[:16], dtype=np.uint64)
-        self._first, self._drawn = -1, np.zeros((0, 4))
+        self._first = -1
+        self._drawn = np.zeros((0, 4))
         self._last = 0
         """The tick at which the last of the copies sent so far arrives."""
 
@@ -109,7 +115,8 @@ class ImpairedLink:
     def _of(self, number: int) -> Sequence[float]:
         first = number - number % _BLOCK
         if first != self._first:
-            self._first, self._drawn = first, self.numbers(first, _BLOCK)
+            self._drawn = self.numbers(first, _BLOCK)
+            self._first = first
         return self._drawn[number - first].tolist()  # type: ignore[no-any-return]
 
 

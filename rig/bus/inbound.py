@@ -3,7 +3,7 @@
 Messages, queries and presence tokens pass `InboundCheck.let_in`. It refuses data that is malformed, too large, out of
 bounds, or sent by a process that does not own the topic, and counts refusals by sender and kind. Code that uses a
 checked message need not expect an exception from its content. What the plant sends only has to be readable: Zenoh lets
-nobody else send as the plant (`rig.bus.address`).
+nobody else send as the plant (`rig.bus.access`).
 """
 
 from __future__ import annotations
@@ -25,6 +25,25 @@ QUESTION = 1 << 16
 """Longest query [bytes]."""
 DEEPEST = 32
 """Most levels of lists and objects inside each other."""
+
+PAYLOAD = 1 << 24
+"""Longest message [bytes]. From another process the hub accepts at most `rig.bus.access.FROM_LEAVES`."""
+TICKS = 1 << 53
+"""Bound of a tick."""
+TIMES_NS = 1 << 62
+"""Bound of a simulated time [ns]."""
+SPAN_NS = 1 << 42
+"""Bound of a sample interval [ns]."""
+TOPICS = 1024
+"""Most topics that are counted one by one."""
+_BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
+"""Bounded fields of messages."""
+
+_SENDERS = 32  # most senders that are counted one by one
+_OF_A_GUEST = 16  # most topics of a guest that are counted one by one
+
+T = TypeVar("T")
+A = TypeVar("A", bound="Arrived")
 
 
 def read_json(data: bytes, limit: int = QUESTION, *, finite: bool = True) -> dict[str, Any]:
@@ -70,23 +89,10 @@ def _finite(text: str) -> float:
     return number
 
 
-PAYLOAD = 1 << 24
-"""Longest message [bytes]. From another process the hub accepts at most `rig.bus.address.FROM_LEAVES`."""
-TICKS, TIMES_NS, SPAN_NS = 1 << 53, 1 << 62, 1 << 42
-"""Bounds of tick, simulated time and sample interval."""
-TOPICS = 1024
-"""Most topics that are counted one by one."""
-_BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
-FIELDS = {
-    kind: tuple((name, limit) for name, limit in _BOUNDS.items() if isinstance(getattr(made(), name, None), int))
-    for kind, made in messages.TYPES.items()
-}
-"""Kind of message -> its bounded fields and the bound of each."""
-
-
 def _check_totals(topic: str, content: Any, counts: dict[str, Count], now: float) -> None:
     """Raise Refused for totals that claim messages of others, or more than can have been sent by `now` [s]."""
-    sent, heard = content.sent_topic, content.heard_topic
+    sent = content.sent_topic
+    heard = content.heard_topic
     if len(sent) != len(content.sent) or not len(heard) == len(content.received) == len(content.lost):
         raise Refused("wrong length", "Totals whose columns differ in length")
     if max(len(sent), len(heard)) > TOPICS:
@@ -99,12 +105,6 @@ def _check_totals(topic: str, content: Any, counts: dict[str, Count], now: float
         seen = counts.get(claimed, nothing)
         if number < 0 or not seen.plausible(number - 1 - seen.last, now):
             raise Refused("implausible number", f"Totals of {number} messages on {claimed[:80]}")
-
-
-_SENDERS, _OF_A_GUEST = 32, 16  # most senders that are counted one by one, and most topics of a guest
-
-T = TypeVar("T")
-A = TypeVar("A", bound="Arrived")
 
 
 def speaks(user: str, topic: str, reserved: frozenset[str]) -> bool:
@@ -196,11 +196,10 @@ class InboundCheck:
 
     def news(self) -> list[str]:
         """New refusals since the last call: one line for each sender and kind."""
-        lines = [
-            f"{sender}: {kind}"
-            for (sender, kind), n in self.refused.items()
-            if n > self._reported.get((sender, kind), 0)
-        ]
+        lines = []
+        for (sender, kind), count in self.refused.items():
+            if count > self._reported.get((sender, kind), 0):
+                lines.append(f"{sender}: {kind}")
         self._reported = dict(self.refused)
         return lines
 
@@ -215,7 +214,8 @@ class InboundCheck:
         if len(payload) > PAYLOAD:
             raise Refused("too long", f"{len(payload)} bytes; at most {PAYLOAD} are read")
         seq, t_ns = HEADER.unpack(header)
-        count, now = counts.get(topic), time.monotonic()
+        count = counts.get(topic)
+        now = time.monotonic()
         if count is None:
             if len(counts) >= TOPICS:
                 raise Refused("too many topics", f"more than {TOPICS} topics")
@@ -247,7 +247,8 @@ class InboundCheck:
 
     def row(self, user: str, topic: str, counts: dict[str, Count]) -> Row | None:
         """How to read further messages of a user on a topic; None before the first one is accepted and counted."""
-        granted, count = self.granted.get((user, topic)), counts.get(topic)
+        granted = self.granted.get((user, topic))
+        count = counts.get(topic)
         if granted is None or granted.read is None or count is None or granted.kind in ("Event", "Totals"):
             return None
         return Row(user, topic, granted, count, self.granted)
@@ -281,10 +282,10 @@ class InboundCheck:
         if len(arrived.payload) > PAYLOAD:
             raise Refused("too long", f"{len(arrived.payload)} bytes; at most {PAYLOAD} are read")
         batch = messages.TYPES["Batch"].FromString(arrived.payload)
-        senders = [
-            (user, topic, "" if (user, topic) in self.granted else messages.encoding(topic))
-            for user, topic in zip(batch.user, batch.topic)
-        ]
+        senders = []
+        for user, topic in zip(batch.user, batch.topic):
+            encoding = "" if (user, topic) in self.granted else messages.encoding(topic)
+            senders.append((user, topic, encoding))
         inner = []
         for place, header, content in zip(batch.place, batch.header, batch.said, strict=True):
             user, topic, encoding = senders[place]
@@ -303,7 +304,7 @@ class InboundCheck:
             raise Refused("too many topics", f"more than {_OF_A_GUEST} topics of one guest")
         kind = row.message
         read = self._state if kind == "State" else messages.TYPES[kind].FromString
-        return _Granted(kind, read, FIELDS.get(kind, ()))
+        return _Granted(kind, read, _bounded(kind))
 
     def presence(self, arrived: Arrived) -> Presence:
         """Check and read a presence token. Raises Refused."""
@@ -320,6 +321,14 @@ class InboundCheck:
     def question(self, arrived: Arrived) -> dict[str, Any]:
         """Read the body of a query. Raises Refused."""
         return read_json(arrived.payload or b"{}")
+
+
+def _bounded(kind: str) -> tuple[tuple[str, int], ...]:
+    """The bounded fields of a kind of message and the bound of each."""
+    if kind not in messages.TYPES:
+        return ()
+    blank = messages.TYPES[kind]()
+    return tuple((name, limit) for name, limit in _BOUNDS.items() if isinstance(getattr(blank, name, None), int))
 
 
 def _another_version(topic: str, encoding: str) -> Refused:

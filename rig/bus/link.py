@@ -17,7 +17,8 @@ from typing import Any
 import zenoh
 
 from rig.bus import messages, port, session
-from rig.bus.address import Reservation, RunAddress, bounds, dictionary, invite, login, take_user
+from rig.bus.access import bounds, dictionary, invite, login, take_user
+from rig.bus.address import Reservation, RunAddress
 from rig.errors import BusError
 
 _PRIORITIES = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")

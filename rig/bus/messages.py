@@ -3,19 +3,6 @@
 `rig_pb2.py` and `viewing_pb2.py` are generated from `rig.proto` and `viewing.proto` by `make proto`. The length of a
 message does not depend on its values, so `rig.bus.encode` packs it in a microsecond. Readers of a recording need
 neither: each channel contains its schema, `file_descriptor_set(kind)`.
-
-Decodes many messages of one type at once: columns of numbers instead of a protobuf object for each message.
-
-Messages of the same length usually differ in their numbers only. Their tags and lengths are then compared once, as
-bytes, and the numbers are read in place (the wire format is explained in `rig.bus.encode`). All other messages are
-decoded by protobuf, so that both ways give the same bits.
-
-Batches: messages of the plant that wait a few milliseconds and are sent together, for readers without deadline.
-
-A separate put costs the plant 20 to 40 us, because it wakes a thread of the bus, and it wakes each reader (measured).
-Adding a message to a batch costs 1 us: it is encoded when the batch is. Each message keeps its own number and time, so
-that readers still detect lost messages. Batches also contain copies of steps and commands: the originals travel
-directly between plant and controllers, and all other processes read the copies.
 """
 
 from __future__ import annotations
@@ -23,20 +10,17 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import time
-from collections.abc import Callable, Iterator, MutableSequence, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 from google.protobuf.message import DecodeError, Message
 from numpy.typing import NDArray
 
 from rig.bus import rig_pb2, topics, viewing_pb2
-from rig.bus.topics import HEADER
 from rig.errors import BusError
 
 TYPES: dict[str, type[Message]] = {
@@ -155,146 +139,3 @@ def file_descriptor_set(kind: type[Message]) -> bytes:
     files = descriptor_pb2.FileDescriptorSet()
     kind.DESCRIPTOR.file.CopyToProto(files.file.add())
     return bytes(files.SerializeToString())
-
-
-Columns = dict[str, NDArray[Any]]
-"""Fields of several messages: name -> int64 or float64 [messages], and [messages, entries] of a repeated field."""
-_NUMBERS = {FieldDescriptor.TYPE_SFIXED64: np.dtype("<i8"), FieldDescriptor.TYPE_DOUBLE: np.dtype("<f8")}
-_FIXED, _PACKED = 1, 2
-
-
-def alike(kind: type[Message], payloads: Sequence[bytes]) -> Columns | None:
-    """Decode messages of the same length (at least one); None if their layouts differ or have no such columns."""
-    places = _places(kind, payloads[0])
-    if places is None:
-        return None
-    rows = np.frombuffer(b"".join(payloads), np.uint8).reshape(len(payloads), -1)
-    frame = np.ones(rows.shape[1], np.bool_)
-    for begin, end in places.values():
-        frame[begin:end] = False
-    if (rows[:, frame] != rows[0, frame]).any():
-        return None
-    columns = _blank(kind, len(rows))
-    for name, (begin, end) in places.items():
-        numbers = np.ascontiguousarray(rows[:, begin:end]).view(columns[name].dtype)
-        columns[name] = numbers if columns[name].ndim == 2 else numbers[:, 0]
-    return columns
-
-
-def single(message: Message) -> Columns:
-    """The columns of one message of numbers only."""
-    columns = _blank(type(message), 1)
-    for name, column in columns.items():
-        columns[name] = np.array([getattr(message, name)], column.dtype)
-    return columns
-
-
-def _blank(kind: type[Message], count: int) -> Columns:
-    """The columns of `count` messages without content. Fields that are no numbers are left out."""
-    empty = kind()
-    return {
-        field.name: np.zeros(count if isinstance(getattr(empty, field.name), int | float) else (count, 0), number)
-        for field in kind.DESCRIPTOR.fields
-        if (number := _NUMBERS.get(field.type)) is not None
-    }
-
-
-def _places(kind: type[Message], payload: bytes) -> dict[str, tuple[int, int]] | None:
-    """First and last byte of the numbers of each field in `payload`; None if there is anything but numbers."""
-    blank, places, at = _blank(kind, 1), dict[str, tuple[int, int]](), 0
-    while at < len(payload):
-        tag, begin = _varint(payload, at)
-        field = kind.DESCRIPTOR.fields_by_number.get(tag >> 3)
-        if field is None or field.name in places or field.name not in blank:
-            return None
-        size, many = 8, blank[field.name].ndim == 2
-        if tag & 7 != (_PACKED if many else _FIXED):
-            return None
-        if many:
-            size, begin = _varint(payload, begin)
-        at = begin + size
-        if size % 8 or at > len(payload):
-            return None
-        places[field.name] = begin, at
-    return places
-
-
-def _varint(payload: bytes, at: int) -> tuple[int, int]:
-    """The number of variable length at byte `at`, and the byte after it; (0, at) if it is cut off."""
-    value = shift = 0
-    for end in range(at, min(at + 5, len(payload))):
-        value |= (payload[end] & 0x7F) << shift
-        shift += 7
-        if payload[end] < 0x80:
-            return value, end + 1
-    return 0, at
-
-
-WAITS_NS, EVERY = 25_000_000, 16
-"""Age [ns] of a batch at which it is sent, as every 16th message checks. A plant flushes 50 times a second: sooner."""
-LONGEST = 1 << 15
-"""Size [bytes] at which encoded messages are sent, and of the pieces of a batch: half of what Zenoh sends in one."""
-_KEEPING = 7000  # bytes that Zenoh needs to keep a batch, in addition to its payload (measured)
-WAITING = (160 << 20) // (LONGEST + _KEEPING)
-"""Most batches that wait in the memory of a recorder: 160 MB."""
-
-Row = tuple[str, str, bytes | tuple[int, int], Callable[..., bytes], tuple[Any, ...]]
-"""User, topic, header (packed, or number and time), and the function that encodes the message, with its arguments."""
-
-
-class Batch:
-    """Collects messages and gives them to `send`. Not thread-safe."""
-
-    def __init__(self, send: Callable[[list[Row]], None]) -> None:
-        self.gather: Callable[[], object] = lambda: None
-        """Called before a batch is sent; it may add more messages."""
-        self.rows: list[Row] = []
-        """The collected messages. A plant appends to it, which costs it less than a call; then `flush_if_due`."""
-        self._send = send
-        self._size, self._due = 0, 0
-
-    def add(self, user: str, topic: str, header: bytes, payload: bytes) -> None:
-        """Add an encoded message of `user` on `topic`; `header` contains its number and time, packed."""
-        self._size += len(payload)
-        self.rows.append((user, topic, header, bytes, (payload,)))
-        if not len(self.rows) % EVERY:
-            self.flush_if_due()
-        if self._size >= LONGEST:
-            self.flush()
-
-    def flush_if_due(self) -> None:
-        """Send the messages if they have waited long enough; to be called after every `EVERY` messages."""
-        if time.monotonic_ns() >= self._due:
-            self.flush()
-
-    def flush(self) -> None:
-        """Send the collected messages as one batch."""
-        self._size, self._due = 0, time.monotonic_ns() + WAITS_NS  # messages that `gather` adds must not flush again
-        self.gather()
-        if self.rows:
-            rows, self.rows, self._size = self.rows, [], 0
-            self._send(rows)
-
-
-def encoded_batches(rows: list[Row]) -> Iterator[bytes]:
-    """Encode messages as Batches of about `LONGEST` bytes."""
-    places: dict[tuple[str, str], int] = {}
-    columns: list[tuple[int, bytes, bytes]] = []
-    size = 0
-    for user, topic, header, encode, given in rows:
-        content = encode(*given)
-        packed = header if isinstance(header, bytes) else HEADER.pack(*header)
-        columns.append((places.setdefault((user, topic), len(places)), packed, content))
-        size += len(content)
-        if size >= LONGEST:
-            yield _encoded(places, columns)
-            places, columns, size = {}, [], 0
-    if columns:
-        yield _encoded(places, columns)
-
-
-def _encoded(places: dict[tuple[str, str], int], columns: list[tuple[int, bytes, bytes]]) -> bytes:
-    users, names = zip(*places)
-    place, headers, contents = zip(*columns)
-    batch = TYPES["Batch"](user=users, topic=names, place=place, header=headers, said=contents)
-    return bytes(batch.SerializeToString())

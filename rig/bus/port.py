@@ -1,114 +1,36 @@
-"""The interface of the bus that a process uses: the session that owns publishers and receivers.
+"""The interface of the bus that a process uses: its session, and what it receives of others: messages and presence.
 
-The session numbers and counts messages. `rig.bus.session` transports them between processes with Zenoh; the tests have
-another session, within one process.
-
-Publishers, which number the messages of one topic. `rig.bus.session` transports them.
-
-What a process receives on the bus: messages of topics, and the presence of other processes.
+A session owns publishers (`rig.bus.publishers`), receivers and servers of queries (`rig.bus.queries`); it numbers and
+counts messages. `rig.bus.session` transports them between processes with Zenoh; the tests have another session, within
+one process.
 
 Every message has a header of 16 bytes before its payload: its number on this topic, counted from 0 by the publisher,
 and the simulated time. A missing number shows the receiver that a message was lost. Messages lost after the last one
 received show when the sender publishes its totals.
-
-Queries from other processes and the server that answers them, at once or later, in the thread that polls it.
 """
 
 from __future__ import annotations
 
-import itertools
 import json
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from rig.bus import messages, topics
+from rig.bus.batch import Batch, Row, encoded_batches
 from rig.bus.inbound import PAYLOAD, InboundCheck, read_json, speaks
-from rig.bus.messages import EVERY, Batch, Row, encoded_batches
-from rig.bus.topics import HEADER, Arrived, Count, Message, Presence, Refused
-from rig.errors import BusError, RigError, UsageError
+from rig.bus.publishers import Batched, Copied, InOrder, Publisher
+from rig.bus.queries import Answer, Server, check_parameters
+from rig.bus.topics import Arrived, Count, Message, Presence, Refused
+from rig.errors import BusError
 from rig.units import converts
 
-
-class Publisher(ABC):
-    """Sends messages on one topic; never waits for a reader."""
-
-    def __init__(self, topic: str) -> None:
-        self.topic = topic
-        self.sent = 0
-
-    def put(self, payload: bytes, t_ns: int) -> None:
-        """Send `payload` with the simulated time `t_ns`."""
-        self.send(payload, HEADER.pack(self.sent, t_ns))
-        self.sent += 1
-
-    def put_later(self, t_ns: int, encode: Callable[..., bytes], *given: Any) -> None:
-        """Send `encode(*given)`; a publisher that waits before it sends calls it as late, in another thread."""
-        self.put(encode(*given), t_ns)
-
-    def put_each(self, times: Sequence[int], payloads: Sequence[bytes]) -> None:
-        """Send many messages with their simulated times [ns]."""
-        for t_ns, payload in zip(times, payloads):
-            self.put(payload, t_ns)
-
-    @abstractmethod
-    def send(self, payload: bytes, header: bytes) -> None:
-        """Send `payload` with `header`, its packed number and time."""
-
-
-class _Batched(Publisher):
-    """Sends messages as part of the plant's batches."""
-
-    def __init__(self, topic: str, batch: Batch) -> None:
-        super().__init__(topic)
-        self._batch = batch
-
-    def send(self, payload: bytes, header: bytes) -> None:
-        self._batch.add("plant", self.topic, header, payload)
-
-    def put_later(self, t_ns: int, encode: Callable[..., bytes], *given: Any) -> None:
-        rows = self._batch.rows
-        rows.append(("plant", self.topic, (self.sent, t_ns), encode, given))
-        self.sent += 1
-        if not len(rows) % EVERY:
-            self._batch.flush_if_due()
-
-    def put_each(self, times: Sequence[int], payloads: Sequence[bytes]) -> None:
-        rows = zip(itertools.count(self.sent), times, payloads)
-        # they wait for the next batch, however many there are
-        self._batch.rows.extend([("plant", self.topic, (n, t_ns), bytes, (payload,)) for n, t_ns, payload in rows])
-        self.sent += len(payloads)
-
-
-class _Copied(Publisher):
-    """Sends messages at once, and copies of them in the plant's batches."""
-
-    def __init__(self, at_once: Publisher, batch: Batch) -> None:
-        super().__init__(at_once.topic)
-        self._at_once, self._batch = at_once, batch
-
-    def send(self, payload: bytes, header: bytes) -> None:
-        self._at_once.send(payload, header)
-        self._batch.add("plant", self.topic, header, payload)
-
-
-class _InOrder(Publisher):
-    """Sends messages alone, after flushing the batch of earlier ones. Messages of higher priority may overtake."""
-
-    def __init__(self, alone: Publisher, batch: Batch, post: Callable[[Callable[[], None]], None]) -> None:
-        super().__init__(alone.topic)
-        self._alone, self._batch, self._post = alone, batch, post
-
-    def send(self, payload: bytes, header: bytes) -> None:
-        self._batch.flush()
-        self._post(lambda: self._alone.send(payload, header))
-
-
-_MOST, _TOPICS = 256, 4096
+_MOST = 256
 """Most items that one call processes, so that a flood of messages cannot block it."""
+_TOPICS = 4096  # most topics for which a receiver keeps whether it wants them. chosen
 DRAINED = 1 << 14
 """Most messages that one call of `Receiver.drain` returns."""
 PRESENCES = 1 << 14
@@ -124,7 +46,9 @@ class Receiver(ABC):
     def __init__(
         self, inbound: InboundCheck, patterns: tuple[str, ...], depth: int, copies: Batch | None = None
     ) -> None:
-        self.inbound, self.patterns, self.depth = inbound, patterns, depth
+        self.inbound = inbound
+        self.patterns = patterns
+        self.depth = depth
         self.heard = topics.heard(patterns)
         """The pattern to which it is subscribed; it may match more topics than `patterns`."""
         self.counts: dict[str, Count] = {}
@@ -188,7 +112,10 @@ class Receiver(ABC):
     def drain(self) -> list[Message]:
         """All messages that wait now, at most `DRAINED`."""
         drained: list[Message] = []
-        while len(drained) < DRAINED and (message := self.get()) is not None:
+        while len(drained) < DRAINED:
+            message = self.get()
+            if message is None:
+                break
             drained.append(message)
         return drained
 
@@ -251,137 +178,22 @@ class Watch(ABC):
         """Whether the process `name` in `role` is present; wait for it at most `timeout` seconds."""
         deadline = time.monotonic() + timeout
         self.poll()
-        while (role, name) not in self.present and (left := deadline - time.monotonic()) > 0.0:
+        while (role, name) not in self.present:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                return False
             self.poll(left)
-        return (role, name) in self.present
-
-
-_QUESTIONS = 16
-"""Most queries that one call of `Server.poll` answers."""
-WAITING = 1 << 8
-"""Most queries that wait for an answer."""
-
-
-class Request(ABC):
-    """A query from another process; it must be answered or refused exactly once."""
-
-    asked: Arrived
-
-    @abstractmethod
-    def reply(self, text: bytes) -> None:
-        """Answer with JSON text."""
-
-    @abstractmethod
-    def refuse(self, why: str) -> None:
-        """Refuse the query and give the reason."""
-
-
-Later = Callable[[], "dict[str, Any] | None"]
-"""An answer that takes time: called at every poll until it returns something."""
-Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes | Later"]
-
-
-class ParamRequest(NamedTuple):
-    """A request on `param/<process>`: list all that can be set, or make `changes` and return the values of `keys`."""
-
-    everything: bool
-    keys: list[str]
-    changes: dict[str, Any]
-
-
-def param_request(body: dict[str, Any]) -> ParamRequest:
-    """Read a request on `param/<process>`. Raises UsageError if it is malformed."""
-    keys, changes = body.get("get", []), body.get("set", {})
-    if unknown := [key for key in body if key not in ("get", "set", "list")]:
-        raise UsageError(f'the request has {unknown[0]!r:.80}; it can have "get" and "set", or "list" alone')
-    if not (isinstance(keys, list) and all(isinstance(key, str) for key in keys)):
-        raise UsageError(f'"get" is {keys!r:.80}; expected a list of keys, e.g. ["load.force"]')
-    if not isinstance(changes, dict):
-        raise UsageError(f'"set" is {changes!r:.80}; expected the keys to change, each with its value')
-    if body.get("list", True) is not True:
-        raise UsageError(f'"list" is {body["list"]!r:.80}; expected true')
-    if "list" in body and len(body) > 1:
-        raise UsageError('"list" comes alone; send "get" or "set" as a separate request')
-    return ParamRequest("list" in body, keys, changes)
-
-
-def _check_parameters(answer: dict[str, Any], everything: bool) -> None:
-    """Raise Refused for an answer on `param/<process>` of another form; `everything`: it lists all that can be set."""
-    values, units, overruled = (answer.get(key, {}) for key in ("values", "units", "overruled"))
-    if not all(isinstance(part, dict) for part in (values, units, overruled)) or "values" not in answer:
-        raise Refused("not parameters", 'it has no object of "values"')
-    if everything and (strange := [key for key in values if not isinstance(units.get(key), str)]):
-        raise Refused("not parameters", f"{strange[0]!r:.80} has no unit")
-
-
-class Server(ABC):
-    """Answers the queries on one topic, in the thread that calls `poll`."""
-
-    def __init__(self, inbound: InboundCheck, answer: Answer) -> None:
-        self.inbound, self._answer = inbound, answer
-        self.asker = ""
-        """The user whose query is being answered."""
-        self._later: list[tuple[Request, dict[str, Any], Later]] = []
-
-    waiting: Callable[[], int]
-    """The number of queries that have arrived and are not read."""
-
-    @abstractmethod
-    def _next(self, timeout: float) -> Request | None: ...
-
-    def poll(self, timeout: float = 0.0) -> int:
-        """Answer the waiting queries and return their number; wait at most `timeout` seconds for the first.
-
-        A query that cannot be read or raises an exception is refused, and the refusal contains the reason.
-        """
-        if not (self._later or self.waiting() or timeout):  # the usual case, in every frame
-            return 0
-        if self._later:
-            waiting, self._later = self._later, []
-            for asked, body, later in waiting:
-                self._serve(asked, body, later)
-        answered = 0
-        while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
-            answered += 1
-            question = self.inbound.let_in(self.inbound.question, request.asked)
-            if question is None:
-                request.refuse(f"{self.inbound.last.kind}: {self.inbound.last}")
-            else:
-                self._serve(request, question, partial(self._answer, question))
-        return answered
-
-    def give_up(self, why: str) -> None:
-        """Refuse all queries that wait for an answer, read or not, since `poll` is not called any more."""
-        for request, _, _ in self._later:
-            request.refuse(why)
-        self._later = []
-        while (unread := self._next(0.0)) is not None:
-            unread.refuse(why)
-
-    def _serve(self, request: Request, body: dict[str, Any], answer: Callable[[], Any]) -> None:
-        """Answer or refuse a request, or keep it for the next poll."""
-        self.asker = request.asked.user
-        try:
-            reply = answer()
-            if reply is None or callable(reply):
-                self._later.append((request, body, reply or answer))
-                return
-            text = reply if isinstance(reply, bytes) else json.dumps(reply).encode()
-        except (RigError, ValueError) as fault:
-            request.refuse(str(fault))
-        except KeyError as fault:
-            request.refuse(f"{body.get('do', 'the request')!s:.80} needs {fault}")
-        except Exception as fault:  # a senseless query must not end the process that answers
-            request.refuse(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}")
-        else:
-            request.reply(text)
+        return True
 
 
 class Session(ABC):
     """The connection of one process to the bus of one run. Use it in a `with` block, or call `close`."""
 
     def __init__(self, run: str, role: str, name: str, user: str, reserved: frozenset[str]) -> None:
-        self.run, self.role, self.name, self.user = run, role, name, user
+        self.run = run
+        self.role = role
+        self.name = name
+        self.user = user
         topics.of(f"alive/{role}/{name}")
         self.inbound = InboundCheck(reserved)
         """Checks everything that other processes send, and counts refusals."""
@@ -445,15 +257,16 @@ class Session(ABC):
         """
         if topic not in self._publishers:
             self._own(topic)
-            way, batch = topics.of(topic).way, self._batch
+            way = topics.of(topic).way
+            batch = self._batch
             if batch is None:
                 self._publishers[topic] = self._publisher(topic)
             elif way == topics.BATCH:
-                self._publishers[topic] = _Batched(topic, batch)
+                self._publishers[topic] = Batched(topic, batch)
             elif way == topics.LOOP:
-                self._publishers[topic] = _Copied(self._publisher(topic), batch)
+                self._publishers[topic] = Copied(self._publisher(topic), batch)
             else:
-                self._publishers[topic] = _InOrder(self._publisher(topic), batch, self._post)
+                self._publishers[topic] = InOrder(self._publisher(topic), batch, self._post)
         return self._publishers[topic]
 
     def before_batches(self, gather: Callable[[], object]) -> None:
@@ -498,9 +311,11 @@ class Session(ABC):
         unreadable answer, or none.
         """
         topics.of(topic)
-        if topic.startswith("param/") and isinstance(changes := body.get("set"), dict):
+        changes = body.get("set") if topic.startswith("param/") else None
+        if isinstance(changes, dict):
             body = {**body, "set": self._in_si(topic, changes, timeout)}
-        text, deadline = json.dumps(body).encode(), time.monotonic() + timeout
+        text = json.dumps(body).encode()
+        deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0.0:
             reply = self._ask(topic, text, left)
             if reply is not None:
@@ -510,7 +325,7 @@ class Session(ABC):
                 try:
                     read = read_json(answer, PAYLOAD, finite=False)
                     if topic.startswith("param/"):
-                        _check_parameters(read, "list" in body)
+                        check_parameters(read, "list" in body)
                     return read
                 except Refused as fault:
                     raise BusError(f"the answer of {topic} in run {self.run} cannot be read: {fault}") from None
@@ -531,7 +346,8 @@ class Session(ABC):
             given = [(key, value, units.get(key)) for key, value in changes.items()]
         except (BusError, AttributeError, LookupError, TypeError):  # the owner refuses the change itself
             return changes
-        faults, numbers = [], dict(changes)
+        faults = []
+        numbers = dict(changes)
         for key, value, unit in given:
             if unit and converts(value, unit):
                 try:

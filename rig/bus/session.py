@@ -1,15 +1,11 @@
 """The session of the bus between processes, over Zenoh.
 
-A bounded queue, and a wait with a timeout that signals cannot make endless.
-
-The thread in which the plant sends what has no deadline.
+A session declares publishers, receivers, watches and servers at Zenoh. Callbacks never call Zenoh: they only put what
+arrived into a bounded queue (`Inbox`), from which it is read with a timeout that signals cannot make endless
+(`patiently`).
 
 To encode a batch and to hand it to Zenoh takes 100 us or more: with the blocks of many sensors up to half of a frame.
-The plant only puts it into a queue, and the sender works while the plant waits for its next frame.
-
-What a session declares at Zenoh: publishers, receivers, watches and servers.
-
-Callbacks never call Zenoh: they only put what arrived into a queue.
+The plant only puts it into a queue, and a thread (`Sender`) works while the plant waits for its next frame.
 """
 
 from __future__ import annotations
@@ -28,10 +24,13 @@ from typing import Any, Generic, TypeVar
 import zenoh
 
 from rig.bus import messages, topics
-from rig.bus.address import BusUser, Reservation, is_live, take_user
+from rig.bus.access import BusUser, take_user
+from rig.bus.address import Reservation, is_live
+from rig.bus.batch import Batch
 from rig.bus.inbound import InboundCheck, Row
-from rig.bus.messages import Batch
-from rig.bus.port import PRESENCES, WAITING, Answer, Publisher, Receiver, Request, Server, Session, Watch
+from rig.bus.port import PRESENCES, Receiver, Session, Watch
+from rig.bus.publishers import Publisher
+from rig.bus.queries import WAITING, Answer, Request, Server
 from rig.bus.topics import HEADER, Arrived, Message
 from rig.errors import BusError
 
@@ -45,6 +44,26 @@ _BLOCK, _RESTORE = (int(getattr(signal, name, 0)) for name in ("SIG_BLOCK", "SIG
 
 T = TypeVar("T")
 
+_AT_ONCE: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP}
+"""How a query is sent, and with it the answer."""
+_WHOLE: dict[str, Any] = {
+    "congestion_control": zenoh.CongestionControl.BLOCK,
+    "priority": zenoh.Priority.DATA_LOW,
+}
+"""The models of a structure have megabytes, which DROP never delivers; what waits holds up its own priority alone."""
+_LARGE = 60_000
+"""Bytes of an answer that fits into one of Zenoh's batches."""
+_MOST = 64
+"""Number of waiting functions beyond which the plant waits too: one without a pace could outrun the sender."""
+_SENDER_CLOSING_S = 1.0
+"""Longest time for sending what still waits when the session closes."""
+
+_JOINING = 0.5  # s after which the processes of a run have heard of each other
+_KEYS = 4096  # most keys that a receiver remembers
+_PUT = zenoh.SampleKind.PUT
+
+_CLOSING_S = 2.0  # time allowed for closing the connection
+
 
 def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
     """The next item of a queue; wait for it at most `timeout` seconds. Raises queue.Empty.
@@ -56,7 +75,8 @@ def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
         return waiting.get_nowait()
     if _MASK is None or threading.get_ident() != _MAIN:
         return waiting.get(True, timeout)
-    deadline, left = time.monotonic() + timeout, timeout
+    deadline = time.monotonic() + timeout
+    left = timeout
     while True:
         before = _MASK(_BLOCK, _SIGNALS)
         try:
@@ -95,21 +115,6 @@ class Inbox(Generic[T]):
             return None
 
 
-_AT_ONCE: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP}
-"""How a query is sent, and with it the answer."""
-_WHOLE: dict[str, Any] = {
-    "congestion_control": zenoh.CongestionControl.BLOCK,
-    "priority": zenoh.Priority.DATA_LOW,
-}
-"""The models of a structure have megabytes, which DROP never delivers; what waits holds up its own priority alone."""
-_LARGE = 60_000
-"""Bytes of an answer that fits into one of Zenoh's batches."""
-_MOST = 64
-"""Number of waiting functions beyond which the plant waits too: one without a pace could outrun the sender."""
-_SENDER_CLOSING_S = 1.0
-"""Longest time for sending what still waits when the session closes."""
-
-
 class Sender:
     """Calls functions one after another in a thread of its own."""
 
@@ -145,11 +150,6 @@ class Sender:
             self._thread.join(_SENDER_CLOSING_S)
 
 
-_JOINING = 0.5  # s after which the processes of a run have heard of each other
-_KEYS = 4096  # most keys that a receiver remembers
-_PUT = zenoh.SampleKind.PUT
-
-
 class _Publisher(Publisher):
     """A publisher over Zenoh. Raises BusError if a message cannot be sent."""
 
@@ -183,9 +183,11 @@ class _ZenohReceiver(Receiver):
 
     def _arrived(self, delivered: tuple[zenoh.Sample, int]) -> Arrived:
         sample, arrived_ns = delivered
-        who, data = _who(sample.key_expr, self._prefix), sample.payload.to_bytes()
+        who = _who(sample.key_expr, self._prefix)
+        data = sample.payload.to_bytes()
         encoding = "" if who in self.inbound.granted else str(sample.encoding)
-        header, payload = data[: HEADER.size], data[HEADER.size :]
+        header = data[: HEADER.size]
+        payload = data[HEADER.size :]
         return Arrived(*who, payload, header, sample.kind == _PUT, encoding, arrived_ns)
 
     def _usual(self, delivered: tuple[zenoh.Sample, int]) -> Message | None:
@@ -224,7 +226,8 @@ class _QueuedReceiver(_ZenohReceiver):
     ) -> None:
         super().__init__(inbound, patterns, depth, prefix, copies)
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        put, clock = self._queue.put, time.monotonic_ns
+        put = self._queue.put
+        clock = time.monotonic_ns
         self._stamped = stamped
         self.take: Callable[[zenoh.Sample], None] = (lambda sample: put((sample, clock()))) if stamped else put
 
@@ -277,7 +280,8 @@ class _Watch(Watch):
 class _Request(Request):
     def __init__(self, query: zenoh.Query, key: str, topic: str) -> None:
         user = str(query.key_expr).rpartition("/")[2]
-        self._query, self._key = query, f"{key}/{user}"
+        self._query = query
+        self._key = f"{key}/{user}"
         payload = query.payload
         self.asked = Arrived(user, topic, payload.to_bytes() if payload is not None else b"")
 
@@ -301,7 +305,8 @@ class _Server(Server):
 
     def __init__(self, inbound: InboundCheck, answer: Answer, key: str, topic: str) -> None:
         super().__init__(inbound, answer)
-        self._key, self._topic = key, topic
+        self._key = key
+        self._topic = topic
         self._inbox = Inbox[zenoh.Query](WAITING)
         self.waiting = self._inbox.qsize
         self.take = self._inbox.put  # Zenoh answers a dropped query for us: its asker learns that nobody answers
@@ -309,9 +314,6 @@ class _Server(Server):
     def _next(self, timeout: float) -> Request | None:
         query = self._inbox.take(timeout)
         return None if query is None else _Request(query, self._key, self._topic)
-
-
-_CLOSING_S = 2.0  # time allowed for closing the connection
 
 
 class ZenohSession(Session):
@@ -327,10 +329,13 @@ class ZenohSession(Session):
         shared: bool = False,
     ) -> None:
         super().__init__(run, role, bus_user.name, bus_user.user, bus_user.reserved)
-        self._zenoh, self._bus_user, self._reservation = opened, bus_user, reservation
+        self._zenoh = opened
+        self._bus_user = bus_user
+        self._reservation = reservation
         self._shared = shared
         """Whether another session owns the connection and closes it."""
-        self._prefix, self._loop = f"rig/{run}/", f"loop/{run}/"
+        self._prefix = f"rig/{run}/"
+        self._loop = f"loop/{run}/"
         self._mine = f"{self._prefix}{bus_user.user}/"
         self._declared: list[Any] = []
         self._sender = Sender()

@@ -1,17 +1,17 @@
-"""The table of all topics of the bus.
+"""The table of all topics of the bus, and what arrives on them.
 
 A topic is written relative to its run: `step`, `meas/vibrometer`, `act/normal_force`. Its Zenoh key is
 `rig/<run>/<user>/<topic>`. A recording uses the topic itself, so that two runs can be compared.
 
 A topic is transported in one of three ways. LOOP: at once, under the key `loop/<run>/<user>/<topic>`, between plant and
 controllers; receivers of all topics read the plant's copy in a batch. BATCH: only in the plant's batches
-(`rig.bus.messages`), about 50 times a second. ALONE: at once.
+(`rig.bus.batch`), about 50 times a second. ALONE: at once.
 
 Every message is sent with congestion control DROP: a publisher never waits for a slow or hung reader. No message is
 sent "express": an express message occupies one of Zenoh's 16 batches, and at 5 kHz beside two busy processes 2 % were
 lost. With batching none was lost and the round trip is the same, because batching begins only under back pressure.
 
-Types of what arrives from other processes (raw data, messages, presence tokens), and counts per topic.
+What arrives from other processes is raw data, a message or a presence token; a `Count` counts messages per topic.
 """
 
 from __future__ import annotations
@@ -26,8 +26,34 @@ from typing import Any, NamedTuple
 from rig.errors import BusError
 
 HEADER = struct.Struct("<QQ")
-FASTEST, AT_ONCE = 200_000, 1_000
-"""Largest plausible jump of message numbers: messages per second of the fastest topic, and messages lost at once."""
+FASTEST = 200_000
+"""Largest plausible jump of message numbers in a second: messages per second of the fastest topic."""
+AT_ONCE = 1_000
+"""Largest plausible jump of message numbers at once: messages lost at once."""
+
+ALONE = "alone"
+LOOP = "loop"
+BATCH = "batch"
+ERROR = "error"
+WARN = "warn"
+LEVELS = {
+    **dict.fromkeys(("fault", "diverged", "limit", "emergency", "lost"), ERROR),
+    **dict.fromkeys(
+        ("missing", "left", "evicted", "safe", "held", "not finite", "refused", "flood", "overruled"), WARN
+    ),
+    **dict.fromkeys(("never", "timeout", "overrun", "pause", "scheduling", "warning"), WARN),
+    **dict.fromkeys(("outdated", "skipped"), WARN),
+}
+"""Kind of an event -> how serious it is; all other kinds are news."""
+BLOCK_NS = 20_000_000
+"""Longest span of a block of samples [ns of simulated time]."""
+STATE_NS = 5_000_000
+"""Shortest time between two states [ns of simulated time]."""
+SPAN_NS = 1_000_000
+"""Length of a span of `band`; with a longer step one step [ns of simulated time]."""
+
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
+ROLES = ("plant", "controller", "recorder", "viewer", "operator")
 
 
 class Refused(BusError):
@@ -130,21 +156,6 @@ class Topic(NamedTuple):
     about: str
 
 
-ALONE, LOOP, BATCH = "alone", "loop", "batch"
-ERROR, WARN = "error", "warn"
-LEVELS = {
-    **dict.fromkeys(("fault", "diverged", "limit", "emergency", "lost"), ERROR),
-    **dict.fromkeys(
-        ("missing", "left", "evicted", "safe", "held", "not finite", "refused", "flood", "overruled"), WARN
-    ),
-    **dict.fromkeys(("never", "timeout", "overrun", "pause", "scheduling", "warning"), WARN),
-    **dict.fromkeys(("outdated", "skipped"), WARN),
-}
-"""Kind of an event -> how serious it is; all other kinds are news."""
-BLOCK_NS, STATE_NS = 20_000_000, 5_000_000
-"""Longest span of a block of samples, and shortest time between two states [ns of simulated time]."""
-SPAN_NS = 1_000_000
-"""Length of a span of `band`; with a longer step one step [ns of simulated time]."""
 TABLE = (
     Topic("step", "Step", "plant", "REAL_TIME", LOOP, True, "one frame: latest sample of every sensor"),
     Topic("act/<controller>", "Act", "controller", "REAL_TIME", LOOP, True, "commands for the step of a tick"),
@@ -173,8 +184,6 @@ TABLE = (
 RECORDED = tuple(re.sub("<.*>", "*", row.name) for row in TABLE if row.recorded)
 """Patterns of all topics that the recorder keeps."""
 _ROWS = {row.name.partition("/")[0]: row for row in TABLE}
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
-ROLES = ("plant", "controller", "recorder", "viewer", "operator")
 
 
 def is_name(text: object) -> bool:
@@ -237,7 +246,9 @@ def heard(patterns: tuple[str, ...]) -> str:
 
 def matches(pattern: str, topic: str) -> bool:
     """Whether `topic` matches `pattern`: `*` stands for one part, `**` at the end for all following parts."""
-    wanted, given = pattern.split("/"), topic.split("/")
+    wanted = pattern.split("/")
+    given = topic.split("/")
     if wanted[-1] == "**":
-        wanted, given = wanted[:-1], given[: len(wanted) - 1]
+        wanted.pop()
+        given = given[: len(wanted)]
     return len(wanted) == len(given) and all(w in ("*", g) for w, g in zip(wanted, given))

@@ -38,7 +38,8 @@ if __name__ != "rig.controllers":  # found through the link at the top of a chec
 
 def _section(module: ModuleType, kind: str) -> Any:
     """The section of a controller's module; a foreign one is extended by the keys of every controller of a scene."""
-    made, own = class_of(module), parameters_of(module)
+    made = class_of(module)
+    own = parameters_of(module)
     if code_of(module) is None:
         return own
     bases: tuple[type[Section], ...] = (ControllerSection,)
@@ -68,8 +69,10 @@ def class_of(module: ModuleType) -> Any:
 def _unfinished(module: ModuleType) -> Iterator[str]:
     """The classes of a module that have one of the two methods of a controller, in words."""
     for made in vars(module).values():
-        if isinstance(made, type) and made.__module__ == module.__name__ and len(missing := _missing(made)) == 1:
-            yield f"; {made.__name__} has no {missing[0]}"
+        if isinstance(made, type) and made.__module__ == module.__name__:
+            missing = _missing(made)
+            if len(missing) == 1:
+                yield f"; {made.__name__} has no {missing[0]}"
 
 
 @cache

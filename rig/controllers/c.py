@@ -21,6 +21,13 @@ from rig.parts import Binary
 VERSION = 1
 _MOST = 1000  # signals, parameters, states
 
+LONGEST_S = 2.0
+"""Longest time of a step [s]; then the timer of the system ends the process (SIGALRM). # chosen"""
+OPENED: dict[str, Library] = {}
+"""SHA-256 -> library that this process has loaded."""
+_TIMER: Any = getattr(signal, "setitimer", lambda *_: None)
+_REAL = getattr(signal, "ITIMER_REAL", 0)
+
 
 class _Signal(ctypes.Structure):
     _fields_ = [("name", ctypes.c_char_p), ("unit", ctypes.c_char_p)]
@@ -62,7 +69,8 @@ def _about_of(library: ctypes.CDLL) -> dict[str, Any]:
         )
     lists: dict[str, list[Any]] = {}
     for count, name, least in (("inputs", "input", 0), ("outputs", "output", 1), ("parameters", "parameter", 0)):
-        number, first = getattr(stated, count), getattr(stated, name)
+        number = getattr(stated, count)
+        first = getattr(stated, name)
         if not least <= number <= _MOST or (number and not first):
             raise PartError(f"states {number} {count}; possible are {least} to {_MOST}, with a list of them")
         lists[count] = [first[i] for i in range(number)]
@@ -71,13 +79,17 @@ def _about_of(library: ctypes.CDLL) -> dict[str, Any]:
     return {
         "period_ns": stated.period_ns,
         "states": stated.states,
-        "inputs": [[_text(signal.name), _text(signal.unit)] for signal in lists["inputs"]],
-        "outputs": [[_text(signal.name), _text(signal.unit)] for signal in lists["outputs"]],
+        "inputs": [_named(signal) for signal in lists["inputs"]],
+        "outputs": [_named(signal) for signal in lists["outputs"]],
         "parameters": [
-            [_text(signal.name), _text(signal.unit), signal.value, signal.low, signal.high]
-            for signal in lists["parameters"]
+            [*_named(parameter), parameter.value, parameter.low, parameter.high] for parameter in lists["parameters"]
         ],
     }
+
+
+def _named(signal: Any) -> list[Any]:
+    """Name and unit of a signal or a parameter."""
+    return [_text(signal.name), _text(signal.unit)]
 
 
 def _text(raw: bytes | None) -> str:
@@ -95,9 +107,11 @@ class Library:
         self.about = about = _about_of(self._library)
         inputs, outputs, parameters = (len(about[name]) for name in ("inputs", "outputs", "parameters"))
         states = about["states"]
-        self._parameters, self._state = (ctypes.c_double * parameters)(), (ctypes.c_double * states)()
+        self._parameters = (ctypes.c_double * parameters)()
+        self._state = (ctypes.c_double * states)()
         self._input = (ctypes.c_double * inputs)()
-        self._next, self._output = (ctypes.c_double * states)(), (ctypes.c_double * outputs)()
+        self._next = (ctypes.c_double * states)()
+        self._output = (ctypes.c_double * outputs)()
         self._given: Sequence[float] | None = None
         self._init = self._function("init", ctypes.c_void_p, ctypes.c_void_p)
         self._step = self._function("step", *[ctypes.c_void_p] * 3, ctypes.c_int64, *[ctypes.c_void_p] * 2)
@@ -109,7 +123,8 @@ class Library:
             function = getattr(self._library, f"rig_controller_{name}")
         except AttributeError:
             raise PartError(f"defines no rig_controller_{name} (see rig_controller.h)") from None
-        function.argtypes, function.restype = kinds, ctypes.c_int32
+        function.argtypes = kinds
+        function.restype = ctypes.c_int32
         return function
 
     def _take(self, parameters: Sequence[float]) -> None:
@@ -128,18 +143,11 @@ class Library:
     ) -> tuple[int, list[float], list[float]]:
         """What step returned, the next state, and the commands."""
         self._take(parameters)
-        self._state[:], self._input[:] = list(state), list(values)
+        self._state[:] = list(state)
+        self._input[:] = list(values)
         p, s, after, heard, given = self._at
         code = self._step(p, s, after, t_ns, heard, given)
         return code, self._next[:], self._output[:]
-
-
-LONGEST_S = 2.0
-"""Longest time of a step [s]; then the timer of the system ends the process (SIGALRM). # chosen"""
-OPENED: dict[str, Library] = {}
-"""SHA-256 -> library that this process has loaded."""
-_TIMER: Any = getattr(signal, "setitimer", lambda *_: None)
-_REAL = getattr(signal, "ITIMER_REAL", 0)
 
 
 class CompiledC(CompiledSection):
@@ -158,7 +166,8 @@ class CompiledC(CompiledSection):
     def keys(cls, file: Binary) -> tuple[Sequence[Signal], Sequence[Signal], Sequence[Parameter], int | None]:
         """See `CompiledSection.keys`."""
         about = file.about
-        inputs, outputs = ([Signal(*row) for row in about[name]] for name in ("inputs", "outputs"))
+        inputs = [Signal(*row) for row in about["inputs"]]
+        outputs = [Signal(*row) for row in about["outputs"]]
         if about["period_ns"] <= 0:
             raise PartError(f"{file}: states a period of {about['period_ns']} ns; expected at least 1")
         return inputs, outputs, [Parameter(*row) for row in about["parameters"]], about["period_ns"]
@@ -170,8 +179,10 @@ class CompiledController:
     def __init__(self, section: CompiledC, numbers: Numbers) -> None:
         if faults := section.faults():
             raise UsageError("; ".join(faults))
-        self.section, self.numbers = section, numbers
-        self.reads, self.drives = section.connected_sensors, section.connected_actuators
+        self.section = section
+        self.numbers = numbers
+        self.reads = section.connected_sensors
+        self.drives = section.connected_actuators
         self.period_ns = section.period
         self._parameters = section.values()
         self._library: Library | None = None

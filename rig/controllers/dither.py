@@ -186,7 +186,8 @@ class DitherSearch(base.SceneController[Dither]):
     @staticmethod
     def design(rig: Rig, section: Dither) -> dict[str, Any]:
         """Frequency and scales of the search. Raises ValueError without a tangential dither."""
-        amplitude, frequency = rig.actuator("dither.amplitude"), rig.actuator("dither.frequency")
+        amplitude = rig.actuator("dither.amplitude")
+        frequency = rig.actuator("dither.frequency")
         if amplitude is None or frequency is None:
             raise ValueError("kind: commands a dither generator, and the scene has no [dither]")
         numbers: dict[str, Any] = {"frequency": frequency.value, "read_scale": rig.read_scale(section.sensor)}

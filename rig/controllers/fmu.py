@@ -61,15 +61,22 @@ _NAMED = {
 }
 """Exponents of the base units, without zeros at the end -> unit."""
 
+_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+_WARNING = 1
+_KEPT = 20  # messages
+_FOLDERS: dict[str, Path] = {}
+"""SHA-256 of an FMU -> folder with its files, which is removed when this process ends."""
+
 
 def unit_of(exponents: Iterable[int]) -> str:
     """The SI unit with these exponents of kg, m, s, A, K, mol, cd, rad."""
     given = [int(power) for power in exponents]
     while given and not given[-1]:
         given.pop()
-    return _NAMED.get(tuple(given)) or "*".join(
-        f"{base}^{power}" if power != 1 else base for base, power in zip(_BASES, given) if power
-    )
+    if named := _NAMED.get(tuple(given)):
+        return named
+    factors = ((base, power) for base, power in zip(_BASES, given) if power)
+    return "*".join(f"{base}^{power}" if power != 1 else base for base, power in factors)
 
 
 def described(file: Binary) -> dict[str, Any]:
@@ -118,11 +125,7 @@ def described(file: Binary) -> dict[str, Any]:
         "once": bool(co.canBeInstantiatedOnlyOncePerProcess),
         "step": _step(model),
         "inputs": [_signal(v, units) for v in real if v.causality == "input"],
-        "outputs": [
-            {**_signal(v, units), "direct": None if (of := direct.get(v.name)) is None else [i.name for i in of]}
-            for v in real
-            if v.causality == "output"
-        ],
+        "outputs": [_output(v, units, direct.get(v.name)) for v in real if v.causality == "output"],
         "parameters": [_parameter(v, units) for v in real if v.causality == "parameter"],
     }
 
@@ -146,6 +149,12 @@ def _signal(variable: Any, units: Mapping[str, Any]) -> dict[str, Any]:
     return {"name": variable.name, "vr": variable.valueReference, "unit": unit, "factor": factor, "offset": offset}
 
 
+def _output(variable: Any, units: Mapping[str, Any], dependencies: Any) -> dict[str, Any]:
+    """The same with the names of the inputs that it depends on at once; None if the FMU does not state them."""
+    direct = None if dependencies is None else [signal.name for signal in dependencies]
+    return {**_signal(variable, units), "direct": direct}
+
+
 def _parameter(variable: Any, units: Mapping[str, Any]) -> dict[str, Any]:
     signal = _signal(variable, units)
     unit = signal["unit"] or "1"
@@ -154,7 +163,8 @@ def _parameter(variable: Any, units: Mapping[str, Any]) -> dict[str, Any]:
     def si(text: Any, default: float) -> float:
         return default if text is None else float(text) * signal["factor"] + signal["offset"]
 
-    low, high = si(_of(variable, "min"), -most), si(_of(variable, "max"), most)
+    low = si(_of(variable, "min"), -most)
+    high = si(_of(variable, "max"), most)
     value = si(variable.start, math.nan)
     tunable = variable.variability == "tunable"
     return {**signal, "unit": unit, "value": value, "low": low, "high": high, "tunable": tunable}
@@ -169,13 +179,6 @@ def _of(variable: Any, attribute: str) -> Any:
 def _brief(error: Exception) -> str:
     lines = [line for line in str(error).splitlines() if line.strip()]
     return "; ".join(lines[:3])[:300] or type(error).__name__
-
-
-_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-_WARNING = 1
-_KEPT = 20  # messages
-_FOLDERS: dict[str, Path] = {}
-"""SHA-256 of an FMU -> folder with its files, which is removed when this process ends."""
 
 
 def _folder(file: Binary) -> Path:
@@ -241,7 +244,9 @@ class Unit:
         kind, state = ("Float64", "FMUState") if self._three else ("Real", "FMUstate")
         self._keep, self._back, self._drop = (getattr(made, f"{verb}{state}") for verb in ("get", "set", "free"))
         self._assign, self._read = (getattr(made, f"{verb}{kind}") for verb in ("set", "get"))
-        self._inputs, self._outputs, self._parameters = list(inputs), list(outputs), list(parameters)
+        self._inputs = list(inputs)
+        self._outputs = list(outputs)
+        self._parameters = list(parameters)
         self._values = list(values)
 
     def _instantiate(self, module: Any, log: Callable[[int, bytes | None], None]) -> None:
@@ -355,15 +360,14 @@ class Fmu(CompiledSection):
         about = file.about
         inputs = [Signal(row["name"], row["unit"]) for row in about["inputs"]]
         names = tuple(signal.name for signal in inputs)
-        outputs = [
-            Signal(o["name"], o["unit"], names if o["direct"] is None else (*o["direct"],)) for o in about["outputs"]
-        ]
-        parameters = [
-            Parameter(
-                _key(p["name"]), p["unit"], p["value"], p["low"], p["high"], not (p["tunable"] and about["repeatable"])
-            )
-            for p in about["parameters"]
-        ]
+        outputs = []
+        for row in about["outputs"]:
+            direct = names if row["direct"] is None else tuple(row["direct"])
+            outputs.append(Signal(row["name"], row["unit"], direct))
+        parameters = []
+        for row in about["parameters"]:
+            fixed = not (row["tunable"] and about["repeatable"])
+            parameters.append(Parameter(_key(row["name"]), row["unit"], row["value"], row["low"], row["high"], fixed))
         return inputs, outputs, parameters, None
 
     @property
@@ -381,10 +385,13 @@ class Fmu(CompiledSection):
         faults = []
         for key, signals in (("inputs", self.all_inputs), ("outputs", self.all_outputs)):
             known = [signal.name for signal in signals]
-            faults += [f"{key}: {self.file} has no real {key[:-1]} {name:.80}; it has {', '.join(known) or 'none'}"
-                       for name in getattr(self, key) if name not in known]  # fmt: skip
+            for name in getattr(self, key):
+                if name not in known:
+                    listed = ", ".join(known) or "none"
+                    faults.append(f"{key}: {self.file} has no real {key[:-1]} {name:.80}; it has {listed}")
         faults = faults or super().faults()
-        step, period = self.file.about["step"], self.period * 1e-9
+        step = self.file.about["step"]
+        period = self.period * 1e-9
         if step is not None and (step <= 0.0 or abs(period / step - round(period / step)) > 1e-9 or period < step):
             faults.append(f"period: {period:g} s is not a multiple of {step:g} s, the fixed step of {self.file}")
         return faults
@@ -447,8 +454,10 @@ class FmuController:
     def __init__(self, section: Fmu, numbers: Numbers) -> None:
         if faults := section.faults():
             raise UsageError("; ".join(faults))
-        self.section, self.numbers = section, numbers
-        self.reads, self.drives = section.connected_sensors, section.connected_actuators
+        self.section = section
+        self.numbers = numbers
+        self.reads = section.connected_sensors
+        self.drives = section.connected_actuators
         self.period_ns = section.period
         self._h = section.period * 1e-9
         about = section.file.about
@@ -462,10 +471,11 @@ class FmuController:
 
     def start(self) -> Moment:
         """A new instance, which is initialised at the time of its first step."""
-        rows = (self._inputs, self._outputs, self.section.file.about["parameters"])
-        self._unit = unit = _Instance(
-            self.section.file, *([row["vr"] for row in signals] for signals in rows), self._values
-        )
+        file = self.section.file
+        inputs = [row["vr"] for row in self._inputs]
+        outputs = [row["vr"] for row in self._outputs]
+        parameters = [row["vr"] for row in file.about["parameters"]]
+        self._unit = unit = _Instance(file, inputs, outputs, parameters, self._values)
         return Moment(unit, 0, -1)
 
     def update(self, state: Moment, t_ns: int, values: Values) -> tuple[Moment, Values]:

@@ -3,7 +3,7 @@
     v = nominal + gain (C x + D y),  u = v within the limits,  x(k+1) = A x + B y + L (u - v) / gain
 
 y: measurements in the order of `reads`; u: commands in the order of `drives`. L keeps the state from winding up while a
-command is at a limit (rig.controllers.blocks.system_file). A continuous system is discretised when the scene is
+command is at a limit (rig.controllers.blocks.discretise). A continuous system is discretised when the scene is
 read: scene and recording contain the discrete matrices, and need the file no more.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 from annotated_types import Gt
 from pydantic import Strict, field_validator, model_validator
 
-from rig.controllers.blocks import system_file
+from rig.controllers.blocks import discretise, system_file
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Update, Values, dot, mapped
 from rig.controllers.blocks.design import Actuator, Linear, Rig
 from rig.errors import UsageError
@@ -46,8 +46,13 @@ class LTI(ControllerSection):
     """
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {
-        "file", "method", "prewarp", "reads", "drives", *MATRICES,
-    }  # fmt: skip
+        "file",
+        "method",
+        "prewarp",
+        "reads",
+        "drives",
+        *MATRICES,
+    }
     files: ClassVar[tuple[str, ...]] = tuple(system_file.READERS)
 
     kind: Literal["lti"]
@@ -96,7 +101,8 @@ class LTI(ControllerSection):
 
     @model_validator(mode="after")
     def _fits(self) -> LTI:
-        outputs, inputs = len(self.D), len(self.D[0]) if self.D else 0
+        outputs = len(self.D)
+        inputs = len(self.D[0]) if self.D else 0
         faults = []
         for key, names, count in (("reads", self.reads, inputs), ("drives", self.drives, outputs)):
             what = "inputs" if key == "reads" else "outputs"
@@ -136,18 +142,20 @@ def table(given: system_file.System, raw: Mapping[str, Any]) -> dict[str, Any]:
         if abs(given.dt * 1e9 - round(given.dt * 1e9)) > 1e-3:
             raise ValueError(f"period: the system has dt = {given.dt!r} s, which is not a whole number of nanoseconds")
     if not given.dt and raw.get("method") is None:
-        own["method"] = system_file.DEFAULT
-    method, period = {**raw, **own}.get("method"), _period({**raw, **own})
+        own["method"] = discretise.DEFAULT
+    method = {**raw, **own}.get("method")
+    period = _period({**raw, **own})
     try:
         prewarp = None if raw.get("prewarp") is None else finite(raw["prewarp"], "Hz", Gt(0.0))
-        known = period is not None and (method is None or method in system_file.METHODS)
+        known = period is not None and (method is None or method in discretise.METHODS)
     except ValueError:
         known = False
     if known and period is not None:
-        made = system_file.discrete(given, period, method, prewarp)
+        made = discretise.discrete(given, period, method, prewarp)
     else:  # the declaration of the key at fault reports it
-        made = system_file.Discrete(*given[:4], np.zeros((len(given.A), len(given.D))))
-    own |= {name: [[float(x) for x in row] for row in matrix] for name, matrix in zip(MATRICES, made)}
+        made = discretise.Discrete(*given[:4], np.zeros((len(given.A), len(given.D))))
+    for name, matrix in zip(MATRICES, made):
+        own[name] = [list(map(float, row)) for row in matrix]
     if raw.get("file"):
         own["file"] = Path(str(raw["file"])).name
     # python-control has no dots in names: load_force is load.force
@@ -209,8 +217,11 @@ class LinearController:
     update: Update
 
     def __init__(self, section: LTI, numbers: Numbers) -> None:
-        self.section, self.numbers = section, numbers
-        self.reads, self.drives, self.period_ns = section.reads, section.drives, section.period
+        self.section = section
+        self.numbers = numbers
+        self.reads = section.reads
+        self.drives = section.drives
+        self.period_ns = section.period
         matrices = section.A, section.B, section.C, section.D, section.L
         count = len(self.drives)
         units = numbers.get("unit", (None,) * count)

@@ -40,8 +40,12 @@ class NarrowBand(ControllerSection):
     """
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {
-        "frequency", "bandwidth", "effort", "disturbance", "noise",
-    }  # fmt: skip
+        "frequency",
+        "bandwidth",
+        "effort",
+        "disturbance",
+        "noise",
+    }
 
     kind: Literal["narrow_band"]
     sensor: str
@@ -97,7 +101,9 @@ class NarrowBandFeedback(base.SceneController[NarrowBand]):
     def __init__(self, section: NarrowBand, numbers: Numbers) -> None:
         base.require(numbers, KEYS)
         super().__init__(section, numbers)
-        modes = {key: tuple([complex(*pair) for pair in numbers[key]]) for key in KEYS}
+        modes = {}
+        for key in KEYS:
+            modes[key] = tuple([complex(*pair) for pair in numbers[key]])
         self.constants = Band(**modes, enable_ns=round(section.enable_at * 1e9), limit=section.limit)
         self.update = partial(law, self.constants)
 
@@ -109,7 +115,9 @@ class NarrowBandFeedback(base.SceneController[NarrowBand]):
         """
         import control
 
-        half, delay, period = 0.5 * section.bandwidth, section.delay * 1e-9, section.period * 1e-9
+        half = 0.5 * section.bandwidth
+        delay = section.delay * 1e-9
+        period = section.period * 1e-9
         band = section.frequency - half, section.frequency + half
         modes, residues = rig.modes(section.sensor, section.drive, delay, *band)
         if not len(modes):
@@ -117,15 +125,20 @@ class NarrowBandFeedback(base.SceneController[NarrowBand]):
             raise ValueError(f"frequency: no mode is in the band about {section.frequency:g} Hz; there are {known} Hz")
         poles = np.exp(modes * period)
         driven = residues * (poles - 1.0) / modes
-        F, G = _real(np.diag(poles)), _parts(driven)[:, None]
+        F = _real(np.diag(poles))
+        G = _parts(driven)[:, None]
         C = np.tile([2.0, 0.0], len(modes))[None, :]
         k, _, _ = control.dlqr(F, G, C.T @ C, np.array([[section.effort**-2]]))
         shaken = section.disturbance**2 * G @ G.T
         least = LEAST * np.trace(shaken) * np.eye(len(F))  # the observer never corrects a mode without disturbance
         _, P, _ = control.dlqe(F, np.eye(len(F)), C, shaken + least, np.array([[section.noise**2]]))
         corrected = (P @ C.T / (C @ P @ C.T + section.noise**2)).ravel()
-        of = {"poles": poles, "driven": driven, "corrected": _complex(corrected), "fed_back": _complex(k.ravel())}
-        numbers = {name: [[float(z.real), float(z.imag)] for z in values] for name, values in of.items()}
+        numbers = {
+            "poles": _pairs(poles),
+            "driven": _pairs(driven),
+            "corrected": _pairs(_complex(corrected)),
+            "fed_back": _pairs(_complex(k.ravel())),
+        }
         growth, frequency = rig.closed(NarrowBandFeedback(section, numbers), section.sensor, delay)
         if growth * period > _ROUNDING:
             raise ValueError(
@@ -152,6 +165,11 @@ class NarrowBandFeedback(base.SceneController[NarrowBand]):
 def _parts(numbers: NDArray[np.complex128]) -> NDArray[np.float64]:
     """[re, im, re, im, ...]"""
     return np.column_stack([numbers.real, numbers.imag]).ravel()
+
+
+def _pairs(numbers: NDArray[np.complex128]) -> list[list[float]]:
+    """[[re, im], [re, im], ...]"""
+    return [[float(z.real), float(z.imag)] for z in numbers]
 
 
 def _complex(parts: NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -68,11 +68,17 @@ class SquealWatch(base.SceneController[SquealSwitch]):
     def update(self, state: Watch, t_ns: int, values: base.Samples) -> tuple[Watch, base.Values]:
         """The command: 1 (connected) after squeal was detected, otherwise 0."""
         z, square, _ = self.band.run(state.z, values[0])
-        loud = (t_ns if state.loud_ns < 0 else state.loud_ns) if square > self.square else -1
-        connected, changed = state.connected, state.changed_ns
+        loud = -1
+        if square > self.square:
+            loud = t_ns if state.loud_ns < 0 else state.loud_ns
+        connected = state.connected
+        changed = state.changed_ns
         if connected:
             if self.hold_ns is not None and t_ns - changed >= self.hold_ns:
-                connected, changed, loud = False, t_ns, -1
+                connected = False
+                changed = t_ns
+                loud = -1
         elif loud >= 0 and t_ns - loud >= self.confirm_ns and (changed < 0 or t_ns - changed >= self.rest_ns):
-            connected, changed = True, t_ns
+            connected = True
+            changed = t_ns
         return Watch(z, loud, changed, connected), (1.0 if connected else 0.0,)

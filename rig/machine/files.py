@@ -36,12 +36,26 @@ except ImportError:
 
 _log = logging.getLogger("rig")
 _warned: set[Path] = set()  # folders for which this process has warned
-_NUMBERS, _MATRIX, _COMPRESSED = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}, 14, 15
+_NUMBERS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}
+_MATRIX = 14
+_COMPRESSED = 15
 """Types of the elements of a MATLAB file of format 5."""
 _NESTED = {1, 2, 3, 16, 17}
 """Classes of MATLAB that contain other matrices: cells, structures, objects."""
 _OTHERS = 0o022
 """The bits of a mode that let others write."""
+
+RUNS = Path("recordings/runs")
+"""Where runs are recorded unless their user names a file."""
+TEXT = 1 << 20
+"""Largest file that counts as written by hand [bytes]."""
+# Most files in a zip file. # chosen
+FILES = 10_000
+DATA = 1 << 28
+"""Largest file of data that a program wrote for later [bytes]."""
+FIGURES = (".png", ".svg", ".pdf")
+"""Suffixes of a figure, in small or capital letters; they select its format."""
+WRITTEN = "another run is writing it; name another file"
 
 
 def take(file: int | IO[bytes] | IO[str], *, wait: bool = False, shared: bool = False) -> bool:
@@ -122,23 +136,11 @@ def _alone_in(group: int) -> bool:
     import pwd
 
     try:
-        user, members = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
+        user = pwd.getpwuid(os.geteuid()).pw_name
+        members = grp.getgrgid(group)
     except KeyError:
         return False
     return members.gr_name == user and {*members.gr_mem} <= {user}
-
-
-RUNS = Path("recordings/runs")
-"""Where runs are recorded unless their user names a file."""
-TEXT = 1 << 20
-"""Largest file that counts as written by hand [bytes]."""
-# Most files in a zip file. # chosen
-FILES = 10_000
-DATA = 1 << 28
-"""Largest file of data that a program wrote for later [bytes]."""
-FIGURES = (".png", ".svg", ".pdf")
-"""Suffixes of a figure, in small or capital letters; they select its format."""
-WRITTEN = "another run is writing it; name another file"
 
 
 def regular(path: Path) -> int:
@@ -240,15 +242,20 @@ def matlab_checked(data: bytes, most: int) -> None:
 
     Raises ValueError for an element that cannot be, and for more than `most` bytes unpacked.
     """
-    order, unpacked_bytes = "<" if data[126:128] == b"IM" else ">", 0
+    order = "<" if data[126:128] == b"IM" else ">"
+    unpacked_bytes = 0
 
     def elements(data: bytes, at: int, end: int, allowed: Set[int]) -> None:
         nonlocal unpacked_bytes
         while at + 8 <= end:
             kind, length = struct.unpack_from(f"{order}II", data, at)
-            start, padded = at + 8, length + -length % 8 * (kind != _COMPRESSED)
+            start = at + 8
+            padded = length + -length % 8 * (kind != _COMPRESSED)
             if kind >> 16:  # a short element, with its data in the tag
-                kind, length, start, padded = kind & 0xFFFF, kind >> 16, at + 4, 4
+                length = kind >> 16
+                kind &= 0xFFFF
+                start = at + 4
+                padded = 4
             if kind not in allowed or length > min(padded, end - start):
                 raise ValueError(f"the element at byte {at} has the type {kind} and {length} bytes")
             if kind == _COMPRESSED:

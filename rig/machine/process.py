@@ -41,6 +41,16 @@ copies = [0]
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=lambda: copies.__setitem__(0, copies[0] + 1))
 
+_ROOT = Path(__file__).resolve().parents[2]
+_KEPT = 50
+"""Lines of output that are kept at the end; of more, the oldest are left out."""
+_WAITING = 1000
+"""Lines of output that wait to be shown; of more, the oldest are left out."""
+LONGEST = 2000
+"""Longest line of output [characters]; longer ones, such as dots without an end of line, are several lines."""
+STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (getattr(signal, "SIGKILL", signal.SIGTERM), 2.0))
+"""Signals that end a process, in order, and how long to wait after each [s]."""
+
 
 def end_copy(before: int) -> None:
     """End this process if a user's code has made it since `copies` was `before`, and returns here from both.
@@ -224,15 +234,6 @@ def _leave(code: int) -> NoReturn:
     os._exit(code)
 
 
-_ROOT = Path(__file__).resolve().parents[2]
-_KEPT, _WAITING = 50, 1000
-"""Lines of output that are kept at the end, and that wait to be shown; of more, the oldest are left out."""
-LONGEST = 2000
-"""Longest line of output [characters]; longer ones, such as dots without an end of line, are several lines."""
-STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (getattr(signal, "SIGKILL", signal.SIGTERM), 2.0))
-"""Signals that end a process, in order, and how long to wait after each [s]."""
-
-
 class Child:
     """A process `python -P -m ...` in a session of its own, so that Ctrl-C in the terminal reaches only its parent.
 
@@ -332,7 +333,8 @@ class Child:
     def new_lines(self, most: int = _WAITING) -> list[str]:
         """Lines of output since the last call: the latest `most`, before them a line that counts those left out."""
         lines = [self._lines.popleft() for _ in range(len(self._lines))]
-        left_out, self._left_out = self._left_out + max(len(lines) - most, 0), 0
+        left_out = self._left_out + max(len(lines) - most, 0)
+        self._left_out = 0
         return [f"({left_out} lines left out)", *lines[-most:]] if left_out else lines
 
     def new_words(self) -> list[tuple[str, Any]]:

@@ -1,15 +1,12 @@
 """Processors and scheduling: where processes run, and their time slices.
 
-Scheduling of plant and controllers of a paced run: real time if permitted, else short time slices.
-
-Processor cores of a live run.
+Plant and controllers of a paced run have real-time scheduling if permitted, else short time slices. The memory of a
+paced process is locked, so that the system does not swap it out during a run.
 
 In a virtual machine, waking a thread on another core takes 30 to 100 us, many times longer than on the same core
 (measured), and one step to a controller and back wakes six threads. Therefore the bus threads and the controllers of a
 run share one core. In lockstep the plant shares it too, because only one of them works at a time; a paced plant
 computes on a second core at the same time. The system places all other processes, such as recorder and viewer.
-
-The memory of a paced process is locked, so that the system does not swap it out during a run.
 """
 
 from __future__ import annotations
@@ -28,11 +25,32 @@ from pathlib import Path
 
 _THREADS = Path("/proc/self/task")
 _BUS = ("rx-", "tx-", "app-", "acc-", "net-")  # prefixes of the names of Zenoh's threads
-_LOOK_S = 0.1
+_LOOK_S = 0.1  # s between two looks
 ALLOWED: set[int] = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 ANY = -1
 """No particular core."""
 _all_cores = True
+
+_SETATTR = {"x86_64": 314, "aarch64": 274}  # sched_setattr of <asm/unistd.h>
+_TURN_NS = 100_000  # the shortest time slice that Linux grants
+_PATIENCE_US = 200_000  # processor time without a pause after which real-time scheduling ends. chosen
+_NO_PAUSE = f"a thread left no pause for {_PATIENCE_US / 1e6:g} s"
+
+PLANT = 19
+CONTROLLER = 18
+"""Real-time priorities. The plant's is higher: with one processor it interrupts a computing controller.
+
+Bus threads have one more than their process. So answers leave while a controller computes further, and not in one
+burst when it pauses, of which the plant would lose the part for which it has no space.
+"""
+# Real-time priority of the bus threads of a recorder: behind plant and controllers, ahead of all other programs.
+_RECEIVER = 1
+AGAIN_S = 1.0  # time after which a process that fell back asks for real-time scheduling again [s]; doubled each time
+
+# MCL_* of <asm-generic/mman.h>
+_CURRENT = 1
+_FUTURE = 2
+_ON_FAULT = 4
 
 
 def choose() -> tuple[int, int]:
@@ -105,22 +123,6 @@ def _put(thread: int, cores: set[int]) -> None:
         os.sched_setaffinity(thread, cores)
 
 
-_SETATTR = {"x86_64": 314, "aarch64": 274}  # sched_setattr of <asm/unistd.h>
-_TURN_NS = 100_000
-_PATIENCE_US = 200_000
-_NO_PAUSE = f"a thread left no pause for {_PATIENCE_US / 1e6:g} s"
-
-PLANT, CONTROLLER = 19, 18
-"""Real-time priorities. The plant's is higher: with one processor it interrupts a computing controller.
-
-Bus threads have one more than their process. So answers leave while a controller computes further, and not in one
-burst when it pauses, of which the plant would lose the part for which it has no space.
-"""
-# Real-time priority of the bus threads of a recorder: behind plant and controllers, ahead of all other programs.
-_RECEIVER = 1
-AGAIN_S = 1.0  # time after which a process that fell back asks for real-time scheduling again [s]; doubled each time
-
-
 def come_first() -> bool:
     """Request short time slices, which the system schedules sooner after waking; whether it knows the request.
 
@@ -128,7 +130,10 @@ def come_first() -> bool:
     processes per core 4 to 8 % of the frames with 0.15 ms of work were late, instead of 19 % (measured). Threads that
     start afterwards inherit the setting.
     """
-    if sys.platform != "linux" or (number := _SETATTR.get(platform.machine())) is None:
+    if sys.platform != "linux":
+        return False
+    number = _SETATTR.get(platform.machine())
+    if number is None:
         return False
     # struct sched_attr: size, policy (other), flags, nice, priority, runtime (here: time slice), deadline, period
     asked = struct.pack("=IIQiIQQQ", 48, 0, 0, os.getpriority(os.PRIO_PROCESS, 0), 0, _TURN_NS, 0, 0)
@@ -156,7 +161,8 @@ class Ahead:
         """How often it fell back to ordinary scheduling."""
         self.fallen_ns = 0
         """Total time in ordinary scheduling after falling back, up to the last return [ns]."""
-        self._priority, self._fell_back = priority, fell_back
+        self._priority = priority
+        self._fell_back = fell_back
         self._since = 0
         self._again: threading.Timer | None = None
         self._over = False
@@ -183,7 +189,8 @@ class Ahead:
         _schedule(os.SCHED_OTHER, 0)
         if self._over:
             return
-        self.why, self._since = _NO_PAUSE, time.monotonic_ns()
+        self.why = _NO_PAUSE
+        self._since = time.monotonic_ns()
         self._again = threading.Timer(AGAIN_S * 2**self.falls, self._regain)
         self._again.daemon = True
         self._again.start()
@@ -222,7 +229,8 @@ def ahead(priority: int, fell_back: Callable[[], object] = lambda: None) -> Iter
         return
     import resource
 
-    handler, limits = signal.signal(signal.SIGXCPU, scheduling.fall_back), resource.getrlimit(resource.RLIMIT_RTTIME)
+    handler = signal.signal(signal.SIGXCPU, scheduling.fall_back)
+    limits = resource.getrlimit(resource.RLIMIT_RTTIME)
     try:
         scheduling.enter()
         yield scheduling
@@ -265,9 +273,6 @@ def stand_back(nice: int) -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     with suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, nice)
-
-
-_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_* of <asm-generic/mman.h>
 
 
 @contextmanager

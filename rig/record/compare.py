@@ -64,8 +64,10 @@ class Difference:
 
     def _alone(self, before: str = "") -> str:
         counts = [f"{count} more in the {name} only" for count, name in zip(self.alone, ("first", "second")) if count]
+        if not counts:
+            return ""
         where = "" if self.differing else f", from t = {self.time:.9g} s on"
-        return f"{before}{' and '.join(counts)}{where}" if counts else ""
+        return f"{before}{' and '.join(counts)}{where}"
 
 
 @dataclass(frozen=True)
@@ -109,17 +111,13 @@ class Series(NamedTuple):
 
 def compare(first: Run | Path, second: Run | Path, begin: float = 0.0, end: float = math.inf) -> Comparison:
     """Compare two runs, or recordings of runs, channel by channel, from `begin` to `end` [s]."""
-    first_series, second_series = (
-        series_of(run if isinstance(run, Run) else read(run), begin, end) for run in (first, second)
-    )
-    differences = tuple(
-        _first(topic, first_series[topic], second_series[topic]) for topic in first_series if topic in second_series
-    )
-    return Comparison(
-        sum(difference.shared for difference in differences),
-        differences,
-        tuple(sorted(first_series.keys() ^ second_series.keys())),
-    )
+    first_series = series_of(first if isinstance(first, Run) else read(first), begin, end)
+    second_series = series_of(second if isinstance(second, Run) else read(second), begin, end)
+    both = [topic for topic in first_series if topic in second_series]
+    differences = tuple(_first(topic, first_series[topic], second_series[topic]) for topic in both)
+    compared = sum(difference.shared for difference in differences)
+    missing = sorted(first_series.keys() ^ second_series.keys())
+    return Comparison(compared, differences, tuple(missing))
 
 
 def series_of(run: Run, begin: float, end: float) -> dict[str, Series]:
@@ -132,8 +130,10 @@ def series_of(run: Run, begin: float, end: float) -> dict[str, Series]:
 
 
 def _whole(run: Run) -> Iterator[tuple[str, Series]]:
-    yield from ((name, Series(*run.recorded(name))) for name in run.signals)
-    yield from ((f"meas/{name}", Series(*samples)) for name, samples in run.measurements.items())
+    for name in run.signals:
+        yield name, Series(*run.recorded(name))
+    for name, samples in run.measurements.items():
+        yield f"meas/{name}", Series(*samples)
     for name, commands in run.commands.items():
         for drive, values in enumerate(commands.values.T):
             yield f"applied/{name}[{drive}]", Series(commands.tick * run.frame_ns, np.ascontiguousarray(values))
@@ -141,7 +141,7 @@ def _whole(run: Run) -> Iterator[tuple[str, Series]]:
 
 def common_instants(first: Integers, second: Integers) -> tuple[Integers, Integers, Integers]:
     """Return the instants [ns] that both of two runs have, each once, and their indices in the first and the second."""
-    once = all(bool(np.all(np.diff(t_ns) > 0)) for t_ns in (first, second))
+    once = bool(np.all(np.diff(first) > 0) and np.all(np.diff(second) > 0))
     return np.intersect1d(first, second, assume_unique=once, return_indices=True)
 
 
@@ -151,24 +151,29 @@ def _first(topic: str, of_first: Series, of_second: Series) -> Difference:
     apart = _raw(of_first.values[at_one]) != _raw(of_second.values[at_two])
     deviation, worst = _deviation(of_first.values[at_one], of_second.values[at_two], apart)
     alone = (of_first.values.size - shared.size, of_second.values.size - shared.size)
-    span = (shared[0], shared[-1]) if shared.size else (1, 0)
-    beyond = sum(int(np.count_nonzero((t_ns < span[0]) | (t_ns > span[1]))) for t_ns in (of_first.t_ns, of_second.t_ns))
-    away = (deviation, float(shared[worst]) * 1e-9 if shared.size else math.nan)
-    counts = (int(shared.size), int(np.count_nonzero(apart)), alone, beyond, *away)
+    low, high = (shared[0], shared[-1]) if shared.size else (1, 0)
+    beyond = 0
+    for t_ns in (of_first.t_ns, of_second.t_ns):
+        beyond += int(np.count_nonzero((t_ns < low) | (t_ns > high)))
+    time = float(shared[worst]) * 1e-9 if shared.size else math.nan
+    counts = (int(shared.size), int(np.count_nonzero(apart)), alone, beyond, deviation, time)
     if apart.any():
         row = int(np.argmax(apart))
-        first, second = float(of_first.values[at_one[row]]), float(of_second.values[at_two[row]])
+        first = float(of_first.values[at_one[row]])
+        second = float(of_second.values[at_two[row]])
         return Difference(topic, int(at_one[row]), float(shared[row]) * 1e-9, first, second, *counts)
-    lone = [
-        (int(t_ns[i]), int(i), which)
-        for which, (t_ns, at) in enumerate(((of_first.t_ns, at_one), (of_second.t_ns, at_two)))
-        for i in np.setdiff1d(np.arange(t_ns.size), at, assume_unique=True)[:1]
-    ]
-    t_ns, index, which = min(lone, default=(0, 0, 0))
-    values = [float("nan"), float("nan")]
-    if lone:
-        values[which] = float((of_first, of_second)[which].values[index])
-    return Difference(topic, index, t_ns * 1e-9, values[0], values[1], *counts)
+    lone = []
+    for which, series, common in ((0, of_first, at_one), (1, of_second, at_two)):
+        rows = np.setdiff1d(np.arange(series.t_ns.size), common, assume_unique=True)
+        if rows.size:
+            index = int(rows[0])
+            lone.append((int(series.t_ns[index]), index, which, float(series.values[index])))
+    values = [math.nan, math.nan]
+    if not lone:
+        return Difference(topic, 0, 0.0, values[0], values[1], *counts)
+    first_ns, index, which, value = min(lone)
+    values[which] = value
+    return Difference(topic, index, first_ns * 1e-9, values[0], values[1], *counts)
 
 
 def _deviation(reference: Reals, other: Reals, apart: NDArray[np.bool_]) -> tuple[float, int]:
@@ -180,7 +185,10 @@ def _deviation(reference: Reals, other: Reals, apart: NDArray[np.bool_]) -> tupl
     known = reference[np.isfinite(reference)]
     scale = float(np.ptp(known) or np.abs(known).max()) if known.size else 0.0
     worst = int(np.argmax(away))
-    return float(away[worst]) / scale if scale and away[worst] else float(away[worst] and np.inf), worst
+    largest = float(away[worst])
+    if scale and largest:
+        return largest / scale, worst
+    return (math.inf if largest else 0.0), worst
 
 
 def _raw(values: Reals) -> NDArray[np.uint64]:

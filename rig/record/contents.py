@@ -1,6 +1,7 @@
 """What a recording says of itself at its begin and its end, read without its messages.
 
-The commands of controllers as channels: one for each actuator, held from frame to frame as the plant held them.
+`commanded` makes the commands of controllers channels: one for each actuator, held from frame to frame as the plant
+held them.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from rig.record.run_data import Integers, Reals, RunData, Samples
 from rig.scenes.rooms import assembled
 
 _ENDS = ("disconnected", "dismissed")
+
+SUFFIX = ".mcap"
 
 
 def commanded(run: RunData) -> tuple[str, ...]:
@@ -53,7 +56,8 @@ def held(run: RunData, actuator: str) -> Samples:
         parts.append((np.array(ends, np.int64), np.full(len(ends), np.nan)))
     tick, values = (np.concatenate(part) for part in zip(*parts))
     order = np.argsort(tick, kind="stable")
-    tick, values = tick[order], values[order]
+    tick = tick[order]
+    values = values[order]
     end = round(float(run.time[-1]) * 1e9) // run.frame_ns if run.time.size else int(tick[-1])
     frames = np.arange(tick[0], max(end, int(tick[-1])) + 1)
     return Samples(frames * run.frame_ns, values[np.searchsorted(tick, frames, side="right") - 1])
@@ -70,11 +74,11 @@ def actuators(run: RunData) -> dict[str, tuple[str, ...]]:
     drives = {name: controller_drives(section) for name, section in scene.controllers.items()}
     guests = [e["data"] for e in run.plant_events if e["kind"] == "admitted"]
     drives |= {data["controller"]: tuple(data["drives"]) for data in guests}
-    return {name: driven for name, driven in drives.items() if name in run.commands and run.commands[name].tick.size
-            and run.commands[name].values.shape[1] == len(driven)}  # fmt: skip
-
-
-SUFFIX = ".mcap"
+    return {
+        name: driven
+        for name, driven in drives.items()
+        if name in run.commands and run.commands[name].tick.size and run.commands[name].values.shape[1] == len(driven)
+    }
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,8 @@ class Curves:
         """Add samples of `truth/<output>` or `meas/<sensor>`; yield the points of windows that are complete."""
         if topic not in self.topics or not t_ns.size:
             return
-        window, curve = self._open[topic], self.topics[topic]
+        window = self._open[topic]
+        curve = self.topics[topic]
         numbers = t_ns // WINDOW_NS
         inside = numbers[0] == numbers[-1]
         cuts = [0, t_ns.size] if inside else [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), t_ns.size]
@@ -122,7 +123,8 @@ class _Window:
 
     def add(self, t_ns: NDArray[np.int64], v: NDArray[np.float64]) -> None:
         if (lost := np.isnan(v)).any():
-            t_ns, v = t_ns[~lost], v[~lost]
+            t_ns = t_ns[~lost]
+            v = v[~lost]
         if v.size:
             rows = {int(v.argmin()), int(v.argmax())}
             extremes = [*self._extremes, *((int(t_ns[row]), float(v[row])) for row in sorted(rows))]

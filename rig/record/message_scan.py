@@ -2,9 +2,7 @@
 
 The file is read from front to back and not through its index, because a file that was cut off has none.
 
-Why a file is not a recording of this project, in words that say what it is instead.
-
-The bytes of a recording in memory, their checksums, and the place of its summary section.
+Its bytes are mapped into memory. If it is no recording of this project, the error says what it is instead.
 """
 
 from __future__ import annotations
@@ -46,7 +44,19 @@ from rig.record.mcap_file import (
 )
 
 _OURS = {"scene.json", "setup.json"}
-_SHOWN = 3
+_SHOWN = 3  # channels of another file that a message names
+
+_FOOTER = 29  # bytes
+_OFFSET_HEAD = struct.pack("<BQ", Opcode.SUMMARY_OFFSET, 17)
+_OFFSET = len(_OFFSET_HEAD) + 17  # bytes of a summary offset
+_SLICE = 1 << 20  # bytes that are read at a time
+
+_SEQUENCE = 1 << 32  # numbers of messages begin again after it: MCAP has 32 bits for them
+_COPY = "a copy of a chunk before it,"
+_UNPROVED = "its header or an index"
+"""What differs if every record is intact and the checksum of the whole file is wrong."""
+_NO_MESSAGES = (_COPY, "an attachment", "metadata")
+"""Damaged places that contain no message."""
 
 
 def why(
@@ -80,12 +90,6 @@ def why(
     return f"it is an MCAP file of another program ({made}{channel}); read it with that program"
 
 
-_FOOTER = 29  # bytes
-_OFFSET_HEAD = struct.pack("<BQ", Opcode.SUMMARY_OFFSET, 17)
-_OFFSET = len(_OFFSET_HEAD) + 17  # bytes of a summary offset
-_SLICE = 1 << 20
-
-
 @contextmanager
 def mapped(path: Path) -> Iterator[Data]:
     """The bytes of a file. Raises LogError if they cannot be read."""
@@ -105,7 +109,8 @@ def summary_start(data: Data) -> int | None:
     record = next(walk(data, at), None) if at > 0 else None
     if not isinstance(record, Found) or not isinstance(record.body, Footer):
         return None
-    start, crc = _shifted(data, at, record.body), record.body.summary_crc
+    start = _shifted(data, at, record.body)
+    crc = record.body.summary_crc
     if not 0 < start <= at or crc == 0 or crc_of(data, start, record.end - 4) != crc:
         return None
     return start
@@ -135,14 +140,6 @@ def sha256_of(data: Data, end: int) -> str:
     for part in _slices(data, 0, end):
         digest.update(part)
     return digest.hexdigest()
-
-
-_SEQUENCE = 1 << 32
-_COPY = "a copy of a chunk before it,"
-_UNPROVED = "its header or an index"
-"""What differs if every record is intact and the checksum of the whole file is wrong."""
-_NO_MESSAGES = (_COPY, "an attachment", "metadata")
-"""Damaged places that contain no message."""
 
 
 def _missing(number: int) -> str:
@@ -315,19 +312,26 @@ class Scan:
         if t_ns.size and not self.began_ns:
             apart = wall_ns - t_ns
             self.began_ns = int(apart[np.argmax(apart != 0)])
-        channels, numbers = head["channel"].tolist(), head["sequence"].tolist()
-        first, last = dict(zip(reversed(channels), reversed(numbers))), dict(zip(channels, range(head.size)))
+        channels = head["channel"].tolist()
+        numbers = head["sequence"].tolist()
+        first = dict(zip(reversed(channels), reversed(numbers)))
+        last = dict(zip(channels, range(head.size)))
         here = len(self.skipped)
         for channel, number in first.items():
             before, holes = self._seen.get(channel, (number, here))
-            if holes != here and (gap := (number - before - 1) % _SEQUENCE) < _SEQUENCE // 2:
+            gap = (number - before - 1) % _SEQUENCE
+            if holes != here and gap < _SEQUENCE // 2:
                 self._gaps += gap
             self._seen[channel] = numbers[last[channel]], here
             if channel in self._of_blocks:
                 self._blocks[channel] = chunk, last[channel]
 
     def _skip(self, hole: Hole) -> None:
-        what = "its last bytes" if self._footer else "the index at its end" if self._end is not None else hole.what
+        what = hole.what
+        if self._footer:
+            what = "its last bytes"
+        elif self._end is not None:
+            what = "the index at its end"
         self.skipped.append(Skipped(hole.begin, hole.end, what, self.last_ns))
 
     def _note(self, part: Found) -> None:
@@ -344,11 +348,13 @@ class Scan:
             body.name = body.name.removeprefix(COPY)
             self.attachments[body.name] = body
         elif isinstance(body, Metadata):
-            values, name = dict(body.metadata), body.name.removeprefix(COPY)
+            values = dict(body.metadata)
+            name = body.name.removeprefix(COPY)
             if values.pop(CRC, None) not in (None, checksum(body.name, values)):
                 self._skip(Hole(part.begin, part.end, "metadata"))
             elif name == DIGEST:
-                self._digest_at, self.metadata[DIGEST] = part.begin, values
+                self._digest_at = part.begin
+                self.metadata[DIGEST] = values
             else:
                 self.metadata[name] = values
                 if name == "log":
@@ -392,7 +398,8 @@ class Scan:
             front = "" if self._header is not None else "its beginning is damaged or missing; "
             before = f"; before that {_missing(known)}" if known else ""
             return f"{front}it breaks off after t = {self.last_ns * 1e-9:.3f} s{before}"
-        if self.missing is None and self._header is not None and (place := self._taking()) is not None:
+        place = self._taking() if self.missing is None and self._header is not None else None
+        if place is not None:
             least = f"at least {_missing(known)}" if known else "how many messages are missing is unknown"
             what = place.what or "a record"
             return f"{what} {'are' if what.endswith('bytes') else 'is'} damaged; {least}"
@@ -404,9 +411,8 @@ class Scan:
             return f"{self.missing} of its {counted(self._statistics.message_count, 'message')} {are} missing"
         if self.missing:
             return f"{self.missing} of its messages {'is' if self.missing == 1 else 'are'} missing"
-        if not self.skipped or all(
-            self._end is not None and skipped.begin >= self._end.end for skipped in self.skipped
-        ):
+        end = self._end
+        if not self.skipped or (end is not None and all(skipped.begin >= end.end for skipped in self.skipped)):
             return "the index at its end is damaged" if ended else "it breaks off in the index at its end"
         if all(skipped.what == _COPY for skipped in self.skipped):
             return "a chunk is in it twice; no message is missing"

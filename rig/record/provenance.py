@@ -92,11 +92,11 @@ def blas() -> str:
     for module in (Path(scipy.origin).parent / "linalg").glob("_fblas*") if scipy and scipy.origin else ():
         with suppress(OSError):
             CDLL(str(module))
-    libraries = {
-        " ".join(str(library[key]) for key in ("internal_api", "version", "architecture") if library.get(key))
-        for library in threadpool_info()
-        if library["user_api"] == "blas"
-    }
+    libraries = set[str]()
+    for library in threadpool_info():
+        if library["user_api"] == "blas":
+            known = (library.get(key) for key in ("internal_api", "version", "architecture"))
+            libraries.add(" ".join(str(value) for value in known if value))
     return ", ".join(sorted(libraries)) or "unknown"
 
 

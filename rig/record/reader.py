@@ -14,6 +14,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from rig.bus import messages, run_setup
+from rig.bus.columns import Columns, alike, single
 from rig.errors import BusError
 from rig.record import curves, recorded_setup, run
 from rig.record.message_scan import Scan
@@ -48,17 +49,15 @@ class Decoder:
             self.refused[topic] += 1
             return None
 
-    def columns(self, topic: str, payloads: Iterable[bytes]) -> Iterator[messages.Columns]:
+    def columns(self, topic: str, payloads: Iterable[bytes]) -> Iterator[Columns]:
         """Yield the columns of messages without text, in order; messages in a row with the same layout together."""
         for _, row in groupby(payloads, len):
             together = list(row)
-            decoded = messages.alike(messages.kind(topic, self._outputs), together) if len(together) > 1 else None
+            decoded = alike(messages.kind(topic, self._outputs), together) if len(together) > 1 else None
             if decoded is not None and _consistent(decoded):
                 yield decoded
             else:
-                yield from (
-                    messages.single(content) for payload in together if (content := self(topic, payload)) is not None
-                )
+                yield from (single(content) for payload in together if (content := self(topic, payload)) is not None)
 
     def refused_text(self) -> str:
         """Return the number of undecodable messages by topic, in words; "" if there are none."""
@@ -66,14 +65,16 @@ class Decoder:
         return f"messages that cannot be decoded: {counts}" if counts else ""
 
 
-def _consistent(columns: messages.Columns) -> bool:
+def _consistent(columns: Columns) -> bool:
     """Whether the commands in each Applied have one entry in every column, as `rig.bus.messages.commands` demands."""
-    if "ticks" not in columns or not (count := columns["ticks"].shape[1]):
+    if "ticks" not in columns:
         return True
-    return (
-        all(columns[name].shape[1] == count for name in ("answers", "statuses"))
-        and columns["values"].shape[1] % count == 0
-    )
+    count = columns["ticks"].shape[1]
+    if not count:
+        return True
+    if any(columns[name].shape[1] != count for name in ("answers", "statuses")):
+        return False
+    return bool(columns["values"].shape[1] % count == 0)
 
 
 def open(path: Path | str) -> run.Run:
@@ -89,17 +90,16 @@ def open(path: Path | str) -> run.Run:
         model_store.offer(model)
     decode = Decoder(setup)
 
-    def read(topic: str) -> list[messages.Columns]:
+    def read(topic: str) -> list[Columns]:
         return list(decode.columns(topic, gathered.pop(topic, ())))  # the bytes go: two copies of a long run are large
 
     made = scan.metadata.get("log", {}).get("made")
     time_ns, signals, mode = _truth([topic for topic in gathered if topic.startswith("truth/")], read, setup)
-    events = [
-        event
-        for topic, payloads in gathered.items()
-        if topic.startswith("event/")
-        for event in _events(topic[6:], (decode(topic, payload) for payload in payloads))
-    ]
+    events = list[dict[str, Any]]()
+    for topic, payloads in gathered.items():
+        if topic.startswith("event/"):
+            decoded = (decode(topic, payload) for payload in payloads)
+            events += _events(topic[6:], decoded)
     events.sort(key=itemgetter("t_ns"))
     measurements = {name: _samples(read(f"meas/{name}")) for name in setup.sensors}
     checkpoints = (decode("checkpoint", payload) for payload in gathered.get("checkpoint", ()))
@@ -177,7 +177,7 @@ def _window(scan: Scan) -> dict[str, Any]:
     return {"window": about.get("text", ""), "begin_ns": round(float(about.get("begin", "0")) * 1e9)}
 
 
-def _frame(applied: dict[str, list[messages.Columns]]) -> int:
+def _frame(applied: dict[str, list[Columns]]) -> int:
     """The length of a frame [ns], for a recording without its description."""
     for block in (block for blocks in applied.values() for block in blocks):
         for t_ns, tick in zip(block["t_ns"].tolist(), block["tick"].tolist()):
@@ -186,8 +186,9 @@ def _frame(applied: dict[str, list[messages.Columns]]) -> int:
     return 0
 
 
-def _samples(blocks: list[messages.Columns]) -> run.Samples:
-    times, values = [np.empty(0, np.int64)], [np.empty(0)]
+def _samples(blocks: list[Columns]) -> run.Samples:
+    times = [np.empty(0, np.int64)]
+    values = [np.empty(0)]
     for block in blocks:
         values.append(block["v"].ravel())
         times.append(_times(block).ravel())
@@ -206,7 +207,7 @@ def _in_order(t_ns: run.Integers) -> run.Integers | None:
     return np.argsort(t_ns, kind="stable")
 
 
-def _times(block: messages.Columns) -> run.Integers:
+def _times(block: Columns) -> run.Integers:
     """Times [ns] at which the samples of Blocks were published, as `rig.bus.messages.times` says of one."""
     if block["t_ns"].size:
         return block["t_ns"]
@@ -215,7 +216,7 @@ def _times(block: messages.Columns) -> run.Integers:
 
 
 def _truth(
-    topics: list[str], read: Callable[[str], list[messages.Columns]], setup: run_setup.Setup
+    topics: list[str], read: Callable[[str], list[Columns]], setup: run_setup.Setup
 ) -> tuple[run.Integers, dict[str, run.Reals], run.Integers]:
     """Plant outputs at the rate of the steps if recorded so, else at each State message."""
     samples_of = {topic[6:]: _samples(read(topic)) for topic in topics}
@@ -253,8 +254,9 @@ def _placed(samples: run.Samples, time_ns: run.Integers) -> run.Reals:
     return placed
 
 
-def _commands(blocks: list[messages.Columns]) -> run.Commands:
-    rows, widths = list[run.Commands](), Counter[int]()
+def _commands(blocks: list[Columns]) -> run.Commands:
+    rows = list[run.Commands]()
+    widths = Counter[int]()
     for applied in blocks:
         names = ("ticks", "answers", "statuses") if applied["ticks"].size else ("tick", "answered", "status")
         tick, answered, status = (applied[name].ravel() for name in names)

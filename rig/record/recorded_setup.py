@@ -1,6 +1,6 @@
 """The description of the run that a recording contains.
 
-Reduced models in a recording: one attachment per model, `model/<digest>`, compressed by zstd.
+Its reduced models are attachments of their own, `model/<digest>`, compressed by zstd.
 """
 
 from __future__ import annotations
@@ -74,7 +74,9 @@ def setup_of(scan: Scan) -> Setup:
 
 def _derived(scan: Scan, scene: str) -> Setup:
     """The description as far as the channels contain it."""
-    outputs, sensors, controllers = dict[str, str](), dict[str, tuple[str, int]](), dict[str, dict[str, str]]()
+    outputs = dict[str, str]()
+    sensors = dict[str, tuple[str, int]]()
+    controllers = dict[str, dict[str, str]]()
     for channel in scan.channels.values():
         first, _, name = channel.topic.partition("/")
         unit = channel.metadata.get("v", "")

@@ -5,11 +5,6 @@ messages, which are counted. The threads of the bus, which fill it, have priorit
 thread has a lower one. Nothing else grows with the length of the recording: the process needs 300 MB at most. A
 plant without a pace waits before the ring overflows (rig.bench.live.housekeeping): the recorder reports its progress.
 The file is finished when the plant leaves, or on a signal to stop.
-
-Losses of messages by sender: what each states to have sent, against what was received from it.
-
-A process that leaves may be followed by another one of the same name, which counts its messages from 0 again. Each of
-them is a life of the sender.
 """
 
 from __future__ import annotations
@@ -17,7 +12,6 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -25,82 +19,21 @@ from typing import Any
 
 from rig import bus
 from rig.bus import messages, port, run_setup, topics
-from rig.bus.messages import WAITING
+from rig.bus.batch import WAITING
 from rig.errors import BusError, OutputError
 from rig.machine import process, scheduling
 from rig.machine.files import RUNS
 from rig.printable import counted
+from rig.record.sender_lives import SenderLives
 from rig.record.windows import Trigger, Windows, path_of
 from rig.record.writer import Writer
 
-
-@dataclass
-class _Life:
-    """The messages of one process until it left and a successor of its name began to count anew."""
-
-    last: dict[str, int] = field(default_factory=dict)
-    """Topic -> number of the last received message."""
-    stated: dict[str, int] = field(default_factory=dict)
-    """Topic -> number of messages that it states to have sent."""
-
-    def tail(self) -> dict[str, int]:
-        """Return topic -> messages missing after the last one received."""
-        return {topic: topics.Count(last=self.last.get(topic, -1)).tail(sent) for topic, sent in self.stated.items()}
-
-
-class SenderLives:
-    """The lives of all senders of a run, from their messages in the order of arrival."""
-
-    def __init__(self) -> None:
-        self._lives: dict[str, _Life] = {}
-        """Sender -> its present life."""
-        self._tails: Counter[str] = Counter()
-        """Messages missing at the end of finished lives, by topic."""
-        self.untold: set[str] = set()
-        """Senders with a life that ended before they stated their totals."""
-
-    def follow(self, message: topics.Message) -> None:
-        """Note the number of a message; a number not above the last one on its topic belongs to a new life."""
-        owner = topics.owner(message.topic)
-        life = self._lives.get(owner)
-        if life is None or message.seq <= life.last.get(message.topic, -1):
-            life = self._anew(owner, {})
-        life.last[message.topic] = message.seq
-
-    def _anew(self, owner: str, last: dict[str, int]) -> _Life:
-        """Begin a new life of a sender, of which the messages up to `last` have been received."""
-        before, life = self._lives.get(owner), _Life(last)
-        if before is not None:
-            self._tails.update(before.tail())
-            if not before.stated:
-                self.untold.add(owner)
-        self._lives[owner] = life
-        return life
-
-    def compare(self, message: topics.Message) -> None:
-        """Compare what a sender states to have sent, its Totals `message`, with what was received from it."""
-        owner = topics.owner(message.topic)
-        life, stated = self._lives[owner], dict(zip(message.said.sent_topic, message.said.sent))
-        past = {topic for topic, sent in stated.items() if topic != message.topic and life.last.get(topic, -1) >= sent}
-        if past and owner != "plant":  # the plant continues to send, and may overtake its total
-            # More was received than this sender sent: it came from a predecessor, and nothing of this sender arrived.
-            life = self._anew(owner, {topic: last for topic, last in life.last.items() if topic not in past})
-        life.stated = stated
-
-    def tails(self) -> dict[str, int]:
-        """Topic -> number of messages missing after the last one received, of all lives."""
-        tails = self._tails.copy()
-        for life in self._lives.values():
-            tails.update(life.tail())
-        return {topic: tail for topic, tail in tails.items() if tail}
-
-
 TURN = 1 << 12  # messages taken between two checks for the plant
-_PAUSE_S = 0.005
-TELL_S = 0.25
-_LAST_WORDS_S = 0.3
+_PAUSE_S = 0.005  # between two looks at messages: 200 a second. chosen
+TELL_S = 0.25  # between two messages of how far the recorder is. chosen
+_LAST_WORDS_S = 0.3  # for messages on the way when the plant has left. chosen
 _LEFT = "the plant left"
-_NICE = 5
+_NICE = 5  # of the thread that writes: behind those that control. chosen
 
 
 @dataclass
@@ -227,13 +160,17 @@ class RunRecorder:
         plant: port.Watch,
         writer: Writer | Windows,
     ) -> None:
-        self._session, self._heard, self._plant, self._writer = session, heard, plant, writer
+        self._session = session
+        self._heard = heard
+        self._plant = plant
+        self._writer = writer
         self._lives = SenderLives()
         self._admitted = {"plant", *session.inbound.reserved}
         """Senders whose losses count."""
         self._totals = False
         self._paced = described.paced
-        self._told_s, self._reached_ns = time.monotonic(), 0
+        self._told_s = time.monotonic()
+        self._reached_ns = 0
         self._news = False
         """Whether something was recorded since it told its totals."""
         self._summary: dict[str, Any] = {}
@@ -257,7 +194,10 @@ class RunRecorder:
     def _take(self) -> bool:
         """Record waiting messages, at most a turn's worth; return whether that was all there was time for."""
         taken = 0
-        while taken < TURN and (message := self._heard.get()) is not None:
+        while taken < TURN:
+            message = self._heard.get()
+            if message is None:
+                break
             taken += 1
             self._lives.follow(message)
             self._writer.write(message.topic, message.payload, message.t_ns, message.seq, time.time_ns())
@@ -266,7 +206,8 @@ class RunRecorder:
             elif message.topic.startswith("event/"):
                 self._look(message)
             if topics.of_plant(message.topic):
-                self._reached_ns, self._news = message.t_ns, True
+                self._reached_ns = message.t_ns
+                self._news = True
         self._writer.flush_if_due()
         if (taken == TURN or (self._news and not self._paced)) and time.monotonic() > self._told_s + TELL_S:
             self._tell(self._reached_ns)
@@ -274,7 +215,8 @@ class RunRecorder:
 
     def _tell(self, t_ns: int) -> None:
         """Publish the own totals. A plant that waits for them sees how far the recorder is."""
-        self._told_s, self._news = time.monotonic(), False
+        self._told_s = time.monotonic()
+        self._news = False
         self._session.publisher(f"total/{self._session.name}").put(self._session.totals(), t_ns)
 
     def _compare(self, message: topics.Message) -> None:

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from rig.errors import LogError, OutputError, UsageError
 from rig.machine.files import draft_of, regular, unused
 from rig.printable import counted
-from rig.record import mcap_file, message_scan, reader, recorded_setup, writer
+from rig.record import mcap_file, mcap_writer, message_scan, reader, recorded_setup, writer
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,12 @@ def _surveyed(scan: message_scan.Scan) -> tuple[reader.Decoder, set[str]]:
 
 def _copy(recovered: Recovered, scan: message_scan.Scan, file: BinaryIO) -> None:
     decode = reader.Decoder(recorded_setup.setup_of(scan))
-    attachments, metadata, known = dict(scan.attachments), dict(scan.metadata), dict(scan.schemas)
+    attachments = dict(scan.attachments)
+    metadata = dict(scan.metadata)
+    known = dict(scan.schemas)
     metadata["recovered"] = {"from": scan.path.name, "fault": recovered.fault, "lost": recovered.losses()}
     metadata["recording"] = {"began": str(scan.began_ns), **metadata.get("recording", {})}
-    out = mcap_file.Writer(file, writer.CHUNK, Path(file.name).parent)
+    out = mcap_writer.Writer(file, writer.CHUNK, Path(file.name).parent)
     schemas: dict[int, int] = {}
     channels: dict[str, int] = {}
 

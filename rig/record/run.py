@@ -1,6 +1,6 @@
 """The result of a run, simulated in this process or read from a recording.
 
-An overview of a run: one screen of text, without arrays.
+A run can be written, exported and drawn; its overview is one screen of text, without arrays.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ def _scene(run: RunData) -> str:
 
 
 def _timing(run: RunData) -> str:
-    verdict, reasons = run.summary.get("verdict"), run.summary.get("reasons", ())
+    verdict = run.summary.get("verdict")
+    reasons = run.summary.get("reasons", ())
     if verdict is None:
         return "simulated without a clock"
     return f"{verdict}: {', '.join(map(str, reasons))}" if reasons else str(verdict)
@@ -97,14 +98,17 @@ def _outputs(run: RunData) -> Iterator[tuple[str, str]]:
 
 def _sensors(run: RunData) -> Iterator[tuple[str, str]]:
     for name, (t_ns, v) in run.measurements.items():
-        unit, rows = run.units.get(f"meas/{name}", ""), counted(v.size, "row")
+        unit = run.units.get(f"meas/{name}", "")
+        rows = counted(v.size, "row")
         yield f"  {name}", f"{_range([v])} {unit}, {rows}{_rate(t_ns)}"
 
 
 def _range(values: list[Reals]) -> str:
-    known = [v[np.isfinite(v)] for v in values]
-    ends = [(v.min(), v.max()) for v in known if v.size]
-    return f"{min(low for low, _ in ends):.6g} .. {max(high for _, high in ends):.6g}" if ends else "no value"
+    finite = [v[np.isfinite(v)] for v in values]
+    known = [v for v in finite if v.size]
+    if not known:
+        return "no value"
+    return f"{min(v.min() for v in known):.6g} .. {max(v.max() for v in known):.6g}"
 
 
 def _rate(t_ns: Integers) -> str:

@@ -1,8 +1,7 @@
 """What a run holds, as plain data; `rig.record.run.Run` adds what is done with it.
 
-The names by which a user selects the channels of a run, and the answer to a name that does not exist.
-
-Samples at even times: their places on the grid, the gaps between them, and short gaps bridged by straight lines.
+`signals` has the names by which a user selects its channels, `unknown` answers a name that does not exist. `grid` puts
+samples at even times: their places, the gaps between them, and short gaps bridged by straight lines.
 """
 
 from __future__ import annotations
@@ -20,8 +19,15 @@ from rig.errors import ControllerFailed, LogError, UsageError
 from rig.record.film_points import listed
 from rig.scenes.faults import close
 
-MEASURED, TRUE = "meas/", "truth/"
+MEASURED = "meas/"
+TRUE = "truth/"
 """Prefix of a name that a sensor and a plant output share: it selects the output."""
+
+Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BRIDGED = 4  # samples: the longest gap that a line bridges
+_UNEVEN = 0.01  # of a period: times are rounded to nanoseconds, and a period is 1 us at least
 
 
 def signals(run: RunData) -> dict[str, str]:
@@ -40,10 +46,6 @@ def unknown(name: str, names: Mapping[str, str], where: str = "recording") -> Us
     near = get_close_matches(name, names, 3, 0.5)
     hint = f"did you mean {', '.join(near)}? " if near else ""
     return UsageError(f"no {name!r} in this {where}: {hint}known: {', '.join(listed(names)) or 'none'}")
-
-
-Reals = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Samples(NamedTuple):
@@ -131,8 +133,10 @@ class RunData:
     """Whether checksums prove every byte of the recording; those of older versions have no digest."""
 
     def __post_init__(self) -> None:
-        self.signals, self.units = Channels(self.signals), Channels(self.units)
-        self.measurements, self.commands = Channels(self.measurements), Channels(self.commands)
+        self.signals = Channels(self.signals)
+        self.units = Channels(self.units)
+        self.measurements = Channels(self.measurements)
+        self.commands = Channels(self.commands)
 
     def scene_text(self) -> str:
         """Return the scene as JSON; raises rig.errors.LogError if damage to the recording removed it."""
@@ -147,8 +151,10 @@ class RunData:
         """First and last recorded time [s] of the outputs, of a measurement that of its sensors; None without any."""
         if self.time.size or not self.measured:
             return (float(self.time[0]), float(self.time[-1])) if self.time.size else None
-        ends = [(t_ns[0], t_ns[-1]) for t_ns, _ in self.measurements.values() if t_ns.size]
-        return (min(a for a, _ in ends) * 1e-9, max(b for _, b in ends) * 1e-9) if ends else None
+        times = [t_ns for t_ns, _ in self.measurements.values() if t_ns.size]
+        if not times:
+            return None
+        return min(t_ns[0] for t_ns in times) * 1e-9, max(t_ns[-1] for t_ns in times) * 1e-9
 
     def output(self, name: str) -> Reals:
         """Return the output `name` of the rig at `time`, [n]; NaN if a damaged recording has lost it."""
@@ -159,7 +165,8 @@ class RunData:
 
         A damaged recording may have fewer samples of one signal than of another; lost rows are NaN in `signals`.
         """
-        t_ns, v = np.rint(self.time * 1e9).astype(np.int64), self.signals[name]
+        t_ns = np.rint(self.time * 1e9).astype(np.int64)
+        v = self.signals[name]
         here = ~np.isnan(v) if self.notes else np.ones(v.size, np.bool_)
         return Samples(t_ns[here], v[here])
 
@@ -172,10 +179,6 @@ class RunData:
     def notes(self) -> list[str]:
         """Return warnings that a reader needs before using numbers from the recording."""
         return [note for note in (self.damage, self.recovered) if note]
-
-
-BRIDGED = 4  # samples: the longest gap that a line bridges
-_UNEVEN = 0.01  # of a period: times are rounded to nanoseconds, and a period is 1 us at least
 
 
 @dataclass(frozen=True)
@@ -223,7 +226,8 @@ def grid(name: str, samples: Samples) -> Grid:
         raise UsageError(f"{name}: the recording has {count} of it; a rate needs at least two")
     if not increasing(t_ns):
         raise UsageError(f"{name}: its times do not increase; export it without --rate, and not as wav")
-    at, step = places(t_ns), period(t_ns)
+    at = places(t_ns)
+    step = period(t_ns)
     if np.abs(t_ns - t_ns[0] - at * step).max() > _UNEVEN * step:
         raise UsageError(f"{name}: its times are not evenly spaced; export it without --rate, and not as wav")
     times = t_ns[0] + np.rint(np.arange(at[-1] + 1) * step).astype(np.int64)
@@ -241,7 +245,8 @@ def gaps(v: Reals) -> list[tuple[int, int]]:
 
 def bridge(v: Reals) -> tuple[Reals, int]:
     """Interpolate gaps of up to `BRIDGED` samples linearly; return the samples and the number of interpolated ones."""
-    v, count = v.copy(), 0
+    v = v.copy()
+    count = 0
     known = np.flatnonzero(np.isfinite(v))
     values = v[known]
     for a, b in gaps(v):

@@ -1,7 +1,6 @@
 """The list of the recordings in a folder, with an index so that only new and changed files are read.
 
-The outputs of a run by their roles, as the parts of its scene declare them: the drives, the phase portrait.
-
+A list shows some outputs of a run by their roles, as the parts of its scene declare them: `drives`, `portrait_pair`.
 Nothing is known for a run whose scene is lost. Both functions raise Untrusted if the scene needs code that is not
 trusted, and PartError if that code is damaged.
 """
@@ -27,6 +26,8 @@ from rig.record.contents import SUFFIX, Contents, contents
 from rig.record.run import Run
 from rig.scenes.scene import Scene
 
+INDEX = ".runs.json"
+
 
 def drives(run: Run) -> list[str]:
     """Return the outputs of `run` that are the speed of a drive, those in rad/s first."""
@@ -46,9 +47,6 @@ def _outputs(run: Run) -> dict[str, Output]:
     except SceneError:
         return {}
     return {name: output for name, output in rows.items() if name in run.signals}
-
-
-INDEX = ".runs.json"
 
 
 class _Entry(BaseModel):
@@ -93,7 +91,8 @@ def runs(
     """
     listed = list[Listed]()
     paths = sorted(_recordings(folder, listed))
-    known, index = _Index() if rebuild else _index(folder), _Index()
+    known = _Index() if rebuild else _index(folder)
+    index = _Index()
     for done, path in enumerate(paths):
         progress(done, len(paths))
         try:
@@ -156,7 +155,8 @@ def _read(path: Path, state: os.stat_result) -> _Entry:
     try:
         entry.contents = contents(path)
     except LogError as fault:
-        entry.contents, entry.fault = _begun(path), str(fault).removeprefix(f"{path} ")
+        entry.contents = _begun(path)
+        entry.fault = str(fault).removeprefix(f"{path} ")
     return entry
 
 
@@ -166,7 +166,8 @@ def _begun(path: Path) -> Contents | None:
         scan = recorded_setup.head(path)
         setup = recorded_setup.setup_of(scan)
         scene = json.loads(setup.scene)
-        name, title = str(scene["name"]), str(scene.get("title", ""))
+        name = str(scene["name"])
+        title = str(scene.get("title", ""))
     except (LogError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     return Contents(name, title, scan.began_ns, None, "", None, setup.run, "")

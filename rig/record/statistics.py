@@ -1,10 +1,10 @@
-"""Statistics of a part of a run, which do not depend on single samples, and the time of the first opening.
+"""Statistics of a part of a run, which do not depend on single samples, and characteristic instants of a film.
 
 After the first opening of a contact of many points the motion is chaotic: two runs that differ by rounding soon differ
 sample by sample, and agree in these statistics. Sources: the mean square is that about the mean; bands are octaves
 below half the rate, by Parseval's sum over the lines of the discrete Fourier transform.
 
-Characteristic instants of the pressure of a film in a run.
+`characteristic` names instants of the pressure of a film in a run; `first_opening` is the time of the first opening.
 """
 
 from __future__ import annotations
@@ -18,14 +18,21 @@ import numpy as np
 from rig.record.film_points import Points, grouped
 from rig.record.run import Reals, Run, Samples
 
-FRACTION, OPENINGS, CENTRE = "contact_fraction", "openings", "pressure_centre_"
-"""Outputs of a contact of many points: share of closed points, openings so far, centre of pressure."""
+FRACTION = "contact_fraction"
+"""Output of a contact of many points: share of closed points."""
+OPENINGS = "openings"
+"""Output of a contact of many points: openings so far."""
+CENTRE = "pressure_centre_"
+"""Begin of the outputs of a contact of many points that are the centre of pressure."""
 ACCELERATION = "m/s^2"
 SETTLED = 5e-3
 """Time [s] for which all points must be closed before an opening counts as the first. # chosen"""
 _BANDS = 5
 _STILL = 1e-12  # of its size: below this an output does not move
 _LINES = 16  # fewest lines of the transform in a band
+
+_BEFORE = 0.02
+"""The map before the first opening precedes it by this share of the time up to it."""
 
 
 class Statistic(NamedTuple):
@@ -56,7 +63,9 @@ def first_opening(run: Run) -> float | None:
 def _first(time: Reals, count: Reals, closed: Reals) -> float | None:
     """The first opening; `count`: openings so far, `closed`: share of the points."""
     here = np.isfinite(count) & np.isfinite(closed)
-    time, count, closed = time[here], count[here], closed[here]
+    time = time[here]
+    count = count[here]
+    closed = closed[here]
     if time.size < 2:
         return None
     opens = np.diff(count) > 0.0
@@ -132,10 +141,6 @@ def _bands(name: str, t: Reals, v: Reals, unit: str) -> Iterator[Statistic]:
         high *= 0.5
 
 
-_BEFORE = 0.02
-"""The map before the first opening precedes it by this share of the time up to it."""
-
-
 class Instant(NamedTuple):
     """A sample of a run, and why it was chosen."""
 
@@ -165,7 +170,8 @@ def characteristic(run: Run, points: Points | None = None) -> list[Instant]:
     count = run.time.size
     pressed = {name: run.output(name) for name in points.names} if points is not None else {}
     if FRACTION in run.signals or not pressed:
-        opening, closed = first_open(run), run.signals.get(FRACTION)
+        opening = first_open(run)
+        closed = run.signals.get(FRACTION)
     else:
         open_now = np.stack([force <= 0.0 for force in pressed.values()], axis=1)
         closed = np.where(np.isnan(np.sum(list(pressed.values()), axis=0)), np.nan, 1.0 - open_now.mean(axis=1))

@@ -57,25 +57,24 @@ def followed(
     `units` of the actuators; from `begin_ns` to `end_ns`, by default where all channels have samples. Raises ValueError
     with all faults.
     """
-    rows, faults = dict[str, Samples](), list[str]()
+    rows = dict[str, Samples]()
+    faults = list[str]()
     for actuator, name in channels.items():
         try:
             rows[actuator] = samples(run, name, units[actuator])
         except UsageError as fault:
             faults.append(str(fault))
     if not faults:
-        first, last = max(row.t_ns[0] for row in rows.values()), min(row.t_ns[-1] for row in rows.values())
-        begin, end = (int(first) if begin_ns is None else begin_ns), (int(last) if end_ns is None else end_ns)
-        spans = {name: rows[actuator].t_ns[[0, -1]] * 1e-9 for actuator, name in channels.items()}
-        faults += [
-            f"{name} has samples from {a:.9g} s to {b:.9g} s, and is to be followed from {begin * 1e-9:.9g} s to "
-            f"{end * 1e-9:.9g} s"
-            for name, (a, b) in spans.items()
-            if begin < a * 1e9 - 0.5 or end > b * 1e9 + 0.5
-        ]
+        begin = int(max(row.t_ns[0] for row in rows.values())) if begin_ns is None else begin_ns
+        end = int(min(row.t_ns[-1] for row in rows.values())) if end_ns is None else end_ns
+        span = f"from {begin * 1e-9:.9g} s to {end * 1e-9:.9g} s"
+        for actuator, name in channels.items():
+            first, last = rows[actuator].t_ns[[0, -1]] * 1e-9
+            if begin < first * 1e9 - 0.5 or end > last * 1e9 + 0.5:
+                faults.append(f"{name} has samples from {first:.9g} s to {last:.9g} s, and is to be followed {span}")
         frames = (end - begin) // frame_ns
         if not faults and frames < 1:
-            faults.append(f"from {begin * 1e-9:.9g} s to {end * 1e-9:.9g} s is less than a frame")
+            faults.append(f"{span} is less than a frame")
         elif (frames + 1) * len(rows) > LARGEST:
             longest = (LARGEST // len(rows) - 1) * frame_ns * 1e-9
             faults.append(f"{frames * frame_ns * 1e-9:g} s are too long; at most {longest:g} s: state begin and end")
@@ -84,7 +83,8 @@ def followed(
     t_ns = begin + np.arange(frames + 1) * frame_ns
     values = np.array([np.interp(t_ns - begin, row.t_ns - begin, row.v) for row in rows.values()])
     about: dict[str, Any] = {"frame_ns": frame_ns, "begin": begin * 1e-9}
-    if note := "; ".join(filter(None, (_bridged(name, rows[a], begin, int(t_ns[-1])) for a, name in channels.items()))):
+    notes = [_bridged(name, rows[actuator], begin, int(t_ns[-1])) for actuator, name in channels.items()]
+    if note := "; ".join(filter(None, notes)):
         about["note"] = note
     return np.ascontiguousarray(values, "<f8").tobytes(), about
 

@@ -21,7 +21,7 @@ from rig.record.contents import digest
 
 LONGEST = 10_000
 """Most characters of one note."""
-_MOST = 1 << 20
+_MOST = 1 << 20  # bytes of a file of notes. chosen
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ def read(log: Path) -> Notes:
     except OSError as fault:
         raise LogError(f"{path} cannot be read: {fault.strerror}") from None
     notes = [_note(line) for line in lines if line.strip()]
-    known, present = [note for note in notes if note is not None], digest(log)
+    known = [note for note in notes if note is not None]
+    present = digest(log)
     mine = tuple(note for note in known if note.digest in ("", present) or not present)
     return Notes(path, mine, tuple(note for note in known if note not in mine), len(notes) - len(known))
 
@@ -86,7 +87,7 @@ def add(log: Path, text: str, tags: Sequence[str] = ()) -> Note:
     """
     text = " ".join(text.split())
     tags = tuple(dict.fromkeys(tag.removeprefix("#") for tag in tags))
-    wrong = [tag for tag in tags if not tag or any(c.isspace() or not c.isprintable() for c in tag) or len(tag) > 64]
+    wrong = [tag for tag in tags if not _is_tag(tag)]
     if wrong:
         raise UsageError(f"--tag {wrong[0]!r}: a tag is one word of at most 64 characters, such as squeal")
     if not text and not tags:
@@ -114,7 +115,18 @@ def add(log: Path, text: str, tags: Sequence[str] = ()) -> Note:
 def _note(line: bytes) -> Note | None:
     try:
         values = json.loads(line.decode(errors="replace"))
-        return Note(str(values["date"]), str(values.get("text", "")), tuple(map(str, values.get("tags", ()))),
-                    str(values.get("digest", "")))  # fmt: skip
+        return Note(
+            str(values["date"]),
+            str(values.get("text", "")),
+            tuple(map(str, values.get("tags", ()))),
+            str(values.get("digest", "")),
+        )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
+
+
+def _is_tag(text: str) -> bool:
+    """Whether a text is one word of printable characters that is not too long."""
+    if any(character.isspace() or not character.isprintable() for character in text):
+        return False
+    return 0 < len(text) <= 64

@@ -11,8 +11,8 @@ from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.run_data import Reals
 
-_HEADROOM = 0.9
-_FULL = 2**23 - 1
+_HEADROOM = 0.9  # share of the full scale that the peak takes. chosen
+_FULL = 2**23 - 1  # the largest number of 24 bits
 _SLICE = 1 << 20  # samples
 _MOST = (2**32 - 64) // 3  # samples in a file of less than 4 GiB
 
@@ -27,9 +27,10 @@ def write(v: Reals, rate: float, path: Path) -> float:
         raise UsageError(
             f"{path.name}: {counted(v.size, 'sample')}; a WAV file has at most {_MOST} of 24 bit: choose a lower --rate"
         )
-    peak = max(
-        (float(np.nanmax(np.abs(part), where=np.isfinite(part), initial=0.0)) for part in _parts(v)), default=0.0
-    )
+    peak = 0.0
+    for part in _parts(v):
+        largest = np.nanmax(np.abs(part), where=np.isfinite(part), initial=0.0)
+        peak = max(peak, float(largest))
     full = peak / _HEADROOM or 1.0
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file, wave.open(file, "wb") as sound:

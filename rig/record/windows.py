@@ -34,7 +34,7 @@ _PATIENCE_NS = 1_000_000_000
 """Longest wait for the others of them, after one has reached the end of a window [ns of wall time]."""
 _OVERHEAD = 250
 """Memory of a waiting message in addition to its payload [bytes]. # measured: 224"""
-_DIGITS = 3
+_DIGITS = 3  # at least, of the number of a window in the name of its file
 MEMORY = 64 << 20
 """Memory for the messages before a firing [bytes]."""
 
@@ -143,7 +143,9 @@ class Windows:
         replace: bool = False,
         say: Callable[[str], object] = str,
     ) -> None:
-        self.path, self.setup, self.trigger = base, setup, trigger
+        self.path = base
+        self.setup = setup
+        self.trigger = trigger
         self.messages = 0
         """Number of messages written, in all recordings."""
         self.last_ns = 0
@@ -151,8 +153,11 @@ class Windows:
         self.paths: list[Path] = []
         """The recordings that were begun."""
         sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
-        self._bound, self._replace, self._say = bound(trigger.condition, setup.outputs, sensors), replace, say
-        self._before_ns, self._after_ns = round(trigger.before * 1e9), round(trigger.after * 1e9)
+        self._bound = bound(trigger.condition, setup.outputs, sensors)
+        self._replace = replace
+        self._say = say
+        self._before_ns = round(trigger.before * 1e9)
+        self._after_ns = round(trigger.after * 1e9)
         self._waiting: deque[_Waiting] = deque()
         self._size = 0
         self._dropped_ns = -1
@@ -206,7 +211,8 @@ class Windows:
     def _end(self) -> None:
         """End the window at its time, and take what was held."""
         self._close("the window of the trigger ended", {})
-        held, self._beyond = self._beyond, []
+        held = self._beyond
+        self._beyond = []
         for message in held:
             self.write(*message)
 
@@ -267,7 +273,9 @@ class Windows:
         }
         self._writer = Writer(path, self.setup, "recorded", self._replace, about)
         self.paths.append(path)
-        self._last, self._lost, self._dropped_ns = {}, Counter(), -1
+        self._last = {}
+        self._lost = Counter()
+        self._dropped_ns = -1
         self._say(f"{said}: {path}")
         while self._waiting:
             self._put(self._waiting.popleft())
@@ -285,7 +293,8 @@ class Windows:
     def _close(self, ended: str, summary: Mapping[str, Any]) -> None:
         if self._writer is None:
             return
-        writer, self._writer = self._writer, None
+        writer = self._writer
+        self._writer = None
         account = {
             "path": str(writer.path),
             "run": self.setup.run,
@@ -317,7 +326,8 @@ class Windows:
 
     def text(self) -> str:
         """What was recorded, as the begin of a line."""
-        condition, most = self.trigger.condition, self.trigger.most
+        condition = self.trigger.condition
+        most = self.trigger.most
         if not self.paths:
             distance, value, t_ns = self._closest
             unit = "" if self._bound.unit == "1" else f" {self._bound.unit}"

@@ -33,10 +33,10 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from rig.bus import messages, run_setup, topics
 from rig.errors import BusError, OutputError
 from rig.machine import files
-from rig.record import curves, mcap_file, recorded_setup
+from rig.record import curves, mcap_writer, recorded_setup
 from rig.record.mcap_file import COPY, FORMAT
 
-CHUNK = 256 * 1024
+CHUNK = 256 * 1024  # bytes
 _Waiting = tuple[int, str, bytes, int, int]
 """A message that is not in the file yet: simulated time, topic, payload, number, wall clock."""
 _OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # not inherited by children, no newline translation
@@ -91,7 +91,10 @@ class Writer:
         replace: bool = True,
         trigger: Mapping[str, str] | None = None,
     ) -> None:
-        self.path, self.setup, self._made, self._trigger = path, setup, made, trigger
+        self.path = path
+        self.setup = setup
+        self._made = made
+        self._trigger = trigger
         self.messages = 0
         self.last_ns = 0
         """Simulated time of the plant's latest message: others may state any time."""
@@ -121,7 +124,7 @@ class Writer:
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = opened_new(path, replace)
-        self._mcap = mcap_file.Writer(self._file, CHUNK, path.parent)
+        self._mcap = mcap_writer.Writer(self._file, CHUNK, path.parent)
         try:
             with self._guarded():
                 self._describe()
@@ -131,11 +134,13 @@ class Writer:
             raise
 
     def _describe(self, copy: str = "") -> None:
-        setup, now = self.setup, time.time_ns()
+        setup = self.setup
+        now = time.time_ns()
         for name, text in (("scene.json", setup.scene), ("setup.json", changed(setup, scene="", models=()).to_text())):
             self._mcap.attach(copy + name, "application/json", text.encode(), now)
         for model in setup.models:
-            name, packed = recorded_setup.name(model), recorded_setup.packed(model)
+            name = recorded_setup.name(model)
+            packed = recorded_setup.packed(model)
             self._mcap.attach(copy + name, recorded_setup.MEDIA_TYPE, packed, now)
         self._mcap.note(copy + "provenance", setup.provenance)
         self._mcap.note(copy + "log", {"made": self._made, "run": setup.run, "format": str(FORMAT)})
@@ -177,7 +182,9 @@ class Writer:
             units = {"unit": unit} if (unit := self._curves.units.get(topic, "")) else {}
         else:
             kind, units = self._kind(topic)
-            name, encoding, message = f"rig.{kind.DESCRIPTOR.name}", SchemaEncoding.Protobuf, MessageEncoding.Protobuf
+            name = f"rig.{kind.DESCRIPTOR.name}"
+            encoding = SchemaEncoding.Protobuf
+            message = MessageEncoding.Protobuf
             described = messages.file_descriptor_set(kind)
         if name not in self._schemas:
             self._schemas[name] = self._mcap.schema(name, encoding, described)
@@ -229,7 +236,8 @@ class Writer:
         """Write the messages from before `until_ns`; None: all. The first `certain` are from no later than the plant:
         they have waited long enough for the plant's message of their time.
         """
-        waiting, last_ns = self._waiting, self.last_ns
+        waiting = self._waiting
+        last_ns = self.last_ns
         for i in [i for i, message in enumerate(waiting[:certain]) if message[0] > last_ns]:
             waiting[i] = (last_ns, *waiting[i][1:])
         waiting.sort(key=itemgetter(0))
@@ -252,8 +260,10 @@ class Writer:
 
     def _outputs(self) -> Iterator[curves.Point]:
         """Points of the states that wait: a window at a time costs a tenth of one state at a time."""
-        waiting, self._states = self._states, []
-        rows, read = list[tuple[float, ...]](), self._state.FromString
+        waiting = self._states
+        self._states = []
+        rows = list[tuple[float, ...]]()
+        read = self._state.FromString
         for t_ns, payload in waiting:
             with contextlib.suppress(DecodeError):  # no valid message: recorded as received, in no curve
                 rows.append((t_ns, *self._fields(read(payload))))

@@ -87,7 +87,8 @@ def beliefs(scene: Scene) -> Iterator[Belief]:
     """Yield each value of which the controllers of `scene` believe another one."""
     if not scene.believed:
         return
-    values, believed = scene.values(), scene.designed_for.values()
+    values = scene.values()
+    believed = scene.designed_for.values()
     nothing = (None, "")
     for key in scene.believed:
         value, unit = values.get(key, nothing)
@@ -98,11 +99,10 @@ def beliefs(scene: Scene) -> Iterator[Belief]:
 
 def lines(scene: Scene) -> list[str]:
     """Return one line for each of the `beliefs`, and one if controllers are told of what is varied."""
-    told = [
-        f"controllers believe {belief.key} = {_text(belief.believed, belief.unit)}; the rig has "
-        f"{_text(belief.rig, belief.unit)}"
-        for belief in beliefs(scene)
-    ]
+    told = []
+    for belief in beliefs(scene):
+        believed = _text(belief.believed, belief.unit)
+        told.append(f"controllers believe {belief.key} = {believed}; the rig has {_text(belief.rig, belief.unit)}")
     if scene.redesign:
         told.append("controllers are designed anew for each rig (redesign)")
     return told
@@ -125,7 +125,10 @@ def of_varied(scene: Scene, keys: list[str]) -> list[str]:
 
 
 def _text(value: Any, unit: str) -> str:
-    number = f"{value:.9g}" if isinstance(value, float) else "none" if value is None else str(value)
+    if isinstance(value, float):
+        number = f"{value:.9g}"
+    else:
+        number = "none" if value is None else str(value)
     return f"{number} {unit}" if unit not in ("", "1") else number
 
 

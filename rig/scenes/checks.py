@@ -25,6 +25,8 @@ from rig.scenes.protocol import Clock, Connect, Disconnect, Repeat, extremes, fl
 from rig.sensors.chain.front_end import FrontEnd
 from rig.units import brief, is_number, same_unit, unit_fault
 
+TIMES = ("over", "time", "duration", "timeout", "window")
+
 
 def units(
     controllers: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Mapping[str, str]
@@ -34,8 +36,10 @@ def units(
         if not isinstance(section, compiled.CompiledSection):
             continue
         heard = {sensor: instrument.unit for sensor, instrument in sensors.items()}
-        both = (("reads", section.connected_sensors, section.used_inputs, heard, "sensor"),
-                ("drives", section.connected_actuators, section.used_outputs, inputs, "actuator"))  # fmt: skip
+        both = (
+            ("reads", section.connected_sensors, section.used_inputs, heard, "sensor"),
+            ("drives", section.connected_actuators, section.used_outputs, inputs, "actuator"),
+        )
         for field, names, signals, known, what in both:
             for other, signal in zip(names, signals):
                 if signal.unit and other in known and not same_unit(known[other], signal.unit):
@@ -58,10 +62,9 @@ def algebraic_loops(
         heard = {signal.name: sensor for signal, sensor in zip(section.used_inputs, section.connected_sensors)}
         for signal, driven in zip(section.used_outputs, section.connected_actuators):
             for sensor in (heard[input_name] for input_name in signal.direct or () if input_name in heard):
-                for actuator in (
-                    candidate for candidate in inputs if _at_once(inputs[candidate], sensors[sensor], outputs)
-                ):
-                    follows.setdefault(actuator, []).append((name, sensor, driven))
+                for actuator in inputs:
+                    if _at_once(inputs[actuator], sensors[sensor], outputs):
+                        follows.setdefault(actuator, []).append((name, sensor, driven))
 
     def chain(actuator: str, path: tuple[str, ...], seen: frozenset[str]) -> tuple[str, ...]:
         """The way from `actuator` back to the first one; empty if there is none."""
@@ -69,7 +72,8 @@ def algebraic_loops(
             here = (*path, sensor, name, driven)
             if driven == path[0]:
                 return here
-            if driven not in seen and (way := chain(driven, here, seen | {driven})):
+            way = () if driven in seen else chain(driven, here, seen | {driven})
+            if way:
                 return way
         return ()
 
@@ -92,16 +96,14 @@ def _at_once(actuator: Any, sensor: Any, outputs: Mapping[str, Any]) -> bool:
     return actuator.state in row or any(":" in name or name.endswith("''") for name in row)
 
 
-TIMES = ("over", "time", "duration", "timeout", "window")
-
-
 def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[source.Fault]:
     """Periods and delays of controllers are whole numbers of frames."""
     for name, section in controllers.items():
         for field in ("period", "delay"):
             value = getattr(section, field, 0)
             if not _whole_ns(value, least=int(field == "period")):  # a default, which nobody has checked yet
-                key, file = f"controllers.{name}.{field}", file_of(sys.modules[type(section).__module__])
+                key = f"controllers.{name}.{field}"
+                file = file_of(sys.modules[type(section).__module__])
                 yield key, f"{key}: {file} declares {brief(value)}; expected whole nanoseconds, e.g. 1_000_000"
                 continue
             given = lookup(raw, ("controllers", name, field))
@@ -126,7 +128,9 @@ def foreign(key: str, section: Any) -> Iterator[source.Fault]:
                 lines.append(f"{file}: {name} = {fault}")
         try:
             with calling(sys.modules[type(section).__module__]):
-                end, factor, back = section.front_end(), section.sensitivity, section.conversion
+                end = section.front_end()
+                factor = section.sensitivity
+                back = section.conversion
         except PartError as error:
             lines.append(str(error))
         else:
@@ -164,13 +168,16 @@ def misdeclared(section: BaseModel, key: str) -> Iterator[source.Fault]:
     A default of a quantity that is a text: only what a scene gives is converted. A value that JSON, and so a recording,
     cannot hold.
     """
-    where, whole = file_of(sys.modules[type(section).__module__]), _plain(section)
+    where = file_of(sys.modules[type(section).__module__])
+    whole = _plain(section)
     for name, info in type(section).model_fields.items():
-        value, inner = getattr(section, name), f"{key}.{name}" if key else name
+        value = getattr(section, name)
+        inner = f"{key}.{name}" if key else name
         what = f"{inner}: {where}: {type(section).__name__}.{name}"
+        unit = unit_of(info)
         if isinstance(value, BaseModel):
             yield from misdeclared(value, inner)
-        elif isinstance(value, str) and name not in section.model_fields_set and (unit := unit_of(info)):
+        elif isinstance(value, str) and name not in section.model_fields_set and unit:
             yield inner, f"{what} has the default {brief(value)}; expected a number in {unit}"
         elif not whole and not _plain(section, {name}):
             holds = f"{what} holds {brief(value)}, which no recording can contain"
@@ -248,7 +255,8 @@ def wiring(
     controllers: Mapping[str, Any], sensors: Iterable[str], inputs: Iterable[str], plant: str
 ) -> Iterator[source.Fault]:
     """Controllers read existing sensors and drive existing actuators, and each actuator has one driver."""
-    sensors, inputs = set(sensors), set(inputs)
+    sensors = set(sensors)
+    inputs = set(inputs)
     owners: dict[str, str] = {}
     for name, section in controllers.items():
         for field, sensor in controller_reads(section).items():
@@ -287,7 +295,8 @@ def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[so
         for inner, target in ((part, target) for part in flat([step]) for target in targets(part)):
             if target not in inputs:
                 continue
-            actuator, key = inputs[target], f"protocol[{i}].{inner.step}"
+            actuator = inputs[target]
+            key = f"protocol[{i}].{inner.step}"
             for value in dict.fromkeys(extremes(inner, target)):
                 if not actuator.low <= value <= actuator.high:
                     unit = "" if actuator.unit == "1" else f" {actuator.unit}"

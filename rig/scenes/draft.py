@@ -11,7 +11,9 @@ from rig.scenes.source import FORMAT
 
 FIRST = ("drive", "load", "friction")
 """Tables that come first, because experiments vary them."""
-_TABLES, _VALUES = 5, 5  # a longer list is not read
+# A longer list is not read.
+_TABLES = 5
+_VALUES = 5
 _HEAD = """\
 # A scene based on {base}. It has all values of {base}, except those that this file changes. Next steps:
 #   rig explain {file}            every value with its origin, and the file and line it comes from
@@ -29,7 +31,8 @@ title = {title}
 
 def draft(base: scene.Scene, based_on: str, file: str) -> str:
     """The text of a scene file called `file`; `based_on`: the value of this key for its base, `base`."""
-    name, title = _text(based_on), _text(f"{base.title}, changed")
+    name = _text(based_on)
+    title = _text(f"{base.title}, changed")
     head = _HEAD.format(base=_plain(based_on), file=shlex.quote(_plain(file)), format=FORMAT, name=name, title=title)
     return "\n".join([head, *(line for table in _tables(base) for line in table)])
 

@@ -24,6 +24,11 @@ UNSTATED = places.Origin("not stated")
 _ROW = 5  # largest number of numbered states that are listed one by one
 _NUMBER = re.compile(r"\d+")
 
+_SINGLE = 8  # contacts that are listed one by one
+
+ENTRY = re.compile(r"(?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*)  +(?P<text>\S.*)")
+TAG = re.compile(rf"\[({'|'.join(ORIGINS)})\b")
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -39,11 +44,16 @@ class Effect:
         """Its states; of a long row of numbered ones the first and the last."""
         rows: list[list[str]] = []
         for state in self.states:
-            if rows and _NUMBER.sub(lambda number: str(int(number[0]) + 1), rows[-1][-1], count=1) == state:
+            if rows and _successor(rows[-1][-1]) == state:
                 rows[-1].append(state)
             else:
                 rows.append([state])
         return ", ".join(f"{row[0]} .. {row[-1]}" if len(row) > _ROW else ", ".join(row) for row in rows)
+
+
+def _successor(name: str) -> str:
+    """The name with its first number increased by one."""
+    return _NUMBER.sub(lambda number: str(int(number[0]) + 1), name, count=1)
 
 
 @dataclass(frozen=True)
@@ -139,9 +149,6 @@ def _effects(scene: Scene) -> Iterator[Effect]:
         yield Effect(name, False, (), text)
 
 
-_SINGLE = 8  # contacts that are listed one by one
-
-
 def _unit(assembly: Any, table: str) -> str:
     return next((str(i.unit) for name, i in assembly.inputs.items() if name.startswith(f"{table}.")), "")
 
@@ -210,7 +217,3 @@ def descriptions(section: type[BaseModel], field: str) -> Iterator[str]:
                     break
                 text += f" {more.strip()}"
             yield " ".join(text.split())
-
-
-ENTRY = re.compile(r"(?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*)  +(?P<text>\S.*)")
-TAG = re.compile(rf"\[({'|'.join(ORIGINS)})\b")

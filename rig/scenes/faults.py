@@ -29,7 +29,8 @@ Loc = tuple[int | str, ...]
 def lines(error: ValidationError, model: Any, raw: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
     """(dotted key, line) for every fault in `error`, found when `raw` was read as `model`."""
     for fault in details_of(error):
-        kind, context = fault["type"], fault.get("ctx", {})
+        kind = fault["type"]
+        context = fault.get("ctx", {})
         path, owner, annotation, unit = _walk(model, fault["loc"], raw)
         key = dotted(path, prefix)
         given = lookup(raw, path)
@@ -147,7 +148,10 @@ def dotted(path: Iterable[int | str], prefix: str = "") -> str:
     """A key as the user writes it: tables by dots, list entries counted from one."""
     out = prefix
     for part in path:
-        out += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if out else part
+        if isinstance(part, int):
+            out += f"[{part + 1}]"
+        else:
+            out += f".{part}" if out else part
     return out
 
 
@@ -164,7 +168,8 @@ def inner(annotation: Any, path: Iterable[str]) -> Any:
 
 def shared(first: type[BaseModel], second: type[BaseModel]) -> set[str]:
     """Fields that mean the same in two sections: inherited from a common base, or declared with the same title."""
-    fields, other = first.model_fields, second.model_fields
+    fields = first.model_fields
+    other = second.model_fields
     alike = {
         name for name in fields.keys() & other.keys() if fields[name].title and fields[name].title == other[name].title
     }
@@ -216,17 +221,23 @@ def _walk(model: Any, loc: Loc, raw: Any) -> tuple[Loc, Any, Any, str]:
     from rig.laws import FrictionLaw, class_of, laws_of
 
     path: list[int | str] = []
-    owner, annotation, unit = model, model, ""
+    owner = model
+    annotation = model
+    unit = ""
     for part in loc:
-        if FrictionLaw in _models(annotation) and isinstance(table := lookup(raw, tuple(path)), Mapping):
-            annotation = class_of(table, laws_of(model)) or annotation
+        if FrictionLaw in _models(annotation):
+            table = lookup(raw, tuple(path))
+            if isinstance(table, Mapping):
+                annotation = class_of(table, laws_of(model)) or annotation
         origin = get_origin(annotation)
         if origin in (tuple, list, Sequence) and isinstance(part, int):
-            annotation, unit = get_args(annotation)[0], _unit(get_args(annotation)[0]) or unit
+            annotation = get_args(annotation)[0]
+            unit = _unit(annotation) or unit
             path.append(part)
             continue
         if origin is dict and not isinstance(part, int):
-            annotation, unit = get_args(annotation)[1], _unit(get_args(annotation)[1])
+            annotation = get_args(annotation)[1]
+            unit = _unit(annotation)
             path.append(part)
             continue
         candidates = list(_models(annotation))
@@ -243,8 +254,10 @@ def _walk(model: Any, loc: Loc, raw: Any) -> tuple[Loc, Any, Any, str]:
             continue
         if not holder.__pydantic_complete__:  # its fields name sections that are defined after it
             holder.model_rebuild()
-        owner, info = holder, holder.model_fields[str(part)]
-        annotation, unit = info.annotation, unit_of(info)
+        owner = holder
+        info = holder.model_fields[str(part)]
+        annotation = info.annotation
+        unit = unit_of(info)
         path.append(part)
     return tuple(path), owner, annotation, unit
 
@@ -263,7 +276,8 @@ def metadata(annotation: Any, own: Iterable[Any] = (), lists: bool = True) -> It
     those of the entries of lists.
     """
     yield from own
-    origin, inside = get_origin(annotation), get_args(annotation)
+    origin = get_origin(annotation)
+    inside = get_args(annotation)
     if origin is Annotated:
         yield from metadata(inside[0], inside[1:], lists)
     elif lists or origin in (Union, types.UnionType, dict):

@@ -23,7 +23,7 @@ from rig.scenes.faults import lookup, shown
 
 OWN = ("title", "about")
 """Keys that a scene does not inherit."""
-_LONGEST = 20
+_LONGEST = 20  # files that are based on one another. chosen
 LONGEST_S = 5.0
 """Longest time [s] in which the files of a folder are read for their cards; the others are listed without. # chosen"""
 _NAME = re.compile(r"[^.\[\]]+|\[\d+\]")
@@ -54,7 +54,9 @@ class Places:
 
     def __init__(self, layers: Sequence[Layer], changes: Mapping[str, places.Place], raw: Mapping[str, Any]) -> None:
         self.files = tuple(layer.name for layer in layers)
-        self._layers, self._changes, self._raw = layers, changes, raw
+        self._layers = layers
+        self._changes = changes
+        self._raw = raw
 
     def of(self, key: str) -> places.Place | None:
         """The place that gave the value `key`; None for a default."""
@@ -99,7 +101,8 @@ def _path(key: str) -> list[int | str]:
 def layers(path: Path) -> list[Layer]:
     """The files of a scene, the last base first. Raises SceneError if one of them cannot be read."""
     first = last = _layer(path, path.parent)
-    chain, seen = [last], [_same(path)]
+    chain = [last]
+    seen = [_same(path)]
     while (base := last.based_on) is not None:
         text = f"based_on = {shown(base)}"
         place = last.place("based_on")
@@ -129,7 +132,8 @@ def cards(folder: Path) -> list[dict[str, Any]]:
     """
     if not folder.is_dir():
         raise SceneError(str(folder), ["is not a folder; rig explain SCENE shows one scene"])
-    rows, until = [], time.monotonic() + LONGEST_S
+    rows = []
+    until = time.monotonic() + LONGEST_S
     for file in sorted(folder.glob("*.toml")):
         try:
             if time.monotonic() > until:

@@ -102,7 +102,9 @@ class _Reading:
 
     def scene(self, name: str) -> Scene | None:
         """The scene, or None if there are faults."""
-        raw, read, report = self._tables.raw, self._tables.read, self._tables.report
+        raw = self._tables.raw
+        read = self._tables.read
+        report = self._tables.report
         clock = read(partial(self._section, Clock, "clock", raw.get("clock", {})), None)
         seed = sections.seed(self._tables)
         plant = rooms.name_of(str(raw.get("plant", "")))
@@ -148,7 +150,8 @@ class _Reading:
             held = {fault.part: "held" for fault in part_faults.values() if fault.part in assembly.inputs}
             inputs = rooms.assembled(parameters, frame_ns, held).inputs if held else assembly.inputs
             report(part_faults_checks(part_faults, sensors, inputs, plant, frame_ns, raw.get("faults")))
-        title, about = sections.text(self._tables, "title", name), sections.text(self._tables, "about", "").strip()
+        title = sections.text(self._tables, "title", name)
+        about = sections.text(self._tables, "about", "").strip()
         if self._tables.faults or clock is None or parameters is None:
             return None
         return Scene(
@@ -220,11 +223,10 @@ class _Reading:
         if plant is None:
             tables = self._tables.raw.items()
             missing = f'plant: is missing, and so is based_on = "SCENE"; known: {", ".join(sorted(PLANTS))}'
-            misplaced = [
-                (f"{table}.{key}", f"{table}.{key}: put {key} above the first table of the file")
-                for table, values in tables
-                for key in ({"plant", "based_on"} & values.keys() if isinstance(values, dict) else ())
-            ]
+            misplaced = []
+            for table, values in tables:
+                for key in {"plant", "based_on"} & values.keys() if isinstance(values, dict) else ():
+                    misplaced.append((f"{table}.{key}", f"{table}.{key}: put {key} above the first table of the file"))
             strange = [table for table, values in tables if not isinstance(values, dict) and table not in merged.OWN]
             raise Wrong(("plant", missing), *misplaced, *((key, _unknown(key, Section)) for key in strange))
         if not isinstance(plant, str) or plant not in PLANTS:
@@ -234,8 +236,13 @@ class _Reading:
         except PartError as error:
             raise Wrong(("plant", f"plant: {error}")) from None
         if taken := sorted(model.model_fields.keys() & {*merged.OWN}):
-            raise Wrong(("plant", f"plant: {rooms.name_of(plant)}: Parameters declares {', '.join(taken)}, which every "
-                        "scene has already; rename it"))  # fmt: skip
+            raise Wrong(
+                (
+                    "plant",
+                    f"plant: {rooms.name_of(plant)}: Parameters declares {', '.join(taken)}, which every "
+                    "scene has already; rename it",
+                )
+            )
         return model
 
     def _effects(self, tables: Mapping[str, Any], model: type[Section]) -> dict[str, Any]:
@@ -261,7 +268,8 @@ class _Reading:
 
     def _laws(self, tables: Mapping[str, Any]) -> dict[str, type[FrictionLaw]]:
         """Name -> class of each friction law from elsewhere. Raises Wrong."""
-        laws, wrong = dict[str, type[FrictionLaw]](), []
+        laws = dict[str, type[FrictionLaw]]()
+        wrong = []
         for key, name in rooms.laws_in(tables):
             short = rooms.name_of(name)
             try:

@@ -17,8 +17,21 @@ from rig.scenes import faults, inherit, places, protocol, rooms, source
 
 MOST = 100
 """Largest number of faults that an error lists."""
-OWN = ("format", "based_on", "title", "plant", "about", "seed", "clock", "sensors", "controllers", "network",
-       "faults", "protocol", "limits")  # fmt: skip
+OWN = (
+    "format",
+    "based_on",
+    "title",
+    "plant",
+    "about",
+    "seed",
+    "clock",
+    "sensors",
+    "controllers",
+    "network",
+    "faults",
+    "protocol",
+    "limits",
+)
 """Keys of a scene file that do not depend on its plant."""
 
 
@@ -101,7 +114,8 @@ class Merged:
         """
         for table, (tag, before) in recast.items():
             values = source.at(self.raw, table.split("."))
-            now, kinds = (values or {}).get(tag), self._kinds(table, tag)
+            now = (values or {}).get(tag)
+            kinds = self._kinds(table, tag)
             if values is None or not isinstance(now, str) or now not in kinds:
                 continue  # a fault that the loader reports
             try:
@@ -146,7 +160,8 @@ class Merged:
             for i, step in enumerate(steps if isinstance(steps, list) else (), 1):
                 if not isinstance(step, dict):
                     continue
-                here, target = f"{key}[{i}]", step.get("target")
+                here = f"{key}[{i}]"
+                target = step.get("target")
                 if isinstance(target, str) and target not in names.inputs and target not in names.settable:
                     if any(target.startswith(f"{table}.") for table in self.recast):
                         steps[i - 1] = {"step": "mark", "text": f"left out: {step.get('step')} {target}"}

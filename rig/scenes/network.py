@@ -5,10 +5,7 @@
 
 A sensor or controller without a table has a perfect link. rig.bus.impaired_link states what the values mean.
 `rig run --net` writes the same in one line: "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, reorder; seed 3".
-
-Impaired links in one line, as `rig run --net` takes them, and as the keys of [network] that they define.
-
-meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, duplicate 0.1 %, reorder; seed 3
+`keys` reads this line as the keys of [network] that it defines, `described` writes a link in these words.
 """
 
 from __future__ import annotations
@@ -26,6 +23,9 @@ from rig.quantities import Section
 from rig.scenes.faults import near
 from rig.scenes.protocol import Share
 from rig.sensors.chain.units import Delay
+
+EXAMPLE = "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, duplicate 0.1 %, reorder; seed 3"
+_LINK = re.compile(r"(meas|act)/([A-Za-z][A-Za-z0-9_]*)")
 
 
 class Link(Section):
@@ -47,7 +47,8 @@ class Link(Section):
     @field_validator("jitter")
     @classmethod
     def _within_delay(cls, jitter: int, info: ValidationInfo) -> int:
-        if "delay" in info.data and jitter > (delay := info.data["delay"]):
+        delay = info.data.get("delay")
+        if delay is not None and jitter > delay:
             raise ValueError(
                 f"is more than the delay of {delay / 1e6:g} ms; a message cannot arrive before it is sent, so at most "
                 f"{delay / 1e6:g} ms are possible"
@@ -90,10 +91,6 @@ def checks(raw: Any, sensors: Iterable[str], controllers: Iterable[str]) -> Iter
                 yield key, f"{key}: unknown {what}; {near(name, known)}"
 
 
-EXAMPLE = "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, duplicate 0.1 %, reorder; seed 3"
-_LINK = re.compile(r"(meas|act)/([A-Za-z][A-Za-z0-9_]*)")
-
-
 def keys(texts: Iterable[str], given: Iterable[str] = ()) -> dict[str, str]:
     """Dotted key of a scene -> value, for links in the form above; `given`: keys that the caller sets otherwise.
 
@@ -134,5 +131,10 @@ def described(link: Mapping[str, object]) -> str:
     """A link in the words of --net. `link`: its values in SI."""
     units = {"delay": (1e3, "ms"), "jitter": (1e3, "ms"), "loss": (1e2, "%"), "duplicate": (1e2, "%")}
     given = {word: float(link[word]) for word in units if link.get(word)}  # type: ignore[arg-type]
-    words = [f"{word} {value * units[word][0]:g} {units[word][1]}" for word, value in given.items()]
-    return ", ".join([*words, *(["reorder"] if link.get("reorder") else [])]) or "perfect"
+    words = []
+    for word, value in given.items():
+        factor, unit = units[word]
+        words.append(f"{word} {value * factor:g} {unit}")
+    if link.get("reorder"):
+        words.append("reorder")
+    return ", ".join(words) or "perfect"

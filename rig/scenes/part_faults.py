@@ -55,7 +55,9 @@ class _Timed(Section):
 
 def per_second(unit: str) -> str:
     """The unit of a rate of a quantity."""
-    return "1/s" if unit in ("", "1") else f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
+    if unit in ("", "1"):
+        return "1/s"
+    return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
 
 
 class _OfSensor(_Timed):

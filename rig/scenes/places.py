@@ -54,7 +54,8 @@ class _Text:
         self._entries: dict[str, int] = {}
         """Array of tables -> its entries so far."""
         self.found: dict[str, int] = {}
-        at, table = self._blank(0), ""
+        at = self._blank(0)
+        table = ""
         while at < len(self._text):
             if self._text[at] == "[":
                 at, table = self._header(at)
@@ -77,9 +78,12 @@ class _Text:
 
     def _key(self, at: int, table: str = "", many: bool = False) -> tuple[str, int]:
         """Read a dotted key in `table`. Return the whole key and its end. `many`: it begins another entry of a list."""
-        key, begin = table, at
+        key = table
+        begin = at
         while (part := _PART.match(self._text, at)) is not None:
-            begin, at, name = part.start(), part.end(), part[0]
+            begin = part.start()
+            at = part.end()
+            name = part[0]
             name = tomllib.loads(f"name = {name}")["name"] if name[0] in "\"'" else name
             key = f"{key}.{name}" if key else name
             dot = _DOT.match(self._text, at)
@@ -110,7 +114,8 @@ class _Text:
         if first not in "[{":
             literal = _VALUE.match(self._text, at)
             return literal.end() if literal else at + 1
-        at, entry = self._blank(at + 1), 0
+        at = self._blank(at + 1)
+        entry = 0
         while self._text[at] not in "]}":
             if first == "{":
                 at = self._pair(at, key)

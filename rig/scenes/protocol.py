@@ -14,9 +14,7 @@
 
 A value has the unit of the quantity that it changes or is compared with. To read a text with a unit, the rig must be
 known: the loader passes `Known` as validation context. Without it only SI numbers are read, as in a recorded scene.
-Times are whole nanoseconds.
-
-The section [clock] of a scene: frame, pace and integration.
+Times are whole nanoseconds. `Clock` is the section [clock], whose frames the steps are carried out in.
 """
 
 from __future__ import annotations
@@ -67,6 +65,25 @@ FixedStep: Any = duration(10, 1_000_000_000)
 Share: Any = quantity("1", Ge(0.0), Le(1.0))
 Small: Any = quantity("1", Gt(0.0), Le(1e-2))
 Large: Any = quantity("1", Gt(0.0))
+Impulse: Any = quantity("N*s")
+
+Length = Annotated[
+    int,
+    Unit("s"),
+    BeforeValidator(partial(nanoseconds, within=Range("s", (Ge(0.0),)))),
+    Ge(0),
+    Le(LONGEST),
+    PlainSerializer(lambda ns: ns / 1e9),
+]
+
+DEFAULT_TIMEOUT = 60_000_000_000
+DEFAULT_WINDOW = 1_000_000_000
+
+CONDITIONS = ("above", "below", "quiet", "settled")
+
+_SWITCHED = BeforeValidator(lambda to: float(to) if isinstance(to, bool) else to)
+
+_LATER = ConfigDict(defer_build=True)
 
 
 class Clock(Section):
@@ -110,19 +127,6 @@ class Clock(Section):
         return max(1, -(-step_ns // int(self.rk4_step)))
 
 
-Length = Annotated[
-    int,
-    Unit("s"),
-    BeforeValidator(partial(nanoseconds, within=Range("s", (Ge(0.0),)))),
-    Ge(0),
-    Le(LONGEST),
-    PlainSerializer(lambda ns: ns / 1e9),
-]
-Impulse: Any = quantity("N*s")
-DEFAULT_TIMEOUT = 60_000_000_000
-DEFAULT_WINDOW = 1_000_000_000
-
-
 @dataclass(frozen=True)
 class Known:
     """The names that a protocol may use: actuators, other keys to set and sensors, each with its unit; controllers."""
@@ -153,7 +157,8 @@ def read_in_unit_of(value: Any, field: str, info: ValidationInfo, of: Callable[[
     """A value in the unit `of` the quantity that `field` names. A wrong name is reported separately."""
     if value is None:
         return None
-    known, name = info.context, info.data.get(field, "")
+    known = info.context
+    name = info.data.get(field, "")
     if known is None:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("expected a number in SI")
@@ -254,9 +259,6 @@ class Wait(Section):
         return float(getattr(self, self.condition))
 
 
-CONDITIONS = ("above", "below", "quiet", "settled")
-
-
 class Mark(Section):
     """Write `text` into the recording."""
 
@@ -298,7 +300,8 @@ class Track(DataFile):
 
     @classmethod
     def _followed(cls, value: Any, info: ValidationInfo) -> Track:
-        known, channels = info.context, info.data.get("channels")
+        known = info.context
+        channels = info.data.get("channels")
         if not isinstance(value, str) or isinstance(value, cls):
             return cls._from(value)
         if known is None:
@@ -339,9 +342,6 @@ class Follow(Section):
         """Whole frames [ns]."""
         frames = len(self.file.content) // (8 * len(self.channels)) - 1
         return max(frames, 0) * self.file.frame_ns if self.file.content else 0
-
-
-_SWITCHED = BeforeValidator(lambda to: float(to) if isinstance(to, bool) else to)
 
 
 class Set(Section):
@@ -392,7 +392,6 @@ class Repeat(Section):
 Step = Annotated[
     Load | Ramp | Hold | Wait | Mark | Knock | Follow | Set | Connect | Disconnect | Repeat, Field(discriminator="step")
 ]
-_LATER = ConfigDict(defer_build=True)
 STEP: TypeAdapter[Step] = TypeAdapter(Step, config=_LATER)
 STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...], config=_LATER)
 

@@ -22,7 +22,8 @@ from rig.parts import Parts, Room, calling, carried, code_of, file_of, is_file, 
 from rig.plants import PLANTS
 from rig.quantities import Section
 
-CONTROLLERS, SENSORS = controllers.KINDS, sensors.KINDS
+CONTROLLERS = controllers.KINDS
+SENSORS = sensors.KINDS
 ROOMS: dict[str, Room[Any]] = {room.what: room for room in (PLANTS, EFFECTS, LAWS, SENSORS, CONTROLLERS)}
 FILE = "file"
 """Key of a controller or sensor that names a file it is made of."""
@@ -51,14 +52,13 @@ def anchor(tables: dict[str, Any], folder: Path) -> None:
     named = [(tables, "plant")]
     for key, table in tables.items():
         if isinstance(table, dict):
-            inner = table.values() if key in (SENSORS.what, CONTROLLERS.what) else ()
-            files = ("kind", FILE)
-            named += [
-                (table, EFFECT),
-                *((section, name) for section in inner if isinstance(section, dict) for name in files),
-            ]
+            named.append((table, EFFECT))
+            for section in table.values() if key in (SENSORS.what, CONTROLLERS.what) else ():
+                if isinstance(section, dict):
+                    named += [(section, "kind"), (section, FILE)]
     for table, key in named:
-        if isinstance(text := table.get(key), str) and (is_file(text) or key == FILE):
+        text = table.get(key)
+        if isinstance(text, str) and (is_file(text) or key == FILE):
             table[key] = os.path.abspath(folder / text)
     steps = tables.get("protocol")
     for step in _tables(steps):
@@ -77,7 +77,8 @@ def _tables(steps: Any) -> Iterator[dict[str, Any]]:
 
 def _anchored(value: Any, folder: Path) -> Any:
     if isinstance(value, dict):
-        if isinstance(law := value.get(LAW), str) and is_file(law):
+        law = value.get(LAW)
+        if isinstance(law, str) and is_file(law):
             value = value | {LAW: os.path.abspath(folder / law)}
         return {key: inner if key in ("kind", EFFECT) else _anchored(inner, folder) for key, inner in value.items()}
     if isinstance(value, list):
@@ -133,7 +134,8 @@ def assembled(
     _sound(plant, made, {})
     for section, add in on_any_plant(parameters):
         if random or not section.declares.random:
-            effect, before = sys.modules[type(section).__module__], dict(made.outputs)
+            effect = sys.modules[type(section).__module__]
+            before = dict(made.outputs)
             with calling(effect):
                 add(made, section, frame_ns * 1e-9, moved or {})
             _sound(effect, made, before)

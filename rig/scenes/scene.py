@@ -88,11 +88,16 @@ class Scene(Result):
     def moved(self) -> dict[str, str]:
         """Actuators that are moved: "held" commands (steps from tick to tick), or "ramped" as well."""
         held = set(self.driven)
-        held |= {actuator for section in self.controllers.values() for actuator in controller_drives(section)}
-        held |= {fault.actuator for fault in self.faults.values() if isinstance(fault, part_faults.ActuatorFault)}
-        steps = tuple(flat(self.protocol))
-        held |= {name for step in steps for name in targets(step)}
-        ramped = {name for step in steps if moves(step) for name in targets(step)}
+        ramped = set[str]()
+        for section in self.controllers.values():
+            held.update(controller_drives(section))
+        for fault in self.faults.values():
+            if isinstance(fault, part_faults.ActuatorFault):
+                held.add(fault.actuator)
+        for step in flat(self.protocol):
+            held.update(targets(step))
+            if moves(step):
+                ramped.update(targets(step))
         if not held:
             return {}
         with model_store.using(self.models):
@@ -150,7 +155,8 @@ class Scene(Result):
         if self.clock.pace_limit is None:
             return ""
         note = self.origins.get("clock.pace_limit", Origin("")).note
-        return f"its pace is at most {self.clock.pace_limit:g}{f' ({note})' if note else ''}"
+        reason = f" ({note})" if note else ""
+        return f"its pace is at most {self.clock.pace_limit:g}{reason}"
 
     def assemble(self, parameters: Section | None = None) -> Assembly:
         """The rig of this scene (`rig.model.assembly.Assembly`), with the signals that its actuators need and without
@@ -179,52 +185,64 @@ class Scene(Result):
         yield "", self.parameters
         yield "clock", self.clock
         for room in ("sensors", "controllers"):
-            yield from ((f"{room}.{name}", section) for name, section in getattr(self, room).items())
+            for name, section in getattr(self, room).items():
+                yield f"{room}.{name}", section
         yield "network", self.network
-        yield from ((f"faults.{name}", fault) for name, fault in self.faults.items())
+        for name, fault in self.faults.items():
+            yield f"faults.{name}", fault
 
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
-        return {key: value for prefix, section in self.sections() for key, value in sections.values_of(section, prefix)}
+        values: dict[str, tuple[Any, str]] = {}
+        for prefix, section in self.sections():
+            values.update(sections.values_of(section, prefix))
+        return values
 
     def text(self) -> str:
         """Return every value with its unit and origin, as text."""
         rows = [("value (SI)", "", "unit", "origin")]
         for key, (value, unit) in self.values().items():
             shown = f"{value:.6g}" if isinstance(value, float) else f"{value!s:.60}"
-            rows.append((key, shown, unit, self.origins[key].origin if key in self.origins else "default"))
+            origin = self.origins[key].origin if key in self.origins else "default"
+            rows.append((key, shown, unit, origin))
         widths = [max(map(len, column)) for column in zip(*rows)]
-        lines = ["  ".join(f"{cell:{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows]
-        return "\n".join([f"{self.name}: {self.title}", "", *(f"  {line}" for line in lines)])
+        lines = [f"{self.name}: {self.title}", ""]
+        for row in rows:
+            cells = "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths))
+            lines.append(f"  {cells.rstrip()}")
+        return "\n".join(lines)
 
     def to_json(self) -> str:
         """The scene as JSON text; `from_json` gives an equal scene back."""
-        made: dict[str, Any] = {"models": self.models} if self.models else {}
         parts = rooms.foreign(self.plant, self.parameters, self.sensors.values(), self.controllers.values())
-        made |= {"parts": parts} if parts else {}
-        made |= {"network": sections.dump(self.network)} if self.network else {}
-        made |= {"faults": {name: sections.dump(fault) for name, fault in self.faults.items()}} if self.faults else {}
-        made |= {"believed": self.believed} if self.believed else {}
-        made |= {"redesign": True} if self.redesign else {}
-        return json.dumps(
-            {
-                "format": 1 + FORMAT,
-                "name": self.name,
-                "title": self.title,
-                "about": self.about,
-                "plant": self.plant,
-                "seed": self.seed,
-                "clock": sections.dump(self.clock),
-                "parameters": sections.dump(self.parameters),
-                "sensors": {name: sections.dump(section) for name, section in self.sensors.items()},
-                "controllers": {name: sections.dump(section) for name, section in self.controllers.items()},
-                "protocol": [sections.dump(step) for step in self.protocol],
-                "limits": self.limits,
-                "origins": {key: list(origin) for key, origin in self.origins.items()},
-                **made,
-            },
-            ensure_ascii=False,
-        )
+        content: dict[str, Any] = {
+            "format": 1 + FORMAT,
+            "name": self.name,
+            "title": self.title,
+            "about": self.about,
+            "plant": self.plant,
+            "seed": self.seed,
+            "clock": sections.dump(self.clock),
+            "parameters": sections.dump(self.parameters),
+            "sensors": _dumped(self.sensors),
+            "controllers": _dumped(self.controllers),
+            "protocol": [sections.dump(step) for step in self.protocol],
+            "limits": self.limits,
+            "origins": {key: list(origin) for key, origin in self.origins.items()},
+        }
+        if self.models:
+            content["models"] = self.models
+        if parts:
+            content["parts"] = parts
+        if self.network:
+            content["network"] = sections.dump(self.network)
+        if self.faults:
+            content["faults"] = _dumped(self.faults)
+        if self.believed:
+            content["believed"] = self.believed
+        if self.redesign:
+            content["redesign"] = True
+        return json.dumps(content, ensure_ascii=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _of_own_process, (self.to_json(),)
@@ -263,10 +281,8 @@ class Scene(Result):
             plant=raw["plant"],
             parameters=model.model_validate(raw["parameters"]),
             clock=Clock.model_validate(raw["clock"]),
-            sensors={n: _instrument(s, written, parts) for n, s in raw["sensors"].items()},
-            controllers={
-                n: controllers.recorded_class(s, parts).model_validate(s) for n, s in raw["controllers"].items()
-            },
+            sensors={name: _instrument(section, written, parts) for name, section in raw["sensors"].items()},
+            controllers={name: _controller(section, parts) for name, section in raw["controllers"].items()},
             protocol=STEPS.validate_python(raw["protocol"]),
             network=Network.model_validate(raw.get("network", {})),
             faults=part_faults.PART_FAULTS.validate_python(raw.get("faults", {})),
@@ -290,6 +306,11 @@ class Scene(Result):
         return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
 
 
+def _dumped(by_name: Mapping[str, Section]) -> dict[str, Any]:
+    """Sections by name as plain values."""
+    return {name: sections.dump(section) for name, section in by_name.items()}
+
+
 def _of_own_process(text: str) -> Scene:
     """A scene that another process of the same work has pickled, with the parts that this one trusts."""
     trust_scene(text)
@@ -305,6 +326,11 @@ def _faults(error: Exception) -> Iterator[str]:
         yield f"{error.args[0]!r} is missing, or not known to this version"
     else:
         yield str(error)
+
+
+def _controller(raw: dict[str, Any], parts: Parts) -> Any:
+    """The section of a controller from the JSON text of a scene with the parts `parts`."""
+    return controllers.recorded_class(raw, parts).model_validate(raw)
 
 
 def _instrument(raw: dict[str, Any], written: int, parts: Parts) -> Any:

@@ -1,10 +1,8 @@
 """The sections of a scene: their values by dotted key, and what controllers read and drive.
 
-The values of a scene that belong to no part: its texts, its seed, its limits. Faults are reported to its tables.
-
-The steps of a protocol in their order, with repeats unrolled: their number and their duration.
-
-Controllers in files, added to a scene by its user: the changes of the scene that name them.
+Beside the sections a scene has texts, a seed and limits (`text`, `seed`, `limits`; faults are reported to its tables),
+and the steps of a protocol, whose number and duration follow with repeats unrolled. `changes` adds controllers in
+files that a user names.
 """
 
 from __future__ import annotations
@@ -26,6 +24,9 @@ from rig.errors import SceneError, UsageError
 from rig.parts import is_file
 from rig.quantities import Range, Section, Unit, finite
 from rig.scenes import faults, merged, protocol
+
+PARTS = ("sensors", "controllers")
+"""The tables of a scene whose entries are parts with values of their own: sensors.NAME.KEY."""
 
 
 def dump(section: Section) -> dict[str, Any]:
@@ -49,10 +50,6 @@ def values_of(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple
                     yield f"{key}.{entry}", (plain[name][entry], faults.unit_of(info))
         elif value is not None and name in plain:  # not a flaw that an ideal instrument is free of
             yield key, (value if isinstance(value, str) else plain[name], faults.unit_of(info))  # of a file its name
-
-
-PARTS = ("sensors", "controllers")
-"""The tables of a scene whose entries are parts with values of their own: sensors.NAME.KEY."""
 
 
 def parted(key: str) -> tuple[str, str, str]:

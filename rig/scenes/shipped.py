@@ -94,7 +94,8 @@ def card_of(name: str, chain: Sequence[tuple[str | None, Mapping[str, Any]]]) ->
     plant: Any = None
     limit: Any = None
     for _, raw in chain:
-        plant, clock = _plain(raw.get("plant", plant)), raw.get("clock", {})
+        plant = _plain(raw.get("plant", plant))
+        clock = raw.get("clock", {})
         if not isinstance(clock, Mapping) and clock != "none":
             raise SceneError(name, [f"clock = {brief(clock)}: expected a table [clock]"])
         limit = _plain(clock.get("pace_limit", limit)) if isinstance(clock, Mapping) else None

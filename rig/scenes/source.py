@@ -27,7 +27,7 @@ KIND = (*(tag for tag in TAGS if tag != "step"), "effect")
 """Keys that state the kind of a table."""
 Fault = tuple[str, str]
 """Dotted key, and its fault in one line."""
-_DEEPEST = 20
+_DEEPEST = 20  # levels of tables and lists: far more than a scene has. chosen
 _PART = r"""(?:[A-Za-z0-9_-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')"""
 _TOKEN = re.compile(
     r"""#[^\n]*+|"{3}(?:\\.|[^\\])*?"{3,5}|'{3}.*?'{3,5}|"""
@@ -94,7 +94,8 @@ def parsed(path: Path, text: str) -> dict[str, Any]:
         line, column = place.groups() if place else (None, None)
         if line is None:
             lines = text.rstrip().split("\n")
-            line, column = str(len(lines)), str(len(lines[-1]) + 1)
+            line = str(len(lines))
+            column = str(len(lines[-1]) + 1)
         what = _POSITION.sub("", message)
         if bare := _BARE.match(text.split("\n")[int(line) - 1]):
             what += "; a number has a decimal point" if bare[1] else '; a value with a unit is in quotes, "2 rpm"'
@@ -148,7 +149,9 @@ def stripped(raw: Any, origins: dict[str, places.Origin], faults: list[Fault], k
 
 def _has_origin(raw: list[Any]) -> bool:
     """Whether a list is [value, origin] or [value, origin, note] and not a list of values."""
-    if len(raw) not in (2, 3) or not all(isinstance(part, str) for part in raw[1:]) or isinstance(raw[0], Mapping):
+    if len(raw) not in (2, 3) or isinstance(raw[0], Mapping):
+        return False
+    if not all(isinstance(part, str) for part in raw[1:]):
         return False
     if raw[1] in ORIGINS:
         return True
@@ -167,7 +170,8 @@ def change(
     recast: dict[str, tuple[str, Any]] = {}
     for key, value in overrides.items():
         *parents, last = key.split(".")
-        first, value = key.split(".")[0].partition("[")[0], _read(value)
+        first = key.split(".")[0].partition("[")[0]
+        value = _read(value)
         if not all((*parents, last)) or len(parents) >= _DEEPEST:
             faults.append((key, f"{brief(key)}: is not a dotted key such as drive.speed"))
         elif first in FIXED:

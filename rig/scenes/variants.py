@@ -1,6 +1,6 @@
 """A scene with one effect less or one more, for paired runs and the audit of a run.
 
-The optional effects of a plant, as its parameters declare them (rig.about).
+The parameters of a plant declare which effects are optional (rig.about).
 """
 
 from __future__ import annotations
@@ -21,6 +21,10 @@ from rig.scenes import loader, protocol
 from rig.scenes.faults import lookup
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import names, plant, text_of
+
+Keys = list[str]
+SWITCHED = 0.5
+"""Value of a switch from which on it is closed."""
 
 
 class Choice(NamedTuple):
@@ -94,11 +98,6 @@ def _sections(annotation: Any) -> Iterator[Any]:
         yield from _sections(part)
 
 
-Keys = list[str]
-SWITCHED = 0.5
-"""Value of a switch from which on it is closed."""
-
-
 def dropped(scene: Scene) -> dict[str, Keys]:
     """Effects that the scene names and its plant may be without -> the keys to take away."""
     return _named(scene, on=True)
@@ -127,11 +126,10 @@ def opened(scene: Scene) -> dict[str, str]:
 
 def _closes(scene: Scene, key: str) -> str:
     who = [f"controller {name}" for name, section in scene.controllers.items() if key in controller_drives(section)]
-    if any(
-        isinstance(step, protocol.Set) and step.target == key and step.to >= SWITCHED
-        for step in protocol.flat(scene.protocol)
-    ):
-        who.insert(0, "the protocol")
+    for step in protocol.flat(scene.protocol):
+        if isinstance(step, protocol.Set) and step.target == key and step.to >= SWITCHED:
+            who.insert(0, "the protocol")
+            break
     return f"is closed by {' and '.join(who)}" if who else f"nothing in the scene closes it (rig tune {key}=1 does)"
 
 
@@ -160,21 +158,32 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
     """Values for `keys`, and the scene they are from."""
     yield {key: {} for key in keys}, ""
     words = [key.rpartition(".")[2] for key in keys]  # no other scene is read
-    having = [name for name in names() if any(word in text_of(name) for word in words)]
+    having = []
+    for name in names():
+        text = text_of(name)
+        if any(word in text for word in words):
+            having.append(name)
     plants = dict.fromkeys([scene.plant, *(map(plant, having) if of_others else ())])
     for name in (name for wanted in plants for name in having if plant(name) == wanted):
         other = _parameters(name)
-        raw, closing = other.model_dump(), switches(other)
-        values = {
-            key: _at_work(key, value, closing) for key in keys if (value := lookup(raw, key.split("."))) is not None
-        }
+        raw = other.model_dump()
+        closing = switches(other)
+        values = {}
+        for key in keys:
+            value = lookup(raw, key.split("."))
+            if value is not None:
+                values[key] = _at_work(key, value, closing)
         if values:
             yield values, name
     bounds = {effect.key: effect.about for effect in optional(scene.parameters) if isinstance(effect.about, Bound)}
     if of_others and bounds.keys() >= set(keys):
         raw = scene.parameters.model_dump()
-        limited = {key: f"{key.rpartition('.')[0]}.{bounds[key].of}" for key in keys}
-        yield {key: bounds[key].sign * 2.0 * abs(lookup(raw, limited[key].split(".")) or 0.0) for key in keys}, ""
+        values = {}
+        for key in keys:
+            table = key.rpartition(".")[0]
+            limited = lookup(raw, f"{table}.{bounds[key].of}".split(".")) or 0.0
+            values[key] = bounds[key].sign * 2.0 * abs(limited)
+        yield values, ""
 
 
 _parameters = cache(loader.parameters)
@@ -201,8 +210,11 @@ def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
 
 def _at_work(key: str, value: Any, closing: Sequence[str]) -> Any:
     """The table of `key`, that its scene switches on later by one of `closing`, switched on."""
-    own = [switch for table, _, switch in (dotted.rpartition(".") for dotted in closing) if table == key]
-    off = [switch for switch in own if value.get(switch) is False]
+    off = []
+    for dotted in closing:
+        table, _, switch = dotted.rpartition(".")
+        if table == key and value.get(switch) is False:
+            off.append(switch)
     return {**value, **dict.fromkeys(off, True)} if off else value
 
 

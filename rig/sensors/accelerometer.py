@@ -53,7 +53,8 @@ class Accelerometer(Instrument):
 
     def flawed(self) -> FrontEnd:
         """The front end: high-pass, resonance, and the drift due to warming."""
-        corner, b = 2.0 * math.pi * self.highpass, 1.0 / self.warm_up
+        corner = 2.0 * math.pi * self.highpass
+        b = 1.0 / self.warm_up
         if math.isclose(corner, b, rel_tol=1e-6):  # the limit is a double pole; this is within 1e-6 of it
             b *= 1.0 - 1e-6
         modal = filters.resonance(self.resonance, self.quality, self.highpass)

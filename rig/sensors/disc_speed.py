@@ -49,5 +49,6 @@ class DiscSpeed(Instrument):
     def flawed(self) -> FrontEnd:
         """The front end: low-pass; the values of the wheel are converted to its rim for a belt."""
         rim = 1.0 if self.radius is None else float(self.radius)
-        modal, noise = filters.first_order(self.bandwidth), rim * deviation(self.noise, self.rate)
+        modal = filters.first_order(self.bandwidth)
+        noise = rim * deviation(self.noise, self.rate)
         return self.spanned(modal, rim * self.offset, rim * self.span, rim * self.resolution, 0.0, noise=noise)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.run.audit import LEAST, Comparison, VisitedState
+from rig.bench.run.audit import LEAST
+from rig.bench.run.rig_comparison import Comparison, VisitedState
 from rig.bench.run.runner import PlantRunner
 from rig.cli import app
 from rig.errors import RigError

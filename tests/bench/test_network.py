@@ -17,7 +17,7 @@ from rig.bench.run.simulate import Recorded, simulate
 from rig.bus import messages
 from rig.bus.impaired_link import HeardSensor
 from rig.record.compare import compare
-from rig.record.replay import RebuiltTraffic
+from rig.record.rebuilt_traffic import RebuiltTraffic
 from rig.scenes.scene import Scene
 
 ON = {"controllers.nf.enable_at": "0.05 s"}

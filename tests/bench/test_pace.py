@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench.live.pace import Pacer, WallClock, advice, sharpen_timers
+from rig.bench.live.machine_load import advice
+from rig.bench.live.pace import Pacer, WallClock, sharpen_timers
 
 MS = 1_000_000
 

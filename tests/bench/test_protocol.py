@@ -9,7 +9,8 @@ from pydantic import TypeAdapter
 import rig
 from rig.bench.again.fork import fork
 from rig.bench.again.verify import verify
-from rig.bench.run.protocol import Apply, Finish, Move, Note, Protocol, Release, Strike
+from rig.bench.run.actions import Apply, Finish, Move, Note, Release, Strike
+from rig.bench.run.protocol import Protocol
 from rig.errors import SceneError
 from rig.model.assembly import Input
 from rig.scenes.protocol import Step

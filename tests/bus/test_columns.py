@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bus import encode, messages
+from rig.bus import columns, encode, messages
 
 whole = st.integers(-(2**63), 2**63 - 1)
 reals = st.floats(width=64)
@@ -14,9 +14,9 @@ reals = st.floats(width=64)
 
 def same_as_single(kind, payloads):
     """Whether the columns of `payloads` together are those of each decoded by protobuf."""
-    found = messages.alike(kind, payloads)
+    found = columns.alike(kind, payloads)
     assert found is not None
-    alone = [messages.single(kind.FromString(payload)) for payload in payloads]
+    alone = [columns.single(kind.FromString(payload)) for payload in payloads]
     assert found.keys() == {field.name for field in kind.DESCRIPTOR.fields}
     for name, column in found.items():
         expected = np.concatenate([one[name] for one in alone])

@@ -10,7 +10,7 @@ from mcap.writer import Writer as OtherWriter
 import rig as lab
 from rig.cli import app
 from rig.errors import LogError
-from rig.record.mcap_file import Writer
+from rig.record.mcap_writer import Writer
 from rig.record.message_scan import Scan
 
 BELT = Path(__file__).parents[2] / "recordings" / "golden" / "belt.mcap"

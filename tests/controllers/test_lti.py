@@ -16,7 +16,7 @@ from rig import controllers
 from rig.analysis.control_loop import loop
 from rig.bench.again.verify import verify
 from rig.bench.run.local_controllers import placed
-from rig.controllers.blocks import system_file
+from rig.controllers.blocks import discretise, system_file
 from rig.controllers.blocks.base import retune, tunable
 from rig.controllers.lti import LTI, of_python_control
 from rig.errors import SceneError, UsageError
@@ -48,7 +48,7 @@ def system(found, **keys):
     return controllers.build(made, {})
 
 
-@pytest.mark.parametrize("method", system_file.METHODS)
+@pytest.mark.parametrize("method", discretise.METHODS)
 def test_a_continuous_system_is_discretised_as_python_control_does(method):
     given = control.ss([[-3.0, 2.0], [-50.0, -1.0]], [[0.1], [1.0]], [[7.0, -2.0]], [[0.0]])
     expected = control.c2d(given, 1e-3, method)

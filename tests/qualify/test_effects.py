@@ -9,7 +9,7 @@ import pytest
 import rig
 from benchmarks import absent as twin
 from rig.analysis.kernel_shapes import VARIANTS, shape_of
-from rig.bench.run.audit import Comparison, VisitedState
+from rig.bench.run.rig_comparison import Comparison, VisitedState
 from rig.errors import RigError
 from rig.model.method import METHODS, as_integrated
 from rig.model.mode_sets import ModeSets

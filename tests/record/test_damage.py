@@ -13,7 +13,7 @@ from twin import Twin
 
 from rig.bus import encode
 from rig.errors import BusError, OutputError
-from rig.record import mcap_file, reader
+from rig.record import mcap_writer, reader
 from rig.record.recorded_setup import setup_of
 from rig.record.replay import replay
 from rig.record.writer import Writer
@@ -51,7 +51,7 @@ def test_one_wrong_byte_costs_less_than_a_twentieth(logs, tmp_path):
 def test_every_single_byte_is_covered_by_a_checksum(tmp_path):
     path = tmp_path / "small.mcap"
     with path.open("wb") as file:  # all kinds of records in 2 kB
-        out = mcap_file.Writer(file, 8192)
+        out = mcap_writer.Writer(file, 8192)
         out.attach("scene.json", "application/json", b"{}", 0)
         out.note("log", {"made": "recorded"})
         channel = out.channel("state", "protobuf", out.schema("rig.State", "protobuf", b"schema"), {"x": "m"})

@@ -16,7 +16,7 @@ import rig
 from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
 from rig.errors import LogError
-from rig.record import mcap_file, reader, writer
+from rig.record import mcap_writer, reader, writer
 from rig.record.compare import compare
 from rig.record.contents import contents
 from rig.record.mcap_file import FORMAT
@@ -172,7 +172,7 @@ def test_a_recording_cut_within_an_instant_agrees_with_the_whole_one_as_far_as_i
 
 
 def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypatch):
-    monkeypatch.setattr(mcap_file, "SPILL", 1 << 12)
+    monkeypatch.setattr(mcap_writer, "SPILL", 1 << 12)
     monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
     log, payload, taken = Writer(tmp_path / "run.mcap", SETUP, "recorded"), encode.block(0, 0, 1, [0.0]), []
     tracemalloc.start()

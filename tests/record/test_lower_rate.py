@@ -9,7 +9,7 @@ from scipy import signal
 
 from rig.errors import UsageError
 from rig.record.export import tables
-from rig.record.export.tables import ATTENUATION, PASSED, STOPPED, decimated, low_pass
+from rig.record.export.lower_rate import ATTENUATION, PASSED, STOPPED, decimated, low_pass
 from rig.record.run import Run, Samples
 
 ROWS = 33

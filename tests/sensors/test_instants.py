@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import rig
 from rig.bus import encode, messages
 from rig.record.reader import open as read
-from rig.record.replay import RebuiltTraffic
+from rig.record.rebuilt_traffic import RebuiltTraffic
 from rig.record.run_data import places
 from rig.record.save_run import save
 from rig.sensors import KINDS

@@ -6,9 +6,11 @@ import threading
 import time
 
 from rig.bus import messages, topics
+from rig.bus.batch import Batch
 from rig.bus.inbound import InboundCheck
-from rig.bus.messages import Batch
-from rig.bus.port import PRESENCES, WAITING, Answer, Publisher, Receiver, Request, Server, Session, Watch
+from rig.bus.port import PRESENCES, Receiver, Session, Watch
+from rig.bus.publishers import Publisher
+from rig.bus.queries import WAITING, Answer, Request, Server
 from rig.bus.session import Inbox
 from rig.bus.topics import Arrived
 

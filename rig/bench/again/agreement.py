@@ -35,6 +35,26 @@ ROUNDED = frozenset({"processor", "blas", "numba", "python"})
 MODE_SET = "mode set"
 _PLACE = ("kernel", "processor", "blas", "numba", "python")
 
+BEFORE = 1e-5
+"""Largest deviation up to the first opening, as a share of the range of a signal. Points that stick and slip in the
+last milliseconds before it amplify a rounding error to 4e-7. # chosen"""
+ONSET = 0.01
+"""Largest difference between the times of the first opening, as a share of that time. # chosen"""
+SHORTEST = 0.1
+"""Shortest time span whose statistics are compared [s]. # chosen: 0.03 s have twice the spread"""
+FEWEST = 1000
+"""Fewest samples of outputs whose statistics are compared: with 20 the RMS is uncertain by 16 %. # chosen"""
+RMS = 1.5
+"""Largest factor between the RMS of accelerations. # chosen"""
+BAND = 2.0
+"""Largest factor between the RMS of accelerations in one band. # chosen"""
+MEAN = 0.1
+"""Largest difference between the means of the contact fraction. # chosen"""
+LEAST = 0.15
+"""Largest difference between the least values of the contact fraction. # chosen"""
+# Largest difference between ranges of the pressure centre, as a share of the longest range. # chosen
+RANGE = 0.5
+
 
 def changed_place(run: Run) -> list[str]:
     """The differences between this machine and that of the recording: sources, processor, linear algebra, versions.
@@ -62,13 +82,16 @@ class Agreement(NamedTuple):
 
 def agreement(pairs: Iterable[Pair], scene: Scene, elsewhere: bool, until: float = math.inf) -> Agreement:
     """Agreement of the samples before `until` [s]; with `elsewhere` measurements may differ by their resolution."""
-    compared, deviation, first = 0, 0.0, ""
+    compared = 0
+    deviation = 0.0
+    first = ""
     for name, t_ns, recorded, simulated, nothing in pairs:
         count = int(np.searchsorted(t_ns, until * 1e9 - 0.5)) if until < math.inf else t_ns.size
         compared += count
         apart = recorded[:count].view(np.uint64) != simulated[:count].view(np.uint64)
         if apart.any():
-            values, others = recorded[:count], simulated[:count]
+            values = recorded[:count]
+            others = simulated[:count]
             size = float(np.nanmax(np.abs(values - others), initial=0.0))
             size -= max(_resolution(scene, name), nothing) if elsewhere else 0.0
             size = max(size, 0.0) / (float(np.nanmax(np.abs(recorded), initial=0.0)) or 1.0)
@@ -104,7 +127,8 @@ def pairs(run: Run, again: Run, modes: bool = False) -> Iterator[Pair]:
     """
     largest: dict[str, float] = {}
     for name, v in run.signals.items():
-        size, unit = float(np.nanmax(np.abs(v), initial=0.0)), run.units.get(name, "")
+        size = float(np.nanmax(np.abs(v), initial=0.0))
+        unit = run.units.get(name, "")
         largest[unit] = max(largest.get(unit, 0.0), size)
     for name, (t_ns, v) in run.measurements.items():
         if name in again.measurements:
@@ -113,19 +137,20 @@ def pairs(run: Run, again: Run, modes: bool = False) -> Iterator[Pair]:
         nothing = NOTHING * largest[run.units.get(name, "")]
         yield _common(name, *run.recorded(name), *again.recorded(name), nothing)
     if modes and run.mode.size:
-        (t_ns, key), (u_ns, other) = ((np.rint(each.time * 1e9).astype(np.int64), each.mode) for each in (run, again))
-        yield _common(MODE_SET, t_ns, key.astype(np.float64), u_ns, other.astype(np.float64), 0.0)
+        t_ns = np.rint(run.time * 1e9).astype(np.int64)
+        u_ns = np.rint(again.time * 1e9).astype(np.int64)
+        yield _common(MODE_SET, t_ns, run.mode.astype(np.float64), u_ns, again.mode.astype(np.float64), 0.0)
 
 
 def unknown(run: Run, again: Run) -> list[str]:
     """Faults: sensors and outputs in the recording that its scene does not have here, and sensors that it lacks."""
-    sensors, here = run.measurements.keys(), again.measurements.keys()
+    sensors = run.measurements.keys()
+    here = again.measurements.keys()
     strange = run.signals.keys() - again.signals.keys()
-    faults = [
-        *(f"the sensor {name} is recorded, but not in the scene" for name in sensors - here),
-        *(f"the sensor {name} is in the scene, but not recorded" for name in here - sensors),
-        *(f"the output {name} is recorded, but the rig of the scene has none of this name here" for name in strange),
-    ]
+    faults = [f"the sensor {name} is recorded, but not in the scene" for name in sensors - here]
+    faults += [f"the sensor {name} is in the scene, but not recorded" for name in here - sensors]
+    for name in strange:
+        faults.append(f"the output {name} is recorded, but the rig of the scene has none of this name here")
     if again.signals and not run.signals:
         faults.append("no output of the rig is recorded")
     if run.frame_ns != again.frame_ns:
@@ -136,35 +161,23 @@ def unknown(run: Run, again: Run) -> list[str]:
 def other_mode_sets(run: Run, again: Run, end_ns: int) -> list[str]:
     """A fault if more than the share `MOVED` of the mode sets up to `end_ns` differ; for runs of the same sources."""
     for name, t_ns, recorded, simulated, _ in pairs(run, again, modes=True):
-        if name == MODE_SET and (count := int(np.searchsorted(t_ns, end_ns, "right"))):
-            apart = recorded[:count] != simulated[:count]
-            if (differing := int(apart.sum())) > MOVED * count:
-                t = t_ns[int(np.argmax(apart))] * 1e-9
-                instants = f"{differing} of {count} instants differ ({MOVED * count:.0f} are allowed)"
-                return [f"the mode sets of {instants}, first at t = {t:.9g} s"]
+        if name != MODE_SET:
+            continue
+        count = int(np.searchsorted(t_ns, end_ns, "right"))
+        if count == 0:
+            continue
+        apart = recorded[:count] != simulated[:count]
+        differing = int(apart.sum())
+        if differing > MOVED * count:
+            t = t_ns[int(np.argmax(apart))] * 1e-9
+            instants = f"{differing} of {count} instants differ ({MOVED * count:.0f} are allowed)"
+            return [f"the mode sets of {instants}, first at t = {t:.9g} s"]
     return []
 
 
 def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals, nothing: float) -> Pair:
     shared, here, there = common_instants(t_ns, u_ns)
     return Pair(name, shared, np.ascontiguousarray(v[here]), np.ascontiguousarray(u[there]), nothing)
-
-
-BEFORE = 1e-5
-"""Largest deviation up to the first opening, as a share of the range of a signal. Points that stick and slip in the
-last milliseconds before it amplify a rounding error to 4e-7. # chosen"""
-ONSET = 0.01
-"""Largest difference between the times of the first opening, as a share of that time. # chosen"""
-SHORTEST = 0.1
-"""Shortest time span whose statistics are compared [s]. # chosen: 0.03 s have twice the spread"""
-FEWEST = 1000
-"""Fewest samples of outputs whose statistics are compared: with 20 the RMS is uncertain by 16 %. # chosen"""
-RMS, BAND = 1.5, 2.0
-"""Largest factor between the RMS of accelerations, and between their RMS in one band. # chosen"""
-MEAN, LEAST = 0.1, 0.15
-"""Largest difference between the means, and between the least values, of the contact fraction. # chosen"""
-# Largest difference between ranges of the pressure centre, as a share of the longest range. # chosen
-RANGE = 0.5
 
 
 class Compared(NamedTuple):
@@ -176,7 +189,8 @@ class Compared(NamedTuple):
     agrees: bool
 
     def __str__(self) -> str:
-        statistic, unit = self.recorded, "" if self.recorded.unit == "1" else f" {self.recorded.unit}"
+        statistic = self.recorded
+        unit = "" if self.recorded.unit == "1" else f" {self.recorded.unit}"
         return f"{statistic.name}: {statistic.value:.4g} and {self.simulated:.4g}{unit} ({self.allowed})"
 
 
@@ -225,9 +239,11 @@ def compared(run: Run, again: Run, first: float, last: float) -> Iterator[Compar
         (max(statistic.value, here[statistic.name].value) for statistic in both if statistic.kind == "range"),
         default=0.0,
     )
-    factors, distances = {"rms": RMS, "band": BAND}, {"mean": MEAN, "least": LEAST, "range": RANGE * longest}
+    factors = {"rms": RMS, "band": BAND}
+    distances = {"mean": MEAN, "least": LEAST, "range": RANGE * longest}
     for statistic in both:
-        value, kind = here[statistic.name].value, statistic.kind
+        value = here[statistic.name].value
+        kind = statistic.kind
         low, high = sorted((statistic.value, value))
         if kind in factors and statistic.unit == ACCELERATION:
             yield Compared(statistic, value, f"factor {factors[kind]:g}", high <= factors[kind] * low)

@@ -6,11 +6,9 @@ state in which they were. At the instant the new values take effect, as if an op
 controllers command. The samples before the instant must agree with the recording.
 
 If the recording contains a checkpoint before the instant (rig.bench.run.checkpoint), only what follows it is simulated
-again, with the same bits, and the samples before it are those of the recording (rig.bench.again.fork).
+again, with the same bits, and the samples before it are those of the recording (rig.bench.again.history).
 
 The run that results begins at 0 and holds this history. Therefore it is verified like any other recording.
-
-What a new simulation takes from a recording: its scene, and the history of a fork that begins at a checkpoint.
 """
 
 from __future__ import annotations
@@ -25,8 +23,9 @@ import numpy as np
 
 from rig import controllers, design
 from rig.bench.again.agreement import ELSEWHERE, agreement, changed_place, duration_ns, pairs, unknown
+from rig.bench.again.history import CHECKPOINT, add_history, nearest, recorded_scene
 from rig.bench.run.builds import GOES_ON, WAITS
-from rig.bench.run.experiment import EMERGENCY, FORK, PLANT, Experiment, divided
+from rig.bench.run.experiment import FORK, PLANT, Experiment, divided
 from rig.bench.run.journal import OPERATOR
 from rig.bench.run.runner import Resumption
 from rig.bench.run.simulate import Recorded, Stop, begun, simulate
@@ -40,68 +39,6 @@ from rig.record.run import Run
 from rig.scenes.faults import near, shortened
 from rig.scenes.merged import OWN
 from rig.scenes.scene import Scene
-
-# Key of the provenance: the instant up to which the samples of a fork are those of its ancestor.
-CHECKPOINT = "checkpoint_ns"
-
-# Kinds of events after which the run goes to the safe state, without further checkpoints.
-_ABORTED = ("limit", EMERGENCY)
-
-
-def recorded_scene(log: Path, run: Run) -> Scene:
-    """The scene of the recording `log`. Raises LogError if it or the length of a frame is lost, SceneError if it is not
-    of this version.
-    """
-    if not run.frame_ns:
-        raise LogError(f"{log} has lost the description of its run: it can be read, but not simulated again")
-    try:
-        return Scene.from_json(run.scene_text(), f"{log}, the recorded scene")
-    except LogError as fault:
-        raise LogError(f"{log}: {fault}") from None
-
-
-def nearest(run: Run, scene: Scene, tick: int) -> Resumption | None:
-    """The last checkpoint before `tick` from which `run` can be continued with the bits of a simulation from 0 on.
-
-    None if there is none, if the sources or the processor are others, or if samples or commands of the run are missing:
-    then a simulation from the begin on has to show that it repeats.
-    """
-    whole = run.sealed and not (run.notes or run.untold or run.summary.get("lost")) and run.mode.size == run.time.size
-    if not whole or changed_place(run) or any(event["kind"] in _ABORTED for event in run.plant_events):
-        return None
-    for at in sorted((at for at in run.checkpoints if at < tick), reverse=True):
-        counts = {name: sensor.instants.count(at * run.frame_ns) for name, sensor in scene.sensors.items()}
-        if all(
-            name in run.measurements
-            and np.array_equal(run.measurements[name].t_ns[:count], scene.sensors[name].instants.at(np.arange(count)))
-            for name, count in counts.items()
-        ):
-            return Resumption(at, run.checkpoints[at], run.measurements)
-    return None
-
-
-def history_end(run: Run) -> int:
-    """Instant up to which the outputs of `run` are those of its ancestor [ns]; -1 if it has no such history."""
-    stated = run.provenance.get(CHECKPOINT, "")
-    return int(stated) if stated.isdecimal() else -1
-
-
-def add_history(continued: Run, run: Run, tick: int) -> None:
-    """Put the outputs, contacts and checkpoints of `run` up to `tick` before those of `continued`.
-
-    `continued` was simulated from there on: it has one row of outputs at 0, then those after the checkpoint. Outputs of
-    a live recording are farther apart.
-    """
-    now = tick * continued.frame_ns
-    old = run.time <= (now + 0.5) * 1e-9
-    new = np.arange(1, continued.time.size) * continued.step_ns + now
-
-    continued.time = np.concatenate([run.time[old], new * 1e-9])
-    continued.signals = {name: np.concatenate([run.signals[name][old], v[1:]]) for name, v in continued.signals.items()}
-    continued.mode = np.concatenate([run.mode[old], continued.mode[1:]])
-    contacts = [event for event in run.plant_events if event["kind"] == "contact" and event["t_ns"] <= now]
-    continued.events = sorted([*contacts, *continued.events], key=lambda event: int(event["t_ns"]))
-    continued.checkpoints = {at: state for at, state in run.checkpoints.items() if at <= tick} | continued.checkpoints
 
 
 def fork(
@@ -122,8 +59,10 @@ def fork(
     scene = recorded_scene(log, run)
     if run.begin_ns:
         begin = f"{run.begin_ns * 1e-9:g} s"
-        raise UsageError(f"{log}: is a window of a run, from {begin} on: the state at its begin is not recorded, so it "
-                         "cannot be continued; continue a recording that begins at 0 s")  # fmt: skip
+        raise UsageError(
+            f"{log}: is a window of a run, from {begin} on: the state at its begin is not recorded, so it "
+            "cannot be continued; continue a recording that begins at 0 s"
+        )
     tick = _tick(log, run, at)
     end = scene.duration_ns if duration_ns is None else tick * run.frame_ns + duration_ns
     if end is None or end <= tick * run.frame_ns:
@@ -138,8 +77,9 @@ def fork(
     asked: list[str] = []
 
     def ask() -> str:
-        if stop is not None and (why := stop()):
-            asked.append(why)
+        reason = "" if stop is None else stop()
+        if reason:
+            asked.append(reason)
         return asked[-1] if asked else ""
 
     text = f"continues {log.name} from {now * 1e-9:g} s"
@@ -248,8 +188,13 @@ def _skipped_before(run: Run, tick: int) -> dict[str, SkippedSteps]:
 def _action(kind: str, tick: int, t_ns: int, text: str, data: Mapping[str, Any]) -> dict[str, Any]:
     """An event that the plant carries out for an operator."""
     return {
-        "t_ns": t_ns, "tick": tick, "source": PLANT, "kind": kind, "text": text, "data": {**data, "by": OPERATOR},
-    }  # fmt: skip
+        "t_ns": t_ns,
+        "tick": tick,
+        "source": PLANT,
+        "kind": kind,
+        "text": text,
+        "data": {**data, "by": OPERATOR},
+    }
 
 
 def _repeats(log: Path, run: Run, repeated: Run, scene: Scene, until: float) -> None:
@@ -266,5 +211,7 @@ def _repeats(log: Path, run: Run, repeated: Run, scene: Scene, until: float) -> 
         counts = [int(np.searchsorted(times, until * 1e9 - 0.5)) for times in (t_ns, repeated.measurements[name].t_ns)]
         if missing := counts[1] - counts[0]:
             which = "missing" if missing > 0 else "there more than once"
-            raise LogError(f"{log}: {counted(abs(missing), 'sample')} of {name} before {until:g} s are {which}, so it "
-                           f"is not certain that they repeat; {remedy}")  # fmt: skip
+            raise LogError(
+                f"{log}: {counted(abs(missing), 'sample')} of {name} before {until:g} s are {which}, so it "
+                f"is not certain that they repeat; {remedy}"
+            )

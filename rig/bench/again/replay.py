@@ -15,12 +15,12 @@ from rig.errors import BusError, LogError, UsageError
 from rig.machine.process import Child, end
 from rig.record import replay as recorded
 from rig.record.recorded_setup import head, setup_of
-from rig.record.replay import Replayed
+from rig.record.replay_report import Replayed
 from rig.scenes.scene import Scene
 from rig.structure import model_store
 
-JOIN_S = 30.0
-LEAVE_S = 3.0
+JOIN_S = 30.0  # longest wait of a process for the replay [s]; as in a run
+LEAVE_S = 3.0  # time in which the processes must leave after the replay [s]; as in a run
 ENDING_S = 0.3  # longest wait for the exit code of a process that has left the bus
 
 
@@ -62,9 +62,16 @@ def replay(
         processes = _Processes(session.run, names)
         try:
             return recorded.replay(
-                session, log, taking_part, pace, JOIN_S, lambda seconds: report(f"t {seconds:.1f} s"),
-                processes=processes, described=described, initial=initial,
-            )  # fmt: skip
+                session,
+                log,
+                taking_part,
+                pace,
+                JOIN_S,
+                lambda seconds: report(f"t {seconds:.1f} s"),
+                processes=processes,
+                described=described,
+                initial=initial,
+            )
         except BusError as fault:
             for child in processes.children.values():
                 child.wait(ENDING_S)
@@ -132,7 +139,8 @@ class _Processes:
     """The processes of the controllers `files`: name -> name in the scene or Python file."""
 
     def __init__(self, run: str, files: Mapping[str, str]) -> None:
-        self._run, self._files = run, files
+        self._run = run
+        self._files = files
         self.children: dict[str, Child] = {}
 
     def start(self, name: str) -> None:

@@ -40,7 +40,7 @@ from rig.bench.again.agreement import (
     pairs,
     unknown,
 )
-from rig.bench.again.fork import history_end, recorded_scene
+from rig.bench.again.history import history_end, recorded_scene
 from rig.bench.run.command_queue import AS_SENT, CLAMPED, SAFE
 from rig.bench.run.experiment import EMERGENCY, FAULT, PLANT
 from rig.bench.run.local_controllers import LOST
@@ -64,6 +64,8 @@ _CONTACT = "contact"  # kind of event that a run on the bus does not publish
 
 Event = Mapping[str, Any]
 
+Wrong = tuple[NDArray[np.bool_], str]
+
 
 def differences(run: Run, again: Run, end_ns: int, exact: bool = True) -> tuple[int, list[str]]:
     """Compare the events of `run` up to `end_ns` with those of its re-simulation `again`, to the last bit.
@@ -77,7 +79,8 @@ def differences(run: Run, again: Run, end_ns: int, exact: bool = True) -> tuple[
     )
     kinds = _REPEATED | ({_CONTACT} if every_step else frozenset())
     recorded, simulated = (_by_kind(each.events, kinds, end_ns) for each in (run, again))
-    agree, differing = 0, []
+    agree = 0
+    differing = []
     for kind in sorted(recorded.keys() | simulated.keys()):
         pairs = list(zip_longest(recorded[kind], simulated[kind]))
         same = next((i for i, pair in enumerate(pairs) if not _agree(*pair, exact)), len(pairs))
@@ -110,15 +113,13 @@ def _shown(event: Event | None) -> str:
     return "none" if event is None else f"{event['text']!r} at {event['t_ns']} ns {event['data'] or ''}".rstrip()
 
 
-Wrong = tuple[NDArray[np.bool_], str]
-
-
 def command_faults(log: Path, run: Run, scene: Scene) -> Iterator[str]:
     """The first command of each controller that breaks a rule, with its time."""
     sent = _sent(log) if run.on_bus and run.commands else {}
     links = scene.links("act")
     for name, commands in run.commands.items():
-        delay, link = _delay_ns(name, run, scene) // run.frame_ns, links.get(name)
+        delay = _delay_ns(name, run, scene) // run.frame_ns
+        link = links.get(name)
         rules = *_ruled(commands, delay, _on_time(run), link), *_as_sent(commands, sent.get(name, {}))
         for wrong, rule in rules:
             if wrong.any():
@@ -174,7 +175,8 @@ def _as_sent(commands: Commands, sent: dict[int, list[tuple[float, ...]]]) -> It
     for i, (answered, status, row) in enumerate(
         zip(commands.answered.tolist(), commands.status.tolist(), commands.values.tolist())
     ):
-        values, known = tuple(row), sent.get(answered, ())
+        values = tuple(row)
+        known = sent.get(answered, ())
         if known and status == AS_SENT:
             unsent[i] = not any(map(_follows, known, repeat(values), repeat(before or values)))
         elif known and status == CLAMPED:
@@ -185,14 +187,17 @@ def _as_sent(commands: Commands, sent: dict[int, list[tuple[float, ...]]]) -> It
 
 
 def _follows(sent: Sequence[float], values: Sequence[float], before: Sequence[float]) -> bool:
-    return len(sent) == len(values) and all(
-        value == given or value == held or not isfinite(given) for given, value, held in zip(sent, values, before)
-    )
+    """Whether a command as it took effect is the sent one, completed by the values before it."""
+    if len(sent) != len(values):
+        return False
+    commands = zip(sent, values, before)
+    return all(value == given or value == held or not isfinite(given) for given, value, held in commands)
 
 
 def _sent(log: Path) -> dict[str, dict[int, list[tuple[float, ...]]]]:
     """Controller -> tick -> commands that it sent over the bus in answer to this step."""
-    scan, commands = Scan(log), dict[str, dict[int, list[tuple[float, ...]]]]()
+    scan = Scan(log)
+    commands = dict[str, dict[int, list[tuple[float, ...]]]]()
     gathered = scan.payloads(("act/",))
     decode = Decoder(setup_of(scan))
     for topic, payloads in gathered.items():
@@ -292,7 +297,8 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
     agreed = agreement(common, scene, bool(elsewhere))
     openings = Openings.of(run, again)
     chaotic = agreed.first and elsewhere and agreed.deviation > ELSEWHERE and openings.first is not None
-    faults, events = [*unknown(run, again), *_gaps(run, again)], 0
+    faults = [*unknown(run, again), *_gaps(run, again)]
+    events = 0
     if not run.damage:
         faults += [*command_faults(log, run, scene), *_network(run, again)]
     if run.damage:
@@ -315,7 +321,8 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
     parts: list[str] = []
     allowed = ELSEWHERE
     if chaotic and openings.first is not None:
-        agreed, allowed = agreement(common, scene, True, openings.first), BEFORE
+        agreed = agreement(common, scene, True, openings.first)
+        allowed = BEFORE
         if fault := openings.fault(float(np.diff(run.time[:2]).sum())):
             faults.append(fault)
         else:
@@ -414,7 +421,8 @@ def _gaps(run: Run, again: Run) -> Iterator[str]:
         elif missing:
             ended = again.summary["ended"]
             yield f"{counted(-missing, 'sample')} of {name} are more than the re-simulation has, which ended: {ended}"
-    t_ns, history_ns = np.rint(run.time * 1e9).astype(np.int64), history_end(run)
+    t_ns = np.rint(run.time * 1e9).astype(np.int64)
+    history_ns = history_end(run)
     old = t_ns <= history_ns  # outputs of a history may be farther apart than those that were simulated after it
     rows = _missing_rows(t_ns[old]) + _missing_rows(t_ns[~old], history_ns if old.any() else None)
     for name, v in run.signals.items():

@@ -34,9 +34,9 @@ from rig.controllers.runtime.loop import Loop, failure
 from rig.controllers.runtime.service import Service
 from rig.errors import UsageError
 
-AGAIN = 0.01
-EVICTED = 5.0
-_LOOK_NS = 100_000_000
+AGAIN = 0.01  # s until a step without an answer is sent again; doubled each time. chosen
+EVICTED = 5.0  # s. chosen
+_LOOK_NS = 100_000_000  # between two rounds of the housekeeping while the plant waits. chosen
 MOST = 1 << 10
 """Most commands that are read in a frame in which no controller is due."""
 
@@ -55,8 +55,11 @@ class _Resident(ControllerInProcess):
         self._held_reported = False
 
     def _lose(self, why: Exception) -> None:
-        self.due, self.given, self.fault = NEVER, None, None
-        self.service.tick, self.service.t_ns = self._runner.tick, self._runner.t_ns
+        self.due = NEVER
+        self.given = None
+        self.fault = None
+        self.service.tick = self._runner.tick
+        self.service.t_ns = self._runner.t_ns
         self.service.failed(fault := failure(self.name, self.service.t_ns, why))
         self.failure = str(fault)
         self.leave()
@@ -87,7 +90,8 @@ class ControllersInPlant:
     def __init__(
         self, session: Session, experiment: Experiment, described: Mapping[str, Any], notice: Callable[[], object]
     ) -> None:
-        self._experiment, self._notice = experiment, notice
+        self._experiment = experiment
+        self._notice = notice
         self._all: dict[str, _Resident] = {}
         for name in sorted(experiment.scene.in_plant):
             loop = Loop(controllers.restored(described[name]))
@@ -146,20 +150,25 @@ class Lockstep:
     """Sends steps and waits for the answers, until `stopped()`."""
 
     def __init__(self, hub: Hub, housekeeper: Housekeeper, stopped: Callable[[], bool]) -> None:
-        self._hub, self._housekeeper, self._stopped = hub, housekeeper, stopped
-        self._commands, self._exchange = hub.commands, hub.experiment.exchange
+        self._hub = hub
+        self._housekeeper = housekeeper
+        self._stopped = stopped
+        self._commands = hub.commands
+        self._exchange = hub.experiment.exchange
         self._evicted: set[str] = set()
         self._partners: dict[str, Partner] = {}
         self._tick = -1  # tick of the last step
         self._due: set[str] = set()  # controllers that have not answered it
         self._found: dict[str, Values] = {}  # the answers to it
-        self._again, self._looked = AGAIN, 0
+        self._again = AGAIN
+        self._looked = 0
         self.again = 0
         """Number of repeated steps."""
 
     def look(self) -> Sequence[ControllerInProcess]:
         """The controllers that have joined and are not evicted; to be called between two pieces of the run."""
-        hub, queues = self._hub, self._exchange.queues
+        hub = self._hub
+        queues = self._exchange.queues
         here = [
             name for name in sorted(queues) if ("controller", name) in hub.watch.present and name not in hub.in_plant
         ]
@@ -173,13 +182,16 @@ class Lockstep:
     @property
     def asks_each_tick(self) -> bool:
         """Whether a controller is due at each tick, and the compiled loop can ask all of them."""
-        queues, runner = [partner.queue for partner in self._partners.values()], self._hub.runner
-        return (
-            any(queue.period == 1 for queue in queues)
-            and len(queues) <= len(runner.controllers.controllers)
-            and all(queue.connected and queue.link is None for queue in queues)
-            and None not in [runner.plain(drive) for queue in queues for drive in queue.drives]
-        )
+        queues = [partner.queue for partner in self._partners.values()]
+        runner = self._hub.runner
+        if not any(queue.period == 1 for queue in queues):
+            return False
+        if len(queues) > len(runner.controllers.controllers):
+            return False
+        if not all(queue.connected and queue.link is None for queue in queues):
+            return False
+        drives = (drive for queue in queues for drive in queue.drives)
+        return all(runner.plain(drive) is not None for drive in drives)
 
     def exchange(self, tick: int) -> None:
         """Send the step of `tick` and wait for the answers of the controllers that are due. Raises Stopped.
@@ -187,9 +199,12 @@ class Lockstep:
         At a tick that the plant runner has not reached yet, because the compiled loop asks, this waits for a moment
         only: the loop then ends, and another call continues to wait.
         """
-        hub, due = self._hub, self._due
+        hub = self._hub
+        due = self._due
         if tick != self._tick:
-            self._tick, self._found, self._again = tick, {}, AGAIN
+            self._tick = tick
+            self._found = {}
+            self._again = AGAIN
             hub.gather(tick)
             for name, partner in self._partners.items():
                 if not tick % partner.queue.period:
@@ -218,7 +233,8 @@ class Lockstep:
 
     def _goes_on_waiting(self, tick: int) -> bool:
         """Repeat the step; whether the plant runner is at this tick. Raises Stopped."""
-        hub, now = self._hub, time.monotonic_ns()
+        hub = self._hub
+        now = time.monotonic_ns()
         if self._stopped():
             raise Stopped
         here = hub.runner.tick == tick
@@ -264,7 +280,8 @@ class Partner(ControllerInProcess):
 
     def __init__(self, name: str, lockstep: Lockstep, hub: Hub) -> None:
         self._take_place(name, hub.experiment)
-        self._lockstep, self.columns = lockstep, []
+        self._lockstep = lockstep
+        self.columns = []
         self.due = -(-hub.runner.tick // self.queue.period) * self.queue.period
 
     def ask(self, tick: int) -> Values:
@@ -274,7 +291,8 @@ class Partner(ControllerInProcess):
             if self._runner.tick < tick:
                 return ()  # it is asked again when the loop has ended
             values = ()  # it has left, or is evicted
-        self.due, self.given = tick + self.queue.period, values
+        self.due = tick + self.queue.period
+        self.given = values
         return values if isfinite(sum(values)) else ()
 
     def native(self) -> None:

@@ -60,7 +60,8 @@ def kept_pace(scene: Scene, pace: float, cost: FrameCost, adapts: bool) -> tuple
 
     `adapts`: whether the run takes the largest pace that holds on this machine.
     """
-    busy, holding = cost.busy(scene, pace), cost.holding(scene, pace)
+    busy = cost.busy(scene, pace)
+    holding = cost.holding(scene, pace)
     if holding == pace:
         return pace, f"pace {pace:g}: {_what(scene, pace)} is {busy:.0%} busy on this machine" if adapts else ""
     where = "" if cost.whole else f" in the first {cost.seconds:.3g} s of the run"

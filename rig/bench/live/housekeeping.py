@@ -14,20 +14,21 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rig.bench.live import pace
+from rig.bench.live import machine_load, pace
 from rig.bench.live.hub import Hub
 from rig.bench.live.operator_commands import Operator
 from rig.bench.live.outcome import Job, called
 from rig.bench.live.timing import Timing
-from rig.bus.messages import WAITING
+from rig.bus.batch import WAITING
 from rig.bus.topics import Message
 
-ATTEND_NS = 20_000_000
-HEALTH_NS = 200_000_000
+ATTEND_NS = 20_000_000  # between two rounds of these tasks: 50 times per second. chosen
+HEALTH_NS = 200_000_000  # between two messages of health: 5 times per second. chosen
 MOST_WAITING = WAITING // 2  # most batches that a recorder may be behind
 PATIENCE_S = 30.0
 """Longest wait for a recorder that does not get on [s]; from then on it loses messages, which are counted."""
-_LOOK_S, _EVERY_NS = 0.1, 20_000_000
+_LOOK_S = 0.1  # between two looks at recorders that are behind. chosen
+_EVERY_NS = 20_000_000  # between two rounds while the plant waits in lockstep: as often as `ATTEND_NS`
 MISSED = ("controller", "recorder")
 """Roles whose early leaving the timing verdict mentions."""
 
@@ -42,26 +43,34 @@ class Housekeeper:
         self.gone = False
         """Whether the parent process has ended."""
         self.pacer: pace.Pacer | None = None
-        self._hub, self._operator, self._job, self._timing = hub, operator, job, timing
-        self._experiment, self._runner = hub.experiment, hub.runner
+        self._hub = hub
+        self._operator = operator
+        self._job = job
+        self._timing = timing
+        self._experiment = hub.experiment
+        self._runner = hub.runner
         self._due = self._health_due = 0
         self._marked = (0, 0)
         # Number of pauses of the wall clock so far, and their length [ns].
-        self._pauses, self._passed_ns = 0, 0
+        self._pauses = 0
+        self._passed_ns = 0
         # Processes that were expected, or present at the first frame.
         self._known: set[tuple[str, str]] = set(job.expect)
         # Processes that have left and not come back -> the entry in `faults`.
         self._left: dict[tuple[str, str], str] = {}
         self._asleep = pace.asleep_ns()
-        self._begun, self._stolen = 0, 0
+        self._begun = 0
+        self._stolen = 0
         self._counted = False
         self._statistics: dict[str, Any] = {}
 
     def begin(self, now: int, pacer: pace.Pacer | None) -> None:
         """Start: the first frame begins at `now`."""
         self._due = self._health_due = now
-        self._marked, self.pacer = (now, 0), pacer
-        self._begun, self._stolen = now, pace.stolen_ns()
+        self._marked = (now, 0)
+        self.pacer = pacer
+        self._begun = now
+        self._stolen = machine_load.stolen_ns()
         self._known |= self._hub.watch.present
 
     def look(self, now: int) -> bool:
@@ -129,7 +138,8 @@ class Housekeeper:
         self._publish(now)
 
     def _count(self, now: int) -> None:
-        timing, self._counted = self._timing, True
+        timing = self._timing
+        self._counted = True
         self._hub.commands.fold()
         for text in self._hub.session.inbound.news():
             self._experiment.journal.repeated("refused", text)
@@ -142,12 +152,15 @@ class Housekeeper:
             self._count_given_up(self.pacer)
             timing.fold()
             whole = (now - self._begun) * (os.cpu_count() or 1)
-            timing.stolen_share = (pace.stolen_ns() - self._stolen) / whole if whole else 0.0
+            timing.stolen_share = (machine_load.stolen_ns() - self._stolen) / whole if whole else 0.0
 
     def _publish(self, now: int) -> None:
-        timing, statistics = self._timing, self._statistics or self._runner.statistics()
-        self._counted, self._statistics = False, {}
-        wall, t_ns = now - self._marked[0], self._runner.t_ns
+        timing = self._timing
+        statistics = self._statistics or self._runner.statistics()
+        self._counted = False
+        self._statistics = {}
+        wall = now - self._marked[0]
+        t_ns = self._runner.t_ns
         rate = (t_ns - self._marked[1]) / wall if wall else 0.0
         self._marked = (now, t_ns)
         progress = self._experiment.progress()
@@ -178,7 +191,8 @@ class Housekeeper:
             if skipped.late_ns > pace.PAUSE:
                 journal.note("pause", _passed(skipped.late_ns), frame=skipped.frame, late_ns=skipped.late_ns)
                 before = _passed(self._passed_ns, self._pauses)
-                self._pauses, self._passed_ns = self._pauses + 1, self._passed_ns + skipped.late_ns
+                self._pauses += 1
+                self._passed_ns += skipped.late_ns
                 told = _passed(self._passed_ns, self._pauses)  # one fault for all: an overloaded machine has many
                 self.faults = [fault for fault in self.faults if fault != before] + [told]
             else:
@@ -210,12 +224,17 @@ class RecorderLag:
         stopped: Callable[[], bool],
         say: Callable[[str], object],
     ) -> None:
-        self._hub, self._names, self._serve, self._stopped, self._say = hub, names, serve, stopped, say
+        self._hub = hub
+        self._names = names
+        self._serve = serve
+        self._stopped = stopped
+        self._say = say
         # Simulated times [ns], and the number of batches sent before each; from the last written one on.
         self._sent: deque[tuple[int, int]] = deque()
         self._reached: dict[str, int] = {}  # recorder -> simulated time up to which it has written [ns]
         self._given_up: dict[str, int] = {}  # recorder that did not get on -> the time that it had reached
-        self._said, self._due = False, 0
+        self._said = False
+        self._due = 0
 
     def look(self, now: int) -> None:
         """At most 50 times per second: note what was sent, and wait while a recorder is too far behind."""
@@ -246,7 +265,8 @@ class RecorderLag:
         return self._hub.session.batches - self._sent[0][1] if self._sent else 0
 
     def _wait(self) -> None:
-        slow, moved = dict(self._reached), time.monotonic()
+        slow = dict(self._reached)
+        moved = time.monotonic()
         if not self._said:
             self._said = True
             self._say("the recorder is slower than the plant, which waits for it from time to time")
@@ -255,7 +275,8 @@ class RecorderLag:
             if (message := self._hub.totals.get(_LOOK_S)) is not None:
                 self._hear(message)
             if self._reached != slow:
-                slow, moved = dict(self._reached), time.monotonic()
+                slow = dict(self._reached)
+                moved = time.monotonic()
             elif time.monotonic() > moved + PATIENCE_S:
                 self._give_up()
 

@@ -1,261 +1,26 @@
 """The plant's connection to the bus: publishes what happens on a plant runner, and receives commands of controllers.
 
-Samples are sent in blocks (`rig.bench.live.hub`), the state at most 200 times per second of simulated time. Both
-wait for the next batch of the session (`rig.bus.messages`), which another thread sends; only the step is sent at once.
-
-The samples of a sensor in blocks, as they are sent on the bus.
-
-A block covers 20 ms; samples of slower sensors are sent one by one. A message for each sample of four sensors at 1 kHz
-would cost 0.1 ms of every frame (measured: seven times as many late frames), and the step contains the latest samples
-anyway.
-
-Commands of controllers from the bus: whose commands count, how long answers take, and which are missing.
+Samples are sent in blocks (`rig.bench.live.sample_blocks`), the state at most 200 times per second of simulated time.
+Both wait for the next batch of the session (`rig.bus.batch`), which another thread sends; only the step is sent at
+once.
 """
 
 from __future__ import annotations
 
-import time
-from collections import defaultdict
 from collections.abc import Collection, Mapping
-from heapq import heapify, heapreplace
 from typing import Any
 
-import numpy as np
-
-from rig.bench.live.timing import Spread
+from rig.bench.live.command_inbox import CommandInbox
+from rig.bench.live.sample_blocks import AllSamples
 from rig.bench.run.checkpoint import interval
-from rig.bench.run.exchange import Exchange
 from rig.bench.run.experiment import Experiment
 from rig.bench.run.plant_truth import Bands
 from rig.bus import encode, messages
-from rig.bus.inbound import TIMES_NS
-from rig.bus.port import Publisher, Session
+from rig.bus.port import Session
 from rig.bus.run_setup import Setup
-from rig.bus.topics import BLOCK_NS, STATE_NS, Count, Presence, Refused
+from rig.bus.topics import STATE_NS, Presence
 from rig.errors import UsageError
-from rig.printable import counted
 from rig.scenes.sections import sensors_in_full
-from rig.sensors.chain.bank import Bank
-from rig.sensors.chain.instants import Instants
-
-
-class AllSamples:
-    """The samples of all `instruments`, published in blocks on `session`."""
-
-    def __init__(self, session: Session, instruments: Bank) -> None:
-        count = len(instruments.names)
-        self._blocks = [
-            SampleBlocks(instruments, i, session.publisher(f"meas/{name}"), (i + 1) / count)
-            for i, name in enumerate(instruments.names)
-        ]
-        # Heap of the times at which blocks are full [ns], with their instruments.
-        self._full = [(blocks.full_ns(), i) for i, blocks in enumerate(self._blocks)] or [(TIMES_NS, -1)]
-        heapify(self._full)
-
-    @property
-    def full_ns(self) -> int:
-        """Time at which the next block is full [ns]."""
-        return self._full[0][0]
-
-    def gather(self, tick: int, t_ns: int) -> None:
-        """Publish the blocks that are full at `tick`, which is at `t_ns`."""
-        full = self._full
-        while full[0][0] <= t_ns:
-            i = full[0][1]
-            blocks = self._blocks[i]
-            blocks.collect(tick, t_ns)
-            heapreplace(full, (blocks.full_ns(), i))
-
-    def collect(self, tick: int, t_ns: int) -> None:
-        """Collect the samples up to `t_ns`: the instruments are about to drop them."""
-        for blocks in self._blocks:
-            blocks.collect(tick, t_ns)
-
-    def put_rest(self, tick: int, t_ns: int) -> None:
-        """Publish the blocks that are not full, at the end of a run."""
-        for blocks in self._blocks:
-            blocks.put(tick, t_ns)
-
-
-class SampleBlocks:
-    """The samples of instrument `i`, collected until a block is full, which `publisher` then sends.
-
-    `share`: the length of the first block as a share of the others. With different shares the blocks of many
-    instruments are not full in the same frame.
-    """
-
-    def __init__(self, instruments: Bank, i: int, publisher: Publisher, share: float = 1.0) -> None:
-        self._i, self._memory, self._publisher = i, instruments.memory, publisher
-        self._instants = instants = instruments.instants[i]
-        self._even, self._period_ns = instants.even, round(instants.period_ns)
-        self._whole = max(BLOCK_NS // self._period_ns, 1)
-        self._size = max(round(share * self._whole), 1)
-        self._kept: list[bytes] = []
-        # Numbers of the first sample of the present block, and of the first that is not collected yet.
-        self._first = self._next = 0
-
-    def full_ns(self) -> int:
-        """Time at which the last sample of the present block is published [ns]."""
-        last = self._first + self._size - 1
-        return last * self._period_ns if self._even else self._instants.instant(last)
-
-    def collect(self, tick: int, t_ns: int) -> None:
-        """Collect the samples that were published up to `t_ns` since the last call; publishes the block if it is full.
-
-        The instruments may have published more: those of later frames.
-        """
-        end = t_ns // self._period_ns + 1 if self._even else self._instants.count(t_ns)
-        if end > self._next and (new := len(samples := self._memory(self._i, self._next, end - self._next))):
-            self._kept.append(samples.tobytes())
-            self._next += new
-            if self._next - self._first >= self._size:
-                self.put(tick, t_ns)
-
-    def put(self, tick: int, t_ns: int) -> None:
-        """Publish at `t_ns` what has been collected, if anything; another thread encodes it later."""
-        if kept := self._kept:
-            self._publisher.put_later(t_ns, _encoded, tick, self._instants, self._period_ns, self._first, kept)
-            self._kept, self._first, self._size = [], self._next, self._whole
-
-
-def _encoded(tick: int, instants: Instants, period_ns: int, first: int, kept: list[bytes]) -> bytes:
-    raw = b"".join(kept)
-    times = None if instants.even else instants.at(np.arange(first, first + len(raw) // 8))
-    return encode.block(tick, instants.instant(first), period_ns, raw, times)
-
-
-_REMEMBERED = 1 << 10
-_ACTS = 1 << 10  # most commands that wait, and most that one frame reads
-# Time after its admission for which the name of a controller stays reserved until it is present [s]. # chosen
-ANNOUNCED_S = 5.0
-# Commands between two checks (0.2 s) that count as a flood, beyond four for each step and one for each older step
-# without an answer. # chosen
-_TOO_MANY = 1000
-
-
-class CommandInbox:
-    """Receives commands and passes them to `exchange`. `steps`: the publisher of the steps that they answer.
-
-    `stamped`: the bus thread notes the time of arrival. It holds the interpreter lock meanwhile, which would cost a
-    plant that waits for commands 50 us; for such a plant the time of reading is the time of arrival.
-    """
-
-    def __init__(self, session: Session, exchange: Exchange, steps: Publisher, stamped: bool) -> None:
-        self._inbound, self._exchange, self.steps = session.inbound, exchange, steps
-        self.acts = session.subscribe("act/*", depth=_ACTS, stamped=stamped)
-        # Admitted controller -> user whose commands count. A controller of the scene is the user of its name.
-        self._voices: dict[str, str] = {}
-        # Admitted controller that is not present yet -> time of its admission [s of the monotonic clock].
-        self._admitted: dict[str, float] = {}
-        # Topic -> counts of the accepted commands: what a refused sender claims to have sent says nothing.
-        self._accepted: defaultdict[str, Count] = defaultdict(Count)
-        # Topic -> number of commands up to the last check, and of steps that were then not answered yet.
-        self._counted: dict[str, tuple[int, int]] = {}
-        self._steps, self._ticks = 0, -1
-        self.round_trip = Spread()
-        """Distribution of the time from sending a step to the arrival of an answer."""
-        self._trips: list[int] = []
-        self._put_at = [(-1, 0)] * _REMEMBERED  # tick and time [ns] of the steps sent last
-        self.last_step, self.put_ns = -1, 0
-        """Tick of the last step sent, and time at which it was sent for the first time [ns, monotonic clock]."""
-
-    def receive(self) -> None:
-        """Pass the commands that have arrived to the exchange."""
-        receive = self._exchange.receive
-        for _ in range(_ACTS):
-            command = self.next()
-            if command is None:
-                return
-            receive(*command)
-
-    def next(self, timeout: float = 0.0) -> tuple[str, int, tuple[float, ...]] | None:
-        """The oldest command: sender, tick that it answers, values. Waits for it at most `timeout` [s].
-
-        Records its round trip.
-        """
-        message = self.acts.get(timeout)
-        while message is not None:
-            act, name = message.said, message.topic[4:]
-            if self.speaks_for(message.user, name):
-                if name in self._exchange.queues:
-                    self._count(message.topic, message.seq)
-                answered = act.tick
-                tick, put_at = self._put_at[answered % _REMEMBERED]
-                if tick == answered:
-                    self._trips.append((message.arrived_ns or time.monotonic_ns()) - put_at)
-                return name, answered, tuple(act.values[:])  # a slice is read at once, not number by number
-            why = "another one commands there" if name in self._voices else "not admitted"
-            self._inbound.count(f"{message.user} on {message.topic}", Refused(why))
-            message = self.acts.get()
-        return None
-
-    def _count(self, topic: str, seq: int) -> None:
-        count = self._accepted[topic]
-        if seq == count.last + 1:
-            count.next(seq)
-        else:
-            count.see(seq, 0.0)
-
-    def admit(self, name: str, user: str) -> None:
-        """From now on accept commands of controller `name` from `user` only."""
-        self._voices[name], self._admitted[name] = user, time.monotonic()
-
-    def speaks_for(self, user: str, name: str) -> bool:
-        """Whether messages of `user` under `name` count: it has this name, or was admitted under it."""
-        return self._voices.get(name, name) == user
-
-    def arrived(self, name: str) -> None:
-        """An admitted controller is present now."""
-        self._admitted.pop(name, None)
-
-    def step_sent(self, tick: int) -> None:
-        """Note the time at which the step of `tick` is sent for the first time."""
-        if self.last_step != tick:
-            self.put_ns = time.monotonic_ns()
-            self._put_at[tick % _REMEMBERED] = (tick, self.put_ns)
-            self.last_step = tick
-
-    def awaited(self, name: str, user: str) -> bool:
-        """Whether `name` was admitted a moment ago for another user, who may not have announced itself yet."""
-        return (
-            self._voices.get(name) != user and time.monotonic() - self._admitted.get(name, -ANNOUNCED_S) < ANNOUNCED_S
-        )
-
-    def floods(self) -> list[str]:
-        """Controllers that sent far more commands since the last call than they had steps to answer; a line for each.
-
-        A controller that was delayed answers all waiting steps at once; this backlog is not a flood.
-        """
-        steps, self._steps = self.steps.sent - self._steps, self.steps.sent
-        ticks, self._ticks = self.last_step - self._ticks, self.last_step
-        lines = []
-        for topic, count in self.acts.counts.items():
-            lost = self._accepted[topic].lost if topic in self._accepted else 0
-            sent, queue = count.received + lost, self._exchange.queues.get(topic[4:])
-            before, owed = self._counted.get(topic, (0, 0))
-            new = sent - before
-            if new > owed + 4 * steps + _TOO_MANY:
-                lines.append(
-                    f"controller {topic[4:]} sent {counted(new, 'command')} for {counted(owed + steps, 'step')}"
-                )
-            due = ticks // queue.period if queue is not None else 0
-            self._counted[topic] = (sent, max(owed + due - new, 0))
-        return lines
-
-    def fold(self) -> None:
-        """Add the recorded round trips to their distribution."""
-        trips, self._trips = self._trips, []
-        self.round_trip.add(np.array(trips, np.int64))
-
-    def unanswered(self, name: str) -> int:
-        """Number of steps, since the first one, that a controller has not answered."""
-        queue, count = self._exchange.queues[name], self._accepted.get(f"act/{name}")
-        answers = count.received + count.lost if count is not None else 0
-        return self.last_step // queue.period + 1 - answers
-
-    def lost(self) -> dict[str, int]:
-        """Topic -> number of commands of admitted controllers that were sent but did not arrive."""
-        return {topic: count.lost for topic, count in self._accepted.items() if count.lost}
 
 
 class Hub:
@@ -265,9 +30,11 @@ class Hub:
     """
 
     def __init__(self, session: Session, experiment: Experiment, setup: Setup, waits: bool = False) -> None:
-        self.session, self.experiment = session, experiment
+        self.session = session
+        self.experiment = experiment
         self.runner = experiment.runner
-        runner, bank = self.runner, self.runner.bank
+        runner = self.runner
+        bank = self.runner.bank
         self._step = session.publisher("step")
         self._heard: list[int] = []
         self.in_plant = experiment.scene.in_plant
@@ -308,7 +75,8 @@ class Hub:
 
     def _show(self) -> None:
         """Send the extremes of all steps while a viewer is present."""
-        watched, runner = any(role == "viewer" for role, _ in self.watch.present), self.runner
+        watched = any(role == "viewer" for role, _ in self.watch.present)
+        runner = self.runner
         if watched is (runner.bands is None):
             later = self._band.put_later
             made = Bands(len(runner.outputs), runner.step_ns, runner.pair, later, runner.frame_ns)
@@ -355,7 +123,8 @@ class Hub:
         """Publish the state, if it is due at `tick`."""
         runner = self.runner
         if tick % self._state_ticks == 0:
-            t_ns, values = tick * runner.frame_ns, runner.output_values().tobytes()
+            t_ns = tick * runner.frame_ns
+            values = runner.output_values().tobytes()
             if runner.bands is not None:
                 runner.bands.put()
             self._state.put_later(t_ns, self._encode_state, t_ns, tick, runner.motion.key, values)

@@ -28,7 +28,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rig.bench.live.hub import Hub
 from rig.bench.run.rig_variants import Wanted
-from rig.bus.port import Later, param_request
+from rig.bus.queries import Later, param_request
 from rig.errors import RigError, UsageError
 from rig.quantities import faults_of
 from rig.units import converts, refuse_unusual, si
@@ -66,7 +66,9 @@ class Operator:
         """How the run goes: the answer to `status`."""
         self.steps = 0
         """Frames that a paused run shall compute; each is a batch of frames if the plant computes several at once."""
-        self._hub, self._experiment, self._runner = hub, hub.experiment, hub.runner
+        self._hub = hub
+        self._experiment = hub.experiment
+        self._runner = hub.runner
         self._does: dict[str, Callable[[dict[str, Any]], dict[str, Any] | None]] = {
             "begin": self._begin,
             "stop": self._stop,
@@ -135,7 +137,8 @@ class Operator:
         return later
 
     def _tuned(self, body: dict[str, Any]) -> Later:
-        tuning, (everything, wanted, changes) = self._experiment.tuning, param_request(body)
+        tuning = self._experiment.tuning
+        everything, wanted, changes = param_request(body)
         if everything:
             units = tuning.tunable()
             values = {key: tuning.value(key) for key in units}
@@ -183,9 +186,11 @@ class Operator:
         self.stopped = "stopped by an operator"
 
     def _pause(self, body: dict[str, Any]) -> dict[str, Any]:
-        on, before = body["do"] == "pause", self.paused
+        on = body["do"] == "pause"
+        before = self.paused
         if on != before:
-            self.paused, self.steps = on, 0
+            self.paused = on
+            self.steps = 0
             self._experiment.journal.note("paused" if on else "resumed", "paused" if on else "goes on")
         return {"changed": on != before}
 
@@ -219,12 +224,16 @@ class Operator:
         except ValidationError as error:
             faults = [f"{key:.80}: {fault}" for key, fault, _ in faults_of(error)]
             raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
-        hub, experiment, name, user = self._hub, self._experiment, asked.controller, self.cmd.asker
+        hub = self._hub
+        experiment = self._experiment
+        name = asked.controller
+        user = self.cmd.asker
         arguments = (name, asked.drives, asked.period_ns, asked.hears)
 
         def gone() -> list[str]:
             """Controllers that were admitted for one of these actuators and are no longer present."""
-            here, queues = hub.watch.present, experiment.exchange.queues
+            here = hub.watch.present
+            queues = experiment.exchange.queues
             others = [other for other in queues if other not in experiment.scene.controllers and other != name]
             others = [other for other in others if not hub.commands.awaited(other, user)]
             return [o for o in others if ("controller", o) not in here and {*queues[o].drives} & {*asked.drives}]

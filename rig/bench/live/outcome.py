@@ -1,8 +1,6 @@
 """What a plant process is to do, and how a run ended: its job, its summary, its recording, its exit code.
 
-The outcome of a run that has ended: its summary, its recording, its exit code.
-
-The job of a plant process: the run that it performs. Its parent passes it as a JSON file.
+The parent of a plant process passes it a `Job` as a JSON file. An `Outcome` is what is left of a run that has ended.
 """
 
 from __future__ import annotations

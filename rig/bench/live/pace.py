@@ -8,18 +8,13 @@ overrun. The scene states the policy for overruns:
     slow       the deadlines move: this frame counts as on time, and all later ones are due that much later
     stop       the run ends
 
-If several frames are computed in one piece (`rig.bench.live.pace`), a piece takes the place of a frame here.
-
 If a frame is late by more than `PAUSE`, the process was stopped or the machine is overloaded. Then even catch-up skips
 the time and reports it, because a burst of thousands of frames is no meaningful experiment.
 
-What kept the processors of this machine busy beside a run (Linux), and what to do if its frames were late.
-
-Pieces: the frames that a live run computes at once, with one look at the clock and at the bus for all of them.
-
-A frame of 50 us has no time for the bus, and needs none if its controllers work in the plant process. Protocol, limits
-and these controllers still act at their ticks. Messages of other processes are read at the first tick of a piece, and
-messages about its ticks are sent at its end.
+Several frames may be computed in one piece, with one look at the clock and at the bus for all of them; a piece then
+takes the place of a frame here. A frame of 50 us has no time for the bus, and needs none if its controllers work in the
+plant process. Protocol, limits and these controllers still act at their ticks. Messages of other processes are read at
+the first tick of a piece, and messages about its ticks are sent at its end.
 """
 
 from __future__ import annotations
@@ -28,65 +23,26 @@ import ctypes
 import os
 import sys
 import time
-from collections.abc import Collection, Mapping
-from contextlib import suppress
+from collections.abc import Collection
 from dataclasses import dataclass
 from math import gcd
-from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from rig.bench.live.machine_load import load, spent
 from rig.bench.live.timing import Timing
 from rig.bench.run.experiment import Experiment
 from rig.scenes.scene import Scene
 
-# Share of the processors' time from which on the machine counts as busy. # chosen: one core of six
-BUSY = 0.15
-
-
-class MachineLoad:
-    """Measures from its construction on; this process and its children that have ended do not count as others."""
-
-    def __init__(self) -> None:
-        self._begin = _now()
-
-    def shares(self) -> dict[str, float]:
-        """Share of the processors' time that other programs took, and the host of a virtual machine; empty: unknown."""
-        if self._begin is None or (now := _now()) is None:
-            return {}
-        wall, others, host = (after - before for before, after in zip(self._begin, now))
-        whole = wall * (os.cpu_count() or 1)
-        return {"others": min(max(others / whole, 0.0), 1.0), "host": min(host / whole, 1.0)} if wall > 0 else {}
-
-
-def _now() -> tuple[int, int, int] | None:
-    """Wall time, processor time of other programs, and that taken by the host [ns]."""
-    times, here = spent(), os.times()
-    if times.others < 0:
-        return None
-    return times.wall, times.others - round(1e9 * (here.children_user + here.children_system)), stolen_ns()
-
-
-def advice(verdict: str, late_share: float, shares: Mapping[str, float]) -> str:
-    """Return why frames were late and what to do, in one line; "" if the timing is valid or nothing was late."""
-    if verdict == "VALID" or not late_share or not shares:
-        return ""
-    taken = [
-        f"{who} took {shares[name]:.0%}"
-        for name, who in (("others", "other programs"), ("host", "the host of this machine"))
-        if shares[name] >= 0.01
-    ]
-    if sum(shares.values()) < BUSY:
-        return "the machine was not busy; rig doctor measures what makes frames late"
-    return (
-        f"the machine is busy: {' and '.join(taken)} of its processors' time; "
-        "end other programs and run again, or use rig simulate, which needs no clock"
-    )
-
-
 LONGEST_NS = 1_000_000
 """Longest piece [ns of the wall clock]. # chosen: other processes see less delay from it than from the bus at times"""
+
+Policy = Literal["catch-up", "skip", "slow", "stop"]
+PAUSE = 250_000_000
+"""Longest time [ns] that is caught up. # chosen: a quarter of a second is still a stutter, not a pause."""
+
+_TIMER_SLACK = 29  # PR_SET_TIMERSLACK of <linux/prctl.h>
 
 
 def length(scene: Scene, pace: float | None, periods: Collection[int] | None = None) -> int:
@@ -112,8 +68,10 @@ class FrameBatches:
     """The division of a run into pieces of several frames."""
 
     def __init__(self, experiment: Experiment, pace: float | None) -> None:
-        self._runner, self._queues = experiment.runner, experiment.exchange.queues
-        self._scene, self._pace = experiment.scene, pace
+        self._runner = experiment.runner
+        self._queues = experiment.exchange.queues
+        self._scene = experiment.scene
+        self._pace = pace
         self._short = length(self._scene, pace, ()) == 1  # whether every piece is one frame
 
     @property
@@ -131,13 +89,6 @@ class FrameBatches:
         whole = self.length
         timing.resize(whole)
         return whole - self._runner.tick % whole
-
-
-Policy = Literal["catch-up", "skip", "slow", "stop"]
-PAUSE = 250_000_000
-"""Longest time [ns] that is caught up. # chosen: a quarter of a second is still a stutter, not a pause."""
-
-_TIMER_SLACK = 29  # PR_SET_TIMERSLACK of <linux/prctl.h>
 
 
 class Clock(Protocol):
@@ -187,7 +138,8 @@ class Pacer:
 
     def __init__(self, frame_ns: int, pace: float, policy: Policy, clock: Clock, pause_ns: int = PAUSE) -> None:
         self.wall_ns = frame_ns / pace
-        self.policy, self.pause_ns = policy, pause_ns
+        self.policy = policy
+        self.pause_ns = pause_ns
         self.frame = -1
         self.waited = False
         """Whether there was time to wait before this frame. If not, the plant was busy until after the deadline."""
@@ -203,7 +155,8 @@ class Pacer:
 
     def anchor(self) -> None:
         """Make the next frame due now: at the start, and after an operator's pause."""
-        self._start, self._first = self._clock.now(), self._next
+        self._start = self._clock.now()
+        self._first = self._next
 
     def wait(self, frames: int = 1) -> tuple[int, int]:
         """Wait for the next piece of `frames` frames; returns the time and the lateness [ns]."""
@@ -231,7 +184,8 @@ class Pacer:
 
     def take_given_up(self) -> list[GivenUp]:
         """What was given up since the last call, which the pacer forgets."""
-        taken, self.given_up = self.given_up, []
+        taken = self.given_up
+        self.given_up = []
         return taken
 
 
@@ -269,7 +223,8 @@ def choose(frame_ns: int, frames: int = 60) -> Waiting:
     before = spent()
     first = lateness(sleep, each, frames // 4)
     spin = int(min(np.quantile(first, 0.95) * 1.5, each / 5))
-    slept, spun = [first], []
+    slept = [first]
+    spun = []
     for _ in range(3):
         spun.append(lateness(WallClock(spin), each, frames // 4))
         slept.append(lateness(sleep, each, frames // 4))
@@ -278,53 +233,16 @@ def choose(frame_ns: int, frames: int = 60) -> Waiting:
 
 def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, cores: int, load: float) -> Waiting:
     """Choose by two sets of lateness [ns], the number of cores and the load on them [cores]."""
-    a, b = int(np.quantile(slept, 0.95)), int(np.quantile(spun, 0.95))
+    late_ns = int(np.quantile(slept, 0.95))
+    late_spun_ns = int(np.quantile(spun, 0.95))
     if cores < 2 or load > cores - 1:
-        return Waiting(0, a, f"no free core: load {load:.1f} on {cores}")
+        return Waiting(0, late_ns, f"no free core: load {load:.1f} on {cores}")
     bad = frame_ns // 2
     if np.mean(spun > bad) > np.mean(slept > bad):
-        return Waiting(0, a, "spinning has more bad frames")
-    return Waiting(0, a, "spinning gains nothing") if b > a / 2 else Waiting(spin_ns, a, "spinning is more exact")
-
-
-class ProcessorTime(NamedTuple):
-    """Processor time spent up to a time of the wall clock; all in ns.
-
-    `others`: processor time of other processes, the system and the host; -1 if unknown.
-    """
-
-    wall: int
-    others: int
-
-
-def spent() -> ProcessorTime:
-    """Processor time spent up to now (Linux: in steps of 10 ms)."""
-    others = -1
-    with suppress(OSError, ValueError):
-        user, nice, system, _, _, *more = processor_times()
-        others = user + nice + system + sum(more) - time.process_time_ns()
-    return ProcessorTime(time.perf_counter_ns(), others)
-
-
-def processor_times() -> list[int]:
-    """Time of all processors [ns]: user, nice, system, idle, waiting, interrupts, soft ones, taken by the host (Linux).
-
-    Raises OSError on another system.
-    """
-    with Path("/proc/stat").open() as file:
-        return [int(ticks) * 1_000_000_000 // os.sysconf("SC_CLK_TCK") for ticks in file.readline().split()[1:9]]
-
-
-def load(before: ProcessorTime, now: ProcessorTime) -> float:
-    """Mean number of processors that other processes used between two times; if unknown, the load of the last minute.
-
-    The latter still contains work that has just ended, such as compiling in this process.
-    """
-    if before.others >= 0 and now.others >= 0 and now.wall > before.wall:
-        return max(now.others - before.others, 0) / (now.wall - before.wall)
-    with suppress(OSError, AttributeError):  # not on every system
-        return os.getloadavg()[0]
-    return 0.0
+        return Waiting(0, late_ns, "spinning has more bad frames")
+    if late_spun_ns > late_ns / 2:
+        return Waiting(0, late_ns, "spinning gains nothing")
+    return Waiting(spin_ns, late_ns, "spinning is more exact")
 
 
 def sharpen_timers() -> bool:
@@ -332,13 +250,6 @@ def sharpen_timers() -> bool:
     if sys.platform != "linux":
         return False
     return bool(ctypes.CDLL(None).prctl(_TIMER_SLACK, ctypes.c_ulong(1), 0, 0, 0) == 0)
-
-
-def stolen_ns() -> int:
-    """Processor time [ns] that the host has taken from this virtual machine since its start (Linux); 0 if unknown."""
-    with suppress(OSError, ValueError, IndexError):
-        return processor_times()[7]
-    return 0
 
 
 def asleep_ns() -> int:

@@ -16,12 +16,9 @@ after an event, and every `LOOK_NS`. Meanwhile the compiled loop asks the contro
 If a controller dies, its last command is held, then its actuators take their safe values; the plant continues. If the
 integration must stop, an event states where and why, and the recording is kept.
 
-The parts of a plant process, shared by the module that runs it and the one that finalises it.
-
-The end of a run: last messages, losses, the timing verdict and the summary.
-
-The plant publishes how many messages it sent; recorders and controllers answer with how many they received. The
-difference is a loss. Then the plant publishes the timing verdict and the totals again, so that they include it.
+At its end (`finalise`) the plant publishes how many messages it sent; recorders and controllers answer with how many
+they received. The difference is a loss. Then the plant publishes the timing verdict and the totals again, so that they
+include it.
 """
 
 from __future__ import annotations
@@ -74,10 +71,17 @@ TELL_S = 2.0
 COUNTERS_S = 1.0  # longest wait for the counters of a controller [s]; it looks for questions ten times per second
 LAST_ANSWER_S = 0.1  # longest wait for the answers to the last steps [s]
 
+Say = Callable[[str], object]
+Show = Callable[[dict[str, Any]], object]
+# Longest time [ns of the wall clock] between two looks at operators in lockstep. # chosen: nobody notices it
+LOOK_NS = 10_000_000
+
 
 def finalise(plant: Plant) -> dict[str, Any]:
     """End the run of `plant` and return its summary."""
-    hub, experiment, runner = plant.hub, plant.experiment, plant.runner
+    hub = plant.hub
+    experiment = plant.experiment
+    runner = plant.runner
     now = time.perf_counter_ns()
     wall = now - plant.begun_ns if plant.begun_ns else 0
     plant.operator.close()
@@ -109,7 +113,8 @@ def finalise(plant: Plant) -> dict[str, Any]:
         code = ExitCode.STOPPED
     elif ended == "failed":
         code = ExitCode.FAILED
-    statistics, t = runner.statistics(), runner.t_ns / 1e9
+    statistics = runner.statistics()
+    t = runner.t_ns / 1e9
     summary: dict[str, Any] = {
         "run": plant.session.run,
         "scene": plant.scene.name,
@@ -118,7 +123,7 @@ def finalise(plant: Plant) -> dict[str, Any]:
         "exit_code": code,
         "ended": ended,
         "fault": plant.fault or experiment.aborted,
-        "mode": ("lockstep" if plant.job.in_lockstep else "paced") if plant.job.pace else "lockstep, not paced",
+        "mode": _mode(plant.job),
         "pace": plant.job.pace,
         "ticks": runner.tick,
         "seconds": t,
@@ -150,6 +155,13 @@ def finalise(plant: Plant) -> dict[str, Any]:
     return summary
 
 
+def _mode(job: Job) -> str:
+    """Which clock the run has, in the words of its summary."""
+    if not job.pace:
+        return "lockstep, not paced"
+    return "lockstep" if job.in_lockstep else "paced"
+
+
 def timing_verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
     """The timing verdict of a run. `lost`: messages by topic; `unknown`: processes whose losses are unknown."""
     faults = list(plant.housekeeper.faults)
@@ -160,7 +172,8 @@ def timing_verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> Ti
             faults.append(f"{counted(commands.counts.not_finite, 'command')} of {name} not finite")
     if plant.fault:
         faults.append(plant.fault.partition("\n")[0])
-    clock, pacer = plant.scene.clock, plant.housekeeper.pacer
+    clock = plant.scene.clock
+    pacer = plant.housekeeper.pacer
     return plant.timing.verdict(
         clock.late_share_valid, clock.late_share_degraded, lost, faults, pacer is not None and pacer.stopped, unknown
     )
@@ -168,7 +181,8 @@ def timing_verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> Ti
 
 def _counters(plant: Plant) -> dict[str, dict[str, int]]:
     """Controller -> its counters (`Loop.counters`); those of another process are asked for, if it is still here."""
-    counters, here = plant.in_plant.counters(), plant.hub.watch.present
+    counters = plant.in_plant.counters()
+    here = plant.hub.watch.present
     for name in plant.experiment.exchange.queues:
         if name not in counters and ("controller", name) in here:
             with suppress(BusError, LookupError, TypeError):  # one in another language has none
@@ -184,7 +198,8 @@ def _unanswered(plant: Plant, skipped: Mapping[str, int]) -> dict[str, int]:
 
     `skipped`: controller -> number of steps that it received and left out.
     """
-    hub, unanswered = plant.hub, {}
+    hub = plant.hub
+    unanswered = {}
     if plant.job.in_lockstep:  # a step in lockstep is repeated until it is answered
         return {}
     here = plant.from_start & hub.watch.present
@@ -192,7 +207,10 @@ def _unanswered(plant: Plant, skipped: Mapping[str, int]) -> dict[str, int]:
     asked = plant.scene.controllers.keys() - hub.in_plant
     for name in sorted(name for role, name in here if role == "controller" and name in asked):
         left_out = skipped.get(name, 0)
-        while hub.commands.unanswered(name) > left_out and (left := deadline - time.monotonic()) > 0.0:
+        while hub.commands.unanswered(name) > left_out:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                break
             hub.commands.next(left)
         if (count := hub.commands.unanswered(name) - left_out) > 0:
             unanswered[f"step to {name}"] = count
@@ -205,7 +223,9 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
     Only the recorder of the run and controllers that drive an actuator count: a viewer may drop what it cannot draw,
     and a guest may use any name.
     """
-    hub, session, queues = plant.hub, plant.session, plant.experiment.exchange.queues
+    hub = plant.hub
+    session = plant.session
+    queues = plant.experiment.exchange.queues
     hub.totals.drain()
     hub.put_totals()
     own = messages.decode("total/plant", session.totals())
@@ -214,9 +234,14 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
     asked = set(roles)
     roles |= {name: role for role, name in hub.watch.present if role == "controller" and name in queues}
     missed: dict[str, int] = {}
-    t, deadline = plant.runner.t_ns / 1e9, time.monotonic() + ANSWERS_S
-    last, tell = time.monotonic() + CATCH_UP_S, time.monotonic() + TELL_S
-    while asked and (left := min(deadline, last) - time.monotonic()) > 0.0:
+    t = plant.runner.t_ns / 1e9
+    deadline = time.monotonic() + ANSWERS_S
+    last = time.monotonic() + CATCH_UP_S
+    tell = time.monotonic() + TELL_S
+    while asked:
+        left = min(deadline, last) - time.monotonic()
+        if left <= 0.0:
+            break
         message = hub.totals.get(left)
         if message is None:
             break
@@ -240,12 +265,6 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
     return missed, [f"recorder {name}" for name in sorted(asked | gone)]
 
 
-Say = Callable[[str], object]
-Show = Callable[[dict[str, Any]], object]
-# Longest time [ns of the wall clock] between two looks at operators in lockstep. # chosen: nobody notices it
-LOOK_NS = 10_000_000
-
-
 class Plant:
     """One run of a job on an open session. `stopping()` returns the reason to end at the next frame, or "".
 
@@ -253,7 +272,8 @@ class Plant:
     """
 
     def __init__(self, session: Session, job: Job, stopping: Callable[[], str], sets: Iterable[int] = ()) -> None:
-        self.session, self.job = session, job
+        self.session = session
+        self.job = job
         self.scene = scene = Scene.from_json(job.scene)
         with model_store.collected() as self.models:  # those of the rig that the controllers believe in, too
             self.runner = runner = PlantRunner(scene, piece=length(scene, job.pace))
@@ -286,7 +306,8 @@ class Plant:
         self.refusals: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.say: Callable[[str], object] = lambda _: None
         """Gets lines for the user."""
-        self._stopping, self._sets = stopping, sets
+        self._stopping = stopping
+        self._sets = sets
         self.operator.status = self._status
 
     def recorders(self) -> list[str]:
@@ -298,7 +319,8 @@ class Plant:
         return name in self.session.inbound.reserved or ("recorder", name) in self.job.expect
 
     def _setup(self, controllers: dict[str, dict[str, Any]]) -> Setup:
-        scene, runner = self.scene, self.runner
+        scene = self.scene
+        runner = self.runner
         return Setup(
             run=self.session.run,
             scene=scene.made_with(self.models).to_json() if self.models else self.job.scene,
@@ -334,7 +356,9 @@ class Plant:
     def gather(self, say: Say) -> None:
         """Wait for the expected processes; `say` gets their names, and later lines of the run."""
         self.say = say
-        present, deadline, shown = self.hub.watch.present, time.monotonic() + self.job.wait, ""
+        present = self.hub.watch.present
+        deadline = time.monotonic() + self.job.wait
+        shown = ""
         self.hub.look()
         while missing := [called(role, name) for role, name in self.job.expect if (role, name) not in present]:
             if self._stopping() or self.housekeeper.orphaned():
@@ -368,7 +392,9 @@ class Plant:
 
     def run_frames(self, show: Show) -> None:
         """Run all frames, without the summary; see `run`."""
-        job, experiment, pacer = self.job, self.experiment, None
+        job = self.job
+        experiment = self.experiment
+        pacer = None
         with ExitStack() as stack:
             if job.pace is not None:
                 self.runner.motion.foresee(self._sets)
@@ -402,9 +428,13 @@ class Plant:
 
     def paced(self, pacer: pace.Pacer, show: Show) -> None:
         """Run all frames, each batch of them when `pacer` says that it is due."""
-        hub, operator, experiment = self.hub, self.operator, self.experiment
-        housekeeper, rows = self.housekeeper, self.timing
-        clock, processor = time.perf_counter_ns, time.thread_time_ns
+        hub = self.hub
+        operator = self.operator
+        experiment = self.experiment
+        housekeeper = self.housekeeper
+        rows = self.timing
+        clock = time.perf_counter_ns
+        processor = time.thread_time_ns
         while True:
             frames = self.frame_batches.next(rows)
             hub.carries(frames)
@@ -439,7 +469,10 @@ class Plant:
 
         At the first tick everything except the commands is already done.
         """
-        hub, experiment, runner, in_plant = self.hub, self.experiment, self.runner, self.in_plant
+        hub = self.hub
+        experiment = self.experiment
+        runner = self.runner
+        in_plant = self.in_plant
         end = runner.tick + frames
         while True:
             in_plant.carry_on(min(end, experiment.until(), hub.state_due) if frames > 1 else end)
@@ -450,17 +483,23 @@ class Plant:
                 return False
 
     def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
-        hub, operator, experiment = self.hub, self.operator, self.experiment
-        housekeeper, rows = self.housekeeper, self.timing
+        hub = self.hub
+        operator = self.operator
+        experiment = self.experiment
+        housekeeper = self.housekeeper
+        rows = self.timing
 
         def serve() -> None:
             if housekeeper.look(time.perf_counter_ns()):
                 self._report(show)
 
-        lockstep, runner = Lockstep(hub, housekeeper, lambda: bool(self._stopping())), self.runner
-        journal, ahead = experiment.journal, 1
+        lockstep = Lockstep(hub, housekeeper, lambda: bool(self._stopping()))
+        runner = self.runner
+        journal = experiment.journal
+        ahead = 1
         lag = RecorderLag(hub, self.recorders, serve, lambda: bool(self._why()), self.say) if pacer is None else None
-        clock, processor = time.perf_counter_ns, time.thread_time_ns
+        clock = time.perf_counter_ns
+        processor = time.thread_time_ns
         while True:
             frames = self.frame_batches.next(rows)
             hub.carries(frames)
@@ -473,7 +512,9 @@ class Plant:
             operator.poll()
             self.in_plant.poll()
             self.in_plant.partners = lockstep.look()
-            first, begun, noted = runner.tick, clock(), journal.count
+            first = runner.tick
+            begun = clock()
+            noted = journal.count
             # neither a clock nor an operator nor a controller in the plant process has to act at each tick
             quiet = pacer is None and not operator.paused and not self.in_plant.at_work
             until = min(experiment.until(), hub.checkpoint_due, first + ahead) if quiet else first + frames
@@ -511,7 +552,8 @@ class Plant:
 
         What other processes missed is counted at the end.
         """
-        paced, verdict = self.job.pace is not None, timing_verdict(self, self.hub.commands.lost(), [])
+        paced = self.job.pace is not None
+        verdict = timing_verdict(self, self.hub.commands.lost(), [])
         return {
             "verdict": verdict.word if paced else "",
             "reasons": list(verdict.reasons) if paced else [],
@@ -534,15 +576,18 @@ class Plant:
 
     def _ends(self, pacer: pace.Pacer | None) -> bool:
         """Return whether the run must end. During a pause this waits, except for single steps."""
-        operator, paused = self.operator, self.operator.paused
+        operator = self.operator
+        paused = self.operator.paused
         if paused:
             self.experiment.postponed.step_back()
-        while not (why := self._why()) and operator.paused and not operator.steps:
+        why = self._why()
+        while not why and operator.paused and not operator.steps:
             self.housekeeper.look(time.perf_counter_ns())
             self.hub.put_events()
             time.sleep(0.01)
             operator.poll()
             self.in_plant.poll()
+            why = self._why()
         if paused and pacer is not None:
             pacer.anchor()
         operator.steps -= operator.paused and operator.steps > 0

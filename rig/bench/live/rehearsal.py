@@ -96,7 +96,8 @@ def _last_words(calling: Callable[[], str]) -> Iterator[None]:
         yield
         return
     libc = ctypes.CDLL(None)
-    libc.signal.restype, libc.signal.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
+    libc.signal.restype = ctypes.c_void_p
+    libc.signal.argtypes = (ctypes.c_int, ctypes.c_void_p)
 
     def fatal(number: int) -> None:  # a second such signal within it kills this process
         name = signal.Signals(number).name
@@ -159,7 +160,8 @@ class _Frames:
     """
 
     def __init__(self, scene: Scene, job: Job, working: Mapping[str, Controller], longest_s: float) -> None:
-        self._scene, self._longest_ns = scene, round(longest_s * 1e9)
+        self._scene = scene
+        self._longest_ns = round(longest_s * 1e9)
         duration_ns = scene.duration_ns if job.duration is None else run_length_ns(job.duration)
         self._experiment, self._working = begun(scene, working, duration_ns)
         self.runner = self._experiment.runner
@@ -215,7 +217,9 @@ class _Frames:
 
     def _measure(self) -> bool:
         """Simulate at most `PIECES` pieces as a run does, with the mean time of a frame; whether the run goes on."""
-        frames, spent_ns, goes_on = 0, 0, True
+        frames = 0
+        spent_ns = 0
+        goes_on = True
         for _ in range(PIECES):
             piece = self._timed_piece()
             if piece is None:
@@ -234,8 +238,11 @@ class _Frames:
 
         No frames count if something was built or compiled in it, which a run does before.
         """
-        runner, motion = self.runner, self.runner.motion
-        built, begun_ns, tick = len(motion.mode_sets.sets), time.perf_counter_ns(), runner.tick
+        runner = self.runner
+        motion = self.runner.motion
+        built = len(motion.mode_sets.sets)
+        begun_ns = time.perf_counter_ns()
+        tick = runner.tick
         begin_ns = time.thread_time_ns()
         if not self._experiment.begin():
             return None

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterable, Mapping
 from typing import Any, TextIO
 
-from rig.bench.live import pace
+from rig.bench.live import machine_load
 from rig.model.method import ADAPTIVE
 from rig.printable import counted
 
@@ -26,7 +26,8 @@ class Live:
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream, self._width = stream or sys.stderr, 0
+        self._stream = stream or sys.stderr
+        self._width = 0
         self._terminal = self._stream.isatty()
         self._queue: queue.SimpleQueue[tuple[str, bool] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="live", daemon=True)
@@ -64,21 +65,26 @@ class Live:
 
 def line(health: Mapping[str, Any]) -> str:
     """The progress line from the health of a plant, with simulated time `t` [s]; 80 columns show all but the end."""
-    left, late = health["eta_s"], health["lateness_us"] / 1e3
-    words = [
-        health["phase"],
-        f"{health['t']:.1f} s",
-        f"rt {health['rate']:.2f}" if health["rate"] < 10.0 else f"rt {health['rate']:.0f}",
-        f"late {late:.2f} ms" if late < 10.0 else f"late {late:.0f} ms",
-        f"drops {health['drops']}",
-        f"E {health['energy_error']:.0e}",
-        f"stick {health['stick_share']:.0%}",
-        *([f"{left:.0f} s left"] if left >= 0.0 else []),
-        f"overruns {health['overruns']}",
-        f"held {health['held']}",
-        *([f"refused {health['refused']}"] if health.get("refused") else []),
-    ]
+    left = health["eta_s"]
+    refused = health.get("refused")
+    words = [health["phase"], f"{health['t']:.1f} s"]
+    words.append(f"rt {_short(health['rate'])}")
+    words.append(f"late {_short(health['lateness_us'] / 1e3)} ms")
+    words.append(f"drops {health['drops']}")
+    words.append(f"E {health['energy_error']:.0e}")
+    words.append(f"stick {health['stick_share']:.0%}")
+    if left >= 0.0:
+        words.append(f"{left:.0f} s left")
+    words.append(f"overruns {health['overruns']}")
+    words.append(f"held {health['held']}")
+    if refused:
+        words.append(f"refused {refused}")
     return " ".join(words)
+
+
+def _short(number: float) -> str:
+    """A number with two decimals; without them from 10 on."""
+    return f"{number:.2f}" if number < 10.0 else f"{number:.0f}"
 
 
 def summary(outcome: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
@@ -89,17 +95,16 @@ def summary(outcome: Mapping[str, Any], log: str = "", following: Iterable[str] 
 
 def parts(outcome: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
     """The summary of a run without its audit: label and lines of each part; a part without lines says nothing."""
-    refused = sorted(outcome.get("refused", {}).items(), key=lambda sender: -sender[1])
-    others = [f"{counted(sum(count for _, count in refused[REFUSED:]), 'other')}"] if refused[REFUSED:] else []
-    lost = [f"{count} of {topic}" for topic, count in outcome["lost"].items()]
-    late_share, machine = outcome["timing"].get("late_share", 0.0), outcome.get("machine", {})
+    late_share = outcome["timing"].get("late_share", 0.0)
+    machine = outcome.get("machine", {})
+    network = outcome.get("network", {})
     return [
         ("timing", _timing(outcome)),
-        ("busy", [pace.advice(outcome["verdict"], late_share, machine)]),
+        ("busy", [machine_load.advice(outcome["verdict"], late_share, machine)]),
         ("loop", _loop(outcome)),
-        ("network", [link(topic, counts) for topic, counts in outcome.get("network", {}).items()]),
-        ("lost", [*lost, *(f"unknown losses on the way to {who}" for who in outcome["unknown"])]),
-        ("refused", [*(f"{count} from {sender}" for sender, count in refused[:REFUSED]), *others]),
+        ("network", [link(topic, counts) for topic, counts in network.items()]),
+        ("lost", _lost(outcome)),
+        ("refused", _refused(outcome.get("refused", {}))),
         ("plant", [plant(outcome["plant"], outcome["energy"]["error"])] if outcome["plant"] else []),
         ("protocol", _postponed(outcome.get("postponed"))),
         ("note", [*outcome["faults"], *outcome["fault"].splitlines(), *outcome.get("died", ())]),
@@ -108,10 +113,9 @@ def parts(outcome: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
 
 def link(topic: str, counts: Mapping[str, int]) -> str:
     """What became of the messages of an impaired link, as a line."""
-    sent, *others = counts.items()
-    return f"{topic}: {sent[1]} sent, " + (
-        ", ".join(f"{n} {what}" for what, n in others if n) or "none of them impaired"
-    )
+    (_, sent), *others = counts.items()
+    impaired = ", ".join(f"{n} {what}" for what, n in others if n)
+    return f"{topic}: {sent} sent, {impaired or 'none of them impaired'}"
 
 
 def _table(labelled: Iterable[tuple[str, Iterable[str]]]) -> str:
@@ -131,11 +135,11 @@ def _timing(outcome: Mapping[str, Any]) -> list[str]:
     ]
     timing = outcome["timing"]
     if timing:
-        late, waiting = timing["lateness"], outcome["waiting"]
-        how = f"{'sleep and spin' if waiting.get('spin_ns') else 'sleep'} ({waiting.get('why', '')})"
-        lines.append(f"lateness {late['p50']:.0f} / {late['p95']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us "
-                     f"(p50, p95, p99, worst); the plant waits by {how}")  # fmt: skip
-        spans = [f"{name} {s['mean']:.0f}/{s['p95']:.0f}/{s['max']:.0f}" for name, s in timing["spans"].items()]
+        waiting = outcome["waiting"]
+        how = "sleep and spin" if waiting.get("spin_ns") else "sleep"
+        late = _whole(timing["lateness"], ("p50", "p95", "p99", "max"), " / ")
+        lines.append(f"lateness {late} us (p50, p95, p99, worst); the plant waits by {how} ({waiting.get('why', '')})")
+        spans = [f"{name} {_whole(span, ('mean', 'p95', 'max'), '/')}" for name, span in timing["spans"].items()]
         each = timing.get("each", 1)
         what = "compute time per frame" if each == 1 else f"compute time per piece of {each} frames"
         lines.append(f"{what}: {', '.join(spans)} us (mean/p95/worst)")
@@ -143,7 +147,27 @@ def _timing(outcome: Mapping[str, Any]) -> list[str]:
         if causes := [f"{count} {cause}" for cause, count in timing["overruns"].items()]:
             lines.append(f"overruns by cause: {', '.join(causes)}")
         if timing["given_up"]:
-            lines.append(f"{timing['given_up']} {'frames' if each == 1 else 'pieces'} of the wall clock skipped")
+            skipped = "frames" if each == 1 else "pieces"
+            lines.append(f"{timing['given_up']} {skipped} of the wall clock skipped")
+    return lines
+
+
+def _whole(values: Mapping[str, float], names: Iterable[str], between: str) -> str:
+    """These of the values, rounded to whole numbers."""
+    return between.join(f"{values[name]:.0f}" for name in names)
+
+
+def _lost(outcome: Mapping[str, Any]) -> list[str]:
+    lines = [f"{count} of {topic}" for topic, count in outcome["lost"].items()]
+    lines += [f"unknown losses on the way to {who}" for who in outcome["unknown"]]
+    return lines
+
+
+def _refused(counts: Mapping[str, int]) -> list[str]:
+    senders = sorted(counts.items(), key=lambda sender: -sender[1])
+    lines = [f"{count} from {sender}" for sender, count in senders[:REFUSED]]
+    if rest := senders[REFUSED:]:
+        lines.append(counted(sum(count for _, count in rest), "other"))
     return lines
 
 
@@ -151,38 +175,53 @@ def _loop(outcome: Mapping[str, Any]) -> list[str]:
     lines = []
     trip = outcome["round_trip"]
     if trip["max"]:
-        lines.append(f"time from step to command {trip['p50'] / 1e3:.2f} / {trip['p99'] / 1e3:.2f} / "
-                     f"{trip['max'] / 1e3:.2f} ms (p50, p99, worst)")  # fmt: skip
+        lines.append(
+            f"time from step to command {trip['p50'] / 1e3:.2f} / {trip['p99'] / 1e3:.2f} / "
+            f"{trip['max'] / 1e3:.2f} ms (p50, p99, worst)"
+        )
     for name, counts in outcome["loop"].items():
         if name == "refused":
             lines += [f"{sender}: {counted(count, 'command')} refused" for sender, count in counts.items()]
         else:
-            others = (
-                (what.replace("_", " "), n) for what, n in counts.items() if n and what not in ("taken", "oldest")
-            )
-            words = [f"{counted(counts['taken'], 'command')}", *(f"{n} {what}" for what, n in others)]
-            words += [f"oldest {counted(counts['oldest'], 'frame')}"] if counts["oldest"] else []
-            lines.append(f"{name}: {', '.join(words)}")
+            lines.append(f"{name}: {', '.join(_taken(counts))}")
     for name, counts in outcome.get("controllers", {}).items():
-        lines += [f"{name}: {', '.join(words)}"] if (words := unanswered(counts)) else []
+        if words := unanswered(counts):
+            lines.append(f"{name}: {', '.join(words)}")
     return lines
+
+
+def _taken(counts: Mapping[str, int]) -> list[str]:
+    """What became of the commands of a controller, in words."""
+    words = [counted(counts["taken"], "command")]
+    for what, count in counts.items():
+        if count and what not in ("taken", "oldest"):
+            words.append(f"{count} {what.replace('_', ' ')}")
+    if counts["oldest"]:
+        words.append(f"oldest {counted(counts['oldest'], 'frame')}")
+    return words
 
 
 def unanswered(counts: Mapping[str, int]) -> list[str]:
     """What a controller with these counters (`Loop.counters`) did not answer, in words."""
-    held, refused, skipped = counts["held"], counts["refused"], counts.get("skipped", 0)
-    return [
-        *([f"{counted(held, 'update')} left out, because a measurement was missing"] if held else []),
-        *([f"{counted(refused, 'answer')} not finite, and not sent"] if refused else []),
-        *([f"{counted(skipped, 'step')} skipped, because it was behind"] if skipped else []),
-    ]
+    held = counts["held"]
+    refused = counts["refused"]
+    skipped = counts.get("skipped", 0)
+    words = []
+    if held:
+        words.append(f"{counted(held, 'update')} left out, because a measurement was missing")
+    if refused:
+        words.append(f"{counted(refused, 'answer')} not finite, and not sent")
+    if skipped:
+        words.append(f"{counted(skipped, 'step')} skipped, because it was behind")
+    return words
 
 
 def _postponed(counts: Mapping[str, Any] | None) -> list[str]:
     if not counts:
         return []
     never = f"; {counts['never']} never took effect" if counts["never"] else ""
-    waited, longest = counted(counts["waited"], "step"), f"{counts['longest_s']:.3g} s"
+    waited = counted(counts["waited"], "step")
+    longest = f"{counts['longest_s']:.3g} s"
     return [f"{waited} waited for new matrices, the longest {longest}{never}"]
 
 

@@ -1,14 +1,12 @@
 """Starts, observes and ends the processes of one run: plant, controllers, recorder, viewer.
 
 All start at once, because their imports take as long as the plant's; the others are told the name of the run when it
-can be joined. If another process ends unexpectedly, this is
-reported, the plant continues, and the timing verdict mentions it. When the plant ends for any reason, all others end
-within seconds. The first Ctrl-C ends the plant in order, a second one ends all processes. Only processes started here
-are ended.
+can be joined. If another process ends unexpectedly, this is reported, the plant continues, and the timing verdict
+mentions it. When the plant ends for any reason, all others end within seconds. The first Ctrl-C ends the plant in
+order, a second one ends all processes. Only processes started here are ended.
 
-Events of a run as lines for the terminal.
-
-The messages of the last live run, kept for a bug report: at most `MOST` lines in the user's state folder.
+Events of the run are shown as lines (`EventLines`). All lines of the last run are kept for a bug report (`RunLog`): at
+most `MOST_KEPT` in the user's state folder.
 """
 
 from __future__ import annotations
@@ -28,8 +26,8 @@ from typing import Any
 import platformdirs
 
 from rig import bus
+from rig.bench.live.machine_load import MachineLoad
 from rig.bench.live.outcome import CALLING, Job, Outcome, Pace, called
-from rig.bench.live.pace import MachineLoad
 from rig.bench.live.status import Live
 from rig.bus import address
 from rig.bus.port import Receiver, Session
@@ -47,6 +45,25 @@ ELSEWHERE = frozenset({"step", "overrun", "end", "verdict"})
 """Kinds of events that the live line or the summary shows; all others are shown as lines."""
 MOST_SHOWN = 20  # most lines of one call
 
+MOST_KEPT = 2000
+"""Most lines that are kept, the latest ones."""
+LONGEST = 1000
+"""Most characters of a line."""
+
+JOIN_S = 30.0
+"""Longest wait of a process for the run, and of the plant for the processes."""
+VIEWER = ("viewer", "viewer")
+RECORDER = ("recorder", "recorder")
+LEAVE_S = 3.0
+"""Time [s] in which all processes but the recorder must leave after the plant."""
+# Time [s] in which the recorder must finish its file. # chosen: a slow disk takes 100 MB in it
+WRITE_S = 120.0
+TELL_S = 2.0
+"""Time [s] after which it is told that the recorder is waited for."""
+# Time [s] after which it is told that the rehearsal waits for a controller. # chosen
+SILENT_S = 5.0
+PRINTED = 5  # most lines that a process prints which are shown at a time, ten times a second; others are counted
+
 
 class EventLines:
     """Shows events of a run: `say` gets a line for each."""
@@ -60,7 +77,8 @@ class EventLines:
         """Show the events that have arrived."""
         lines: list[str] = []
         for message in events.drain():
-            event, who = message.said, message.topic[6:]  # of the topic's process, whatever the event says
+            event = message.said
+            who = message.topic[6:]  # of the topic's process, whatever the event says
             own = who == "plant"
             self.over = self.over or (own and event.kind == "end")
             if event.kind not in ELSEWHERE and not (self.over and event.kind == "left"):  # all leave at the end
@@ -71,10 +89,6 @@ class EventLines:
             self._say(line)
         if len(lines) > MOST_SHOWN:
             self._say(f"            {len(lines) - MOST_SHOWN} more events: rig report shows those that are recorded")
-
-
-MOST_KEPT, LONGEST = 2000, 1000
-"""Most lines that are kept, the latest ones, and most characters of a line."""
 
 
 def path() -> Path:
@@ -104,20 +118,6 @@ class RunLog:
         with suppress(OSError):
             path().parent.mkdir(parents=True, exist_ok=True)
             path().write_text(text)
-
-
-JOIN_S = 30.0
-"""Longest wait of a process for the run, and of the plant for the processes."""
-VIEWER, RECORDER = ("viewer", "viewer"), ("recorder", "recorder")
-LEAVE_S = 3.0
-"""Time [s] in which all processes but the recorder must leave after the plant."""
-# Time [s] in which the recorder must finish its file. # chosen: a slow disk takes 100 MB in it
-WRITE_S = 120.0
-TELL_S = 2.0
-"""Time [s] after which it is told that the recorder is waited for."""
-# Time [s] after which it is told that the rehearsal waits for a controller. # chosen
-SILENT_S = 5.0
-PRINTED = 5  # most lines that a process prints which are shown at a time, ten times a second; others are counted
 
 
 def run(
@@ -170,7 +170,8 @@ def run(
         parent=os.getpid(),
         command=tuple(command or sys.argv),
     )
-    live, interrupts = Live(), [] if interrupts is None else interrupts
+    live = Live()
+    interrupts = [] if interrupts is None else interrupts
     load = MachineLoad()
     log = RunLog(say or live.say)
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, told_to_stop(interrupts.append):
@@ -202,8 +203,13 @@ class RunProcesses:
         trigger: Sequence[str] = (),
         begun: Callable[[str], object] = lambda run: None,
     ) -> None:
-        self._trigger, self._begun = trigger, begun
-        self.job, self._out, self._replace, self._web, self._say = job, out, replace, web, say
+        self._trigger = trigger
+        self._begun = begun
+        self.job = job
+        self._out = out
+        self._replace = replace
+        self._web = web
+        self._say = say
         self._calling_file = folder / CALLING
         self._summary: dict[str, Any] = {}  # what the plant told at its end
         self.plant = Child("the plant", ["rig.bench.live.plant_process", str(self._calling_file)], fed=True)
@@ -235,7 +241,8 @@ class RunProcesses:
                 break
             self._interrupt(interrupts)
             self._hear()
-            if not told and (silent := self._silent()):
+            silent = "" if told else self._silent()
+            if silent:
                 told = True
                 self._say(f"the plant rehearses the run; {silent}. Ctrl-C ends it")
         for child in self.others.values():
@@ -245,7 +252,8 @@ class RunProcesses:
         session = self._join()
         if session is not None:
             with session:
-                health, events = session.subscribe("health"), session.subscribe("event/*")
+                health = session.subscribe("health")
+                events = session.subscribe("event/*")
                 while not self.plant.wait(0.1):
                     self._interrupt(interrupts)
                     self._events.show(events)
@@ -269,8 +277,12 @@ class RunProcesses:
 
     def wait_for_file(self, recorder: Child, interrupts: list[str]) -> None:
         """Wait until the recorder has finished its file: a slow disk may have much to write."""
-        begun, told = time.monotonic(), False
-        while not recorder.wait(0.1) and (waited := time.monotonic() - begun) < WRITE_S:
+        begun = time.monotonic()
+        told = False
+        while not recorder.wait(0.1):
+            waited = time.monotonic() - begun
+            if waited >= WRITE_S:
+                break
             if waited > TELL_S and not told:
                 told = True
                 self._say("waiting for the recorder, which finishes its file")
@@ -358,10 +370,12 @@ class RunProcesses:
             fault = UsageError(summary["failed"])
             fault.exit_code = ExitCode(summary["exit_code"])
             raise fault
-        recorder, files = self._recorder, [Path(file) for file in self._recording.get("files", [self._file])]
+        recorder = self._recorder
+        files = [Path(file) for file in self._recording.get("files", [self._file])]
         log = next((str(path) for path in files if self._owns(path)), "")
         account = self._recording.get("text", "")
-        if recorder is None or not (why := self._incomplete(recorder, files, summary["seconds"])):
+        why = "" if recorder is None else self._incomplete(recorder, files, summary["seconds"])
+        if not why:
             return Outcome(summary, log, account, tuple(self.died))
         died = self.died if account or why in self.died else [*self.died, why]
         return Outcome(summary, log, account, tuple(died)).without_recording(why)
@@ -404,7 +418,9 @@ class RunProcesses:
 
     def _obituary(self) -> dict[str, Any]:
         """The summary for a plant that died without publishing one."""
-        known, ending, within = self._health, self.plant.ending, sorted(Scene.from_json(self.job.scene).in_plant)
+        known = self._health
+        ending = self.plant.ending
+        within = sorted(Scene.from_json(self.job.scene).in_plant)
         if within:
             ending += f"; it called {', '.join(within)} in its own process"
         return {

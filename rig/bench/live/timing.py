@@ -37,7 +37,7 @@ from rig.errors import ExitCode
 NOTHING_LOST = "nothing lost"
 SPANS = ("receive", "plant", "publish", "serve")
 CAUSES = ("wake", "preempted", "gc", "compile", *SPANS)
-_PER_OCTAVE = 16
+_PER_OCTAVE = 16  # bins of a histogram of times: each is 4.4 % wide. chosen
 _STOLEN = 0.01  # smaller shares are not reported
 _BINS = 48 * _PER_OCTAVE  # up to 2**48 ns, 78 hours
 
@@ -48,7 +48,9 @@ class Spread:
     """The distribution of a duration [ns]: percentiles to 5 %, mean and maximum exact, in constant memory."""
 
     def __init__(self) -> None:
-        self.count, self.total, self.worst = 0, 0, 0
+        self.count = 0
+        self.total = 0
+        self.worst = 0
         self._bins = np.zeros(_BINS, np.int64)
 
     def add(self, durations: NDArray[np.int64]) -> None:
@@ -85,7 +87,9 @@ class Interruptions(event.Listener):  # type: ignore[misc]
 
     def __init__(self) -> None:
         self.seen: list[tuple[str, int, int]] = []
-        self._collecting, self._compiling, self._depth = 0, 0, 0
+        self._collecting = 0
+        self._compiling = 0
+        self._depth = 0
 
     def within(self, kind: str, begin: int, end: int) -> int:
         """Time [ns] spent in `kind` between two times."""
@@ -142,7 +146,8 @@ class Timing:
     """The timing of one paced run in pieces of `each` frames, each of which has `wall_ns` of wall time."""
 
     def __init__(self, wall_ns: float, each: int = 1) -> None:
-        self.wall_ns, self.each = wall_ns, each
+        self.wall_ns = wall_ns
+        self.each = each
         self.rows: list[Row] = []
         """Per frame: begin, lateness, whether there was time to wait, spans, processor time before it; all in ns."""
         self.interruptions = Interruptions()
@@ -151,7 +156,9 @@ class Timing:
         self.busy = Spread()
         self.late = 0
         self.overruns = dict.fromkeys(CAUSES, 0)
-        self.worst_ns, self.worst_frame, self.worst_cause = 0, -1, ""
+        self.worst_ns = 0
+        self.worst_frame = -1
+        self.worst_cause = ""
         self.given_up = 0
         self.stolen_share = 0.0
         """Share of the processor time that the host of this machine has taken since the first frame."""
@@ -167,13 +174,15 @@ class Timing:
         """Set the number of frames in a piece from now on."""
         if each != self.each:
             self.fold()
-            self.wall_ns, self.each = self.wall_ns / self.each * each, each
+            self.wall_ns = self.wall_ns / self.each * each
+            self.each = each
 
     def fold(self) -> None:
         """Evaluate the rows so far and forget them."""
         if not self.rows:
             return
-        rows, self.rows = self.rows, []
+        rows = self.rows
+        self.rows = []
         first = self.frames
         table = np.array(rows, np.int64)
         late = table[:, 1]
@@ -188,9 +197,12 @@ class Timing:
                 self.overruns[self._cause] += 1
             self.late += 1
             if late[i] > self.worst_ns:
-                self.worst_ns, self.worst_frame, self.worst_cause = int(late[i]), first + int(i), self._cause
+                self.worst_ns = int(late[i])
+                self.worst_frame = first + int(i)
+                self.worst_cause = self._cause
         if not self.late and late.max() > self.worst_ns:
-            self.worst_ns, self.worst_frame = int(late.max()), first + int(late.argmax())
+            self.worst_ns = int(late.max())
+            self.worst_frame = first + int(late.argmax())
         self._last = rows[-1]
         self.interruptions.forget(self._last[0])
 

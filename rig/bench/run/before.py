@@ -1,10 +1,7 @@
 """Findings before a run: about the rig, the edge of its plate, and delays as long as the run.
 
-Findings about the rig of a scene before it runs, the same for every command that builds the rig.
-
-Checks before a run whether the protocol moves a slider beyond the edge of its plate.
-
-Warnings about sensors and controllers whose delay is as long as the run.
+Findings about the rig are the same for every command that builds it. `meets_edge` computes whether the protocol moves a
+slider beyond the edge of its plate, `DelayWarnings` names sensors and controllers whose delay is as long as the run.
 """
 
 from __future__ import annotations
@@ -23,10 +20,15 @@ from rig.scenes.protocol import Follow, Hold, Load, Ramp, Repeat, Set
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report, step_findings
 
+SPEED = "drive.speed"
+ROUND = 1e-9
+"""Tolerance for rounding when a slider stops at the edge [m]."""
+
 
 def findings(scene: Scene, system: System | None = None) -> list[Finding]:
     """All findings about the rig of `scene`, the most severe first. `system`: its matrices, if already assembled."""
-    clock, system = scene.clock, scene.assemble().system() if system is None else system
+    clock = scene.clock
+    system = scene.assemble().system() if system is None else system
     return stability_report(system, *_steps(scene, system), clock.tolerance)
 
 
@@ -48,11 +50,6 @@ def refuse_stiff_film(scene: Scene, system: System) -> None:
         raise SceneError(scene.name, faults)
 
 
-SPEED = "drive.speed"
-ROUND = 1e-9
-"""Tolerance for rounding when a slider stops at the edge [m]."""
-
-
 def meets_edge(scene: Scene, duration: float | None = None) -> str:
     """A warning if the slider leaves its plate in a run of `duration` s, by default that of the protocol; else "".
 
@@ -72,11 +69,14 @@ def meets_edge(scene: Scene, duration: float | None = None) -> str:
         return ""
     left, rest = (math.inf, 0.0) if duration is None else (duration, duration)
     given: Any = scene.parameters
-    time, place, speed = 0.0, float(assembly.start[film.travel]), float(given.drive.speed)
+    time = 0.0
+    place = float(assembly.start[film.travel])
+    speed = float(given.drive.speed)
     for lasts, to in chain(_pieces(scene.protocol), [(rest, None)]):
         part = min(lasts, left - time)
         after = speed if to is None else speed + (to - speed) * (part / lasts if lasts else 1.0)
-        place, time = place + 0.5 * (speed + after) * part, time + part
+        place += 0.5 * (speed + after) * part
+        time += part
         speed = after
         if not -ROUND <= place <= film.longest + ROUND:
             limit = "begins at 0 mm" if place < 0.0 else f"ends at {1e3 * film.longest:.4g} mm"
@@ -113,7 +113,8 @@ class DelayWarnings:
     """Notes a warning in `journal` for each delay of `scene` that is as long as the run, once for each."""
 
     def __init__(self, scene: Scene, journal: Journal) -> None:
-        self._scene, self._journal = scene, journal
+        self._scene = scene
+        self._journal = journal
         self._noted: set[str] = set()
 
     def check(self, length_ns: int) -> None:

@@ -28,8 +28,9 @@ from functools import partial
 from itertools import islice
 from typing import Any, NamedTuple
 
+from rig.bench.run.actions import Action, Apply, Change, Move, Switch
 from rig.bench.run.journal import Journal
-from rig.bench.run.protocol import Action, Apply, Change, Move, Protocol, Switch
+from rig.bench.run.protocol import Protocol
 from rig.bench.run.rig_variants import RigVariant, Wanted
 from rig.bench.run.runner import PlantRunner
 from rig.errors import RigError
@@ -41,10 +42,13 @@ from rig.scenes.sections import unrolled, values_of
 PAUSE_S = 0.5
 """Least time between the starts of two builds in spare time. # chosen: each makes one or two frames of 1 ms late, on
 two cores"""
-MOST, LOOKED_AT = 32, 10_000
-"""Most changes of the protocol that are prepared, each of which takes some tens of milliseconds, and most steps that
-are searched for them. # chosen"""
-WAITS, GOES_ON, NEVER = "waits", "goes on", "never"
+MOST = 32
+"""Most changes of the protocol that are prepared, each of which takes some tens of milliseconds. # chosen"""
+LOOKED_AT = 10_000
+"""Most steps of the protocol that are searched for changes. # chosen"""
+WAITS = "waits"
+GOES_ON = "goes on"
+NEVER = "never"
 """Kinds of the events of a step that waits for its matrices."""
 
 Make = Callable[[], list[RigVariant]]
@@ -111,7 +115,8 @@ class Builds:
     def collect(self, who: object) -> None:
         """Keep the rigs of a build that is done. Raises what it raised if it was begun for `who`."""
         if self._build is not None and self._build[1].done():
-            (whose, build), self._build = self._build, None
+            whose, build = self._build
+            self._build = None
             if whose == who or build.exception() is None:
                 self._variants.keep(build.result())
 
@@ -138,7 +143,9 @@ class CommandedRigs:
     """
 
     def __init__(self, runner: PlantRunner, journal: Journal, builds: Builds) -> None:
-        self._runner, self._journal, self._builds = runner, journal, builds
+        self._runner = runner
+        self._journal = journal
+        self._builds = builds
         self._asked: dict[str, float] = {}  # actuator -> the value whose rig was begun last
         self._faulty: dict[str, float] = {}
 
@@ -147,7 +154,8 @@ class CommandedRigs:
         return tuple([self._newest(drive, value) for drive, value in zip(drives, values)])
 
     def _newest(self, drive: str, value: float) -> float:
-        runner, builds = self._runner, self._builds
+        runner = self._runner
+        builds = self._builds
         if not runner.rebuilds(drive, value):
             self._asked.pop(drive, None)
             return value
@@ -195,7 +203,10 @@ class PostponedSteps:
     ) -> None:
         self.never: list[str] = []
         """Actions that never took effect, in words."""
-        self._runner, self._journal, self._wants, self._builds = runner, journal, wants, builds
+        self._runner = runner
+        self._journal = journal
+        self._wants = wants
+        self._builds = builds
         self._number = 0
         self._waiting: deque[Waiting] = deque()
         self._count = self._longest = 0  # number of actions that have waited, and the longest wait [ticks]
@@ -207,7 +218,8 @@ class PostponedSteps:
 
     def has_to_wait(self, action: Action) -> bool:
         """Whether an action must wait; then `due` yields it later."""
-        number, self._number = self._number, self._number + 1
+        number = self._number
+        self._number += 1
         waits = number in self._until
         if self._builds.apart and self._rebuilds(action):  # in the order of the protocol
             waits = bool(self._waiting) or not self._runner.variants.has(self._wants(action))
@@ -291,7 +303,10 @@ class PreparedRigs:
     """
 
     def __init__(self, scene: Scene, runner: PlantRunner, protocol: Protocol, builds: Builds) -> None:
-        self._scene, self._runner, self._protocol, self._builds = scene, runner, protocol, builds
+        self._scene = scene
+        self._runner = runner
+        self._protocol = protocol
+        self._builds = builds
         self._begin()
         while made := self._next(self._rigs):
             runner.variants.keep(made)

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from rig.bus.impaired_link import ImpairedLink
 from rig.record.run import Commands
 
-AS_SENT, CLAMPED, SAFE = 0, 1, 2
+AS_SENT = 0
+CLAMPED = 1
+SAFE = 2
 """Values of `status` of a command that took effect."""
 
 
@@ -46,14 +48,32 @@ class CommandQueue:
     """The queue of the commands of one controller, and the command in force. Times are in ticks."""
 
     __slots__ = (
-        "_columns", "answered", "connected", "counts", "delay", "drives", "hold", "last", "link", "name",
-        "oldest", "oldest_in_time", "period", "queue", "status", "values", "wanted",
-    )  # fmt: skip
+        "_columns",
+        "answered",
+        "connected",
+        "counts",
+        "delay",
+        "drives",
+        "hold",
+        "last",
+        "link",
+        "name",
+        "oldest",
+        "oldest_in_time",
+        "period",
+        "queue",
+        "status",
+        "values",
+        "wanted",
+    )
 
     def __init__(
         self, name: str, drives: Sequence[str], period: int, delay: int, hold: int, link: ImpairedLink | None = None
     ) -> None:
-        self.name, self.drives, self.period, self.delay = name, tuple(drives), period, delay
+        self.name = name
+        self.drives = tuple(drives)
+        self.period = period
+        self.delay = delay
         self.hold = hold
         """Time for which the last command is held when commands are missing."""
         self.queue: deque[tuple[int, int, Sequence[float]]] = deque()
@@ -68,7 +88,9 @@ class CommandQueue:
         """The command in force; () before the first one."""
         self.wanted: tuple[float, ...] = ()
         """The latest command, if it needs a rig that is still being built; else ()."""
-        self.answered, self.status, self.last = -1, AS_SENT, 0
+        self.answered = -1
+        self.status = AS_SENT
+        self.last = 0
         self.counts = Counts()
         self._columns = (array("q"), array("q"), array("q"), array("d"))
 

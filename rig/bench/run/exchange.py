@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from rig.bench.run.builds import CommandedRigs
     from rig.bench.run.runner import PlantRunner
 
+LONGEST_NS = 3600 * 10**9
+"""Longest period of a controller. # chosen"""
+
 
 def in_range(inputs: Mapping[str, Input], drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
     """Return the values clamped to the ranges of this tick; a parameter of the rig may have changed the ranges."""
@@ -98,10 +101,6 @@ class ProtocolValues:
         self._values = {name: actuator.safe for name, actuator in self._runner.inputs.items()}
 
 
-LONGEST_NS = 3600 * 10**9
-"""Longest period of a controller. # chosen"""
-
-
 class Exchange:
     """All command queues of a run. `hold`: ticks for which the last command is held when commands are missing."""
 
@@ -118,7 +117,9 @@ class Exchange:
         """The last queue of every name, also of dismissed controllers, because their counts stay in the summary."""
         self.refused: dict[str, int] = {}
         """Senders without a queue, and how often they were refused."""
-        self._runner, self._frame_ns, self._hold = runner, frame_ns, hold
+        self._runner = runner
+        self._frame_ns = frame_ns
+        self._hold = hold
         self.faulty: dict[str, ActuatorFault] = {}
         """Actuators that are faulty at this tick, with their faults."""
         self.links = links
@@ -161,7 +162,8 @@ class Exchange:
                 "recording holds one number of commands under each name, so give the controller another name"
             )
         if period_ns % self._frame_ns or not 0 < period_ns <= LONGEST_NS:
-            frame, longest = f"{self._frame_ns / 1e6:g} ms", f"{LONGEST_NS / 1e9:g} s"
+            frame = f"{self._frame_ns / 1e6:g} ms"
+            longest = f"{LONGEST_NS / 1e9:g} s"
             allowed = f"no whole number of {frame} frames between {frame} and {longest}"
             faults.append(f"its period of {brief(period_ns)} ns is {allowed}")
         if faults:
@@ -170,7 +172,8 @@ class Exchange:
     def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> CommandQueue:
         """Add a queue for a controller. Raises UsageError if the controller cannot be admitted."""
         self.check(name, drives, period_ns)
-        period, delay = period_ns // self._frame_ns, delay_ns // self._frame_ns
+        period = period_ns // self._frame_ns
+        delay = delay_ns // self._frame_ns
         queue = CommandQueue(name, drives, period, delay, self._hold, self.links.get(name))
         if name in self.all_queues:
             queue.follow(self.all_queues[name])
@@ -208,11 +211,13 @@ class Exchange:
 
     def take_over(self) -> list[CommandQueue]:
         """Put the commands of this tick into force and return the queues that changed (a list that is reused)."""
-        tick, changed = self._runner.tick, self._changed
+        tick = self._runner.tick
+        changed = self._changed
         changed.clear()
         for queue in self._order:
             waiting = queue.queue
-            if waiting and waiting[0][0] <= tick and (command := self._last_due(queue, tick)) is not None:
+            command = self._last_due(queue, tick) if waiting and waiting[0][0] <= tick else None
+            if command is not None:
                 self._take(queue, tick, *command)
                 changed.append(queue)
             elif queue.wanted and self._catches_up(queue):
@@ -262,7 +267,8 @@ class Exchange:
         return first
 
     def _take(self, queue: CommandQueue, tick: int, answered: int, given: Sequence[float]) -> None:
-        counts, status = queue.counts, AS_SENT
+        counts = queue.counts
+        status = AS_SENT
         if not isfinite(sum(given)):
             given = self._without_gaps(queue, given)
         given = tuple(given)
@@ -303,9 +309,13 @@ class Exchange:
 
     def impose(self, queue: CommandQueue, answered: int, status: int, values: tuple[float, ...]) -> None:
         """Put values into force unchanged: `take_over` has checked them, or they come from a recording."""
-        tick, in_force = self._runner.tick, self.in_force
+        tick = self._runner.tick
+        in_force = self.in_force
         apply = self._apply if self.faulty else self._runner.apply
-        queue.values, queue.answered, queue.status, queue.last = values, answered, status, tick
+        queue.values = values
+        queue.answered = answered
+        queue.status = status
+        queue.last = tick
         for drive, value in zip(queue.drives, values):
             if in_force.get(drive) != value:
                 in_force[drive] = value
@@ -400,7 +410,9 @@ class Exchange:
     def _give_back(self, queue: CommandQueue) -> None:
         given_back = self.given_back(queue)
         queue.queue.clear()
-        queue.values, queue.status, queue.wanted = (), AS_SENT, ()
+        queue.values = ()
+        queue.status = AS_SENT
+        queue.wanted = ()
         for drive, value in given_back.items():
             self._write(drive, value)
             if (rest := self._protocol.rest_of_move(drive)) is not None:
@@ -446,20 +458,28 @@ class Exchange:
     def counters(self) -> dict[str, dict[str, Any]]:
         """Return the counts of each controller; unknown senders are under "refused"."""
         counts: dict[str, dict[str, Any]] = {name: asdict(queue.counts) for name, queue in self.all_queues.items()}
-        return counts | ({"refused": dict(self.refused)} if self.refused else {})
+        if self.refused:
+            counts["refused"] = dict(self.refused)
+        return counts
 
 
 class PlayedCommands:
     """The recorded commands of one controller; the first `done` of them have taken effect."""
 
     def __init__(self, commands: Commands) -> None:
-        self.commands, self.done = commands, 0
+        self.commands = commands
+        self.done = 0
         self._ticks = commands.tick.tolist()
 
     def due(self, ahead: int = 0) -> int | None:
         """The tick of the next command, or of the one `ahead` commands later; None if there is none."""
         at = self.done + ahead
         return self._ticks[at] if at < len(self._ticks) else None
+
+    def is_due(self, tick: int) -> bool:
+        """Whether the next command has to be in force at `tick`."""
+        due = self.due()
+        return due is not None and due <= tick
 
 
 class Playback(Exchange):
@@ -490,8 +510,10 @@ class Playback(Exchange):
     def _fits(self, queue: CommandQueue) -> None:
         if (played := self.played.get(queue.name)) is not None:
             if (width := played.commands.values.shape[1]) != len(queue.drives):
-                raise LogError(f"the recorded commands of {queue.name} have {width} values, its actuators are "
-                               f"{', '.join(queue.drives)}")  # fmt: skip
+                raise LogError(
+                    f"the recorded commands of {queue.name} have {width} values, its actuators are "
+                    f"{', '.join(queue.drives)}"
+                )
 
     @property
     def plays(self) -> bool:
@@ -528,11 +550,12 @@ class Playback(Exchange):
         """Put into force the recorded commands of this tick; from `end` on those that controllers have sent."""
         if not self.plays:
             return super().take_over()
-        tick, changed = self._runner.tick, self._changed
+        tick = self._runner.tick
+        changed = self._changed
         changed.clear()
         for queue in self._order:
             played = self.played.get(queue.name)
-            while played is not None and (due := played.due()) is not None and due <= tick:
+            while played is not None and played.is_due(tick):
                 _, answered, status, values = (column[played.done].tolist() for column in played.commands)
                 self.impose(queue, answered, status, tuple(values))
                 played.done += 1

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.bench.run import protocol
+from rig.bench.run import actions, protocol
 from rig.bench.run.before import DelayWarnings
 from rig.bench.run.builds import Builds, PostponedSteps, PreparedRigs
 from rig.bench.run.exchange import Exchange
@@ -44,7 +44,10 @@ from rig.units import si
 
 # Time in which the drive stops after a limit has ended the experiment. # chosen
 RUN_DOWN_NS = 500_000_000
-BEGIN, FORK, PLANT, EMERGENCY = "begin", "fork", "plant", "emergency"
+BEGIN = "begin"
+FORK = "fork"
+PLANT = "plant"
+EMERGENCY = "emergency"
 FAULT = "fault"
 """Kind of event that says that a fault begins or is over."""
 
@@ -55,14 +58,16 @@ class FaultTimes:
     """The begins and ends of the faults of `scene` that are still to come, in order."""
 
     def __init__(self, scene: Scene, runner: PlantRunner, journal: Journal) -> None:
-        self._runner, self._journal = runner, journal
-        units = {name: actuator.unit for name, actuator in runner.inputs.items()} | dict(
-            zip(runner.bank.names, runner.bank.units)
-        )
+        self._runner = runner
+        self._journal = journal
+        units = {name: actuator.unit for name, actuator in runner.inputs.items()}
+        units.update(zip(runner.bank.names, runner.bank.units))
         self._words = {name: described(fault, units[fault.part]) for name, fault in scene.faults.items()}
-        frame = scene.frame_ns
-        times = [(fault.at // frame, 1, name, fault) for name, fault in scene.faults.items()]
-        times += [(fault.end // frame, 0, name, fault) for name, fault in scene.faults.items() if fault.end is not None]
+        times = []
+        for name, fault in scene.faults.items():
+            times.append((fault.at // scene.frame_ns, 1, name, fault))
+            if fault.end is not None:
+                times.append((fault.end // scene.frame_ns, 0, name, fault))
         self._due: deque[tuple[int, int, str, PartFault]] = deque(sorted(times, key=lambda time: time[:3]))
 
     @property
@@ -82,20 +87,25 @@ class FaultTimes:
 
     def never(self) -> list[str]:
         """A line for each fault whose time has not come."""
-        frame, end = self._runner.frame_ns * 1e-9, self._runner.t_ns * 1e-9
-        return [
-            f"faults.{name}.at: {tick * frame:g} s is after the end of the run at {end:g} s, so this fault never acts "
-            f"({self._words[name]}); let it begin earlier or run longer"
-            for tick, begins, name, _ in self._due
-            if begins
-        ]
+        frame = self._runner.frame_ns * 1e-9
+        end = self._runner.t_ns * 1e-9
+        lines = []
+        for tick, begins, name, _ in self._due:
+            if begins:
+                late = f"faults.{name}.at: {tick * frame:g} s is after the end of the run at {end:g} s"
+                words = self._words[name]
+                lines.append(f"{late}, so this fault never acts ({words}); let it begin earlier or run longer")
+        return lines
 
 
 class Tuning:
     """Changes actuators and parameters of the rig of `runner`, all at one tick; `journal` records the changes."""
 
     def __init__(self, scene: Scene, runner: PlantRunner, exchange: Exchange, journal: Journal) -> None:
-        self.scene, self.runner, self.exchange, self.journal = scene, runner, exchange, journal
+        self.scene = scene
+        self.runner = runner
+        self.exchange = exchange
+        self.journal = journal
 
     def wanted(self, changes: Mapping[str, Any]) -> Wanted:
         """The variant of the rig that `change` needs for these changes. Raises UsageError with all faults.
@@ -128,7 +138,8 @@ class Tuning:
 
     def _wanted(self, actuators: Mapping[str, float], parameters: Mapping[str, Any]) -> Wanted:
         """The variant with command states for these actuators; without a command state a value is a parameter."""
-        runner, lacking = self.runner, self.runner.lacking(actuators)
+        runner = self.runner
+        lacking = self.runner.lacking(actuators)
         matrices = {
             key: value
             for key, value in actuators.items()
@@ -138,7 +149,8 @@ class Tuning:
 
     def _sorted(self, changes: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
         """Separate changes of actuators (in SI) and of parameters. Raises UsageError with all faults."""
-        inputs, known = self.runner.inputs, dict(values_of(self.scene.parameters))
+        inputs = self.runner.inputs
+        known = dict(values_of(self.scene.parameters))
         actuators: dict[str, float] = {}
         parameters: dict[str, Any] = {}
         faults = []
@@ -163,12 +175,11 @@ class Tuning:
     def tunable(self) -> dict[str, str]:
         """Key -> unit of everything that can be changed: actuators, then parameters of the rig."""
         runner = self.runner
-        known = {
-            key: unit for key, (_, unit) in values_of(runner.scene.parameters) if unit and not key.startswith("start.")
-        }
-        return {name: actuator.unit for name, actuator in runner.inputs.items()} | {
-            key: unit for key, unit in known.items() if key not in runner.inputs
-        }
+        units = {name: actuator.unit for name, actuator in runner.inputs.items()}
+        for key, (_, unit) in values_of(runner.scene.parameters):
+            if unit and key not in runner.inputs and not key.startswith("start."):
+                units[key] = unit
+        return units
 
     def value(self, key: str) -> Any:
         """The present value of an actuator or a parameter of the rig."""
@@ -208,7 +219,10 @@ class Experiment:
         journal = Journal(runner.frame_ns, lambda: runner.tick)
         links = scene.links("act", runner.bank.seed)
         commands = exchange(runner, runner.frame_ns, scene.clock.hold_frames, journal, links)
-        self.scene, self.runner, self.exchange, self.journal = scene, runner, commands, journal
+        self.scene = scene
+        self.runner = runner
+        self.exchange = commands
+        self.journal = journal
         self._faults = FaultTimes(scene, runner, self.journal)
         for name, section in scene.controllers.items():
             self.exchange.admit(name, controller_drives(section), section.period, section.delay)
@@ -219,14 +233,14 @@ class Experiment:
         self.tuning = Tuning(scene, runner, self.exchange, self.journal)
         self.protocol = protocol.Protocol(scene.protocol, runner.frame_ns, units, runner.inputs)
         self._does: dict[type, Callable[[Any], object]] = {
-            protocol.Note: lambda note: self.journal.note(note.kind, note.text),
-            protocol.Apply: lambda to: commands.ask(to.name, to.value),
-            protocol.Move: lambda move: commands.move(*move),
-            protocol.Strike: lambda knock: self.knock(knock.impulse, "protocol", knock.duration_ns),
-            protocol.Release: lambda _: runner.release(),
-            protocol.Switch: lambda switch: self.switch(switch.controller, switch.on, "protocol"),
-            protocol.Finish: lambda finish: self.stop(finish.reason),
-            protocol.Change: self._change,
+            actions.Note: lambda note: self.journal.note(note.kind, note.text),
+            actions.Apply: lambda to: commands.ask(to.name, to.value),
+            actions.Move: lambda move: commands.move(*move),
+            actions.Strike: lambda knock: self.knock(knock.impulse, "protocol", knock.duration_ns),
+            actions.Release: lambda _: runner.release(),
+            actions.Switch: lambda switch: self.switch(switch.controller, switch.on, "protocol"),
+            actions.Finish: lambda finish: self.stop(finish.reason),
+            actions.Change: self._change,
         }
         self.over = ""
         """Why the experiment has ended; empty while it runs."""
@@ -246,10 +260,8 @@ class Experiment:
         self.builds = Builds(runner)
         self.postponed = PostponedSteps(runner, self.journal, self._wants, self.builds, reported)
         first = next((i for i, event in enumerate(reported) if event["kind"] == BEGIN), 0)
-        self._before, self._outside = (
-            deque(event for event in part if event["data"].get("by") == OPERATOR)
-            for part in (reported[:first], reported[first:])
-        )
+        self._before = deque(event for event in reported[:first] if _by_operator(event))
+        self._outside = deque(event for event in reported[first:] if _by_operator(event))
 
     def prepared_rigs(self) -> PreparedRigs:
         """Build the rigs that protocol and limits will need, and return what builds them again after other changes."""
@@ -344,8 +356,11 @@ class Experiment:
         runner = self.runner
         tick = runner.tick
         self._faults.carry_out(self.exchange)
-        if not self.aborted and (name := runner.beyond()):
-            value, limit, unit = runner.output(name), self.scene.limits[name], runner.units[name]
+        name = "" if self.aborted else runner.beyond()
+        if name:
+            value = runner.output(name)
+            limit = self.scene.limits[name]
+            unit = runner.units[name]
             self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
         if not self.aborted:
             for action in self.postponed.due():
@@ -405,7 +420,8 @@ class Experiment:
 
     def _repeat(self, event: Mapping[str, Any]) -> None:
         """Carry out a recorded action of an operator. Raises LogError for one that this rig cannot have recorded."""
-        data, kind = event["data"], event["kind"]
+        data = event["data"]
+        kind = event["kind"]
         does: dict[str, Callable[[], object]] = {
             "parameter": lambda: self.change(data["set"]),
             FORK: lambda: self.journal.note(FORK, event["text"], **data),
@@ -428,15 +444,15 @@ class Experiment:
             text = f"the recorded event {event['kind']} of an operator at t = {t:.9g} s cannot be repeated"
             raise LogError(f"{text}: {why}") from None
 
-    def _wants(self, action: protocol.Action) -> list[Wanted]:
+    def _wants(self, action: actions.Action) -> list[Wanted]:
         """The rigs that an action of the protocol needs, one after the other."""
-        if isinstance(action, protocol.Switch):
+        if isinstance(action, actions.Switch):
             return [] if action.on else self.given_back(action.controller)
         try:
-            if isinstance(action, protocol.Change):
+            if isinstance(action, actions.Change):
                 wanted = self.tuning.needed({action.key: action.value})
                 return [wanted] if wanted else []
-            if isinstance(action, protocol.Apply) and not self.exchange.overruler(action.name):
+            if isinstance(action, actions.Apply) and not self.exchange.overruler(action.name):
                 actuator = self.runner.inputs[action.name]
                 value = min(max(action.value, actuator.low), actuator.high)
                 return [Wanted({action.name: value})] if self.runner.rebuilds(action.name, value) else []
@@ -444,7 +460,7 @@ class Experiment:
             pass
         return []
 
-    def _carry_out(self, action: protocol.Action) -> None:
+    def _carry_out(self, action: actions.Action) -> None:
         self._does[type(action)](action)
 
     def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> None:
@@ -461,7 +477,7 @@ class Experiment:
         if rig:
             self.tuning.change(rig, by)
 
-    def _change(self, action: protocol.Change) -> None:
+    def _change(self, action: actions.Change) -> None:
         try:
             self.change({action.key: action.value}, "protocol")
         except RigError as fault:  # the experiment continues, and the recording contains the refusal
@@ -476,3 +492,7 @@ class Experiment:
         phase = "safe state" if self.aborted else progress.phase
         fraction = min(self.runner.tick / self._end, 1.0) if self._end else 1.0
         return progress._replace(phase=phase, fraction=fraction, left_ns=left * self.runner.frame_ns)
+
+
+def _by_operator(event: Mapping[str, Any]) -> bool:
+    return bool(event["data"].get("by") == OPERATOR)

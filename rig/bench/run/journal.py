@@ -28,7 +28,9 @@ class Journal:
         """The events that nobody has taken."""
         self.count = 0
         """Number of events so far."""
-        self._frame_ns, self._now, self._source = frame_ns, now, source
+        self._frame_ns = frame_ns
+        self._now = now
+        self._source = source
         self._apart = max(1_000_000_000 // frame_ns, 1)
         self._noted: dict[str, tuple[int, int]] = {}
 
@@ -43,7 +45,8 @@ class Journal:
 
     def take(self) -> list[Event]:
         """The events since the last call, which the journal forgets: a live run would fill the memory with them."""
-        taken, self.events = self.events, []
+        taken = self.events
+        self.events = []
         return taken
 
     def repeated(self, kind: str, text: str, **data: Any) -> None:

@@ -41,6 +41,24 @@ from rig.scenes.scene import Scene
 from rig.scenes.sections import changes
 from rig.solve.control_loop import ROWS
 
+TRIALS = 200
+"""Answers of a compiled controller that are compared with Python's before it is used. # chosen"""
+WORTH = 500_000
+"""Number of answers of one class of controllers in this process that makes compiling worth it: Python takes 1.4 s for
+them, the compiler 1 to 3 s. # chosen"""
+LOST = "lost"
+"""Kind of the event that a controller works no more."""
+NEVER = 1 << 62
+"""Tick of the next answer of a controller that is lost."""
+CALLS: list[Callable[[str], object]] = []
+"""Called with the name of each controller before it is called, and with "" when it has answered: whoever waits for this
+process learns who ended it."""
+
+_Answer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
+_EXPECTED: Counter[type] = Counter()
+_TRIED: set[int] = set()
+"""Addresses of compiled controllers whose trials have given the answers of Python in this process."""
+
 
 class Guest(NamedTuple):
     """A controller that is admitted to a run; `delay_ns`: additional delay of its loop."""
@@ -122,24 +140,6 @@ def _check(scene: Scene) -> None:
         raise SceneError(scene.name, [line for _, line in wrong])
 
 
-TRIALS = 200
-"""Answers of a compiled controller that are compared with Python's before it is used. # chosen"""
-WORTH = 500_000
-"""Number of answers of one class of controllers in this process that makes compiling worth it: Python takes 1.4 s for
-them, the compiler 1 to 3 s. # chosen"""
-LOST = "lost"
-"""Kind of the event that a controller works no more."""
-NEVER = 1 << 62
-"""Tick of the next answer of a controller that is lost."""
-CALLS: list[Callable[[str], object]] = []
-"""Called with the name of each controller before it is called, and with "" when it has answered: whoever waits for this
-process learns who ended it."""
-_Answer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
-_EXPECTED: Counter[type] = Counter()
-_TRIED: set[int] = set()
-"""Addresses of compiled controllers that have passed this comparison in this process."""
-
-
 def loop_of(name: str, controller: Controller) -> Loop:
     """The loop of a controller, which starts it. Raises ControllerFailed for any exception of its code."""
     for call in CALLS:
@@ -183,11 +183,13 @@ class ControllerInProcess:
         self._latest = self._runner.bank.latest.item
 
     def _take_place(self, name: str, experiment: Experiment) -> None:
-        self.name, self.queue = name, experiment.exchange.queues[name]
+        self.name = name
+        self.queue = experiment.exchange.queues[name]
         self.due = 0
         self.given: Values | None = None
         self.fault: BaseException | None = None
-        self._runner, self._receive = experiment.runner, experiment.exchange.receive
+        self._runner = experiment.runner
+        self._receive = experiment.exchange.receive
 
     def expect(self, answers: int) -> None:
         """Announce the number of answers in this run, which decides whether the controller is compiled."""
@@ -202,7 +204,9 @@ class ControllerInProcess:
             self._lose(why)
 
     def _lose(self, why: Exception) -> None:
-        self.due, self.given, self.fault = NEVER, None, None
+        self.due = NEVER
+        self.given = None
+        self.fault = None
         drives = ", ".join(self.queue.drives)
         text = f"controller {self.name} is lost: {why}; {drives}: the last command is held, then safe values"
         self._journal.note(LOST, text, controller=self.name)
@@ -215,7 +219,8 @@ class ControllerInProcess:
             if tick != self.due:
                 return
             self.ask(tick)
-        values, self.given = self.given, None
+        values = self.given
+        self.given = None
         assert values is not None
         self._receive(self.name, tick, values)
 
@@ -237,7 +242,9 @@ class ControllerInProcess:
 
     def _called(self, t_ns: int, heard: Any) -> Values:
         """The answer of its code at `t_ns` [ns]. Raises ControllerFailed for any exception of this code."""
-        loop, tick, first = self.loop, t_ns // self._runner.frame_ns, not self.loop.refused
+        loop = self.loop
+        tick = t_ns // self._runner.frame_ns
+        first = not self.loop.refused
         if tick in self.skipped.unanswered:
             if tick in self.skipped.arrived:
                 loop.skip(heard)
@@ -278,12 +285,14 @@ class ControllerInProcess:
 
     def _try(self, t_ns: int, heard: Values) -> None:
         """Compare the compiled `update` with the answer just given; discard it if they differ."""
-        native, loop = self._native, self.loop
+        native = self._native
+        loop = self.loop
         assert native is not None
         self._trial -= 1
         differs = loop.last_input == (t_ns, heard) and not native.reproduces(t_ns, heard, loop.command, loop.state)
         if differs or not native.resume(loop.controller, loop.state):
-            self._native, self._trial = None, 0
+            self._native = None
+            self._trial = 0
         elif not self._trial:
             _TRIED.add(native.address)
 
@@ -326,7 +335,8 @@ class CompiledControllers:
     """Lends controllers of `experiment` to the compiled loop while the plant runner computes many frames."""
 
     def __init__(self, experiment: Experiment) -> None:
-        self._exchange, self._runner = experiment.exchange, experiment.runner
+        self._exchange = experiment.exchange
+        self._runner = experiment.runner
         self._tables = self._runner.controllers
         self._command: Any = self._tables.command.data
         self._clock = self._tables.clock[0]
@@ -357,7 +367,8 @@ class CompiledControllers:
         return [compiled.queue.name for compiled in self._compiled]
 
     def _lend(self, queue: CommandQueue, controller: ControllerInProcess | None, played: PlayedCommands | None) -> None:
-        c, i = self._tables, len(self._compiled)
+        c = self._tables
+        i = len(self._compiled)
         read, driven = (self._compiled[-1].reads.stop, self._compiled[-1].drives.stop) if i else (0, 0)
         places = [self._runner.plain(drive) for drive in queue.drives]
         fits = i < len(c.controllers) and driven + len(places) <= len(c.command) and len(queue.queue) < ROWS
@@ -374,9 +385,14 @@ class CompiledControllers:
         c.force[drives] = [self._exchange.in_force.get(drive, nan) for drive in queue.drives]
         compiled = CompiledQueue(queue, reads, drives, controller, native, played)
         record = c.controllers[i]
-        record["hears"], record["deaf"] = reads.start, reads.stop
-        record["drives"], record["driven"] = drives.start, drives.stop
-        record["given"], record["updates"], record["kept"], record["clamped"] = -1, 0, 0, 0
+        record["hears"] = reads.start
+        record["deaf"] = reads.stop
+        record["drives"] = drives.start
+        record["driven"] = drives.stop
+        record["given"] = -1
+        record["updates"] = 0
+        record["kept"] = 0
+        record["clamped"] = 0
         record["oldest"] = 0
         if controller is not None:
             self._lay_working(record, i, compiled, controller)
@@ -387,7 +403,8 @@ class CompiledControllers:
 
     def _lay_working(self, record: Any, i: int, compiled: CompiledQueue, controller: ControllerInProcess) -> None:
         queue, reads, drives, _, native, _ = compiled
-        c, inputs = self._tables, self._runner.inputs
+        c = self._tables
+        inputs = self._runner.inputs
         c.low[drives] = [inputs[drive].low for drive in queue.drives]
         c.high[drives] = [inputs[drive].high for drive in queue.drives]
         for k, (due, answered, values) in enumerate(queue.queue):
@@ -397,26 +414,38 @@ class CompiledControllers:
         record["heard_at"] = c.heard.ctypes.data + c.heard.itemsize * reads.start
         record["command_at"] = c.command.ctypes.data + c.command.itemsize * drives.start
         record["memory_at"] = 0 if native is None else native.memory.ctypes.data
-        record["period"], record["delay"], record["waiting"] = queue.period, queue.delay, len(queue.queue)
-        record["due"], record["last"] = controller.due, queue.last
+        record["period"] = queue.period
+        record["delay"] = queue.delay
+        record["waiting"] = len(queue.queue)
+        record["due"] = controller.due
+        record["last"] = queue.last
 
     def _lay_played(self, record: Any, i: int, compiled: CompiledQueue) -> None:
-        c, played = self._tables, compiled.played
+        c = self._tables
+        played = compiled.played
         assert played is not None
         tick, answered, status, values = (column[played.done : played.done + ROWS] for column in played.commands)
         count = len(tick)
         waiting = c.queue[i, :count]
-        waiting["tick"], waiting["answered"], waiting["status"] = tick, answered, status
+        waiting["tick"] = tick
+        waiting["answered"] = answered
+        waiting["status"] = status
         c.queued[:count, compiled.drives] = values
-        c.low[compiled.drives], c.high[compiled.drives] = -inf, inf  # recorded commands are already clamped
-        record["answer"], record["due"], record["waiting"] = 0, -1, count
-        record["period"], record["last"] = NEVER, 0
+        c.low[compiled.drives] = -inf
+        c.high[compiled.drives] = inf  # recorded commands are already clamped
+        record["answer"] = 0
+        record["due"] = -1
+        record["waiting"] = count
+        record["period"] = NEVER
+        record["last"] = 0
 
     def take_back(self) -> None:
         """Update queues, counts and states of the lent controllers with what the loop has done."""
         c = self._tables
         for i, compiled in enumerate(self._compiled):
-            queue, record, drives = compiled.queue, c.controllers[i], compiled.drives
+            queue = compiled.queue
+            record = c.controllers[i]
+            drives = compiled.drives
             if compiled.controller is not None:
                 self._take_back_working(record, i, compiled, compiled.controller)
             if kept := int(record["kept"]):
@@ -429,13 +458,17 @@ class CompiledControllers:
         self._clock["count"] = 0
 
     def _take_back_working(self, record: Any, i: int, compiled: CompiledQueue, controller: ControllerInProcess) -> None:
-        c, queue, drives = self._tables, compiled.queue, compiled.drives
-        updates, kept = int(record["updates"]), int(record["kept"])
+        c = self._tables
+        queue = compiled.queue
+        drives = compiled.drives
+        updates = int(record["updates"])
+        kept = int(record["kept"])
         if compiled.native is not None:
             controller.due = int(record["due"])
             if updates:
                 t_ns = (controller.due - queue.period) * self._runner.frame_ns
-                heard, command = tuple(c.heard[compiled.reads].tolist()), tuple(c.command[drives].tolist())
+                heard = tuple(c.heard[compiled.reads].tolist())
+                command = tuple(c.command[drives].tolist())
                 controller.loop.adopt(updates, t_ns, heard, compiled.native.state(), command)
         if self._clock["unusual"] and record["given"] == self._clock["tick"]:
             controller.given = tuple(c.command[drives].tolist())
@@ -456,7 +489,8 @@ class CompiledControllers:
         after compiled code or where a loop repeats, and here both are inside `try`. A function would lose the
         exception, since compiled code does not propagate it.
         """
-        result, i = 0, 0
+        result = 0
+        i = 0
         while True:
             try:
                 while True:
@@ -464,7 +498,8 @@ class CompiledControllers:
                     i = yield result
                     result = 0
                     queue, _, drives, controller, _, _ = self._compiled[i]
-                    values, first = controller.ask(int(self._clock["tick"])), drives.start  # type: ignore[union-attr]
+                    values = controller.ask(int(self._clock["tick"]))  # type: ignore[union-attr]
+                    first = drives.start  # type: ignore[union-attr]
                     if len(values) == len(queue.drives):
                         for value in values:
                             self._command[first] = value
@@ -474,4 +509,5 @@ class CompiledControllers:
             except GeneratorExit:
                 return
             except BaseException as fault:
-                self._compiled[i].controller.fault, result = fault, 0  # type: ignore[union-attr]
+                self._compiled[i].controller.fault = fault  # type: ignore[union-attr]
+                result = 0

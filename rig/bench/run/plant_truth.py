@@ -1,12 +1,6 @@
-"""What a plant runner collects: the plant's own outputs, mode sets, events and all measurements.
-
-The plant's own outputs, mode sets and events at every sample step, as the plant runner delivers them.
+"""The plant's own outputs, mode sets and events at every sample step, as the plant runner delivers them.
 
 `Truth` keeps them. `Bands` reduces them for viewers, which would see an alias of a fast vibration in single states.
-
-Rows of numbers that grow while a run goes on, without a copy of what is written to them.
-
-All measurements of the sensors of a plant runner, collected while it runs.
 """
 
 from __future__ import annotations
@@ -19,71 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bench.run.measurements import GrowingRows
 from rig.bus import encode
 from rig.bus.topics import SPAN_NS
 from rig.model.system import System
 from rig.motion.motion import Motion
-from rig.record.run import Samples
-from rig.sensors.chain.bank import Bank
 
-LEAST, MOST = 1 << 12, 1 << 21
-"""Limits of the columns for which there is room at first. When it is used up, it is doubled."""
-
-
-class GrowingRows:
-    """An array [row, column] of a type, to which columns are appended. `expected`: about how many.
-
-    New memory costs more than what is written to it: it is touched once if the number is known.
-    """
-
-    def __init__(self, rows: int, kind: Any, expected: int) -> None:
-        self._whole: NDArray[Any] = np.empty((rows, min(max(expected, LEAST), MOST)), dtype=kind)
-        self.count = 0
-        """Number of columns so far."""
-
-    def append(self, columns: int) -> tuple[NDArray[Any], int]:
-        """Append columns and return the array, which the caller fills, and the first new column."""
-        first, self.count = self.count, self.count + columns
-        if self.count > self._whole.shape[1]:
-            larger = np.empty((len(self._whole), max(2 * self._whole.shape[1], self.count)), dtype=self._whole.dtype)
-            larger[:, :first] = self._whole[:, :first]
-            self._whole = larger
-        return self._whole, first
-
-    def all(self) -> NDArray[Any]:
-        """All columns so far: a view, each row of which is contiguous."""
-        return self._whole[:, : self.count]
-
-
-class Measurements:
-    """The samples of a sensor bank from t = 0 on. The bank keeps only the last ones; call `take` before it is full.
-
-    `length_ns`: about how long the run will be.
-    """
-
-    def __init__(self, bank: Bank, length_ns: int) -> None:
-        self._bank = bank
-        self._taken = [GrowingRows(1, np.float64, instants.count(length_ns)) for instants in bank.instants]
-
-    def take(self) -> None:
-        """Keep the samples published since the last call."""
-        for i, taken in enumerate(self._taken):
-            new = self._bank.since(i, taken.count)
-            rows, first = taken.append(len(new))
-            rows[0, first : first + len(new)] = new
-
-    def samples(self) -> dict[str, Samples]:
-        """Sensor -> its samples: times [ns], one shared array for sensors of the same rate, and values."""
-        self.take()
-        series = [(instants, taken.count) for instants, taken in zip(self._bank.instants, self._taken)]
-        times = {times_of: times_of[0].at(np.arange(times_of[1])) for times_of in set(series)}
-        return {
-            name: Samples(times[key], taken.all()[0]) for name, key, taken in zip(self._bank.names, series, self._taken)
-        }
-
-
-SPANS, PAIRS = 20, 512
-"""Most spans in one message, and most of its last steps that it has for the phase portrait."""
+SPANS = 20
+"""Most spans in one message."""
+PAIRS = 512
+"""Most of the last steps that a message has for the phase portrait."""
 
 
 class Truth:
@@ -94,9 +33,8 @@ class Truth:
 
     def __init__(self, outputs: NDArray[np.float64], key: int, step_ns: int, steps: int) -> None:
         self._step_ns = step_ns
-        self._outputs, self._keys = (
-            GrowingRows(rows, kind, steps + 1) for rows, kind in ((len(outputs), np.float64), (1, np.int64))
-        )
+        self._outputs = GrowingRows(len(outputs), np.float64, steps + 1)
+        self._keys = GrowingRows(1, np.int64, steps + 1)
         self._outputs.append(1)[0][:, 0] = outputs
         self._keys.append(1)[0][:, 0] = key
         self._met: list[tuple[System, int, NDArray[np.int64], NDArray[np.float64]]] = []
@@ -104,7 +42,8 @@ class Truth:
     def keep(self, motion: Motion) -> None:
         """Append the steps in the log of a motion, as outputs computed with its present matrices."""
         steps = motion.kept
-        states, mode_sets = motion.log.out[:steps], motion.log.modes[:steps]
+        states = motion.log.out[:steps]
+        mode_sets = motion.log.modes[:steps]
         motion.write_outputs(states, mode_sets, *self._outputs.append(steps))
         keys, first = self._keys.append(steps)
         _write_keys(motion, mode_sets, keys[0, first : first + steps])
@@ -125,13 +64,14 @@ class Truth:
         contacts: list[dict[str, Any]] = []
         for _, group in groupby(self._met, lambda met: id(met[0])):
             systems, begins, events, places = zip(*group)
-            describe, happens = cache(systems[0].describe), cache(systems[0].event_text)
+            describe = cache(systems[0].describe)
+            happens = cache(systems[0].event_text)
             ticks = np.concatenate(events)[:, 0] + np.repeat(begins, [len(part) for part in events])
             share = np.concatenate(places)
             times = np.rint((ticks + share) * self._step_ns).astype(np.int64)
             rows = zip(times.tolist(), ticks.tolist(), share.tolist(), np.concatenate(events)[:, 1:].tolist())
-            contacts += [
-                {
+            for t_ns, tick, place, (kind, owner, before) in rows:
+                event = {
                     "t_ns": t_ns,
                     "tick": tick,
                     "source": "plant",
@@ -139,8 +79,7 @@ class Truth:
                     "text": happens(kind, owner),
                     "data": {"tick": tick, "place": place, "before": describe(before)},
                 }
-                for t_ns, tick, place, (kind, owner, before) in rows
-            ]
+                contacts.append(event)
         return contacts
 
 
@@ -160,14 +99,19 @@ class Bands:
     def __init__(
         self, outputs: int, step_ns: int, pair: tuple[int, ...], later: Callable[..., object], frame_ns: int
     ) -> None:
-        self._outputs, self._step_ns, self._pair, self._later, self._frame_ns = outputs, step_ns, pair, later, frame_ns
+        self._outputs = outputs
+        self._step_ns = step_ns
+        self._pair = pair
+        self._later = later
+        self._frame_ns = frame_ns
         self._span = max(SPAN_NS // step_ns, 1)
         self._room = SPANS * self._span
         self._first = self._count = 0
         self._empty()
 
     def _empty(self) -> None:
-        self._values, self._keys = np.empty((self._outputs, self._room)), np.empty(self._room, np.int64)
+        self._values = np.empty((self._outputs, self._room))
+        self._keys = np.empty(self._room, np.int64)
         self._count = 0
 
     def add(self, motion: Motion) -> None:
@@ -178,8 +122,10 @@ class Bands:
         if not self._count:
             self._first = motion.tick - steps
             if steps > self._room:
-                self._values, self._keys = np.empty((self._outputs, steps)), np.empty(steps, np.int64)
-        mode_sets, at = motion.log.modes[:steps], self._count
+                self._values = np.empty((self._outputs, steps))
+                self._keys = np.empty(steps, np.int64)
+        mode_sets = motion.log.modes[:steps]
+        at = self._count
         motion.write_outputs(motion.log.out[:steps], mode_sets, self._values, at)
         _write_keys(motion, mode_sets, self._keys[at : at + steps])
         self._count += steps

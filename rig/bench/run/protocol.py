@@ -2,166 +2,31 @@
 
 `Protocol.due` is called once in every frame, after the measurements of that tick. Steps without a duration follow each
 other within one tick; a ramp, a hold, a wait or a recording to follow delays the next steps.
-
-What a protocol asks of an experiment at a tick, one record for each kind of action.
-
-The condition of a step that waits for a measurement, and the range of the last samples that it needs.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bench.run.actions import Action, Apply, Change, Finish, Move, Note, Release, Strike, Switch
+from rig.bench.run.condition import Condition
 from rig.model.assembly import Input
 from rig.scenes.protocol import Follow, Hold, Knock, Load, Mark, Ramp, Set, Wait, duration_ns
 from rig.scenes.sections import least_ns, number, unrolled
 
-
-class Apply(NamedTuple):
-    """Set an actuator to a value at once."""
-
-    name: str
-    value: float
-
-
-class Move(NamedTuple):
-    """Move an actuator linearly to a value within a number of ticks; an `Apply` of that value follows at the end."""
-
-    name: str
-    to: float
-    ticks: int
-
-
-class Strike(NamedTuple):
-    """Change the momentum of the body by an impulse [N s]: at once, or by a half sine of force [ns].
-
-    A `Release` follows at the end of the half sine.
-    """
-
-    impulse: float
-    duration_ns: int = 0
-
-
-class Release(NamedTuple):
-    """The hammer leaves the body."""
-
-
-class Change(NamedTuple):
-    """Change a parameter of the rig or of a controller ("controllers.<name>.<parameter>")."""
-
-    key: str
-    value: float
-
-
-class Switch(NamedTuple):
-    """Connect a controller to its actuators, or disconnect it."""
-
-    controller: str
-    on: bool
-
-
-class Note(NamedTuple):
-    """Record an event of the kind `step`, `mark` or `timeout`."""
-
-    kind: str
-    text: str
-
-
-class Finish(NamedTuple):
-    """End the run."""
-
-    reason: str
-
-
-Action = Apply | Move | Strike | Release | Change | Switch | Note | Finish
 NOTHING: tuple[Action, ...] = ()
-
-
-class Condition:
-    """The condition of a wait for a measurement; see `rig.scenes.protocol.Wait`."""
-
-    def __init__(self, step: Wait, column: int, frame_ns: int) -> None:
-        self.column = column
-        self.is_met = False
-        self._kind, self._limit = step.condition, step.limit
-        frames = max(step.window // frame_ns, 1)
-        self._range = Range(frames)
-        self._before: deque[tuple[float, float]] = deque(maxlen=frames + 1)
-
-    def met(self, sample: float) -> bool:
-        """Whether the condition is met, after the sample of one more frame. NaN or infinity restarts the windows."""
-        if not isfinite(sample):
-            self._range.clear()
-            self._before.clear()
-        elif self._kind == "above":
-            self.is_met = sample > self._limit
-        elif self._kind == "below":
-            self.is_met = sample < self._limit
-        elif self._range.add(sample):
-            now, past = (self._range.highest, self._range.lowest), self._before
-            if self._kind == "quiet":
-                self.is_met = (now[0] - now[1]) / 2.0 < self._limit
-            else:  # settled
-                past.append(now)
-                settled = all(abs(value - before) < self._limit for value, before in zip(now, past[0]))
-                self.is_met = len(past) == past.maxlen and settled
-        return self.is_met
-
-
-class Range:
-    """Highest and lowest of the last `frames` samples, by two monotonic queues in amortised constant time."""
-
-    def __init__(self, frames: int) -> None:
-        self.frames = frames
-        self._high: deque[tuple[int, float]] = deque()
-        self._low: deque[tuple[int, float]] = deque()
-        self._seen = 0
-
-    def clear(self) -> None:
-        """Forget all samples."""
-        self._high.clear()
-        self._low.clear()
-        self._seen = 0
-
-    def add(self, sample: float) -> bool:
-        """Add a sample; whether there are `frames` of them."""
-        high, low, number = self._high, self._low, self._seen
-        while high and high[-1][1] <= sample:
-            high.pop()
-        while low and low[-1][1] >= sample:
-            low.pop()
-        high.append((number, sample))
-        low.append((number, sample))
-        oldest = number - self.frames
-        if high[0][0] <= oldest:
-            high.popleft()
-        if low[0][0] <= oldest:
-            low.popleft()
-        self._seen = number + 1
-        return self._seen >= self.frames
-
-    @property
-    def highest(self) -> float:
-        """Highest of the last `frames` samples."""
-        return self._high[0][1]
-
-    @property
-    def lowest(self) -> float:
-        """Lowest of the last `frames` samples."""
-        return self._low[0][1]
 
 
 class Following:
     """The moves of a step `Follow` that begins at `tick`: one for each frame in which a value changes."""
 
     def __init__(self, step: Follow, tick: int, frame_ns: int) -> None:
-        self._names, self._first = tuple(step.channels), tick
+        self._names = tuple(step.channels)
+        self._first = tick
         values = step.file.values(len(self._names))
         if step.file.frame_ns != frame_ns:  # a recorded step that is continued with another frame
             ticks = np.arange(step.duration // frame_ns + 1) * frame_ns
@@ -184,10 +49,16 @@ class Following:
         begin, end = self._knots[self._at : self._at + 2]
         self._at += 1
         columns = zip(self._names, self._values[:, begin], self._values[:, end])
-        moved = [(name, float(a), float(b)) for name, a, b in columns]
-        first = [Apply(name, a) for name, a, _ in moved] if not begin else []
-        later = (Move(name, b, end - begin) if a != b else Apply(name, a) for name, a, b in moved if a != b or begin)
-        return [*first, *later]
+        actions = list[Action]()
+        later = list[Action]()
+        for name, value, next_value in columns:
+            if not begin:
+                actions.append(Apply(name, float(value)))
+            if value != next_value:
+                later.append(Move(name, float(next_value), end - begin))
+            elif begin:
+                later.append(Apply(name, float(value)))
+        return actions + later
 
     def end(self) -> list[Action]:
         """The values at the end."""
@@ -255,7 +126,9 @@ class Protocol:
         """The first tick after `tick` at which something may be due; None if the protocol is done."""
         if self._condition is not None:
             return tick + 1
-        return None if self.done else self._until if self._following is None else self._following.next
+        if self.done:
+            return None
+        return self._until if self._following is None else self._following.next
 
     def _go_on(self, tick: int, latest: NDArray[Any]) -> list[Action]:
         actions = self._finished()
@@ -268,13 +141,16 @@ class Protocol:
                 actions += self._finished()
             elif self._until > tick:
                 return actions
-        self.done, self.phase = True, "done"
+        self.done = True
+        self.phase = "done"
         return actions
 
     def _finished(self) -> list[Action]:
         """The present step, which had a duration, is over: return its last actions."""
-        step, condition = self._current, self._condition
-        following, self._following = self._following, None
+        step = self._current
+        condition = self._condition
+        following = self._following
+        self._following = None
         self._current = self._condition = None
         if following is not None:
             return following.end()
@@ -321,11 +197,15 @@ class Protocol:
 
     def progress(self, tick: int) -> Progress:
         """Progress of the experiment at `tick`."""
-        waiting = self._condition is not None
         left = None
+        fraction = None
         if self._length is not None:
-            left = self._length - self._passed + (0 if waiting else max(self._until - tick, 0) * self._frame_ns)
-        fraction = 1.0 if self.done else 1.0 - left / self._length if left is not None and self._length else None
+            waits = self._condition is not None
+            left = self._length - self._passed + (0 if waits else max(self._until - tick, 0) * self._frame_ns)
+            if self._length:
+                fraction = 1.0 - left / self._length
+        if self.done:
+            fraction = 1.0
         return Progress(self.phase, self.begun, self._count, fraction, left)
 
     def described(self, step: Any) -> str:

@@ -49,7 +49,8 @@ class RigVariants:
         self.scene = scene
         """The scene of the present rig."""
         self._begun = scene.parameters
-        self._motion, self._outputs = motion, outputs
+        self._motion = motion
+        self._outputs = outputs
         self.kept: list[RigVariant] = []
         """Variants that are built and not used yet."""
 
@@ -119,5 +120,7 @@ class RigVariants:
     def use(self, variant: RigVariant) -> None:
         """Make this variant the present rig; drop kept variants that it cannot become."""
         assert variant.before is self.scene
-        self.scene, kept, self.kept = variant.scene, self.kept, []
+        self.scene = variant.scene
+        kept = self.kept
+        self.kept = []
         self.keep(kept)

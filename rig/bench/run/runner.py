@@ -5,18 +5,11 @@ the bus in lockstep, or re-simulated from a recording gives the same bits.
 
 `PlantRunner` steps (`frames`), takes commands (`apply`, `ramp`, `knock`, `take`), and can return to a state that was
 kept (`back`). `ResumedRunner` continues a recorded run from one of its checkpoints.
-
-What controllers receive from the instruments, if links between plant and controllers are impaired.
-
-It takes the place of the sensor bank wherever samples are passed to a controller: in this process, in the step on the
-bus, in a recording that is continued. The recording keeps the measurements themselves; what was heard of them follows
-from these, the seed and the tick (rig.bus.impaired_link).
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from math import isfinite
 from typing import Any, NamedTuple
@@ -29,9 +22,11 @@ from rig.bench.free_rig import FreeRig
 from rig.bench.run.audit import StateSamples, audit
 from rig.bench.run.before import findings
 from rig.bench.run.checkpoint import Arrays, KeptState, packed, unpacked
-from rig.bench.run.plant_truth import Bands, Measurements, Truth
+from rig.bench.run.faulty_sensors import FaultySensors
+from rig.bench.run.heard_over_links import ROOM, HeardOverLinks, Hearing
+from rig.bench.run.measurements import Measurements
+from rig.bench.run.plant_truth import Bands, Truth
 from rig.bench.run.rig_variants import RigVariant, RigVariants, Wanted
-from rig.bus.impaired_link import HeardSensor, ImpairedLink
 from rig.compiled.records import Loan
 from rig.controllers import controller_drives, controller_reads
 from rig.effects import knock
@@ -51,78 +46,12 @@ from rig.solve.control_loop import controller_tables
 from rig.solve.forces import RandomNumbers
 from rig.solve.frames import Surroundings
 
-ROOM = 1 << 10
-"""Largest number of ticks between two calls of `advance`. # chosen: a bank keeps as many samples"""
-
-
-class HeardOverLinks:
-    """What arrives over `links` (sensor -> link), to be read like `bank`; other sensors of it are not changed."""
-
-    def __init__(self, bank: Bank, links: Mapping[str, ImpairedLink], frame_ns: int) -> None:
-        self._bank, self._frame = bank, frame_ns
-        self._tick = -1
-        self._heard = {bank.names.index(name): HeardSensor(link) for name, link in links.items()}
-        # What was heard of each sensor with a link at the last ticks: latest sample, samples of the tick.
-        self._past: deque[dict[int, tuple[float, list[float]]]] = deque(maxlen=ROOM + 1)
-
-    def advance(self, tick: int) -> None:
-        """Hear what arrives up to `tick`, at which the bank is; it must hold the samples since the last call."""
-        if self._tick >= tick:
-            return
-        ticks = range(self._tick + 1, tick + 1)
-        sent = {i: [self._bank.samples(i).tolist()] for i in self._heard}
-        if len(ticks) > 1:
-            before = [at * self._frame for at in ticks[:-1]]
-            sent = {i: self._bank.published(i, before) + sent[i] for i in self._heard}
-        for k, at in enumerate(ticks):
-            heard = {i: sensor.tick(at, sent[i][k]) for i, sensor in self._heard.items()}
-            self._past.append({i: (self._heard[i].latest, samples) for i, samples in heard.items()})
-        self._tick = tick
-
-    @property
-    def latest(self) -> NDArray[np.float64]:
-        """See `Bank`."""
-        values = self._bank.latest.copy()
-        for i, (latest, _) in self._past[-1].items():
-            values[i] = latest
-        return values
-
-    @property
-    def fresh(self) -> NDArray[np.int64]:
-        """See `Bank`."""
-        counts = self._bank.fresh.copy()
-        for i, (_, samples) in self._past[-1].items():
-            counts[i] = len(samples)
-        return counts
-
-    def samples(self, i: int) -> NDArray[np.float64]:
-        """See `Bank`."""
-        if i not in self._heard:
-            return self._bank.samples(i)
-        return np.array(self._past[-1][i][1])
-
-    def shown(self, i: int, t_ns: Sequence[int]) -> list[float]:
-        """See `Bank`."""
-        if i not in self._heard:
-            return self._bank.shown(i, t_ns)
-        return [self._at(t)[i][0] for t in t_ns]
-
-    def published(self, i: int, t_ns: Sequence[int]) -> list[list[float]]:
-        """See `Bank`."""
-        if i not in self._heard:
-            return self._bank.published(i, t_ns)
-        return [self._at(t)[i][1] for t in t_ns]
-
-    def _at(self, t_ns: int) -> dict[int, tuple[float, list[float]]]:
-        return self._past[t_ns // self._frame - self._tick - 1]
-
-
-Hearing = Bank | HeardOverLinks
-"""What a controller is told: by a bank of instruments directly, or over impaired links."""
-
-
-DRAWS = 1 << 12
+DRAWS = 1 << 12  # random numbers that are drawn at once. chosen: 32 KiB
 _NAME = "process noise"  # no instrument can have this name, since it has a space
+
+Array = NDArray[np.float64]
+ROWS = 1 << 15
+"""Most steps that a motion keeps: for `truth` before they are handed over, and in one call."""
 
 
 class Numbers:
@@ -135,7 +64,8 @@ class Numbers:
 
     def __init__(self, system: System, seed: int) -> None:
         self.record = RandomNumbers(np.array([-1]), np.array([DRAWS]), np.zeros(DRAWS))
-        self.seed, self._stream = seed, Stream(seed, _NAME)
+        self.seed = seed
+        self._stream = Stream(seed, _NAME)
         self.find(system)
 
     def find(self, system: System) -> None:
@@ -162,57 +92,6 @@ class Numbers:
         self.fill()
 
 
-class FaultySensors:
-    """The faults of the sensors of `bank`, which `apply` puts into its latest samples after every frame.
-
-    A faulty sample depends on its number, on the true sample and on the one before it. So nothing has to be kept: a run
-    that continues from a checkpoint has the same bits.
-    """
-
-    def __init__(self, bank: Bank, faults: Mapping[str, Any], frame_ns: int) -> None:
-        self._bank, self._faults = bank, []
-        for fault in faults.values():
-            i = bank.names.index(fault.sensor)
-            instants = bank.instants[i]
-            first, end = instants.count(fault.at - 1), None if fault.end is None else instants.count(fault.end - 1)
-            if fault.kind == "spike" and end is None:
-                end = first + 1
-            begins = -(-instants.instant(first) // frame_ns)
-            over = None if end is None else -(-instants.instant(max(end - 1, first)) // frame_ns)
-            if end is None or end > first:
-                self._faults.append((fault, i, first, end, begins, over))
-
-    def ahead(self, tick: int) -> int | None:
-        """Number of frames from `tick` on without a faulty sample; None if there is none any more."""
-        left = (max(begins - 1 - tick, 0) for *_, begins, over in self._faults if over is None or over > tick)
-        return min(left, default=None)
-
-    def apply(self) -> None:
-        """Make the samples faulty that the bank published in the last frame."""
-        bank = self._bank
-        for fault, i, first, end, _, _ in self._faults:
-            number, samples = bank.first(i), bank.samples(i)
-            low, high = max(first, number), number + len(samples) if end is None else min(end, number + len(samples))
-            for k in range(low, high):
-                before = float(bank.since(i, k - 1)[0]) if k else 0.0
-                t = (bank.instants[i].instant(k) - fault.at) * 1e-9
-                samples[k - number] = _faulty(fault, float(samples[k - number]), before, t)
-            if high > low:
-                bank.latest[i] = samples[-1]
-
-
-def _faulty(fault: Any, value: float, before: float, t: float) -> float:
-    """What a sensor reads in place of `value`, `t` [s] after the beginning of its fault; `before`: its last sample."""
-    if fault.kind in ("drift", "spike"):
-        return value + float(fault.rate * t if fault.kind == "drift" else fault.height)
-    return {"freeze": before, "dropout": 0.0, "wrong_sign": -value}[fault.kind]
-
-
-Array = NDArray[np.float64]
-ROWS = 1 << 15
-"""Most steps that a motion keeps: for `truth` before they are handed over, and in one call."""
-
-
 class PlantRunner:
     """Plant and sensors of a scene at tick `tick` [frames]. Raises rig.errors.NumericsError if it must stop.
 
@@ -221,7 +100,8 @@ class PlantRunner:
     """
 
     def __init__(self, scene: Scene, truthful: bool = False, piece: int = 1) -> None:
-        self.frame_ns, self.step_ns = scene.frame_ns, scene.step_ns
+        self.frame_ns = scene.frame_ns
+        self.step_ns = scene.step_ns
         self.steps = self.frame_ns // self.step_ns
         self.tick = 0
         assembly = scene.assemble()
@@ -230,7 +110,8 @@ class PlantRunner:
         needs = Bank.needs(scene.sensors)
         self.outputs: tuple[str, ...] = (*needs, *(name for name in assembly.outputs if name not in needs))
         self.units = {name: assembly.outputs[name].unit for name in self.outputs}
-        rig, clock = FreeRig(scene, assembly), scene.clock
+        rig = FreeRig(scene, assembly)
+        clock = scene.clock
         system = rig.system
         try:
             as_integrated(system, rig.method, clock.smoothing)
@@ -247,7 +128,8 @@ class PlantRunner:
         broken = {name: fault for name, fault in scene.faults.items() if isinstance(fault, SensorFault)}
         self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
         sections = scene.controllers.values()
-        reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
+        reads = sum(len(controller_reads(section)) for section in sections)
+        drives = sum(len(controller_drives(section)) for section in sections)
         self.controllers = controller_tables(len(sections), reads, drives, scene.frame_ns)
         self.random_numbers = Numbers(system, scene.seed)
         surroundings = Surroundings(self.bank.loan.content, self.controllers, self.random_numbers.record)
@@ -267,7 +149,9 @@ class PlantRunner:
         )
         self._look = True
         self.state_samples = StateSamples(scene, self.values)
-        self._needs, self._truthful, self._piece = len(needs), truthful, piece
+        self._needs = len(needs)
+        self._truthful = truthful
+        self._piece = piece
         self.variants = RigVariants(scene, self.motion, self.outputs)
         self.keep_samples: Callable[[], object] = lambda: None
         """Called before the bank forgets samples."""
@@ -344,9 +228,11 @@ class PlantRunner:
             self.random_numbers.fill()
         self._look = True
         if self._over_links is not None:
-            _, most = self.hearing, min(most, ROOM)
+            _ = self.hearing
+            most = min(most, ROOM)
         faulty = self._faulty_sensors
-        if faulty is not None and (ahead := faulty.ahead(self.tick)) is not None:
+        ahead = None if faulty is None else faulty.ahead(self.tick)
+        if ahead is not None:
             most = min(most, max(ahead, 1))
         try:
             self._look = self._carry(most)
@@ -366,7 +252,8 @@ class PlantRunner:
 
     def _carry(self, most: int) -> bool:
         """Advance the motion by up to `most` frames; see `Motion.advance`."""
-        motion, truth = self.motion, self.truth
+        motion = self.motion
+        truth = self.truth
         rows = min(ROWS, motion.mode_sets.states_at_once)
         if truth is None:  # a longer call would only need more memory
             try:
@@ -413,7 +300,8 @@ class PlantRunner:
 
     def apply(self, name: str, value: float) -> None:
         """Set an actuator to `value` at this tick; a ramp in progress ends."""
-        actuator, rebuilds = self.inputs[name], self.rebuilds(name, value)
+        actuator = self.inputs[name]
+        rebuilds = self.rebuilds(name, value)
         self.values[name] = value
         self.state_samples.hears(name, value)
         if actuator.write is not None:
@@ -497,7 +385,9 @@ class PlantRunner:
         """The value of a parameter of the rig now. Raises SceneError for an unknown key."""
         value: Any = self.scene.parameters
         for part in key.split("."):
-            inside = value if isinstance(value, dict) else dict(value) if isinstance(value, BaseModel) else {}
+            inside: dict[str, Any] = {}
+            if isinstance(value, dict | BaseModel):
+                inside = dict(value)
             if part not in inside:
                 raise SceneError(shortened(key), ["is not a parameter of this rig"])
             value = inside[part]
@@ -647,4 +537,6 @@ class ResumedRunner(PlantRunner):
             controls.rows[i, :count] = waiting[:count]
             drives = slice(int(line["drives"]), int(line["driven"]))
             controls.values[:count, drives] = controls.queued[first : first + count, drives]
-            line["kept"], line["oldest"], line["waiting"] = count, first + count, len(waiting) - count
+            line["kept"] = count
+            line["oldest"] = first + count
+            line["waiting"] = len(waiting) - count

@@ -86,7 +86,8 @@ def simulate(
     for model in models.values():  # drawing the run assembles its rig again
         model_store.offer(model)
     run = _run(scene.made_with(models), tuple(models.values()), audited, carried)
-    run.controllers, run.failure = own, carried.failed
+    run.controllers = own
+    run.failure = carried.failed
     return run
 
 
@@ -116,20 +117,24 @@ def carry_out(
     """Simulate like `simulate`, without making a `Run`. Without a duration the run ends when `stop` says so."""
     experiment, working = begun(scene, controllers, duration_ns, recorded, guests=guests)
     runner = experiment.runner
-    every, apart = max(100_000_000 // scene.frame_ns, 1), interval(runner.frame_ns, runner.step_ns)
+    every = max(100_000_000 // scene.frame_ns, 1)
+    apart = interval(runner.frame_ns, runner.step_ns)
     checkpoints: dict[int, bytes] = {}
-    fault, failed = "", None
+    fault = ""
+    failed = None
     try:
         while experiment.begin():
             until = min(experiment.until(), runner.tick + apart - runner.tick % apart)
             if stop is not None:
                 until = min(until, runner.tick + every - runner.tick % every)
             carry_on(experiment, working, until)
-            if not (runner.tick % apart or experiment.aborted) and (kept := runner.checkpoint()):
+            kept = None if runner.tick % apart or experiment.aborted else runner.checkpoint()
+            if kept:
                 checkpoints[runner.tick] = kept
             if tell is not None and duration_ns:
                 tell(runner.t_ns // 1_000_000_000, -(-duration_ns // 1_000_000_000))
-            if stop is not None and (why := stop()):
+            why = "" if stop is None else stop()
+            if why:
                 experiment.stop(why)
     except NumericsError as error:
         fault = str(error)
@@ -137,7 +142,8 @@ def carry_out(
         for asked in working:
             asked.catch_up(runner.tick + 1)
     except ControllerFailed as error:
-        fault, failed = str(error), error
+        fault = str(error)
+        failed = error
         experiment.stop("a controller failed")
         trace = "".join(traceback.format_exception(error.__cause__))
         experiment.journal.note(LOST, fault, controller=error.name, trace=trace)
@@ -214,26 +220,28 @@ def carry_on(
 
     `inside`: lends controllers to the compiled loop; callers that call this often pass their own.
     """
-    runner, exchange = experiment.runner, experiment.exchange
+    runner = experiment.runner
+    exchange = experiment.exchange
     if until - runner.tick == 1 and not working:  # each frame of a run whose controllers have processes
         exchange.take_over()
         runner.frames(1)
         return
     inside = inside or CompiledControllers(experiment)
     plays = exchange.plays
-    heard, others = (
-        [asked for asked in working if (asked.queue.connected and not plays) is on] for on in (True, False)
-    )
+    heard = [asked for asked in working if asked.queue.connected and not plays]
+    others = [asked for asked in working if plays or not asked.queue.connected]
     while True:
         for asked in working:
             asked.answer()
         exchange.take_over()
-        tick, end = runner.tick, until
+        tick = runner.tick
+        end = until
         compiled = inside.lend(heard) if end - tick > 1 else ()
         for asked in heard:
             if asked.name not in compiled:
                 end = min(end, asked.due)
-        if end - tick > 1 and (waits := exchange.until(compiled)) is not None:
+        waits = exchange.until(compiled) if end - tick > 1 else None
+        if waits is not None:
             end = min(end, waits)
         try:
             runner.frames(end - tick)
@@ -246,8 +254,10 @@ def carry_on(
 
 
 def _run(scene: Scene, models: tuple[bytes, ...], audited: bool, finished: FinishedRun) -> Run:
-    runner, experiment = finished.runner, finished.experiment
-    truth, measurements = runner.truth, runner.measurements
+    runner = finished.runner
+    experiment = finished.experiment
+    truth = runner.truth
+    measurements = runner.measurements
     assert truth is not None
     assert measurements is not None
     runner.hand_over(truth)

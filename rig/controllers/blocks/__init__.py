@@ -6,4 +6,5 @@ velocity   the velocity for a feedback: measured or observed, filtered, predicte
 observer   a Kalman observer as plain arithmetic
 resonator  a narrow band of a signal: amplitude, phase, frequency
 feedback   feedback of a velocity to one actuator
+system_file, discretise   a linear system from a file, and at the period of its controller
 """

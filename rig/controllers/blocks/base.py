@@ -37,6 +37,17 @@ Samples = tuple[Sequence[float], ...]
 State = Any
 Update = Callable[[Any, int, Any], tuple[Any, Values]]
 """Type of `update` where it is `functools.partial(law, constants)`."""
+Delay: Any = duration(0)
+OptionalSpeed = optional("m/s", Ge(0.0))
+OptionalHertz = optional("Hz", Gt(0.0))
+OptionalForce = optional("N", Ge(0.0))
+OptionalSecond = optional("s", Gt(0.0))
+Fraction = quantity("1", Gt(0.0), Lt(1.0))
+Gain = quantity("V*s/m", Gt(0.0))
+Margin = quantity("1", Ge(1.0))
+Ahead = quantity("s", Ge(0.0), Le(1.0))
+ForcePerSpeed = quantity("N*s/m")
+
 Entry = TypeVar("Entry", float, complex)
 
 
@@ -65,17 +76,6 @@ class Controller(Protocol):
 
 C = TypeVar("C", bound=Controller)
 
-Delay: Any = duration(0)
-OptionalSpeed = optional("m/s", Ge(0.0))
-OptionalHertz = optional("Hz", Gt(0.0))
-OptionalForce = optional("N", Ge(0.0))
-OptionalSecond = optional("s", Gt(0.0))
-Fraction = quantity("1", Gt(0.0), Lt(1.0))
-Gain = quantity("V*s/m", Gt(0.0))
-Margin = quantity("1", Ge(1.0))
-Ahead = quantity("s", Ge(0.0), Le(1.0))
-ForcePerSpeed = quantity("N*s/m")
-
 
 class ControllerSection(Section):
     """The keys of every controller of a scene: period, additional delay of its loop, process in which it works.
@@ -103,7 +103,9 @@ class SceneController(Generic[S]):
     drives: tuple[str, ...]
 
     def __init__(self, section: S, numbers: Numbers) -> None:
-        self.section, self.numbers, self.period_ns = section, numbers, section.period
+        self.section = section
+        self.numbers = numbers
+        self.period_ns = section.period
         if hasattr(section, "sensor"):
             self.reads = (section.sensor,)
         if hasattr(section, "drive"):
@@ -162,10 +164,11 @@ def tunable(controller: Controller) -> dict[str, str]:
 def explain(error: ValidationError) -> list[str]:
     """One line for each fault of a section: key, fault, given value."""
     shown = {"is missing": ""}  # what was given is then the whole section
-    return [
-        f"{key or 'the parameters'}: {fault}{shown.get(fault, f' (given: {brief(given)})')}"
-        for key, fault, given in faults_of(error)
-    ]
+    lines = []
+    for key, fault, given in faults_of(error):
+        value = shown.get(fault, f" (given: {brief(given)})")
+        lines.append(f"{key or 'the parameters'}: {fault}{value}")
+    return lines
 
 
 def _near(key: str, known: Mapping[str, object]) -> str:

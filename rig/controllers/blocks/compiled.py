@@ -18,6 +18,8 @@ from rig.units import unit_fault
 
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,60}")
 
+_MADE: dict[tuple[type, str], type[CompiledSection]] = {}
+
 
 class Signal(NamedTuple):
     """An input or output of a compiled controller: name, unit [SI; "" if it states none].
@@ -139,9 +141,6 @@ def checked(file: Binary, signals: Iterable[Signal], parameters: Iterable[Parame
         raise PartError("\n".join(f"{file}: {fault}" for fault in faults))
 
 
-_MADE: dict[tuple[type, str], type[CompiledSection]] = {}
-
-
 def _with_keys(cls: type[CompiledSection], file: Binary) -> type[CompiledSection]:
     """The class of the sections of this file, one for equal files."""
     which = cls, file.sha256
@@ -154,7 +153,9 @@ def _with_keys(cls: type[CompiledSection], file: Binary) -> type[CompiledSection
         if period is not None:
             fields["period"] = Nanoseconds, period
         made = create_model(cls.__name__, __base__=cls, __module__=cls.__module__, __doc__=cls.__doc__, **fields)
-        made.all_inputs, made.all_outputs, made.parameters = tuple(inputs), tuple(outputs), tuple(parameters)
+        made.all_inputs = tuple(inputs)
+        made.all_outputs = tuple(outputs)
+        made.parameters = tuple(parameters)
         made.fixed = cls.fixed | {p.key for p in parameters if p.fixed}
         _MADE[which] = made
     return _MADE[which]

@@ -15,6 +15,10 @@ from rig.controllers.blocks.observer import advanced, advanced3, advanced4, at_r
 from rig.controllers.blocks.velocity import Path, VelocitySection, path
 from rig.errors import UsageError
 
+PathState = tuple[Values, int, float, float]
+"""State of the observer, time of the next sample [ns], filtered velocity, lagging copy."""
+GAP = 1000  # longest gap that an observer bridges [periods]; after a longer one it starts again
+
 
 class FeedbackSection(VelocitySection):
     """Parameters of a proportional feedback; the subclass states the units of gain, nominal value and limits."""
@@ -32,11 +36,6 @@ class FeedbackSection(VelocitySection):
         if self.nominal is not None and not self.lowest <= self.nominal <= self.highest:
             raise ValueError(f"nominal = {self.nominal:g} is outside {self.lowest:g} to {self.highest:g}")
         return self
-
-
-PathState = tuple[Values, int, float, float]
-"""State of the observer, time of the next sample [ns], filtered velocity, lagging copy."""
-GAP = 1000  # longest gap that an observer bridges [periods]; after a longer one it starts again
 
 
 class Feedback(NamedTuple):

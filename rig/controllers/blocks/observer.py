@@ -40,12 +40,16 @@ def observer(numbers: Numbers, ahead: float = 0.0) -> Observer:
     require(numbers, KEYS, "an observed velocity needs numbers of the design step")
     n = len(numbers["rest"])
     transition = tuple([tuple(row) for row in numbers["transition"]])
-    output, gain = tuple(numbers["output"]), tuple(numbers["gain"])
+    output = tuple(numbers["output"])
+    gain = tuple(numbers["gain"])
     row = propagated(numbers["velocity"], numbers["model"], ahead)
-    feed, drive = dot(row, gain), tuple([dot(line, gain) for line in transition])
-    step = tuple([tuple([line[j] - b * output[j] for j in range(n)]) for line, b in zip(transition, drive)])
+    feed = dot(row, gain)
+    drive = tuple([dot(line, gain) for line in transition])
+    step = []
+    for line, share in zip(transition, drive):
+        step.append(tuple([line[j] - share * output[j] for j in range(n)]))
     observing = tuple([row[j] - feed * output[j] for j in range(n)])
-    return Observer(step, drive, observing, feed, transition, tuple(numbers["rest"]))
+    return Observer(tuple(step), drive, observing, feed, transition, tuple(numbers["rest"]))
 
 
 def _scaled(share: float, y: float) -> float:
@@ -110,7 +114,8 @@ def advanced4(o: Observer, z: Values, y: float) -> tuple[Values, float]:
 def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Values:
     """The row `row exp(matrix time)`, by scaling and squaring of a Taylor series; time in s."""
     a = np.asarray(matrix, dtype=float) * time
-    doublings = max(0, int(np.ceil(np.log2(max(np.abs(a).sum(axis=1).max(), 1e-300)))) + 1)
+    norm = max(np.abs(a).sum(axis=1).max(), 1e-300)
+    doublings = max(0, int(np.ceil(np.log2(norm))) + 1)
     a /= 2.0**doublings
     term = out = np.eye(len(a))
     for k in range(1, 17):

@@ -26,8 +26,10 @@ class Resonator:
 
     def run(self, z: complex, samples: Sequence[float]) -> tuple[complex, float, complex]:
         """State after `samples`, mean of |z|^2, and sum of z_k conj(z_k-1), whose angle is w T."""
-        pole, gain = self.pole, self.gain
-        square, turned = 0.0, 0j
+        pole = self.pole
+        gain = self.gain
+        square = 0.0
+        turned = 0j
         for y in samples:
             before = z
             z = pole * z + gain * y

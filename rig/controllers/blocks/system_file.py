@@ -7,20 +7,6 @@
     inputs, outputs   optional: names of the signals
 
 All functions raise ValueError with everything that is wrong.
-
-A linear system at the period of its controller: discretisation, and the gain of its anti-windup.
-
-Anti-windup: at a limit of its actuator a controller has no effect, and an integrator in it would grow without limit.
-So its state is corrected by the part of the command that is cut off:
-
-    v = C x + D y,  u = v within the limits,  x(k+1) = A x + B y + L (u - v)
-
-While u = v this is the controller itself. Beyond the limits it is an observer of the controller's state, which receives
-the command in force (observer form; Astrom and Wittenmark, Computer-Controlled Systems, 3rd edition, section 3.5). L is
-the gain of the stationary Kalman filter of a system that white noise y drives: cov(B y) = B B', cov(D y) = D D', and
-the cross-covariance B D'. For a minimum-phase controller with an invertible D this is L = B D^-1, the conditioning of
-Hanus, Kinnaert and Henrotte (Automatica 23, 1987); for a PI controller the tracking time equals the integral time. For
-an integrator without a direct term the state follows the command in force. No parameter has to be chosen.
 """
 
 from __future__ import annotations
@@ -40,91 +26,11 @@ from rig.machine.files import contents, matlab_checked, unpacked
 from rig.units import brief
 
 Matrix = NDArray[np.float64]
-METHODS = ("zoh", "foh", "tustin", "impulse", "euler", "backward_diff")
-"""Methods of discretisation, as python-control names them."""
-DEFAULT = "tustin"
-"""The method without another one: it preserves stability. # chosen"""
-NOISE = 1e-4
-"""Variance of a noise of the command, relative to that which y causes: zeros on the unit circle need it. # chosen"""
-_SAME = 1e-9  # relative difference of two periods that are the same
 
-
-class Discrete(NamedTuple):
-    """x(k+1) = A x + B y + L (u - v), v = C x + D y, with u the command in force."""
-
-    A: Matrix
-    B: Matrix
-    C: Matrix
-    D: Matrix
-    L: Matrix
-
-
-def discrete(given: System, period: float, method: str | None, prewarp: float | None) -> Discrete:
-    """The system at the period of the controller [s]. Raises ValueError ("key: fault").
-
-    `method`: for a continuous system; `prewarp`: frequency [Hz] at which the method tustin is exact.
-    """
-    if given.dt:
-        if method is not None or prewarp is not None:
-            key = "method" if method is not None else "prewarp"
-            raise ValueError(f"{key}: has no meaning, the system is discrete with dt = {given.dt:g} s; leave it out")
-        if abs(given.dt - period) > _SAME * period:
-            raise ValueError(f"period: is {period:g} s, but the system is discrete with dt = {given.dt:g} s")
-        return Discrete(*given[:4], _anti_windup(*given[:4]))
-    method = method or DEFAULT
-    step, alpha = period, None
-    if prewarp is not None:
-        if method != "tustin":
-            raise ValueError(f"prewarp: is possible with the method tustin only, not with {method}")
-        if 2.0 * prewarp * period >= 1.0:
-            raise ValueError(f"prewarp: is {prewarp:g} Hz; must be below half the sample rate, {0.5 / period:g} Hz")
-        turn = 2.0 * math.pi * prewarp
-        step, alpha = 2.0 * math.tan(0.5 * turn * period) / turn, 0.5
-    if method == "impulse" and given.D.any():
-        raise ValueError("method: is impulse, which needs a system without a direct term (D = 0)")
-    made = given[:4]
-    if len(given.A):
-        from scipy.signal import cont2discrete
-
-        name = "gbt" if alpha is not None else {"tustin": "bilinear"}.get(method, method)
-        try:
-            made = cont2discrete(given[:4], step, name, alpha)[:4]
-        except np.linalg.LinAlgError:
-            raise ValueError(f"method: {method} does not exist for this system: it has a pole at 2 / period") from None
-    if not all(np.isfinite(matrix).all() for matrix in made):
-        raise ValueError(f"method: {method} gives numbers that are not finite; the system is too fast for its period")
-    return Discrete(*made, _anti_windup(*made))
-
-
-def _anti_windup(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Matrix:
-    """The gain L of the observer form [states, outputs]."""
-    states, outputs = len(a), len(d)
-    if not states or not (c.any() and (b.any() or d.any())):
-        return np.zeros((states, outputs))
-    from scipy.linalg import solve_discrete_are
-
-    moved = c @ b
-    spread = np.diag(d @ d.T + moved @ moved.T)
-    noise = np.diag(NOISE * np.where(spread > 0.0, spread, spread.max() or 1.0))
-    seen, cross = d @ d.T + noise, b @ d.T
-    walk = b @ b.T
-    for more in (0.0, 1e-12, 1e-8):  # what y does not move has to be observed too, if it does not decay
-        try:
-            extra = more * max(float(np.trace(walk)), 1.0) * np.eye(states)
-            p = solve_discrete_are(a.T, c.T, walk + extra, seen, s=cross)
-        except (np.linalg.LinAlgError, ValueError):
-            continue
-        gain: Matrix = np.linalg.solve((c @ p @ c.T + seen).T, (a @ p @ c.T + cross).T).T
-        if np.isfinite(gain).all() and np.abs(np.linalg.eigvals(a - gain @ c)).max() < 1.0:
-            return gain
-    raise ValueError(
-        "anti-windup is not possible: a state that does not decay (an integrator) has no effect on the "
-        "outputs; state the system without it (a minimal realisation)"
-    )
-
-
-STATES, SIGNALS = 100, 16
-"""Most states, and most inputs or outputs, of a controller. # chosen"""
+STATES = 100
+"""Most states of a controller. # chosen"""
+SIGNALS = 16
+"""Most inputs or outputs of a controller. # chosen"""
 _LARGEST = 1 << 24  # bytes
 _KEYS = ("A", "B", "C", "D", "num", "den", "dt", "inputs", "outputs")
 _AS_MATRICES = "save its matrices: [A, B, C, D] = ssdata(K); dt = K.Ts; save('K.mat', 'A', 'B', 'C', 'D', 'dt', '-v7')"
@@ -194,14 +100,16 @@ def _mat(data: bytes) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """A value of a .mat file: matrices as lists of rows, cells as lists, texts as texts."""
     if value.dtype == object:
-        return [[_row(_plain(cell)) for cell in row] for row in value]
+        return [list(map(_cell, row)) for row in value]
     if value.dtype.kind == "U":
         return value.tolist()
     return value.item() if value.size == 1 else value.tolist()
 
 
-def _row(cell: Any) -> Any:
-    return cell[0] if isinstance(cell, list) and len(cell) == 1 else cell
+def _cell(content: Any) -> Any:
+    """The content of a cell; of a matrix with one row this row."""
+    plain = _plain(content)
+    return plain[0] if isinstance(plain, list) and len(plain) == 1 else plain
 
 
 READERS: dict[str, Callable[[bytes], dict[str, Any]]] = {".json": _json, ".npz": _npz, ".mat": _mat}
@@ -213,11 +121,9 @@ def of_control(given: Any) -> System:
     import control
 
     if isinstance(given, control.TransferFunction):
-        numerators, denominators = given.num_list, given.den_list
-        values: dict[str, Any] = {
-            "num": [[polynomial.tolist() for polynomial in row] for row in numerators],
-            "den": [[polynomial.tolist() for polynomial in row] for row in denominators],
-        }
+        numerators = given.num_list
+        denominators = given.den_list
+        values: dict[str, Any] = {"num": _coefficients(numerators), "den": _coefficients(denominators)}
     elif isinstance(given, control.StateSpace):
         values = {name: getattr(given, name).tolist() for name in "ABCD"}
     else:
@@ -225,11 +131,22 @@ def of_control(given: Any) -> System:
             f"a {type(given).__name__} of python-control is not a linear system with a matrix form; "
             "give a StateSpace or a TransferFunction"
         )
-    names = {
-        key: [] if labels == [f"{letter}[{i}]" for i in range(len(labels))] else labels
-        for key, labels, letter in (("inputs", given.input_labels, "u"), ("outputs", given.output_labels, "y"))
-    }
+    names = {"inputs": _chosen(given.input_labels, "u"), "outputs": _chosen(given.output_labels, "y")}
     return system({**values, "dt": given.dt, **names}, f"the {type(given).__name__}")
+
+
+def _coefficients(polynomials: Any) -> list[list[list[float]]]:
+    """Coefficients of a matrix of polynomials as plain numbers."""
+    rows = []
+    for row in polynomials:
+        rows.append([polynomial.tolist() for polynomial in row])
+    return rows
+
+
+def _chosen(labels: list[str], letter: str) -> list[str]:
+    """The labels of signals; none if they are those that python-control gives: u[0], u[1]."""
+    given = [f"{letter}[{i}]" for i in range(len(labels))]
+    return [] if labels == given else labels
 
 
 def system(values: Mapping[str, Any], where: str) -> System:
@@ -250,18 +167,16 @@ def system(values: Mapping[str, Any], where: str) -> System:
     matrices: tuple[Matrix, Matrix, Matrix, Matrix] | None = None
     try:
         matrices = _fraction(values) if "num" in values or "den" in values else _state_space(values)
-        (outputs, inputs), states = matrices[3].shape, len(matrices[0])
+        outputs, inputs = matrices[3].shape
+        states = len(matrices[0])
         if states > STATES or max(inputs, outputs) > SIGNALS:
             raise ValueError(
                 f"has {states} states, {inputs} inputs and {outputs} outputs; at most {STATES} states and {SIGNALS} "
                 "inputs or outputs are possible"
             )
-        counts = (("inputs", inputs), ("outputs", outputs))
-        faults += [
-            f"{key}: {len(own)} names; the system has {count}"
-            for own, (key, count) in zip(names, counts)
-            if own and len(own) != count
-        ]
+        for key, labels, count in zip(("inputs", "outputs"), names, (inputs, outputs)):
+            if labels and len(labels) != count:
+                faults.append(f"{key}: {len(labels)} names; the system has {count}")
     except ValueError as fault:
         faults.append(str(fault))
     if faults or matrices is None:
@@ -303,19 +218,24 @@ def _state_space(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Mat
         return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0)), d
     a = np.atleast_2d(_numbers(values["A"], "A"))
     states = len(a)
-    b, c = _numbers(values["B"], "B"), _numbers(values["C"], "C")
+    b = _numbers(values["B"], "B")
+    c = _numbers(values["C"], "C")
     if b.ndim < 2:
         b = b.reshape(states, -1) if b.size == states * inputs else np.atleast_2d(b)
     c = np.atleast_2d(c)
-    shapes = {"A": (states, states), "B": (states, inputs), "C": (outputs, states)}
-    wrong = [
-        f"{name} is {' x '.join(map(str, made.shape))}, expected {' x '.join(map(str, shapes[name]))}"
-        for name, made in (("A", a), ("B", b), ("C", c))
-        if made.shape != shapes[name]
-    ]
+    expected = (("A", a, (states, states)), ("B", b, (states, inputs)), ("C", c, (outputs, states)))
+    wrong = []
+    for name, matrix, shape in expected:
+        if matrix.shape != shape:
+            wrong.append(f"{name} is {_size(matrix.shape)}, expected {_size(shape)}")
     if wrong:
         raise ValueError(f"{'; '.join(wrong)} (D is {outputs} x {inputs})")
     return a, b, c, d
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    """A shape in words: "2 x 3"."""
+    return " x ".join(map(str, shape))
 
 
 def _fraction(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
@@ -325,33 +245,40 @@ def _fraction(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix
     entries = []
     for name in ("num", "den"):
         given = values[name]
-        single = isinstance(given, int | float) or (
-            isinstance(given, list) and not any(isinstance(g, list) for g in given)
-        )
-        entries.append([[given]] if single else given)
+        row = isinstance(given, list) and not any(isinstance(entry, list) for entry in given)
+        entries.append([[given]] if row or isinstance(given, int | float) else given)
     num, den = entries
     rows = [len(row) if isinstance(row, list) else -1 for row in (*num, *den)]
     if len(num) != len(den) or not num or len({*rows}) != 1 or rows[0] < 1:
         raise ValueError("num and den differ in their numbers of outputs and inputs")
-    outputs, inputs = len(num), rows[0]
-    blocks = [
-        [_canonical(num[i][j], den[i][j], f"[{i + 1}][{j + 1}]" if outputs * inputs > 1 else "") for j in range(inputs)]
-        for i in range(outputs)
-    ]
+    outputs = len(num)
+    inputs = rows[0]
+    of_states = list[Matrix]()
+    of_inputs = list[Matrix]()
+    of_outputs = list[Matrix]()
+    direct = np.empty((outputs, inputs))
     from scipy.linalg import block_diag
 
-    d = np.array([[block[3] for block in row] for row in blocks])
-    b = np.concatenate([block_diag(*(block[1] for block in row)) for row in blocks])
-    c = block_diag(*(np.hstack([block[2] for block in row]) for row in blocks))
-    return block_diag(*(block[0] for row in blocks for block in row)), b, c, d
+    for i in range(outputs):
+        places = [f"[{i + 1}][{j + 1}]" if outputs * inputs > 1 else "" for j in range(inputs)]
+        a, b, c, d = zip(*map(_canonical, num[i], den[i], places))
+        of_states += a
+        of_inputs.append(block_diag(*b))
+        of_outputs.append(np.hstack(c))
+        direct[i] = d
+    return block_diag(*of_states), np.concatenate(of_inputs), block_diag(*of_outputs), direct
+
+
+def _polynomial(given: Any, name: str) -> Matrix:
+    """The coefficients of a polynomial, the first not zero."""
+    coefficients: Matrix = np.trim_zeros(np.atleast_1d(_numbers(given, name)).ravel(), "f")
+    return coefficients
 
 
 def _canonical(num: Any, den: Any, place: str) -> tuple[Matrix, Matrix, Matrix, float]:
     """The controllable canonical form of one entry."""
-    above, below = (
-        np.trim_zeros(np.atleast_1d(_numbers(given, f"{name}{place}")).ravel(), "f")
-        for name, given in (("num", num), ("den", den))
-    )
+    above = _polynomial(num, f"num{place}")
+    below = _polynomial(den, f"den{place}")
     if not below.size:
         raise ValueError(f"den{place} is zero")
     if above.size > below.size:
@@ -359,7 +286,8 @@ def _canonical(num: Any, den: Any, place: str) -> tuple[Matrix, Matrix, Matrix, 
             f"is improper{f' at {place}' if place else ''}: num has degree {above.size - 1}, den {below.size - 1}; add "
             "a pole, such as a low-pass filter"
         )
-    above, below = np.pad(above, (below.size - above.size, 0)) / below[0], below / below[0]
+    above = np.pad(above, (below.size - above.size, 0)) / below[0]
+    below = below / below[0]
     count = below.size - 1
     a = np.vstack([-below[1:], np.eye(count)[:-1]]) if count else np.zeros((0, 0))
     return a, np.eye(count, 1), (above[1:] - above[0] * below[1:])[None], float(above[0])

@@ -63,7 +63,8 @@ def path(section: VelocitySection, numbers: Numbers) -> Path:
     if section.velocity == "observed":
         if "observer" not in numbers:
             raise UsageError("velocity = 'observed' needs an observer from the design step, and it gave none")
-        observing, ahead = observer(numbers["observer"], ahead), 0.0
+        observing = observer(numbers["observer"], ahead)
+        ahead = 0.0
     smoothing = 1.0 if section.filter is None else -math.expm1(-2.0 * math.pi * section.filter * period)
     frequency = section.frequency if section.frequency is not None else numbers.get("frequency")
     prediction = 1.0, 1.0, 0.0

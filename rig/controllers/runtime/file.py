@@ -34,6 +34,15 @@ from rig.parts import Code, calling, is_file, trust
 from rig.quantities import Section
 from rig.units import brief
 
+_TRIAL_S = 30.0  # chosen: the start of a process on a busy machine, and the timer of a step
+_TRIAL = """
+import json, sys
+from rig.controllers import restored
+from rig.controllers.runtime.file import faults_of
+faults_of(restored(json.load(sys.stdin)))
+"""
+_tried: set[str] = set()  # SHA-256 of the compiled files whose first call returned
+
 
 def load_file(path: str | Path, keys: Mapping[str, object] | None = None) -> Controller:
     """Load the controller of a file. Raises UsageError with the line or the attribute that is wrong.
@@ -46,7 +55,8 @@ def load_file(path: str | Path, keys: Mapping[str, object] | None = None) -> Con
     code = Code.read(path)
     trust([code])
     module = code.module(path)
-    make, parameters = class_of(module), parameters_of(module)
+    make = class_of(module)
+    parameters = parameters_of(module)
     try:
         with calling(module, ValidationError):
             controller = make() if parameters is None else make(parameters(), {})
@@ -88,22 +98,13 @@ def section_faults(section: Section, numbers: Numbers) -> list[str]:
         return [str(error)]
 
 
-_tried: set[str] = set()  # SHA-256 of the compiled files whose first call returned
-_TRIAL_S = 30.0  # chosen: the start of a process on a busy machine, and the timer of a step
-_TRIAL = """
-import json, sys
-from rig.controllers import restored
-from rig.controllers.runtime.file import faults_of
-faults_of(restored(json.load(sys.stdin)))
-"""
-
-
 def _ending(section: Section, numbers: Numbers) -> str:
     """How a first call of compiled code ends a process of its own; "" if it does not.
 
     What it raises is raised again, and reported, in this process.
     """
-    content, command = json.dumps(described(section, numbers)).encode(), [sys.executable, "-P", "-c", _TRIAL]
+    content = json.dumps(described(section, numbers)).encode()
+    command = [sys.executable, "-P", "-c", _TRIAL]
     try:
         trial = subprocess.run(command, input=content, capture_output=True, check=False, timeout=_TRIAL_S)
     except subprocess.TimeoutExpired:

@@ -20,6 +20,9 @@ from rig.units import brief
 NOT_FINITE = "an answer of {} is not finite: it is not sent, and the controller starts again"
 """What is reported the first time."""
 
+_NO_ROW = (dict, set, frozenset, bytes)
+"""Types that Python would read as a row of numbers: by their keys, in any order, or byte by byte."""
+
 
 def _finite(values: Values) -> bool:
     return isfinite(sum(values)) or all(map(isfinite, values))  # the sum alone may overflow
@@ -33,10 +36,6 @@ def _unfit(controller: Controller, answer: Any) -> PartError:
         return PartError(f"{what} returns {brief(answer)}; expected (state, commands)")
     drives = ", ".join(controller.drives)
     return PartError(f"{what} commands {brief(answer[1])}; expected a tuple with one number for each of {drives}")
-
-
-_NO_ROW = (dict, set, frozenset, bytes)
-"""Types that Python would read as a row of numbers: by their keys, in any order, or byte by byte."""
 
 
 def failure(name: str, t_ns: int, error: BaseException) -> ControllerFailed:
@@ -108,7 +107,9 @@ class Loop:
             self.state = controller.start()
             return self.command
         self.updates += 1
-        self.last_input, self.state, self.command = (t_ns, values), state, command
+        self.last_input = (t_ns, values)
+        self.state = state
+        self.command = command
         return command
 
     def skip(self, values: Any) -> None:
@@ -126,7 +127,9 @@ class Loop:
     def adopt(self, updates: int, t_ns: int, values: Values, state: State, command: Values) -> None:
         """Adopt the result of updates elsewhere: their number, time and values of the last one, state, command."""
         self.updates += updates
-        self.last_input, self.state, self.command = (t_ns, values), state, command
+        self.last_input = (t_ns, values)
+        self.state = state
+        self.command = command
 
     def retune(self, changes: Mapping[str, object]) -> None:
         """Change parameters between two ticks, all or none; the state stays.

@@ -29,13 +29,40 @@ from rig.compiled.kernel import announce_compiling, as_python, called_by_address
 from rig.controllers.blocks.base import Controller, State, Values, dot, gets_every_sample, mapped
 
 _MATH = {
-    "acos", "asin", "atan", "atan2", "copysign", "cos", "cosh", "e", "exp", "expm1", "fabs", "floor", "inf", "isfinite",
-    "isnan", "log", "log1p", "nan", "phase", "pi", "sin", "sinh", "sqrt", "tan", "tanh", "tau",
-}  # fmt: skip
+    "acos",
+    "asin",
+    "atan",
+    "atan2",
+    "copysign",
+    "cos",
+    "cosh",
+    "e",
+    "exp",
+    "expm1",
+    "fabs",
+    "floor",
+    "inf",
+    "isfinite",
+    "isnan",
+    "log",
+    "log1p",
+    "nan",
+    "phase",
+    "pi",
+    "sin",
+    "sinh",
+    "sqrt",
+    "tan",
+    "tanh",
+    "tau",
+}
 _BUILTIN = {"abs", "bool", "complex", "enumerate", "float", "int", "len", "max", "min", "range", "reversed", "zip"}
 _OBJECTS = {"BUILD_MAP", "BUILD_CONST_KEY_MAP", "BUILD_STRING", "FORMAT_VALUE", "FORMAT_SIMPLE"}
 """Instructions for what is no number; the compiler would take seconds to find out."""
 typeof: Any = _typeof
+
+_COMPILED: dict[Any, Any] = {}
+"""Code compiled in this process: (law, types of constants and state) -> code, or the reason why there is none."""
 
 
 class Uncompiled(Exception):
@@ -73,7 +100,8 @@ def law_of(controller: Controller) -> tuple[FunctionType, tuple[Any, ...]]:
         raise Uncompiled("it gets every sample of its sensors")
     if not isinstance(update, partial) or update.keywords or len(update.args) != 1:
         raise Uncompiled("its update is not functools.partial(law, constants)")
-    law, (constants,) = update.func, update.args
+    law = update.func
+    (constants,) = update.args
     if not isinstance(law, FunctionType):
         raise Uncompiled(f"{law!r} is not a plain function")
     return law, constants
@@ -89,7 +117,8 @@ def _for_compiler(function: FunctionType, known: dict[FunctionType, Any]) -> Any
     used = list(dis.get_instructions(function))
     of_module = False
     for instruction in used:
-        name, value = str(instruction.argval), names.get(str(instruction.argval))
+        name = str(instruction.argval)
+        value = names.get(str(instruction.argval))
         if instruction.opname == "BINARY_OP" and instruction.argrepr.strip("=") in ("**", "@"):
             raise Uncompiled(f"{function.__qualname__} has a power")
         if instruction.opname in _OBJECTS:
@@ -110,10 +139,6 @@ def _for_compiler(function: FunctionType, known: dict[FunctionType, Any]) -> Any
     return known[function]
 
 
-_COMPILED: dict[Any, Any] = {}
-"""Code compiled in this process: (law, types of constants and state) -> code, or the reason why there is none."""
-
-
 class Native:
     """The compiled law of a controller in `state`. Raises Uncompiled if there is none.
 
@@ -123,7 +148,8 @@ class Native:
 
     def __init__(self, controller: Controller, state: State) -> None:
         self._law, constants = law_of(controller)
-        self._constants, self._state = _Shape(constants, 0), _Shape(state, sum(1 for _ in _words(constants)))
+        self._constants = _Shape(constants, 0)
+        self._state = _Shape(state, sum(1 for _ in _words(constants)))
         self._code = _compiled_code(controller, self._law, self._constants, self._state)
         self.memory = np.zeros(max(self._state.first + self._state.size, 1))
         self._whole = self.memory.view(np.int64)
@@ -154,7 +180,8 @@ class Native:
 
     def reproduces(self, t_ns: int, values: Sequence[float], command: Values, state: State) -> bool:
         """Whether an update with `values` gives this command and state, to the last bit."""
-        heard, answer = np.array(values, dtype=np.float64), np.zeros(len(command))
+        heard = np.array(values, dtype=np.float64)
+        answer = np.zeros(len(command))
         answers = self._call(0, t_ns, heard.ctypes.data, answer.ctypes.data, self.memory.ctypes.data)
         given = np.array(command, dtype=np.float64)
         return bool(answers) and answer.tobytes() == given.tobytes() and repr(self.state()) == repr(state)
@@ -164,7 +191,8 @@ class _Shape:
     """The layout of constants or a state in words, from the word `first` on."""
 
     def __init__(self, like: State, first: int) -> None:
-        self.like, self.first = like, first
+        self.like = like
+        self.first = first
         self.size = sum(1 for _ in _words(like))
 
     def fits(self, numbers: State) -> bool:
@@ -270,7 +298,8 @@ def _compiled(controller: Controller, law: FunctionType, constants: _Shape, stat
 
 def _wrapped(controller: Controller, constants: _Shape, state: _Shape, names: dict[str, Any]) -> str:
     """The source text of `answer`: it reads measurements and state, and writes command and state if both are finite."""
-    reads, drives = len(controller.reads), len(controller.drives)
+    reads = len(controller.reads)
+    drives = len(controller.drives)
     measured = "".join(f"_h[{k}], " for k in range(reads))
     words_out = list(state.words("state"))
     lines = [

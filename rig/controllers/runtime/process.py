@@ -34,7 +34,8 @@ from rig.machine.process import as_process, no_garbage, stopping, tell
 from rig.machine.scheduling import CONTROLLER, ahead, anywhere, come_first, locked, placed
 from rig.parts import is_file, trust_scene
 
-LONG_NS, LONG_ANSWERS = 300_000, 20
+LONG_NS = 300_000
+LONG_ANSWERS = 20
 """A controller with this number of successive answers above this time [ns] leaves the processor core of the bus."""
 UNHEARD = (math.nan,)
 ADMITTED = 60.0
@@ -67,10 +68,12 @@ class Worker(Service):
         self.steps = session.subscribe("step")
         self._waiting = deque[Any]()
         """Steps that have arrived and are not answered."""
-        self._most_behind, self._frame_ns = described.hold_frames, described.frame_ns
+        self._most_behind = described.hold_frames
+        self._frame_ns = described.frame_ns
         self._recorded = SkippedSteps(described.skipped.get(session.name, ()))
         self._period = controller.period_ns // (described.frame_ns or 1)
-        self._expected, self._arrived = -1, Ticks(most=self._period)
+        self._expected = -1
+        self._arrived = Ticks(most=self._period)
         """Tick of the next step to answer, -1 before the first one; skipped steps since the last answer."""
         self.act = session.publisher(f"act/{session.name}")
         self.plant = session.watch("plant/*")
@@ -123,7 +126,9 @@ class Worker(Service):
         """Leave a step unanswered."""
         if step.tick <= self.tick:
             return
-        self.tick, self.t_ns, self.answered = step.tick, step.t_ns, b""
+        self.tick = step.tick
+        self.t_ns = step.t_ns
+        self.answered = b""
         if self.loop.due(step.t_ns):
             self._arrived.add(step.tick)
             if self._expected < 0:
@@ -143,12 +148,16 @@ class Worker(Service):
 
     def answer_step(self, step: Any) -> None:
         """Answer one step: with an update if it is new and due; a repeated step gets the same answer."""
-        tick, t_ns, loop = step.tick, step.t_ns, self.loop
+        tick = step.tick
+        t_ns = step.t_ns
+        loop = self.loop
         if tick <= self.tick:
             if tick == self.tick and self.answered:
                 self.act.put(self.answered, t_ns)
             return
-        self.tick, self.t_ns, self.answered = tick, t_ns, b""
+        self.tick = tick
+        self.t_ns = t_ns
+        self.answered = b""
         if self._begins_with:
             self.changed(self._begins_with, tick - 1)
             self._begins_with = None
@@ -159,7 +168,9 @@ class Worker(Service):
         if loop.due(t_ns):
             self._tell_skipped(tick)
             values = self._measurements(step)
-            held, refused, begin = loop.held, loop.refused, time.perf_counter_ns()
+            held = loop.held
+            refused = loop.refused
+            begin = time.perf_counter_ns()
             self.answered = encode.act(tick, t_ns, loop.answer(t_ns, values))
             self.act.put(self.answered, t_ns)
             if loop.refused and not refused:
@@ -179,7 +190,8 @@ class Worker(Service):
 
     def _new_samples(self, step: Any) -> Samples:
         """The new samples of the sensors that are read; NaN for a sensor that the step does not contain."""
-        brought, first = {}, 0
+        brought = {}
+        first = 0
         for place in step.heard:
             brought[place] = tuple(step.samples[first : first + step.fresh[place]])
             first += step.fresh[place]
@@ -227,14 +239,16 @@ def run(
     file = Path(what) if Path(what).suffix else None
     table: Mapping[str, object] = {}
     if file is not None and not is_file(what):
-        table, changes = changes or {}, None
+        table = changes or {}
+        changes = None
     name = file.stem if file is not None else what
     with bus.join(run, role="controller", name=name, wait=wait) as session:
         described = run_setup.fetch(session, wait)
         if trust:
             trust_scene(described.scene)
         worker = Worker(session, described, made(described, name, file, table), changes)
-        drives, reads = ", ".join(worker.loop.controller.drives), ", ".join(worker.loop.controller.reads)
+        drives = ", ".join(worker.loop.controller.drives)
+        reads = ", ".join(worker.loop.controller.reads)
         say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")
         with ExitStack() as stack:
             stack.enter_context(no_garbage())

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from rig.bus import messages
-from rig.bus.port import Session, param_request
+from rig.bus.port import Session
+from rig.bus.queries import param_request
 from rig.controllers.blocks.base import parameters, tunable
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerFailed, UsageError
@@ -19,8 +20,10 @@ class Service:
     """Events and parameters of the controller in `loop`. `tick`, `t_ns`: those of the last step that it received."""
 
     def __init__(self, session: Session, loop: Loop) -> None:
-        self.session, self.loop = session, loop
-        self.tick, self.t_ns = -1, 0
+        self.session = session
+        self.loop = loop
+        self.tick = -1
+        self.t_ns = 0
         self.events = session.publisher(f"event/{session.name}")
         self.server = session.serve(f"param/{session.name}", self.answer_request)
 
@@ -28,7 +31,8 @@ class Service:
         """Get or set parameters; a set is applied as a whole or refused, and takes effect at the next step."""
         everything, keys, changes = param_request(body)
         if everything:
-            units, now = tunable(self.loop.controller), parameters(self.loop.controller)
+            units = tunable(self.loop.controller)
+            now = parameters(self.loop.controller)
             return {"values": {key: now[key] for key in units}, "units": units}
         values = parameters(self.loop.controller)
         if unknown := [key for key in keys if key not in values]:

@@ -58,7 +58,8 @@ class SkippedSteps:
         arrived: list[tuple[int, int]] = []
         for data in events:
             try:
-                interval, inside = _pair(data["first"], data["last"]), [_pair(*pair) for pair in data["arrived"]]
+                interval = _pair(data["first"], data["last"])
+                inside = [_pair(*pair) for pair in data["arrived"]]
             except (KeyError, TypeError, ValueError):  # a user's controller may publish anything
                 continue
             unanswered.append(interval)

@@ -1,7 +1,7 @@
 """Recordings for other programs: CSV, Parquet, MATLAB, HDF5, netCDF, WAV; frames of pandas and datasets of xarray.
 
 files   the formats, and writing of files: completely or not at all; what a file says about its run
-tables  a run as tables, which all formats share; signals at a lower rate, behind a filter against aliasing
+tables  a run as tables, which all formats share; lower_rate: signals at a lower rate, behind a low-pass filter
 """
 
 from __future__ import annotations

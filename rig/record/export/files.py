@@ -1,26 +1,19 @@
 """The formats of an export, and its files, which are written beside their place and moved there when complete.
 
-The description of a folder of exported files, `datapackage.json`: its files, their columns and units, the run.
+A folder of exported files has a description, `datapackage.json`: its files, their columns and units, the run. It
+follows the Frictionless Data Package (https://specs.frictionlessdata.io/data-package), with the unit of a column as
+`unit`, and `run` for the facts about the run: scene, provenance, timing verdict, damage.
 
-It follows the Frictionless Data Package (https://specs.frictionlessdata.io/data-package), with the unit of a column as
-`unit`, and `run` for the facts about the run.
-
-What an exported file says about its run besides the numbers: scene, provenance, timing verdict, damage.
-
-Tables as files of Apache Arrow's formats, one for each table: CSV and Parquet.
-
-CSV (RFC 4180, UTF-8): the first line has the names with their units, `"time [s]","velocity [m/s]"`. Numbers have a
-decimal point and the fewest digits from which the same floating-point number is read again. A missing number is an
-empty cell.
+CSV and Parquet have one file for each table, written by Apache Arrow. CSV (RFC 4180, UTF-8): the first line has the
+names with their units, `"time [s]","velocity [m/s]"`. Numbers have a decimal point and the fewest digits from which the
+same floating-point number is read again. A missing number is an empty cell.
 
 Parquet: the metadata of a column's field have its unit, and a description where it needs one. The metadata of the file
 describe the run. A missing number is null.
 
-Tables as one file of MATLAB (MAT-file, version 5): a struct of column vectors for each table.
-
-MATLAB's names are letters, digits and underscores, at most 63. A name that is not valid is changed: `load.force`
-becomes `load_force`. The struct `names` has the original name of each field, `units` its unit, `run` the facts about
-the run.
+MATLAB (MAT-file, version 5): one file with a struct of column vectors for each table. MATLAB's names are letters,
+digits and underscores, at most 63. A name that is not valid is changed: `load.force` becomes `load_force`. The struct
+`names` has the original name of each field, `units` its unit, `run` the facts about the run.
 
     load run.mat
     plot(outputs.time, outputs.velocity); ylabel(units.outputs.velocity)
@@ -40,7 +33,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +50,18 @@ if TYPE_CHECKING:
 
 FILE = "datapackage.json"
 _FORMATS = {"csv": ".csv", "parquet": ".parquet", "wav": ".wav"}
+
+_ROWS = 1 << 16  # that are written at a time, so that text takes little memory. chosen
+
+LONGEST = 63  # characters of a name
+_LARGEST = 1 << 31  # bytes of a variable
+_WORDS = frozenset(
+    "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return spmd "
+    "switch try while".split()
+)
+
+Report = Callable[[str], object]
+Facts = Mapping[str, str]
 
 
 def write_package(folder: Path, name: str, resources: Iterable[Mapping[str, Any]], facts: Mapping[str, str]) -> None:
@@ -101,9 +105,6 @@ def description(run: RunData) -> dict[str, str]:
         "frame_ns": run.frame_ns,
     }
     return {name: value if isinstance(value, str) else json.dumps(value) for name, value in facts.items() if value}
-
-
-_ROWS = 1 << 16
 
 
 def write_csv(table: Table, path: Path) -> None:
@@ -152,14 +153,6 @@ def _batches(table: Table, schema: pa.Schema) -> Iterator[Any]:
         yield pa.record_batch(arrays, schema=schema)
 
 
-LONGEST = 63  # characters of a name
-_LARGEST = 1 << 31  # bytes of a variable
-_WORDS = frozenset(
-    "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return spmd "
-    "switch try while".split()
-)
-
-
 def write_mat(tables: Iterable[Table], path: Path, facts: Mapping[str, str]) -> None:
     """Write `tables` to `path`, with `facts` about the run.
 
@@ -198,14 +191,15 @@ def valid(name: str, taken: Iterable[str]) -> str:
     plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
     if not re.match(r"[A-Za-z]", plain) or plain in _WORDS:
         plain = f"x{plain}"
-    plain, others = plain[:LONGEST], set(taken)
-    if plain not in others:
-        return plain
-    return next(candidate for n in count(2) if (candidate := f"{plain[: LONGEST - 1 - len(str(n))]}_{n}") not in others)
-
-
-Report = Callable[[str], object]
-Facts = Mapping[str, str]
+    plain = plain[:LONGEST]
+    others = set(taken)
+    candidate = plain
+    number = 1
+    while candidate in others:
+        number += 1
+        ending = f"_{number}"
+        candidate = plain[: LONGEST - len(ending)] + ending
+    return candidate
 
 
 @dataclass(frozen=True)
@@ -310,7 +304,8 @@ def _place(draft: Path, path: Path, folder: bool) -> None:
 def _each(to: str, tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Written]:
     """One file for each table."""
     folder.mkdir()
-    written, resources = [], []
+    written = []
+    resources = []
     for number, table in enumerate(tables, 1):
         file = f"{table.name}{FORMATS[to].suffix}"
         report(f"writing {file}, {number} of {len(tables.tables)}")
@@ -361,15 +356,25 @@ def _wav(tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Wri
             "--to wav: only outputs and sensors can be written; choose another format for commands and events"
         )
     folder.mkdir()
-    written, resources = [], []
+    written = []
+    resources = []
     for number, (name, table, column) in enumerate(signals, 1):
         file = f"{name}.wav"
         report(f"writing {file}, {number} of {len(signals)}")
         even = grid(column.name, Samples(table.t_ns, column.values))
         full = wav.write(even.v, even.rate, folder / file)
         written.append(Written(file, table.name, even.v.size, 1, even.rate, full, column.unit))
-        resources.append({"name": name.lower(), "path": file, "format": "wav", "unit": column.unit,
-                          "full_scale": full, "rate": even.rate, "start": float(table.time[0])})  # fmt: skip
+        resources.append(
+            {
+                "name": name.lower(),
+                "path": file,
+                "format": "wav",
+                "unit": column.unit,
+                "full_scale": full,
+                "rate": even.rate,
+                "start": float(table.time[0]),
+            }
+        )
     write_package(folder, folder.name, resources, facts)
     return written
 

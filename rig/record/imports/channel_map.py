@@ -87,18 +87,22 @@ class ChannelMap:
         except ValueError as fault:
             raise UsageError(f"{path}: is no TOML: {fault}") from None
         channels = tables.pop("channels", {})
-        time, rate = tables.pop("time", ""), tables.pop("rate", "")
+        time = tables.pop("time", "")
+        rate = tables.pop("rate", "")
         if tables:
             raise UsageError(f"{path}: unknown key {next(iter(tables))}; known: time, rate, channels")
-        if not isinstance(channels, dict) or not all(
-            isinstance(text, str) for text in [time, rate, *channels.values()]
-        ):
+        texts = isinstance(channels, dict) and all(isinstance(t, str) for t in (time, rate, *channels.values()))
+        if not texts:
             raise UsageError(f'{path}: expected texts, such as time = "t, s" and ch1 = "vibrometer, 125 mm/s/V"')
         return cls(channels, time, rate)
 
     def text(self) -> str:
         """The map as TOML."""
-        head = [f"{key} = {_quoted(value)}" for key, value in (("time", self.time), ("rate", self.rate)) if value]
+        head = []
+        if self.time:
+            head.append(f"time = {_quoted(self.time)}")
+        if self.rate:
+            head.append(f"rate = {_quoted(self.rate)}")
         rows = [f"{_quoted(column)} = {_quoted(text)}" for column, text in self.channels.items()]
         return "\n".join([*head, "", "[channels]", *rows, ""]).lstrip("\n")
 
@@ -115,7 +119,8 @@ class ChannelMap:
 
     def channels_of(self, columns: Sequence[Column], where: str) -> list[Channel]:
         """The channels that the columns of a file become. Raises UsageError with all faults."""
-        made, faults = list[Channel](), list[str]()
+        made = list[Channel]()
+        faults = list[str]()
         for column, text in self.channels.items():
             try:
                 made.append(_channel(_known(column, columns, where), text, where))

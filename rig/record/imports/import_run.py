@@ -31,11 +31,13 @@ from rig.record.run_data import Integers, Reals
 from rig.record.writer import Writer
 from rig.results import Result
 
-_SLICE_NS = 250_000_000
-_LEAST, _MOST = 4096, 1 << 16  # samples of a message
+_SLICE_NS = 250_000_000  # of a message. chosen
+# Fewest and most samples of a message. chosen: 32 to 512 KiB
+_LEAST = 4096
+_MOST = 1 << 16
 _GAP = 1.5  # periods: a longer distance of two samples is a gap
 _EVEN = 0.01  # of a period
-_TOLD = 20
+_TOLD = 20  # faults of a file that are listed; of more their number
 _ALIKE = 0.5  # least correlation of a channel that two files have in common
 FRAME_NS = 1_000_000
 """Period at which a replay publishes a measurement, and a controller is asked."""
@@ -76,7 +78,8 @@ class TimeBase:
             self.begin = float(t[0])
             self.period = float(np.median(np.diff(t))) if t.size > 1 else 0.0
         steps = np.diff(t, prepend=self.last) if self.samples else np.diff(t)
-        self.samples, self.last = self.samples + t.size, float(t[-1])
+        self.samples += t.size
+        self.last = float(t[-1])
         if not steps.size or not self.period:
             return
         far = steps > _GAP * self.period
@@ -96,10 +99,8 @@ class TimeBase:
 
     def text(self) -> str:
         """The time base in words."""
-        whole, count = (
-            self.last - self.begin - self.lost,
-            self.samples - 1 - self.gaps,
-        )  # times may be rounded: the mean
+        whole = self.last - self.begin - self.lost
+        count = self.samples - 1 - self.gaps  # times may be rounded: the mean
         rate = f", {count / whole:.6g} Hz" if count > 0 and whole > 0.0 else ""
         told = f"{self.file}: {counted(self.samples, 'sample')}{rate}, t = {self.begin:g} to {self.last:g} s"
         told += f"; moved by {self.shift:.9g} s" if self.shift else ""
@@ -139,8 +140,13 @@ class Imported(Result):
     def to_json(self) -> dict[str, object]:
         """The same as plain values."""
         bases = [base.to_json() for base in self.bases]
-        return {"path": str(self.path), "channels": self.channels, "ranges": self.ranges, "time": bases,
-                "missing": self.missing}  # fmt: skip
+        return {
+            "path": str(self.path),
+            "channels": self.channels,
+            "ranges": self.ranges,
+            "time": bases,
+            "missing": self.missing,
+        }
 
 
 def _span(low: float, high: float) -> str:
@@ -160,16 +166,16 @@ class Listed:
     def text(self) -> str:
         """A line for each column, the time bases, and the proposal as TOML."""
         width = max(len(row[1]) for row in self.rows)
-        lines = [
-            f"{file}: {name:<{width}}  {_span(low, high)} {unit or '(no unit stated)'}, {counted(count, 'value')}"
-            + f" at {rate:.6g} Hz" * (rate > 0.0)
-            for file, name, unit, low, high, count, rate in self.rows
-        ]
+        lines = []
+        for file, name, unit, low, high, count, rate in self.rows:
+            at = f" at {rate:.6g} Hz" if rate > 0.0 else ""
+            values = f"{_span(low, high)} {unit or '(no unit stated)'}, {counted(count, 'value')}{at}"
+            lines.append(f"{file}: {name:<{width}}  {values}")
         lines += [base.text() for base in self.bases]
-        ask = "; replace each ? by the unit" if "?" in self.proposal.text() else ""
-        return "\n".join(
-            [*lines, "", f"a map for these columns (import.toml beside the files){ask}:", "", self.proposal.text()]
-        )
+        proposal = self.proposal.text()
+        ask = "; replace each ? by the unit" if "?" in proposal else ""
+        lines += ["", f"a map for these columns (import.toml beside the files){ask}:", "", proposal]
+        return "\n".join(lines)
 
     def to_json(self) -> dict[str, object]:
         """The same as plain values."""
@@ -179,11 +185,16 @@ class Listed:
 
 def listed(paths: Sequence[Path]) -> Listed:
     """Read the files through and propose a map. Raises UsageError with the faults of all of them."""
-    rows, bases, together = [], [], ChannelMap()
+    rows = []
+    bases = []
+    together = ChannelMap()
     for file in _all_opened(paths):
         names = [column.name for column in file.columns]
-        low, high = dict.fromkeys(names, np.inf), dict.fromkeys(names, -np.inf)
-        count, last, rising = dict.fromkeys(names, 0), dict.fromkeys(names, -np.inf), set(names)
+        low = dict.fromkeys(names, np.inf)
+        high = dict.fromkeys(names, -np.inf)
+        count = dict.fromkeys(names, 0)
+        last = dict.fromkeys(names, -np.inf)
+        rising = set(names)
         times: dict[str, TimeBase] = {name: TimeBase(file.path.name) for name in names}
         for block in file.blocks(names):
             for name, v in block.items():
@@ -191,19 +202,17 @@ def listed(paths: Sequence[Path]) -> Listed:
                 if not v.size:
                     continue
                 count[name] += known.size
-                low[name], high[name] = (
-                    min(low[name], known.min(initial=np.inf)),
-                    max(high[name], known.max(initial=-np.inf)),
-                )
+                low[name] = min(low[name], known.min(initial=np.inf))
+                high[name] = max(high[name], known.max(initial=-np.inf))
                 if name in rising and known.size == v.size and v[0] > last[name] and np.all(np.diff(v) > 0.0):
                     times[name].add(v)
                     last[name] = v[-1]
                 else:
                     rising.discard(name)
-        rows += [
-            (file.path.name, c.name, c.unit, float(low[c.name]), float(high[c.name]), count[c.name], c.rate)
-            for c in file.columns
-        ]
+        for column in file.columns:
+            name = column.name
+            ends = (float(low[name]), float(high[name]))
+            rows.append((file.path.name, name, column.unit, *ends, count[name], column.rate))
         proposal = proposed(file, [name for name in names if name in rising and times[name].samples > 1])
         time = proposal.time.partition(",")[0]
         bases += [times[time]] if time else []
@@ -255,7 +264,8 @@ def import_files(
 
 
 def _all_opened(paths: Sequence[Path]) -> list[MeasurementFile]:
-    files, faults = list[MeasurementFile](), list[str]()
+    files = list[MeasurementFile]()
+    faults = list[str]()
     for path in paths:
         try:
             files.append(opened(path))
@@ -297,7 +307,9 @@ class _Part:
 
     def blocks(self, base: TimeBase) -> Iterator[dict[str, tuple[Reals, Reals]]]:
         """Channel -> times [s] and values in SI, block by block. Raises UsageError with all faults of the file."""
-        base.shift, row, faults = self.shift, self.file.first_row, _Faults(self.file.path)
+        base.shift = self.shift
+        row = self.file.first_row
+        faults = _Faults(self.file.path)
         last = dict[str, float]()
         for block in self._timed_or_refused():
             size = max(t.size for t, _ in block.values())
@@ -340,7 +352,9 @@ class _Part:
 
     def _faults_of_rows(self) -> _Faults:
         """The faults of times and values in a text, with the numbers of its lines, which may be blank between rows."""
-        columns, faults, last = [channel.column for channel in self.channels], _Faults(self.file.path), -np.inf
+        columns = [channel.column for channel in self.channels]
+        faults = _Faults(self.file.path)
+        last = -np.inf
         for row, values in self.file.rows([self.time, *columns]) if self.file.rows else ():
             if self.time in values:
                 t = np.array([values[self.time] * self.scale])
@@ -357,7 +371,8 @@ class _Part:
         for block in self.file.blocks(wanted):
             timed = dict[str, tuple[Reals, Reals]]()
             for name in names:
-                column, v = self.file.column(name), block[name]
+                column = self.file.column(name)
+                v = block[name]
                 if self.time and block[self.time].size == v.size and not column.rate:
                     t = block[self.time] * self.scale
                 else:
@@ -371,20 +386,18 @@ class _Faults:
     """What is wrong with the values of a file: the first ones with their rows, and how many."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._told = path, list[str]()
+        self._path = path
+        self._told = list[str]()
         self.count = 0
 
     def times(self, t: Reals, last: float, row: int, name: str) -> None:
         """Note times that do not increase, or are none."""
         before = np.concatenate(([last], t[:-1]))
         for i in np.flatnonzero(~(t > before)):
-            what = (
-                "is no number"
-                if not np.isfinite(t[i])
-                else "is that of the row before"
-                if t[i] == before[i]
-                else "falls"
-            )
+            if not np.isfinite(t[i]):
+                what = "is no number"
+            else:
+                what = "is that of the row before" if t[i] == before[i] else "falls"
             self._note(row + int(i), name, f"the time {t[i]:.9g} s {what}")
 
     def missing(self, lost: NDArray[np.bool_], row: int, name: str) -> None:
@@ -410,13 +423,16 @@ def _parts(files: Sequence[MeasurementFile], given: ChannelMap, join: str, skip_
     """What each file becomes. Raises UsageError with the faults of all of them."""
     if not given.channels:
         raise UsageError('no channel is named: add --map "COLUMN = NAME, UNIT"; without it the columns are listed')
-    parts, faults, met = list[_Part](), list[str](), set[str]()
+    parts = list[_Part]()
+    faults = list[str]()
+    met = set[str]()
     try:
         rate = finite(given.rate, "Hz") if given.rate else 0.0
     except ValueError as fault:
         raise UsageError(f"--rate {given.rate}: {fault}") from None
     for file in files:
-        where, own = str(file.path), {column.name for column in file.columns}
+        where = str(file.path)
+        own = {column.name for column in file.columns}
         mine = given.channels if len(files) == 1 else {c: text for c, text in given.channels.items() if c in own}
         met |= mine.keys()
         try:
@@ -464,7 +480,8 @@ def _join(parts: Sequence[_Part], join: str) -> None:
 
 def _fired(t: Reals, v: Reals, unit: str, condition: Condition, part: _Part) -> float:
     """The time of the first sample that meets the condition, between it and the one before [s]."""
-    level, size = condition.level_in(unit), np.abs(v) if condition.size else v
+    level = condition.level_in(unit)
+    size = np.abs(v) if condition.size else v
     beyond = size - level if condition.sense == ">" else level - size
     met = np.flatnonzero(beyond > 0.0)
     if not met.size:
@@ -472,7 +489,9 @@ def _fired(t: Reals, v: Reals, unit: str, condition: Condition, part: _Part) -> 
             f"--join {condition}: never met in {part.file.path}: {size.min():.6g} to {size.max():.6g} {unit}"
         )
     i = int(met[0])
-    return float(t[i]) if i == 0 else float(t[i] - (t[i] - t[i - 1]) * beyond[i] / (beyond[i] - beyond[i - 1]))
+    if i == 0:
+        return float(t[0])
+    return float(t[i] - (t[i] - t[i - 1]) * beyond[i] / (beyond[i] - beyond[i - 1]))
 
 
 def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where: str) -> float:
@@ -480,7 +499,8 @@ def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where
     from scipy.signal import correlate, correlation_lags
 
     step = min(float(np.median(np.diff(t))) for t, *_ in (first, other))
-    a, b = (np.interp(np.arange(t[0], t[-1], step), t, v - v.mean()) for t, v, _ in (first, other))
+    a = _resampled(*first[:2], step)
+    b = _resampled(*other[:2], step)
     c = correlate(a, b)
     k = int(np.argmax(c))
     likeness = float(c[k]) / max(float(np.sqrt((a @ a) * (b @ b))), np.finfo(float).tiny)
@@ -490,7 +510,13 @@ def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where
         )
     bend = c[k - 1] - 2.0 * c[k] + c[k + 1] if 0 < k < c.size - 1 else 0.0
     between = 0.5 * (c[k - 1] - c[k + 1]) / bend if bend else 0.0
-    return float(first[0][0] - other[0][0] + (correlation_lags(a.size, b.size)[k] + between) * step)
+    lag = correlation_lags(a.size, b.size)[k] + between
+    return float(first[0][0] - other[0][0] + lag * step)
+
+
+def _resampled(t: Reals, v: Reals, step: float) -> Reals:
+    """The samples v(t) without their mean, every `step` [s] by straight lines."""
+    return np.asarray(np.interp(np.arange(t[0], t[-1], step), t, v - v.mean()))
 
 
 def _written(
@@ -546,9 +572,11 @@ def _written(
                     piece = t_ns[low_i:high_i]
                     payload = encode.samples(0, piece, np.ascontiguousarray(v[low_i:high_i]))
                     writer.write(f"meas/{name}", payload, int(piece[0]), numbers[name], began_ns + int(piece[0]))
-            if np.isfinite(until := min(reached)) and not faults:
+            until = min(reached)
+            if np.isfinite(until) and not faults:
                 writer.settle(round((until - begin) * 1e9))
-            done, total = sum(base.samples for base in bases), sum(part.expected for part in parts)
+            done = sum(base.samples for base in bases)
+            total = sum(part.expected for part in parts)
             progress(done, max(done, total))
         if faults:
             raise UsageError("\n".join(faults))

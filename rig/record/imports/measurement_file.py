@@ -30,6 +30,13 @@ _LARGEST = 1 << 31  # bytes of a MATLAB file, unpacked
 Block = Mapping[str, Reals]
 """Column -> its next values; columns of one length have equally many."""
 
+_OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, struct.error)
+"""Errors that a library raises where it does not expect what it reads, such as "list index out of range"."""
+
+_BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
+
+_PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset")
+
 
 class Column(NamedTuple):
     """One column of a file."""
@@ -70,10 +77,6 @@ class MeasurementFile:
         return self._by_name[name]
 
 
-_OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, struct.error)
-"""Errors that a library raises where it does not expect what it reads, such as "list index out of range"."""
-
-
 def opened(path: Path) -> MeasurementFile:
     """The columns of a file. Raises UsageError for one that cannot be read, is damaged or of an unknown format."""
     read = _FORMATS.get(path.suffix.lower())
@@ -98,9 +101,6 @@ def opened(path: Path) -> MeasurementFile:
     if not file.columns:
         raise UsageError(f"{path}: it has no column of numbers")
     return file
-
-
-_BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
 
 
 def name_and_unit(label: str) -> tuple[str, str]:
@@ -145,7 +145,8 @@ class _Arrays:
             return
         if array.dtype.kind == "M":
             ns = array.astype("datetime64[ns]").astype(np.int64)
-            array, unit = (ns - ns.flat[0]) * 1e-9 if ns.size else array, "s"
+            array = (ns - ns.flat[0]) * 1e-9 if ns.size else array
+            unit = "s"
         if array.dtype.kind not in "fiub" or array.size < 2 or np.squeeze(array).ndim > 2:
             return
         array = np.squeeze(array)
@@ -179,7 +180,8 @@ def _parquet(path: Path) -> MeasurementFile:
         length = file.metadata.num_rows
     if not length:
         raise UsageError(f"{path}: its table has no rows")
-    columns, labels = [], {}
+    columns = []
+    labels = {}
     for field in fields:
         if not (types.is_floating(field.type) or types.is_integer(field.type) or types.is_temporal(field.type)):
             continue
@@ -262,10 +264,9 @@ def _word(given: Any) -> str:
     """A text attribute, which some programs store as an array of one text."""
     values = np.asarray("" if given is None else given).ravel()
     value = values[0] if values.size == 1 else ""
-    return value.decode(errors="replace") if isinstance(value, bytes) else str(value) if isinstance(value, str) else ""
-
-
-_PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset")
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
+    return str(value) if isinstance(value, str) else ""
 
 
 def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
@@ -273,8 +274,9 @@ def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         return values
-    fills = [np.ravel(about[key])[0] for key in _PACKED[:2] if key in about]
-    factor, offset = (float(np.ravel(about.get(key, d))[0]) for key, d in zip(_PACKED[2:], (1.0, 0.0)))
+    fills = [np.ravel(about[key])[0] for key in ("_FillValue", "missing_value") if key in about]
+    factor = float(np.ravel(about.get("scale_factor", 1.0))[0])
+    offset = float(np.ravel(about.get("add_offset", 0.0))[0])
     missing = np.isin(array, fills)
     if (factor, offset) != (1.0, 0.0) or missing.any():
         array = np.where(missing, np.nan, array * factor + offset)
@@ -311,7 +313,8 @@ def _wav(path: Path) -> MeasurementFile:
 
 
 def _uff(path: Path) -> MeasurementFile:
-    pyuff, arrays = needed("pyuff", "measurements"), _Arrays(path)
+    pyuff = needed("pyuff", "measurements")
+    arrays = _Arrays(path)
     if not path.read_bytes().rstrip().endswith(b"    -1"):  # the end of a data set
         raise UsageError(f"{path}: is cut off: its last data set has no end")
     file = pyuff.UFF(str(path))
@@ -338,16 +341,20 @@ def _uff(path: Path) -> MeasurementFile:
 
 
 def _tdms(path: Path) -> MeasurementFile:
-    nptdms, arrays, began = needed("nptdms", "measurements"), _Arrays(path), None
+    nptdms = needed("nptdms", "measurements")
+    arrays = _Arrays(path)
+    began = None
     with nptdms.TdmsFile.open(path) as file:
         if file.file_status.incomplete_final_segment:
             raise UsageError(f"{path}: is cut off: its last segment is not complete")
         for group in file.groups():
             for channel in group.channels():
                 about = channel.properties
-                step, start = float(about.get("wf_increment", 0.0)), float(about.get("wf_start_offset", 0.0))
+                step = float(about.get("wf_increment", 0.0))
+                start = float(about.get("wf_start_offset", 0.0))
                 unit = str(about.get("unit_string", about.get("NI_UnitDescription", "")))
-                if step and (stamp := about.get("wf_start_time")) is not None:
+                stamp = about.get("wf_start_time")
+                if step and stamp is not None:
                     stamp_ns = int(np.datetime64(stamp, "ns").astype(np.int64))
                     began = stamp_ns if began is None else began
                     start += (stamp_ns - began) * 1e-9  # channels may start one after the other

@@ -28,7 +28,7 @@ from rig.units import si_unit
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _HEADS = (1 << 16, 1 << 20, 1 << 23)
 """Lengths of the part in which the form of the table is looked for, until it has `_ROWS` rows [bytes]."""
-_ROWS = 10
+_ROWS = 10  # chosen: enough to tell the form of a table
 BLOCK = 2 << 20
 """Length of the part of a file that is read at once [bytes]."""
 _MOST = 20
@@ -110,10 +110,10 @@ class TextTable:
         import pyarrow as pa
         from pyarrow import csv
 
-        kinds = {
-            name: (pa.timestamp("ns") if self.iso else pa.string()) if stamped else pa.float64()
-            for name, stamped in zip(names, self.stamped, strict=True)
-        }
+        of_times = pa.timestamp("ns") if self.iso else pa.string()
+        kinds = {}
+        for name, stamped in zip(names, self.stamped, strict=True):
+            kinds[name] = of_times if stamped else pa.float64()
         ragged = list[Any]()
 
         def refuse(row: Any) -> str:
@@ -126,7 +126,10 @@ class TextTable:
                 with csv.open_csv(
                     file if as_it_is else _Plain(file, self),
                     csv.ReadOptions(
-                        use_threads=False, block_size=BLOCK, skip_rows=self.skip, column_names=list(names),
+                        use_threads=False,
+                        block_size=BLOCK,
+                        skip_rows=self.skip,
+                        column_names=list(names),
                         encoding="utf8" if self.encoding != "latin-1" else "latin1",
                     ),
                     csv.ParseOptions(delimiter=self.separator, invalid_row_handler=refuse),
@@ -137,7 +140,7 @@ class TextTable:
                         null_values=_BLANK_VALUES,
                         check_utf8=False,
                     ),
-                ) as reader:  # fmt: skip
+                ) as reader:
                     for batch in reader:
                         if ragged:
                             break
@@ -161,7 +164,8 @@ class TextTable:
 
     def _faults(self, names: Sequence[str], wanted: Collection[str]) -> str:
         """All rows that cannot be read, one a line."""
-        told, count = list[str](), 0
+        told = list[str]()
+        count = 0
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for number, line in enumerate(islice(file, self.skip, None), self.skip + 1):
                 for fault in self._of_row(line, names, wanted):
@@ -174,7 +178,8 @@ class TextTable:
         """Yield number and values of each row, line by line, without what cannot be read; NaN: there is no value."""
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for number, line in enumerate(islice(file, self.skip, None), self.skip + 1):
-                cells, values = _split(line, self.separator), dict[str, float]()
+                cells = _split(line, self.separator)
+                values = dict[str, float]()
                 for name, cell, stamped in zip(names, cells, self.stamped) if len(cells) == len(names) else ():
                     if name not in wanted:
                         continue
@@ -188,20 +193,14 @@ class TextTable:
                     yield number, values
 
     def _of_row(self, line: str, names: Sequence[str], wanted: Collection[str]) -> Iterator[str]:
-        cells, text = _split(line, self.separator), line.strip()
+        cells = _split(line, self.separator)
+        text = line.strip()
         if not text:
             return
         if len(cells) != len(names):
             ended = " (the file ends in the middle of it)" if not line.endswith(("\n", "\r")) else ""
-            number = _NUMBER[self.decimal]
-            others = [
-                s
-                for s in _SEPARATORS
-                if s != self.separator
-                and len(other := _split(line, s)) == len(names)
-                and all(map(number.fullmatch, other))
-            ]
-            hint = f"; with {others[0]!r} in place of {self.separator!r} it would be right" if others else ""
+            other = self._other_separator(line, len(names))
+            hint = f"; with {other!r} in place of {self.separator!r} it would be right" if other else ""
             yield f"{counted(len(cells), 'value')}, the other rows have {len(names)}{ended}{hint}"
             return
         for name, cell, stamped in zip(names, cells, self.stamped, strict=True):
@@ -209,12 +208,23 @@ class TextTable:
             if name in wanted and cell not in _NO_VALUE and not right.fullmatch(cell):
                 yield f"column {name}: {cell!r:.40} is not a {'time' if stamped else 'number'}"
 
+    def _other_separator(self, line: str, width: int) -> str:
+        """The separator with which a line has `width` numbers; "" if there is none."""
+        for separator in _SEPARATORS:
+            if separator != self.separator:
+                cells = _split(line, separator)
+                if len(cells) == width and all(map(_NUMBER[self.decimal].fullmatch, cells)):
+                    return separator
+        return ""
+
 
 class _Form:
     """How a text would be read with a separator and a decimal mark."""
 
     def __init__(self, separator: str, mark: str, words: bool) -> None:
-        self.separator, self.mark, self.words = separator, mark, words
+        self.separator = separator
+        self.mark = mark
+        self.words = words
         self.rows = self.skip = self.width = 0
         self.headed = self.ended = False
 
@@ -235,13 +245,18 @@ class _Form:
 
         With `words`, columns of words are allowed beside a column of values.
         """
-        form, begin, width = cls(separator, mark, words), 0, -1
+        form = cls(separator, mark, words)
+        begin = 0
+        width = -1
         widths = [form._width_of(line) for line in lines]
         for i, here in enumerate([*widths, -1]):
             if here < 0 or here != width:
                 if width >= 0 and i - begin > form.rows:
-                    form.rows, form.skip, form.width = i - begin, begin, width
-                begin, width = i, here
+                    form.rows = i - begin
+                    form.skip = begin
+                    form.width = width
+                begin = i
+                width = here
         form._skip_to_header(lines, widths)
         form.ended = form.rows > 0 and form.split(lines[form.skip])[-1] == ""
         form.headed = form.rows > 0 and form.skip > 0 and form.heading(lines[form.skip - 1]) is not None
@@ -251,11 +266,12 @@ class _Form:
         """The number of values of a row; -1 for a line that is none."""
         cells = self.split(line)
         known = [self._is_value(cell) for cell in cells]
+        if not any(known):
+            return -1
         if self.words:
-            return len(cells) if any(known) and len(cells) > 1 else -1
-        return (
-            len(cells) if any(known) and all(map(lambda cell, value: value or cell in _NO_VALUE, cells, known)) else -1
-        )
+            return len(cells) if len(cells) > 1 else -1
+        unknown = [cell for cell, value in zip(cells, known) if not value]
+        return len(cells) if all(cell in _NO_VALUE for cell in unknown) else -1
 
     def heading(self, line: str) -> list[str] | None:
         """The cells of a line above the rows, of which only one may end with a separator; None: it is no heading."""
@@ -272,7 +288,8 @@ class _Form:
             rows = widths[i : self.skip]
             headed = widths[i - 1] < 0 and len(self.split(lines[i - 1])) == self.width
             if headed and rows[0] == self.width and 2 * rows.count(self.width) >= len(rows):
-                self.skip, self.rows = i, self.rows + rows.count(self.width)
+                self.skip = i
+                self.rows += rows.count(self.width)
                 return
 
     @property
@@ -287,27 +304,33 @@ class _Form:
     def _is_value(self, cell: str) -> bool:
         return bool(_NUMBER[self.mark].fullmatch(cell) or _TIME.fullmatch(cell))
 
+    def _may_have_values(self, label: str, column: Sequence[str]) -> bool:
+        """Whether enough cells are values, or all cells of a column with a label say that there is none."""
+        if 2 * sum(map(self._is_value, column)) > len(column) * self.words:
+            return True
+        return bool(label) and all(cell in _NO_VALUE for cell in column)
+
     def described(
         self, lines: Sequence[str]
     ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[bool, ...], tuple[bool, ...]]:
         """Labels, units, which columns are times of day, and which may have values."""
         above = [self.heading(line) for line in lines[max(self.skip - 5, 0) : self.skip] if line.strip()]
         headings = list[list[str]]()  # from the rows upwards
-        while above and (cells := above.pop()) is not None:
+        for cells in reversed(above):
+            if cells is None:
+                break
             headings.append(cells)
-        units, labels = [""] * self.width, headings[0] if headings else [""] * self.width
+        units = [""] * self.width
+        labels = headings[0] if headings else [""] * self.width
         for named, stated in zip(headings[1:], headings, strict=False):
             if _are_units(stated) and sum(map(bool, named)) >= max(sum(map(bool, stated)), self.width - self.ended):
-                units, labels = [cell.strip("[]() ") for cell in stated], named
+                units = [cell.strip("[]() ") for cell in stated]
+                labels = named
                 break
         rows = [self.split(line) for line in lines[self.skip : self.skip + 100]]
         columns = list(zip(*(cells for cells in rows if len(cells) == self.width), strict=True))
         stamped = tuple(bool(_TIME.fullmatch(cell)) for cell in self.split(lines[self.skip]))
-        used = tuple(
-            2 * sum(map(self._is_value, column)) > len(column) * self.words
-            or (bool(label) and all(cell in _NO_VALUE for cell in column))
-            for label, column in zip(labels, columns, strict=True)
-        )
+        used = tuple(self._may_have_values(label, column) for label, column in zip(labels, columns, strict=True))
         units = ["s" if stamp else unit for unit, stamp in zip(units, stamped, strict=True)]
         return tuple(label or f"column {i}" for i, label in enumerate(labels, 1)), tuple(units), stamped, used
 
@@ -381,6 +404,7 @@ class _Plain(io.RawIOBase):
             lines = self._text.readlines(len(buffer))
             text = "".join(" ".join(line.split()) + "\n" for line in lines) if self._blanks else "".join(lines)
             self._left = text.encode()
-        part, self._left = self._left[: len(buffer)], self._left[len(buffer) :]
+        part = self._left[: len(buffer)]
+        self._left = self._left[len(buffer) :]
         buffer[: len(part)] = part
         return len(part)

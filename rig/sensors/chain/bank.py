@@ -60,14 +60,19 @@ class Bank:
         self.latest = np.full(n, np.nan)
         self.fresh = np.zeros(n, dtype=np.int64)
         stored = max(room, *(int(KEPT_NS // instants.period_ns) for instants in self.instants), 0)
-        self._samples, self._noise = np.zeros((n, stored)), np.zeros((n, room))
+        self._samples = np.zeros((n, stored))
+        self._noise = np.zeros((n, room))
         self._memory = [row.data for row in self._samples]
         longest = max((max(end.period_ns, frame_ns) * end.dropout_rate * 1e-9 for end in self._ends), default=0.0)
         self._gaps = np.zeros((n, CHUNK + math.ceil(16 * longest), 2), dtype=np.int64)
-        lags = [[round(1e9 * later / end.period_ns) for _, later in end.echoes] for end in self._ends]
-        self._past = np.zeros((n, 1 + max((lag for own in lags for lag in own), default=0)))
-        shares = [share for end in self._ends for share, _ in end.echoes]
-        self._echoes = np.column_stack([np.concatenate([*lags, []]), np.array(shares)])
+        lags = list[int]()
+        shares = list[float]()
+        for end in self._ends:
+            for share, later in end.echoes:
+                lags.append(round(1e9 * later / end.period_ns))
+                shares.append(share)
+        self._past = np.zeros((n, 1 + max(lags, default=0)))
+        self._echoes = np.column_stack([np.array(lags, np.float64), np.array(shares)])
         self._fronts = np.zeros(n, dtype=INSTRUMENT)
         self._numbers = self._fronts["kept"].data, self._fronts["published"].data
         """Of each instrument the numbers of samples that are stored and that were published (views)."""
@@ -180,10 +185,10 @@ class Bank:
 
     def checkpoint(self) -> dict[str, NDArray[Any]]:
         """What `resume` needs, by name; nothing here changes."""
-        used = [
-            (stream.drawn[0] - len(noise) + s["drawn"], stream.drawn[1] - len(gaps) + s["gap"])
-            for stream, noise, gaps, s in zip(self._streams, self._noise, self._gaps, self._fronts)
-        ]
+        used = []
+        for stream, noise, gaps, s in zip(self._streams, self._noise, self._gaps, self._fronts):
+            drawn_numbers, drawn_gaps = stream.drawn
+            used.append((drawn_numbers - len(noise) + s["drawn"], drawn_gaps - len(gaps) + s["gap"]))
         return {
             "fronts": self._fronts.copy().view(np.uint8).reshape(-1, INSTRUMENT.itemsize),
             "poles": self._poles.copy(),
@@ -199,10 +204,13 @@ class Bank:
 
     def back(self, kept: Mapping[str, NDArray[Any]]) -> None:
         """Store the samples of `keep` again; `resume` does the rest."""
-        fronts, stored = kept["fronts"].copy().view(INSTRUMENT).reshape(-1), kept["stored"]
+        fronts = kept["fronts"].copy().view(INSTRUMENT).reshape(-1)
+        stored = kept["stored"]
         self._samples[:, : stored.shape[1]] = stored
-        self.latest[:], self.fresh[:] = kept["latest"], kept["fresh"]
-        self._fronts["published"], self._fronts["kept"] = fronts["published"], fronts["kept"]
+        self.latest[:] = kept["latest"]
+        self.fresh[:] = kept["fresh"]
+        self._fronts["published"] = fronts["published"]
+        self._fronts["kept"] = fronts["kept"]
 
     def play(self, recorded: Sequence[tuple[Integers, NDArray[np.float64]]], t_ns: int) -> None:
         """Publish samples of a recording (times, values of each instrument) up to `t_ns` instead of measuring.
@@ -216,7 +224,8 @@ class Bank:
             new = values[s["published"] : last]
             self._samples[i, s["kept"] : s["kept"] + len(new)] = new
             s["kept"] += len(new)
-            s["published"], self.fresh[i] = last, last - before
+            s["published"] = last
+            self.fresh[i] = last - before
             if len(new):
                 self.latest[i] = new[-1]
 
@@ -250,8 +259,10 @@ class Bank:
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Numbers of samples of each instrument that were clipped, dropped out or lost to the slew limit so far."""
-        kept = ("clipped", "dropped_out", "slew_lost")
-        return {name: {key: int(self._fronts[key][i]) for key in kept} for i, name in enumerate(self.names)}
+        counters = {}
+        for name, front in zip(self.names, self._fronts):
+            counters[name] = {key: int(front[key]) for key in ("clipped", "dropped_out", "slew_lost")}
+        return counters
 
     def _settle(self, i: int, row: int, end: FrontEnd, y: float, before: int) -> int:
         """Set instrument i to rest at the input y, `before` [ns] ahead of t = 0; returns the next free row of poles."""
@@ -259,11 +270,16 @@ class Bank:
         self._fronts[i] = np.zeros((), dtype=INSTRUMENT)
         s["column"] = self._columns.index(self._sections[i].reads)
         s["period"], s["rest"] = end.instants.whole
-        s["samples"], s["cycle"] = end.instants.samples, SECOND * end.instants.seconds
-        s["mean"], s["delay"], s["most"] = end.period_ns, end.delay_ns, self._most[i]
+        s["samples"] = end.instants.samples
+        s["cycle"] = SECOND * end.instants.seconds
+        s["mean"] = end.period_ns
+        s["delay"] = end.delay_ns
+        s["most"] = self._most[i]
         for key in ("averages", "holds", "direct", "gain", "offset", "slope", "warmth", "fade", "rise", "noise"):
             s[key] = getattr(end, key)
-        s["low"], s["high"], s["resolution"] = end.low, end.high, end.resolution
+        s["low"] = end.low
+        s["high"] = end.high
+        s["resolution"] = end.resolution
         s["slew"] = end.slew * 1e-9 * end.period_ns
         s["dropouts"] = end.dropout_rate > 0.0
         s["first"] = row
@@ -280,7 +296,8 @@ class Bank:
             row += 1
         s["last"] = row
         before_it = sum(len(other.echoes) for other in self._ends[:i])
-        s["echo"], s["silence"] = before_it, before_it + len(end.echoes)
+        s["echo"] = before_it
+        s["silence"] = before_it + len(end.echoes)
         self._past[i] = end.gain * at_rest
         s["followed"] = s["previous"] = end.gain * at_rest * (1.0 + sum(share for share, _ in end.echoes))
         return row
@@ -295,7 +312,8 @@ class Bank:
         """Drop all samples but the last of each instrument."""
         for i, s in enumerate(self._fronts):
             if s["kept"] > 1:
-                self._samples[i, 0], s["kept"] = self._samples[i, s["kept"] - 1], 1
+                self._samples[i, 0] = self._samples[i, s["kept"] - 1]
+                s["kept"] = 1
 
     def _draw(self, everything: bool) -> None:
         """Replace used random numbers, or all of them, by new ones."""

@@ -39,7 +39,8 @@ def modal(zeros: tuple[complex, ...], poles: tuple[complex, ...], gain: float) -
 
 def _pair(frequency: float, quality: float) -> complex:
     """Upper pole of a resonance at `frequency` [Hz] with quality factor > 1/2."""
-    w, zeta = 2.0 * math.pi * frequency, 0.5 / quality
+    w = 2.0 * math.pi * frequency
+    zeta = 0.5 / quality
     return complex(-zeta * w, w * math.sqrt(1.0 - zeta * zeta))
 
 

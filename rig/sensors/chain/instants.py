@@ -19,7 +19,7 @@ SECOND = 1_000_000_000  # ns
 FINEST_STEP = 1000  # ns
 _LARGEST = 1 << 31  # products of two such numbers are int64
 
-_PIECE = 1 << 16
+_PIECE = 1 << 16  # numbers that are drawn and left out at a time: 512 KiB
 Integers = NDArray[np.int64]
 
 
@@ -104,7 +104,8 @@ def common_step(frame_ns: int, instants: Iterable[Instants]) -> int:
 
     Other sensors are sampled within steps, and so are those that would need a step shorter than `FINEST_STEP`.
     """
-    step, finest = frame_ns, min(FINEST_STEP, frame_ns)
+    step = frame_ns
+    finest = min(FINEST_STEP, frame_ns)
     for period in sorted({instant.whole[0] for instant in instants if instant.even}, reverse=True):
         if frame_ns % period == 0 and math.gcd(step, period) >= finest:
             step = math.gcd(step, period)
