@@ -5,7 +5,7 @@ drawing           the entities of a run in rerun, and its phase portrait
 blueprint         the arrangement of the rerun window
 viewer            starts rerun's viewer, or writes a file; recording: a recording in rerun
 picture           selects the moving picture of a rig; base: common to all of them
-lumped            belt, pendulum and their kin; lever, brake, plate
+belt, pendulum    pictures of single rigs, as are beam, brake, four_dof, lever, plate and surfaces
 run_figure        the figure of a run
 curves            curves over time, phases, marks, and the text beside them, in all figures of runs
 channels          which output and which sensor belongs to which plot
