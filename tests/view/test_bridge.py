@@ -10,8 +10,7 @@ import pytest
 from patience import PATIENCE_S, wait_for
 
 from rig.errors import UsageError
-from rig.view import process as feed
-from rig.view import viewer
+from rig.view import feed, viewer
 from rig.view.palette import LINES
 from rig.view.process import Bridge
 

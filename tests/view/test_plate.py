@@ -16,8 +16,8 @@ from rig.record.film_points import Points, listed, numbered, points_of
 from rig.record.run import Run
 from rig.view import contact, pressure
 from rig.view.drawing import Drawing
+from rig.view.feed import Feed
 from rig.view.palette import put
-from rig.view.process import Feed
 
 FILM = {"film.along": "5", "film.across": "4"}
 
