@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from rig.papers.entry import Comparison, Entry, Result, gallery_page, keep, make, make_all, pick
+from rig.papers.entry import Comparison, Entry, Result
+from rig.papers.gallery import gallery_page, keep, make, make_all, pick
 
 __all__ = ["Comparison", "Entry", "Result", "gallery_page", "keep", "make", "make_all", "pick"]

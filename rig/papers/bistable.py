@@ -25,6 +25,14 @@ MM = 1e3
 WINDOW = 8e-3  # s of the moving RMS: two to three cycles of stick-slip
 # Constants fitted in the closed form: c = w N0 / k, the relief, and the damping; w alone has no influence.
 _CONSTANTS = {"w": 5000.0, "c": 10.0806, "relief": 5.303475, "zeta": 0.2}
+MEASURED_WINDOW = 0.2  # s, as in the paper
+LOADS, ANGLES = (50.0, 40.0, 30.0, 20.0), (5.0, 10.0, 15.0, 20.0)
+TABLE_3: dict[float, tuple[tuple[float, float], ...]] = {  # N -> upper and lower speed [mm/s] at each angle
+    50.0: ((13.0, 7.5), (10.5, 6.5), (7.5, 6.0), (0.0, 0.0)),
+    40.0: ((10.0, 6.5), (5.0, 2.0), (3.0, 1.5), (0.0, 0.0)),
+    30.0: ((7.5, 4.5), (2.0, 0.5), (0.0, 0.0), (0.0, 0.0)),
+    20.0: ((3.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+}
 
 
 class Row(NamedTuple):
@@ -177,16 +185,6 @@ def law(figure: Figure) -> Compared:
     yield from compared(rows, "", "theory", relative=1e-6)
     yield Comparison("decay 0: in slip", "", drop.mu(0.0), 0.2, "paper", relative=1e-12)
     yield Comparison("decay 0: in stick", "", drop.static, 0.4, "paper", relative=1e-12)
-
-
-MEASURED_WINDOW = 0.2  # s, as in the paper
-LOADS, ANGLES = (50.0, 40.0, 30.0, 20.0), (5.0, 10.0, 15.0, 20.0)
-TABLE_3: dict[float, tuple[tuple[float, float], ...]] = {  # N -> upper and lower speed [mm/s] at each angle
-    50.0: ((13.0, 7.5), (10.5, 6.5), (7.5, 6.0), (0.0, 0.0)),
-    40.0: ((10.0, 6.5), (5.0, 2.0), (3.0, 1.5), (0.0, 0.0)),
-    30.0: ((7.5, 4.5), (2.0, 0.5), (0.0, 0.0), (0.0, 0.0)),
-    20.0: ((3.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
-}
 
 
 def _spectrogram(made: Run, axis: Axes, length: int, top: float) -> None:

@@ -19,6 +19,8 @@ from rig.papers.entry import Compared, Comparison, Entry, compared, law_of, load
 from rig.record.run import Reals
 from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
 
+FINE = "5 us"
+
 
 def cycles(figure: Figure) -> Compared:
     """Phase curves and friction characteristics A, B, C."""
@@ -237,9 +239,6 @@ def seal_limits(figure: Figure) -> Compared:
     axis.axvline(7.0, color=GREY, ls="--", lw=0.8, label="the paper's critical speed, 7 mm/s")
     axis.legend(loc="upper right")
     axis.set(xlabel="speed [mm/s]", ylabel="coefficient of damping [N s/mm]", ylim=(0.0, 1.05), xlim=(0.0, 25.0))
-
-
-FINE = "5 us"
 
 
 def edge(figure: Figure) -> Compared:

@@ -35,6 +35,14 @@ FORCE_GAINS = {0.0: None, 100.0: 0.064, 200.0: -1.88, 300.0: -4.68, 400.0: -7.49
 """Gain [N s/m]: remaining amplitude [m/s], or decay if negative [1/s]."""
 BELT_GAINS = {0.0: None, 0.5: 0.137, 1.33: -1.32, 2.66: -7.57, 4.0: 0.0, 5.33: 0.0}
 """The same over the gain of the belt's speed."""
+CELLS = (
+    ("belt_normal_force", ((100.0, 0, 0.064), (150.0, 0, -0.49), (150.0, 20, 0.058), (200.0, 0, -1.88),
+                           (200.0, 20, -1.45), (200.0, 50, 0.063), (300.0, 20, -5.02), (300.0, 50, 0.063),
+                           (400.0, 10, -9.33), (400.0, 50, 0.063))),
+    ("belt_velocity_feedback", ((0.5, 0, 0.137), (1.0, 10, 0.258), (1.33, 0, -1.32), (1.33, 20, 0.260),
+                                (2.66, 0, -7.57), (2.66, 5, -7.85), (2.66, 20, 0.085), (4.0, 30, 0.075))),
+)  # fmt: skip
+"""Scene; gain [its own unit], delay of the loop [ms], remaining amplitude [m/s], or decay if negative [1/s]."""
 
 
 def _run(name: str, **changes: Any) -> Run:
@@ -97,16 +105,6 @@ def _loops(
         if expected is not None:
             yield _remaining(f"K = {gain:g} {unit}", ran, expected)
     axes[-1].set(xlabel="time [s]; the loop is closed at 4 s", xlim=_SHOWN)
-
-
-CELLS = (
-    ("belt_normal_force", ((100.0, 0, 0.064), (150.0, 0, -0.49), (150.0, 20, 0.058), (200.0, 0, -1.88),
-                           (200.0, 20, -1.45), (200.0, 50, 0.063), (300.0, 20, -5.02), (300.0, 50, 0.063),
-                           (400.0, 10, -9.33), (400.0, 50, 0.063))),
-    ("belt_velocity_feedback", ((0.5, 0, 0.137), (1.0, 10, 0.258), (1.33, 0, -1.32), (1.33, 20, 0.260),
-                                (2.66, 0, -7.57), (2.66, 5, -7.85), (2.66, 20, 0.085), (4.0, 30, 0.075))),
-)  # fmt: skip
-"""Scene; gain [its own unit], delay of the loop [ms], remaining amplitude [m/s], or decay if negative [1/s]."""
 
 
 def loops(figure: Figure) -> Compared:
@@ -237,16 +235,53 @@ def dither(figure: Figure) -> Compared:
 
 
 ENTRIES = (
-    Entry("kroeger-18", "kroeger", "Figure 18", "energy input under normal-force feedback",
-          ("belt_normal_force", "belt_b", "belt"), normal_force_energy, size=(9.6, 7.0)),
-    Entry("kroeger-20", "kroeger", "Figure 20", "normal-force feedback", ("belt_normal_force",), feedback,
-          f"Orange: the normal force, in antiphase with the velocity after the loop is closed. {TOLD}", (9.6, 7.6)),
-    Entry("kroeger-22", "kroeger", "Figure 22", "belt-velocity feedback", ("belt_velocity_feedback",), belt_feedback,
-          TOLD, (9.6, 8.4)),
-    Entry("kroeger-23", "kroeger", "Figure 23", "tuned mass over tilt and damping", ("belt_tuned_mass",), tuned_mass,
-          "The map is mirror-symmetric about -atan(mu)/2 (dashed). Marks: the two histories, which start in stick."),
-    Entry("kroeger-loops", "kroeger", "Section 4", "remaining vibration over gain and delay of the loops",
-          ("belt_normal_force", "belt_velocity_feedback"), loops,
-          f"A selection from the tables that the tests compare. {TOLD}", (9.6, 4.1)),
+    Entry(
+        "kroeger-18",
+        "kroeger",
+        "Figure 18",
+        "energy input under normal-force feedback",
+        ("belt_normal_force", "belt_b", "belt"),
+        normal_force_energy,
+        size=(9.6, 7.0),
+    ),
+    Entry(
+        "kroeger-20",
+        "kroeger",
+        "Figure 20",
+        "normal-force feedback",
+        ("belt_normal_force",),
+        feedback,
+        f"Orange: the normal force, in antiphase with the velocity after the loop is closed. {TOLD}",
+        (9.6, 7.6),
+    ),
+    Entry(
+        "kroeger-22",
+        "kroeger",
+        "Figure 22",
+        "belt-velocity feedback",
+        ("belt_velocity_feedback",),
+        belt_feedback,
+        TOLD,
+        (9.6, 8.4),
+    ),
+    Entry(
+        "kroeger-23",
+        "kroeger",
+        "Figure 23",
+        "tuned mass over tilt and damping",
+        ("belt_tuned_mass",),
+        tuned_mass,
+        "The map is mirror-symmetric about -atan(mu)/2 (dashed). Marks: the two histories, which start in stick.",
+    ),
+    Entry(
+        "kroeger-loops",
+        "kroeger",
+        "Section 4",
+        "remaining vibration over gain and delay of the loops",
+        ("belt_normal_force", "belt_velocity_feedback"),
+        loops,
+        f"A selection from the tables that the tests compare. {TOLD}",
+        (9.6, 4.1),
+    ),
     Entry("kroeger-dither", "kroeger", "Section 4", "mean friction under dither", ("belt_dither",), dither),
-)  # fmt: skip
+)
