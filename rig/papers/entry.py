@@ -100,7 +100,8 @@ def dither_boundary(scene: Scene, rate: float, fast: float, shares: Reals) -> tu
     amplitudes = Axis.of("dither.amplitude", shares * fast * rate, scene)
     boundaries = boundary(Job(scene, frequencies, amplitudes, Settings("displacement")), 0)
     leading, averaged, simulated = (float(boundaries[name].mean()) for name in ("leading", "averaged", "simulated"))
-    return leading / (fast * rate), averaged / (fast * rate), simulated / (fast * rate)
+    unit = fast * rate
+    return leading / unit, averaged / unit, simulated / unit
 
 
 @dataclass(frozen=True)
@@ -141,21 +142,27 @@ class Comparison:
             return "at least"
         if not self.compared:
             return ""
-        parts = [f"{self.relative:.2g} relative"] if self.relative else []
-        return " + ".join(parts + ([f"{self.absolute:.2g} {self.unit}".strip()] if self.absolute else [])) or "equal"
+        parts = []
+        if self.relative:
+            parts.append(f"{self.relative:.2g} relative")
+        if self.absolute:
+            parts.append(f"{self.absolute:.2g} {self.unit}".strip())
+        return " + ".join(parts) or "equal"
 
     @property
     def result(self) -> str:
         """What the comparison shows, in words."""
         if not self.compared:
             return "no number in the paper"
-        return "agrees" if self.agrees else "not reproduced" if self.missed else "DIFFERS"
+        if self.agrees:
+            return "agrees"
+        return "not reproduced" if self.missed else "DIFFERS"
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values, with `agrees`; what is no number is null."""
-        finite = {name: value if math.isfinite(value) else None for name, value in
-                  (("ours", self.ours), ("expected", self.expected))}  # fmt: skip
-        return vars(self) | {"agrees": self.agrees} | finite
+        ours = self.ours if math.isfinite(self.ours) else None
+        expected = self.expected if math.isfinite(self.expected) else None
+        return vars(self) | {"agrees": self.agrees, "ours": ours, "expected": expected}
 
 
 Compared = Iterator[Comparison]

@@ -55,7 +55,8 @@ def entries() -> dict[str, Entry]:
     """Return every entry by name, in the order of the papers."""
     by_name: dict[str, Entry] = {}
     for room in ROOMS:
-        by_name |= {entry.name: entry for entry in importlib.import_module(f"rig.papers.{room}").ENTRIES}
+        module = importlib.import_module(f"rig.papers.{room}")
+        by_name |= {entry.name: entry for entry in module.ENTRIES}
     return by_name
 
 
@@ -137,7 +138,10 @@ def _kept(folder: Path) -> list[Result]:
 
 def _compared(raw: dict[str, Any]) -> Comparison:
     values = {field.name: raw[field.name] for field in fields(Comparison) if field.name in raw}
-    return Comparison(**values | {name: math.nan for name in ("ours", "expected") if raw[name] is None})
+    for name in ("ours", "expected"):
+        if raw[name] is None:
+            values[name] = math.nan
+    return Comparison(**values)
 
 
 def make_all(
@@ -173,29 +177,42 @@ def gallery_page(results: Sequence[Result], machine: str) -> str:
         "|---|---|---|---|---|",
     ]
     for result in results:
-        scenes = ", ".join(f"`{scene}`" for scene in result.entry.scenes)
+        entry = result.entry
+        scenes = ", ".join(f"`{scene}`" for scene in entry.scenes)
         lines.append(
-            f"| [{result.entry.paper} {result.entry.number}](#{result.entry.name}) | {result.entry.title} | {scenes} "
+            f"| [{entry.paper} {entry.number}](#{entry.name}) | {entry.title} | {scenes} "
             f"| {len(result.comparisons)} | {result.counted} |"
         )
     for paper, title in PAPERS.items():
-        mine = [result for result in results if result.entry.paper == paper]
-        if not mine:
-            continue
-        lines += ["", f"## {title}"]
-        for result in mine:
-            lines += [
-                "",
-                f"### {result.entry.name}",
-                "",
-                f"{result.entry.number}: {result.entry.title}. {result.entry.note}".strip(),
-            ]
-            lines += ["", f"![{result.entry.title}]({result.picture.name})", ""]
-            lines += [f"The figure as [SVG]({result.picture.with_suffix('.svg').name}).", ""]
-            lines += ["| number | ours | expected | source | bound | |", "|---|---|---|---|---|---|"]
-            lines += [
-                f"| {c.what} | {c.ours:.7g} {c.unit} | {f'{c.expected:.7g} {c.unit}' if c.compared else ''} "
-                f"| {c.source} | {c.bound} | {c.result} |"
-                for c in result.comparisons
-            ]
+        of_paper = [result for result in results if result.entry.paper == paper]
+        if of_paper:
+            lines += ["", f"## {title}"]
+        for result in of_paper:
+            lines += _section(result)
     return "\n".join(lines) + "\n"
+
+
+def _section(result: Result) -> list[str]:
+    """The lines of a figure on the page: its note, its picture, and the table of its numbers."""
+    entry = result.entry
+    lines = [
+        "",
+        f"### {entry.name}",
+        "",
+        f"{entry.number}: {entry.title}. {entry.note}".strip(),
+        "",
+        f"![{entry.title}]({result.picture.name})",
+        "",
+        f"The figure as [SVG]({result.picture.with_suffix('.svg').name}).",
+        "",
+        "| number | ours | expected | source | bound | |",
+        "|---|---|---|---|---|---|",
+    ]
+    for comparison in result.comparisons:
+        unit = comparison.unit
+        expected = f"{comparison.expected:.7g} {unit}" if comparison.compared else ""
+        lines.append(
+            f"| {comparison.what} | {comparison.ours:.7g} {unit} | {expected} "
+            f"| {comparison.source} | {comparison.bound} | {comparison.result} |"
+        )
+    return lines
