@@ -7,6 +7,7 @@ independent computation with the parameters of the scene.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,17 +35,22 @@ def eigenvalues(figure: Figure) -> Compared:
     swept = rig.sweep("brake", "friction.mu", [*np.linspace(0.0, 0.62, 32), *np.linspace(0.622, 0.66, 39)])
     plane, growth, frequency = figure.subplot_mosaic([["plane", "growth"], ["plane", "frequency"]]).values()
     near = (swept.frequency > _PAIR[0]) & (swept.frequency < _PAIR[1])
-    mu, g, f = (np.broadcast_to(np.array(swept.axis.values)[:, None], near.shape)[near],
-                swept.growth[near], swept.frequency[near])  # fmt: skip
+    coefficients = np.array(swept.axis.values)
+    mu = np.broadcast_to(coefficients[:, None], near.shape)[near]
+    g = swept.growth[near]
+    f = swept.frequency[near]
     dots = plane.scatter(g, f, c=mu, s=14, cmap="viridis", zorder=3)
     figure.colorbar(dots, ax=plane, location="bottom", shrink=0.8, label="friction coefficient")
     growth.plot(mu, g, ".", color=BLUE, markersize=3.0)
     frequency.plot(mu, f, ".", color=BLUE, markersize=3.0)
+    circle: dict[str, Any] = {"mfc": "none", "color": VERMILION, "markersize": 7}
     for coefficient, branches in _BRANCHES.items():
-        if coefficient <= swept.axis.values[-1]:
-            for rate, hertz in branches:
-                for axis, x, y in ((plane, rate, hertz), (growth, coefficient, rate), (frequency, coefficient, hertz)):
-                    axis.plot([x], [y], "o", mfc="none", color=VERMILION, markersize=7)
+        if coefficient > swept.axis.values[-1]:
+            continue
+        for rate, hertz in branches:
+            plane.plot([rate], [hertz], "o", **circle)
+            growth.plot([coefficient], [rate], "o", **circle)
+            frequency.plot([coefficient], [hertz], "o", **circle)
     plane.axvline(0.0, color=GREY, lw=0.7)
     growth.axhline(0.0, color=GREY, lw=0.7)
     plane.set(xlabel="growth [1/s]", ylabel="frequency [Hz]")
@@ -69,7 +75,9 @@ def active(figure: Figure) -> Compared:
     scene = load("brake_active")
     ran = rig.simulate(scene)
     closed = value(scene, "controllers.nb.enable_at")
-    t, v, U = ran.time - closed, 1e3 * ran.signals["velocity"], ran.signals["stack_voltage"]
+    t = ran.time - closed
+    v = 1e3 * ran.signals["velocity"]
+    U = ran.signals["stack_voltage"]
     for axis, shown, label in zip(figure.subplots(2, 1, sharex=True), (v, U), ("velocity [mm/s]", "voltage [V]")):
         axis.plot(1e3 * t, shown, color=BLUE, lw=0.6)
         axis.axvline(0.0, color=GREY, lw=0.7, ls="--")
@@ -77,18 +85,20 @@ def active(figure: Figure) -> Compared:
     axis.set(xlabel="time since the loop was closed [ms]", xlim=(-30.0, 60.0))
 
     def peak(shown: Reals, begin: float, end: float) -> float:
-        return float(np.abs(shown[(t >= begin) & (t < end)]).max())
+        inside = (t >= begin) & (t < end)
+        return float(np.abs(shown[inside]).max())
 
     free = rig.modes(scene).sliding.modes[0]
     yield Comparison("growth, loop open", "1/s", free.growth, 54.0367597, "reference", absolute=1e-3)
     grows = math.log(peak(v, -0.006, -0.001) / peak(v, -0.026, -0.021)) / 0.02
     yield Comparison("growth, loop open, simulated", "1/s", grows, free.growth, "theory", relative=0.05)
-    yield Comparison("velocity when the loop is closed (end of the axis: 10)", "mm/s", peak(v, -0.005, 0.0), 10.0,
-                     "paper", relative=0.15)  # fmt: skip
-    yield Comparison("largest velocity 30 ms later (paper: declines)", "mm/s", peak(v, 0.03, 0.04), 0.0, "paper",
-                     absolute=1.0)  # fmt: skip
-    yield Comparison("largest voltage: the limit of the amplifier", "V", peak(U, 0.0, 0.09), 50.0, "theory",
-                     relative=1e-9)  # fmt: skip
+    squeals = peak(v, -0.005, 0.0)
+    what = "velocity when the loop is closed (end of the axis: 10)"
+    yield Comparison(what, "mm/s", squeals, 10.0, "paper", relative=0.15)
+    left = peak(v, 0.03, 0.04)
+    yield Comparison("largest velocity 30 ms later (paper: declines)", "mm/s", left, 0.0, "paper", absolute=1.0)
+    voltage = peak(U, 0.0, 0.09)
+    yield Comparison("largest voltage: the limit of the amplifier", "V", voltage, 50.0, "theory", relative=1e-9)
 
 
 ENTRIES = (

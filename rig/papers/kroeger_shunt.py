@@ -22,18 +22,21 @@ from scipy.optimize import brentq, minimize_scalar
 
 import rig
 from rig.analysis.regions import sliding
-from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet
+from rig.papers.entry import Compared, Comparison, Entry, load, quiet
 from rig.record.run import Reals
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import sliding_key, steady
 from rig.view.palette import BLUE, GREEN, VERMILION
 
-_HERTZ, CAPACITANCE, COUPLING, SWING = 3400.0, 3e-8, 1.04, 1e-6  # [paper]; F, N/V, m [calibrated]
-"""Natural frequency of the squeal; capacitance and coupling of the stack; amplitude with which it is shaken."""
+_HERTZ = 3400.0  # natural frequency of the squeal [paper]
+CAPACITANCE = 3e-8  # of the stack, F [calibrated]
+COUPLING = 1.04  # of the stack, N/V [calibrated]
+SWING = 1e-6  # amplitude with which the stack is shaken, m [calibrated]
 PIEZO_STIFFNESS = COUPLING**2 / CAPACITANCE
 """What the open electrodes add to the stiffness of the stack [N/m]."""
 _LOOKS = {0.0: (BLUE, "-"), -0.5: (VERMILION, "-"), -0.8: (GREEN, "-"), -0.9: ("black", "-")}
 _SHAKEN = (2720.0, 3060.0, 3230.0, 3400.0, 3570.0, 3740.0, 4080.0)  # Hz: whole cycles in 0.1 s
+_COMPARED = (3060.0, 3400.0, 3740.0)  # Hz: those whose simulation is compared with the matrices
 _FORCE = {
     0.0: ((0.9, 0.068111018, 174.640007), (0.98, 0.361219967, 157.434673), (1.1, 0.0919924833, 3.96284278)),
     -0.5: ((0.9, 0.150903097, 170.456190), (0.98, 0.621478531, 140.667352), (1.1, 0.166287360, 8.61455342)),
@@ -66,10 +69,16 @@ _NEAR = 0.03
 def stack(R: float, delta: float, **changes: Any) -> Scene:
     """Return the stack with its shunt tuned to 3400 Hz."""
     coil = (1.0 + delta) / (CAPACITANCE * (2.0 * math.pi * _HERTZ) ** 2)
-    given = {"piezo__capacitance": CAPACITANCE, "piezo__coupling": COUPLING, "shunt__resistance": R,
-             "shunt__inductance": coil, "shunt__delta": delta, "sensors__vibrometer__rate": 2e4,
-             "clock__unstable": "run"}  # fmt: skip
-    return quiet(load("belt_shunt", **given, **changes))
+    shunted = {
+        "piezo__capacitance": CAPACITANCE,
+        "piezo__coupling": COUPLING,
+        "shunt__resistance": R,
+        "shunt__inductance": coil,
+        "shunt__delta": delta,
+        "sensors__vibrometer__rate": 2e4,
+        "clock__unstable": "run",
+    }
+    return quiet(load("belt_shunt", **shunted, **changes))
 
 
 def transfer(scene: Scene, hertz: Reals) -> NDArray[np.complex128]:
@@ -77,27 +86,38 @@ def transfer(scene: Scene, hertz: Reals) -> NDArray[np.complex128]:
     network.
     """
     system = scene.assemble().system()
-    A, count = steady(system, sliding_key(system)).modes.A, len(system.coordinates)
-    q, v, net = slice(0, count), slice(count, 2 * count), slice(2 * count, system.one)
+    A = steady(system, sliding_key(system)).modes.A
+    count = len(system.coordinates)
+    q = slice(0, count)
+    v = slice(count, 2 * count)
+    net = slice(2 * count, system.one)
+    identity = np.eye(system.one - 2 * count)
     gains = []
     for s in 2j * math.pi * hertz:
-        driven = np.linalg.solve(s * np.eye(system.one - 2 * count) - A[net, net], A[net, q] + s * A[net, v])
-        gains.append(-(system.coupling[0, q] + system.coupling[0, net] @ driven)[0] / PIEZO_STIFFNESS)
+        driven = np.linalg.solve(s * identity - A[net, net], A[net, q] + s * A[net, v])
+        coupled = -(system.coupling[0, q] + system.coupling[0, net] @ driven)[0]
+        gains.append(coupled / PIEZO_STIFFNESS)
     return np.array(gains)
 
 
 def shaken(R: float, delta: float, hertz: float) -> tuple[complex, float]:
     """Simulate G and the heat of a cycle [J] with a vibration of 1 um: the last 0.1 s of 0.3 s."""
     speed = SWING * 2.0 * math.pi * hertz
-    moved = stack(R, delta, drive__speed=0.0, friction__mu_static=1e9, load__force=1e3, start__velocity=speed,
-                  dither__on="belt", dither__amplitude=speed, dither__frequency=hertz,
-                  dither__phase=0.5 * math.pi)  # fmt: skip
-    ran = rig.simulate(moved, 0.3)
+    stuck = {"drive__speed": 0.0, "friction__mu_static": 1e9, "load__force": 1e3, "start__velocity": speed}
+    vibrating = {
+        "dither__on": "belt",
+        "dither__amplitude": speed,
+        "dither__frequency": hertz,
+        "dither__phase": 0.5 * math.pi,
+    }
+    ran = rig.simulate(stack(R, delta, **stuck, **vibrating), 0.3)
     last = slice(-2000, None)
-    x, v = ran.signals["displacement"][last], ran.signals["velocity"][last] / (2.0 * math.pi * hertz)
+    x = ran.signals["displacement"][last]
+    v = ran.signals["velocity"][last] / (2.0 * math.pi * hertz)
     force = -COUPLING * ran.signals["stack_voltage"][last]
     G = complex(force @ x, force @ v) / (0.5 * len(x) * SWING**2 * PIEZO_STIFFNESS)
-    return G, R * float(np.mean(ran.signals["shunt_current"][last] ** 2)) / hertz
+    heat = R * float(np.mean(ran.signals["shunt_current"][last] ** 2)) / hertz
+    return G, heat
 
 
 def force(figure: Figure) -> Compared:
@@ -115,14 +135,16 @@ def force(figure: Figure) -> Compared:
             what = f"delta {delta:g}, {eta:g}"
             yield Comparison(f"{what}: amplitude", "", abs(at) / peak, size, "reference", relative=1e-4)
             yield Comparison(f"{what}: phase", "deg", math.degrees(np.angle(at)), angle, "reference", absolute=0.01)
+        circle: dict[str, Any] = {"mfc": "none", "color": colour, "markersize": 6}
         for at in _SHAKEN:
             complex_force, _ = shaken(25.0, delta, at)
-            for axis, ours in ((amplitude, abs(complex_force) / peak), (phase, math.degrees(np.angle(complex_force)))):
-                axis.plot([at / _HERTZ], [ours], "o", mfc="none", color=colour, markersize=6)
-            if at in (3060.0, 3400.0, 3740.0):
+            amplitude.plot([at / _HERTZ], [abs(complex_force) / peak], "o", **circle)
+            phase.plot([at / _HERTZ], [math.degrees(np.angle(complex_force))], "o", **circle)
+            if at in _COMPARED:
                 [expected] = transfer(scene, np.array([at]))
-                yield Comparison(f"delta {delta:g}, {at / _HERTZ:g}: simulated, off the matrices", "",
-                                 abs(complex_force / expected - 1.0), 0.0, "theory", absolute=1e-6)  # fmt: skip
+                off = abs(complex_force / expected - 1.0)
+                what = f"delta {delta:g}, {at / _HERTZ:g}: simulated, off the matrices"
+                yield Comparison(what, "", off, 0.0, "theory", absolute=1e-6)
     amplitude.set(xlabel="frequency over resonance", ylabel="force over that at resonance")
     amplitude.legend(title="Cp / C [1]")
     phase.set(xlabel="frequency over resonance", ylabel="phase [deg]", yticks=(0, 45, 90, 135, 180))
@@ -142,8 +164,9 @@ def dissipation(figure: Figure) -> Compared:
 
         axis.plot(hertz / _HERTZ, transfer(scene, hertz).imag / whole, line, color=colour, label=f"{delta:g}")
         *points, band = _HEAT[delta]
-        rows = ((f"delta {delta:g}, {eta:g}: of that at resonance", heat(eta), expected) for eta, expected in points)
-        yield from compared(rows, "", "reference", relative=1e-4)
+        for eta, expected in points:
+            what = f"delta {delta:g}, {eta:g}: of that at resonance"
+            yield Comparison(what, "", heat(eta), expected, "reference", relative=1e-4)
         most = -minimize_scalar(lambda eta, heat=heat: -heat(eta), bounds=(0.8, 1.2), method="bounded").fun
         for end, expected in zip((0.5, 1.6), band):
             half = brentq(lambda eta, heat=heat, most=most: heat(eta) - 0.5 * most, *sorted((end, 1.0)))
@@ -151,10 +174,10 @@ def dissipation(figure: Figure) -> Compared:
         for at in _SHAKEN:
             _, dissipated = shaken(100.0, delta, at)
             axis.plot([at / _HERTZ], [dissipated / (unit * whole)], "o", mfc="none", color=colour, markersize=6)
-            if at in (3060.0, 3400.0, 3740.0):
+            if at in _COMPARED:
                 expected = unit * heat(at / _HERTZ) * whole
-                yield Comparison(f"delta {delta:g}, {at / _HERTZ:g}: simulated, 1 um", "J", dissipated, expected,
-                                 "theory", relative=1e-6)  # fmt: skip
+                what = f"delta {delta:g}, {at / _HERTZ:g}: simulated, 1 um"
+                yield Comparison(what, "J", dissipated, expected, "theory", relative=1e-6)
     axis.set(xlabel="frequency over resonance", ylabel="energy of a cycle over that at resonance")
     axis.legend(title="Cp / C [1]")
 
@@ -203,14 +226,19 @@ def stability(figure: Figure) -> Compared:
     """The growth rate of the squeal over inductance, resistance and capacitance of the shunt, and where all decays."""
     brake = quiet(load("brake_shunt", shunt__connected=True))
     damped = "resistance [ohm]"
-    tunings, resistances = np.linspace(0.5, 1.5, 41), np.linspace(1.0, 201.0, 21)
+    tunings = np.linspace(0.5, 1.5, 41)
+    resistances = np.linspace(1.0, 201.0, 21)
+
+    def over_tunings(delta: float, R: float) -> list[tuple[float, float]]:
+        return [growths(brake, delta, R, tuning) for tuning in tunings]
+
     axes = figure.subplots(2, 3).ravel()
     for axis, delta in zip(axes, (*_STABLE, -0.9)):
-        rates = np.array([[growths(brake, delta, R, tuning) for tuning in tunings] for R in resistances])
+        rates = np.array([over_tunings(delta, R) for R in resistances])
         mesh = _map(axis, tunings, resistances, rates)
         axis.set(title=f"capacitance ratio {delta:g}", ylabel=damped)
     deltas = np.linspace(-0.95, 0.0, 20)
-    rates = np.array([[growths(brake, float(delta), 50.0, tuning) for tuning in tunings] for delta in deltas])
+    rates = np.array([over_tunings(float(delta), 50.0) for delta in deltas])
     _map(axes[-1], tunings, deltas, rates)
     axes[-1].set(title="50 ohm", ylabel="capacitance ratio Cp / C [1]")
     figure.colorbar(mesh, ax=axes, label="growth rate of the squeal [1/s]", aspect=40, extend="both")
@@ -220,22 +248,22 @@ def stability(figure: Figure) -> Compared:
     yield Comparison("open: frequency", "Hz", flutter.frequency, _OPEN[1], "reference", absolute=1e-3)
     for delta, bands in _STABLE.items():
         at = growth(brake, delta, 50.0, 1.0)
-        yield Comparison(f"delta {delta:g}, 50 ohm, in tune: growth", "1/s", at, _LEAST[delta], "reference",
-                         absolute=1e-3)  # fmt: skip
+        what = f"delta {delta:g}, 50 ohm, in tune: growth"
+        yield Comparison(what, "1/s", at, _LEAST[delta], "reference", absolute=1e-3)
         for R, ends in bands.items():
-            for which, expected, edge in zip(("from", "to"), ends, _edges(partial(growth, brake, delta, R))):
-                yield Comparison(f"delta {delta:g}, {R:g} ohm: stable {which} L / L_LRC", "", edge, expected,
-                                 "reference", absolute=5e-3)  # fmt: skip
+            edges = _edges(partial(growth, brake, delta, R))
+            for which, expected, edge in zip(("from", "to"), ends, edges):
+                what = f"delta {delta:g}, {R:g} ohm: stable {which} L / L_LRC"
+                yield Comparison(what, "", edge, expected, "reference", absolute=5e-3)
     for delta in (0.0, -0.5):
         widths = [_band(brake, delta, R) for R in _TRIED]
-        yield Comparison(f"delta {delta:g}: resistance of the widest band", "ohm", _TRIED[int(np.argmax(widths))], 50.0,
-                         "paper", relative=0.1, missed=True)  # fmt: skip
-        rows = (
-            (f"delta {delta:g}, {R:g} ohm: width of the band over that of the widest", width / max(widths), math.nan)
-            for R, width in zip(_TRIED, widths)
-            if R in (1.0, 15.0, 50.0, 100.0)
-        )
-        yield from compared(rows, "", "paper")
+        widest = _TRIED[int(np.argmax(widths))]
+        what = f"delta {delta:g}: resistance of the widest band"
+        yield Comparison(what, "ohm", widest, 50.0, "paper", relative=0.1, missed=True)
+        for R, width in zip(_TRIED, widths):
+            if R in (1.0, 15.0, 50.0, 100.0):
+                what = f"delta {delta:g}, {R:g} ohm: width of the band over that of the widest"
+                yield Comparison(what, "", width / max(widths), math.nan, "paper")
     limit = brentq(lambda R: growth(brake, 0.0, R, 0.985), 100.0, 200.0, xtol=1e-3)
     yield Comparison("delta 0: resistance above which no tuning stabilises", "ohm", limit, 150.0, "paper", absolute=1.0)
 
