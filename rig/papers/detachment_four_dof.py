@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 import rig
 from rig.analysis.modes import Mode
 from rig.papers.entry import Compared, Comparison, Entry, load, numbered, quiet, tops
+from rig.record.run import Run
 from rig.view.palette import AMBER, BLUE, GREY, VERMILION
 
 _MEETS = (10.0, 17.320508075688775)  # rad/s
@@ -71,7 +72,8 @@ def four_dof_eigenvalues(figure: Figure) -> Compared:
         ("only spring 3 with the other sign", {"spring_3__angle": 0.25 * math.pi}),
         ("only friction with the other sign", {"drive__speed": -0.3}),
     ):
-        yield Comparison(f"{what}: critical values up to 3", "", float(len(_critical(**changes))), 0.0, "reference")
+        count = float(len(_critical(**changes)))
+        yield Comparison(f"{what}: critical values up to 3", "", count, 0.0, "reference")
     [damped] = _critical(spring_1__damping=0.2)
     yield Comparison("one damper, beside spring 1: critical", "", damped, 0.5, "theory", absolute=1e-9)
 
@@ -79,35 +81,44 @@ def four_dof_eigenvalues(figure: Figure) -> Compared:
 def histories(figure: Figure) -> Compared:
     """Draw the model of figure 5 in time: growth from near sliding, then lift-off and stick."""
     growing, along, across = figure.subplots(3, 1)
-    near = quiet(load("four_dof", friction__mu=1.5, start__displacement=0.008, start__height=-0.008 * (1.0 - 1e-5),
-                      start__body_1_displacement=0.004, start__body_3_height=-0.004))  # fmt: skip
-    ran, rate = rig.simulate(near, _GROWS[1]), rig.modes(near).sliding.growth
+    start = {
+        "start__displacement": 0.008,
+        "start__height": -0.008 * (1.0 - 1e-5),
+        "start__body_1_displacement": 0.004,
+        "start__body_3_height": -0.004,
+    }
+    near = quiet(load("four_dof", friction__mu=1.5, **start))
+    ran = rig.simulate(near, _GROWS[1])
+    rate = rig.modes(near).sliding.growth
     v = np.abs(ran.signals["velocity"])
     top = tops(v)
     top = top[ran.time[top] > _GROWS[0]]
     slope, height = np.polyfit(ran.time[top], np.log(v[top]), 1)
+    fitted = np.exp(height + slope * ran.time)
     growing.semilogy(ran.time, v, color=BLUE, lw=0.8)
-    growing.semilogy(
-        ran.time, np.exp(height + slope * ran.time), color=VERMILION, ls="--", label=f"fitted: {slope:.4f} 1/s"
-    )
-    growing.set(
-        title="mu = 1.5, from 1e-5 off sliding", ylabel="|velocity| [m/s]", xlabel="time [s]", ylim=(1e-7, None)
-    )
+    growing.semilogy(ran.time, fitted, color=VERMILION, ls="--", label=f"fitted: {slope:.4f} 1/s")
+    growing.set(title="mu = 1.5, from 1e-5 off sliding", ylabel="|velocity| [m/s]", xlabel="time [s]")
+    growing.set_ylim(1e-7, None)
     growing.legend(loc="lower right")
     yield Comparison("mu = 1.5: growth rate, simulated", "1/s", float(slope), rate, "theory", relative=0.02)
 
     ran = rig.simulate(quiet(load("four_dof")), 30.0)
-    times_of = {what: [e["t_ns"] * 1e-9 for e in ran.events if e["text"] == what] for what in
-            ("load opens", "contact slip ends")}  # fmt: skip
+    lifts = _first(ran, "load opens")
+    sticks = _first(ran, "contact slip ends")
     for axis, name, title in ((along, "displacement", "along the belt"), (across, "height", "away from the belt")):
         axis.plot(ran.time, 1e3 * ran.signals[name], color=BLUE, lw=0.8)
-        for (what, times), colour in zip(times_of.items(), (VERMILION, AMBER)):
-            axis.axvline(times[0], color=colour, ls="--", lw=1.0, label=f"first: {what}")
+        axis.axvline(lifts, color=VERMILION, ls="--", lw=1.0, label="first: load opens")
+        axis.axvline(sticks, color=AMBER, ls="--", lw=1.0, label="first: contact slip ends")
         axis.set(title=f"body 2 {title}, mu = 1.1", ylabel=f"{name} [mm]", xlim=(0.0, 30.0))
     across.axhline(0.0, color=GREY, lw=0.7)
     across.set_xlabel("time [s]")
     along.legend(loc="upper left")
-    yield Comparison("mu = 1.1: first lift-off", "s", times_of["load opens"][0], _LIFTS, "reference", absolute=1e-6)
+    yield Comparison("mu = 1.1: first lift-off", "s", lifts, _LIFTS, "reference", absolute=1e-6)
+
+
+def _first(ran: Run, what: str) -> float:
+    """Time of the first event with this text [s]."""
+    return float(next(event["t_ns"] * 1e-9 for event in ran.events if event["text"] == what))
 
 
 ENTRIES = (

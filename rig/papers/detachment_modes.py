@@ -49,11 +49,12 @@ def modal(figure: Figure) -> Compared:
         axis = figure.add_subplot(grid[0, column])
         shape = model.surface.shapes[mode, 2]
         top = float(np.abs(shape).max())
-        mesh = axis.pcolormesh(1e3 * model.surface.x, 1e3 * model.surface.y, shape / top, cmap="RdBu", vmin=-1.0,
-                               vmax=1.0, shading="gouraud")  # fmt: skip
+        x = 1e3 * model.surface.x
+        y = 1e3 * model.surface.y
+        mesh = axis.pcolormesh(x, y, shape / top, cmap="RdBu", vmin=-1.0, vmax=1.0, shading="gouraud")
         shapes.append(axis)
-        axis.set(title=f"{1e-3 * model.frequencies[mode]:.2f} kHz (paper {1e-3 * printed:.1f})", aspect="equal",
-                 xlabel="length x [mm]")  # fmt: skip
+        title = f"{1e-3 * model.frequencies[mode]:.2f} kHz (paper {1e-3 * printed:.1f})"
+        axis.set(title=title, aspect="equal", xlabel="length x [mm]")
         if not column:
             axis.set_ylabel("width y [mm]")
     figure.colorbar(mesh, ax=shapes, label="shape over its largest [1]", pad=0.01)
@@ -65,18 +66,23 @@ def modal(figure: Figure) -> Compared:
     axis.semilogy(1e-3 * hertz, density / density.max(), color=BLUE, lw=0.9)
     for printed in _PRINTED:
         axis.axvline(1e-3 * printed, color=VERMILION, ls="--", lw=1.0)
-    axis.set(title="acceleration of a corner after a knock; dashed: the paper", xlabel="frequency [kHz]",
-             ylabel="acceleration over\nits largest [1]", xlim=(0.0, 15.0), ylim=(1e-6, 2.0))  # fmt: skip
-    own = model.frequencies[first].tolist()
+    axis.set(
+        title="acceleration of a corner after a knock; dashed: the paper",
+        xlabel="frequency [kHz]",
+        ylabel="acceleration over\nits largest [1]",
+        xlim=(0.0, 15.0),
+        ylim=(1e-6, 2.0),
+    )
+    ours = model.frequencies[first].tolist()
     for young, expected in _FREE.items():
         what = f"free plate, {1e-9 * young:g} GPa: mode {{}}"
         yield from numbered(what, _elastic(plate__young=young), expected, "Hz", "reference", relative=3e-3)
-    yield from numbered("free plate, 200 GPa: mode {}", own, _PRINTED, "Hz", "paper", relative=5e-3)
+    yield from numbered("free plate, 200 GPa: mode {}", ours, _PRINTED, "Hz", "paper", relative=5e-3)
     finer = "free plate, 200 GPa, finer elements: mode {}"
     yield from numbered(finer, _elastic(**_FINER), (math.nan,) * 3, "Hz", "paper")
-    near = [np.abs(hertz - frequency) < 100.0 for frequency in own]
+    near = [np.abs(hertz - frequency) < 100.0 for frequency in ours]
     lines = [float(hertz[rows][np.argmax(density[rows])]) for rows in near]
-    yield from numbered("knocked: line {}", lines, own, "Hz", "theory", absolute=4.0)
+    yield from numbered("knocked: line {}", lines, ours, "Hz", "theory", absolute=4.0)
     on_foam = _model(load("plate")).frequencies
     yield from numbered("on foam: mode {}", on_foam, _ON_FOAM, "Hz", "reference", relative=3e-3)
 
@@ -90,7 +96,13 @@ def _elastic(**changes: Any) -> Reals:
 def _audible(mu: float, position: float, **changes: Any) -> list[Any]:
     """Modes below 12 kHz of the undamped plate under a bonded slider, by frequency."""
     scene = load("plate_cea", plate__damping_ratio=0.0, friction__mu=mu, slider__position=position, **changes)
-    return sorted((m for m in rig.modes(scene).sliding.modes if m.frequency < _AUDIBLE), key=lambda m: m.frequency)
+    modes = [mode for mode in rig.modes(scene).sliding.modes if mode.frequency < _AUDIBLE]
+    return sorted(modes, key=lambda mode: mode.frequency)
+
+
+def _khz(modes: list[Any]) -> list[float]:
+    """Frequencies of modes [kHz]."""
+    return [1e-3 * mode.frequency for mode in modes]
 
 
 def eigenvalues(figure: Figure) -> Compared:
@@ -100,11 +112,12 @@ def eigenvalues(figure: Figure) -> Compared:
     for axis, (title, (position, still, sliding)) in zip(figure.subplots(1, 3, sharey=True), _CASES.items()):
         modes = [_audible(float(mu), position) for mu in values]
         count = min(map(len, modes))
-        axis.plot(values, [[1e-3 * m.frequency for m in row[:count]] for row in modes], color=BLUE)
+        axis.plot(values, [_khz(row[:count]) for row in modes], color=BLUE)
         for mu, printed in ((0.0, still), (1.0, sliding)):
             axis.plot([mu] * len(printed), 1e-3 * np.array(printed), "x", color=VERMILION)
         axis.set(title=title, xlabel="friction coefficient", ylim=(8.0, 12.0))
-        grows = max([grows, *(m.growth for row in modes for m in row)])
+        growth_rates = [mode.growth for row in modes for mode in row]
+        grows = max([grows, *growth_rates])
         at_rest = [mode.frequency for mode in modes[0]]
         yield from numbered(f"{title}, mu = 0: mode {{}}", at_rest, still, "Hz", "paper", relative=0.015)
         shifts = [after.frequency - before for before, after in zip(at_rest, modes[-1])]
@@ -117,8 +130,10 @@ def eigenvalues(figure: Figure) -> Compared:
     axis.plot([], [], "x", color=VERMILION, label="paper")
     axis.legend(loc="lower left")
     for title, number in (("case 1, start", 2), ("case 3, end", 1)):
+        position = _CASES[title][0]
         for how, finer in (("80 modes", {"plate__modes": 80}), ("finer elements", _FINER)):
-            before, after = (_audible(mu, _CASES[title][0], **finer)[number - 1].frequency for mu in (0.0, 1.0))
+            before = _audible(0.0, position, **finer)[number - 1].frequency
+            after = _audible(1.0, position, **finer)[number - 1].frequency
             what = f"{title}: shift of mode {number} up to mu = 1, {how}"
             yield Comparison(what, "Hz", after - before, math.nan, "paper")
     yield Comparison("largest growth rate below 12 kHz, mu up to 1", "1/s", grows, 0.0, "paper", absolute=1e-2)

@@ -67,7 +67,8 @@ def _onset(made: Run) -> float:
 
 def _density(made: Run, values: Reals, begin: float) -> tuple[Reals, Reals]:
     """Frequencies [Hz] and power spectral density from `begin` [s] on, mean of Hann windows that overlap by half."""
-    hertz, density = welch(values[made.time >= begin], 1.0 / float(made.time[1] - made.time[0]), np.hanning(_WINDOW))
+    rate = 1.0 / float(made.time[1] - made.time[0])
+    hertz, density = welch(values[made.time >= begin], rate, np.hanning(_WINDOW))
     return hertz, density
 
 
@@ -88,16 +89,22 @@ def normal(figure: Figure) -> Compared:
     """Normal acceleration of the slider over the first second, and its spectrum: figures 10 and 11."""
     made = rig.simulate(load("plate"), 1.2)
     history, lines = figure.subplots(2, 1)
-    acceleration, onset = made.signals["slider_acceleration"], _onset(made)
+    acceleration = made.signals["slider_acceleration"]
+    onset = _onset(made)
     history.plot(made.time, acceleration, color=BLUE, lw=0.3)
-    history.set(title="figure 10: normal acceleration of the slider, 10 mm/s, 0.1 MPa; dashed: first opening",
-                ylabel="acceleration\n[m/s^2]", xlabel="time [s]", xlim=(0.0, 1.0))  # fmt: skip
+    history.set(
+        title="figure 10: normal acceleration of the slider, 10 mm/s, 0.1 MPa; dashed: first opening",
+        ylabel="acceleration\n[m/s^2]",
+        xlabel="time [s]",
+        xlim=(0.0, 1.0),
+    )
     history.axvline(onset, color=VERMILION, lw=0.9, ls="--")
     hertz, density = _density(made, acceleration, onset)
     title = "figure 11: its spectrum from the first opening on; dashed: lines that the paper names [kHz]"
     _spectrum(lines, hertz, density, _LINES[11], title)
     lines.set_xlabel("frequency [kHz]")
-    before = float(np.abs(acceleration[(made.time > 0.3) & (made.time < onset - 0.05)]).max())
+    slides = (made.time > 0.3) & (made.time < onset - 0.05)
+    before = float(np.abs(acceleration[slides]).max())
     after = float(acceleration[made.time > onset + 0.05].std())
     closed = made.signals["contact_fraction"][made.time > onset]
     yield Comparison("first opening", "s", onset, _ONSET, "reference", absolute=0.05)
@@ -118,55 +125,72 @@ def maps(figure: Figure) -> Compared:
     """Draw the pressure in the contact at instants before and after its first opening, as in figure 12."""
     scene = load("plate_96")
     made = rig.simulate(scene, 0.8)
-    onset, pressure = _onset(made), _pressures(made, 12, 8)
+    onset = _onset(made)
+    pressure = _pressures(made, 12, 8)
     centre = made.signals["pressure_centre_x"]
     free = np.flatnonzero((made.time > onset + 0.05) & (made.signals["normal_force"] > 30.0))
-    rear, front = (int(free[pick(centre[free])]) for pick in (np.argmin, np.argmax))
+    rear = int(free[np.argmin(centre[free])])
+    front = int(free[np.argmax(centre[free])])
     opened = int(free[np.argmin(made.signals["contact_fraction"][free])])
-    half = pressure[free]
-    both = int(free[np.argmax((half[:, :2].mean(axis=(1, 2)) * half[:, -2:].mean(axis=(1, 2))) /
-                                (half.mean(axis=(1, 2)) ** 2 + 0.05**2))])  # fmt: skip
-    early = [int(np.searchsorted(made.time, t)) for t in (0.15, 0.3, onset - 0.02, onset)]
-    titles = ("0.15 s: the ramp", "0.3 s: sliding", "20 ms before", "first opening", "centre at the rear",
-              "centre at the front", "most points open", "load on both edges")  # fmt: skip
+    both = int(free[np.argmax(_on_both_edges(pressure[free]))])
+    ramp, sliding, before, opening = (int(np.searchsorted(made.time, t)) for t in (0.15, 0.3, onset - 0.02, onset))
+    instants = {
+        "0.15 s: the ramp": ramp,
+        "0.3 s: sliding": sliding,
+        "20 ms before": before,
+        "first opening": opening,
+        "centre at the rear": rear,
+        "centre at the front": front,
+        "most points open": opened,
+        "load on both edges": both,
+    }
     grid = figure.add_gridspec(3, 4, height_ratios=(1.0, 1.0, 1.1))
-    shown = [*early, rear, front, opened, both]
     points = Points.of(scene)
     assert points is not None
-    for k, (i, title) in enumerate(zip(shown, titles)):
+    for k, (title, i) in enumerate(instants.items()):
         axis = figure.add_subplot(grid[k // 4, k % 4])
         draw_map(axis, points.surfaces, [1e6 * pressure[i]], points.scale)
         axis.set_title(f"{title}\n{made.time[i]:.4f} s", fontsize=9)
         axis.tick_params(labelsize=8)
         axis.set_xlabel("along [mm]" if k >= 4 else "", fontsize=8)
         axis.set_ylabel("across [mm]" if k % 4 == 0 else "", fontsize=8)
-    draw_scale(axis, points.scale, float(1e6 * pressure[shown].max()) > points.scale, ax=figure.axes, fraction=0.03)
+    beyond = float(1e6 * pressure[list(instants.values())].max()) > points.scale
+    draw_scale(axis, points.scale, beyond, ax=figure.axes, fraction=0.03)
     axis = figure.add_subplot(grid[2, :])
     axis.plot(made.time, 1e3 * centre, color=BLUE, lw=0.4)
     axis.axhline(1e3 * _OFFSET, color=VERMILION, ls="--", lw=0.9, label="mu h: 4.08 mm")
     axis.set(ylabel="pressure centre [mm]", xlabel="time [s]", xlim=(0.05, 0.8), ylim=(-22.0, 22.0))
     axis.legend(loc="upper left")
-    quiet = (made.time > 0.25) & (made.time < 0.45)
-    yield Comparison("pressure centre in sliding", "mm", 1e3 * float(centre[quiet].mean()), 1e3 * _OFFSET, "theory",
-                     absolute=0.02)  # fmt: skip
+    slides = (made.time > 0.25) & (made.time < 0.45)
+    offset = 1e3 * float(centre[slides].mean())
+    yield Comparison("pressure centre in sliding", "mm", offset, 1e3 * _OFFSET, "theory", absolute=0.02)
     uneven = np.abs(pressure - pressure[:, :, ::-1])[made.time < onset].max()
     yield Comparison("largest difference from side to side before", "MPa", float(uneven), 0.0, "paper", absolute=1e-9)
     for what, i, sign in (("foremost", front, 1.0), ("rearmost", rear, -1.0)):
-        yield Comparison(f"pressure centre, {what}: of the half length", "", sign * float(centre[i]) / 0.0215, 0.5,
-                         "reference", floor=True)  # fmt: skip
+        share = sign * float(centre[i]) / 0.0215
+        yield Comparison(f"pressure centre, {what}: of the half length", "", share, 0.5, "reference", floor=True)
+
+
+def _on_both_edges(pressure: Reals) -> Reals:
+    """How much both edges across the travel are loaded at once, over the square of the mean pressure [sample]."""
+    rear = pressure[:, :2].mean(axis=(1, 2))
+    front = pressure[:, -2:].mean(axis=(1, 2))
+    mean = pressure.mean(axis=(1, 2))
+    return np.asarray((rear * front) / (mean**2 + 0.05**2))
 
 
 def tangential(figure: Figure) -> Compared:
     """Spectra of the tangential acceleration of examples 2 and 3: figures 13 and 14."""
     axes = figure.subplots(2, 1, sharex=True)
     onsets = []
-    for axis, number, scene, title in zip(axes, (13, 14), ("plate_example_2", "plate_example_3"),
-                                          ("3 mm/s, 0.1 MPa", "3 mm/s, 0.3 MPa")):  # fmt: skip
+    examples = ((13, "plate_example_2", "3 mm/s, 0.1 MPa"), (14, "plate_example_3", "3 mm/s, 0.3 MPa"))
+    for axis, (number, scene, title) in zip(axes, examples):
         made = rig.simulate(load(scene), 1.2)
-        onsets.append(_onset(made))
-        hertz, density = _density(made, _LEVER * made.signals["pitch_acceleration"], onsets[-1])
+        onset = _onset(made)
+        onsets.append(onset)
+        hertz, density = _density(made, _LEVER * made.signals["pitch_acceleration"], onset)
         _spectrum(axis, hertz, density, _LINES[number], f"figure {number}: {title}; dashed: the paper [kHz]")
-        closed = made.signals["contact_fraction"][made.time > onsets[-1]]
+        closed = made.signals["contact_fraction"][made.time > onset]
         what = f"{title}: largest share of open points"
         yield Comparison(what, "", 1.0 - float(closed.min()), 0.3, "reference", floor=True)
     axes[1].set_xlabel("frequency [kHz]")
@@ -184,13 +208,15 @@ def scaling(figure: Figure) -> Compared:
         ("3 mm/s, 0.3 MPa", 0.003, 326.37, AMBER, lower),
     ):
         held = {"slider__travels": False, "slider__position": 0.004, "sensors__accelerometer__rate": _RATE}
-        scene, ends = load("plate", **held), {Load: {"force": force}, Ramp: {"to": speed}}
+        scene = load("plate", **held)
+        ends = {Load: {"force": force}, Ramp: {"to": speed}}
         protocol = tuple(step.model_copy(update=ends.get(type(step))) for step in scene.protocol)  # type: ignore[call-overload]
         made = rig.simulate(replace(scene, protocol=protocol), 0.4)
         share = made.signals["pitch_velocity"] / force
-        runs[title] = made.time, share, _onset(made)
+        opens = _onset(made)
+        runs[title] = made.time, share, opens
         style = "--" if colour == VERMILION else "-"
-        axis.plot(made.time, share, color=colour, lw=0.6, ls=style, label=f"{title}: opens at {runs[title][2]:.4f} s")
+        axis.plot(made.time, share, color=colour, lw=0.6, ls=style, label=f"{title}: opens at {opens:.4f} s")
     for axis in (upper, lower):
         low, high = axis.get_ylim()
         axis.set(ylabel="pitch velocity\nover the load [rad/(N s)]", xlim=(0.1, 0.4), ylim=(low, 1.5 * high))
@@ -198,7 +224,8 @@ def scaling(figure: Figure) -> Compared:
         axis.axhline(0.0, color=GREY, lw=0.5)
     upper.set_title("slider held at 4 mm")
     lower.set_xlabel("time [s]")
-    (time, slow, onset), (_, three, later) = runs["10 mm/s, 0.1 MPa"], runs["30 mm/s, 0.3 MPa"]
+    time, slow, onset = runs["10 mm/s, 0.1 MPa"]
+    _, three, later = runs["30 mm/s, 0.3 MPa"]
     before = time < onset
     error = float(np.abs(slow - three)[before].max() / np.abs(slow[before]).max())
     yield Comparison("same speed over pressure: difference before the opening", "", error, 0.0, "theory", absolute=1e-4)
@@ -209,67 +236,82 @@ def _sliding(position: float, **changes: Any) -> tuple[float, Any]:
     """Least pressure [kPa] and eigenvalues [1/s] with positive frequency of steady sliding in scene plate_converged."""
     _, at = at_rest(load("plate_converged", slider__position=position, **changes))
     forces = at.modes.normal @ at.x + at.modes.normal_t @ at.T
+    least = 1e-3 * float(forces.min()) * len(forces) / _AREA
     rates = at.eigenvalues()
-    return 1e-3 * float(forces.min()) * len(forces) / _AREA, rates[rates.imag > 0.0]
+    return least, rates[rates.imag > 0.0]
+
+
+def _flutter_growth(rates: Any) -> float:
+    """Largest growth rate among eigenvalues in the band `_FLUTTER` [1/s]."""
+    inside = np.abs(rates.imag / math.pi - sum(_FLUTTER)) < np.ptp(_FLUTTER)
+    return float(rates.real[inside].max())
 
 
 def resolution(figure: Figure) -> Compared:
     """Draw the flutter that opens the film over resolutions, and the damping ratios below which modes flutter."""
     growing, critical = figure.subplots(1, 2)
     places = np.linspace(1.25e-3, 6.25e-3, 21)
-    found: dict[str, dict[str, float]] = {}
+    quantities_of: dict[str, dict[str, float]] = {}
     for name, (coarser, changes) in _RESOLUTIONS.items():
-        own: dict[str, float] = {}
+        quantities: dict[str, float] = {}
         if "clock__rk4_step" not in changes:
             pressures, rates = zip(*(_sliding(place, **changes) for place in places.tolist()))
-            growth = np.array(
-                [r.real[np.abs(r.imag / math.pi - sum(_FLUTTER)) < np.ptp(_FLUTTER)].max() for r in rates]
-            )
+            growth = np.array([_flutter_growth(eigenvalues) for eigenvalues in rates])
             growing.plot(1e3 * places, growth, label=name, ls="-" if "modes" in name else "--")
             turns = np.flatnonzero(np.diff(np.sign(growth)))
             zeros = places[turns] - growth[turns] * np.diff(places)[turns] / np.diff(growth)[turns]
-            own |= {
+            quantities |= {
                 "least pressure at 3.5 mm [kPa]": pressures[9],
                 "largest growth rate [1/s]": float(growth.max()),
                 "flutter begins [mm]": 1e3 * float(zeros[0]),
                 "flutter ends [mm]": 1e3 * float(zeros[-1]),
             }
         if coarser in ("80 modes", "120 modes"):
-            own["first opening [s]"] = _onset(rig.simulate(load("plate_converged", **changes), 0.45))
-        for what, ours in own.items():
+            made = rig.simulate(load("plate_converged", **changes), 0.45)
+            quantities["first opening [s]"] = _onset(made)
+        for what, ours in quantities.items():
             title, unit = what[:-1].split(" [")
-            before = found.get(coarser, {}).get(what, math.nan)
+            before = quantities_of.get(coarser, {}).get(what, math.nan)
             missed = (name, title) in _MOVES
             yield Comparison(f"{name}: {title}", unit, ours, before, "coarser", relative=0.05, missed=missed)
-        found[name] = own
+        quantities_of[name] = quantities
     growing.axhline(0.0, color=GREY, lw=0.7)
-    growing.set(
-        title="growth at 40 kHz", xlabel="position of the slider [mm]", ylabel="growth rate [1/s]", ylim=(-600.0, None)
-    )
+    growing.set(title="growth at 40 kHz", xlabel="position of the slider [mm]", ylabel="growth rate [1/s]")
+    growing.set_ylim(-600.0, None)
     growing.legend(fontsize=8)
     yield from _critical_ratios(critical)
 
 
 def _critical_ratios(axis: Any) -> Compared:
     """Draw the damping ratio below which each mode flutters, at 23 positions along the travel."""
-    bands = dict[tuple[int, int], float]()
+    coarser = dict[tuple[int, int], float]()
     for name, colour in (("120 modes", BLUE), ("160 modes", VERMILION)):
         bare = {"plate__damping": [[0.0, 0.0], [1e5, 0.0]], **_RESOLUTIONS[name][1]}
         rates = np.concatenate([_sliding(place, **bare)[1] for place in np.linspace(0.0, 0.0437, 23).tolist()])
-        khz, ratio = 5e-4 / math.pi * rates.imag, rates.real / rates.imag
-        axis.plot(khz[ratio > 1e-5], ratio[ratio > 1e-5], "o", color=colour, markersize=3, label=f"undamped, {name}")
+        khz = 5e-4 / math.pi * rates.imag
+        ratio = rates.real / rates.imag
+        flutters = ratio > 1e-5
+        axis.plot(khz[flutters], ratio[flutters], "o", color=colour, markersize=3, label=f"undamped, {name}")
         for low, high in pairwise((0, 25, 30, 44, 60, 70, 80)):
-            worst, before = float(ratio[(khz > low) & (khz < high)].max()), bands.get((low, high), math.nan)
-            bands[low, high] = worst
-            what, missed = f"{low} to {high} kHz", (name, f"{low} to {high} kHz") in _MOVES
-            what = f"{name}, {what}: critical damping ratio"
+            inside = (khz > low) & (khz < high)
+            worst = float(ratio[inside].max())
+            before = coarser.get((low, high), math.nan)
+            coarser[low, high] = worst
+            band = f"{low} to {high} kHz"
+            missed = (name, band) in _MOVES
+            what = f"{name}, {band}: critical damping ratio"
             yield Comparison(what, "", worst, before, "coarser", relative=0.05, absolute=1e-6, missed=missed)
     scene = load("plate_converged").parameters
     assert isinstance(scene, Parameters)
     hertz, ratio = np.array(scene.plate.damping).T
     axis.plot(1e-3 * hertz, ratio, color=GREY, label="of the scene")
-    axis.set(title="damping ratio below which a mode flutters", xlabel="frequency [kHz]", ylabel="ratio [1]",
-             xlim=(0.0, 80.0), ylim=(0.0, 0.012))  # fmt: skip
+    axis.set(
+        title="damping ratio below which a mode flutters",
+        xlabel="frequency [kHz]",
+        ylabel="ratio [1]",
+        xlim=(0.0, 80.0),
+        ylim=(0.0, 0.012),
+    )
     axis.legend(loc="upper left", fontsize=8)
 
 

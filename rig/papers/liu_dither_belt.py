@@ -59,7 +59,8 @@ def histories(figure: Figure) -> Compared:
     figure.supxlabel("time [s]; dashed: first lift-off, where the paper ends; grey: after it", fontsize=10.5)
     for (along, across), mu, lifts in zip(axes, (0.4, 0.5), (16.295828024162887, 6.846114495624962)):
         x, y = _START[mu]
-        ran = rig.simulate(quiet(load("two_dof", friction__mu=mu, start__displacement=x, start__height=y)), lifts + 2.0)
+        scene = load("two_dof", friction__mu=mu, start__displacement=x, start__height=y)
+        ran = rig.simulate(quiet(scene), lifts + 2.0)
         first = next(event["t_ns"] * 1e-9 for event in ran.events if event["text"] == "load opens")
         before = ran.time < first
         for axis, name, title in ((along, "displacement", "tangential"), (across, "height", "normal")):
@@ -117,27 +118,22 @@ def _boundaries(axis: Axes, cases: tuple[tuple[float, float, float, dict[int, fl
     """`cases`: friction, speed [m/s], critical a / V by averaging, and by simulation at each ratio of frequencies."""
     for (mu, V, by_average, simulated), colour, mark in zip(cases, (BLUE, VERMILION, GREEN), "osD"):
         parameters = label.format(mu=mu, V=V)
-        axis.plot(
-            [0.0, 22.0], [0.0, 22.0 * by_average * V * TWO_DOF_RATE], color=colour, label=f"{parameters}: averaged"
-        )
+        top = 22.0 * by_average * V * TWO_DOF_RATE
+        axis.plot([0.0, 22.0], [0.0, top], color=colour, label=f"{parameters}: averaged")
         for ratio, expected in simulated.items():
             scene = load("two_dof_dither", friction__mu=mu, drive__speed=V)
             leading, _, critical = dither_boundary(scene, ratio * TWO_DOF_RATE, V, np.linspace(0.85, 1.65, 9))
+            force = critical * V * TWO_DOF_RATE * ratio
             first = ratio == min(simulated)
-            axis.plot(
-                [ratio],
-                [critical * V * TWO_DOF_RATE * ratio],
-                mark,
-                color=colour,
-                label=f"{parameters}: simulated" if first else "",
-            )
+            named = f"{parameters}: simulated" if first else ""
+            axis.plot([ratio], [force], mark, color=colour, label=named)
             if first:
                 yield Comparison(f"{parameters}: averaged, a / V", "", leading, by_average, "reference", relative=1e-6)
             if ratio >= _APART:
                 what = f"{parameters}: simulated at ratio {ratio}, a / V"
                 yield Comparison(what, "", critical, expected, "reference", absolute=0.005)
-    axis.set(xlabel="frequency of the dither over sqrt(k1 / m) [1]", ylabel="amplitude of the dither [N]",
-             xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip
+    axis.set(xlabel="frequency of the dither over sqrt(k1 / m) [1]", ylabel="amplitude of the dither [N]")
+    axis.set(xlim=(0.0, 22.0), ylim=(0.0, None))
     axis.legend(loc="upper left")
 
 

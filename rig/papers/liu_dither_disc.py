@@ -46,10 +46,29 @@ CASES: dict[str, dict[str, Any]] = {
 LOADS = (20.0, 50.0, 100.0, 150.0, 200.0)
 _SLOW = np.sort([*np.linspace(0.5, 8.0, 31), 5.98, 5.998, 6.0 + 1e-4, 6.02])  # dither of 0.6 m/s: a = V at 6
 # where a wave on the disc and the slider meet, ranges are narrow; the reference's grid misses some of them
-_FAST = np.sort([*np.arange(900.0, 940.0, 0.5), 911.82, 911.965, *np.arange(945.0, 1110.0, 5.0),
-                 *np.arange(1111.0, 1117.0, 0.5), *np.arange(1120.0, 1301.0, 5.0)])  # fmt: skip
+_FAST = np.sort(
+    [
+        *np.arange(900.0, 940.0, 0.5),
+        911.82,
+        911.965,
+        *np.arange(945.0, 1110.0, 5.0),
+        *np.arange(1111.0, 1117.0, 0.5),
+        *np.arange(1120.0, 1301.0, 5.0),
+    ]
+)
 _SPEEDS = np.concatenate([_SLOW, np.geomspace(10.0, 890.0, 12), _FAST])
 _BAND = "case {}, 100 N: sum of the unstable bands from 0.5 to 1300 rad/s"
+_EDGES = {
+    ("a", 20.0): (911.9541, 932.2011, 978.3737, 1245.8412),
+    ("a", 100.0): (911.8730, 1245.6566),
+    ("a", 200.0): (911.7743, 1245.5279),
+    ("b", 20.0): (1.1100, 911.9533, 932.3555, 977.9398, 1246.5808),
+    ("b", 50.0): (2.0138, 911.9228, 934.3958, 976.0186, 1246.4944),
+    ("b", 100.0): (2.7037, 911.8724, 1246.3667),
+    ("b", 200.0): (3.3954, 911.7739, 1246.1686),
+}
+"""Case and preload [N]: speeds of the reference at which sliding gains or loses stability [rad/s]."""
+_TITLES = {"a": "(a) Coulomb, 0.3", "b": "(b) falling from 0.4 to 0.25", "c": "(c) falling from 0.9 to 0.8"}
 _GAPS = "Short stable gaps near 919 and 1113 rad/s lie between the points of the reference's grid."
 
 
@@ -71,7 +90,10 @@ def modes(figure: Figure) -> Compared:
     shape.legend()
     frequencies = [2.0 * math.pi * hertz for hertz in rig.modes("disc_slider").free.values()]
     published = (1492, 1517, 1517, 1824, 1824, 2774, 2774)
-    names = [f"{m.diameters}, {part}" for m in shapes for part in (("cosine", "sine") if m.pair else ("-",))]
+    names = []
+    for mode in shapes:
+        parts = ("cosine", "sine") if mode.pair else ("-",)
+        names += [f"{mode.diameters}, {part}" for part in parts]
     beside.set_title("natural frequencies [rad/s]")
     cells = [(name, f"{ours:.3f}", f"{printed}") for name, ours, printed in zip(names, frequencies, published)]
     table(beside, cells, ("nodal diameters", "ours", "published"), 10, 1.6)
@@ -85,21 +107,15 @@ def modes(figure: Figure) -> Compared:
 
 def instability(figure: Figure) -> Compared:
     """Speeds at which sliding is unstable, over the preload."""
-    reference = {
-        ("a", 20.0): (911.9541, 932.2011, 978.3737, 1245.8412), ("a", 100.0): (911.8730, 1245.6566),
-        ("a", 200.0): (911.7743, 1245.5279), ("b", 20.0): (1.1100, 911.9533, 932.3555, 977.9398, 1246.5808),
-        ("b", 50.0): (2.0138, 911.9228, 934.3958, 976.0186, 1246.4944), ("b", 100.0): (2.7037, 911.8724, 1246.3667),
-        ("b", 200.0): (3.3954, 911.7739, 1246.1686),
-    }  # fmt: skip
     for row, case in zip(_panels(figure), CASES):
-        edges, unstable = _drawn(row, at(case, 100.0, 2.0), _SPEEDS[::4] if case == "c" else _SPEEDS)
+        speeds = _SPEEDS[::4] if case == "c" else _SPEEDS
+        edges, unstable = _drawn(row, at(case, 100.0, 2.0), speeds)
         yield Comparison(_BAND.format(case), "rad/s", unstable[100.0], math.nan, "paper")
         if case == "c":
             yield Comparison("case c: edges", "", sum(map(len, edges.values())), 0.0, "reference")
         for N0 in LOADS:
-            yield from _compared(f"case {case}, {N0:g} N: edge", edges[N0], reference.get((case, N0), ()))
-        row[0].set_title({"a": "(a) Coulomb, 0.3", "b": "(b) falling from 0.4 to 0.25",
-                          "c": "(c) falling from 0.9 to 0.8"}[case])  # fmt: skip
+            yield from _compared(f"case {case}, {N0:g} N: edge", edges[N0], _EDGES.get((case, N0), ()))
+        row[0].set_title(_TITLES[case])
 
 
 def _panels(figure: Figure) -> Any:
@@ -123,16 +139,19 @@ def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> tuple[dict[f
     edges: dict[float, list[float]] = {}
     wide = dict.fromkeys(LOADS, 0.0)
     for N0, ends, growth in zip(LOADS, ranges.edges, ranges.growth):
+        crossings = [value for value, _ in ends]
         gaps = []  # where sliding does not exist, between two edges
-        for number, (low, high) in enumerate(pairwise((speeds[0], *(value for value, _ in ends), _SPEEDS[-1]))):
-            if np.isnan(growth[(speeds > low) & (speeds < high)]).any():
+        for number, (low, high) in enumerate(pairwise((speeds[0], *crossings, _SPEEDS[-1]))):
+            inside = (speeds > low) & (speeds < high)
+            if np.isnan(growth[inside]).any():
                 gaps += [low, high]
                 continue
             unstable = (growth[0] > 0.0) == (number % 2 == 0)
             wide[N0] += (high - low) * bool(unstable)
+            colour, thickness = (VERMILION, 7) if unstable else (BLUE, 1.2)
             for axis in row:
-                axis.hlines(N0, low, high, color=VERMILION if unstable else BLUE, lw=7 if unstable else 1.2)
-        edges[N0] = [value for value, _ in ends if value not in gaps]
+                axis.hlines(N0, low, high, color=colour, lw=thickness)
+        edges[N0] = [value for value in crossings if value not in gaps]
     return edges, wide
 
 
@@ -145,32 +164,36 @@ def _compared(what: str, edges: list[float], reference: tuple[float, ...]) -> Co
 
 def growing(figure: Figure) -> Compared:
     """Cases b at 2 rad/s and c at 20 rad/s, 100 N: angle, normal motion, the disc."""
-    for row, case, speed, seconds, expected in zip(
-        figure.subplots(2, 3), "bc", (2.0, 20.0), (1.6, 0.16), (2.5694756, 38.764815)
-    ):
+    cases = (("b", 2.0, 1.6, 2.5694756), ("c", 20.0, 0.16, 38.764815))
+    for row, (case, speed, seconds, expected) in zip(figure.subplots(2, 3), cases):
         still = rig.modes(at(case, 100.0, speed)).sliding
         yield Comparison(f"case {case}: growth rate", "1/s", still.growth, expected, "reference", relative=1e-6)
         more = rig.modes(at(case, 100.0, speed, disc__modes=20)).sliding.growth
         yield Comparison(f"case {case}: growth rate with 20 modes of the disc", "1/s", more, math.nan, "paper")
-        start: dict[str, Any] = {"start__displacement": 1.01 * still.equilibrium["displacement"],
-                 "start__height": still.equilibrium["height"]}  # fmt: skip
-        ran = rig.simulate(at(case, 100.0, speed, **start), seconds)
+        rest = still.equilibrium["displacement"]
+        height = still.equilibrium["height"]
+        near = at(case, 100.0, speed, start__displacement=1.01 * rest, start__height=height)
+        ran = rig.simulate(near, seconds)
         _three(row, ran, case)
-        rate = _rate(ran, still.equilibrium["displacement"])
+        rate = _rate(ran, rest)
         yield Comparison(f"case {case}: growth, simulated", "1/s", rate, expected, "theory", relative=0.05)
 
 
 def _three(row: Any, ran: Any, case: str) -> None:
-    for axis, name, factor, label in zip(
-        row, ("angle", "height", "deflection"), (1e3, 1e3, 1e6), ("angle [mrad]", "height [mm]", "disc at the rim [um]")
-    ):
+    outputs = (
+        ("angle", 1e3, "angle [mrad]"),
+        ("height", 1e3, "height [mm]"),
+        ("deflection", 1e6, "disc at the rim [um]"),
+    )
+    for axis, (name, factor, label) in zip(row, outputs):
         axis.plot(ran.time, factor * ran.signals[name], color=BLUE, lw=0.5)
         axis.set(xlabel="time [s]", ylabel=label, title=f"case {case}" if name == "angle" else "")
 
 
 def _rate(ran: Any, rest: float) -> float:
     """Growth rate of the displacement's vibration about rest over the second half of a run [1/s]."""
-    x, t = ran.signals["displacement"] - rest, ran.time
+    x = ran.signals["displacement"] - rest
+    t = ran.time
     top = tops(x)
     top = top[(x[top] > 0.0) & (t[top] > 0.5 * t[-1])]
     return log_slope(t[top], x[top])
@@ -178,18 +201,21 @@ def _rate(ran: Any, rest: float) -> float:
 
 def quenched(figure: Figure) -> Compared:
     """Draw the same with dither above its boundary, at twenty times sqrt(kc / m)."""
-    for row, case, speed, times, seconds in zip(figure.subplots(2, 3), "bc", (2.0, 20.0), (1.3, 1.5), (1.2, 0.9)):
-        omega = 20.0 * RATE
+    omega = 20.0 * RATE
+    hertz = omega / (2.0 * math.pi)
+    cases = (("b", 2.0, 1.3, 1.2), ("c", 20.0, 1.5, 0.9))
+    for row, (case, speed, times, seconds) in zip(figure.subplots(2, 3), cases):
         force = times * speed * RADIUS * omega
-        ran = rig.simulate(at(case, 100.0, speed, "disc_slider_dither", dither__amplitude=force,
-                     dither__frequency=omega / (2.0 * math.pi)), seconds)  # fmt: skip
+        dithered = at(case, 100.0, speed, "disc_slider_dither", dither__amplitude=force, dither__frequency=hertz)
+        ran = rig.simulate(dithered, seconds)
         _three(row, ran, case)
         last = ran.time > 0.9 * seconds
         ripple = 0.5 * float(np.ptp(ran.signals["angle"][last]))
         theory = force / (omega**2 * RADIUS)
         yield Comparison(f"case {case}: ripple A / (m omega^2 r0)", "rad", ripple, theory, "theory", relative=0.03)
-        begin = ran.time < 0.1 * seconds
-        left = float(np.ptp(ran.signals["height"][last]) / np.ptp(ran.signals["height"][begin]))
+        first = ran.time < 0.1 * seconds
+        height = ran.signals["height"]
+        left = float(np.ptp(height[last]) / np.ptp(height[first]))
         yield Comparison(f"case {case}: normal motion left, of that at first", "", left, 0.0, "theory", absolute=0.25)
 
 
@@ -204,32 +230,38 @@ def boundary(figure: Figure) -> Compared:
         V = speed * RADIUS
         averaged = _largest(case, speed)
         yield Comparison(f"case {case}: averaged, a / V", "", averaged, expected, "reference", relative=1e-6)
-        axis.plot([0.0, 22.0], [0.0, 22.0 * averaged * V * RATE * 1e-3], color=BLUE, label="averaged")
+        top = 22.0 * averaged * V * RATE * 1e-3
+        axis.plot([0.0, 22.0], [0.0, top], color=BLUE, label="averaged")
         ratios = np.array(list(edges[case]))
         simulated = np.array(list(edges[case].values()))
-        axis.plot(ratios, simulated * V * RATE * ratios * 1e-3, "o", color=VERMILION, mfc="none", ms=9.0,
-                  label="reference, simulated")  # fmt: skip
+        forces = simulated * V * RATE * ratios * 1e-3
+        axis.plot(ratios, forces, "o", color=VERMILION, mfc="none", ms=9.0, label="reference, simulated")
         shaken = at(case, 100.0, speed, "disc_slider_dither")
         for ratio in (10, 20):
             _, averaged, lost = dither_boundary(shaken, ratio * RATE, V, np.linspace(0.8, 1.45, 6))
-            axis.plot([ratio], [lost * V * RATE * ratio * 1e-3], "x", color="black",
-                      label="simulated" if ratio == 10 else "")  # fmt: skip
+            force = lost * V * RATE * ratio * 1e-3
+            axis.plot([ratio], [force], "x", color="black", label="simulated" if ratio == 10 else "")
             what = f"case {case}: simulated at ratio {ratio}, over averaged"
             yield Comparison(what, "", lost / averaged, 1.0, "theory", absolute=0.05)
-        axis.set(title=f"case {case}, {speed:g} rad/s", xlabel="frequency of the dither over sqrt(kc / m) [1]",
-                 ylabel="amplitude of the dither [kN]", xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip
+        axis.set_title(f"case {case}, {speed:g} rad/s")
+        axis.set(xlabel="frequency of the dither over sqrt(kc / m) [1]", ylabel="amplitude of the dither [kN]")
+        axis.set(xlim=(0.0, 22.0), ylim=(0.0, None))
         axis.legend(loc="upper left")
 
 
 def _largest(case: str, speed: float) -> float:
     """The largest a / V at which averaged sliding is neutrally stable."""
     V = speed * RADIUS
+
+    def growth(ratio: float) -> float:
+        return mean_growth(case, 100.0, speed, ratio * V)
+
     ratios = np.linspace(1.6, 1.0 + 1e-6, 13)
-    rates = [mean_growth(case, 100.0, speed, r * V) for r in ratios]
+    rates = [growth(ratio) for ratio in ratios]
     for high, low, after in zip(ratios, ratios[1:], rates[1:]):
         if after > 0.0:
-            return float(brentq(lambda r: mean_growth(case, 100.0, speed, r * V), low, high, xtol=1e-9))
-    return 1.0 if mean_growth(case, 100.0, speed, (1.0 - 1e-6) * V) > 0.0 else 0.0
+            return float(brentq(growth, low, high, xtol=1e-9))
+    return 1.0 if growth(1.0 - 1e-6) > 0.0 else 0.0
 
 
 def mean_growth(case: str, N0: float, speed: float, fast: float) -> float:
@@ -238,7 +270,8 @@ def mean_growth(case: str, N0: float, speed: float, fast: float) -> float:
     shaken = {"dither__amplitude": fast * omega, "dither__frequency": omega / (2.0 * math.pi)}
     system = at(case, N0, speed, "disc_slider_dither", **shaken).assemble().system()
     sine, cosine = (system.names.index(name) for name in GENERATOR)
-    return float(averaged(system, sine, cosine, fast * omega, leading=True).eigenvalues()[0].real)
+    mean = averaged(system, sine, cosine, fast * omega, leading=True)
+    return float(mean.eigenvalues()[0].real)
 
 
 def instability_shaken(figure: Figure) -> Compared:
@@ -250,8 +283,8 @@ def instability_shaken(figure: Figure) -> Compared:
         edges, unstable = _drawn(row, at(case, 100.0, 2.0, "disc_slider_dither", **shaken))
         yield Comparison(_BAND.format(case), "rad/s", unstable[100.0], math.nan, "paper")
         for low, high in zip(edges[100.0][:2], edges[100.0][1:2]):
-            yield Comparison(f"case {case}, 100 N: width of the lowest unstable band", "rad/s", high - low, math.nan,
-                             "paper")  # fmt: skip
+            what = f"case {case}, 100 N: width of the lowest unstable band"
+            yield Comparison(what, "rad/s", high - low, math.nan, "paper")
         yield from _compared(f"case {case}, 100 N: edge", edges[100.0], reference.get(case, ()))
         row[0].set_title(f"case {case}, shaken with 0.6 m/s")
 
