@@ -34,8 +34,8 @@ COULOMB: dict[str, Any] = {"friction__law": "coulomb", "friction__mu_static": 0.
 def at(N0: float, rpm: float, scene: str = "lever", **changes: Any) -> Scene:
     """Return the rig at a preload [N] and a speed, stuck to the disc and unloaded, without protocol."""
     speed = rpm * RPM
-    given = {"load__force": N0, "drive__speed": speed, "start__angular_velocity": PIN * speed, "clock__frame": "5 ms"}
-    return quiet(load(scene, **(given | changes)))
+    usual = {"load__force": N0, "drive__speed": speed, "start__angular_velocity": PIN * speed, "clock__frame": "5 ms"}
+    return quiet(load(scene, **(usual | changes)))
 
 
 def half(cycle: Cycle, output: str) -> float:
@@ -53,24 +53,30 @@ def kinetic(figure: Figure) -> Compared:
     means = {}
     for name, section in scene.sensors.items():
         t_ns, v = run.measurements[name]
-        means[section.reads] = stages(
-            np.asarray(t_ns * 1e-9), np.asarray(v / section.sensitivity), scene.protocol, "mean"
-        )[0]
+        seconds = np.asarray(t_ns * 1e-9)
+        quantity = np.asarray(v / section.sensitivity)
+        means[section.reads] = stages(seconds, quantity, scene.protocol, "mean")[0]
     lever = value(scene, "cylinder.arm") / value(scene, "cylinder.pin")
-    slip, mu = value(scene, "disc.radius") * means["disc_speed"], lever * means["cell_force"] / means["normal_force"]
-    readings = np.column_stack([slip, mu])
-    measured: dict[str, Any] = {"color": VERMILION, "markersize": 4, "label": "measured, three repeats"}
-    axis.plot(1e3 * readings[:, 0], readings[:, -1], "o", **measured)
+    slip = value(scene, "disc.radius") * means["disc_speed"]
+    mu = lever * means["cell_force"] / means["normal_force"]
+    axis.plot(1e3 * slip, mu, "o", color=VERMILION, markersize=4, label="measured, three repeats")
     speeds = np.linspace(0.0, 0.05, 400)
     values = {parameter.key.rsplit(".", 1)[-1]: parameter for parameter in identified.parameters}
 
     def law(kinetic: float, static: float, decay: float) -> np.ndarray:
         return kinetic + (static - kinetic) * np.exp(-decay * speeds)
 
-    names = ("mu_kinetic", "mu_static", "decay")
-    parameters = [values[n].stated if n in values else value(scene, f"friction.{n}") for n in names]
-    fitted = [values[n].value if n in values else value(scene, f"friction.{n}") for n in names]
-    axis.plot(1e3 * speeds, law(*parameters), color=GREY, label="the scene's law")
+    stated = []
+    fitted = []
+    for name in ("mu_kinetic", "mu_static", "decay"):
+        if name in values:
+            stated.append(values[name].stated)
+            fitted.append(values[name].value)
+        else:
+            of_scene = value(scene, f"friction.{name}")
+            stated.append(of_scene)
+            fitted.append(of_scene)
+    axis.plot(1e3 * speeds, law(*stated), color=GREY, label="the scene's law")
     axis.plot(1e3 * speeds, law(*fitted), "--", color=BLUE, label="fitted to the measurement")
     axis.set(xlabel="slip speed [mm/s]", ylabel="kinetic friction coefficient")
     axis.legend()
@@ -83,19 +89,24 @@ def response(figure: Figure, coulomb: bool = False) -> Compared:
     scene = load("lever", **(COULOMB if coulomb else {}))
     ran = rig.simulate(scene)
     last = ran.time > ran.time[-1] - 1.5
-    t = ran.time[last] - ran.time[last][0]
+    begin = ran.time[last][0]
+    t = ran.time[last] - begin
     axes = figure.subplots(2, 3)
-    parts = (("arm_laser", "cylinder.arm", "angle", "angular_velocity", "cylinder angle"),
-             ("lever_laser", "lever.leg", "lever_angle", "lever_velocity", "lever angle"))  # fmt: skip
+    parts = (
+        ("arm_laser", "cylinder.arm", "angle", "angular_velocity", "cylinder angle"),
+        ("lever_laser", "lever.leg", "lever_angle", "lever_velocity", "lever angle"),
+    )
     for (over, phase, spectrum), (sensor, arm, output, rate, name) in zip(axes, parts):
-        over.plot(t, 1e3 * ran.signals[output][last], color=BLUE, lw=1.0, label="computed")
-        phase.plot(1e3 * ran.signals[output][last], ran.signals[rate][last], color=BLUE, lw=0.8)
+        milliradians = 1e3 * ran.signals[output][last]
+        over.plot(t, milliradians, color=BLUE, lw=1.0, label="computed")
+        phase.plot(milliradians, ran.signals[rate][last], color=BLUE, lw=0.8)
         if not coulomb:
             taken = ran.measurements[sensor]
-            seconds, angle = taken.t_ns * 1e-9, taken.v / value(scene, arm)
+            seconds = taken.t_ns * 1e-9
+            angle = taken.v / value(scene, arm)
             seen = seconds > ran.time[-1] - 1.5
-            over.plot(seconds[seen] - ran.time[last][0], 1e3 * angle[seen], ".", color=VERMILION, markersize=3,
-                      label="measured at 100 Hz")  # fmt: skip
+            dots: dict[str, Any] = {"color": VERMILION, "markersize": 3, "label": "measured at 100 Hz"}
+            over.plot(seconds[seen] - begin, 1e3 * angle[seen], ".", **dots)
         settled = ran.signals[output][ran.time > 5.0]
         windowed = (settled - settled.mean()) * np.hanning(len(settled))
         amplitude = 2.0 * np.abs(np.fft.rfft(windowed)) / len(settled) * 2.0
@@ -127,11 +138,13 @@ def amplitudes(figure: Figure) -> Compared:
     for sensor, arm in (("arm_laser", "cylinder.arm"), ("lever_laser", "lever.leg")):
         taken = ran.measurements[sensor]
         seconds = taken.t_ns * 1e-9
-        angle = np.asarray(taken.v[seconds > 5.0] / value(bench, arm), dtype=np.float64)
-        oscillation = index(np.asarray(seconds[seconds > 5.0], dtype=np.float64), angle)
+        settled = seconds > 5.0
+        angle = np.asarray(taken.v[settled] / value(bench, arm), dtype=np.float64)
+        oscillation = index(np.asarray(seconds[settled], dtype=np.float64), angle)
         measured.append(oscillation.half)
     measured.append(oscillation.frequency)
-    rows = [("exact geometry, measured", *(f"{1e3 * a:.3f}" for a in measured[:2]), f"{measured[2]:.3f}", "", "")]
+    phi, theta, frequency = measured
+    rows = [("exact geometry, measured", f"{1e3 * phi:.3f}", f"{1e3 * theta:.3f}", f"{frequency:.3f}", "", "")]
     reference: tuple[tuple[str, dict[str, Any], int, tuple[float, ...]], ...] = (
         ("Stribeck", {}, 2, (0.00924585650, 0.00881750876, 0.34837529417)),
         ("Coulomb", COULOMB, 2, (0.00825006102, 0.00799662285, 0.32547258037)),
@@ -144,16 +157,19 @@ def amplitudes(figure: Figure) -> Compared:
         bound = 1e-6 if order == 2 else 2e-5
         for what, unit, computed, number in zip(("A_phi", "A_theta", "period"), ("rad", "rad", "s"), ours, expected):
             yield Comparison(f"{name}: {what}", unit, computed, number, "reference", relative=bound)
-        off = [100.0 * (a / b - 1.0) for a, b in zip((ours[0], cycle.frequency), (measured[0], measured[2]))]
-        rows.append((name, f"{1e3 * ours[0]:.3f}", f"{1e3 * ours[1]:.3f}", f"{cycle.frequency:.3f}",
-                     f"{off[0]:+.1f} %", f"{off[1]:+.1f} %"))  # fmt: skip
-    stribeck, coulomb = (rig.limit_cycle(load("lever", **law)) for law in ({}, COULOMB))
+        angle_off = 100.0 * (ours[0] / phi - 1.0)
+        frequency_off = 100.0 * (cycle.frequency / frequency - 1.0)
+        numbers = (f"{1e3 * ours[0]:.3f}", f"{1e3 * ours[1]:.3f}", f"{cycle.frequency:.3f}")
+        rows.append((name, *numbers, f"{angle_off:+.1f} %", f"{frequency_off:+.1f} %"))
+    stribeck = rig.limit_cycle(load("lever"))
+    coulomb = rig.limit_cycle(load("lever", **COULOMB))
     shares = (
         ("A_phi", half(coulomb, "angle") / half(stribeck, "angle")),
         ("A_theta", half(coulomb, "lever_angle") / half(stribeck, "lever_angle")),
         ("frequency", coulomb.frequency / stribeck.frequency),
     )
-    yield from compared(((f"Coulomb over Stribeck: {what}", share, math.nan) for what, share in shares), "", "paper")
+    for what, share in shares:
+        yield Comparison(f"Coulomb over Stribeck: {what}", "", float(share), math.nan, "paper")
     heads = ("20 N, 1 rpm", "A_phi [mrad]", "A_theta [mrad]", "f [Hz]", "A_phi off by", "f off by")
     table(figure.subplots(), rows, heads, 9.5, 1.7, colWidths=[0.3, 0.14, 0.14, 0.12, 0.14, 0.14])
 
@@ -168,12 +184,21 @@ def two_starts(figure: Figure) -> Compared:
 
 
 def both_starts(
-    row: Iterable[Axes], title: str, what: str, outcomes: tuple[float, float], seconds: float, N0: float, rpm: float,
-    scene: str = "lever", lw: float = 0.6, **changes: Any,
-) -> Compared:  # fmt: skip
+    row: Iterable[Axes],
+    title: str,
+    what: str,
+    outcomes: tuple[float, float],
+    seconds: float,
+    N0: float,
+    rpm: float,
+    scene: str = "lever",
+    lw: float = 0.6,
+    **changes: Any,
+) -> Compared:
     """Draw runs from a standing start and from near sliding; `outcomes`: whether they stick in the end."""
     for axis, near, outcome in zip(row, (False, True), outcomes):
-        ran = rig.simulate((start_near if near else at)(N0, rpm, scene, **changes), seconds)
+        begin = start_near if near else at
+        ran = rig.simulate(begin(N0, rpm, scene, **changes), seconds)
         axis.plot(ran.time, 1e3 * ran.signals["angle"], color=GREEN if near else BLUE, lw=lw)
         start = "near sliding" if near else "standing start"
         axis.set_title(f"{title}, {start}")
@@ -191,8 +216,11 @@ def name_axes(axes: NDArray[np.object_]) -> None:
 def start_near(N0: float, rpm: float, scene: str = "lever", **changes: Any) -> Scene:
     """Return the rig displaced slightly from steady sliding."""
     still = rig.modes(at(N0, rpm, scene, **changes)).sliding.equilibrium
-    start = {"start__angle": still["angle"], "start__lever_angle": still["lever_angle"],
-             "start__angular_velocity": 0.02 * PIN * rpm * RPM}  # fmt: skip
+    start = {
+        "start__angle": still["angle"],
+        "start__lever_angle": still["lever_angle"],
+        "start__angular_velocity": 0.02 * PIN * rpm * RPM,
+    }
     return at(N0, rpm, scene, **(changes | start))
 
 
@@ -205,7 +233,9 @@ def sticks(ran: Run, last: float) -> float:
 def three_stages(figure: Figure, sector: bool = False) -> Compared:
     """Draw accelerate, hold, decelerate: stick-slip ends at a higher speed than it begins again."""
     ran = rig.simulate(load("lever_sector_three_stage" if sector else "lever_three_stage"))
-    up, down = thresholds(ran).up / RPM, thresholds(ran).down / RPM
+    speeds = thresholds(ran)
+    up = speeds.up / RPM
+    down = speeds.down / RPM
     angle, speed = figure.subplots(2, 1, sharex=True)
     angle.plot(ran.time, 1e3 * ran.signals["angle"], color=BLUE, lw=0.3)
     angle.set_ylabel("cylinder\nangle [mrad]")
@@ -214,7 +244,8 @@ def three_stages(figure: Figure, sector: bool = False) -> Compared:
         speed.axhline(threshold, color=GREY, ls="--", lw=0.8)
         speed.text(place, threshold + 0.15, f"{name}: {threshold:.2f} rpm", transform=speed.get_yaxis_transform())
     speed.set(xlabel="time [s]", ylabel="disc speed [rpm]")
-    hopf = rig.sweep("lever", "drive.speed", np.linspace(1.5 * RPM, 3.0 * RPM, 7)).critical[0].value / RPM
+    swept = rig.sweep("lever", "drive.speed", np.linspace(1.5 * RPM, 3.0 * RPM, 7))
+    hopf = swept.critical[0].value / RPM
     beyond = "up beyond the speed at which sliding loses its stability (1: yes)"
     yield Comparison(beyond, "", float(up > hopf), 1.0, "reference")
     yield Comparison("down to below that speed, without noise (1: yes)", "", float(down < hopf), 1.0, "reference")
