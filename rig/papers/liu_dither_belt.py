@@ -64,8 +64,9 @@ def histories(figure: Figure) -> Compared:
         first = next(event["t_ns"] * 1e-9 for event in ran.events if event["text"] == "load opens")
         before = ran.time < first
         for axis, name, title in ((along, "displacement", "tangential"), (across, "height", "normal")):
-            axis.plot(ran.time, 1e3 * ran.signals[name], color=GREY, lw=0.7)
-            axis.plot(ran.time[before], 1e3 * ran.signals[name][before], color=BLUE, lw=0.8)
+            motion = 1e3 * ran.signals[name]
+            axis.plot(ran.time, motion, color=GREY, lw=0.7)
+            axis.plot(ran.time[before], motion[before], color=BLUE, lw=0.8)
             axis.axvline(first, color=VERMILION, ls="--", lw=1.0)
             axis.set(title=f"{title}, mu = {mu:g}", ylabel=f"{name} [mm]")
         yield Comparison(f"mu = {mu:g}: lift-off", "s", first, lifts, "reference", relative=1e-6)
@@ -76,18 +77,20 @@ def suppressed(figure: Figure) -> Compared:
     axes = figure.subplots(2, 2, sharex=True)
     for (along, across), mu in zip(axes, (0.4, 0.5)):
         x, y = _START[mu]
-        ran = rig.simulate(load("two_dof_dither", friction__mu=mu, start__displacement=x, start__height=y))
+        scene = load("two_dof_dither", friction__mu=mu, start__displacement=x, start__height=y)
+        ran = rig.simulate(scene)
         for axis, name, title in ((along, "displacement", "tangential"), (across, "height", "normal")):
             axis.plot(ran.time, 1e3 * ran.signals[name], color=BLUE, lw=0.5)
             axis.axvline(10.0, color=VERMILION, ls="--", lw=1.0)
             axis.set(title=f"{title}, mu = {mu:g}", ylabel=f"{name} [mm]")
         last = ran.time > ran.time[-1] - 2.0 * math.pi
+        height = ran.signals["height"][last]
         ripple = 0.5 * float(np.ptp(ran.signals["displacement"][last]))
-        left = 0.5 * float(np.ptp(ran.signals["height"][last]))
+        left = 0.5 * float(np.ptp(height))
         yield Comparison(f"mu = {mu:g}: tangential ripple A / (m omega^2)", "mm", 1e3 * ripple, 1.95, "theory", 0.005)
         yield Comparison(f"mu = {mu:g}: normal motion left", "mm", 1e3 * left, 0.0, "theory", absolute=2e-3)
         if mu == 0.5:
-            mean = float(ran.signals["height"][last].mean())
+            mean = float(height.mean())
             yield Comparison("mu = 0.5: tangential ripple", "mm", 1e3 * ripple, 1.95485, "reference", relative=1e-3)
             yield Comparison("mu = 0.5: mean height", "mm", 1e3 * mean, -10.0808172, "reference", absolute=1e-3)
     for axis in axes[-1]:

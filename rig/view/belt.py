@@ -72,13 +72,16 @@ class Belt(base.Picture):
         tips = np.stack((x - 0.2, zero, zero + 0.2), axis=1)
         heads = np.stack((x, zero, zero + 0.37), axis=1)
         wall = np.broadcast_to((-1.22, 0.0, 0.2), tips.shape)
-        texts = self._contact_text(modes, s[drawn.friction], s[drawn.normal])
+        marks = base.along(0, np.mod(zoom * ran, _PITCH))
+        friction = s[drawn.friction]
+        normal = s[drawn.normal]
+        texts = self._contact_text(modes, friction, normal)
         return [
-            base.moved("rig/marks", t_ns, translation=base.along(0, np.mod(zoom * ran, _PITCH))),
+            base.moved("rig/marks", t_ns, translation=marks),
             base.moved("rig/mass", t_ns, **self._placed(s)),
             base.painted("rig/mass/body", t_ns, colours),
-            self._friction("rig/mass/friction", t_ns, 0, s[drawn.friction], 0.6),
-            self._load(t_ns, heads, s[drawn.normal]),
+            self._friction("rig/mass/friction", t_ns, 0, friction, 0.6),
+            self._load(t_ns, heads, normal),
             base.spring(t_ns, base.zigzag(wall, tips, flat=False)),
             base.word(t_ns, (0.0, 0.0, 1.02), texts, colours),
         ]

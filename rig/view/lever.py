@@ -64,7 +64,9 @@ class Lever(base.Picture):
         phi = zoom * s["angle"]
         theta = zoom * s["lever_angle"]
         colours = base.coloured(modes)
-        texts = self._contact_text(modes, s["friction_force"], s["normal_force"])
+        friction = s["friction_force"]
+        normal = s["normal_force"]
+        texts = self._contact_text(modes, friction, normal)
         axis = np.broadcast_to((0.0, 0.0, _HEIGHT), (len(phi), 3))
         pivot = np.broadcast_to(_PIVOT, (len(phi), 3))
         return [
@@ -72,8 +74,8 @@ class Lever(base.Picture):
             base.moved("rig/cylinder", t_ns, quaternion=base.about(1, -phi), translation=axis),
             base.moved("rig/lever", t_ns, quaternion=base.about(2, theta), translation=pivot),
             base.painted("rig/cylinder/pin", t_ns, colours),
-            self._friction("rig/cylinder/friction", t_ns, 0, s["friction_force"], 0.6),
-            self._pressed(t_ns, _pin(phi), s["normal_force"]),
+            self._friction("rig/cylinder/friction", t_ns, 0, friction, 0.6),
+            self._pressed(t_ns, _pin(phi), normal),
             base.spring(t_ns, *_springs(phi, theta), radius=0.012),
             base.word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), texts, colours),
         ]

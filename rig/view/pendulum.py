@@ -54,13 +54,15 @@ class Pendulum(base.Picture):
         tips = _on_circle(0.55, angles, np.full_like(angles, 0.2))
         heads = _on_circle(_ARM, angles, np.full_like(angles, 0.24))
         post = np.broadcast_to(_POST, tips.shape)
-        texts = self._contact_text(modes, s[drawn.friction], s[drawn.normal])
+        friction = s[drawn.friction]
+        normal = s[drawn.normal]
+        texts = self._contact_text(modes, friction, normal)
         return [
             base.moved("rig/disc", t_ns, quaternion=base.about(2, zoom * ran)),
             base.moved("rig/pendulum", t_ns, quaternion=base.about(2, angles)),
             base.painted("rig/pendulum/shoe", t_ns, colours),
-            self._friction("rig/pendulum/friction", t_ns, 1, s[drawn.friction], 0.5),
-            self._load(t_ns, heads, s[drawn.normal]),
+            self._friction("rig/pendulum/friction", t_ns, 1, friction, 0.5),
+            self._load(t_ns, heads, normal),
             base.spring(t_ns, base.zigzag(post, tips, flat=True)),
             base.word(t_ns, (0.0, 0.0, 0.72), texts, colours),
         ]

@@ -133,10 +133,11 @@ class Plate(base.Picture):
 
     def _text(self, s: Mapping[str, base.Reals]) -> list[str]:
         closed = s.get("contact_fraction", np.ones_like(s["position"]))
+        magnified = f"motion x {self.scale.motion:,.0f}".replace(",", " ")
+        rows = zip(s["position"], s["normal_force"], s["friction_force"], closed)
         return [
-            f"at {1e3 * x:.1f} mm   N = {n:.0f} N   T = {t:+.0f} N   {100 * share:.0f} % in contact   "
-            f"motion x {self.scale.motion:,.0f}".replace(",", " ")
-            for x, n, t, share in zip(s["position"], s["normal_force"], s["friction_force"], closed)
+            f"at {1e3 * x:.1f} mm   N = {n:.0f} N   T = {t:+.0f} N   {100 * share:.0f} % in contact   {magnified}"
+            for x, n, t, share in rows
         ]
 
 

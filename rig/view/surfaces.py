@@ -71,8 +71,9 @@ class Cells:
         if not self._flat:
             above = np.array([0.0, 0.0, 0.004])
             lines = [np.vstack([cell, cell[:1]]) + above for cell in corners]
-            shape = base.Shape("LineStrips3D", strips=lines, colors=[_LINE] * len(lines), radii=[0.004] * len(lines))
-            log(f"{self._root}/grid", shape)
+            count = len(lines)
+            grid = base.Shape("LineStrips3D", strips=lines, colors=[_LINE] * count, radii=[0.004] * count)
+            log(f"{self._root}/grid", grid)
             self._legend(log, -float(self.half[1]) - 0.22)
 
     def frames(self, t_ns: base.Integers, s: Mapping[str, base.Reals]) -> list[base.Columns]:
@@ -99,7 +100,8 @@ class Cells:
         ends = pairwise(np.linspace(low, high, _SHADES + 1))
         corners = [corner for left, right in ends for corner in _rectangle(left, right, y)]
         corners += _rectangle(0.9, 0.9 + 0.1, y)
-        shades = pressure.colours(np.append((np.arange(_SHADES) + 0.5) / _SHADES, 0.0), 1.0)
+        shares = (np.arange(_SHADES) + 0.5) / _SHADES
+        shades = pressure.colours(np.append(shares, 0.0), 1.0)
         mesh = base.Shape(
             "Mesh3D",
             vertex_positions=corners,
