@@ -22,10 +22,17 @@ from rig.motion.motion import Motion
 HERE = Path(__file__).parent
 G, STEEP = 9.81, math.radians(20.0)
 STRIBECK = {
-    "body.mass": 0.5, "body.stiffness": 400.0, "body.damping": 0.01 * math.sqrt(200.0), "load.force": 40.0,
-    "drive.speed": 4.0, "friction.mu_static": 1.25, "friction.mu_dynamic": 1.0, "friction.speed_scale": 0.1,
-    "start.velocity": 4.0, "limits": "none",
-}  # fmt: skip
+    "body.mass": 0.5,
+    "body.stiffness": 400.0,
+    "body.damping": 0.01 * math.sqrt(200.0),
+    "load.force": 40.0,
+    "drive.speed": 4.0,
+    "friction.mu_static": 1.25,
+    "friction.mu_dynamic": 1.0,
+    "friction.speed_scale": 0.1,
+    "start.velocity": 4.0,
+    "limits": "none",
+}
 """The belt of exudyn's example with a static force of 50 N, damping 0.005 of critical."""
 
 
@@ -103,9 +110,16 @@ def _points() -> Answer:
 
 def _end_of_stick_slip() -> Answer:
     changes = {
-        "body.mass": 1.0, "body.stiffness": 1.0, "body.damping": 0.1, "load.force": 1.0, "friction.mu_static": 1.0,
-        "friction.mu_dynamic": 0.5, "friction.speed_scale": 0.5, "drive.speed": 1.5, "limits": "none",
-    }  # fmt: skip
+        "body.mass": 1.0,
+        "body.stiffness": 1.0,
+        "body.damping": 0.1,
+        "load.force": 1.0,
+        "friction.mu_static": 1.0,
+        "friction.mu_dynamic": 0.5,
+        "friction.speed_scale": 0.5,
+        "drive.speed": 1.5,
+        "limits": "none",
+    }
     with TemporaryDirectory() as folder:
         begin = time.process_time()
         result = rig.branches(rig.load("belt", changes), "drive.speed=1 m/s:2 m/s", folder=folder)
@@ -131,8 +145,10 @@ def walked(
             t, x = t + h, later
             held = {after: held[after] or bool(row @ x > 0.0) for after, row in ends.items()}
             continue
-        at = {after: brentq(lambda s, r=ends[after], x=x, A=matrix: r @ expm(A * s) @ x, 0.0, h, xtol=1e-16)
-              for after in passed}  # fmt: skip
+        at = {
+            after: brentq(lambda s, r=ends[after], x=x, A=matrix: r @ expm(A * s) @ x, 0.0, h, xtol=1e-16)
+            for after in passed
+        }
         phase = min(at, key=lambda after: at[after])
         t, x = t + at[phase], expm(matrix * at[phase]) @ x
         matrix, ends = phases(phase)
@@ -226,46 +242,99 @@ def belt_period() -> float:
 ZERO: Callable[[], float] = lambda: 0.0  # noqa: E731
 PROBLEMS = {
     "slope": Problem(
-        "Block on a slope", "MuJoCo documentation, Drake examples: inclined plane; 1 kg, 20 degrees, mu 0.5",
-        "creep in 1 s", "m", ZERO, "below the limit of friction nothing moves", at_rest("slope"), 0.0,
+        "Block on a slope",
+        "MuJoCo documentation, Drake examples: inclined plane; 1 kg, 20 degrees, mu 0.5",
+        "creep in 1 s",
+        "m",
+        ZERO,
+        "below the limit of friction nothing moves",
+        at_rest("slope"),
+        0.0,
     ),
     "grip": Problem(
-        "Capsule in a grip", "MuJoCo issue 3328: 45 g, mu 0.7, two fingers with 12 N",
-        "creep in 1 s", "m", ZERO, "below the limit of friction nothing moves", at_rest("grip"), 0.0,
+        "Capsule in a grip",
+        "MuJoCo issue 3328: 45 g, mu 0.7, two fingers with 12 N",
+        "creep in 1 s",
+        "m",
+        ZERO,
+        "below the limit of friction nothing moves",
+        at_rest("grip"),
+        0.0,
         {"MuJoCo (issue 3328)": 155e-6},
     ),
     "brake": Problem(
-        "Mass that is braked", "Modelica Standard Library, translational brake: 1 kg, 1 m/s, 1 N from 0.1 s",
-        "place at rest", "m", lambda: 0.6, "0.1 + 1/2", at_end("brake", "displacement"), 1e-14,
+        "Mass that is braked",
+        "Modelica Standard Library, translational brake: 1 kg, 1 m/s, 1 N from 0.1 s",
+        "place at rest",
+        "m",
+        lambda: 0.6,
+        "0.1 + 1/2",
+        at_end("brake", "displacement"),
+        1e-14,
         {"Modelica library (its reference)": 0.6 + 7e-12},
     ),
     "drive_train": Problem(
-        "Drive train with clutch and brake", "Modelica Standard Library, Rotational.Examples.Friction",
-        "angle of the clutch at 3 s", "rad", train, "phases integrated at 1e-12", at_end("drive_train", "clutch_angle"),
-        1e-10, {"Modelica library (its reference)": 47.210622017430},
+        "Drive train with clutch and brake",
+        "Modelica Standard Library, Rotational.Examples.Friction",
+        "angle of the clutch at 3 s",
+        "rad",
+        train,
+        "phases integrated at 1e-12",
+        at_end("drive_train", "clutch_angle"),
+        1e-10,
+        {"Modelica library (its reference)": 47.210622017430},
     ),
     "conveyor": Problem(
-        "Box on a belt to and fro", "PathSim, example_stickslip_event",
-        "place at 100 s", "m", conveyor, "phases integrated at 1e-13", at_end("conveyor", "displacement"), 1e-12,
+        "Box on a belt to and fro",
+        "PathSim, example_stickslip_event",
+        "place at 100 s",
+        "m",
+        conveyor,
+        "phases integrated at 1e-13",
+        at_end("conveyor", "displacement"),
+        1e-12,
     ),
     "lugre": Problem(
-        "Mass on bristles (LuGre)", "Canudas de Wit et al. 1995; exudyn, lugreFrictionODE1",
-        "displacement at 25 s", "m", bristles, "Radau at 1e-11",
-        lambda: (lambda a: Answer(2.5 - a.value, a.seconds))(at_end("lugre", "displacement")()), 1e-9,
+        "Mass on bristles (LuGre)",
+        "Canudas de Wit et al. 1995; exudyn, lugreFrictionODE1",
+        "displacement at 25 s",
+        "m",
+        bristles,
+        "Radau at 1e-11",
+        lambda: (lambda a: Answer(2.5 - a.value, a.seconds))(at_end("lugre", "displacement")()),
+        1e-9,
         {"exudyn (its example, DOPRI5)": 1.90883919923},
     ),
     "belt": Problem(
-        "Mass, spring and belt", "exudyn, massSpringFrictionInteractive; static force 50 N, damping 0.005 of critical",
-        "period of stick-slip", "s", belt_period, "one period at 1e-13", _period, 1e-9,
+        "Mass, spring and belt",
+        "exudyn, massSpringFrictionInteractive; static force 50 N, damping 0.005 of critical",
+        "period of stick-slip",
+        "s",
+        belt_period,
+        "one period at 1e-13",
+        _period,
+        1e-9,
     ),
     "end": Problem(
-        "End of stick-slip over the speed", "bSTAB (Stender, Hoffmann 2022): m = k = 1, damping ratio 0.05",
-        "speed", "m/s", lambda: 1.836600972198, "continuation at 1e-12", _end_of_stick_slip, 1e-9,
+        "End of stick-slip over the speed",
+        "bSTAB (Stender, Hoffmann 2022): m = k = 1, damping ratio 0.05",
+        "speed",
+        "m/s",
+        lambda: 1.836600972198,
+        "continuation at 1e-12",
+        _end_of_stick_slip,
+        1e-9,
         {"bSTAB (shares of 4000 starts: all stick-slip from)": 1.85},
     ),
     "points": Problem(
-        "24 points that open and close", "ring of 24 masses on contact springs under a travelling force (points.py)",
-        "height of the first point at 0.2 s", "m", points.exact, "explicit method of order 8 at 1e-12", _points, 1e-9,
+        "24 points that open and close",
+        "ring of 24 masses on contact springs under a travelling force (points.py)",
+        "height of the first point at 0.2 s",
+        "m",
+        points.exact,
+        "explicit method of order 8 at 1e-12",
+        _points,
+        1e-9,
         how="film, steps of 1 us",
     ),
-}  # fmt: skip
+}

@@ -70,8 +70,10 @@ def test_the_file_holds_what_was_said(shown, stage):
     packed = int(LINES[1][1:] + "ff", 16)  # the second output of its plot
     assert [row["SeriesLines:colors"] for row in static["/plant/surface_speed"]] == [[packed]]
     assert values(rows["/event/plant"], "TextLog:text") == [
-        "step: hold for 2 s", "connected: nf is connected", "verdict: VALID",
-    ]  # fmt: skip
+        "step: hold for 2 s",
+        "connected: nf is connected",
+        "verdict: VALID",
+    ]
 
 
 def test_a_fast_sensor_is_thinned_to_a_kilohertz(shown):
