@@ -75,23 +75,23 @@ def diagram(run: Run, axis: Axes, window: float) -> None:
 
 def transient(figure: Figure) -> Compared:
     """Draw the acceleration over time, and its RMS over the speed of the disc."""
-    made = rig.simulate(load("tip"))
+    ran = rig.simulate(load("tip"))
     even = rig.simulate(load("tip", waviness=None))
-    high, low = _critical(made)
-    acceleration = made.signals["acceleration"]
-    speeds = made.signals["surface_speed"]
+    high, low = _critical(ran)
+    acceleration = ran.signals["acceleration"]
+    speeds = ran.signals["surface_speed"]
     over_time, over_speed = figure.subplots(2, 1)
-    over_time.plot(made.time, acceleration, color=BLUE, lw=0.5)
-    over_time.set(title="figure 4", xlabel="time [s]", ylabel="acceleration [m/s²]", xlim=(0.0, made.time[-1]))
+    over_time.plot(ran.time, acceleration, color=BLUE, lw=0.5)
+    over_time.set(title="figure 4", xlabel="time [s]", ylabel="acceleration [m/s²]", xlim=(0.0, ran.time[-1]))
     fastest = np.flatnonzero(speeds > speeds.max() - 1e-6)
-    turns = [0.0, float(made.time[fastest[0]]), float(made.time[fastest[-1]]), made.time[-1]]
+    turns = [0.0, float(ran.time[fastest[0]]), float(ran.time[fastest[-1]]), ran.time[-1]]
     parts = ("acceleration of the disc", "150 mm/s", "deceleration of the disc")
     most = 1.18 * float(acceleration.max())
     for (begin, end), name in zip(pairwise(turns), parts):
         over_time.text(0.5 * (begin + end), most, name, ha="center", fontsize=9)
         over_time.axvline(end, color=GREY, lw=0.7, ls="--")
     over_time.set_ylim(None, 1.2 * most)
-    diagram(made, over_speed, WINDOW)
+    diagram(ran, over_speed, WINDOW)
     over_speed.set(title="figure 5", xlim=(0.0, 155.0))
     over_speed.axvspan(low, high, color=GREY, alpha=0.15, lw=0)
     top = over_speed.get_ylim()[1]
@@ -102,8 +102,8 @@ def transient(figure: Figure) -> Compared:
     ):
         over_speed.text(at, 1.04 * top, name, ha="center", fontsize=9)
     over_speed.set_ylim(0.0, 1.14 * top)
-    first = next(event["t_ns"] for event in made.plant_events if event["text"] == "contact releases +") * 1e-9
-    speed = float(np.interp(first, made.time, speeds))
+    first = next(event["t_ns"] for event in ran.plant_events if event["text"] == "contact releases +") * 1e-9
+    speed = float(np.interp(first, ran.time, speeds))
     yield Comparison("first slip", "mm/s", MM * speed, 27.0, "paper", absolute=0.5)
     yield Comparison("last stick at rising speed (text: about 110)", "mm/s", high, 104.0, "paper", relative=0.12)
     yield Comparison("first stick at falling speed (text: about 30)", "mm/s", low, 29.0, "paper", absolute=2.8)
@@ -122,9 +122,9 @@ def _speeds(row: Row) -> tuple[float, float]:
     return _critical(rig.simulate(scene))
 
 
-def _critical(made: Run) -> tuple[float, float]:
+def _critical(ran: Run) -> tuple[float, float]:
     """Speeds of the disc [mm/s] at the last stick while it rises and at the first one while it falls."""
-    speeds = thresholds(made)
+    speeds = thresholds(ran)
     return MM * speeds.up, MM * speeds.down
 
 
@@ -199,11 +199,11 @@ def law(figure: Figure) -> Compared:
     yield Comparison("decay 0: in stick", "", drop.static, 0.4, "paper", relative=1e-12)
 
 
-def _spectrogram(made: Run, axis: Axes, length: int, top: float) -> None:
+def _spectrogram(ran: Run, axis: Axes, length: int, top: float) -> None:
     """Power of the acceleration over time and frequency."""
     with np.errstate(divide="ignore"):  # a stuck tip does not accelerate
         power, _, _, image = axis.specgram(
-            made.signals["acceleration"], NFFT=length, Fs=1e9 / made.step_ns, noverlap=length // 2, cmap="magma"
+            ran.signals["acceleration"], NFFT=length, Fs=1e9 / ran.step_ns, noverlap=length // 2, cmap="magma"
         )
     high = 10.0 * math.log10(float(power.max()))
     image.set_clim(high - 90.0, high)
@@ -213,24 +213,24 @@ def _spectrogram(made: Run, axis: Axes, length: int, top: float) -> None:
 
 def measured(figure: Figure) -> Compared:
     """Run-up and run-down of the experiment: protocol, acceleration, spectrogram, RMS over the speed."""
-    made = rig.simulate(load("tip_epoxy"))
+    ran = rig.simulate(load("tip_epoxy"))
     over_time, over_speed, lines = figure.subplot_mosaic([["time", "time"], ["speed", "lines"]]).values()
-    over_time.plot(made.time[::5], made.signals["acceleration"][::5], color=BLUE, lw=0.4)
+    over_time.plot(ran.time[::5], ran.signals["acceleration"][::5], color=BLUE, lw=0.4)
     over_time.set(xlabel="time [s]", ylabel="acceleration [m/s²]")
-    diagram(made, over_speed, MEASURED_WINDOW)
+    diagram(ran, over_speed, MEASURED_WINDOW)
     over_speed.set_xlim(0.0, 20.0)
-    _spectrogram(made, lines, 2048, 2000.0)
-    speed = made.signals["surface_speed"]
+    _spectrogram(ran, lines, 2048, 2000.0)
+    speed = ran.signals["surface_speed"]
     for t, expected in ((20.0, 44.0), (40.0, 44.0), (60.0, 0.0)):
-        at_t = MM * float(np.interp(t, made.time, speed))
+        at_t = MM * float(np.interp(t, ran.time, speed))
         yield Comparison(f"speed of the disc at {t:g} s", "mm/s", at_t, expected, "paper", absolute=1e-6)
-    high, low = _critical(made)
+    high, low = _critical(ran)
     yield Comparison("last stick at rising speed", "mm/s", high, 13.0, "paper", absolute=0.25)
     yield Comparison("first stick at falling speed", "mm/s", low, 5.68, "reference", absolute=0.3)
     swept = rig.sweep(load("tip_epoxy", noise=None), "drive.speed", np.linspace(0.004, 0.012, 9))
     critical = [crossing.value for crossing in swept.critical]
     yield Comparison("sliding is unstable below", "mm/s", MM * critical[0], 7.5, "paper", absolute=0.02)
-    curves = hysteresis(made, "acceleration", "surface_speed", MEASURED_WINDOW).curves
+    curves = hysteresis(ran, "acceleration", "surface_speed", MEASURED_WINDOW).curves
     [up] = [curve for curve in curves if curve.branch.rises]
     ours = float(np.interp(9e-3, up.speed, up.rms))
     yield Comparison("RMS acceleration at rising speed, at 9 mm/s", "m/s²", ours, 10.196, "reference", relative=0.01)
@@ -238,14 +238,14 @@ def measured(figure: Figure) -> Compared:
 
 def beam(figure: Figure) -> Compared:
     """Draw the spectrogram of the run-up with the beam in several modes."""
-    made = rig.simulate(load("tip_beam"))
+    ran = rig.simulate(load("tip_beam"))
     axis, near = figure.subplots(2, 1)
-    _spectrogram(made, axis, 4096, 24000.0)
+    _spectrogram(ran, axis, 4096, 24000.0)
     axis.set_xlim(0.0, 3.0)
-    part = (made.time > 1.2) & (made.time < 1.21)
-    near.plot(MM * (made.time[part] - 1.2), made.signals["acceleration"][part], color=BLUE, lw=0.8)
+    part = (ran.time > 1.2) & (ran.time < 1.21)
+    near.plot(MM * (ran.time[part] - 1.2), ran.signals["acceleration"][part], color=BLUE, lw=0.8)
     near.set(xlabel="time since 1.2 s [ms]", ylabel="acceleration [m/s²]")
-    yield Comparison("last stick at rising speed", "mm/s", _critical(made)[0], 13.0, "paper", absolute=0.4)
+    yield Comparison("last stick at rising speed", "mm/s", _critical(ran)[0], 13.0, "paper", absolute=0.4)
     more, _ = _critical(rig.simulate(load("tip_beam", beam__modes=5, clock__frame=5e-6)))
     yield Comparison("last stick at rising speed, five modes", "mm/s", more, math.nan, "paper")
     p = load("tip_beam").parameters.beam  # type: ignore[attr-defined]
@@ -310,18 +310,18 @@ def parameters(figure: Figure) -> Compared:
 
 def knocked(figure: Figure) -> Compared:
     """Draw a knock at 9 mm/s, and the smallest knock that switches to stick-slip."""
-    made = rig.simulate(load("tip_knock"))
-    acceleration = made.signals["acceleration"]
+    ran = rig.simulate(load("tip_knock"))
+    acceleration = ran.signals["acceleration"]
     axis, kicks = figure.subplots(2, 1)
-    axis.plot(made.time, acceleration, color=BLUE, lw=0.4)
+    axis.plot(ran.time, acceleration, color=BLUE, lw=0.4)
     axis.set(xlabel="time [s]", ylabel="acceleration [m/s²]")
-    late = made.time > 7.0
-    sticks = np.array([e["t_ns"] for e in made.plant_events if e["text"] == "contact slip ends"]) * 1e-9
+    late = ran.time > 7.0
+    sticks = np.array([e["t_ns"] for e in ran.plant_events if e["text"] == "contact slip ends"]) * 1e-9
     rms = float(np.std(acceleration[late]))
     hertz = float(1.0 / np.diff(sticks[sticks > 7.0]).mean())
     yield Comparison("RMS acceleration afterwards", "m/s²", rms, 10.196, "reference", relative=0.01)
     yield Comparison("frequency afterwards", "Hz", hertz, 249.70, "reference", absolute=0.05)
-    early = (made.time > 3.9) & (made.time < 4.0)
+    early = (ran.time > 3.9) & (ran.time < 4.0)
     before = float(np.std(acceleration[early]))
     yield Comparison("RMS acceleration before", "m/s²", before, 0.0, "reference", absolute=1e-3)
     printed = {8.0: 3.452, 9.0: 6.143, 10.0: 8.135, 11.0: 9.861, 12.0: 11.440}
@@ -338,8 +338,8 @@ def _least(speed: float) -> float:
 
     def switches(kick: float) -> bool:
         start = {"start__displacement": rest, "start__velocity": kick}
-        made = rig.simulate(quiet(load("tip_knock", drive__speed=speed, **start)), 1.5)
-        return bool(sum(event["text"] == "contact slip ends" for event in made.plant_events) > 50)
+        ran = rig.simulate(quiet(load("tip_knock", drive__speed=speed, **start)), 1.5)
+        return bool(sum(event["text"] == "contact slip ends" for event in ran.plant_events) > 50)
 
     low = 0.0
     high = 2.0 * speed

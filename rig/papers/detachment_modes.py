@@ -58,10 +58,10 @@ def modal(figure: Figure) -> Compared:
         if not column:
             axis.set_ylabel("width y [mm]")
     figure.colorbar(mesh, ax=shapes, label="shape over its largest [1]", pad=0.01)
-    made = rig.simulate(scene)
-    rung = made.signals["plate_acceleration"]
+    ran = rig.simulate(scene)
+    rung = ran.signals["plate_acceleration"]
     density = np.abs(np.fft.rfft(np.hanning(len(rung)) * rung))
-    hertz = np.fft.rfftfreq(len(rung), made.time[1] - made.time[0])
+    hertz = np.fft.rfftfreq(len(rung), ran.time[1] - ran.time[0])
     axis = figure.add_subplot(grid[1, :])
     axis.semilogy(1e-3 * hertz, density / density.max(), color=BLUE, lw=0.9)
     for printed in _PRINTED:
@@ -141,23 +141,23 @@ def eigenvalues(figure: Figure) -> Compared:
 
 def ramps(figure: Figure) -> Compared:
     """Draw pressure and speed over time, as in figure 9, and the response of the slider."""
-    made = rig.simulate(load("plate"), 0.3)
+    ran = rig.simulate(load("plate"), 0.3)
     pressing, moving, way = figure.subplots(3, 1, sharex=True)
     area = 0.043 * 0.0253
-    pressing.plot(made.time, 1e-6 * made.signals["normal_force"] / area, color=BLUE, lw=0.8)
+    pressing.plot(ran.time, 1e-6 * ran.signals["normal_force"] / area, color=BLUE, lw=0.8)
     pressing.set(ylabel="mean pressure [MPa]", title="pressure from 0 to 0.1 s, speed from 0.1 to 0.2 s")
-    moving.plot(made.time, 1e3 * made.signals["surface_speed"], color=GREEN)
+    moving.plot(ran.time, 1e3 * ran.signals["surface_speed"], color=GREEN)
     moving.set_ylabel("speed [mm/s]")
-    way.plot(made.time, 1e3 * made.signals["position"], color=AMBER)
+    way.plot(ran.time, 1e3 * ran.signals["position"], color=AMBER)
     way.set(ylabel="distance [mm]", xlabel="time [s]")
     for axis in (pressing, moving, way):
         for time in (0.1, 0.2):
             axis.axvline(time, color=GREY, lw=0.7, ls="--")
 
     def at(name: str, time: float) -> float:
-        return float(np.interp(time, made.time, made.signals[name]))
+        return float(np.interp(time, ran.time, ran.signals[name]))
 
-    force = made.signals["normal_force"][(made.time > 0.1) & (made.time < 0.2)]
+    force = ran.signals["normal_force"][(ran.time > 0.1) & (ran.time < 0.2)]
     mean = 1e-6 * float(force.mean()) / area
     yield Comparison("mean pressure from 0.1 s on", "MPa", mean, 0.1, "paper", relative=1e-3)
     yield Comparison("speed at 0.15 s", "m/s", at("surface_speed", 0.15), 0.005, "paper", relative=1e-9)

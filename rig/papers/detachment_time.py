@@ -59,16 +59,16 @@ _MOVES = {  # changes of more than 5 %
 }
 
 
-def _onset(made: Run) -> float:
+def _onset(ran: Run) -> float:
     """Time of the first opening [s]; NaN if none opens."""
-    opened = np.flatnonzero(made.signals["openings"] > 0.0)
-    return float(made.time[opened[0]]) if len(opened) else float("nan")
+    opened = np.flatnonzero(ran.signals["openings"] > 0.0)
+    return float(ran.time[opened[0]]) if len(opened) else float("nan")
 
 
-def _density(made: Run, values: Reals, begin: float) -> tuple[Reals, Reals]:
+def _density(ran: Run, values: Reals, begin: float) -> tuple[Reals, Reals]:
     """Frequencies [Hz] and power spectral density from `begin` [s] on, mean of Hann windows that overlap by half."""
-    rate = 1.0 / float(made.time[1] - made.time[0])
-    hertz, density = welch(values[made.time >= begin], rate, np.hanning(_WINDOW))
+    rate = 1.0 / float(ran.time[1] - ran.time[0])
+    hertz, density = welch(values[ran.time >= begin], rate, np.hanning(_WINDOW))
     return hertz, density
 
 
@@ -87,11 +87,11 @@ def _spectrum(axis: Any, hertz: Reals, density: Reals, printed: Sequence[float],
 
 def normal(figure: Figure) -> Compared:
     """Normal acceleration of the slider over the first second, and its spectrum: figures 10 and 11."""
-    made = rig.simulate(load("plate"), 1.2)
+    ran = rig.simulate(load("plate"), 1.2)
     history, lines = figure.subplots(2, 1)
-    acceleration = made.signals["slider_acceleration"]
-    onset = _onset(made)
-    history.plot(made.time, acceleration, color=BLUE, lw=0.3)
+    acceleration = ran.signals["slider_acceleration"]
+    onset = _onset(ran)
+    history.plot(ran.time, acceleration, color=BLUE, lw=0.3)
     history.set(
         title="figure 10: normal acceleration of the slider, 10 mm/s, 0.1 MPa; dashed: first opening",
         ylabel="acceleration\n[m/s^2]",
@@ -99,14 +99,14 @@ def normal(figure: Figure) -> Compared:
         xlim=(0.0, 1.0),
     )
     history.axvline(onset, color=VERMILION, lw=0.9, ls="--")
-    hertz, density = _density(made, acceleration, onset)
+    hertz, density = _density(ran, acceleration, onset)
     title = "figure 11: its spectrum from the first opening on; dashed: lines that the paper names [kHz]"
     _spectrum(lines, hertz, density, _LINES[11], title)
     lines.set_xlabel("frequency [kHz]")
-    slides = (made.time > 0.3) & (made.time < onset - 0.05)
+    slides = (ran.time > 0.3) & (ran.time < onset - 0.05)
     before = float(np.abs(acceleration[slides]).max())
-    after = float(acceleration[made.time > onset + 0.05].std())
-    closed = made.signals["contact_fraction"][made.time > onset]
+    after = float(acceleration[ran.time > onset + 0.05].std())
+    closed = ran.signals["contact_fraction"][ran.time > onset]
     yield Comparison("first opening", "s", onset, _ONSET, "reference", absolute=0.05)
     yield Comparison("RMS after it over the largest before it: it grows", "", after / before, 1.0, "paper", floor=True)
     yield Comparison("largest share of open points", "", 1.0 - float(closed.min()), 0.5, "reference", floor=True)
@@ -115,25 +115,25 @@ def normal(figure: Figure) -> Compared:
     yield Comparison("strongest line from 8 to 12 kHz", "Hz", line, _HEAVE, "reference", relative=0.02)
 
 
-def _pressures(made: Run, along: int, across: int) -> Reals:
+def _pressures(ran: Run, along: int, across: int) -> Reals:
     """Pressure [MPa] at every sample, point along and point across."""
     names = [f"pressure_{i}_{j}" for i in range(1, along + 1) for j in range(1, across + 1)]
-    return np.stack([1e-6 * made.signals[name] for name in names], axis=1).reshape(-1, along, across)
+    return np.stack([1e-6 * ran.signals[name] for name in names], axis=1).reshape(-1, along, across)
 
 
 def maps(figure: Figure) -> Compared:
     """Draw the pressure in the contact at instants before and after its first opening, as in figure 12."""
     scene = load("plate_96")
-    made = rig.simulate(scene, 0.8)
-    onset = _onset(made)
-    pressure = _pressures(made, 12, 8)
-    centre = made.signals["pressure_centre_x"]
-    free = np.flatnonzero((made.time > onset + 0.05) & (made.signals["normal_force"] > 30.0))
+    ran = rig.simulate(scene, 0.8)
+    onset = _onset(ran)
+    pressure = _pressures(ran, 12, 8)
+    centre = ran.signals["pressure_centre_x"]
+    free = np.flatnonzero((ran.time > onset + 0.05) & (ran.signals["normal_force"] > 30.0))
     rear = int(free[np.argmin(centre[free])])
     front = int(free[np.argmax(centre[free])])
-    opened = int(free[np.argmin(made.signals["contact_fraction"][free])])
+    opened = int(free[np.argmin(ran.signals["contact_fraction"][free])])
     both = int(free[np.argmax(_on_both_edges(pressure[free]))])
-    ramp, sliding, before, opening = (int(np.searchsorted(made.time, t)) for t in (0.15, 0.3, onset - 0.02, onset))
+    ramp, sliding, before, opening = (int(np.searchsorted(ran.time, t)) for t in (0.15, 0.3, onset - 0.02, onset))
     instants = {
         "0.15 s: the ramp": ramp,
         "0.3 s: sliding": sliding,
@@ -150,21 +150,21 @@ def maps(figure: Figure) -> Compared:
     for k, (title, i) in enumerate(instants.items()):
         axis = figure.add_subplot(grid[k // 4, k % 4])
         draw_map(axis, points.surfaces, [1e6 * pressure[i]], points.scale)
-        axis.set_title(f"{title}\n{made.time[i]:.4f} s", fontsize=9)
+        axis.set_title(f"{title}\n{ran.time[i]:.4f} s", fontsize=9)
         axis.tick_params(labelsize=8)
         axis.set_xlabel("along [mm]" if k >= 4 else "", fontsize=8)
         axis.set_ylabel("across [mm]" if k % 4 == 0 else "", fontsize=8)
     beyond = float(1e6 * pressure[list(instants.values())].max()) > points.scale
     draw_scale(axis, points.scale, beyond, ax=figure.axes, fraction=0.03)
     axis = figure.add_subplot(grid[2, :])
-    axis.plot(made.time, 1e3 * centre, color=BLUE, lw=0.4)
+    axis.plot(ran.time, 1e3 * centre, color=BLUE, lw=0.4)
     axis.axhline(1e3 * _OFFSET, color=VERMILION, ls="--", lw=0.9, label="mu h: 4.08 mm")
     axis.set(ylabel="pressure centre [mm]", xlabel="time [s]", xlim=(0.05, 0.8), ylim=(-22.0, 22.0))
     axis.legend(loc="upper left")
-    slides = (made.time > 0.25) & (made.time < 0.45)
+    slides = (ran.time > 0.25) & (ran.time < 0.45)
     offset = 1e3 * float(centre[slides].mean())
     yield Comparison("pressure centre in sliding", "mm", offset, 1e3 * _OFFSET, "theory", absolute=0.02)
-    uneven = np.abs(pressure - pressure[:, :, ::-1])[made.time < onset].max()
+    uneven = np.abs(pressure - pressure[:, :, ::-1])[ran.time < onset].max()
     yield Comparison("largest difference from side to side before", "MPa", float(uneven), 0.0, "paper", absolute=1e-9)
     for what, i, sign in (("foremost", front, 1.0), ("rearmost", rear, -1.0)):
         share = sign * float(centre[i]) / 0.0215
@@ -185,12 +185,12 @@ def tangential(figure: Figure) -> Compared:
     onsets = []
     examples = ((13, "plate_example_2", "3 mm/s, 0.1 MPa"), (14, "plate_example_3", "3 mm/s, 0.3 MPa"))
     for axis, (number, scene, title) in zip(axes, examples):
-        made = rig.simulate(load(scene), 1.2)
-        onset = _onset(made)
+        ran = rig.simulate(load(scene), 1.2)
+        onset = _onset(ran)
         onsets.append(onset)
-        hertz, density = _density(made, _LEVER * made.signals["pitch_acceleration"], onset)
+        hertz, density = _density(ran, _LEVER * ran.signals["pitch_acceleration"], onset)
         _spectrum(axis, hertz, density, _LINES[number], f"figure {number}: {title}; dashed: the paper [kHz]")
-        closed = made.signals["contact_fraction"][made.time > onset]
+        closed = ran.signals["contact_fraction"][ran.time > onset]
         what = f"{title}: largest share of open points"
         yield Comparison(what, "", 1.0 - float(closed.min()), 0.3, "reference", floor=True)
     axes[1].set_xlabel("frequency [kHz]")
@@ -211,12 +211,12 @@ def scaling(figure: Figure) -> Compared:
         scene = load("plate", **held)
         ends = {Load: {"force": force}, Ramp: {"to": speed}}
         protocol = tuple(step.model_copy(update=ends.get(type(step))) for step in scene.protocol)  # type: ignore[call-overload]
-        made = rig.simulate(replace(scene, protocol=protocol), 0.4)
-        share = made.signals["pitch_velocity"] / force
-        opens = _onset(made)
-        runs[title] = made.time, share, opens
+        ran = rig.simulate(replace(scene, protocol=protocol), 0.4)
+        share = ran.signals["pitch_velocity"] / force
+        opens = _onset(ran)
+        runs[title] = ran.time, share, opens
         style = "--" if colour == VERMILION else "-"
-        axis.plot(made.time, share, color=colour, lw=0.6, ls=style, label=f"{title}: opens at {opens:.4f} s")
+        axis.plot(ran.time, share, color=colour, lw=0.6, ls=style, label=f"{title}: opens at {opens:.4f} s")
     for axis in (upper, lower):
         low, high = axis.get_ylim()
         axis.set(ylabel="pitch velocity\nover the load [rad/(N s)]", xlim=(0.1, 0.4), ylim=(low, 1.5 * high))
@@ -267,8 +267,8 @@ def resolution(figure: Figure) -> Compared:
                 "flutter ends [mm]": 1e3 * float(zeros[-1]),
             }
         if coarser in ("80 modes", "120 modes"):
-            made = rig.simulate(load("plate_converged", **changes), 0.45)
-            quantities["first opening [s]"] = _onset(made)
+            ran = rig.simulate(load("plate_converged", **changes), 0.45)
+            quantities["first opening [s]"] = _onset(ran)
         for what, ours in quantities.items():
             title, unit = what[:-1].split(" [")
             before = quantities_of.get(coarser, {}).get(what, math.nan)

@@ -71,9 +71,9 @@ def figure(run: Run, only: Collection[str] = ()) -> Figure:
     return made
 
 
-def figure_of_import(made: Imported) -> Figure:
+def figure_of_import(imported: Imported) -> Figure:
     """Return the figure of the recording that was made of a measurement."""
-    return figure(reader.open(made.path))
+    return figure(reader.open(imported.path))
 
 
 def _composer(run: Run) -> Callable[[Figure, Run], None]:
@@ -81,13 +81,13 @@ def _composer(run: Run) -> Callable[[Figure, Run], None]:
     if run.measured:
         return _compose_measured
     scene = read(run.scene)
-    own = getattr(plant_of(scene.parameters), "FIGURE", None) if scene else None
-    points = Points.of(scene) if scene and own is None else None
+    declared = getattr(plant_of(scene.parameters), "FIGURE", None) if scene else None
+    points = Points.of(scene) if scene and declared is None else None
     if points is not None and run.signals.keys() >= set(points.names):
         return pressure_figure.compose
-    if scene is None or own is None or not run.signals.keys() >= set(own.outputs):
+    if scene is None or declared is None or not run.signals.keys() >= set(declared.outputs):
         return _compose
-    composer: Callable[[Figure, Run], None] = drawer_of(own, scene)
+    composer: Callable[[Figure, Run], None] = drawer_of(declared, scene)
     return composer
 
 
@@ -196,8 +196,8 @@ def draw_panel(axes: Axes, sheet: Sheet, panel: Panel) -> None:
     run = sheet.run
     title, _, unit = panel.title.rpartition(" [")
     unit = unit.removesuffix("]")
-    given = None if panel.outputs else sheet.sampled(panel.sensors[0], 1.0)[1]
-    factor, shown = sheet.scales.of(unit, given)
+    measured = None if panel.outputs else sheet.sampled(panel.sensors[0], 1.0)[1]
+    factor, shown = sheet.scales.of(unit, measured)
     fast = _beyond(run, sheet.channels, panel)
     slow = [output for output in panel.outputs if output not in fast]
     curves(axes, sheet, slow, panel.sensors, factor)
