@@ -84,7 +84,7 @@ class Drawing:
         self._hidden = hidden
         self.pair = None if self.points or apart else self.channels.portrait
         """Outputs of the phase portrait, of which a film of points and outputs apart from one another have none."""
-        self._portrait = None
+        self._portrait: Portrait | None = None
         if self.pair:
             displacement, velocity = self.pair
             self._portrait = Portrait((outputs[displacement], outputs[velocity]))

@@ -133,13 +133,6 @@ class Header:
             axes.text(self._end, self._rows + 0.65, text, ha="right", va="center", fontsize=NOTE, color=FAINT)
 
 
-def _shortened(text: str) -> Iterator[str]:
-    """A text of the protocol and its shorter forms: "drive.speed to 2 m/s", "to 2 m/s", "2 m/s"."""
-    for short in (text, "to" + text.partition(" to")[2], text.rpartition(" to ")[2]):
-        if short not in ("", "to"):
-            yield short
-
-
 def stacked(
     figure: Figure, run: Run, header: Header, count: int, box: tuple[float, float, float]
 ) -> tuple[list[Axes], float]:
@@ -217,3 +210,10 @@ def _rows(run: Run, modes: Integers) -> list[tuple[str, str]]:
     if provenance:
         rows.append(("made with", ", ".join(provenance)))
     return rows
+
+
+def _shortened(text: str) -> Iterator[str]:
+    """A text of the protocol and its shorter forms: "drive.speed to 2 m/s", "to 2 m/s", "2 m/s"."""
+    for short in (text, "to" + text.partition(" to")[2], text.rpartition(" to ")[2]):
+        if short not in ("", "to"):
+            yield short

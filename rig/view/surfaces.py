@@ -118,18 +118,6 @@ class Cells:
         log(f"{self._root}/scale/words", marks)
 
 
-def _triangles(count: int) -> base.Integers:
-    """Corners of the triangles of `count` rectangles, whose corners follow one another."""
-    first = 4 * np.arange(count)[:, None, None]
-    return (first + _TRIANGLES).reshape(-1, 3)
-
-
-def _rectangle(left: float, right: float, y: float) -> list[tuple[float, float, float]]:
-    """Corners of a rectangle of the colour scale that stands on the height `y`."""
-    top = y + 0.09
-    return [(left, y, 0.0), (right, y, 0.0), (right, top, 0.0), (left, top, 0.0)]
-
-
 class Surfaces(base.Picture):
     """The contacts of a structure: their maps, seen from above."""
 
@@ -166,3 +154,16 @@ class Surfaces(base.Picture):
             word = base.word(t_ns, place, texts, [_GREY] * len(t_ns))
             words.append(word._replace(path=f"rig/word/{surface.name}"))
         return [*self._cells.frames(t_ns, s), *words]
+
+
+def _triangles(count: int) -> base.Integers:
+    """Corners of the triangles of `count` rectangles, whose corners follow one another."""
+    first = 4 * np.arange(count)[:, None, None]
+    corners: base.Integers = (first + _TRIANGLES).reshape(-1, 3)
+    return corners
+
+
+def _rectangle(left: float, right: float, y: float) -> list[tuple[float, float, float]]:
+    """Corners of a rectangle of the colour scale that stands on the height `y`."""
+    top = y + 0.09
+    return [(left, y, 0.0), (right, y, 0.0), (right, top, 0.0), (left, top, 0.0)]
