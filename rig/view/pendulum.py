@@ -51,8 +51,8 @@ class Pendulum(base.Picture):
         zoom = self.scale.motion
         colours = base.coloured(modes)
         angles = zoom * s[drawn.angle]
-        tips = _on_circle(0.55, angles, np.full_like(angles, 0.2))
-        heads = _on_circle(_ARM, angles, np.full_like(angles, 0.24))
+        tips = _on_circle(0.55, angles, 0.2)
+        heads = _on_circle(_ARM, angles, 0.24)
         post = np.broadcast_to(_POST, tips.shape)
         friction = s[drawn.friction]
         normal = s[drawn.normal]
@@ -100,9 +100,11 @@ class Slider(Pendulum):
         return list(drawn.values())
 
 
-def _on_circle(radius: float, angles: base.Reals, heights: base.Reals) -> base.Reals:
-    """Points [frame, xyz] on a circle about the axis of the disc."""
-    return np.stack((radius * np.cos(angles), radius * np.sin(angles), heights), axis=1)
+def _on_circle(radius: float, angles: base.Reals, height: base.Reals | float) -> base.Reals:
+    """Points [frame, xyz] on a circle about the axis of the disc; a height that is one number holds in all frames."""
+    x = radius * np.cos(angles)
+    y = radius * np.sin(angles)
+    return np.stack((x, y, np.broadcast_to(height, x.shape)), axis=1)
 
 
 def disc(log: base.Log) -> None:

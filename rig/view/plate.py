@@ -66,9 +66,11 @@ class Plate(base.Picture):
         """See `Picture.static`."""
         plate = self._plate
         slider = self._slider
+        plate_size = (plate.length, plate.width, plate.thickness)
+        foam_size = (plate.length, plate.width, self._foam.thickness)
         foam_top = -plate.thickness / _LENGTH
-        log("rig/plate", _below(0.0, (plate.length, plate.width, plate.thickness), base.DISC))
-        log("rig/foam", _below(foam_top, (plate.length, plate.width, self._foam.thickness), _FOAM))
+        log("rig/plate", _below(0.0, plate_size, base.DISC))
+        log("rig/foam", _below(foam_top, foam_size, _FOAM))
         half = _half((slider.length, slider.width, slider.thickness))
         body = base.Shape(
             "Boxes3D",
