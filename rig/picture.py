@@ -13,7 +13,7 @@ the normal force as arrows, and the body in the colour of its contact state. Mot
 
 A plant with another figure of a run than the common one declares it as well:
 
-    FIGURE = Own("rig.view.pressure:compose", ("plate_acceleration",))
+    FIGURE = Own("rig.view.pressure_figure:compose", ("plate_acceleration",))
 """
 
 from __future__ import annotations

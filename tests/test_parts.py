@@ -14,9 +14,19 @@ from rig.scenes.variants import optional
 
 ROOT = Path(__file__).parent.parent
 WORDS = {
-    "drive", "load", "friction", "noise", "disc", "slope", "film", "slider", "normal_force", "c", "fmu",
+    "drive",
+    "load",
+    "friction",
+    "noise",
+    "disc",
+    "slope",
+    "film",
+    "slider",
+    "normal_force",
+    "c",
+    "fmu",
     "structure",
-}  # fmt: skip
+}
 """Names of parts that are words of other rooms too: quantities, steps of a protocol, terms of the energy balance."""
 KNOWN = {
     "rig/cli/runs.py": {"pendulum"},  # the scene of `rig demo`

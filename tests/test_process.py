@@ -69,11 +69,14 @@ with stopping() as stop:
 """
 
 
-@pytest.mark.parametrize(("number", "first", "heard"), [
-    (signal.SIGTERM, "", True),
-    (signal.SIGHUP, "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL)\n", True),  # also under nohup
-    (signal.SIGHUP, "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n", False),  # as nohup does
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("number", "first", "heard"),
+    [
+        (signal.SIGTERM, "", True),
+        (signal.SIGHUP, "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL)\n", True),  # also under nohup
+        (signal.SIGHUP, "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n", False),  # as nohup does
+    ],
+)
 def test_signals_to_stop_are_heard(number, first, heard):
     code = first + HEARS.format(wait=20.0 if heard else 1.0)
     process = subprocess.Popen([sys.executable, "-c", code], text=True, stdout=subprocess.PIPE)

@@ -182,8 +182,13 @@ def test_lines_with_columns_in_common_become_a_table_and_nothing_is_markup():
     assert "&lt;b&gt;scene&lt;/b&gt;: 2 modes" in head
     assert table.count("<tr>") == 3
     assert [cell.partition("<")[0] for cell in table.split('0">')[1:]] == [
-        "mode", "growth 1/s", "flutter", "1.5", "&lt;i&gt;", "-20"
-    ]  # fmt: skip
+        "mode",
+        "growth 1/s",
+        "flutter",
+        "1.5",
+        "&lt;i&gt;",
+        "-20",
+    ]
     assert "a line of words" in tail
 
 

@@ -17,7 +17,7 @@ import rig
 from rig.analysis.averaged import mean_friction
 from rig.analysis.control_loop import loop
 from rig.model.mode_sets import ModeSets, guard_bounds
-from rig.papers.kroeger_brake import CAPACITANCE, stack, transfer
+from rig.papers.kroeger_shunt import CAPACITANCE, stack, transfer
 from rig.solve.expm import balance
 from rig.solve.many_states import QUICK
 from rig.stability.linearisation import sliding_key, steady

@@ -1,21 +1,13 @@
 """One figure or table of a paper: its drawing, its scenes, and its comparison with published numbers.
 
-Beside it what the figures share (scenes with changes, runs without a protocol, tables), and the gallery: several
-figures at once in worker processes, the file of their numbers, from which a figure that is made again leaves the others
-on the page, and the page itself in Markdown.
+Beside it what the figures share: scenes with changes, runs without a protocol, tables.
 """
 
 from __future__ import annotations
 
-import difflib
-import importlib
-import io
-import json
 import math
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cache, partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,20 +15,30 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
 
 import rig
 from rig.analysis.axis import Axis
 from rig.analysis.map.dither import boundary
 from rig.analysis.map.job import Job, Settings
-from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
 from rig.analysis.stick_speeds import Stages, stages
-from rig.errors import UsageError
-from rig.machine.files import DATA, contents, write_file
 from rig.model.friction_law import Law
 from rig.record.run import Reals, Run
 from rig.scenes.scene import Scene
-from rig.view.palette import BARE, encoded, page, put
+
+PAPERS = {
+    "kroeger": "Kroeger, Neubauer, Popp: Experimental investigation on the avoidance of self-excited vibrations. "
+    "Phil. Trans. R. Soc. A 366 (2008) 785-810",
+    "liu000": "Liu, Ouyang: Suppression of friction-induced-vibration in MDoF systems using tangential harmonic "
+    "excitation. Meccanica 55 (2020) 1525-1542",
+    "liu003": "Liu, Ouyang: Friction-induced vibration of a slider-on-rotating-disc system considering uniform and "
+    "non-uniform friction characteristics with bi-stability. Mech. Syst. Signal Process. 164 (2022) 108222",
+    "detachment": "A new mechanism for friction-induced vibration and noise: detachment and reattachment",
+    "bistable": "Tonazzi, Passafiume, Papangelo, Hoffmann, Massi: Numerical and experimental analysis of the bi-stable "
+    "state for frictional continuous system. Nonlinear Dyn. 102 (2020) 1361-1374",
+}
+Source = Literal["paper", "reference", "theory", "coarser"]
+TOLD = "Controllers are designed for the scene of each run; they know the rig."
+"""The note of a figure with control loops: which rig its controllers believe in (rig.scenes.belief)."""
 
 
 def load(name: str, **changes: Any) -> Scene:
@@ -98,25 +100,8 @@ def dither_boundary(scene: Scene, rate: float, fast: float, shares: Reals) -> tu
     amplitudes = Axis.of("dither.amplitude", shares * fast * rate, scene)
     boundaries = boundary(Job(scene, frequencies, amplitudes, Settings("displacement")), 0)
     leading, averaged, simulated = (float(boundaries[name].mean()) for name in ("leading", "averaged", "simulated"))
-    return leading / (fast * rate), averaged / (fast * rate), simulated / (fast * rate)
-
-
-ROOMS = ("kroeger", "kroeger_brake", "kroeger_loops", "liu_dither", "liu_lever", "detachment", "bistable")
-PAPERS = {
-    "kroeger": "Kroeger, Neubauer, Popp: Experimental investigation on the avoidance of self-excited vibrations. "
-    "Phil. Trans. R. Soc. A 366 (2008) 785-810",
-    "liu000": "Liu, Ouyang: Suppression of friction-induced-vibration in MDoF systems using tangential harmonic "
-    "excitation. Meccanica 55 (2020) 1525-1542",
-    "liu003": "Liu, Ouyang: Friction-induced vibration of a slider-on-rotating-disc system considering uniform and "
-    "non-uniform friction characteristics with bi-stability. Mech. Syst. Signal Process. 164 (2022) 108222",
-    "detachment": "A new mechanism for friction-induced vibration and noise: detachment and reattachment",
-    "bistable": "Tonazzi, Passafiume, Papangelo, Hoffmann, Massi: Numerical and experimental analysis of the bi-stable "
-    "state for frictional continuous system. Nonlinear Dyn. 102 (2020) 1361-1374",
-}
-_MOST_POINTS = 1500  # of a curve in an SVG file
-_PLAIN: dict[str, Any] = {"colors": 96}  # colours of a picture: reduces it to a third of the bytes
-_MAPPED: dict[str, Any] = {"colors": 256, "method": 2}  # octree: few colours would make steps in a colour bar
-Source = Literal["paper", "reference", "theory", "coarser"]
+    unit = fast * rate
+    return leading / unit, averaged / unit, simulated / unit
 
 
 @dataclass(frozen=True)
@@ -157,21 +142,27 @@ class Comparison:
             return "at least"
         if not self.compared:
             return ""
-        parts = [f"{self.relative:.2g} relative"] if self.relative else []
-        return " + ".join(parts + ([f"{self.absolute:.2g} {self.unit}".strip()] if self.absolute else [])) or "equal"
+        parts = []
+        if self.relative:
+            parts.append(f"{self.relative:.2g} relative")
+        if self.absolute:
+            parts.append(f"{self.absolute:.2g} {self.unit}".strip())
+        return " + ".join(parts) or "equal"
 
     @property
     def result(self) -> str:
         """What the comparison shows, in words."""
         if not self.compared:
             return "no number in the paper"
-        return "agrees" if self.agrees else "not reproduced" if self.missed else "DIFFERS"
+        if self.agrees:
+            return "agrees"
+        return "not reproduced" if self.missed else "DIFFERS"
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values, with `agrees`; what is no number is null."""
-        finite = {name: value if math.isfinite(value) else None for name, value in
-                  (("ours", self.ours), ("expected", self.expected))}  # fmt: skip
-        return vars(self) | {"agrees": self.agrees} | finite
+        ours = self.ours if math.isfinite(self.ours) else None
+        expected = self.expected if math.isfinite(self.expected) else None
+        return vars(self) | {"agrees": self.agrees, "ours": ours, "expected": expected}
 
 
 Compared = Iterator[Comparison]
@@ -188,10 +179,6 @@ def numbered(
     """Compare values one after the other; `what` contains the place of their number as {}."""
     rows = ((what.format(number), *pair) for number, pair in enumerate(zip(ours, expected), 1))
     return compared(rows, unit, source, **bound)
-
-
-TOLD = "Controllers are designed for the scene of each run; they know the rig."
-"""The note of a figure with control loops: which rig its controllers believe in (rig.scenes.belief)."""
 
 
 @dataclass(frozen=True)
@@ -242,159 +229,3 @@ class Result:
             "agrees": self.agrees,
             "comparisons": [comparison.to_json() for comparison in self.comparisons],
         }
-
-
-@cache
-def entries() -> dict[str, Entry]:
-    """Return every entry by name, in the order of the papers."""
-    by_name: dict[str, Entry] = {}
-    for room in ROOMS:
-        by_name |= {entry.name: entry for entry in importlib.import_module(f"rig.papers.{room}").ENTRIES}
-    return by_name
-
-
-def pick(wanted: str) -> list[Entry]:
-    """Return the entry of that name, all of a paper, or "all". Raises UsageError with similar names."""
-    known = entries()
-    if wanted == "all":
-        return list(known.values())
-    of_paper = [entry for entry in known.values() if entry.paper == wanted]
-    if of_paper:
-        return of_paper
-    if wanted not in known:
-        near = difflib.get_close_matches(wanted, known, 3, 0.4)
-        hint = f"did you mean {', '.join(near)}? " if near else ""
-        raise UsageError(
-            f"no figure {wanted!r}: {hint}known: {', '.join(known)}; or a paper ({', '.join(PAPERS)}), or all"
-        )
-    return [known[wanted]]
-
-
-def make(entry: Entry, folder: Path) -> Result:
-    """Draw an entry into `folder` (PNG and SVG) and compare its numbers."""
-    begin = time.perf_counter()
-    path = folder / f"{entry.name}.png"
-    with page(*entry.size, style=BARE, dpi=110, layout="constrained") as figure:
-        comparisons = tuple(entry.draw(figure))
-        figure.align_ylabels()
-        figure.suptitle(f"{entry.number}: {entry.title}", x=0.01, ha="left", fontsize=12.5, fontweight="bold")
-        folder.mkdir(parents=True, exist_ok=True)
-        drawn = Image.open(io.BytesIO(encoded(figure, "png")))
-        how = _MAPPED if any(hasattr(axes, "_colorbar") for axes in figure.axes) else _PLAIN
-        drawn.convert("RGB").quantize(**how, dither=Image.Dither.NONE).save(path, optimize=True)
-        _as_pixels(figure)
-        put(figure, path.with_suffix(".svg"))
-    return Result(entry, comparisons, path, time.perf_counter() - begin)
-
-
-def _as_pixels(figure: Figure) -> None:
-    """Let an SVG file contain curves of very many points as pixels: as lines they would be megabytes."""
-    for axes in figure.get_axes():
-        for line in axes.get_lines():
-            line.set_rasterized(len(line.get_xdata()) > _MOST_POINTS)  # type: ignore[arg-type]
-        for mesh in axes.collections:
-            many = sum(len(np.asarray(path.vertices)) for path in mesh.get_paths()) > _MOST_POINTS
-            if many or mesh.get_array() is not None:  # the latter is a coloured map
-                mesh.set_rasterized(True)
-
-
-_FILE = "numbers.json"
-
-
-def keep(results: Iterable[Result], folder: Path) -> list[Result]:
-    """Write `results` into `folder`, replacing older ones of the same figures; return all, in the order of the
-    papers.
-    """
-    by_name = {result.entry.name: result for result in (*kept(folder), *results)}
-    held = [by_name[name] for name in entries() if name in by_name]
-    text = json.dumps([stored(result) for result in held], indent=1, allow_nan=False)
-    write_file(folder / _FILE, f"{text}\n".encode())
-    return held
-
-
-def stored(result: Result) -> dict[str, Any]:
-    """Return a result as JSON values, its picture without the folder."""
-    return {**result.to_json(), "picture": result.picture.name}
-
-
-def restored(raw: dict[str, Any], folder: Path) -> Result:
-    """Return the result of `stored`, whose picture is in `folder`."""
-    compared = tuple(map(_compared, raw["comparisons"]))
-    return Result(entries()[raw["name"]], compared, folder / raw["picture"], raw["seconds"])
-
-
-def kept(folder: Path) -> list[Result]:
-    """Return the results that earlier calls kept in `folder`, of figures that still exist."""
-    try:
-        read = json.loads(contents(folder / _FILE, DATA))
-    except (OSError, ValueError):
-        return []
-    return [restored(saved, folder) for saved in read if saved["name"] in entries()]
-
-
-def _compared(raw: dict[str, Any]) -> Comparison:
-    values = {field.name: raw[field.name] for field in fields(Comparison) if field.name in raw}
-    return Comparison(**values | {name: math.nan for name in ("ours", "expected") if raw[name] is None})
-
-
-def make_all(
-    wanted: Sequence[Entry], folder: Path, progress: Progress | None = None, workers: int | None = None
-) -> list[Result]:
-    """Draw entries into `folder` (PNG, SVG) and compare numbers, in `workers` processes, by default one for each core.
-
-    Raises WorkerError if a figure cannot be made.
-    """
-    work = Work(partial(_figure, folder), [entry.name for entry in wanted])
-    with temporary(work) as store:
-        by_unit = carry_out(work, store, workers, progress)
-    return [restored(unpacked(by_unit[unit]), folder) for unit in sorted(by_unit)]
-
-
-def _figure(folder: Path, name: str) -> Arrays:
-    """Draw a figure and compare its numbers."""
-    return packed(stored(make(entries()[name], folder)))
-
-
-def gallery_page(results: Sequence[Result], machine: str) -> str:
-    """Return a page of pictures and tables, for the folder of the pictures."""
-    head = ("# Figures of the papers, reproduced", "", f"Made by `rig reproduce`, the last of them on {machine}.", "")
-    return "\n".join((*head, *gallery_tables(results))) + "\n"
-
-
-def gallery_tables(results: Sequence[Result]) -> list[str]:
-    """Return the lines of the page below its head: a table of the figures, then each figure with its numbers."""
-    lines = [
-        "A number agrees when it lies within the bound beside it. *Not reproduced*: it is known to lie outside.",
-        "Sources: *paper*, printed there; *reference*, an independent computation of the same equations with the same",
-        "parameters; *theory*, a closed form; *coarser*, ours with a coarser resolution.",
-        "",
-        "| figure | what | scenes | numbers | agree |",
-        "|---|---|---|---|---|",
-    ]
-    for result in results:
-        scenes = ", ".join(f"`{scene}`" for scene in result.entry.scenes)
-        lines.append(
-            f"| [{result.entry.paper} {result.entry.number}](#{result.entry.name}) | {result.entry.title} | {scenes} "
-            f"| {len(result.comparisons)} | {result.counted} |"
-        )
-    for paper, title in PAPERS.items():
-        mine = [result for result in results if result.entry.paper == paper]
-        if not mine:
-            continue
-        lines += ["", f"## {title}"]
-        for result in mine:
-            lines += [
-                "",
-                f"### {result.entry.name}",
-                "",
-                f"{result.entry.number}: {result.entry.title}. {result.entry.note}".strip(),
-            ]
-            lines += ["", f"![{result.entry.title}]({result.picture.name})", ""]
-            lines += [f"The figure as [SVG]({result.picture.with_suffix('.svg').name}).", ""]
-            lines += ["| number | ours | expected | source | bound | |", "|---|---|---|---|---|---|"]
-            lines += [
-                f"| {c.what} | {c.ours:.7g} {c.unit} | {f'{c.expected:.7g} {c.unit}' if c.compared else ''} "
-                f"| {c.source} | {c.bound} | {c.result} |"
-                for c in result.comparisons
-            ]
-    return lines

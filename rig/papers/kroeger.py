@@ -19,6 +19,19 @@ from rig.papers.entry import Compared, Comparison, Entry, compared, law_of, load
 from rig.record.run import Reals
 from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
 
+FINE = "5 us"  # frame of the runs of the tread block, whose cycle lasts 0.4 to 4 ms
+_LIMITS = {
+    0.0: 6.139,
+    10.0: 5.924,
+    20.0: 5.730,
+    50.0: 5.236,
+    100.0: 4.619,
+    200.0: 3.797,
+    500.0: 2.551,
+    1000.0: 1.646,
+}
+"""Damping of the seal [N s/m]: critical speed [mm/s] of the reference."""
+
 
 def cycles(figure: Figure) -> Compared:
     """Phase curves and friction characteristics A, B, C."""
@@ -39,10 +52,12 @@ def cycles(figure: Figure) -> Compared:
         speeds = np.linspace(1e-6, 0.3, 300)
         laws.plot(1e3 * speeds, [law.mu(v) for v in speeds], color=colour, ls=line, label=f"{shown} ({name})")
         if name != "belt_c_damped":
-            laws.plot([0.0], [law.static], "o", color=colour, markersize=9 if name == "belt_c" else 4, fillstyle="none")
+            size = 9 if name == "belt_c" else 4
+            laws.plot([0.0], [law.static], "o", color=colour, markersize=size, fillstyle="none")
         ran = rig.simulate(quiet(scene), 12.0)
         last = ran.time > ran.time[-1] - 2.0 * cycle.period
-        x, v = (1e3 * ran.signals[key][last] for key in ("displacement", "velocity"))
+        x = 1e3 * ran.signals["displacement"][last]
+        v = 1e3 * ran.signals["velocity"][last]
         phases.plot(x, v, color=colour, ls=line)
         bound: dict[str, Any] = {"source": "reference", "relative": 5e-7, "absolute": 6e-8}
         yield Comparison(f"{name}: period", "s", cycle.period, period, **bound)
@@ -60,12 +75,15 @@ def onset(figure: Figure) -> Compared:
         modes = rig.modes(quiet(load(name)))
         rest = modes.sliding.equilibrium["displacement"]
         for offset, shade in ((2e-4, 1.0), (4e-3, 0.45)):
-            ran = rig.simulate(quiet(load(name, start__displacement=rest + offset, start__velocity=0.0)), 8.0)
-            x, v = (1e3 * ran.signals[key] for key in ("displacement", "velocity"))
+            scene = load(name, start__displacement=rest + offset, start__velocity=0.0)
+            ran = rig.simulate(quiet(scene), 8.0)
+            x = 1e3 * ran.signals["displacement"]
+            v = 1e3 * ran.signals["velocity"]
             axis.plot(x, v, color=colour, alpha=shade, lw=0.7)
         axis.set(title=f"{name}, {modes.sliding.growth:+.3f} 1/s", xlabel="displacement [mm]")
     axes[0].set_ylabel("velocity [mm/s]")
-    growth, damped = (rig.modes(name).sliding.growth for name in ("belt", "belt_c_damped"))
+    growth = rig.modes("belt").sliding.growth
+    damped = rig.modes("belt_c_damped").sliding.growth
     yield Comparison("A: growth rate", "1/s", growth, 3.6553, "reference", absolute=6e-5)
     theory = (-law_of(load("belt")).slope(0.06) * 20.0 - 2.0) / (2.0 * 5.0)
     yield Comparison("A: (dmu F_N - d) / 2 m", "1/s", growth, theory, "theory", relative=1e-9)
@@ -76,7 +94,8 @@ def energy(figure: Figure) -> Compared:
     """A falling law, B: time histories over a period, and energy over the amplitude, T dmu F0 v^2 / 2 if small."""
     scene = load("belt_b")
     law = law_of(scene)
-    speed, force = 0.06, 20.0
+    speed = 0.06
+    force = 20.0
     slope = value(scene, "friction.slope")
     period = 2.0 * math.pi * math.sqrt(5.0 / 2500.0)
     phase = np.linspace(0.0, 2.0 * math.pi, 4001)[:-1]
@@ -93,26 +112,31 @@ def energy(figure: Figure) -> Compared:
     friction = force * np.array([law.mu(w) for w in speed - swing])
     _period([panels[name] for name in "abcd"], phase / (2.0 * math.pi), swing, speed - swing, friction)
     axis = panels["energy"]
-    for shown, line, colour, label in (
-        (np.array([put_in(a) for a in amplitudes]), "-", BLUE, "from friction"),
-        (0.5 * 2.0 * amplitudes**2 * period, "-", VERMILION, "to the damper"),
-        (0.5 * slope * force * amplitudes**2 * period, "--", GREY, "small amplitudes"),
-    ):
-        axis.plot(1e3 * amplitudes, 1e3 * shown, line, color=colour, label=label)
+    from_friction = np.array([put_in(amplitude) for amplitude in amplitudes])
+    to_damper = 0.5 * 2.0 * amplitudes**2 * period
+    small = 0.5 * slope * force * amplitudes**2 * period
+    axis.plot(1e3 * amplitudes, 1e3 * from_friction, "-", color=BLUE, label="from friction")
+    axis.plot(1e3 * amplitudes, 1e3 * to_damper, "-", color=VERMILION, label="to the damper")
+    axis.plot(1e3 * amplitudes, 1e3 * small, "--", color=GREY, label="small amplitudes")
     axis.set(xlabel="amplitude of velocity [mm/s]", ylabel="energy in a period [mJ]", ylim=(-2.0, 12.0))
     axis.legend(loc="upper left")
     power = friction * swing
-    yield Comparison("40 mm/s: largest power over the largest that is returned", "", power.max() / -power.min(), 1.0,
-                     "paper", floor=True)  # fmt: skip
+    what = "40 mm/s: largest power over the largest that is returned"
+    yield Comparison(what, "", power.max() / -power.min(), 1.0, "paper", floor=True)
     theory = period * slope * force * 0.01**2 / 2.0
     yield Comparison("E at 10 mm/s: T dmu F0 v^2 / 2", "J", put_in(0.01), theory, "theory", relative=1e-9)
 
 
 def _period(axes: list[Axes], time: Reals, velocity: Reals, slip: Reals, friction: Reals) -> None:
     """Draw velocity, slip speed and friction force, and the power of friction, over periods."""
-    for axis, shown, label in zip(axes, (1e3 * velocity, 1e3 * slip, friction, friction * velocity),
-                                  ("(a) velocity\n[mm/s]", "(b) slip speed\n[mm/s]", "(c) friction\nforce [N]",
-                                   "(d) power of\nfriction [W]")):  # fmt: skip
+    curves = (1e3 * velocity, 1e3 * slip, friction, friction * velocity)
+    labels = (
+        "(a) velocity\n[mm/s]",
+        "(b) slip speed\n[mm/s]",
+        "(c) friction\nforce [N]",
+        "(d) power of\nfriction [W]",
+    )
+    for axis, shown, label in zip(axes, curves, labels):
         axis.plot(time, shown, color=BLUE)
         axis.axhline(float(np.mean(shown)), color=GREY, lw=0.7, ls="--")
         axis.set_ylabel(label)
@@ -126,14 +150,18 @@ def fluctuating(figure: Figure) -> Compared:
     scene = load("belt_fluctuating_load")
     ran = rig.simulate(scene)
     period = 1.0 / value(scene, "dither.frequency")
-    mu, swing = value(scene, "friction.mu"), value(scene, "dither.amplitude")
+    mu = value(scene, "friction.mu")
+    swing = value(scene, "dither.amplitude")
     last = ran.time > ran.time[-1] - period
     panels = figure.subplot_mosaic([["a", "grows"], ["b", "grows"], ["c", "phase"], ["d", "phase"]])
-    v, w, T = (ran.signals[name][last] for name in ("velocity", "slip_speed", "friction_force"))
-    _period([panels[name] for name in "abcd"], (ran.time[last] - ran.time[last][0]) / period, v, w, T)
+    t = ran.time[last]
+    v = ran.signals["velocity"][last]
+    w = ran.signals["slip_speed"][last]
+    T = ran.signals["friction_force"][last]
+    _period([panels[name] for name in "abcd"], (t - t[0]) / period, v, w, T)
     panels["grows"].plot(ran.time, 1e3 * ran.signals["velocity"], color=BLUE, lw=0.6)
     panels["grows"].set(xlabel="time [s]", ylabel="velocity [mm/s]")
-    top = float(ran.signals["velocity"][last].max())
+    top = float(v.max())
     phases = np.linspace(-math.pi, math.pi, 73)
     turn = np.linspace(0.0, 2.0 * math.pi, 721)[:-1]
 
@@ -144,16 +172,15 @@ def fluctuating(figure: Figure) -> Compared:
     panels["phase"].plot(np.degrees(phases), [1e3 * put_in(angle) for angle in phases], color=BLUE)
     panels["phase"].axhline(0.0, color=GREY, lw=0.7)
     panels["phase"].set(xlabel="phase of the load behind the velocity [degrees]", ylabel="energy in a period [mJ]")
-    yield Comparison("amplitude: mu Fh / d", "m/s", top, mu * swing / value(scene, "body.damping"), "theory",
-                     relative=0.03)  # fmt: skip
+    theory = mu * swing / value(scene, "body.damping")
+    yield Comparison("amplitude: mu Fh / d", "m/s", top, theory, "theory", relative=0.03)
     simulated = float(np.mean(T * v)) * period
-    yield Comparison("energy in a period, simulated: mu Fh vh T / 2", "J", simulated, mu * swing * top * period / 2.0,
-                     "theory", relative=0.02)  # fmt: skip
-    rows = (
-        (f"phase {math.degrees(phase):g} degrees: energy over that in phase", put_in(phase) / put_in(0.0), expected)
-        for phase, expected in ((0.0, 1.0), (0.5 * math.pi, 0.0), (math.pi, -1.0))
-    )
-    yield from compared(rows, "", "theory", absolute=1e-9)
+    theory = mu * swing * top * period / 2.0
+    yield Comparison("energy in a period, simulated: mu Fh vh T / 2", "J", simulated, theory, "theory", relative=0.02)
+    for phase, expected in ((0.0, 1.0), (0.5 * math.pi, 0.0), (math.pi, -1.0)):
+        share = put_in(phase) / put_in(0.0)
+        what = f"phase {math.degrees(phase):g} degrees: energy over that in phase"
+        yield Comparison(what, "", share, expected, "theory", absolute=1e-9)
 
 
 def pin(figure: Figure) -> Compared:
@@ -176,19 +203,21 @@ def pin(figure: Figure) -> Compared:
 
 def north(figure: Figure) -> Compared:
     """North's model: flutter limit of one body, divergence limit of another."""
-    for axis, name, span, expected in zip(
-        figure.subplots(1, 2), ("north", "north_divergence"), ((0.0, 0.6), (0.6, 1.4)), (0.252695, 1.086806)
-    ):
-        swept = rig.sweep(name, "friction.mu", np.linspace(*span, 61))
+    cases = (("north", 0.0, 0.6, 0.252695), ("north_divergence", 0.6, 1.4, 1.086806))
+    for axis, (name, low, high, expected) in zip(figure.subplots(1, 2), cases):
+        swept = rig.sweep(name, "friction.mu", np.linspace(low, high, 61))
         axis.plot(swept.axis.values, swept.growth, ".", markersize=2.5, color=BLUE)
         axis.axhline(0.0, color=GREY, lw=0.7)
         first = swept.critical[0]
         axis.axvline(first.value, color=VERMILION, ls="--", lw=1.0)
-        axis.set(
-            title=f"{name}: {first.kind} at {first.value:.6f}", xlabel="friction coefficient", ylabel="growth [1/s]"
-        )
+        title = f"{name}: {first.kind} at {first.value:.6f}"
+        axis.set(title=title, xlabel="friction coefficient", ylabel="growth [1/s]")
         yield Comparison(f"{name}: {first.kind}", "", first.value, expected, "reference", absolute=6e-7)
-    s, h, c2, c1, c_phi = 0.012, 0.012, 8e7, 2e7, 200.0
+    s = 0.012
+    h = 0.012
+    c2 = 8e7
+    c1 = 2e7
+    c_phi = 200.0
     theory = s / h + c_phi / (h * s * c2) + c_phi / (h * s * c1)
     yield Comparison("equation 2.5", "", swept.critical[0].value, theory, "theory", relative=1e-9)
 
@@ -196,42 +225,46 @@ def north(figure: Figure) -> Compared:
 def seal(figure: Figure) -> Compared:
     """Friction force of the seal over speed."""
     scene = load("seal_p")
-    law, force_per_mu = law_of(scene), value(scene, "friction.load")
+    law = law_of(scene)
+    force_per_mu = value(scene, "friction.load")
+
+    def force_at(speed: float) -> float:
+        return force_per_mu * law.mu(speed)
+
     speeds = np.linspace(0.0, 0.04, 400)
-    force = np.array([force_per_mu * law.mu(v) for v in speeds])
+    force = np.array([force_at(v) for v in speeds])
     axis = figure.subplots()
     axis.plot(1e3 * speeds, force, color=BLUE, label="scene seal_p")
     axis.set(xlabel="speed [mm/s]", ylabel="friction force [N]", ylim=(0.0, 12.0))
     printed = {0: 9.820, 1: 6.912, 2: 5.743, 5: 4.842, 7: 4.821, 10: 5.009, 20: 6.015, 40: 7.925}
     axis.plot(list(printed), list(printed.values()), "o", color=VERMILION, markersize=4, label="equation 3.1")
     axis.legend()
-    rows = ((f"force at {v} mm/s", force_per_mu * law.mu(v * 1e-3), expected) for v, expected in printed.items())
+    rows = ((f"force at {v} mm/s", force_at(v * 1e-3), expected) for v, expected in printed.items())
     yield from compared(rows, "N", "theory", absolute=6e-4)
-    lowest = minimize_scalar(
-        lambda v: force_per_mu * law.mu(v * 1e-3), bounds=(3.0, 10.0), method="bounded", options={"xatol": 1e-9}
-    )
+    close = {"xatol": 1e-9}
+    lowest = minimize_scalar(lambda v: force_at(v * 1e-3), bounds=(3.0, 10.0), method="bounded", options=close)
     yield Comparison("speed of the minimum", "mm/s", float(lowest.x), 6.139, "theory", absolute=6e-4)
 
 
 def seal_limits(figure: Figure) -> Compared:
     """Stability of the seal over speed and damping, with the axes of the paper."""
-    reference = {0.0: 6.139, 10.0: 5.924, 20.0: 5.730, 50.0: 5.236, 100.0: 4.619, 200.0: 3.797, 500.0: 2.551,
-                 1000.0: 1.646}  # fmt: skip
     axis = figure.subplots()
     limits = []
-    for damping in reference:
+    for damping in _LIMITS:
         swept = rig.sweep(load("seal_p", body__damping=damping), "drive.speed", np.linspace(5e-4, 0.012, 40))
         limits += [1e3 * crossing.value for crossing in swept.critical]
-    rows = [(f"d = {d / 1e3:g} N s/mm", limit, reference[d]) for d, limit in zip(reference, limits, strict=True)]
-    yield from compared(rows, "mm/s", "reference", absolute=6e-4)
-    yield Comparison("highest critical speed of equation 3.1, without damping", "mm/s", max(limits), 7.0, "paper",
-                     relative=0.05, missed=True)  # fmt: skip
-    law, force_per_mu = law_of(load("seal_p")), value(load("seal_p"), "friction.load")
+    for (damping, expected), limit in zip(_LIMITS.items(), limits, strict=True):
+        what = f"d = {damping / 1e3:g} N s/mm"
+        yield Comparison(what, "mm/s", float(limit), expected, "reference", absolute=6e-4)
+    what = "highest critical speed of equation 3.1, without damping"
+    yield Comparison(what, "mm/s", max(limits), 7.0, "paper", relative=0.05, missed=True)
+    law = law_of(load("seal_p"))
+    force_per_mu = value(load("seal_p"), "friction.load")
     speeds = np.linspace(1.6e-3, 6.139e-3, 200)
     balanced = [-1e-3 * force_per_mu * law.slope(v) for v in speeds]  # damping balances the falling friction
     axis.fill_betweenx(balanced, 0.0, 1e3 * speeds, color=VERMILION, alpha=0.15, lw=0)
     axis.plot(1e3 * speeds, balanced, color=GREY, lw=0.9, label="damping = fall of the friction force")
-    axis.plot(limits, [d / 1e3 for d in reference], "o", color=BLUE, label="eigenvalues")
+    axis.plot(limits, [damping / 1e3 for damping in _LIMITS], "o", color=BLUE, label="eigenvalues")
     axis.text(1.0, 0.15, "unstable")
     axis.text(12.0, 0.5, "stable")
     axis.axvline(7.0, color=GREY, ls="--", lw=0.8, label="the paper's critical speed, 7 mm/s")
@@ -239,14 +272,12 @@ def seal_limits(figure: Figure) -> Compared:
     axis.set(xlabel="speed [mm/s]", ylabel="coefficient of damping [N s/mm]", ylim=(0.0, 1.05), xlim=(0.0, 25.0))
 
 
-FINE = "5 us"
-
-
 def edge(figure: Figure) -> Compared:
     """Draw the rounded edge: flutter, stick, lift-off."""
     cycle = _panels(figure, "tread", 0.3)
     x, v, N = (cycle.extremes[name] for name in ("displacement", "velocity", "normal_force"))
-    opening, closing = (next(t for t, what in cycle.events if what == f"load {word}") for word in ("opens", "closes"))
+    opening = next(t for t, what in cycle.events if what == "load opens")
+    closing = next(t for t, what in cycle.events if what == "load closes")
     bound: dict[str, Any] = {"source": "reference", "relative": 1e-6}
     yield Comparison("period", "ms", 1e3 * cycle.period, 3.862965856, **bound)
     for what, unit, ours, expected in (
@@ -265,11 +296,12 @@ def edge(figure: Figure) -> Compared:
     ):
         yield Comparison(f"{what} (label of the axis)", unit, ours, printed, "paper", relative=0.15, missed=missed)
     scene = load("tread")
-    c_x, c_z, coupling = (value(scene, f"tip.{key}") for key in
-                          ("tangential_stiffness", "normal_stiffness", "coupling"))  # fmt: skip
+    c_x = value(scene, "tip.tangential_stiffness")
+    c_z = value(scene, "tip.normal_stiffness")
+    coupling = value(scene, "tip.coupling")
     weakest = float(np.linalg.eigvalsh([[c_x, -coupling], [-coupling, c_z]])[0])
-    yield Comparison("smallest stiffness of the block without the plate: passive", "N/m", weakest, 0.0, "theory",
-                     floor=True)  # fmt: skip
+    what = "smallest stiffness of the block without the plate: passive"
+    yield Comparison(what, "N/m", weakest, 0.0, "theory", floor=True)
     [flutter, _] = rig.modes(scene).sliding.modes
     yield Comparison("growth of the flutter", "1/s", flutter.growth, 42.68696938, **bound)
     yield Comparison("its frequency", "Hz", flutter.frequency, 294.0978372, **bound)
@@ -302,7 +334,10 @@ def _panels(figure: Figure, name: str, seconds: float) -> Cycle:
     ran = rig.simulate(quiet(load(name, clock__frame=FINE)), seconds)
     last = ran.time >= ran.time[-1] - 2.0 * cycle.period
     t = 1e3 * (ran.time[last] - ran.time[last][0])
-    x, v, T, N = (ran.signals[key][last] for key in ("displacement", "velocity", "friction_force", "normal_force"))
+    x = ran.signals["displacement"][last]
+    v = ran.signals["velocity"][last]
+    T = ran.signals["friction_force"][last]
+    N = ran.signals["normal_force"][last]
     (place, speed), (phase, force) = figure.subplots(2, 2)
     place.plot(t, 1e6 * x, color=BLUE)
     place.set(title="(a) displacement", xlabel="time [ms]", ylabel="displacement [um]")
@@ -312,7 +347,8 @@ def _panels(figure: Figure, name: str, seconds: float) -> Cycle:
     phase.set(title="(c) limit cycle", xlabel="displacement [um]", ylabel="velocity [m/s]")
     force.plot(t, N, color=AMBER, label="normal force")
     force.plot(t, T, "--", color=VERMILION, label="friction force")
-    force.set(title="(d) forces", xlabel="time [ms]", ylabel="force [N]", ylim=(None, 1.35 * max(N.max(), T.max())))
+    top = 1.35 * max(N.max(), T.max())
+    force.set(title="(d) forces", xlabel="time [ms]", ylabel="force [N]", ylim=(None, top))
     force.legend(ncols=2, loc="upper right")
     return cycle
 

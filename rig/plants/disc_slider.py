@@ -57,7 +57,7 @@ HANDS = {
     "slider.damping": Hand("damping of the slider", 0.0, 4.0),
     "dither.amplitude": Hand("dither amplitude"),
 }
-PICTURES = (Own("rig.view.lumped:Slider", ("displacement", "height", "disc_speed")),)
+PICTURES = (Own("rig.view.pendulum:Slider", ("displacement", "height", "disc_speed")),)
 
 
 class Slider(Section):

@@ -41,7 +41,7 @@ HANDS = {
     "load.force": Hand("normal force"),
     "spring_3.angle": Hand("angle of the inclined spring", 0.3, 1.5),
 }
-PICTURES = (Own("rig.view.lumped:ThreeBodies", ("body_1_displacement", "body_3_height")),)
+PICTURES = (Own("rig.view.four_dof:ThreeBodies", ("body_1_displacement", "body_3_height")),)
 
 
 class Spring(Section):

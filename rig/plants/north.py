@@ -53,7 +53,7 @@ HANDS = {
     "body.tilt_damping": Hand("damping of the tilt", 0.0, 200.0),
     "lining.offset": Hand("offset of the lining"),
 }
-PICTURES = (Own("rig.view.lumped:Tilting", ("displacement", "tilt", "surface_speed")),)
+PICTURES = (Own("rig.view.belt:Tilting", ("displacement", "tilt", "surface_speed")),)
 
 
 class Body(Section):

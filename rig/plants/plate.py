@@ -46,7 +46,7 @@ HANDS = {
     "plate.damping_ratio": Hand("damping ratio"),
 }
 PICTURES = (Own("rig.view.plate:Plate", ("position", "normal_force", "surface_speed")),)
-FIGURE = Own("rig.view.pressure:compose", ("plate_acceleration",))
+FIGURE = Own("rig.view.pressure_figure:compose", ("plate_acceleration",))
 
 MOST_PLACES = 1000
 """Largest number of places at which rows are kept: 66 MB for 96 points. # chosen"""

@@ -59,7 +59,7 @@ HANDS = {
     "friction.mu_kinetic": Hand("friction coefficient in motion"),
     "tip.stiffness": Hand("stiffness of the beam", 0.3, 3.0),
 }
-PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)
+PICTURES = (Own("rig.view.beam:Tip", ("displacement", "surface_speed")),)
 
 Share: Any = quantity("1", Gt(0.0), Le(1.0))
 

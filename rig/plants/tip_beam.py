@@ -54,7 +54,7 @@ HANDS = {
     "friction.mu_kinetic": Hand("friction coefficient in motion"),
     "beam.damping_ratio": Hand("damping ratio", 0.0, 10.0),
 }
-PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)
+PICTURES = (Own("rig.view.beam:Tip", ("displacement", "surface_speed")),)
 
 Count = Annotated[int, Ge(1), Le(16)]
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 class Scene(Result):
     """A plant with its effects, sensors, controllers and protocol. Made by `rig.scenes.load` or `Scene.from_json`."""
 
-    FIGURE: ClassVar = "rig.view.run_figure:scene_figure"
+    FIGURE: ClassVar = "rig.view.friction_figure:scene_figure"
 
     name: str
     title: str

@@ -1,7 +1,4 @@
-"""The common base of all moving pictures: their scale, the moving surface, the text beside the rig.
-
-Elements of the moving pictures: colours, rotations, arrows, springs, text.
-"""
+"""The common base of all moving pictures: their elements, scale, moving surface, and the text beside the rig."""
 
 from __future__ import annotations
 
@@ -23,11 +20,14 @@ Integers = NDArray[np.int64]
 Colour = tuple[int, int, int]
 """Red, green and blue, 0 to 255."""
 
-STEEL, DISC, MARK, SPRING = (150, 158, 170), (74, 80, 92), (214, 219, 226), (196, 200, 208)
-
-
+STEEL = (150, 158, 170)
+DISC = (74, 80, 92)
+MARK = (214, 219, 226)
+SPRING = (196, 200, 208)
 LYING = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """Quaternion that turns a cylinder to the y axis."""
+_REACH = 0.35  # size of the largest expected motion in the picture [rad or lengths]
+_LOAD = 0.25  # length of the arrow of a normal force as large as the force of the scale [lengths]
 
 
 class Shape:
@@ -39,12 +39,23 @@ class Shape:
     """
 
     def __init__(self, kind: str, **fields: Any) -> None:
-        self.kind, self.fields = kind, fields
+        self.kind = kind
+        self.fields = fields
 
     @classmethod
     def box(cls, half: Any, center: Any, colour: Colour = STEEL) -> Shape:
         """A box by half of its lengths and its middle."""
         return cls("Boxes3D", half_sizes=[half], centers=[center], colors=[colour])
+
+    @classmethod
+    def arrow(cls, origin: Any, colour: Colour, radius: float) -> Shape:
+        """An arrow from `origin`; its vector follows frame by frame."""
+        return cls("Arrows3D", origins=[origin], colors=[colour], radii=[radius])
+
+    @classmethod
+    def marks(cls, strips: list[Any], radius: float) -> Shape:
+        """Bright lines on a body, each through its points."""
+        return cls("LineStrips3D", strips=strips, colors=[MARK], radii=[radius])
 
 
 Log = Callable[[str, Shape], object]
@@ -67,7 +78,8 @@ def coloured(modes: Integers) -> list[tuple[int, int, int]]:
 def about(axis: int, angles: Reals) -> Reals:
     """Quaternions (x, y, z, w) of rotations by `angles` [rad] about an axis (0, 1, 2)."""
     turns = np.zeros((angles.size, 4))
-    turns[:, axis], turns[:, 3] = np.sin(angles / 2), np.cos(angles / 2)
+    turns[:, axis] = np.sin(angles / 2)
+    turns[:, 3] = np.cos(angles / 2)
     return turns
 
 
@@ -87,6 +99,16 @@ def zigzag(begin: Reals, end: Reals, flat: bool) -> Reals:
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     points: Reals = begin[:, None] + share[:, None] * span[:, None] + side[:, None] * across[:, None]
     return points
+
+
+def moved(path: str, t_ns: Integers, **transform: Any) -> Columns:
+    """The motion of an entity: `translation`, `quaternion` or both, frame by frame."""
+    return Columns(path, t_ns, Shape("Transform3D", **transform))
+
+
+def painted(path: str, t_ns: Integers, colours: list[Colour]) -> Columns:
+    """The colour of a box, frame by frame."""
+    return Columns(path, t_ns, Shape("Boxes3D", colors=colours))
 
 
 def load(t_ns: Integers, heads: Reals, lengths: Reals, colour: Colour, radius: float = 0.016) -> Columns:
@@ -116,9 +138,6 @@ def word(t_ns: Integers, place: tuple[float, float, float], texts: list[str], co
         show_labels=[True] * count,
     )
     return Columns("rig/word", t_ns, points)
-
-
-_REACH = 0.35  # size of the largest expected motion in the picture [rad or lengths]
 
 
 class Scale(NamedTuple):
@@ -162,7 +181,9 @@ class Picture:
     def __init__(self, scale: Scale) -> None:
         self.scale = scale
         self.paint({})
-        self._ran, self._last_ns, self._speed = 0.0, -1, 0.0
+        self._ran = 0.0
+        self._last_ns = -1
+        self._speed = 0.0
 
     @classmethod
     def of(cls, scene: Scene, assembly: Assembly, system: System) -> Self | None:
@@ -193,8 +214,18 @@ class Picture:
         seconds = np.diff(t_ns, prepend=begin_ns) * 1e-9
         middle = 0.5 * (speed + np.concatenate(([begin], speed[:-1])))
         ran = self._ran + np.cumsum(np.nan_to_num(seconds * middle))
-        self._ran, self._last_ns, self._speed = float(ran[-1]), int(t_ns[-1]), float(speed[-1])
+        self._ran = float(ran[-1])
+        self._last_ns = int(t_ns[-1])
+        self._speed = float(speed[-1])
         return ran
+
+    def _friction(self, path: str, t_ns: Integers, axis: int, force: Reals, length: float) -> Columns:
+        """The vectors of an arrow of friction along `axis`: `length` for the force of the scale."""
+        return Columns(path, t_ns, Shape("Arrows3D", vectors=along(axis, force / self.scale.force * length)))
+
+    def _load(self, t_ns: Integers, heads: Reals, force: Reals) -> Columns:
+        """The arrows of the normal force, which end at the points `heads`."""
+        return load(t_ns, heads, force / self.scale.force * _LOAD, self.normal)
 
     def _contact_text(self, modes: Integers, friction: Reals, normal: Reals) -> list[str]:
         return [

@@ -21,6 +21,16 @@ ROOM = 0.25
 """Share of the time span that is empty behind the curves: the legend is there, clear of them."""
 ROOM_BESIDE = 0.6
 """The same for two plots side by side: a legend is as wide in a narrow plot."""
+_DARK = (24, 27, 33)
+"""The background of picture, map and portrait."""
+_HEALTH = {
+    "lateness": ("lateness_us", "worst_us"),
+    "counts": ("late", "overruns", "drops", "held", "dropped"),
+    "energy": ("energy_error",),
+    "stick share": ("stick_share",),
+    "rate": ("rate",),
+}
+"""Tabs with the curves of each."""
 
 
 def blueprint(drawing: Drawing, until: float | None) -> rrb.Blueprint:
@@ -30,20 +40,12 @@ def blueprint(drawing: Drawing, until: float | None) -> rrb.Blueprint:
     """
     import rerun.blueprint as rrb
 
-    most = 4 if drawing.points else 2
-    panels = drawing.channels.panels
-    large, more = panels[:most], _more(drawing, panels[most:], until)
-    right = rrb.Vertical(
-        *(_curves(panel, until) for panel in large),
-        _strips(drawing, until),
-        rrb.Horizontal(_health(until), more) if until is None else more,
-        row_shares=[*(6.0 / len(large) for _ in large), 1.2 if drawing.points else 2.0, 2.2],
-    )
     second = _map(drawing) or _portrait(drawing)
-    left: list[rrb.View] = [view for view in (_picture(drawing), second) if view is not None]
-    left.append(_events())
+    views: list[rrb.View] = [view for view in (_picture(drawing), second) if view is not None]
+    views.append(_events())
+    left = rrb.Vertical(*views, row_shares=[3, 3, 2.0][: len(views)])
     return rrb.Blueprint(
-        rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 3, 2.0][: len(left)]), right, column_shares=[2, 3]),
+        rrb.Horizontal(left, _plots(drawing, until), column_shares=[2, 3]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following" if until is None else "playing"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -62,6 +64,23 @@ def time_axis(until: float | None, room: float = ROOM) -> rrb.archetypes.TimeAxi
     else:
         window = rr.TimeRange(start=at.absolute(seconds=0.0), end=at.absolute(seconds=(1.0 + room) * (until or 1.0)))
     return rrb.archetypes.TimeAxis(view_range=window)
+
+
+def _plots(drawing: Drawing, until: float | None) -> rrb.Vertical:
+    """The first plots large, the strips below them, then the other plots as tabs; of a live run also its health."""
+    import rerun.blueprint as rrb
+
+    most = 4 if drawing.points else 2
+    panels = drawing.channels.panels
+    large = [_curves(panel, until) for panel in panels[:most]]
+    more = _more(drawing, panels[most:], until)
+    strips = 1.2 if drawing.points else 2.0
+    return rrb.Vertical(
+        *large,
+        _strips(drawing, until),
+        rrb.Horizontal(_health(until), more) if until is None else more,
+        row_shares=[*(6.0 / len(large) for _ in large), strips, 2.2],
+    )
 
 
 def _series(name: str, contents: list[str], until: float | None, room: float = ROOM) -> rrb.TimeSeriesView:
@@ -87,7 +106,8 @@ def _more(drawing: Drawing, panels: list[Panel], until: float | None) -> rrb.Tab
     room = ROOM_BESIDE if until is None else ROOM
     views = [_curves(panel, until, room) for panel in panels]
     commands = _series("commands", ["/command/**"], until, room)  # a controller that is not in the scene may join
-    return rrb.Tabs(*([commands, *views] if drawing.controllers else [*views, commands]), active_tab=0)
+    tabs = [commands, *views] if drawing.controllers else [*views, commands]
+    return rrb.Tabs(*tabs, active_tab=0)
 
 
 def _strips(drawing: Drawing, until: float | None) -> rrb.StateTimelineView:
@@ -100,17 +120,11 @@ def _strips(drawing: Drawing, until: float | None) -> rrb.StateTimelineView:
 def _health(until: float | None) -> rrb.Tabs:
     import rerun.blueprint as rrb
 
-    tabs = {
-        "lateness": ["lateness_us", "worst_us"],
-        "counts": ["late", "overruns", "drops", "held", "dropped"],
-        "energy": ["energy_error"],
-        "stick share": ["stick_share"],
-        "rate": ["rate"],
-    }
-    return rrb.Tabs(
-        *(_series(tab, [f"/health/{n}" for n in names], until, ROOM_BESIDE) for tab, names in tabs.items()),
-        active_tab=0,
-    )
+    tabs = []
+    for tab, names in _HEALTH.items():
+        paths = [f"/health/{name}" for name in names]
+        tabs.append(_series(tab, paths, until, ROOM_BESIDE))
+    return rrb.Tabs(*tabs, active_tab=0)
 
 
 def _events() -> rrb.TextLogView:
@@ -147,6 +161,3 @@ def _portrait(drawing: Drawing) -> rrb.Spatial2DView | None:
         return None
     bounds = rrb.VisualBounds2D(x_range=(-1.2, 1.2), y_range=(-1.2, 1.2))
     return rrb.Spatial2DView(origin="/portrait", name="phase portrait", visual_bounds=bounds, background=_DARK)
-
-
-_DARK = (24, 27, 33)

@@ -23,20 +23,35 @@ from rig.stability.linearisation import sliding_key, steady
 from rig.view import base, contact
 
 BODIES = ("disc", "inner_pad", "outer_pad", "calliper", "free_carrier", "supporting_carrier")
-_PLACES = {"disc": (0.0, 0.0), "inner_pad": (0.0, -0.225), "outer_pad": (0.0, 0.225), "calliper": (0.0, 0.0),
-           "free_carrier": (-0.85, 0.0), "supporting_carrier": (0.85, 0.0)}  # fmt: skip
+_PLACES = {
+    "disc": (0.0, 0.0),
+    "inner_pad": (0.0, -0.225),
+    "outer_pad": (0.0, 0.225),
+    "calliper": (0.0, 0.0),
+    "free_carrier": (-0.85, 0.0),
+    "supporting_carrier": (0.85, 0.0),
+}
 """Positions x, z of the centres of the bodies [lengths]."""
 _BOXES = {
     "disc": [((1.35, 0.42, 0.11), (0.0, 0.05, 0.0))],
     "inner_pad": [((0.55, 0.3, 0.075), (0.0, 0.0, -0.025))],
     "outer_pad": [((0.55, 0.3, 0.075), (0.0, 0.0, 0.025))],
-    "calliper": [((0.42, 0.26, 0.07), (0.0, 0.0, -0.52)), ((0.42, 0.26, 0.07), (0.0, 0.0, 0.52)),
-                 ((0.42, 0.05, 0.59), (0.0, 0.56, 0.0))],
-    "free_carrier": [((0.08, 0.25, 0.06), (0.0, 0.0, -0.225)), ((0.08, 0.25, 0.06), (0.0, 0.0, 0.225)),
-                     ((0.05, 0.04, 0.28), (0.0, 0.56, 0.0))],
-    "supporting_carrier": [((0.08, 0.25, 0.06), (0.0, 0.0, -0.225)), ((0.08, 0.25, 0.06), (0.0, 0.0, 0.225)),
-                           ((0.05, 0.04, 0.28), (0.0, 0.56, 0.0))],
-}  # fmt: skip
+    "calliper": [
+        ((0.42, 0.26, 0.07), (0.0, 0.0, -0.52)),
+        ((0.42, 0.26, 0.07), (0.0, 0.0, 0.52)),
+        ((0.42, 0.05, 0.59), (0.0, 0.56, 0.0)),
+    ],
+    "free_carrier": [
+        ((0.08, 0.25, 0.06), (0.0, 0.0, -0.225)),
+        ((0.08, 0.25, 0.06), (0.0, 0.0, 0.225)),
+        ((0.05, 0.04, 0.28), (0.0, 0.56, 0.0)),
+    ],
+    "supporting_carrier": [
+        ((0.08, 0.25, 0.06), (0.0, 0.0, -0.225)),
+        ((0.08, 0.25, 0.06), (0.0, 0.0, 0.225)),
+        ((0.05, 0.04, 0.28), (0.0, 0.56, 0.0)),
+    ],
+}
 """Half sizes and centres of boxes, relative to the centre of the body."""
 _SIDES = (("inner", -0.225), ("outer", 0.225))
 _SPRINGS = (
@@ -50,11 +65,14 @@ _SPRINGS = (
     (("supporting_carrier", (0.08, -0.225)), (None, (1.35, -0.225))),
 )
 """Both ends of each spring as (body, point relative to its centre); None is the ground."""
-_LINING, _THICK = 0.18, 0.02
+_LINING = 0.18
+_THICK = 0.02
 _FRONT = -0.32  # y at which springs and arrows are drawn
 _PITCH = 0.3
 _DRAWN = 0.13  # largest motion in the picture when the first contact just opens [lengths]
 _SLOW = 1.0  # frequency at which the stroboscope shows the vibration [Hz]
+Placed = Mapping[str, tuple[base.Reals, base.Reals, base.Reals]]
+"""Magnified x, z [lengths] and rotation [rad] of each body, frame by frame."""
 
 
 class Motion(NamedTuple):
@@ -75,11 +93,16 @@ def motion_of(system: System, probe: Mapping[str, float]) -> Motion:
     rates, vectors = at.eigenvectors()
     count = len(system.coordinates)
     names = list(system.names[:count])
-    row, vectors = np.array([probe.get(name, 0.0) for name in names]), vectors[:count]
+    row = np.array([probe.get(name, 0.0) for name in names])
+    vectors = vectors[:count]
     energy = np.einsum("ik,ij,jk->k", vectors.conj(), system.mass, vectors).real
-    swings, moves = rates.imag > 1.0, np.abs(row @ vectors) / np.sqrt(np.maximum(energy, 1e-300))
+    moves = np.abs(row @ vectors) / np.sqrt(np.maximum(energy, 1e-300))
+    swings = rates.imag > 1.0
     grows = swings & (rates.real > 0.0)
-    best = int(np.where(grows, rates.real, -np.inf).argmax() if grows.any() else np.where(swings, moves, 0.0).argmax())
+    if grows.any():
+        best = int(np.where(grows, rates.real, -np.inf).argmax())
+    else:
+        best = int(np.where(swings, moves, 0.0).argmax())
     vector = vectors[:, best] / (row @ vectors[:, best])
 
     def of(body: str, axis: str) -> complex:
@@ -96,7 +119,8 @@ def disc_at_contacts(system: System, vector: NDArray[np.complex128]) -> tuple[co
     """Amplitudes z [m] and phi [rad] of the disc between its contacts, be it rigid or bent: u_z = z - a phi at a."""
     names = list(system.names[: len(vector)])
     of_disc = np.array([name.startswith("disc.") for name in names])
-    places, heights = [], []
+    places = []
+    heights = []
     for normal in system.normals:
         for pad in ("inner_pad", "outer_pad"):
             towards = normal.direction[names.index(f"{pad}.z")]
@@ -132,12 +156,10 @@ class Brake(base.Picture):
         for body, boxes in _BOXES.items():
             halves, centers = zip(*boxes)
             colour = base.DISC if body == "disc" else base.STEEL
-            log(
-                f"rig/{body}/body",
-                base.Shape("Boxes3D", half_sizes=halves, centers=centers, colors=[colour] * len(boxes)),
-            )
+            shape = base.Shape("Boxes3D", half_sizes=halves, centers=centers, colors=[colour] * len(boxes))
+            log(f"rig/{body}/body", shape)
         lines = [np.array([(x, -0.375, -0.11), (x, -0.375, 0.11)]) for x in np.arange(-1.2, 1.2, _PITCH)]
-        log("rig/disc/marks", base.Shape("LineStrips3D", strips=lines, colors=[base.MARK], radii=[0.006]))
+        log("rig/disc/marks", base.Shape.marks(lines, 0.006))
         for name in self._contacts:
             pad, side = _where(name)
             up = -1.0 if pad == "outer_pad" else 1.0
@@ -154,8 +176,8 @@ class Brake(base.Picture):
         picked = [begin + int(np.abs(behind[begin : end + 1]).argmin()) for begin, end in zip(begins, shown)]
         return super().frames(t_ns, signals, modes, np.array(picked, np.int64))
 
-    def placed(self, s: Mapping[str, base.Reals]) -> dict[str, tuple[base.Reals, base.Reals, base.Reals]]:
-        """Magnified x, z [lengths] and rotation [rad] of each body at the states `s`."""
+    def placed(self, s: Mapping[str, base.Reals]) -> Placed:
+        """The motion of each body at the states `s`."""
         z = s["displacement"] - 1j * s["velocity"] / self.motion.omega
         lengths = 10.0 * self.scale.motion
         moved = {}
@@ -170,90 +192,76 @@ class Brake(base.Picture):
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
     ) -> list[base.Columns]:
-        placed, count = self.placed(s), len(t_ns)
-        columns = [
-            base.Columns(
-                f"rig/{body}",
-                t_ns,
-                base.Shape(
-                    "Transform3D",
-                    translation=np.stack((_PLACES[body][0] + x, np.zeros(count), _PLACES[body][1] + z), axis=1),
-                    quaternion=base.about(1, phi),
-                ),
-            )
-            for body, (x, z, phi) in placed.items()
-        ]
+        placed = self.placed(s)
+        columns = [base.moved(f"rig/{body}", t_ns, **_transform(body, placed)) for body in placed]
         marks = base.along(0, np.mod(10.0 * ran, _PITCH))
-        columns.append(base.Columns("rig/disc/marks", t_ns, base.Shape("Transform3D", translation=marks)))
-        for name in self._contacts:
-            pad, _ = _where(name)
-            open_ = s[f"normal_force_{name}"] <= 0.0
-            colours = [contact.rgb(contact.COLOURS[-1 if lifted else mode]) for lifted, mode in zip(open_, modes)]
-            columns.append(base.Columns(f"rig/{pad}/{name}", t_ns, base.Shape("Boxes3D", colors=colours)))
-        springs = [base.zigzag(_point(placed, a, count), _point(placed, b, count), flat=False) for a, b in _SPRINGS]
+        columns.append(base.moved("rig/disc/marks", t_ns, translation=marks))
+        columns += [self._lining(name, t_ns, s, modes) for name in self._contacts]
+        springs = [base.zigzag(_point(placed, a), _point(placed, b), flat=False) for a, b in _SPRINGS]
         columns.append(base.spring(t_ns, *springs, radius=0.006))
-        columns += self._forces(t_ns, s, placed, count)
-        magnified = (
-            f"motion x {self.scale.motion:g}, {self.motion.omega / (2.0 * math.pi):.0f} Hz shown at {_SLOW:g} Hz"
-        )
+        columns += [self._pressed(name, t_ns, s, placed) for name in self._contacts]
+        drag = base.along(0, 0.25 * s["friction_force"] / self.scale.force)
+        columns.append(_arrows("rig/friction", t_ns, drag, _point(placed, ("inner_pad", (0.0, 0.04))), self.friction))
+        columns.append(base.word(t_ns, (0.0, 0.0, 0.95), self._text(s, modes), base.coloured(modes)))
+        return columns
+
+    def _lining(
+        self, name: str, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers
+    ) -> base.Columns:
+        """The colour of the lining of a contact."""
+        pad, _ = _where(name)
+        lifted = s[f"normal_force_{name}"] <= 0.0
+        return base.painted(f"rig/{pad}/{name}", t_ns, base.coloured(np.where(lifted, -1, modes)))
+
+    def _pressed(self, name: str, t_ns: base.Integers, s: Mapping[str, base.Reals], placed: Placed) -> base.Columns:
+        """The arrows of the normal force at a contact."""
+        pad, side = _where(name)
+        up = 1.0 if pad == "outer_pad" else -1.0
+        end = _point(placed, (pad, (side * _LINING, -0.11 * up)))
+        force = base.along(2, up * 0.25 * np.maximum(s[f"normal_force_{name}"], 0.0) / self.scale.force)
+        return _arrows(f"rig/load/{name}", t_ns, force, end, self.normal)
+
+    def _text(self, s: Mapping[str, base.Reals], modes: base.Integers) -> list[str]:
+        """Contact state, amplitude of the probe, and how the picture magnifies and slows the vibration."""
+        frequency = self.motion.omega / (2.0 * math.pi)
+        magnified = f"motion x {self.scale.motion:g}, {frequency:.0f} Hz shown at {_SLOW:g} Hz"
         size = 1e6 * np.hypot(s["displacement"], s["velocity"] / self.motion.omega)
-        texts = [
+        return [
             f"{contact.NAMES[mode]}   pad {micrometres:.2f} um   {magnified}" for mode, micrometres in zip(modes, size)
         ]
-        return [*columns, base.word(t_ns, (0.0, 0.0, 0.95), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
-
-    def _forces(
-        self,
-        t_ns: base.Integers,
-        s: Mapping[str, base.Reals],
-        placed: Mapping[str, tuple[base.Reals, base.Reals, base.Reals]],
-        count: int,
-    ) -> list[base.Columns]:
-        """Arrows of the normal forces at the contacts, and of the friction on the inner pad."""
-        arrows = []
-        for name in self._contacts:
-            pad, side = _where(name)
-            up = 1.0 if pad == "outer_pad" else -1.0
-            end = _point(placed, (pad, (side * _LINING, -0.11 * up)), count)
-            force = base.along(2, up * 0.25 * np.maximum(s[f"normal_force_{name}"], 0.0) / self.scale.force)
-            arrows.append(
-                base.Columns(
-                    f"rig/load/{name}",
-                    t_ns,
-                    base.Shape(
-                        "Arrows3D", vectors=force, origins=end, colors=[self.normal] * count, radii=[0.012] * count
-                    ),
-                )
-            )
-        end = _point(placed, ("inner_pad", (0.0, 0.04)), count)
-        drags = base.along(0, 0.25 * s["friction_force"] / self.scale.force)
-        arrows.append(
-            base.Columns(
-                "rig/friction",
-                t_ns,
-                base.Shape(
-                    "Arrows3D", vectors=drags, origins=end, colors=[self.friction] * count, radii=[0.012] * count
-                ),
-            )
-        )
-        return arrows
 
 
 def _where(name: str) -> tuple[str, float]:
     """Pad and side (-1 left, 1 right) of a contact, from its name in the scene."""
-    return ("outer_pad" if name.startswith("outer") else "inner_pad"), (1.0 if name.endswith("right") else -1.0)
+    pad = "outer_pad" if name.startswith("outer") else "inner_pad"
+    side = 1.0 if name.endswith("right") else -1.0
+    return pad, side
 
 
-def _point(
-    placed: Mapping[str, tuple[base.Reals, base.Reals, base.Reals]],
-    end: tuple[str | None, tuple[float, float]],
-    count: int,
-) -> base.Reals:
+def _transform(body: str, placed: Placed) -> dict[str, base.Reals]:
+    """Translation and rotation of a body."""
+    x, z, phi = placed[body]
+    x_at_rest, z_at_rest = _PLACES[body]
+    centres = np.stack((x_at_rest + x, np.zeros_like(x), z_at_rest + z), axis=1)
+    return {"translation": centres, "quaternion": base.about(1, phi)}
+
+
+def _point(placed: Placed, end: tuple[str | None, tuple[float, float]]) -> base.Reals:
     """Position of a point of a body [frame, xyz]."""
     body, (a, b) = end
     if body is None:
-        return np.tile((a, _FRONT, b), (count, 1))
+        return np.tile((a, _FRONT, b), (len(placed["disc"][0]), 1))
     x, z, phi = placed[body]
-    cos, sin = np.cos(phi), np.sin(phi)
-    return np.stack((_PLACES[body][0] + x + a * cos + b * sin, np.full(count, _FRONT),
-                     _PLACES[body][1] + z - a * sin + b * cos), axis=1)  # fmt: skip
+    x_at_rest, z_at_rest = _PLACES[body]
+    cos = np.cos(phi)
+    sin = np.sin(phi)
+    moved_x = x_at_rest + x + a * cos + b * sin
+    moved_z = z_at_rest + z - a * sin + b * cos
+    return np.stack((moved_x, np.full_like(x, _FRONT), moved_z), axis=1)
+
+
+def _arrows(path: str, t_ns: base.Integers, vectors: base.Reals, ends: base.Reals, colour: base.Colour) -> base.Columns:
+    """The arrows of a force at the points `ends`."""
+    count = len(t_ns)
+    arrows = base.Shape("Arrows3D", vectors=vectors, origins=ends, colors=[colour] * count, radii=[0.012] * count)
+    return base.Columns(path, t_ns, arrows)

@@ -43,21 +43,27 @@ class Channels:
         self, scene_and_rig: tuple[Scene, Assembly] | None, outputs: Mapping[str, str], sensors: Mapping[str, str]
     ) -> None:
         scene, rows = (scene_and_rig[0].sensors, scene_and_rig[1].outputs) if scene_and_rig else ({}, {})
-        names = [*(name for name in rows if name in outputs), *(name for name in outputs if name not in rows)]
-        self.outputs, self.sensors = {name: outputs[name] for name in names}, dict(sensors)
+        declared = [name for name in rows if name in outputs]
+        others = [name for name in outputs if name not in rows]
+        self.outputs = {name: outputs[name] for name in (*declared, *others)}
         """Outputs in the order of the rig, so that every view gives them the same colours."""
+        self.sensors = dict(sensors)
         self.at_points = frozenset(name for members in numbered(outputs).values() for name in members)
         """Outputs of one quantity at many points. They have no plot: a map shows them."""
-        self._declared = {name: rows[name] for name in names if name in rows}
-        self.measured = {
-            name: Channel(section.reads, factor)
-            for name, section in scene.items()
-            if name in sensors and section.reads in outputs and (factor := section.conversion) is not None
-        }
+        self._declared = {name: rows[name] for name in declared}
+        self.measured: dict[str, Channel] = {}
         """What each sensor measures. Omits sensors whose measurement no factor converts to the output."""
+        for name, section in scene.items():
+            if name not in sensors or section.reads not in outputs:
+                continue
+            factor = section.conversion
+            if factor is not None:
+                self.measured[name] = Channel(section.reads, factor)
         self.panels = self._panels()
         """The plots, in order."""
-        self.colours = {name: LINES[i % len(LINES)] for p in self.panels for i, name in enumerate(p.outputs)}
+        self.colours = {
+            name: LINES[place % len(LINES)] for panel in self.panels for place, name in enumerate(panel.outputs)
+        }
         """Colour of each output as "#rrggbb"."""
         self.portrait = portrait(self._declared)
         """Names of displacement and velocity of the phase portrait; None if the rig has no such pair."""
@@ -78,16 +84,22 @@ class Channels:
         members: dict[tuple[str, str], list[str]] = {}
         places: dict[tuple[str, str], int] = {}
         for name, unit in self.outputs.items():
-            if name not in self.at_points:
-                plot = getattr(self._declared.get(name), "plot", None) or plot_of(unit)
-                key = plot.title or name.replace("_", " "), unit
-                members.setdefault(key, []).append(name)
-                places[key] = min(plot.place, places.get(key, plot.place))
-        reads = {sensor: channel.reads for sensor, channel in self.measured.items()}
-        panels, shown = [], set()
+            if name in self.at_points:
+                continue
+            plot = getattr(self._declared.get(name), "plot", None) or plot_of(unit)
+            key = plot.title or name.replace("_", " "), unit
+            members.setdefault(key, []).append(name)
+            places[key] = min(plot.place, places.get(key, plot.place))
+        panels = []
+        shown = set()
         for key in sorted(members, key=lambda key: places[key]):
-            inside = tuple(sensor for sensor, output in reads.items() if output in members[key])
-            panels.append(Panel("{} [{}]".format(*key), tuple(members[key]), inside, places[key]))
-            shown |= set(inside)
+            title, unit = key
+            outputs = members[key]
+            sensors = [sensor for sensor, channel in self.measured.items() if channel.reads in outputs]
+            panels.append(Panel(f"{title} [{unit}]", tuple(outputs), tuple(sensors), places[key]))
+            shown.update(sensors)
         alone = Plot().place
-        return panels + [Panel(f"{n} [{u}]", (), (n,), alone) for n, u in self.sensors.items() if n not in shown]
+        for sensor, unit in self.sensors.items():
+            if sensor not in shown:
+                panels.append(Panel(f"{sensor} [{unit}]", (), (sensor,), alone))
+        return panels

@@ -72,7 +72,8 @@ class _States:
     """The states of contacts over mode sets: of each its patch and its normal forces."""
 
     def __init__(self, system: System | None, lanes: list[tuple[int, list[int]]]) -> None:
-        self._system, self._lanes = system, lanes
+        self._system = system
+        self._lanes = lanes
         self._of = lru_cache(_MOST_KNOWN)(self._look_up)
 
     def indices(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -86,10 +87,11 @@ class _States:
         if system is None or not 0 <= key < system.keys:
             return [_LIFTED] * len(self._lanes)
         patches, normals, *_ = system.modes(key)
-        return [
-            _LIFTED if members and all(normals[k] == OPEN for k in members) else _OF_PATCH[patches[patch]]
-            for patch, members in self._lanes
-        ]
+        states = []
+        for patch, members in self._lanes:
+            lifted = members and all(normals[k] == OPEN for k in members)
+            states.append(_LIFTED if lifted else _OF_PATCH[patches[patch]])
+        return states
 
 
 def _lanes(system: System) -> Iterator[tuple[str, int, list[int]]]:

@@ -4,22 +4,11 @@ plant/<output>  sensor/<sensor>  command/<controller>    curves
 strip/contact   strip/protocol   strip/<controller>      strips: a state over time
 rig/...         portrait/...                             the moving picture, the phase portrait
 health/...      event/<process>                          timing and energy of the run, its events
-
-The phase portrait of the viewer: velocity over displacement at the latest steps, coloured by contact state.
-
-Its points are one stretch of steps, none left out, and at most 2 s of them: points farther apart than a fast vibration
-would be joined to a shape that there was not.
-
-rerun's 2D view has no axes with numbers. So the curve is divided by a round scale, which grows when needed, and drawn
-in a frame whose edges are labelled with the scale.
 """
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -30,80 +19,10 @@ from rig.view import contact, curves
 from rig.view.base import Columns, Shape
 from rig.view.channels import Channels
 from rig.view.picture import picture_of
+from rig.view.portrait import Portrait
 
 if TYPE_CHECKING:
     import rerun as rr
-
-
-SHOWN_NS = 2_000_000_000
-POINTS = 2000
-_FRAME = [[(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], [(-1, 0), (1, 0)], [(0, -1), (0, 1)]]
-_GREY = (110, 116, 128)
-
-
-class Portrait:
-    """Collects states and draws the latest of them; `units` of displacement and velocity."""
-
-    def __init__(self, units: tuple[str, str]) -> None:
-        self._units = units
-        self._points: deque[tuple[int, float, float, int]] = deque(maxlen=POINTS)
-        self._scale = (0.0, 0.0)
-
-    def add(self, t_ns: NDArray[np.int64], x: Any, v: Any, modes: Any, step_ns: int) -> None:
-        """Add steps, one every `step_ns`. If they do not follow the last one, they begin a new stretch."""
-        if self._points and not 0 < t_ns[0] - self._points[-1][0] <= 1.5 * step_ns:
-            self._points.clear()
-        for point in zip(*(a[-POINTS:].tolist() for a in (t_ns, x, v, modes))):
-            if math.isfinite(point[1]) and math.isfinite(point[2]):
-                self._points.append(point)
-
-    def draw(self) -> list[Columns]:
-        """The curve up to the last state, and the frame if its scale has changed."""
-        if not self._points:
-            return []
-        last = self._points[-1][0]
-        while self._points[0][0] < last - SHOWN_NS:
-            self._points.popleft()
-        table = np.array([(x, v) for _, x, v, _ in self._points])
-        now = np.array([last])
-        frame = self._frame(now, np.abs(table).max(axis=0))
-        table = table / self._scale * (1.0, -1.0)
-        modes = np.array([mode for *_, mode in self._points])
-        cuts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
-        strips = [table[begin : end + 1] for begin, end in pairwise(cuts)]
-        colours = [contact.rgb(contact.COLOURS[modes[begin]]) for begin in cuts[:-1]]
-        curve = Shape("LineStrips2D", strips=strips, colors=colours, radii=[0.012] * len(strips))
-        dot = Shape("Points2D", positions=table[-1:], colors=colours[-1:], radii=[0.035])
-        return [*frame, Columns("portrait/curve", now, curve), Columns("portrait/now", now, dot)]
-
-    def _frame(self, now: NDArray[np.int64], largest: Any) -> list[Columns]:
-        scale = tuple(max(_round_up(float(size)), had) for size, had in zip(largest, self._scale))
-        if scale == self._scale:
-            return []
-        self._scale = (scale[0], scale[1])
-        words = [_with_unit(scale[0], self._units[0]), _with_unit(scale[1], self._units[1])]
-        frame = Shape("LineStrips2D", strips=_FRAME, colors=[_GREY] * 3, radii=[0.004] * 3)
-        labels = Shape(
-            "Points2D", positions=[(1.0, 0.0), (0.0, -1.0)], labels=words, colors=[_GREY] * 2, radii=[0.0] * 2
-        )
-        return [Columns("portrait/frame", now, frame), Columns("portrait/edges", now, labels)]
-
-
-def _with_unit(value: float, unit: str) -> str:
-    """A value with its unit; small lengths and angles in mm, um, mrad or urad."""
-    if unit not in ("m", "rad") or value >= 1.0:
-        return f"{value:g} {unit}"
-    return f"{1e3 * value:g} m{unit}" if value >= 1e-4 else f"{1e6 * value:g} u{unit}"
-
-
-def _round_up(value: float) -> float:
-    """Round up to a number with one or two digits, at least 1e-7."""
-    value = max(value, 1e-7)
-    base = 10.0 ** math.floor(math.log10(value))
-    return next(
-        step * base for step in (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if value <= step * base * (1.0 + 1e-9)
-    )
-
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -112,10 +31,17 @@ TIMELINE = "sim_time"
 FRAME_NS = 20_000_000
 """Interval between two frames of the picture: 50 per second of simulated time."""
 HEALTH = {
-    "rate": "rate", "lateness_us": "lateness p99 [us]", "worst_us": "worst lateness [us]", "late": "late frames",
-    "overruns": "overruns", "drops": "commands lost", "held": "commands held", "stick_share": "stick share",
+    "rate": "rate",
+    "lateness_us": "lateness p99 [us]",
+    "worst_us": "worst lateness [us]",
+    "late": "late frames",
+    "overruns": "overruns",
+    "drops": "commands lost",
+    "held": "commands held",
+    "stick_share": "stick share",
     "energy_error": "log10 |energy error|",
-}  # fmt: skip
+}
+"""Fields of Health messages and the names of their curves."""
 _FAINT = 150
 _BAND: Final = "MinMax"
 """How a curve shows several samples in one pixel. rerun's default, their mean, would hide a squeal."""
@@ -135,8 +61,10 @@ class Drawing:
         scene_and_rig = contact.read(scene)
         system = scene_and_rig[1].system() if scene_and_rig else None
         described = curves.described(scene)
-        self.plant, self.controllers = str(described.get("plant", "rig")), list(described.get("controllers", {}))
-        """Name of the plant, or "rig" if the scene is not readable; names of the controllers in the scene."""
+        self.plant = str(described.get("plant", "rig"))
+        """Name of the plant, or "rig" if the scene is not readable."""
+        self.controllers = list(described.get("controllers", {}))
+        """Names of the controllers in the scene."""
         self.channels = Channels(scene_and_rig, outputs, sensors)
         self.curves = [name for name in outputs if name not in self.channels.at_points]
         """Outputs that are drawn as curves. A quantity at many points is drawn as a map instead."""
@@ -152,22 +80,21 @@ class Drawing:
         self._modes = contact.Modes(system)
         self._bits = 0
         self._frame_ns = -FRAME_NS
-        self._apart, self._hidden = apart, hidden
+        self._apart = apart
+        self._hidden = hidden
         self.pair = None if self.points or apart else self.channels.portrait
         """Outputs of the phase portrait, of which a film of points and outputs apart from one another have none."""
-        self._portrait = Portrait((outputs[self.pair[0]], outputs[self.pair[1]])) if self.pair else None
+        self._portrait: Portrait | None = None
+        if self.pair:
+            displacement, velocity = self.pair
+            self._portrait = Portrait((outputs[displacement], outputs[velocity]))
 
     def static(self, rec: rr.RecordingStream) -> None:
         """Send names and colours of all curves and strips, and the geometry of the picture."""
         import rerun as rr
 
         for name in self.curves:
-            colour = contact.rgb(self.channels.colours[name])
-            line: Any = rr.SeriesLines(names=_plain(name), colors=[colour], widths=1.6, aggregation_policy=_BAND)
-            if self._apart:
-                label, shown = f"{_plain(name)} ({self._apart})", [not self._hidden]
-                line = rr.SeriesPoints(names=label, colors=[colour], marker_sizes=1.5, visible_series=shown)
-            rec.log(f"plant/{name}", line, static=True)
+            rec.log(f"plant/{name}", self._line(name), static=True)
         for name in self.channels.sensors:
             red, green, blue = contact.rgb(self.channels.colour_of(name))
             pale = (min(red + 60, 255), min(green + 60, 255), min(blue + 60, 255), _FAINT)
@@ -177,11 +104,10 @@ class Drawing:
         for name, label in HEALTH.items():
             rec.log(f"health/{name}", rr.SeriesLines(names=label, widths=1.6), static=True)
         rec.log("health/dropped", rr.SeriesLines(names="dropped by this viewer", widths=1.6), static=True)
-        colours = [contact.rgb(colour) for colour in contact.COLOURS]
         if self.worded:
-            words = [_states(bits) for bits in range(1, 1 << len(colours))]
-            shares = [[c for i, c in enumerate(colours) if 1 << i & bits] for bits in range(1, 1 << len(colours))]
-            mixed = [[round(sum(parts) / len(parts)) for parts in zip(*share)] for share in shares]
+            combinations = range(1, 1 << len(contact.COLOURS))
+            words = [_states(bits) for bits in combinations]
+            mixed = [_mixed(bits) for bits in combinations]
             lanes = rr.StateConfiguration(values=words, labels=words, colors=mixed)
             rec.log("strip/contact", lanes, static=True)
         for name in self.controllers:
@@ -190,6 +116,16 @@ class Drawing:
         if self.picture is not None:
             rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
             self.picture.static(lambda path, shape: rec.log(path, _archetype(shape), static=True))
+
+    def _line(self, output: str) -> Any:
+        """How an output is drawn: as a line, or as points if it was recorded too seldom."""
+        import rerun as rr
+
+        colour = contact.rgb(self.channels.colours[output])
+        if not self._apart:
+            return rr.SeriesLines(names=_plain(output), colors=[colour], widths=1.6, aggregation_policy=_BAND)
+        label = f"{_plain(output)} ({self._apart})"
+        return rr.SeriesPoints(names=label, colors=[colour], marker_sizes=1.5, visible_series=[not self._hidden])
 
     def measured(self, sensor: str, t_ns: Integers, v: Reals) -> list[Columns]:
         """Measurements of a sensor, converted to the output that it reads."""
@@ -215,7 +151,8 @@ class Drawing:
         if not changed.size or not self.worded:
             return []
         self._bits = int(bits[-1])
-        return [self._strip("contact", t_ns[changed], [_states(int(state_bits)) for state_bits in bits[changed]])]
+        words = [_states(int(state_bits)) for state_bits in bits[changed]]
+        return [self._strip("contact", t_ns[changed], words)]
 
     def picture_of(
         self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers, frames: int = 1 << 30
@@ -223,7 +160,8 @@ class Drawing:
         """At most `frames` frames of the picture."""
         if self.picture is None:
             return []
-        known = {**dict.fromkeys(self._lost, np.full(t_ns.size, np.nan)), **signals}
+        lost = dict.fromkeys(self._lost, np.full(t_ns.size, np.nan))
+        known = {**lost, **signals}
         return self.picture.frames(t_ns, known, self.modes(keys), self._frames(t_ns, frames))
 
     def portrait(self, t_ns: Integers, x: Reals, v: Reals, keys: Integers, step_ns: int) -> list[Columns]:
@@ -249,23 +187,28 @@ class Drawing:
         curves = []
         for name, values in health.items():
             v = np.asarray(values, np.float64)
-            curves.append(_curve(f"health/{name}", t_ns, np.log10(np.abs(v) + 1e-18) if name == "energy_error" else v))
+            if name == "energy_error":
+                v = np.log10(np.abs(v) + 1e-18)
+            curves.append(_curve(f"health/{name}", t_ns, v))
         return curves
 
     def events(self, events: Iterable[Mapping[str, Any]]) -> list[Columns]:
         """Events as lines of the log; protocol steps and switched controllers also as strips."""
         drawn = []
         for event in events:
-            now, kind = np.array([event["t_ns"]], np.int64), event["kind"]
+            now = np.array([event["t_ns"]], np.int64)
+            kind = event["kind"]
             text = f"{kind}: {event['text']}"
             level = "DEBUG" if kind == "contact" else topics.LEVELS.get(kind, "info").upper()
-            drawn.append(Columns(f"event/{event['source']}", now, Shape("TextLog", text=[text], level=[level])))
+            entry = Shape("TextLog", text=[text], level=[level])
+            drawn.append(Columns(f"event/{event['source']}", now, entry))
             if event["source"] != "plant":  # the strips show what happened in the run
                 continue
             if kind == "step":
                 drawn.append(self._strip("protocol", now, [event["text"]]))
             elif kind in ("connected", "disconnected"):
-                drawn.append(self._strip(str(event["data"].get("controller", "controller")), now, [kind]))
+                controller = str(event["data"].get("controller", "controller"))
+                drawn.append(self._strip(controller, now, [kind]))
         return drawn
 
     def _strip(self, lane: str, t_ns: Integers, words: list[str]) -> Columns:
@@ -281,6 +224,12 @@ def _states(bits: int) -> str:
     return ", ".join(name for i, name in enumerate(contact.NAMES) if 1 << i & bits)
 
 
+def _mixed(bits: int) -> list[int]:
+    """The mean of the colours of contact states, a bit for each."""
+    colours = [contact.rgb(colour) for i, colour in enumerate(contact.COLOURS) if 1 << i & bits]
+    return [round(sum(parts) / len(parts)) for parts in zip(*colours)]
+
+
 def _curve(path: str, t_ns: Integers, v: Reals) -> Columns:
     return Columns(path, t_ns, Shape("Scalars", scalars=v))
 
@@ -290,19 +239,22 @@ def send(rec: rr.RecordingStream, batch: Iterable[Columns]) -> None:
     import rerun as rr
 
     for path, t_ns, shape in batch:
-        if len(t_ns):
-            time = rr.TimeColumn(TIMELINE, duration=np.asarray(t_ns).astype("timedelta64[ns]"))
-            rows = getattr(rr, shape.kind).columns(**shape.fields)
-            each = len(next(iter(shape.fields.values()))) // len(t_ns)
-            columns = rows if each == 1 else rows.partition([each] * len(t_ns))
-            rec.send_columns(path, indexes=[time], columns=columns)
+        count = len(t_ns)
+        if not count:
+            continue
+        time = rr.TimeColumn(TIMELINE, duration=np.asarray(t_ns).astype("timedelta64[ns]"))
+        rows = getattr(rr, shape.kind).columns(**shape.fields)
+        each = len(next(iter(shape.fields.values()))) // count
+        columns = rows if each == 1 else rows.partition([each] * count)
+        rec.send_columns(path, indexes=[time], columns=columns)
 
 
 def _archetype(shape: Shape) -> Any:
     """A shape that never changes as rerun's archetype; an arrow without a vector gets it frame by frame."""
     import rerun as rr
 
-    kind, fields = getattr(rr, shape.kind), shape.fields
+    kind = getattr(rr, shape.kind)
+    fields = shape.fields
     if shape.kind in ("Boxes3D", "Cylinders3D"):
         fields = {"fill_mode": "solid", **fields}
     partial = shape.kind == "Arrows3D" and "vectors" not in fields

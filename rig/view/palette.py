@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 
 
 P = ParamSpec("P")
-BLUE, VERMILION, GREEN, PURPLE, AMBER, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
+BLUE = "#0072b2"
+VERMILION = "#d55e00"
+GREEN = "#009e73"
+PURPLE = "#cc79a7"
+AMBER = "#e69f00"
+SKY = "#56b4e9"
 LINES = (BLUE, VERMILION, GREEN, PURPLE, AMBER, SKY)
 """Colours of curves, in the order in which they are used."""
 GREY = "#666666"
@@ -63,9 +68,14 @@ _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 @contextmanager
 def page(
-    width: float, height: float, title: str = "", *, style: Mapping[str, Any] = STYLE, lasting: bool = True,
+    width: float,
+    height: float,
+    title: str = "",
+    *,
+    style: Mapping[str, Any] = STYLE,
+    lasting: bool = True,
     **options: Any,
-) -> Iterator[Figure]:  # fmt: skip
+) -> Iterator[Figure]:
     """A white figure of `width` x `height` [inches] to draw on in a `style`, which also holds whenever it is written.
 
     `title`: written above it. `lasting`: false for a style that only holds meanwhile. `options`: of matplotlib's
@@ -75,7 +85,8 @@ def page(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     with mpl.rc_context(dict(style)):  # type: ignore[arg-type]
-        figure: Any = _kind()(**{"figsize": (width, height), "dpi": 125, "facecolor": "white"} | options)
+        usual = {"figsize": (width, height), "dpi": 125, "facecolor": "white"}
+        figure: Any = _kind()(**usual | options)
         FigureCanvasAgg(figure)
         figure.style = style if lasting else {}
         if title:

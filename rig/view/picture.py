@@ -1,7 +1,7 @@
 """Selects the moving picture of a rig, which its plant declares (rig.picture) and its outputs move.
 
-Each picture has its own module: `pendulum`, `belt`, `lumped` (variants of these two), `lever`, `four_dof`, `beam` (the
-tip of a beam), `brake`, `plate`. `base` is the common part.
+Each picture has its own module: `pendulum` and `belt` (with variants of these two), `lever`, `four_dof`, `beam` (the
+tip of a beam), `brake`, `plate`, `surfaces` (maps of contacts). `base` is the common part.
 
 Motions of body and surface have the same magnification, so that they move together in stick. The body has the colour of
 the contact state; arrows show friction and normal force. Geometry is sent once; a frame contains a few transforms.
@@ -18,7 +18,8 @@ from rig.model.system import System
 from rig.scenes.rooms import plant_of
 from rig.scenes.scene import Scene
 from rig.view.base import Picture, scale_of
-from rig.view.lumped import Belt, Pendulum
+from rig.view.belt import Belt
+from rig.view.pendulum import Pendulum
 
 
 def picture_of(scene: Scene, assembly: Assembly, system: System) -> Picture | None:
@@ -27,7 +28,8 @@ def picture_of(scene: Scene, assembly: Assembly, system: System) -> Picture | No
     `assembly`, `system`: those of the scene.
     """
     declared: tuple[picture.Picture, ...] = getattr(plant_of(scene.parameters), "PICTURES", ())
-    declaration = next((candidate for candidate in declared if assembly.outputs.keys() >= set(candidate.outputs)), None)
+    drawable = (candidate for candidate in declared if assembly.outputs.keys() >= set(candidate.outputs))
+    declaration = next(drawable, None)
     if isinstance(declaration, picture.OnBelt):
         return Belt(scale_of(system), declaration)
     if isinstance(declaration, picture.OnDisc):

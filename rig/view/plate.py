@@ -25,19 +25,9 @@ from rig.view.surfaces import Cells
 _LENGTH = 0.05  # m
 _LIFTED = 0.3  # gap in the picture between the plate and the slider, if there is a film [lengths]
 _MOVED = 0.08  # largest size of the slider's static deflection in the picture [lengths]
-_FOAM, _PROBE = (112, 98, 74), (226, 160, 60)
+_FOAM = (112, 98, 74)
+_PROBE = (226, 160, 60)
 _GREY = (176, 182, 192)
-
-
-def _scale(p: Parameters, system: System, force: float) -> base.Scale:
-    """The scale from the slider's static deflection under the largest load `force` [N], at its initial position."""
-    count = len(system.coordinates)
-    K, at = system.stiffness - system.force[:, :count], list(system.names[:count]).index("z")
-    if system.film is not None:
-        normal = system.film.everywhere(p.slid.slider.position if p.slid else 0.0)[0]
-        K = K + (system.film.stiffness * normal) @ normal.T
-    deflection = abs(float(np.linalg.solve(K, force * np.eye(count)[at])[at]))
-    return base.Scale(base.round_down(_MOVED * _LENGTH / deflection) if deflection else 1.0, force or 1.0)
 
 
 class Plate(base.Picture):
@@ -50,7 +40,9 @@ class Plate(base.Picture):
         super().__init__(scale)
         assert p.slid is not None
         assert p.foam is not None
-        self._plate, self._foam, self._slider = p.plate, p.foam, p.slid.slider
+        self._plate = p.plate
+        self._foam = p.foam
+        self._slider = p.slid.slider
         self._probe = p.probe
         self._film = Cells(points, "rig/film", 1.0 / _LENGTH, flat=True) if points is not None else None
         self._cells = Cells(points, "film") if points is not None else None
@@ -72,70 +64,68 @@ class Plate(base.Picture):
 
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
-
-        def box(path: str, size: tuple[float, float, float], top: float, colour: tuple[int, int, int]) -> None:
-            half = tuple(0.5 * length / _LENGTH for length in size)
-            log(f"rig/{path}", base.Shape.box(half, (0, 0, top - half[2]), colour))
-
-        plate, slider = self._plate, self._slider
-        box("plate", (plate.length, plate.width, plate.thickness), 0.0, base.DISC)
-        box("foam", (plate.length, plate.width, self._foam.thickness), -plate.thickness / _LENGTH, _FOAM)
-        half = (0.5 * slider.length / _LENGTH, 0.5 * slider.width / _LENGTH, 0.5 * slider.thickness / _LENGTH)
-        log(
-            "rig/slider/body",
-            base.Shape(
-                "Boxes3D",
-                half_sizes=[half],
-                centers=[(0, 0, -half[2])],
-                colors=[base.STEEL],
-                fill_mode="transparentfillmajorwireframe" if self._cells else "solid",
-            ),
+        plate = self._plate
+        slider = self._slider
+        plate_size = (plate.length, plate.width, plate.thickness)
+        foam_size = (plate.length, plate.width, self._foam.thickness)
+        foam_top = -plate.thickness / _LENGTH
+        log("rig/plate", _below(0.0, plate_size, base.DISC))
+        log("rig/foam", _below(foam_top, foam_size, _FOAM))
+        half = _half((slider.length, slider.width, slider.thickness))
+        body = base.Shape(
+            "Boxes3D",
+            half_sizes=[half],
+            centers=[(0, 0, -half[2])],
+            colors=[base.STEEL],
+            fill_mode="transparentfillmajorwireframe" if self._cells else "solid",
         )
+        probe = base.Shape("Points3D", positions=[(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035])
+        log("rig/slider/body", body)
         log("rig/friction", base.Shape("Arrows3D", colors=[self.friction], radii=[0.016]))
-        log("rig/probe", base.Shape("Points3D", positions=[(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035]))
+        log("rig/probe", probe)
         if self._film is not None and self._cells is not None:
             self._film.static(log)
             self._cells.static(log)
-            ends = self._cells.half
-            words = base.Shape(
-                "Points3D",
-                positions=[(-ends[0] + 0.1, ends[1] + 0.12, 0.0), (ends[0] - 0.3, ends[1] + 0.12, 0.0)],
-                labels=["rear", "front (travels this way)"],
-                colors=[_GREY] * 2,
-                radii=[0.001] * 2,
-                show_labels=True,
-            )
-            log("film/sides", words)
+            log("film/sides", _sides(*self._cells.half))
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
     ) -> list[base.Columns]:
         lengths = self.scale.motion / _LENGTH
         middle = self._rear + (s["position"] + 0.5 * self._slider.length) / _LENGTH
-        top = self._lifted + self._slider.thickness / _LENGTH
         zero = np.zeros_like(middle)
-        moved = np.stack((middle, zero, top + lengths * s["slider_displacement"]), axis=1)
-        probe = np.stack(
-            (zero + self._rear + self._probe.x / _LENGTH, zero + self._probe.y / _LENGTH,
-             lengths * s["plate_displacement"]), axis=1,
-        )  # fmt: skip
-        pull = base.Shape(
-            "Arrows3D",
-            vectors=base.along(0, s["friction_force"] / self.scale.force * 0.8),
-            origins=np.stack((middle, zero - 0.6 * self._slider.width / _LENGTH, zero + 0.03), axis=1),
-        )
+        top = self._lifted + self._slider.thickness / _LENGTH
+        height = top + lengths * s["slider_displacement"]
+        slider = np.stack((middle, zero, height), axis=1)
         drawn = [
-            base.Columns("rig/slider", t_ns, base.Shape("Transform3D", translation=moved, quaternion=self._turned(s))),
-            base.Columns("rig/probe", t_ns, base.Shape("Transform3D", translation=probe)),
-            base.Columns("rig/friction", t_ns, pull),
-            base.load(t_ns, moved, s["normal_force"] / self.scale.force * 0.25, self.normal),
+            base.moved("rig/slider", t_ns, translation=slider, quaternion=self._turned(s)),
+            base.moved("rig/probe", t_ns, translation=self._probed(lengths * s["plate_displacement"])),
+            base.Columns("rig/friction", t_ns, self._pull(middle, s["friction_force"])),
+            self._load(t_ns, slider, s["normal_force"]),
             base.word(t_ns, (0.0, 0.0, 1.1), self._text(s), [_GREY] * len(t_ns)),
         ]
         if self._film is None or self._cells is None:
             return drawn
         place = np.stack((middle, zero, np.full_like(middle, 0.01)), axis=1)
-        drawn.append(base.Columns("rig/film", t_ns, base.Shape("Transform3D", translation=place)))
+        drawn.append(base.moved("rig/film", t_ns, translation=place))
         return drawn + self._film.frames(t_ns, s) + self._cells.frames(t_ns, s)
+
+    def _probed(self, height: base.Reals) -> base.Reals:
+        """Places of the probe on the plate at these heights."""
+        zero = np.zeros_like(height)
+        x = zero + self._rear + self._probe.x / _LENGTH
+        y = zero + self._probe.y / _LENGTH
+        return np.stack((x, y, height), axis=1)
+
+    def _pull(self, middle: base.Reals, force: base.Reals) -> base.Shape:
+        """The arrows of the friction beside the slider, whose middle is at `middle`."""
+        zero = np.zeros_like(middle)
+        beside = zero - 0.6 * self._slider.width / _LENGTH
+        return base.Shape(
+            "Arrows3D",
+            vectors=base.along(0, force / self.scale.force * 0.8),
+            origins=np.stack((middle, beside, zero + 0.03), axis=1),
+        )
 
     def _turned(self, s: Mapping[str, base.Reals]) -> base.Reals:
         """Quaternions of the magnified pitch about y and roll about x."""
@@ -145,8 +135,47 @@ class Plate(base.Picture):
 
     def _text(self, s: Mapping[str, base.Reals]) -> list[str]:
         closed = s.get("contact_fraction", np.ones_like(s["position"]))
+        magnified = f"motion x {self.scale.motion:,.0f}".replace(",", " ")
+        rows = zip(s["position"], s["normal_force"], s["friction_force"], closed)
         return [
-            f"at {1e3 * x:.1f} mm   N = {n:.0f} N   T = {t:+.0f} N   {100 * share:.0f} % in contact   "
-            f"motion x {self.scale.motion:,.0f}".replace(",", " ")
-            for x, n, t, share in zip(s["position"], s["normal_force"], s["friction_force"], closed)
+            f"at {1e3 * x:.1f} mm   N = {n:.0f} N   T = {t:+.0f} N   {100 * share:.0f} % in contact   {magnified}"
+            for x, n, t, share in rows
         ]
+
+
+def _half(size: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Half of the lengths of a box of `size` [m] in the picture."""
+    length, width, thickness = size
+    return (0.5 * length / _LENGTH, 0.5 * width / _LENGTH, 0.5 * thickness / _LENGTH)
+
+
+def _below(top: float, size: tuple[float, float, float], colour: base.Colour) -> base.Shape:
+    """A box of `size` [m] below the height `top`."""
+    half = _half(size)
+    return base.Shape.box(half, (0, 0, top - half[2]), colour)
+
+
+def _sides(x: float, y: float) -> base.Shape:
+    """The names of the slider's ends over a map that reaches from -x to x and from -y to y."""
+    return base.Shape(
+        "Points3D",
+        positions=[(-x + 0.1, y + 0.12, 0.0), (x - 0.3, y + 0.12, 0.0)],
+        labels=["rear", "front (travels this way)"],
+        colors=[_GREY] * 2,
+        radii=[0.001] * 2,
+        show_labels=True,
+    )
+
+
+def _scale(p: Parameters, system: System, force: float) -> base.Scale:
+    """The scale from the slider's static deflection under the largest load `force` [N], at its initial position."""
+    count = len(system.coordinates)
+    stiffness = system.stiffness - system.force[:, :count]
+    if system.film is not None:
+        position = p.slid.slider.position if p.slid else 0.0
+        normal = system.film.everywhere(position)[0]
+        stiffness = stiffness + (system.film.stiffness * normal) @ normal.T
+    heave = list(system.names[:count]).index("z")
+    loads = force * np.eye(count)[heave]
+    deflection = abs(float(np.linalg.solve(stiffness, loads)[heave]))
+    return base.Scale(base.round_down(_MOVED * _LENGTH / deflection) if deflection else 1.0, force or 1.0)

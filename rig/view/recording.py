@@ -55,7 +55,8 @@ def view_run(
     """
     from rig.view import viewer
 
-    drawing, end = drawing_of(run), curves.end_of(run)
+    drawing = drawing_of(run)
+    end = curves.end_of(run)
     if save is not None:
         with (
             draft_of(Path(save)) as draft,
@@ -89,7 +90,8 @@ def write(run: Run, rec: rr.RecordingStream, drawing: Drawing) -> None:
     t_ns = np.rint(run.time * 1e9).astype(np.int64)
     keys = run.mode if run.mode.size else np.full(t_ns.size, -1, np.int64)
     for rows in _parts(t_ns, _BATCH_NS):
-        send(rec, drawing.states(t_ns[rows], {name: v[rows] for name, v in run.signals.items()}, keys[rows]))
+        signals = {name: v[rows] for name, v in run.signals.items()}
+        send(rec, drawing.states(t_ns[rows], signals, keys[rows]))
     if drawing.pair is not None:
         x, v = (run.signals[name] for name in drawing.pair)
         step_ns = int(np.median(np.diff(t_ns))) if t_ns.size > 1 else run.step_ns
@@ -108,4 +110,6 @@ def write(run: Run, rec: rr.RecordingStream, drawing: Drawing) -> None:
 def _parts(t_ns: Integers, length_ns: int) -> Iterator[slice]:
     """Slices of times, each within one interval of this length."""
     cuts = np.flatnonzero(np.diff(t_ns // length_ns)) + 1
-    yield from (slice(*ends) for ends in pairwise([0, *cuts.tolist(), t_ns.size] if t_ns.size else []))
+    ends = [0, *cuts.tolist(), t_ns.size] if t_ns.size else []
+    for begin, end in pairwise(ends):
+        yield slice(begin, end)

@@ -1,4 +1,4 @@
-"""The figure of a run, 1600 pixels wide as PNG; and the friction laws of a scene.
+"""The figure of a run, 1600 pixels wide as PNG.
 
 phases and marks of the protocol
 the first plots of the rig: of most rigs velocity,      phase portrait, by controller or by time
@@ -17,40 +17,31 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.errors import UsageError
 from rig.picture import IN_FIGURE
 from rig.record import reader, run_data
 from rig.record.film_points import Points, read
 from rig.record.run import Integers, Reals, Run
 from rig.scenes.rooms import plant_of
-from rig.stability.linearisation import sliding_key, steady
-from rig.view import contact, pressure
+from rig.view import contact, pressure_figure
 from rig.view.channels import Channels, Panel
 from rig.view.curves import (
-    BOTTOM,
     COLUMNS,
-    LEFT,
-    RIGHT,
-    Header,
     Known,
     Sheet,
     begin_of,
-    caption,
     channels_of,
     circuits,
     curves,
     end_of,
-    heading,
     largest,
     legend,
     plain,
     rate,
     sections,
-    shade,
-    stacked,
     too_few,
 )
-from rig.view.palette import AMBER, BLUE, GREEN, LINES, PURPLE, STYLE, VERMILION, drawn, headline, page
+from rig.view.header import BOTTOM, LEFT, RIGHT, Header, caption, heading, shade, stacked
+from rig.view.palette import AMBER, BLUE, GREEN, PURPLE, STYLE, VERMILION, page
 from rig.view.picture import drawer_of
 
 if TYPE_CHECKING:
@@ -58,13 +49,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rig.record.imports.import_run import Imported
-    from rig.scenes.scene import Scene
 
-_FASTER = 5.0
+_FASTER = 5.0  # a drive this many times faster than the other outputs would make them look flat
+_POINTS = 40_000  # points of a portrait by time: more cannot be told apart, and each is a line of its own
 _LANES = 30  # most contacts that have a strip each
 _LANE = 7.5  # size of the letters beside the strips [pt]
 _SECTIONS = (BLUE, VERMILION, GREEN, AMBER, PURPLE)
-_FASTEST = 1.0  # largest slip speed in the figure of a rig whose surfaces stand still [m/s]. # chosen
 
 
 def figure(run: Run, only: Collection[str] = ()) -> Figure:
@@ -81,9 +71,9 @@ def figure(run: Run, only: Collection[str] = ()) -> Figure:
     return made
 
 
-def figure_of_import(made: Imported) -> Figure:
+def figure_of_import(imported: Imported) -> Figure:
     """Return the figure of the recording that was made of a measurement."""
-    return figure(reader.open(made.path))
+    return figure(reader.open(imported.path))
 
 
 def _composer(run: Run) -> Callable[[Figure, Run], None]:
@@ -91,13 +81,13 @@ def _composer(run: Run) -> Callable[[Figure, Run], None]:
     if run.measured:
         return _compose_measured
     scene = read(run.scene)
-    own = getattr(plant_of(scene.parameters), "FIGURE", None) if scene else None
-    points = Points.of(scene) if scene and own is None else None
+    declared = getattr(plant_of(scene.parameters), "FIGURE", None) if scene else None
+    points = Points.of(scene) if scene and declared is None else None
     if points is not None and run.signals.keys() >= set(points.names):
-        return pressure.compose
-    if scene is None or own is None or not run.signals.keys() >= set(own.outputs):
+        return pressure_figure.compose
+    if scene is None or declared is None or not run.signals.keys() >= set(declared.outputs):
         return _compose
-    composer: Callable[[Figure, Run], None] = drawer_of(own, scene)
+    composer: Callable[[Figure, Run], None] = drawer_of(declared, scene)
     return composer
 
 
@@ -122,21 +112,32 @@ def _compose(figure: Figure, run: Run, only: Collection[str] = ()) -> None:
     drawn, top = stacked(figure, run, header, max(len(shown), 1), (left, split, BOTTOM + tall + 0.022))
     for axes, panel in zip(drawn, shown):
         draw_panel(axes, sheet, panel)
-    _strip(figure.add_axes((left, BOTTOM, split - left, tall), sharex=drawn[0]), run, lanes, labels)
+    strip = figure.add_axes((left, BOTTOM, split - left, tall), sharex=drawn[0])
+    _strip(strip, run, lanes, labels)
     for axes in drawn:
         axes.tick_params(labelbottom=False)
         shade(axes, run, closed)
     bars = int(channels.portrait is not None and len(sections(run)) < 2)
     right = figure.add_gridspec(
-        3, 1 + bars, height_ratios=(2.1, 1.5, 1.0), width_ratios=(1.0, 0.035)[: 1 + bars], left=split + 0.078,
-        right=RIGHT - 0.045 * bars, top=top, bottom=BOTTOM, hspace=0.42, wspace=0.04,
-    )  # fmt: skip
+        3,
+        1 + bars,
+        height_ratios=(2.1, 1.5, 1.0),
+        width_ratios=(1.0, 0.035)[: 1 + bars],
+        left=split + 0.078,
+        right=RIGHT - 0.045 * bars,
+        top=top,
+        bottom=BOTTOM,
+        hspace=0.42,
+        wspace=0.04,
+    )
     beside = []
     if channels.portrait is not None:
         beside.append(figure.add_subplot(right[0, 0]))
-        _portrait(beside[0], figure.add_subplot(right[0, 1]) if bars else None, sheet, *channels.portrait)
+        bar = figure.add_subplot(right[0, 1]) if bars else None
+        _portrait(beside[0], bar, sheet, *channels.portrait)
     beside.append(figure.add_subplot(right[1, 0] if beside else right[:2, 0]))
-    _close_up(beside[-1], sheet, modes, system.patches[0].name if system and len(labels) > 1 else "")
+    patch = system.patches[0].name if system and len(labels) > 1 else ""
+    _close_up(beside[-1], sheet, modes, patch)
     caption(figure.add_subplot(right[2, :]), run, lanes)
     figure.align_ylabels(drawn)
     figure.align_ylabels(beside)
@@ -192,24 +193,34 @@ def _beside(figure: Figure, labels: Collection[str]) -> float:
 
 def draw_panel(axes: Axes, sheet: Sheet, panel: Panel) -> None:
     """Draw the outputs and sensors of a plot. The speed of a drive that is much larger than all others is a text."""
-    run, channels = sheet.run, sheet.channels
+    run = sheet.run
     title, _, unit = panel.title.rpartition(" [")
     unit = unit.removesuffix("]")
-    given = None if panel.outputs else sheet.sampled(panel.sensors[0], 1.0)[1]
-    factor, shown = sheet.scales.of(unit, given)
-    fast = _beyond(run, channels, panel)
-    curves(axes, sheet, [output for output in panel.outputs if output not in fast], panel.sensors, factor)
+    measured = None if panel.outputs else sheet.sampled(panel.sensors[0], 1.0)[1]
+    factor, shown = sheet.scales.of(unit, measured)
+    fast = _beyond(run, sheet.channels, panel)
+    slow = [output for output in panel.outputs if output not in fast]
+    curves(axes, sheet, slow, panel.sensors, factor)
     for row, output in enumerate(fast):
         size = factor * largest(run.signals[output])
-        speed = f"{plain(output)}: {f'{size:.3g}' if size < 1000 else f'{size:.0f}'} {shown}"
-        axes.text(0.995, 0.97 - 0.07 * row, speed, transform=axes.transAxes, ha="right", va="top", fontsize=9.5,
-                  color=channels.colours[output])  # fmt: skip
+        digits = f"{size:.3g}" if size < 1000 else f"{size:.0f}"
+        axes.text(
+            0.995,
+            0.97 - 0.07 * row,
+            f"{plain(output)}: {digits} {shown}",
+            transform=axes.transAxes,
+            ha="right",
+            va="top",
+            fontsize=9.5,
+            color=sheet.channels.colours[output],
+        )
     axes.set_ylabel(f"{title} [{shown}]")
 
 
 def _beyond(run: Run, channels: Channels, panel: Panel) -> list[str]:
     """Drives of a plot that are so much faster than the other outputs that these would look flat."""
-    drives, known = channels.drives, [name for name in panel.outputs if name in run.signals]
+    drives = channels.drives
+    known = [name for name in panel.outputs if name in run.signals]
     most = largest(*(run.signals[name] for name in known if name not in drives))
     return [name for name in known if name in drives and largest(run.signals[name]) > _FASTER * most > 0.0]
 
@@ -232,7 +243,8 @@ def _strip(axes: Axes, run: Run, lanes: Integers, labels: list[str]) -> None:
     counts = np.diff([*starts, lanes.shape[1]])
     mixed = np.array([np.add.reduceat(palette[modes], starts, axis=0) / counts[:, None] for modes in lanes])
     if len(lanes) > _LANES:
-        mixed, labels = mixed.mean(axis=0)[None], [f"{len(lanes)} contacts"]
+        mixed = mixed.mean(axis=0)[None]
+        labels = [f"{len(lanes)} contacts"]
     count = len(labels)
     extent = (begin_of(run), end_of(run), float(count), 0.0)
     axes.imshow(mixed, aspect="auto", extent=extent, interpolation="nearest")
@@ -244,15 +256,23 @@ def _strip(axes: Axes, run: Run, lanes: Integers, labels: list[str]) -> None:
 
     seen = [Patch(color=contact.COLOURS[i], label=contact.NAMES[i]) for i in np.unique(lanes)]
     below = -36.0 / axes.get_window_extent().height
-    axes.legend(handles=seen, loc="upper right", bbox_to_anchor=(1.0, below), ncols=len(seen), handlelength=1.1,
-                borderaxespad=0.0)  # fmt: skip
+    axes.legend(
+        handles=seen,
+        loc="upper right",
+        bbox_to_anchor=(1.0, below),
+        ncols=len(seen),
+        handlelength=1.1,
+        borderaxespad=0.0,
+    )
 
 
 def _portrait(axes: Axes, bar: Axes | None, sheet: Sheet, displacement: str, velocity: str) -> None:
     """Draw velocity over displacement, with `bar` in the colour of the time. Points are not joined where lines lie."""
     run = sheet.run
-    (factor, unit), (speed, per_time) = (sheet.scales.of(run.units.get(n, "")) for n in (displacement, velocity))
-    x, v = factor * run.signals[displacement], speed * run.signals[velocity]
+    factor, unit = sheet.scales.of(run.units.get(displacement, ""))
+    x = factor * run.signals[displacement]
+    factor, per_time = sheet.scales.of(run.units.get(velocity, ""))
+    v = factor * run.signals[velocity]
     axes.set(
         title=f"phase portrait, {rate(run)} points per second" if sheet.style else "phase portrait",
         xlabel=f"{plain(displacement)} [{unit}]",
@@ -272,13 +292,15 @@ def _portrait(axes: Axes, bar: Axes | None, sheet: Sheet, displacement: str, vel
         return
     driven = sections(run)
     titles = list(dict.fromkeys(section.text for section in driven))
-    first = dict.fromkeys(titles, True)
-    for section in sorted(driven, key=lambda s: s.text != "free"):
-        inside = (run.time >= section.begin) & (run.time <= section.end)
-        colour = _SECTIONS[titles.index(section.text) % len(_SECTIONS)]
-        label = section.text if section.text == "free" else f"with {section.text}"
-        axes.plot(x[inside], v[inside], color=colour, alpha=0.85, label=label if first[section.text] else None, **dots)
-        first[section.text] = False
+    labelled = set()
+    for begin, end, title in sorted(driven, key=lambda section: section.text != "free"):
+        inside = (run.time >= begin) & (run.time <= end)
+        colour = _SECTIONS[titles.index(title) % len(_SECTIONS)]
+        label = None
+        if title not in labelled:
+            label = title if title == "free" else f"with {title}"
+        labelled.add(title)
+        axes.plot(x[inside], v[inside], color=colour, alpha=0.85, label=label, **dots)
     legend(axes, len(titles))
 
 
@@ -287,13 +309,15 @@ def _by_time(axes: Axes, bar: Axes, sheet: Sheet, x: Reals, v: Reals) -> None:
     from matplotlib.ticker import MaxNLocator
 
     time = sheet.run.time
-    every = max(x.size // 40_000, 1)
-    points, at = np.stack((x[::every], v[::every]), axis=1), time[::every]
+    every = max(x.size // _POINTS, 1)
+    points = np.stack((x[::every], v[::every]), axis=1)
+    at = time[::every]
     shown: Any
     if sheet.style:
         shown = axes.scatter(points[:, 0], points[:, 1], 3.0, at, lw=0, cmap="viridis_r")
     else:
-        shown = LineCollection(list(np.stack((points[:-1], points[1:]), axis=1)), cmap="viridis_r", lw=0.9)
+        lines = np.stack((points[:-1], points[1:]), axis=1)
+        shown = LineCollection(list(lines), cmap="viridis_r", lw=0.9)
         shown.set_array(at[:-1])
         axes.add_collection(shown)
         axes.autoscale_view()
@@ -305,9 +329,11 @@ def _by_time(axes: Axes, bar: Axes, sheet: Sheet, x: Reals, v: Reals) -> None:
 
 def _close_up(axes: Axes, sheet: Sheet, modes: Integers, patch: str) -> None:
     """Draw some periods from the part of the run with the strongest vibration; `patch`: the contact of `modes`."""
-    run, channels = sheet.run, sheet.channels
+    run = sheet.run
+    channels = sheet.channels
     watched = channels.portrait[1] if channels.portrait else next(iter(channels.colours), "")
-    t, v = run.time, run.signals.get(watched, np.empty(0))
+    t = run.time
+    v = run.signals.get(watched, np.empty(0))
     fine = sheet.fine(watched)
     if fine is not None:
         t, v = sheet.sampled(fine, 1.0)
@@ -327,13 +353,16 @@ def _close_up(axes: Axes, sheet: Sheet, modes: Integers, patch: str) -> None:
         for low, high in edges.reshape(-1, 2):
             axes.axvspan(at[low], at[high], color=contact.COLOURS[0], alpha=0.16, lw=0)
     axes.set_title(title)
-    if panel := channels.panel_of(watched):
+    panel = channels.panel_of(watched)
+    if panel:
         fast = _beyond(run, channels, panel)
         drives = [name for name in panel.outputs if name in channels.drives and name not in fast]
-        for name in (drive for drive in drives if drive != watched):
-            axes.plot(run.time[inside], factor * run.signals[name][inside], color=channels.colours[name], lw=1.4)
+        for name in drives:
+            if name != watched:
+                axes.plot(run.time[inside], factor * run.signals[name][inside], color=channels.colours[name], lw=1.4)
         inside = (t >= begin) & (t <= end)
-        style = {"lw": 1.4} if fine is not None else sheet.style or {"lw": 1.4}
+        line = {"lw": 1.4}
+        style = line if fine is not None else sheet.style or line
         if fine is None and sheet.known is Known.ALIAS:
             too_few(axes, run, plain(watched), alone=True)
         else:
@@ -357,7 +386,8 @@ def _liveliest(t: Reals, v: Reals, run: Run, modes: Integers) -> tuple[float, fl
     if turns.size < 5:
         turns = _crossings(t, v)
     if turns.size > 1:
-        width = float(np.clip(4.0 * _typical(np.diff(turns)), 4.0 * float(np.median(np.diff(t))), (end - t[0]) / 2))
+        shortest = 4.0 * float(np.median(np.diff(t)))
+        width = float(np.clip(4.0 * _typical(np.diff(turns)), shortest, (end - t[0]) / 2))
         begin = _strongest(t, v, width)
     return begin, min(begin + width, end)
 
@@ -365,7 +395,8 @@ def _liveliest(t: Reals, v: Reals, run: Run, modes: Integers) -> tuple[float, fl
 def _crossings(t: Reals, v: Reals) -> Reals:
     """Times at which v(t) crosses its mean upwards."""
     known = np.isfinite(v)
-    above = v[known] > (float(v[known].mean()) if known.any() else 0.0)
+    mean = float(v[known].mean()) if known.any() else 0.0
+    above = v[known] > mean
     return np.asarray(t[known][1:][above[1:] > above[:-1]])
 
 
@@ -373,8 +404,9 @@ def _strongest(t: Reals, v: Reals, width: float) -> float:
     """Begin of the first part of this width [s] whose values vary about as much as in any other."""
     size = max(int(width / (t[-1] - t[0] or 1.0) * v.size), 2)
     starts = np.arange(0, max(v.size - size, 0) + 1, max(size // 4, 1))
-    swings = np.array([_swing(v[s : s + size]) for s in starts])
-    return float(t[starts[int(np.argmax(swings >= 0.98 * swings.max()))]])
+    swings = np.array([_swing(v[start : start + size]) for start in starts])
+    strongest = int(np.argmax(swings >= 0.98 * swings.max()))
+    return float(t[starts[strongest]])
 
 
 def _swing(v: Reals) -> float:
@@ -387,39 +419,3 @@ def _typical(gaps: Reals) -> float:
     """A typical gap: weighted by time, so that many short gaps (chatter) or one long pause have little influence."""
     ordered = np.sort(gaps)
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.4 * ordered.sum())])
-
-
-@drawn(8.4, 4.6, layout="constrained")
-def scene_figure(figure: Figure, scene: Scene) -> None:
-    """Draw the friction coefficient of each contact of `scene` over its slip speed; dots: the static coefficients.
-
-    A law with memory is drawn in steady slip, under the load of steady sliding. One that deflects instead of sticking
-    has no static coefficient.
-
-    Raises UsageError for a rig without friction.
-    """
-    system = scene.assemble().system()
-    if not system.patches:
-        raise UsageError("nothing to draw: the rig has no contact with friction")
-    sliding = steady(system, sliding_key(system))
-    x = sliding.x.copy()
-    x[: 2 * len(system.coordinates)] = 0.0
-    surfaces = np.abs(system.slip_rows @ x)
-    top = 2.0 * float(surfaces.max()) or _FASTEST
-    speeds = np.linspace(0.0, top, 400)[1:]
-    axes = figure.add_subplot()
-    for i, (patch, surface, load) in enumerate(zip(system.patches, surfaces, sliding.load.tolist())):
-        colour = LINES[i % len(LINES)]
-        for law, dashes, way in zip(patch.law.directions, ("-", "--"), ("", " backward")):
-            under = f", steady slip under {load:.3g} N" if law.states else ""
-            axes.plot(speeds, law.over(speeds, load), color=colour, ls=dashes, label=plain(patch.name) + way + under)
-            if law.sticks:
-                axes.plot(0.0, law.at_rest(load), "o", color=colour)
-        if surface:
-            axes.axvline(surface, color=colour, lw=0.9, ls=":")
-    moving = "; dotted: speed of the surface" if surfaces.any() else ""
-    axes.set(
-        xlabel=f"slip speed [m/s]{moving}", ylabel="friction coefficient", xlim=(-0.01 * top, top), ylim=(0.0, None)
-    )
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-    headline(figure, f"{scene.name}: friction")

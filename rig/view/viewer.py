@@ -38,7 +38,8 @@ OPEN_TO = (
     "api.github.com, tel.rerun.io and app.rerun.io for fonts, versions, statistics and examples"
 )
 """A warning for users of the page: it needs no password, and rerun's page contacts other servers."""
-_MEMORY, _SERVED = "2GB", "256MB"
+_MEMORY = "2GB"
+_SERVED = "256MB"
 _BOUND = """import ctypes, os, sys
 ctypes.CDLL(None).prctl(1, 15)
 if os.getppid() == int(sys.argv[1]):
@@ -50,7 +51,9 @@ class Viewer:
     """A viewer at `url`, as a process; `page`: address for a browser, "" for a window."""
 
     def __init__(self, url: str, page: str, process: subprocess.Popen[bytes]) -> None:
-        self.url, self.page, self.process = url, page, process
+        self.url = url
+        self.page = page
+        self.process = process
 
     @property
     def alive(self) -> bool:
@@ -91,13 +94,17 @@ def start(web: bool = False) -> Viewer:
         command.append("--hide-welcome-screen")
     if web and sys.platform == "linux":
         command = [sys.executable, "-ISc", _BOUND, str(os.getpid()), *command]
-    # a new session, so that Ctrl-C does not end the window; with CI rerun sends no usage statistics
+    environment = {**os.environ, "CI": "true"}  # with CI rerun sends no usage statistics
     with tempfile.TemporaryFile() as output:
         try:
             process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=output,
-                start_new_session=True, env={**os.environ, "CI": "true"},
-            )  # fmt: skip
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=output,
+                start_new_session=True,  # so that Ctrl-C does not end the window
+                env=environment,
+            )
         except OSError as fault:
             raise UsageError(f"the viewer {binary()} cannot be started: {fault.strerror}") from None
         viewer = Viewer(url, page, process)
@@ -110,11 +117,13 @@ def start(web: bool = False) -> Viewer:
 
 
 def _wait_until_open(viewer: Viewer, port: int, output: IO[bytes]) -> None:
-    deadline, opened = time.monotonic() + _OPENING_S, 0.0
+    deadline = time.monotonic() + _OPENING_S
+    opened = 0.0
     while not opened or time.monotonic() < opened + _SETTLED_S:
         if not viewer.alive:
             output.seek(0)
-            last = next((line for line in reversed(output.read().decode(errors="replace").splitlines()) if line), "")
+            lines = output.read().decode(errors="replace").splitlines()
+            last = next((line for line in reversed(lines) if line), "")
             reason = "there is no display" if "DISPLAY" in last else last
             raise UsageError(f"the viewer's window could not be opened: {reason}; try --web for a browser page")
         if time.monotonic() > deadline:

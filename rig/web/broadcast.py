@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-from rig.view.process import Spans
+from rig.view.spans import Spans
 from rig.web import plain_json
 from rig.web.frames import Frame, missed
 

@@ -33,7 +33,7 @@ from rig.bus.run_setup import Setup
 from rig.bus.topics import Message
 from rig.model.system import System
 from rig.view.contact import Contacts, Modes
-from rig.view.process import Spans, latest, of_samples, of_steps
+from rig.view.spans import Spans, latest, of_samples, of_steps
 from rig.web.picture import MovingPicture
 from rig.web.plain_json import finite
 

@@ -22,7 +22,7 @@ from rig.scenes.scene import Scene
 from rig.structure import model_store
 from rig.view.channels import Channels
 from rig.view.contact import Contacts, Modes
-from rig.view.process import joined
+from rig.view.spans import joined
 from rig.web.follower import description
 from rig.web.form import picture
 from rig.web.frames import columns

@@ -25,10 +25,16 @@ from rig.errors import SceneError, UsageError
 from rig.stability.linearisation import steady
 
 BSTAB = {
-    "body.mass": "1 kg", "body.stiffness": "1 N/m", "body.damping": "0.1 N*s/m", "load.force": "1 N",
-    "friction.mu_static": 1.0, "friction.mu_dynamic": 0.5, "friction.speed_scale": "0.5 m/s", "drive.speed": "1.5 m/s",
+    "body.mass": "1 kg",
+    "body.stiffness": "1 N/m",
+    "body.damping": "0.1 N*s/m",
+    "load.force": "1 N",
+    "friction.mu_static": 1.0,
+    "friction.mu_dynamic": 0.5,
+    "friction.speed_scale": "0.5 m/s",
+    "drive.speed": "1.5 m/s",
     "limits": "none",
-}  # fmt: skip
+}
 """The friction oscillator of bSTAB (Stender, Hoffmann 2022)."""
 RPM = math.pi / 30.0
 CLOSED = 1e-9
@@ -369,10 +375,15 @@ def test_a_study_of_random_starts_gives_the_share_that_comes_to_slide(bstab, tmp
 def test_largest_damping_with_stick_slip_of_an_example_of_others(tmp_path, extra, ratio):
     """Mass, spring and belt of exudyn's example; damping ratios by independent integration."""
     changes = {
-        "body.mass": "0.5 kg", "body.stiffness": "400 N/m", "load.force": "40 N", "friction.mu_dynamic": 1.0,
-        "friction.mu_static": 1.0 + extra / 40.0, "friction.speed_scale": "0.1 m/s", "drive.speed": "4 m/s",
+        "body.mass": "0.5 kg",
+        "body.stiffness": "400 N/m",
+        "load.force": "40 N",
+        "friction.mu_dynamic": 1.0,
+        "friction.mu_static": 1.0 + extra / 40.0,
+        "friction.speed_scale": "0.1 m/s",
+        "drive.speed": "4 m/s",
         "start.velocity": "4 m/s",
-    }  # fmt: skip
+    }
     critical = 2.0 * math.sqrt(400.0 * 0.5)
     low, high = 0.5 * ratio * critical, 2.0 * ratio * critical
     changes["body.damping"] = f"{low} N*s/m"
@@ -580,8 +591,13 @@ def test_boundaries_of_a_forced_motion_are_the_same_from_both_sides(tmp_path):
         for low, high in (("0.05", "0.17"), ("0.05", "0.0999"), ("0.0999", "0.09999"))
     ]
     expected = {"stick": 0.0998224704, "reversal": 0.0999534565, "grazing": 0.0999973793}
-    for number, kind in ((0, "end of stick"), (0, "begin of reversal"), (0, "grazing"), (1, "begin of stick"),
-                         (2, "end of reversal")):  # fmt: skip
+    for number, kind in (
+        (0, "end of stick"),
+        (0, "begin of reversal"),
+        (0, "grazing"),
+        (1, "begin of stick"),
+        (2, "end of reversal"),
+    ):
         assert found[number].special(kind) == [pytest.approx(expected[kind.split()[-1]], abs=1e-9)], (number, kind)
 
 
@@ -786,8 +802,11 @@ def test_controllers_are_named_that_are_left_out(tmp_path):
 
 def test_a_torus_point_of_a_forced_slip_with_falling_friction(tmp_path):
     changes = {
-        "dither.on": "mass", "dither.amplitude": "2 N", "dither.frequency": "7 Hz", "dither.enable": True,
-    }  # fmt: skip
+        "dither.on": "mass",
+        "dither.amplitude": "2 N",
+        "dither.frequency": "7 Hz",
+        "dither.enable": True,
+    }
     result = followed(tmp_path, "belt_dither", "drive.speed=0.15 m/s:0.3 m/s", ("simulation",), **changes)
     omega = 14.0 * math.pi
 
@@ -840,8 +859,10 @@ def test_smooth_special_points_are_those_of_auto(escape, tmp_path):
     (tmp_path / "escape.auto").write_text("run('escape')\n")
     subprocess.run(["auto-07p", "escape.auto"], cwd=tmp_path, check=True, capture_output=True, timeout=120)
     rows = [line.split() for line in (tmp_path / "fort.7").read_text().splitlines()]
-    values = {kind: sorted(float(row[4]) for row in rows if row[0] != "0" and row[2] == code)
-              for kind, code in (("fold", "5"), ("period doubling", "7"))}  # fmt: skip
+    values = {
+        kind: sorted(float(row[4]) for row in rows if row[0] != "0" and row[2] == code)
+        for kind, code in (("fold", "5"), ("period doubling", "7"))
+    }
     assert (len(values["fold"]), len(values["period doubling"])) == (2, 1)
     for kind, expected in values.items():
         assert sorted(escape.special(kind)) == pytest.approx(expected, rel=1e-8), kind

@@ -93,8 +93,9 @@ def test_runs_of_different_length_and_rate(runs):
     assert (found.begin, found.end) == (0.0, 2.0)
     assert all(one.same for one in found.measures)
     assert compare(runs[0], short, end=2.0).signals.identical
-    coarse = dataclasses.replace(short, time=short.time[::5], mode=short.mode[::5],
-                                 signals={name: v[::5] for name, v in short.signals.items()})  # fmt: skip
+    coarse = dataclasses.replace(
+        short, time=short.time[::5], mode=short.mode[::5], signals={name: v[::5] for name, v in short.signals.items()}
+    )
     assert compare(short, coarse).agree
     assert all(one.same for one in compare(short, coarse).measures if one.channel != "contact")
     with pytest.raises(UsageError, match="no outputs at common times"):

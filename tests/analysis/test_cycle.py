@@ -272,8 +272,15 @@ def test_the_speed_up_to_which_stick_slip_lives_is_the_closed_form_that_the_scen
         rest = 0.25 * 20.0 / 2500.0
         start = [(0.4 * 20.0 - 2.0 * v0) / 2500.0 - rest, v0]
         A = np.array([[0.0, 1.0], [-500.0, -0.4]])
-        fast = solve_ivp(lambda t, y: A @ y, (0.0, 0.4), start, rtol=1e-12, atol=1e-15, dense_output=True,
-                         events=lambda t, y: A[1] @ y)  # fmt: skip
+        fast = solve_ivp(
+            lambda t, y: A @ y,
+            (0.0, 0.4),
+            start,
+            rtol=1e-12,
+            atol=1e-15,
+            dense_output=True,
+            events=lambda t, y: A[1] @ y,
+        )
         return max(y[1] for y in fast.y_events[0][1:]) - v0
 
     limit = brentq(spare, 0.05, 0.1, xtol=1e-13)

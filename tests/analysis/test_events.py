@@ -18,10 +18,16 @@ def measured(rate=RATE, **channels):
     """A measurement of channels (values, unit)."""
     t_ns = np.rint(np.arange(len(next(iter(channels.values()))[0])) * 1e9 / rate).astype(np.int64)
     return Run(
-        scene="", step_ns=1_000_000, frame_ns=1_000_000, time=np.empty(0), signals={}, measured=True, name="m",
+        scene="",
+        step_ns=1_000_000,
+        frame_ns=1_000_000,
+        time=np.empty(0),
+        signals={},
+        measured=True,
+        name="m",
         units={f"meas/{name}": unit for name, (_, unit) in channels.items()},
         measurements={name: Samples(t_ns, np.asarray(v, float)) for name, (v, _) in channels.items()},
-    )  # fmt: skip
+    )
 
 
 def amplitude(kind, a, u, lasts=0.3, decay=80.0):

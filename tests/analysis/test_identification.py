@@ -396,9 +396,13 @@ def test_last_bits_starts_and_the_seed_of_draws_do_not_decide_the_answer(tmp_pat
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize(
     ("name", "outside", "widest"),
-    [("k168Nm_v1100", set(), 0.4), ("k168Nm_v4300", {"motion"}, 0.26), ("k1002Nm_v1100", set(), 0.25),
-     ("k2254Nm_v1100", {"stick", "drop"}, 0.3)],
-)  # fmt: skip
+    [
+        ("k168Nm_v1100", set(), 0.4),
+        ("k168Nm_v4300", {"motion"}, 0.26),
+        ("k1002Nm_v1100", set(), 0.25),
+        ("k2254Nm_v1100", {"stick", "drop"}, 0.3),
+    ],
+)
 def test_a_measured_run_that_is_not_fitted_beside_its_band(tmp_path, name, outside, widest):
     """`outside`: measures that the others do not predict; `widest`: half of the band of the period.
 

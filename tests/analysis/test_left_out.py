@@ -25,16 +25,14 @@ ALONE = {
     "no cycle": lambda scene, folder: rig.limit_cycle(scene, longest=0.01),
     "map": lambda scene, folder: rig.map(scene, SPEEDS, runs=("near",), folder=folder, workers=1, longest=0.5),
     "regions": regions,
-    "curves": lambda scene, folder: rig.branches(
-        scene, RANGE, start=["hopf"], points=20, second=LOADS, folder=folder
-    ),
+    "curves": lambda scene, folder: rig.branches(scene, RANGE, start=["hopf"], points=20, second=LOADS, folder=folder),
     "study": lambda scene, folder: rig.study(
         scene, {"load.force": [18.0, 22.0]}, ["modes.growth", "run.rms"], duration=0.05, folder=folder, workers=1
     ),
     "search": lambda scene, folder: rig.optimise(
         scene, {"load.force": (18.0, 22.0)}, "modes.growth", evaluations=15, folder=folder, workers=1
     ),
-}  # fmt: skip
+}
 
 
 def said(result, text):

@@ -241,10 +241,14 @@ def test_a_loop_gain_that_never_reaches_one_has_no_margins():
     [
         ("belt", "nf", {}, "controller nf: unknown; there is none in this scene"),
         ("belt_normal_force", "nf", {"drive.speed": 0.0}, "no steady sliding"),
-        ("belt_normal_force", "nf", {"controllers.nf.period": "3 ms", "sensors.vibrometer.rate": "500 Hz"},
-         "3 ms and the 2 ms between samples are not multiples"),
+        (
+            "belt_normal_force",
+            "nf",
+            {"controllers.nf.period": "3 ms", "sensors.vibrometer.rate": "500 Hz"},
+            "3 ms and the 2 ms between samples are not multiples",
+        ),
     ],
-)  # fmt: skip
+)
 def test_loops_that_cannot_be_are_refused(scene, name, changes, told):
     with pytest.raises(SceneError) as raised:
         rig.loop(rig.load(scene, changes), name)

@@ -107,8 +107,9 @@ def test_points_at_which_a_pin_jams_are_told_and_the_map_goes_on(tmp_path):
 
 def test_a_boundary_next_to_a_point_without_sliding_is_found(tmp_path):
     """slope(v0) F0 = d at 1.0375 N; at 0 N nothing presses. The columns of the report keep apart."""
-    found = rig.map("belt", "load.force=0:40:5", "drive.speed=0.03:0.06:2", runs=("near",), longest=1.0,
-                    folder=tmp_path, workers=1)  # fmt: skip
+    found = rig.map(
+        "belt", "load.force=0:40:5", "drive.speed=0.03:0.06:2", runs=("near",), longest=1.0, folder=tmp_path, workers=1
+    )
     loads = [2.0 / (6.4 * np.exp(-speed / 0.05)) for speed in (0.03, 0.06)]
     assert [row.tolist() for row in found.onsets] == [[pytest.approx(load, rel=1e-8)] for load in loads]
     lines = found.text().splitlines()

@@ -112,17 +112,31 @@ def hostile():
         "controllers": {EVIL: {"kind": EVIL, EVIL: EVIL}},
     }
     return Run(
-        scene=json.dumps(scene), step_ns=1_000_000, frame_ns=1_000_000, time=time,
-        signals={EVIL: np.sin(40 * time)}, units={EVIL: EVIL, f"meas/{EVIL}": EVIL},
+        scene=json.dumps(scene),
+        step_ns=1_000_000,
+        frame_ns=1_000_000,
+        time=time,
+        signals={EVIL: np.sin(40 * time)},
+        units={EVIL: EVIL, f"meas/{EVIL}": EVIL},
         measurements={EVIL: Samples(t_ns, np.cos(40 * time))},
         commands={EVIL: Commands(tick, tick, tick * 0, np.ones((500, 1)))},
         events=[event | {"t_ns": i * 10**8, "source": who, "kind": kind} for i, (who, kind) in enumerate(told)],
-        energy={EVIL: 1.0, "error": 1e-9}, provenance={EVIL: EVIL, "command": EVIL}, fault=EVIL, damage="",
+        energy={EVIL: 1.0, "error": 1e-9},
+        provenance={EVIL: EVIL, "command": EVIL},
+        fault=EVIL,
+        damage="",
         controllers={EVIL: {"section": {EVIL: EVIL}, "numbers": {EVIL: 1.0}}},
-        summary={"verdict": EVIL, "reasons": [EVIL], "ended": EVIL, "plant": {"method": EVIL, "events": EVIL},
-                 "audit": [{"effect": EVIL, "on": True, "share": 0.0, "like": EVIL, "noted": True, "text": EVIL}],
-                 "sensors": {EVIL: {"clipped": EVIL}}, "loop": {EVIL: {EVIL: 3}}, "lost": {EVIL: 1}},
-    )  # fmt: skip
+        summary={
+            "verdict": EVIL,
+            "reasons": [EVIL],
+            "ended": EVIL,
+            "plant": {"method": EVIL, "events": EVIL},
+            "audit": [{"effect": EVIL, "on": True, "share": 0.0, "like": EVIL, "noted": True, "text": EVIL}],
+            "sensors": {EVIL: {"clipped": EVIL}},
+            "loop": {EVIL: {EVIL: 3}},
+            "lost": {EVIL: 1},
+        },
+    )
 
 
 def test_the_page_of_a_recording_stands_alone(golden):
@@ -132,9 +146,21 @@ def test_the_page_of_a_recording_stands_alone(golden):
         given["content"] for name, given in found.elements if given.get("http-equiv") == "Content-Security-Policy"
     ]
     assert policy[0].startswith("default-src 'none'")
-    order = ("What it shows", "The run", "Measures of each stage", "Energy balance", "Influence of the effects",
-             "Timing and transport", "Controllers", "Sensors", "Events", "Values of the scene", "Provenance",
-             "Notes of users", "Check and repeat")  # fmt: skip
+    order = (
+        "What it shows",
+        "The run",
+        "Measures of each stage",
+        "Energy balance",
+        "Influence of the effects",
+        "Timing and transport",
+        "Controllers",
+        "Sensors",
+        "Events",
+        "Values of the scene",
+        "Provenance",
+        "Notes of users",
+        "Check and repeat",
+    )
     assert tuple(found.texts) == order
     assert len([name for name, _ in found.elements if name == "img"]) == 1
     assert len([name for name, _ in found.elements if name == "svg"]) == 4
@@ -265,5 +291,8 @@ def test_the_command_writes_the_page_beside_the_recording(rig, tmp_path):
     code, out, err = rig("report", log)
     assert (code, "add --force" in err) == (2, True)
     code, out, _ = rig("report", log, "--force", "--json")
-    assert json.loads(out) == {"path": str(tmp_path / "a run.html"), "bytes": (tmp_path / "a run.html").stat().st_size,
-                               "damage": []}  # fmt: skip
+    assert json.loads(out) == {
+        "path": str(tmp_path / "a run.html"),
+        "bytes": (tmp_path / "a run.html").stat().st_size,
+        "damage": [],
+    }

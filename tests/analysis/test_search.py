@@ -76,7 +76,7 @@ def test_a_search_without_any_value_is_told(belt, tmp_path):
         ({"load.forse": "10 N:30 N"}, {}, "load.forse: is not a numeric parameter of this scene; did you mean"),
         (RANGES, {"evaluations": 3}, "evaluations = 3: must be at least 15 for 1 parameter"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_named(belt, over, more, told):
     with pytest.raises(UsageError, match=told):
         prepared(belt, over, **{"measure": "cycle.amplitude", **more})

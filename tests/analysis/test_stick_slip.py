@@ -19,10 +19,16 @@ def measured(rate=2000.0, **channels):
     """A measurement of channels (values, unit)."""
     t_ns = np.rint(np.arange(len(next(iter(channels.values()))[0])) * 1e9 / rate).astype(np.int64)
     return Run(
-        scene="", step_ns=1_000_000, frame_ns=1_000_000, time=np.empty(0), signals={}, measured=True, name="m",
+        scene="",
+        step_ns=1_000_000,
+        frame_ns=1_000_000,
+        time=np.empty(0),
+        signals={},
+        measured=True,
+        name="m",
         units={f"meas/{name}": unit for name, (_, unit) in channels.items()},
         measurements={name: Samples(t_ns, np.asarray(v, float)) for name, (v, _) in channels.items()},
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +72,13 @@ def test_slips_of_paper_are_those_of_the_published_detector(path, smooth):
     force = loadmat(path)["Fnorm"].ravel() * 0.301167
     stiffness, speed = (float(part) for part in path.stem.removeprefix("k").split("Nm_v"))
     found = stick_slip(
-        measured(force=(force, "N")), friction="force", stiffness=stiffness, drive=speed * 1e-6, threshold=40e-6,
+        measured(force=(force, "N")),
+        friction="force",
+        stiffness=stiffness,
+        drive=speed * 1e-6,
+        threshold=40e-6,
         smooth=smooth,
-    )  # fmt: skip
+    )
     spans = reference(found.force, speed * 1e-6, stiffness, 40e-6)
     assert [(round(2000 * slip.begin), round(2000 * slip.end)) for slip in found.slips] == spans
     assert found.spikes < 0.02 * force.size

@@ -48,8 +48,12 @@ def test_each_value_is_what_the_other_commands_find(belt, grid):
         scene = lab.load("belt", at)
         cycle = lab.limit_cycle(scene)
         run = lab.simulate(scene, 0.7)
-        expected = [cycle.amplitude["displacement"], cycle.period, run.signals["velocity"].std(),
-                    run.signals["velocity"].max()]  # fmt: skip
+        expected = [
+            cycle.amplitude["displacement"],
+            cycle.period,
+            run.signals["velocity"].std(),
+            run.signals["velocity"].max(),
+        ]
         assert grid.values[k, [0, 1, 4, 5]].tolist() == expected
         assert grid.values[k, 3] == pytest.approx(lab.modes(scene).sliding.growth, rel=1e-9)
     assert grid.values[:, 2] == pytest.approx(grid.values[:, 1], rel=1e-8)
@@ -102,8 +106,14 @@ def test_the_report_lists_points_and_the_range_of_each_measure(grid, tmp_path):
 def test_curves_show_median_and_range_and_leave_out_what_is_missing(belt, tmp_path):
     over = {"load.force": "10 N:30 N:5", "friction.mu_static": lab.normal(0.4, 0.02)}
     work = prepared(belt, over, ["cycle.period", "cycle.stick_share"], samples=8)
-    found = {k: {"values": np.array([k % 7, math.nan if k < 8 else 0.1 * k]), "units": np.array(["s", "1"]),
-                 "reason": np.array("")} for k in range(len(work.items))}  # fmt: skip
+    found = {
+        k: {
+            "values": np.array([k % 7, math.nan if k < 8 else 0.1 * k]),
+            "units": np.array(["s", "1"]),
+            "reason": np.array(""),
+        }
+        for k in range(len(work.items))
+    }
     drawn = gathered(work, found, {}, tmp_path).draw(tmp_path)
     assert [path.name for path in drawn] == ["curves.png", "scatter.png"]
 
@@ -152,8 +162,10 @@ def test_numbers_of_controllers_and_sensors_are_parameters_too():
 
 def test_samples_of_a_distribution_are_drawn_from_the_seed(belt):
     over = {"load.force": [10.0, 20.0], "friction.mu_static": lab.normal(0.4, 0.02), "body.damping": lab.uniform(1, 3)}
-    plans = {how: prepared(belt, over, ["cycle.period"], samples=64, sampling=how).plan
-             for how in ("random", "latin", "sobol", "saltelli")}  # fmt: skip
+    plans = {
+        how: prepared(belt, over, ["cycle.period"], samples=64, sampling=how).plan
+        for how in ("random", "latin", "sobol", "saltelli")
+    }
     for how, plan in plans.items():
         assert plan.dimensions == {"load.force": 2, "sample": 64 * (4 if how == "saltelli" else 1)}
         assert plan.draws[:, 0].mean() == pytest.approx(0.4, abs=0.01)
@@ -174,8 +186,10 @@ def test_sobol_indices_of_a_sum_are_its_shares_of_the_variance(belt, tmp_path):
     """Nothing is simulated: the values of a measure are put in. y = 3 a + b: 9/10 and 1/10."""
     over = {"load.force": lab.uniform(10, 11), "body.damping": lab.uniform(2, 3)}
     work = prepared(belt, over, ["cycle.period"], samples=256, sampling="saltelli")
-    found = {k: {"values": np.array([3.0 * a + b]), "units": np.array(["s"]), "reason": np.array("")}
-             for k, (a, b) in enumerate(work.plan.draws.tolist())}  # fmt: skip
+    found = {
+        k: {"values": np.array([3.0 * a + b]), "units": np.array(["s"]), "reason": np.array("")}
+        for k, (a, b) in enumerate(work.plan.draws.tolist())
+    }
     result = gathered(work, found, {}, tmp_path)
     assert result.indices.first[0] == pytest.approx([0.9, 0.1], abs=0.01)
     assert result.indices.whole[0] == pytest.approx([0.9, 0.1], abs=0.01)
@@ -210,7 +224,7 @@ WRONG = [
     ({"load.force": [1.0]}, {"repeat": 2}, "all measures are those of the plant without noise"),
     ({"load.force": [1.0]}, {"measure": ["cycle.amplitud"]}, "cycle.amplitud: unknown; did you mean cycle.amplitude"),
     ({"load.force": [1.0]}, {"keep": "cycle.amplitude > 5 mm"}, "cycle.amplitude is not a measure of this study"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("over", "more", "told"), WRONG, ids=[told for *_, told in WRONG])
@@ -231,8 +245,16 @@ def test_every_fault_is_told_at_once():
     wrong = {"samples": 0, "sampling": "latim", "seed": -1, "repeat": 3}
     with pytest.raises(UsageError) as fault:
         prepared(lab.load("belt_c_damped"), {"load.forse": [1.0], "body.mass": [-1.0]}, ["nothing", 3], **wrong)
-    for text in ("load.forse", "body.mass", "measure nothing", "measure 3: expected", "nothing in it is random",
-                 "sampling latim: unknown", "samples = 0: must be", "seed = -1: must be"):  # fmt: skip
+    for text in (
+        "load.forse",
+        "body.mass",
+        "measure nothing",
+        "measure 3: expected",
+        "nothing in it is random",
+        "sampling latim: unknown",
+        "samples = 0: must be",
+        "seed = -1: must be",
+    ):
         assert text in str(fault.value)
 
 
@@ -252,8 +274,15 @@ def test_seeds_alone_give_the_runs_of_these_seeds_and_their_spread(tmp_path):
 
 
 def test_recordings_of_chosen_points_are_kept_and_repeat(belt, tmp_path):
-    found = lab.study(belt, {"load.force": [10.0, 20.0]}, ["run.highest.displacement"], duration=0.5,
-                      keep="run.highest.displacement > 3 mm", folder=tmp_path, workers=1)  # fmt: skip
+    found = lab.study(
+        belt,
+        {"load.force": [10.0, 20.0]},
+        ["run.highest.displacement"],
+        duration=0.5,
+        keep="run.highest.displacement > 3 mm",
+        folder=tmp_path,
+        workers=1,
+    )
     assert found.values[:, 0].tolist() == sorted(found.values[:, 0])
     expected = [k for k, v in enumerate(found.values[:, 0]) if v > 3e-3]
     assert 0 < len(expected) < 3

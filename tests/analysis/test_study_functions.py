@@ -56,13 +56,16 @@ def test_values_of_a_function_in_several_units_are_converted_to_the_first(belt, 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("import rig\ndef value(run):\n    return 1.0\nrig.study('belt', {'load.force': [1.0]}, [value], duration=1)\n",
-         "starts a study when it is loaded"),
+        (
+            "import rig\ndef value(run):\n    return 1.0\n"
+            "rig.study('belt', {'load.force': [1.0]}, [value], duration=1)\n",
+            "starts a study when it is loaded",
+        ),
         ("import sys\nsys.exit(3)", r"mine.py: SystemExit: 3"),
         ("x =", r"mine.py: SyntaxError: "),
         ("def other(run):\n    return 1.0\n", "defines no function value"),
     ],
-)  # fmt: skip
+)
 def test_a_file_that_defines_no_measure_is_told(belt, file, text, told):
     with pytest.raises((UsageError, SceneError), match=told):
         work_of(belt, f"{file(text)}:value")

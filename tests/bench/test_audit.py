@@ -132,10 +132,13 @@ def moved(scene, target, to, over, hold=1.0):
 
 
 RISING = {
-    "friction.law": "stribeck_viscous", "friction.mu_static": 0.3, "friction.mu_dynamic": 0.3, "friction.viscous": 0.3,
+    "friction.law": "stribeck_viscous",
+    "friction.mu_static": 0.3,
+    "friction.mu_dynamic": 0.3,
+    "friction.viscous": 0.3,
     "friction.speed_scale": 0.05,
     "drive.speed": 0.5,
-}  # fmt: skip
+}
 CHANGED = {
     "a slow ramp beyond the limit": lambda: moved(rig.load("belt"), "drive.speed", 0.3, 20.0),
     "a ramp that ends just within it": lambda: moved(rig.load("belt"), "drive.speed", 0.24, 2.0, 3.0),

@@ -30,9 +30,24 @@ CASES = [
 ]
 
 _COUNTED = (
-    "x", "fc", "energy", "edges", "tally", "size", "ended", "keys", "balance", "visited", "whole", "part", "poles",
-    "waiting", "past", "used", "random",
-)  # fmt: skip
+    "x",
+    "fc",
+    "energy",
+    "edges",
+    "tally",
+    "size",
+    "ended",
+    "keys",
+    "balance",
+    "visited",
+    "whole",
+    "part",
+    "poles",
+    "waiting",
+    "past",
+    "used",
+    "random",
+)
 """Parts of a checkpoint that do not depend on where the run was cut into pieces; rows of logs do."""
 
 

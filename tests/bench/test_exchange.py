@@ -133,8 +133,11 @@ def test_a_command_that_waits_is_clamped_to_the_range_of_the_tick_at_which_it_ta
 
 
 def test_one_actuator_has_one_owner(loop):
-    for drives, period, told in (("load.force", MS, "driven by nf already"), ("load.mass", MS, "no such actuator"),
-                                 ("drive.speed", MS + 1, "no whole number")):  # fmt: skip
+    for drives, period, told in (
+        ("load.force", MS, "driven by nf already"),
+        ("load.mass", MS, "no such actuator"),
+        ("drive.speed", MS + 1, "no whole number"),
+    ):
         with pytest.raises(UsageError, match=told):
             loop.exchange.admit("other", [drives], period)
     for tick in range(3000):

@@ -116,8 +116,14 @@ def test_a_run_that_ended_by_itself_is_not_continued_from_its_end(tmp_path):
 
 def test_changes_that_an_operator_made_to_a_controller_are_repeated(belt, tmp_path):
     run = rig.open(belt)
-    told = {"t_ns": 499 * 10**6, "tick": 499, "source": "nf", "kind": "parameter", "text": "",
-            "data": {"set": {"gain": 1e-3}, "after_tick": 499}}  # fmt: skip
+    told = {
+        "t_ns": 499 * 10**6,
+        "tick": 499,
+        "source": "nf",
+        "kind": "parameter",
+        "text": "",
+        "data": {"set": {"gain": 1e-3}, "after_tick": 499},
+    }
     tuned = fork(belt, 0.5, {"controllers.nf.gain": 1e-3}, 10**9)
     live = recorded(tmp_path, dataclasses.replace(tuned, events=[*run.events, told]))  # as a live run records it
     assert compare(fork(live, 1.0, duration_ns=5 * 10**8), tuned).identical

@@ -17,19 +17,22 @@ FAST = {"sensors.vibrometer.rate": "5 kHz"}
 SCENES = {
     "belt_normal_force": (FAST, 3000),
     "belt": (
-        {"sensors.vibrometer.rate": 10e3,
-         "sensors.laser.rate": 937.0,  # delayed, a mean over uneven intervals
-         "sensors.accelerometer.rate": 333.0,
-         "sensors.strain.kind": "strain_gauge",
-         "sensors.strain.rate": 1000.0},
+        {
+            "sensors.vibrometer.rate": 10e3,
+            "sensors.laser.rate": 937.0,  # delayed, a mean over uneven intervals
+            "sensors.accelerometer.rate": 333.0,
+            "sensors.strain.kind": "strain_gauge",
+            "sensors.strain.rate": 1000.0,
+        },
         10 * GATHERED + 3,
     ),
     "brake_shunt": (  # echoes
-        {"sensors.microphone.kind": "microphone", "sensors.microphone.rate": 44.1e3}, 10 * GATHERED + 3
+        {"sensors.microphone.kind": "microphone", "sensors.microphone.rate": 44.1e3},
+        10 * GATHERED + 3,
     ),
     "plate": ({}, 10 * GATHERED + 3),  # fixed steps, many states
     str(P1): ({"clock.events_per_frame": 4}, 4000),
-}  # fmt: skip
+}
 
 
 def carried(name, piece):

@@ -120,13 +120,15 @@ def system(step, **names):
 
 @pytest.mark.parametrize(
     ("given", "kind", "told"),
-    [({"x": Feedback}, UsageError, r"x: is the class Feedback; give an object of it, Feedback\(\)"),
-     ({"x": TooFew()}, UsageError, "expected a tuple with one number for each of drive.speed"),
-     ({"nf": "./nf.json"}, UsageError, "nf: ./nf.json is a file, and the scene is loaded already"),
-     ({"nf": control.tf([1.0], [1.0, 1.0], **NAMED)}, UsageError, r"nf: is continuous; control.c2d\(system, period"),
-     ({"nf": system(1e-3, inputs="laser")}, SceneError, 'reads.1. = "laser": unknown sensor'),
-     ({"b": system(1e-3)}, SceneError, "controllers.nf and controllers.b: both drive load.force")],
-)  # fmt: skip
+    [
+        ({"x": Feedback}, UsageError, r"x: is the class Feedback; give an object of it, Feedback\(\)"),
+        ({"x": TooFew()}, UsageError, "expected a tuple with one number for each of drive.speed"),
+        ({"nf": "./nf.json"}, UsageError, "nf: ./nf.json is a file, and the scene is loaded already"),
+        ({"nf": control.tf([1.0], [1.0, 1.0], **NAMED)}, UsageError, r"nf: is continuous; control.c2d\(system, period"),
+        ({"nf": system(1e-3, inputs="laser")}, SceneError, 'reads.1. = "laser": unknown sensor'),
+        ({"b": system(1e-3)}, SceneError, "controllers.nf and controllers.b: both drive load.force"),
+    ],
+)
 def test_what_cannot_take_part_is_named_before_the_run(given, kind, told):
     with pytest.raises(RigError, match=told) as refused:
         rig.simulate(rig.load("belt_normal_force"), 0.1, controllers=given)

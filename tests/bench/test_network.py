@@ -115,10 +115,14 @@ class Listens:
 @pytest.mark.parametrize("every_sample", [False, True])
 def test_a_controller_hears_what_follows_from_measurements_seed_and_tick(every_sample):
     """Connected or not: until 0.3 s it is disconnected, and called for many ticks at once."""
-    about = {"network.meas.vibrometer.delay": "7.5 ms", "network.meas.vibrometer.jitter": "7 ms",
-             "network.meas.vibrometer.loss": "20 %", "network.meas.vibrometer.duplicate": "20 %",
-             "sensors.vibrometer.rate": "4 kHz", "controllers.nf.period": "1 ms" if every_sample else "3 ms",
-             }  # fmt: skip
+    about = {
+        "network.meas.vibrometer.delay": "7.5 ms",
+        "network.meas.vibrometer.jitter": "7 ms",
+        "network.meas.vibrometer.loss": "20 %",
+        "network.meas.vibrometer.duplicate": "20 %",
+        "sensors.vibrometer.rate": "4 kHz",
+        "controllers.nf.period": "1 ms" if every_sample else "3 ms",
+    }
     raw = json.loads(belt(about).to_json())
     hold, connect = {"step": "hold", "time": 0.3}, {"step": "connect", "controller": "nf"}
     scene = Scene.from_json(json.dumps(raw | {"protocol": [hold, connect, hold]}))

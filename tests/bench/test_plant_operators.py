@@ -20,13 +20,19 @@ WRONG = [
     ("cmd/plant", {"do": "connect", "controller": "fn"}, "no controller is called fn; there are: nf"),
     ("cmd/plant", {"do": "step"}, "the run is not paused; pause it first"),
     ("cmd/plant", {"do": "admit", "controller": 5, "drives": "x"}, "controller: .*\n.*drives: .*\n.*period_ns: "),
-    *[("cmd/plant", ADMIT | wrong, text) for wrong, text in [
-        ({"drives": ["load.force"]}, "by nf"), ({"controller": "../../evil x"}, "'../../evil x': is not a name"),
-        ({"controller": "plant"}, "'plant' is taken"), ({"period_ns": 10**18}, "between 1 ms and 3600 s"),
-        ({"period_ns": 1500}, "is no whole number of"), ({"drives": ["drive.speed"] * 2}, "is named twice"),
-        ({"reads": ["y"], "hears": True}, "no sensor y; the sensors are vibrometer"),
-    ]],
-]  # fmt: skip
+    *[
+        ("cmd/plant", ADMIT | wrong, text)
+        for wrong, text in [
+            ({"drives": ["load.force"]}, "by nf"),
+            ({"controller": "../../evil x"}, "'../../evil x': is not a name"),
+            ({"controller": "plant"}, "'plant' is taken"),
+            ({"period_ns": 10**18}, "between 1 ms and 3600 s"),
+            ({"period_ns": 1500}, "is no whole number of"),
+            ({"drives": ["drive.speed"] * 2}, "is named twice"),
+            ({"reads": ["y"], "hears": True}, "no sensor y; the sensors are vibrometer"),
+        ]
+    ],
+]
 
 
 def test_operators_stop_pause_and_are_told_what_is_wrong_and_what_is_allowed(scene):

@@ -131,16 +131,23 @@ def test_samples_that_are_no_numbers_say_nothing():
 
 LEAF = st.one_of(
     st.builds(hold, st.integers(1, 30)),
-    st.builds(lambda to, ms: {"step": "ramp", "target": "drive.speed", "to": to, "over": ms * 1e-3},
-              st.floats(-1, 1), st.integers(1, 30)),
+    st.builds(
+        lambda to, ms: {"step": "ramp", "target": "drive.speed", "to": to, "over": ms * 1e-3},
+        st.floats(-1, 1),
+        st.integers(1, 30),
+    ),
     st.just(mark()),
     st.builds(lambda above: wait(above=above, timeout=0.05), st.floats(-1, 2)),
-)  # fmt: skip
+)
 
 
 def repeated(inner):
-    return st.one_of(inner, st.builds(lambda n, i: {"step": "repeat", "times": n, "steps": i}, st.integers(1, 3),
-                                      st.lists(inner, max_size=3)))  # fmt: skip
+    return st.one_of(
+        inner,
+        st.builds(
+            lambda n, i: {"step": "repeat", "times": n, "steps": i}, st.integers(1, 3), st.lists(inner, max_size=3)
+        ),
+    )
 
 
 ANY = repeated(repeated(LEAF))
@@ -221,7 +228,7 @@ def test_part_of_a_recording_is_followed_and_its_frames_are_those_of_the_scene(f
             "drive.speed takes .* to 0.25 m/s, not 0.299",
         ),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_followed_is_named(following, keys, more, words):
     with pytest.raises(SceneError, match=f"(?s){words}"):
         following(keys, **more)

@@ -87,10 +87,13 @@ def test_a_recording_that_vanishes_in_mid_run_fails_the_run(runs, scene, monkeyp
         ({"ended": "the plant left", "totals": True}, 0, "none lost"),
         ({"ended": "the plant left"}, 1, "unknown how many lost at the end"),  # the plant's last word did not come
         ({"ended": "the recorder was told to stop"}, 0, ""),
-        ({"ended": "the recorder was told to stop", "gaps": {"state": 3}, "late": {"step": 7}}, 1,
-         "3 lost and an unknown number at the end, 7 sent before it began to listen"),
+        (
+            {"ended": "the recorder was told to stop", "gaps": {"state": 3}, "late": {"step": 7}},
+            1,
+            "3 lost and an unknown number at the end, 7 sent before it began to listen",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_recorder_that_does_not_know_the_end_does_not_call_its_file_whole(monkeypatch, told, code, text):
     recording = Recording("a.mcap", "a", **told)
     monkeypatch.setattr("rig.record.recorder.record", lambda *_, **__: recording)

@@ -86,20 +86,24 @@ BY = {"by": "operator", "period_ns": MS}
 LIVES = {
     "came and went": (
         # one leaves and another takes its actuator over; one drives nothing; the range of the actuator changes
-        [(20, "admitted", {**BY, "controller": "watcher", "drives": []}),
-         (40, "admitted", {**BY, "controller": "mine", "drives": ["load.force"]}),
-         (200, "dismissed", {"by": "operator", "controller": "mine"}),
-         (200, "admitted", {**BY, "controller": "yours", "drives": ["load.force"]}),
-         (300, "parameter", {"by": "operator", "set": {"load.force_min": 15.0}})],
+        [
+            (20, "admitted", {**BY, "controller": "watcher", "drives": []}),
+            (40, "admitted", {**BY, "controller": "mine", "drives": ["load.force"]}),
+            (200, "dismissed", {"by": "operator", "controller": "mine"}),
+            (200, "admitted", {**BY, "controller": "yours", "drives": ["load.force"]}),
+            (300, "parameter", {"by": "operator", "set": {"load.force_min": 15.0}}),
+        ],
         {"watcher": (30, 400, []), "mine": (50, 150, [22.0]), "yours": (210, 400, [22.0])},
     ),
     "another actuator in a second life": (
-        [(40, "admitted", {**BY, "controller": "mine", "drives": ["load.force"]}),
-         (200, "dismissed", {**BY, "controller": "mine"}),
-         (200, "admitted", {**BY, "controller": "mine", "drives": ["drive.speed"]})],
+        [
+            (40, "admitted", {**BY, "controller": "mine", "drives": ["load.force"]}),
+            (200, "dismissed", {**BY, "controller": "mine"}),
+            (200, "admitted", {**BY, "controller": "mine", "drives": ["drive.speed"]}),
+        ],
         {"mine": (50, 400, [0.08])},
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("lives", LIVES)
@@ -133,8 +137,12 @@ def test_commands_of_a_controller_whose_admission_was_not_recorded_end_in_words(
 
 
 FILM = {
-    "film.along": 2, "film.across": 2, "film.lateral": True, "film.retardation": 1e-8, "clock.rk4_step": "0.125 us",
-}  # fmt: skip
+    "film.along": 2,
+    "film.across": 2,
+    "film.lateral": True,
+    "film.retardation": 1e-8,
+    "clock.rk4_step": "0.125 us",
+}
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1])

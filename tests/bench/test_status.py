@@ -10,9 +10,16 @@ from rig.bench.live.status import Live
 from rig.bench.live.timing import Timing
 
 HEALTH = dict.fromkeys(("late", "overruns", "drops"), 0) | {
-    "phase": "hold 3/7", "t": 12.4, "rate": 1.0004, "lateness_us": 210.0, "worst_us": 900.0, "held": 2,
-    "energy_error": 3e-10, "stick_share": 0.41, "eta_s": 27.2,
-}  # fmt: skip
+    "phase": "hold 3/7",
+    "t": 12.4,
+    "rate": 1.0004,
+    "lateness_us": 210.0,
+    "worst_us": 900.0,
+    "held": 2,
+    "energy_error": 3e-10,
+    "stick_share": 0.41,
+    "eta_s": 27.2,
+}
 COUNTS = {"taken": 10, "late": 1, "oldest": 2, "held": 0, "overtaken": 0, "clamped": 3, "not_finite": 0, "refused": 0}
 
 

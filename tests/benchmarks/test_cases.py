@@ -15,12 +15,16 @@ def fails(_):
 
 
 GROUPS = {
-    "kernel": Group("kernel", lambda asked: {"rtf": 3e4, "rows": [{"law": "c", "rtf": 2.0}]}, 
-                    (Case("rtf", "fast", 1e4, "x"),)),
+    "kernel": Group(
+        "kernel", lambda asked: {"rtf": 3e4, "rows": [{"law": "c", "rtf": 2.0}]}, (Case("rtf", "fast", 1e4, "x"),)
+    ),
     "twin": Group("twin", lambda asked: {"ratio": 1.0}, (Case("ratio", "beside C", 1.1, "of C", at_most=True),)),
-    "loop": Group("loop", lambda asked: {"run": {"verdict": "VALID"}, "seconds": asked.seconds},
-                  (Case("run.verdict", "VALID", 0.0, "verdict", at_most=True), Case("absent", "no browser", 1.0, "s"))),
-}  # fmt: skip
+    "loop": Group(
+        "loop",
+        lambda asked: {"run": {"verdict": "VALID"}, "seconds": asked.seconds},
+        (Case("run.verdict", "VALID", 0.0, "verdict", at_most=True), Case("absent", "no browser", 1.0, "s")),
+    ),
+}
 
 
 @pytest.fixture

@@ -25,8 +25,11 @@ def same_as_single(kind, payloads):
     return True
 
 
-@given(st.integers(0, 20).flatmap(lambda n: st.lists(st.tuples(whole, st.lists(reals, min_size=n, max_size=n)),
-                                                      min_size=1, max_size=4)))  # fmt: skip
+@given(
+    st.integers(0, 20).flatmap(
+        lambda n: st.lists(st.tuples(whole, st.lists(reals, min_size=n, max_size=n)), min_size=1, max_size=4)
+    )
+)
 def test_blocks(rows):
     assert same_as_single(messages.TYPES["Block"], [encode.block(t, t // 2, 7, np.array(v, float)) for t, v in rows])
 

@@ -22,10 +22,20 @@ from rig.record.recorder import RunRecorder
 from rig.record.writer import Writer
 
 QUESTIONS = (
-    b"", b"{nope", b"[]", b"\xff\xfe", b'{"do": NaN}', b'{"set": 5}', b'{"set": {"gain": [[]]}}', b'{"do": "admit"}',
+    b"",
+    b"{nope",
+    b"[]",
+    b"\xff\xfe",
+    b'{"do": NaN}',
+    b'{"set": 5}',
+    b'{"set": {"gain": [[]]}}',
+    b'{"do": "admit"}',
     b'{"do": "admit", "controller": "../../evil x", "drives": ["load.force"], "reads": [], "period_ns": 1000000}',
-    b'{"do": {}}', b'{"do": "begin", "without": [[]]}', b'{"do": "connect", "controller": {}}', b'{"get": {"a": 1}}',
-)  # fmt: skip
+    b'{"do": {}}',
+    b'{"do": "begin", "without": [[]]}',
+    b'{"do": "connect", "controller": {}}',
+    b'{"get": {"a": 1}}',
+)
 MANY = [2_000, pytest.param(120_000, marks=pytest.mark.slow)]
 
 

@@ -32,9 +32,9 @@ def test_a_backlog_that_is_read_at_one_instant_is_let_in(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("user", "topic"), [("nf", "act/other"), ("nf", "step"), ("guest-1", "act/nf"), ("recorder", "total/nf"),
-                        ("", "state")]
-)  # fmt: skip
+    ("user", "topic"),
+    [("nf", "act/other"), ("nf", "step"), ("guest-1", "act/nf"), ("recorder", "total/nf"), ("", "state")],
+)
 def test_nobody_speaks_for_another(user, topic):
     door = InboundCheck(frozenset({"plant", "nf", "recorder", "viewer", "operator"}))
     with pytest.raises(Refused, match="belongs to"):

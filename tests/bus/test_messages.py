@@ -19,10 +19,7 @@ def same(found, expected) -> bool:
 
 
 def test_block_has_these_bytes():
-    golden = bytes.fromhex(
-        "09" "0700000000000000" "11" "40420f0000000000" "19" "a086010000000000"
-        "22" "10" "000000000000f03f" "00000000000000c0"
-    )  # fmt: skip
+    golden = bytes.fromhex("0907000000000000001140420f000000000019a0860100000000002210000000000000f03f00000000000000c0")
     assert encode.block(7, 1_000_000, 100_000, np.array([1.0, -2.0])) == golden
     assert messages.TYPES["Block"](tick=7, t0_ns=1_000_000, dt_ns=100_000, v=[1.0, -2.0]).SerializeToString() == golden
 
@@ -131,8 +128,16 @@ def test_a_wrong_topic_names_the_near_ones():
 
 @pytest.mark.parametrize(
     ("pattern", "topic", "fits"),
-    [("step", "step", True), ("act/*", "act/a", True), ("act/*", "act", False), ("**", "act/a", True),
-     ("meas/**", "meas/x", True), ("meas/*", "act/x", False), ("*/*", "a/b", True), ("*", "a/b", False)],
-)  # fmt: skip
+    [
+        ("step", "step", True),
+        ("act/*", "act/a", True),
+        ("act/*", "act", False),
+        ("**", "act/a", True),
+        ("meas/**", "meas/x", True),
+        ("meas/*", "act/x", False),
+        ("*/*", "a/b", True),
+        ("*", "a/b", False),
+    ],
+)
 def test_patterns(pattern, topic, fits):
     assert topics.matches(pattern, topic) == fits

@@ -173,8 +173,11 @@ def test_who_hears_everything_gets_the_loop_once_and_as_it_was_said(wire, gather
     ]
     assert [m.said.values[:] for m in told if m.topic == "act/one"] == [[0.0], [1.0], [2.0]]
     assert {topic: c.received for topic, c in heard.counts.items()} == {
-        "step": 3, "act/one": 3, "meas/laser": 3, "event/plant": 1,
-    }  # fmt: skip
+        "step": 3,
+        "act/one": 3,
+        "meas/laser": 3,
+        "event/plant": 1,
+    }
 
 
 def test_of_a_lost_batch_each_message_is_counted():

@@ -27,7 +27,7 @@ SENSELESS = (
     (("explain", "modes", "cycle", "identify", "run", "simulate", "plant", "cost"), "{}", NAMES),
     (("verify", "replay", "amplitude", "sound", "recover", "export --to=csv", "tune", "warmup"), "{}", NAMES),
     (("record --wait=0", "view --wait=0"), "--run={}", NAMES),
-)  # fmt: skip
+)
 """Commands, what is added to them, and values of it."""
 
 

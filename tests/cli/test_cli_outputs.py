@@ -134,17 +134,23 @@ def test_a_folder_is_not_overwritten(rig, tmp_path, command, name):
 @pytest.mark.parametrize(
     ("commands", "name", "said"),
     [
-        (("simulate belt --out", "run belt --out", "record --out", "recover log.mcap --out"), "a.csv",
-         "a.csv: a recording is an MCAP file, and its name ends in .mcap"),
-        (("map belt --out", "study belt --out", "cost belt --out", "torture --out", "reproduce --out"), "a.csv",
-         "--out a.csv: the results are a folder of several files"),
+        (
+            ("simulate belt --out", "run belt --out", "record --out", "recover log.mcap --out"),
+            "a.csv",
+            "a.csv: a recording is an MCAP file, and its name ends in .mcap",
+        ),
+        (
+            ("map belt --out", "study belt --out", "cost belt --out", "torture --out", "reproduce --out"),
+            "a.csv",
+            "--out a.csv: the results are a folder of several files",
+        ),
         (("view log.mcap --save",), "view.txt", "must end in .rrd"),
         (("simulate belt --figure",), "new/a.png", "--figure new/a.png: there is no folder new"),
         (("simulate none --figure",), "a.png", "no scene has this name"),  # and no empty file is left
         (("simulate none --out",), "log.mcap/a.mcap", "cannot be written: "),  # before anything is computed
         (("simulate none --out",), "..", "is a folder"),
     ],
-)  # fmt: skip
+)
 def test_a_name_that_does_not_fit_is_refused_and_nothing_is_left(rig, tmp_path, monkeypatch, commands, name, said):
     monkeypatch.chdir(tmp_path)
     for command in commands:
@@ -251,8 +257,12 @@ def test_a_figure_is_drawn_as_its_name_ends(rig, tmp_path):
 
 def test_every_command_that_writes_files_takes_force():
     options = {name: {p.name for p in command.params} for name, command in program.program.commands.items()}
-    paths = {name for name, command in program.program.commands.items() for p in command.params
-             if p.name in ("out", "figure", "save") and p.metavar in ("FILE", "FOLDER", "PATH")}  # fmt: skip
+    paths = {
+        name
+        for name, command in program.program.commands.items()
+        for p in command.params
+        if p.name in ("out", "figure", "save") and p.metavar in ("FILE", "FOLDER", "PATH")
+    }
     assert len(paths) >= 10
     assert [name for name in sorted(paths) if "force" not in options[name]] == []
 

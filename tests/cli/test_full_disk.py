@@ -26,8 +26,18 @@ def logs(tmp_path_factory):
     t_ns = np.arange(8001, dtype=np.int64) * 100_000
     tone = Samples(t_ns, np.sin(2.0 * np.pi * 1000.0 * t_ns * 1e-9))
     fast = tmp_path_factory.mktemp("fast") / "fast.mcap"
-    save(Run(scene="{}", step_ns=100_000, frame_ns=1_000_000, time=t_ns * 1e-9, signals={"x": tone.v},
-             units={"x": "m", "meas/fast": "m/s"}, measurements={"fast": tone}), fast)  # fmt: skip
+    save(
+        Run(
+            scene="{}",
+            step_ns=100_000,
+            frame_ns=1_000_000,
+            time=t_ns * 1e-9,
+            signals={"x": tone.v},
+            units={"x": "m", "meas/fast": "m/s"},
+            measurements={"fast": tone},
+        ),
+        fast,
+    )
     return {"sound": fast}
 
 

@@ -59,10 +59,12 @@ def test_a_rig_that_cannot_vibrate_is_told(rig, scene, told):
 @pytest.mark.parametrize(
     ("scene", "key"),
     [
-        ("belt_tuned_mass", "body.stiffness"), ("pin", "pin.stiffness"), ("north", "body.tilt_stiffness"),
+        ("belt_tuned_mass", "body.stiffness"),
+        ("pin", "pin.stiffness"),
+        ("north", "body.tilt_stiffness"),
         ("four_dof", "spring_5.stiffness"),
     ],
-)  # fmt: skip
+)
 def test_a_spring_may_be_absent(scene, key):
     loose = package.load(scene, {key: 0.0})
     found = package.modes(loose).sliding

@@ -46,12 +46,18 @@ SHUNT = ("brake_shunt", "shunt", "connected", "shunt.resistance=5 ohm:50 ohm:2")
     [
         ("modes", *SHUNT, ()),
         ("map", *SHUNT, ()),
-        ("map", "belt_dither", "dither", "enable", "dither.amplitude=0.02:0.1:2",
-         ("--y=drive.speed=0.05:0.1:2", "--eigenvalues")),
+        (
+            "map",
+            "belt_dither",
+            "dither",
+            "enable",
+            "dither.amplitude=0.02:0.1:2",
+            ("--y=drive.speed=0.05:0.1:2", "--eigenvalues"),
+        ),
         ("study", *SHUNT, ("--measure=cycle.period",)),
         ("optimise", *SHUNT[:-1], "shunt.resistance=5 ohm:50 ohm", ("--minimise=motion.rms",)),
     ],
-)  # fmt: skip
+)
 def test_a_parameter_of_an_effect_that_is_off_is_warned_of(
     command, scene, effect, switch, over, more, capsys, monkeypatch, tmp_path
 ):

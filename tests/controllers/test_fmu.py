@@ -140,8 +140,10 @@ def _rewrite(file, change):
 
 
 def test_an_algebraic_loop_is_named_and_a_delay_or_a_declared_dependency_breaks_it(units):
-    force = UNITS.replace('<Unit name="meter/sec"><BaseUnit m="1" s="-1"/></Unit>',
-                          '<Unit name="meter/sec"><BaseUnit kg="1" m="1" s="-2"/></Unit>')  # fmt: skip
+    force = UNITS.replace(
+        '<Unit name="meter/sec"><BaseUnit m="1" s="-1"/></Unit>',
+        '<Unit name="meter/sec"><BaseUnit kg="1" m="1" s="-2"/></Unit>',
+    )
     sensor = {"sensors.cell.kind": "normal_force", "sensors.cell.ideal": True}
     keys = {"kind": "fmu", "file": str(units(units=force)), "reads": ["cell"], "drives": ["load.force"]}
     given = sensor | {f"controllers.nf.{key}": value for key, value in keys.items()}

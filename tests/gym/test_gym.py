@@ -48,9 +48,15 @@ def test_gymnasiums_checker_passes():
 
 @pytest.mark.parametrize("frames", [1, 5])
 def test_an_episode_has_the_bits_of_a_simulation_with_the_same_controller_also_after_other_episodes(frames):
-    changes = {"seed": 3, "controllers.nf.kind": "normal_force", "controllers.nf.sensor": "vibrometer",
-               "controllers.nf.gain": 200.0, "controllers.nf.highest": 60.0, "controllers.nf.nominal": 20.0,
-               "controllers.nf.period": frames * 1e-3}  # fmt: skip
+    changes = {
+        "seed": 3,
+        "controllers.nf.kind": "normal_force",
+        "controllers.nf.sensor": "vibrometer",
+        "controllers.nf.gain": 200.0,
+        "controllers.nf.highest": 60.0,
+        "controllers.nf.nominal": 20.0,
+        "controllers.nf.period": frames * 1e-3,
+    }
     loaded = scenes.load("belt", changes)
     run = simulate(loaded, duration_ns=200_000_000)
     at = [run.measurements[name] for name in OBSERVE]
@@ -122,9 +128,11 @@ def test_an_episode_is_truncated_at_its_end_and_terminated_at_a_limit():
 
 def test_a_rig_whose_parameters_the_protocol_changed_is_made_anew(tmp_path):
     path = tmp_path / "scene.toml"
-    path.write_text('format = 1\nbased_on = "belt"\n[[protocol]]\nstep = "hold"\ntime = 0.01\n'
-                    '[[protocol]]\nstep = "set"\ntarget = "body.mass"\nto = 4.0\n'
-                    '[[protocol]]\nstep = "hold"\ntime = 0.05\n')  # fmt: skip
+    path.write_text(
+        'format = 1\nbased_on = "belt"\n[[protocol]]\nstep = "hold"\ntime = 0.01\n'
+        '[[protocol]]\nstep = "set"\ntarget = "body.mass"\nto = 4.0\n'
+        '[[protocol]]\nstep = "hold"\ntime = 0.05\n'
+    )
     env = make(str(path), duration=None)
     assert carried(env, 1).tobytes() == carried(env, 1).tobytes()
 

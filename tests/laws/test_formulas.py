@@ -23,17 +23,26 @@ LAW = {
     "dahl": {"mu_kinetic": 0.4, "sigma0": 1e5},
     "dahl of exponent 2.5": {"mu_kinetic": 0.4, "sigma0": 1e5, "exponent": 2.5},
     "maxwell_slip": {
-        "mu_static": 0.5, "mu_kinetic": 0.3, "speed_scale": 2e-3, "viscous": 0.1, "transition": 0.1,
-        "stiffness": [1e5, 4e4, 1e4], "shares": [0.5, 0.3, 0.2],
+        "mu_static": 0.5,
+        "mu_kinetic": 0.3,
+        "speed_scale": 2e-3,
+        "viscous": 0.1,
+        "transition": 0.1,
+        "stiffness": [1e5, 4e4, 1e4],
+        "shares": [0.5, 0.3, 0.2],
     },
     "rate_state": RATE,
     "rate_state with the slip law": RATE | {"evolution": "slip"},
     "stick_time": {"mu_kinetic": 0.3, "viscous": 0.2, "rise": 0.2, "time": 2.0, "distance": 1e-4},
     "stick_time, logarithmic": {
-        "mu_kinetic": 0.3, "rise": 0.02, "time": 2.0, "distance": 1e-4, "growth": "logarithmic",
+        "mu_kinetic": 0.3,
+        "rise": 0.02,
+        "time": 2.0,
+        "distance": 1e-4,
+        "growth": "logarithmic",
     },
     "contact_temperature": HEAT | {"static_ratio": 1.4, "speed_scale": 0.02},
-}  # fmt: skip
+}
 
 
 def law_of(case, **changes):

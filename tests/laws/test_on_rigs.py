@@ -63,8 +63,16 @@ velocity = 0.1
 [clock]
 tolerance = 1e-11
 """
-    law = {"law": "lugre", "load": "1 N", "mu_static": "1.5 N", "mu_kinetic": "1 N", "speed_scale": 1e-3,
-           "sigma0": "1e5 N/m", "sigma1": math.sqrt(1e5), "sigma2": 0.4}  # fmt: skip
+    law = {
+        "law": "lugre",
+        "load": "1 N",
+        "mu_static": "1.5 N",
+        "mu_kinetic": "1 N",
+        "speed_scale": 1e-3,
+        "sigma0": "1e5 N/m",
+        "sigma1": math.sqrt(1e5),
+        "sigma2": 0.4,
+    }
     signals = rig.simulate(scene(text, law), 25.0).signals
     assert 2.5 - signals["displacement"][-1] == pytest.approx(oracles.LUGRE_PULLED["x"], rel=1e-8)
     assert 0.1 - signals["velocity"][-1] == pytest.approx(oracles.LUGRE_PULLED["v"], rel=1e-7)
@@ -97,14 +105,23 @@ def shares(steps):
             lambda at: oracles.dahl(TURNS, at, 1e5, 0.4, 2.5),
         ),
         (
-            {"law": "maxwell_slip", "mu_static": 0.3, "mu_kinetic": 0.3, "speed_scale": 1.0, "transition": 0.01,
-             "stiffness": [1e5, 4e4, 1e4], "shares": [0.5, 0.3, 0.2]},
-            lambda at: (0.0, sum(oracles.elements(TURNS, at, k, 0.3 * a, 0.01)[1]
-                                 for k, a in ((1e5, 0.5), (4e4, 0.3), (1e4, 0.2)))),
+            {
+                "law": "maxwell_slip",
+                "mu_static": 0.3,
+                "mu_kinetic": 0.3,
+                "speed_scale": 1.0,
+                "transition": 0.01,
+                "stiffness": [1e5, 4e4, 1e4],
+                "shares": [0.5, 0.3, 0.2],
+            },
+            lambda at: (
+                0.0,
+                sum(oracles.elements(TURNS, at, k, 0.3 * a, 0.01)[1] for k, a in ((1e5, 0.5), (4e4, 0.3), (1e4, 0.2))),
+            ),
         ),
     ],
     ids=["dahl", "dahl of exponent 2.5", "maxwell"],
-)  # fmt: skip
+)
 def test_loops_are_the_closed_solution(scene, law, loop):
     run = rig.simulate(scene(HELD, law, ramps(TURNS)), 0.2 * (len(TURNS) - 1))
     _, force = loop(shares(200))
@@ -116,8 +133,11 @@ def test_loops_are_the_closed_solution(scene, law, loop):
 @pytest.mark.parametrize("speed", [0.0, 1e-8, 1e-5, 1e-3])
 def test_steps_of_the_speed_follow_the_closed_solution_of_the_ageing_law(scene, speed):
     before = 2e-6
-    steps = [{"step": "hold", "time": 10.0}, {"step": "set", "target": "drive.speed", "to": speed},
-             {"step": "hold", "time": 10.0}]  # fmt: skip
+    steps = [
+        {"step": "hold", "time": 10.0},
+        {"step": "set", "target": "drive.speed", "to": speed},
+        {"step": "hold", "time": 10.0},
+    ]
     run = rig.simulate(scene(HELD, {"law": "rate_state", **RATE}, steps, **{"drive.speed": before}), 20.0)
     first = np.searchsorted(run.time, 10.0)
     start = oracles.aged(0.0, before, np.array([10.0]), RATE["speed"], RATE["distance"])[0]

@@ -100,8 +100,13 @@ def test_the_code_of_a_notebook_runs_and_no_output_is_kept(file, tmp_path):
     assert all(cell["outputs"] == [] for cell in cells)
     code = "\n".join("".join(cell["source"]) for cell in cells)
     assert code.count("assert ") >= 1
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, cwd=tmp_path,
-                          env={**os.environ, "MPLBACKEND": "agg"})  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "MPLBACKEND": "agg"},
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -201,7 +206,11 @@ def test_a_wrong_number_does_not_agree(tmp_path):
     assert growth.value == pytest.approx(3.6553, abs=1e-3)
     renew(read(file))
     assert read(file).commands[0].printed == (
-        "  mode     growth 1/s  ...", "  flutter         3.65529  ...", "  ...", "  normal_force = 20 N")  # fmt: skip
+        "  mode     growth 1/s  ...",
+        "  flutter         3.65529  ...",
+        "  ...",
+        "  normal_force = 20 N",
+    )
     assert file.read_text().replace("3.65529  ", "3.6  ").replace("20 N", "21 N") == PAGE
 
 

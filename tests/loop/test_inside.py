@@ -92,9 +92,11 @@ def test_the_protocol_acts_between():
         {"step": "hold", "time": 0.2},
         ({"step": s, "controller": "nf"} for s in ("connect", "disconnect")),
     )
-    changes = [{"step": "set", "target": "friction.mu_static", "to": 0.45},
-               {"step": "set", "target": "controllers.nf.gain", "to": 120.0},
-               {"step": "ramp", "target": "drive.speed", "to": 0.08, "over": 0.2}]  # fmt: skip
+    changes = [
+        {"step": "set", "target": "friction.mu_static", "to": 0.45},
+        {"step": "set", "target": "controllers.nf.gain", "to": 120.0},
+        {"step": "ramp", "target": "drive.speed", "to": 0.08, "over": 0.2},
+    ]
     raw = json.loads(rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.05}).to_json())
     raw["protocol"] = [hold, on, hold, *changes, off, hold | {"time": 0.1}, on, hold | {"time": 0.1}]
     outside, called, compiled = runs(Scene.from_json(json.dumps(raw)), {}, 0.8)

@@ -111,9 +111,11 @@ def channels(scene):
 def test_plots_portrait_and_conversions_come_from_the_files_of_plant_and_sensor(folder):
     file = folder / "example_plant.py"
     rewritten(
-        file, ('"displacement"', '"reach"'), ('"surface_speed"', '"band_speed"'),
+        file,
+        ('"displacement"', '"reach"'),
+        ('"surface_speed"', '"band_speed"'),
         ("OnBelt()", 'OnBelt(along="reach", surface="band_speed")'),
-    )  # fmt: skip
+    )
     scene = lab.load(folder / "scene.toml")
     found = channels(scene)
     assert [(panel.title, panel.outputs, panel.sensors) for panel in found.panels] == [
@@ -179,11 +181,14 @@ def test_a_file_is_sought_from_the_file_that_names_it(folder, tmp_path_factory, 
     assert scene.sensors["geophone"].sensitivity == 14.0
 
 
-@pytest.mark.parametrize(("file", "old", "new", "told"), [
-    ("plant", "def assemble(", "def build(", "plant: example_plant.py: defines no function assemble"),
-    ("sensor", "class Geophone(Instrument)", "class Geophone", "example_sensor.py: defines no class derived from"),
-    ("sensor", 'delivers: ClassVar[str] = "V"', "", "its class states no `delivers`, a unit"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("file", "old", "new", "told"),
+    [
+        ("plant", "def assemble(", "def build(", "plant: example_plant.py: defines no function assemble"),
+        ("sensor", "class Geophone(Instrument)", "class Geophone", "example_sensor.py: defines no class derived from"),
+        ("sensor", 'delivers: ClassVar[str] = "V"', "", "its class states no `delivers`, a unit"),
+    ],
+)
 def test_what_is_wrong_with_a_file_is_told_with_its_place(folder, file, old, new, told):
     rewritten(folder / f"example_{file}.py", (old, new))
     assert re.search(told, faults(folder)), faults(folder)

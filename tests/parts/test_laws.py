@@ -101,8 +101,12 @@ def test_the_same_formula_from_a_file_gives_the_run_of_the_shipped_law(own):
         ("p.mu_slow + p.rise * bump(w / p.peak)", "p.mu_slow + p.rise * math.exp(-w / p.peak)"),
         ("p.rise * (1.0 - u) * math.exp(1.0 - u) / p.peak", "-p.rise * math.exp(-u) / p.peak"),
     )
-    shipped = {"friction.law": "stribeck", "friction.mu_static": 0.5, "friction.mu_dynamic": 0.2,
-               "friction.speed_scale": 0.02}  # fmt: skip
+    shipped = {
+        "friction.law": "stribeck",
+        "friction.mu_static": 0.5,
+        "friction.mu_dynamic": 0.2,
+        "friction.speed_scale": 0.02,
+    }
     mine, other = (
         lab.simulate(scene, 2.0) for scene in (lab.load(own / "example_law.toml"), lab.load("belt", shipped))
     )
@@ -240,10 +244,13 @@ MEMORY = [
 def test_what_is_wrong_with_a_law_with_memory_is_told(own, old, new, told):
     changed(own / "bristles.py", (old, new))
     if new == LESS_SPRING:
-        changed(own / "bristles.py", (
-            "d[0, 2] = p.stiffness\n",
-            "d[0, 0] = -100.0 * (1.0 - share(p, z))\n        d[0, 2] = p.stiffness * (1.0 + 100.0 * w / p.limit)\n",
-        ))  # fmt: skip
+        changed(
+            own / "bristles.py",
+            (
+                "d[0, 2] = p.stiffness\n",
+                "d[0, 0] = -100.0 * (1.0 - share(p, z))\n        d[0, 2] = p.stiffness * (1.0 + 100.0 * w / p.limit)\n",
+            ),
+        )
     lines = faults(own / "bristles.toml")
     assert re.search(told, "\n".join(lines)), lines
 

@@ -118,12 +118,15 @@ def test_trust_is_a_matter_of_the_text(log, strangers):
 DAMAGED = "is damaged, or of another version of friction-rig"
 
 
-@pytest.mark.parametrize(("key", "value", "told"), [
-    ("format", 99, "recorded by a newer version, whose scene files have format 98"),
-    ("plant", "nope", "'nope' is missing, or not known to this version"),
-    ("clock", None, DAMAGED),
-    ("protocol", [{"step": "fly"}], DAMAGED),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [
+        ("format", 99, "recorded by a newer version, whose scene files have format 98"),
+        ("plant", "nope", "'nope' is missing, or not known to this version"),
+        ("clock", None, DAMAGED),
+        ("protocol", [{"step": "fly"}], DAMAGED),
+    ],
+)
 def test_a_recorded_scene_that_is_none_is_told(scene, key, value, told):
     trust_scene(json.dumps(scene))
     with pytest.raises(SceneError) as caught:

@@ -52,8 +52,10 @@ class Oscillator:
         faults += ["a start that is not stuck"] * (start.velocity != speed)
         if faults:
             reasons = ", ".join(faults)
-            raise UsageError(f"{scene.name} has {reasons}; peers are given a mass on a belt with Coulomb or "
-                             "Stribeck friction, constant load and speed, stuck at the start")  # fmt: skip
+            raise UsageError(
+                f"{scene.name} has {reasons}; peers are given a mass on a belt with Coulomb or "
+                "Stribeck friction, constant load and speed, stuck at the start"
+            )
         kinetic, scale = (f.mu_kinetic, 0.0) if law == "coulomb" else (f.mu_dynamic, f.speed_scale)
         seconds = min((scene.duration_ns or 4_000_000_000) * 1e-9, 4.0)
         load = p.load.force  # type: ignore[attr-defined]

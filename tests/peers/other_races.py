@@ -65,8 +65,10 @@ class Equations:
         if not self.sticks:
             return float(self.w @ x)
         T = self.inputs(x)
-        held, load = (rows[0] @ x + over_t[0] @ T for rows, over_t in (
-            (self.m.friction, self.m.friction_t), (self.m.normal, self.m.normal_t)))  # fmt: skip
+        held, load = (
+            rows[0] @ x + over_t[0] @ T
+            for rows, over_t in ((self.m.friction, self.m.friction_t), (self.m.normal, self.m.normal_t))
+        )
         return float(self.law.static * load - abs(held))
 
 
@@ -247,8 +249,9 @@ def paced(seconds: float = 5.0) -> list[Raced]:
             own.sendto(b"", there)
     bare, bus = (float(np.median(times)) * 1e-3 for times in (trips, by_zenoh(round(1e3 * seconds))))
     with TemporaryDirectory() as folder:
-        run = supervise.run(rig.load("belt_normal_force"), duration=seconds, out=Path(folder) / "loop.mcap",
-                            say=lambda _: None)  # fmt: skip
+        run = supervise.run(
+            rig.load("belt_normal_force"), duration=seconds, out=Path(folder) / "loop.mcap", say=lambda _: None
+        )
         trip = run.to_json()["round_trip"]
     what = "step to answer at 1 kHz between two processes, median"
     answers = (("friction-rig, controller and recorder", trip["p50"]), ("Zenoh alone", bus), ("bare UDP socket", bare))

@@ -176,8 +176,9 @@ def exudyn_lugre(tolerance: float) -> Measured:
     from exudyn.itemInterface import NodeGenericODE1, ObjectGenericODE1
 
     mbs, s0 = exu.SystemContainer().AddSystem(), 1e5
-    node = mbs.AddNode(NodeGenericODE1(referenceCoordinates=[0] * 3, initialCoordinates=[0] * 3,
-                                       numberOfODE1Coordinates=3))  # fmt: skip
+    node = mbs.AddNode(
+        NodeGenericODE1(referenceCoordinates=[0] * 3, initialCoordinates=[0] * 3, numberOfODE1Coordinates=3)
+    )
 
     def rates(mbs: Any, t: float, item: int, q: Any) -> list[float]:
         x, v, z = q
@@ -207,18 +208,27 @@ def exudyn_belt(step: float) -> Measured:
     mbs = exu.SystemContainer().AddSystem()
     node = mbs.AddNode(Node1D(referenceCoordinates=[0.0], initialVelocities=[4.0]))
     mbs.AddObject(ObjectMass1D(nodeNumber=node, physicsMass=0.5))
-    ends = [mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=mbs.AddNode(NodePointGround()), coordinate=0)),
-            mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=0))]  # fmt: skip
+    ends = [
+        mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=mbs.AddNode(NodePointGround()), coordinate=0)),
+        mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=0)),
+    ]
     damping = 0.01 * math.sqrt(200.0)
     mbs.AddObject(ObjectConnectorCoordinateSpringDamper(markerNumbers=ends, stiffness=400.0, damping=damping))
     belt = mbs.AddNode(Node1D(referenceCoordinates=[0.0], initialVelocities=[4.0]))
     mbs.AddObject(ObjectMass1D(nodeNumber=belt, physicsMass=1e12))
     between = [mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=belt, coordinate=0)), ends[1]]
-    mbs.AddObject(ObjectConnectorCoordinateSpringDamperExt(
-        markerNumbers=between, fDynamicFriction=40.0, fStaticFrictionOffset=10.0, exponentialDecayStatic=0.1,
-        frictionProportionalZone=1e-4))  # fmt: skip
-    speed = mbs.AddSensor(SensorNode(nodeNumber=node, storeInternal=True,
-                                     outputVariableType=exu.OutputVariableType.Coordinates_t))  # fmt: skip
+    mbs.AddObject(
+        ObjectConnectorCoordinateSpringDamperExt(
+            markerNumbers=between,
+            fDynamicFriction=40.0,
+            fStaticFrictionOffset=10.0,
+            exponentialDecayStatic=0.1,
+            frictionProportionalZone=1e-4,
+        )
+    )
+    speed = mbs.AddSensor(
+        SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=exu.OutputVariableType.Coordinates_t)
+    )
     mbs.Assemble()
     seconds = _exudyn(mbs, 3.0, step, 1e-10, exu.DynamicSolverType.TrapezoidalIndex2)
     t, v = mbs.GetSensorStoredData(speed).T
@@ -263,8 +273,17 @@ def pathsim_conveyor(tolerance: float) -> Measured:
 
     event = ZeroCrossing(func_evt=guard, func_act=change, tolerance=1e-2 * tolerance)
     scope = Scope(sampling_period=1.0)
-    world = Simulation([body, scope], [Connection(body, scope)], [event], dt=1e-2, dt_max=0.1, Solver=RKDP54,
-                       tolerance_lte_rel=tolerance, tolerance_lte_abs=tolerance, log=False)  # fmt: skip
+    world = Simulation(
+        [body, scope],
+        [Connection(body, scope)],
+        [event],
+        dt=1e-2,
+        dt_max=0.1,
+        Solver=RKDP54,
+        tolerance_lte_rel=tolerance,
+        tolerance_lte_abs=tolerance,
+        log=False,
+    )
     begin = time.process_time()
     world.run(100.0)
     return float(body.engine.state[0]), time.process_time() - begin

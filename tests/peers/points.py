@@ -77,8 +77,9 @@ def siconos(step: float) -> tuple[float, float]:
     A[:COUNT, COUNT : 2 * COUNT] = np.eye(COUNT)
     A[COUNT : 2 * COUNT, :COUNT] = -stiffness() / MASS
     A[COUNT : 2 * COUNT, COUNT : 2 * COUNT] = -DAMPING / MASS * np.eye(COUNT)
-    A[COUNT : 2 * COUNT, -3:] = np.column_stack([FORCE * np.cos(ANGLES), FORCE * np.sin(ANGLES),
-                                                 np.full(COUNT, -PRESS)]) / MASS  # fmt: skip
+    A[COUNT : 2 * COUNT, -3:] = (
+        np.column_stack([FORCE * np.cos(ANGLES), FORCE * np.sin(ANGLES), np.full(COUNT, -PRESS)]) / MASS
+    )
     A[-3, -2], A[-2, -3] = OMEGA, -OMEGA
     start = np.zeros(n)
     start[-2:] = 1.0

@@ -63,10 +63,12 @@ def race(scene: Scene, rounds: int = ROUNDS) -> list[Entry]:
         for i, (_, run, _) in enumerate(runners):
             times[i] = min(times[i], _timed(run))
     return [
-        *(replace(entry, error=error, factor=o.seconds / spent)
-          for (entry, *_), error, spent in zip(runners, errors, times.tolist())),
+        *(
+            replace(entry, error=error, factor=o.seconds / spent)
+            for (entry, *_), error, spent in zip(runners, errors, times.tolist())
+        ),
         *absent,
-    ]  # fmt: skip
+    ]
 
 
 def _timed(run: Run) -> float:

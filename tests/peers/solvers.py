@@ -65,8 +65,9 @@ def by_scipy(o: Oscillator, setting: Rung) -> Run:
     sticks.terminal, sticks.direction = True, -1  # type: ignore[attr-defined]
 
     def slip(t: float, x: float, v: float, samples: Array) -> tuple[float, float] | None:
-        s = solve_ivp(rate, (t, o.seconds), [x, v], method=method, rtol=rtol, atol=1e-3 * rtol, events=sticks,
-                      t_eval=samples)  # fmt: skip
+        s = solve_ivp(
+            rate, (t, o.seconds), [x, v], method=method, rtol=rtol, atol=1e-3 * rtol, events=sticks, t_eval=samples
+        )
         return (float(s.t_events[0][0]), float(s.y_events[0][0][0])) if len(s.t_events[0]) else None
 
     return lambda: o.run(slip)
@@ -87,8 +88,9 @@ def by_sundials(o: Oscillator, setting: Rung) -> Run:
         events[0] = speed - y[1]
 
     sticks.terminal, sticks.direction = [True], [-1]  # type: ignore[attr-defined]
-    solver: Any = CVODE(rate, method=method, rtol=rtol, atol=1e-3 * rtol, eventsfn=sticks, num_events=1,
-                        max_num_steps=100_000)  # fmt: skip
+    solver: Any = CVODE(
+        rate, method=method, rtol=rtol, atol=1e-3 * rtol, eventsfn=sticks, num_events=1, max_num_steps=100_000
+    )
 
     def slip(t: float, x: float, v: float, samples: Array) -> tuple[float, float] | None:
         later, x, v = o.begun(x, v)
@@ -142,8 +144,9 @@ def _compiled(o: Oscillator) -> Any:
         grid = jnp.minimum((first + jnp.arange(_LONGEST)) * SAMPLES, end)
         keep = diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=grid), diffrax.SubSaveAt(t1=True)])
         steps = diffrax.PIDController(rtol=rtol, atol=1e-3 * rtol)
-        s = diffrax.diffeqsolve(term, solver, t, end, None, y, saveat=keep, stepsize_controller=steps, event=event,
-                                max_steps=100_000)  # fmt: skip
+        s = diffrax.diffeqsolve(
+            term, solver, t, end, None, y, saveat=keep, stepsize_controller=steps, event=event, max_steps=100_000
+        )
         return s.ts[1][0], s.ys[1][0], s.ys[0], s.event_mask
 
     return slip_of
@@ -203,8 +206,17 @@ def by_pathsim(o: Oscillator, setting: Rung) -> Run:
             stuck[0] = not stuck[0]
 
         event = ZeroCrossing(func_evt=guard, func_act=change, tolerance=1e-2 * rtol)
-        world = Simulation([body, scope], [Connection(body, scope)], [event], dt=SAMPLES, dt_max=1e-2, Solver=RKDP54,
-                           tolerance_lte_rel=rtol, tolerance_lte_abs=1e-3 * rtol, log=False)  # fmt: skip
+        world = Simulation(
+            [body, scope],
+            [Connection(body, scope)],
+            [event],
+            dt=SAMPLES,
+            dt_max=1e-2,
+            Solver=RKDP54,
+            tolerance_lte_rel=rtol,
+            tolerance_lte_abs=1e-3 * rtol,
+            log=False,
+        )
         world.run(o.seconds)
         return times
 

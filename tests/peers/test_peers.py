@@ -5,8 +5,13 @@ from others import OTHERS
 from problems import PROBLEMS
 
 REACHED = {
-    "MuJoCo": 5e-3, "MuJoCo, noslip 10": 1e-6, "Drake, TAMSI": 1e-6, "PathSim": 1e-7, "siconos": 1e-5, "exudyn": 1e-6,
-}  # fmt: skip
+    "MuJoCo": 5e-3,
+    "MuJoCo, noslip 10": 1e-6,
+    "Drake, TAMSI": 1e-6,
+    "PathSim": 1e-7,
+    "siconos": 1e-5,
+    "exudyn": 1e-6,
+}
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "lugre")) for n in PROBLEMS])

@@ -117,8 +117,12 @@ def test_it_is_valid_and_has_units(path):
 
 
 def test_its_closed_loop_is_that_of_a_run_in_one_process(plant):
-    changes = {"controllers.nf.kind": "normal_force", "controllers.nf.sensor": "vibrometer",
-               "controllers.nf.gain": 200.0, "controllers.nf.nominal": 20.0}  # fmt: skip
+    changes = {
+        "controllers.nf.kind": "normal_force",
+        "controllers.nf.sensor": "vibrometer",
+        "controllers.nf.gain": 200.0,
+        "controllers.nf.nominal": 20.0,
+    }
     run = simulate(scenes.load("belt", changes), duration_ns=500_000_000)
     plant.unit.reset()
     plant.begin()
@@ -157,8 +161,10 @@ def test_a_reset_a_seed_a_start_time_and_longer_steps(plant):
 
 
 def test_an_input_that_is_never_set_belongs_to_the_protocol(tmp_path, monkeypatch):
-    protocol = ('format = 1\nbased_on = "belt"\n[[protocol]]\nstep = "load"\nforce = "35 N"\n'
-                '[[protocol]]\nstep = "hold"\ntime = 1\n')  # fmt: skip
+    protocol = (
+        'format = 1\nbased_on = "belt"\n[[protocol]]\nstep = "load"\nforce = "35 N"\n'
+        '[[protocol]]\nstep = "hold"\ntime = 1\n'
+    )
     (tmp_path / "scene.toml").write_text(protocol)
     plant = child.Plant(scenes.load(tmp_path / "scene.toml"), ["load.force", "drive.speed"])
     nothing = float("nan")
@@ -179,10 +185,12 @@ def test_an_input_that_is_never_set_belongs_to_the_protocol(tmp_path, monkeypatc
 def test_steps_that_the_rig_cannot_make_are_errors_that_say_why(plant):
     plant.unit.reset()
     plant.begin()
-    for t, h, told in ((0.0, 0.0007, "a step of 0.0007 s is not a whole number of frames of 0.001 s"),
-                       (0.0, float("nan"), "a step of nan s from t = 0 s is not possible"),
-                       (float("inf"), 0.001, "from t = inf s is not possible"),
-                       (0.5, 0.001, "the step begins at t = 0.5 s, but the rig is at t = 0 s")):  # fmt: skip
+    for t, h, told in (
+        (0.0, 0.0007, "a step of 0.0007 s is not a whole number of frames of 0.001 s"),
+        (0.0, float("nan"), "a step of nan s from t = 0 s is not possible"),
+        (float("inf"), 0.001, "from t = inf s is not possible"),
+        (0.5, 0.001, "the step begins at t = 0.5 s, but the rig is at t = 0 s"),
+    ):
         with pytest.raises(FMICallException, match=r"status 3 \(error\)"):
             plant.unit.doStep(t, h)
         assert told in plant.said[-1]
@@ -220,9 +228,11 @@ def fake(folder, path, fault):
 
 @pytest.mark.parametrize(
     ("fault", "told"),
-    [("time.sleep(60)", "the rig did not answer within 0.3 s in the step from t = 0 s; its process"),
-     ("os.kill(os.getpid(), 9)", "was ended by signal 9 in the step from t = 0 s")],
-)  # fmt: skip
+    [
+        ("time.sleep(60)", "the rig did not answer within 0.3 s in the step from t = 0 s; its process"),
+        ("os.kill(os.getpid(), 9)", "was ended by signal 9 in the step from t = 0 s"),
+    ],
+)
 def test_a_child_that_hangs_or_ends_is_an_error_within_a_bounded_time_and_leaves_no_process(
     path, tmp_path, fault, told
 ):
@@ -242,9 +252,11 @@ def test_a_child_that_hangs_or_ends_is_an_error_within_a_bounded_time_and_leaves
 
 @pytest.mark.parametrize(
     ("scene", "request_", "told"),
-    [(scenes.load("belt").to_json(), 1.0, b"the rig has not been initialised"),
-     ('{"format": 99, "name": "x"}', 0.0, b"install a newer version of friction-rig")],
-)  # fmt: skip
+    [
+        (scenes.load("belt").to_json(), 1.0, b"the rig has not been initialised"),
+        ('{"format": 99, "name": "x"}', 0.0, b"install a newer version of friction-rig"),
+    ],
+)
 def test_the_child_answers_what_it_cannot_do_and_ends_with_the_other_end(scene, request_, told):
     ours, theirs = socket.socketpair()
     thread = threading.Thread(target=child.serve, args=(theirs, scene, ["load.force"], 10))

@@ -74,10 +74,13 @@ def test_a_ramp_is_a_straight_line_between_its_ends(move):
     assert run["acceleration"] == pytest.approx(force / 5.0, abs=1e-10)
 
 
-@pytest.mark.parametrize(("section", "given", "told"), [
-    (BeltDrive, {"speed": 0.3, "speed_min": 0.0, "speed_max": 0.25}, "speed 0.3 is outside"),
-    (Load, {"force": 20.0, "force_min": 5.0, "force_max": 5.0}, "is not below"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("section", "given", "told"),
+    [
+        (BeltDrive, {"speed": 0.3, "speed_min": 0.0, "speed_max": 0.25}, "speed 0.3 is outside"),
+        (Load, {"force": 20.0, "force_min": 5.0, "force_max": 5.0}, "is not below"),
+    ],
+)
 def test_actuators_that_cannot_be_are_refused(section, given, told):
     with pytest.raises(ValidationError, match=told):
         section(**given)

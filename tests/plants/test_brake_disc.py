@@ -8,8 +8,14 @@ import rig
 from rig.effects.disc_modes import free_modes
 from rig.plants.structures.multibody import Bending
 
-DISC = {"inner_radius": 0.07, "outer_radius": 0.14, "thickness": 0.012, "density": 7200.0, "modulus": 1.2e11,
-        "poisson": 0.25}  # fmt: skip
+DISC = {
+    "inner_radius": 0.07,
+    "outer_radius": 0.14,
+    "thickness": 0.012,
+    "density": 7200.0,
+    "modulus": 1.2e11,
+    "poisson": 0.25,
+}
 PLATE = {f"disc_modes.{key}": value for key, value in DISC.items()}
 
 

@@ -68,8 +68,9 @@ def test_effective_friction_by_simulation(move, kroger, amplitude):
 @pytest.mark.parametrize(("speed", "amplitude", "time"), [(0.215, 0.1, 12.0), (0.06, 0.03, 1.0)])
 def test_growth_by_simulation(move, speed, amplitude, time):
     """Small motions about dithered sliding grow at the averaged rate, 5 %."""
-    run = move("belt_dither", {"dither.amplitude": amplitude, "drive.speed": speed, "dither.enable": True},
-               tolerance=1e-10)  # fmt: skip
+    run = move(
+        "belt_dither", {"dither.amplitude": amplitude, "drive.speed": speed, "dither.enable": True}, tolerance=1e-10
+    )
     run.write("x", F0 * averaged_friction(speed, amplitude)[0] / C)
     run.write("x'", 2e-4)
     run.motion.advance(round(time * 1e3))
@@ -104,8 +105,12 @@ def test_dither_on_the_mass_is_dither_on_the_belt_in_its_frame(move):
 
 def test_dither_on_the_load_lifts_the_contact_off(move):
     """N = 20 N + 30 N sin: open for arccos(2/3) / pi of each period, friction absent then, never pulled."""
-    run = move("belt_dither", {"dither.on": "load", "dither.amplitude": 30.0, "dither.enable": True}, step_ms=0.05,
-               duration=2.0)  # fmt: skip
+    run = move(
+        "belt_dither",
+        {"dither.on": "load", "dither.amplitude": 30.0, "dither.enable": True},
+        step_ms=0.05,
+        duration=2.0,
+    )
     N, T = run["normal_force"], run["friction_force"]
     assert N.min() == 0.0
     assert N.max() == pytest.approx(50.0, rel=1e-3)

@@ -118,9 +118,17 @@ def test_growth_and_frequency_in_time_are_the_eigenvalues(move, mu):
 
 def test_growth_that_the_vibrometer_shows_is_that_of_rig_modes():
     """Peaks of the measured velocity over 4 s, once the faster pair of the two that grow has taken over."""
-    scene = rig.load("four_dof", {"friction.mu": 1.5, "start.height": -0.008 * (1.0 - 1e-5),
-                                  "start.displacement": 0.008, "start.body_1_displacement": 0.004,
-                                  "start.body_3_height": -0.004, "sensors.vibrometer.ideal": True})  # fmt: skip
+    scene = rig.load(
+        "four_dof",
+        {
+            "friction.mu": 1.5,
+            "start.height": -0.008 * (1.0 - 1e-5),
+            "start.displacement": 0.008,
+            "start.body_1_displacement": 0.004,
+            "start.body_3_height": -0.004,
+            "sensors.vibrometer.ideal": True,
+        },
+    )
     run = rig.simulate(scene, 8.5)
     assert not [event for event in run.plant_events if event["kind"] == "contact"]
     t_ns, v = run.measurements["vibrometer"]

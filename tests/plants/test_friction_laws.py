@@ -149,12 +149,15 @@ def points(speeds, values):
     return {"law": "table", "speeds": speeds, "values": values}
 
 
-@pytest.mark.parametrize(("section", "given", "told"), [
-    (Coulomb, {"law": "coulomb", "mu_static": 0.2, "mu_kinetic": 0.25}, "would stick again immediately"),
-    (Falling, {"law": "falling", "mu_zero": 0.1, "slope": 0.8, "mu_floor": 0.2}, "mu_floor 0.2 is above mu_zero"),
-    (Table, points((0.0, 0.1, 0.2), (0.4, 0.3)), "3 speeds and 2 values"),
-    (StribeckViscous, CURVE | {"mu_static": 0.1}, "mu_static 0.1 is below mu_dynamic 0.18"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("section", "given", "told"),
+    [
+        (Coulomb, {"law": "coulomb", "mu_static": 0.2, "mu_kinetic": 0.25}, "would stick again immediately"),
+        (Falling, {"law": "falling", "mu_zero": 0.1, "slope": 0.8, "mu_floor": 0.2}, "mu_floor 0.2 is above mu_zero"),
+        (Table, points((0.0, 0.1, 0.2), (0.4, 0.3)), "3 speeds and 2 values"),
+        (StribeckViscous, CURVE | {"mu_static": 0.1}, "mu_static 0.1 is below mu_dynamic 0.18"),
+    ],
+)
 def test_what_is_no_law_is_refused(section, given, told):
     with pytest.raises(ValidationError, match=told):
         section(**given)
@@ -162,8 +165,12 @@ def test_what_is_no_law_is_refused(section, given, told):
 
 def test_exponential_and_stribeck_are_one_law(move):
     """Decay is one over the speed scale; the motion is the same."""
-    exponential = {"friction.law": "exponential", "friction.mu_static": 0.5, "friction.mu_kinetic": 0.18,
-                   "friction.decay": 20.0}  # fmt: skip
+    exponential = {
+        "friction.law": "exponential",
+        "friction.mu_static": 0.5,
+        "friction.mu_kinetic": 0.18,
+        "friction.decay": 20.0,
+    }
     a, b = move("belt", exponential, duration=2.0), move("belt", duration=2.0)
     assert a["velocity"] == pytest.approx(b["velocity"], abs=1e-12)
 
@@ -178,7 +185,10 @@ def test_the_law_of_tustin_without_a_viscous_part_is_the_stribeck_law(move):
 def test_a_table_of_a_law_moves_like_the_law(move):
     """Eighty points of characteristic A: the period to 1e-4."""
     speeds = np.concatenate([[0.0], np.geomspace(1e-4, 0.3, 80)])
-    table = {"friction.law": "table", "friction.speeds": speeds.tolist(),
-             "friction.values": [STRIBECK.mu(v) for v in speeds]}  # fmt: skip
+    table = {
+        "friction.law": "table",
+        "friction.speeds": speeds.tolist(),
+        "friction.values": [STRIBECK.mu(v) for v in speeds],
+    }
     a, b = (move("belt", law, duration=3.0).times("contact releases +") for law in (table, {}))
     assert a[-1] - a[-2] == pytest.approx(b[-1] - b[-2], rel=1e-4)

@@ -196,10 +196,13 @@ def test_dead_weight_lifts_the_rest_position():
     assert heavy.force["phi"]["one"] / K - rest == pytest.approx(0.5 * 9.81 * 0.15 / K, rel=1e-12)
 
 
-@pytest.mark.parametrize(("experiment", "hertz", "ratio"), [
-    ("lever_free_cylinder", 27.7746 / (2.0 * math.pi), 0.061721),
-    ("lever_free_lever", 62.3538 / (2.0 * math.pi), 0.032075),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("experiment", "hertz", "ratio"),
+    [
+        ("lever_free_cylinder", 27.7746 / (2.0 * math.pi), 0.061721),
+        ("lever_free_lever", 62.3538 / (2.0 * math.pi), 0.032075),
+    ],
+)
 def test_parts_alone_vibrate_as_worked_out_by_hand(experiment, hertz, ratio):
     """Omega^2 = k1 r1^2 / J, (k2 + k3) r3^2 / I."""
     [mode] = rig.modes(experiment).sliding.modes
@@ -210,8 +213,13 @@ def test_parts_alone_vibrate_as_worked_out_by_hand(experiment, hertz, ratio):
 
 def test_lifted_off_the_pin_feels_no_friction():
     """The lever thrown back: N = N0 + k2 r3 theta comes to zero, and the contact opens."""
-    run = rig.simulate(rig.load("lever", {"load.force": 2.0, "start.lever_angle": -0.01, "start.lever_velocity": -4.0,
-                                          "limits.lever_angle": 0.5}), 0.5)  # fmt: skip
+    run = rig.simulate(
+        rig.load(
+            "lever",
+            {"load.force": 2.0, "start.lever_angle": -0.01, "start.lever_velocity": -4.0, "limits.lever_angle": 0.5},
+        ),
+        0.5,
+    )
     N = run.signals["normal_force"]
     assert N.min() == 0.0
     away = N == 0.0

@@ -139,8 +139,12 @@ def test_stick_slip_dies_when_the_sector_passes():
 
 
 def test_a_sector_of_the_same_friction_changes_nothing():
-    alike = {"sector.friction.mu_static": 0.42, "sector.friction.mu_kinetic": 0.3, "drive.speed": 3.0 * RPM,
-             "start.angular_velocity": 3.0 * RPM * 0.8}  # fmt: skip
+    alike = {
+        "sector.friction.mu_static": 0.42,
+        "sector.friction.mu_kinetic": 0.3,
+        "drive.speed": 3.0 * RPM,
+        "start.angular_velocity": 3.0 * RPM * 0.8,
+    }
     found = rig.simulate(rig.load("lever_sector", alike), 20.0)
     uniform = rig.limit_cycle(rig.load("lever", {"drive.speed": 3.0 * RPM}))
     late = found.time > 15.0
@@ -163,8 +167,11 @@ def test_with_a_sector_stick_slip_and_sliding_end_at_the_speeds_of_the_reference
     Stick-slip ends between what the reference finds from a standing start and carried up: close to the end it depends
     on where in a cycle an edge passes.
     """
-    carried = next(one["V2_cont"] for one in LIU["sector"]["continuation"]
-                   if (one["N0"], one["sector_deg"]) == (expected["N0"], expected["sector_deg"]))  # fmt: skip
+    carried = next(
+        one["V2_cont"]
+        for one in LIU["sector"]["continuation"]
+        if (one["N0"], one["sector_deg"]) == (expected["N0"], expected["sector_deg"])
+    )
     for key, near, top in (("V2", 0.0, carried), ("V1", 1e-3, expected["V1"])):
         for rpm, lives in ((expected[key] - 0.1, True), (top + 0.1, False)):
             scene = with_sector(expected["N0"], expected["sector_deg"], rpm)

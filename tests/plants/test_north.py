@@ -89,8 +89,13 @@ def test_below_the_lesser_limit_sliding_is_stable_and_above_it_is_not(s, h, c_ph
 
     Where both limits are one, as at 469.75 for some, it is neither this nor that.
     """
-    changes = {"lining.offset": s, "lining.lever": h, "body.tilt_stiffness": c_phi, "body.inertia": J,
-               "body.tilt_damping": d_phi}  # fmt: skip
+    changes = {
+        "lining.offset": s,
+        "lining.lever": h,
+        "body.tilt_stiffness": c_phi,
+        "body.inertia": J,
+        "body.tilt_damping": d_phi,
+    }
     found = limits(rig.load("north", changes).parameters)
     p = {"m": 0.5, "J": J, "c1": 2e7, "c2": 8e7, "c_phi": c_phi, "d1": 20.0, "d_phi": d_phi, "h": h, "s": s}
     least = min(found.values())

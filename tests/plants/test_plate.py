@@ -27,8 +27,9 @@ RISING = {"load.force": "ramped"}
 def independent(p, duration, h, every, written):
     """Places, pressing forces and frictions every `every` s: velocity Verlet, friction by increments, points (X, Y)."""
     block, film, model = p.slider, p.film, p.reduced()
-    sides = [((np.arange(n) + 0.5) / n - 0.5) * size for n, size in
-             ((film.along, block.length), (film.across, block.width))]  # fmt: skip
+    sides = [
+        ((np.arange(n) + 0.5) / n - 0.5) * size for n, size in ((film.along, block.length), (film.across, block.width))
+    ]
     X, Y = (grid.ravel() for grid in np.meshgrid(*sides, indexing="ij"))
     area, nu = block.length * block.width / len(X), film.poisson
     k = film.young * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu)) / film.thickness * area
@@ -43,8 +44,12 @@ def independent(p, duration, h, every, written):
     load[-3] = -p.load.force
 
     def rows(place):
-        at = np.array([model.surface.at(np.array([place + 0.5 * block.length + x]), np.array([y]))[:, :, 0, 0]
-                       for x, y in zip(X, Y)])  # fmt: skip
+        at = np.array(
+            [
+                model.surface.at(np.array([place + 0.5 * block.length + x]), np.array([y]))[:, :, 0, 0]
+                for x, y in zip(X, Y)
+            ]
+        )
         along, across, up = at.transpose(2, 1, 0)
         o = np.zeros(len(X))
         return np.array(
@@ -80,18 +85,27 @@ def velocities(modes):
     return [*(f"q{i + 1}'" for i in range(modes)), "z'", "theta'", "psi'"]
 
 
-UNSEEN = {"load.force": 60.0, "drive.speed": 5e-4, "friction.mu": 0.45, "film.thickness": 0.002,
-          "slider.position": 0.0052}  # fmt: skip
+UNSEEN = {
+    "load.force": 60.0,
+    "drive.speed": 5e-4,
+    "friction.mu": 0.45,
+    "film.thickness": 0.002,
+    "slider.position": 0.0052,
+}
 KNOCKED = {"q1'": 1e-4, "q2'": -2e-4, "q3'": 5e-5, "psi'": 0.02}
 
 
-@pytest.mark.parametrize(("changes", "meets"), [
-    ({}, {"opens", "sticks", "is dragged back"}),
-    ({"film.lateral": True}, {"opens", "sticks", "is dragged back"}),
-    ({"film.retardation": 1e-7}, {"opens", "sticks"}),
-    ({"drive.speed": 0.5}, {"opens"}),
-    ({"slider.travels": False}, {"opens", "sticks", "is dragged back"}),
-], ids=["along", "lateral", "damped", "travels", "held"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "meets"),
+    [
+        ({}, {"opens", "sticks", "is dragged back"}),
+        ({"film.lateral": True}, {"opens", "sticks", "is dragged back"}),
+        ({"film.retardation": 1e-7}, {"opens", "sticks"}),
+        ({"drive.speed": 0.5}, {"opens"}),
+        ({"slider.travels": False}, {"opens", "sticks", "is dragged back"}),
+    ],
+    ids=["along", "lateral", "damped", "travels", "held"],
+)
 def test_an_independent_integrator_of_the_equations_agrees(changes, meets):
     """0.6 ms after a load has been put on at once and the plate was knocked."""
     ours = ride(UNSEEN | changes, 6e-4, 50, 5_000, KNOCKED)
@@ -150,8 +164,13 @@ def test_pressure_and_speed_together_scale_the_motion(scale, position):
 )
 @settings(max_examples=12)
 def test_no_point_pulls_or_bears_more_than_its_friction(mu, force, speed, lateral, retardation, roll):
-    changes = {"friction.mu": mu, "load.force": force, "drive.speed": speed, "film.lateral": lateral,
-               "film.retardation": retardation}  # fmt: skip
+    changes = {
+        "friction.mu": mu,
+        "load.force": force,
+        "drive.speed": speed,
+        "film.lateral": lateral,
+        "film.retardation": retardation,
+    }
     found = ride(changes, 3e-4, 1000, 1000, {"psi'": roll})
     P, f = found.of_points("P"), found.of_points("f")
     size = np.hypot(f, found.of_points("g")) if lateral else np.abs(f)
@@ -229,8 +248,13 @@ def test_friction_across_the_travel_damps_like_a_dashpot_of_mu_n_over_v():
     assert math.log(swing[0] / swing[1]) / 8e-4 == pytest.approx(-swaying.real, rel=0.05)
 
 
-CLOSED = {"slider.travels": False, "load.force": 0.0, "drive.speed": 0.5, "plate.damping_ratio": 0.1,
-          "friction.mu": 0.1}  # fmt: skip
+CLOSED = {
+    "slider.travels": False,
+    "load.force": 0.0,
+    "drive.speed": 0.5,
+    "plate.damping_ratio": 0.1,
+    "friction.mu": 0.1,
+}
 SLOWLY = {"load.slope": 100.0 / 4e-3}
 
 

@@ -80,8 +80,16 @@ def test_what_modes_leave_out_under_points_sums_up_to_that_of_an_even_pressure()
     assert even == pytest.approx(kept.residual, rel=1e-6)
 
 
-COARSE = {"plate.elements_along": 6, "plate.elements_across": 6, "plate.elements_through": 1, "film.along": 6,
-          "film.across": 4, "foam.elements_through": 1, "slider.position": 0.0047, "slider.travels": False}  # fmt: skip
+COARSE = {
+    "plate.elements_along": 6,
+    "plate.elements_across": 6,
+    "plate.elements_through": 1,
+    "film.along": 6,
+    "film.across": 4,
+    "foam.elements_through": 1,
+    "slider.position": 0.0047,
+    "slider.travels": False,
+}
 
 
 def pressures(scene, **changes):
@@ -146,11 +154,14 @@ def test_every_position_of_the_slider_has_its_places(along):
     assert (1.0 - share) * ends[0] + share * ends[1] == pytest.approx(exact, abs=0.01 * np.abs(exact).max())
 
 
-@pytest.mark.parametrize(("given", "message"), [
-    ({"grid": Grid(0.09, 0.0253, 4, 4)}, "slider.length is 0.09 m; it must be at most plate.length, 0.0867 m"),
-    ({"foam": foam(poisson=0.4999999999)}, "lost in rounding, because sizes"),
-    ({"plate": plate((4, 4, 1), thickness=1e-6), "foam": None}, "bring values that lie far apart closer together"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"grid": Grid(0.09, 0.0253, 4, 4)}, "slider.length is 0.09 m; it must be at most plate.length, 0.0867 m"),
+        ({"foam": foam(poisson=0.4999999999)}, "lost in rounding, because sizes"),
+        ({"plate": plate((4, 4, 1), thickness=1e-6), "foam": None}, "bring values that lie far apart closer together"),
+    ],
+)
 def test_what_cannot_be_built_is_refused(given, message):
     whole = {"plate": plate((4, 4, 1)), "foam": foam(), "grid": GRID, "point": (0.01, 0.0)} | given
     with pytest.raises(ValueError, match=message):

@@ -95,8 +95,9 @@ def test_stick_slip_that_is_run_up_lives_to_seven_millimetres_a_second(move, rig
 
 def test_above_the_linear_limit_a_standing_start_at_the_equilibrium_goes_on_sliding(move):
     speed = 6.5 * MM
-    run = move("seal_p", {"drive.speed": speed, "start.displacement": force(speed) / 2e4, "start.velocity": 1e-5},
-               duration=3.0)  # fmt: skip
+    run = move(
+        "seal_p", {"drive.speed": speed, "start.displacement": force(speed) / 2e4, "start.velocity": 1e-5}, duration=3.0
+    )
     assert not len(run.times("contact slip ends"))
     assert np.abs(run["velocity"][-200:]).max() < 1e-7
 
@@ -112,8 +113,9 @@ def test_stick_slip_events_are_those_of_scipy(move):
         return 1.0 if t < 1e-3 else speed - y[1]
 
     stuck.terminal, stuck.direction = True, -1.0
-    slip = solve_ivp(slipping(speed, m, c, d), (0.0, 0.1), [speed * release, speed], "DOP853", rtol=1e-12, atol=1e-16,
-                     events=stuck)  # fmt: skip
+    slip = solve_ivp(
+        slipping(speed, m, c, d), (0.0, 0.1), [speed * release, speed], "DOP853", rtol=1e-12, atol=1e-16, events=stuck
+    )
     found = run.times("contact slip ends")
     assert slip.t_events[0].size
     assert found[0] - release == pytest.approx(slip.t_events[0][0], rel=1e-6)

@@ -76,8 +76,12 @@ def shaken(move, delta, R, eta, settle):
     speed = XHAT * 2.0 * math.pi * hertz
     changes = STACK | shunt(resistance=R, inductance=coil(delta), delta=delta)
     changes |= {"drive.speed": 0.0, "friction.mu_static": 1e9, "load.force": 1e3, "start.velocity": speed}
-    changes |= {"dither.on": "belt", "dither.amplitude": speed, "dither.frequency": hertz,
-                "dither.phase": 0.5 * math.pi}  # fmt: skip
+    changes |= {
+        "dither.on": "belt",
+        "dither.amplitude": speed,
+        "dither.frequency": hertz,
+        "dither.phase": 0.5 * math.pi,
+    }
     return move("belt_shunt", changes, 0.05, settle)
 
 
@@ -318,11 +322,14 @@ def test_the_static_limit_is_that_of_the_structure():
         PlantRunner(rig.load("belt_shunt", shunt(delta=-1.05)))
 
 
-@pytest.mark.parametrize(("changes", "told"), [
-    (shunt(delta=-1.0), "leaves the loop without capacitance"),
-    (shunt(delta=0.0, saturation=12.0), "with delta 0 there is no capacitor"),
-    ({"piezo": "none"}, "needs a stack"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (shunt(delta=-1.0), "leaves the loop without capacitance"),
+        (shunt(delta=0.0, saturation=12.0), "with delta 0 there is no capacitor"),
+        ({"piezo": "none"}, "needs a stack"),
+    ],
+)
 def test_bad_values_are_told(changes, told):
     with pytest.raises(SceneError, match=told):
         rig.load("belt_shunt", changes)

@@ -162,8 +162,11 @@ def test_damping_ratios_of_a_table_and_of_a_frequency(tmp_path):
         ({"table": [[1.0, 0.01], [3.0, 0.03]]}, lambda hertz: 0.01 * np.clip(hertz, 1.0, 3.0)),
         ({"ratio": 0.02, "at": 2.0}, lambda hertz: 0.01 * hertz),
     ):
-        tables = {"structure": THREE["structure"] | {"parts": {k: THREE["structure"]["parts"][k] for k in "MK"}},
-                  "outputs": THREE["outputs"], "damping": damping}  # fmt: skip
+        tables = {
+            "structure": THREE["structure"] | {"parts": {k: THREE["structure"]["parts"][k] for k in "MK"}},
+            "outputs": THREE["outputs"],
+            "damping": damping,
+        }
         rates = at_rest(scenes.load(written(tmp_path, tables)))[1].eigenvalues()
         for rate in rates[rates.imag > 0.0]:
             assert -rate.real / abs(rate) == pytest.approx(ratio(abs(rate) / (2.0 * np.pi)), rel=1e-12)

@@ -48,8 +48,14 @@ def critical(move):
     def get(changes, acceleration, top, hold=0.0, step_ms=0.02, tolerance=1e-7):
         step = 1e-3 * step_ms
         ticks, held = round(top / acceleration / step), round(hold / step)
-        run = move("tip", {**changes, "drive.speed": 0.0}, step_ms=step_ms, moved={"drive.speed": "ramped"},
-                   tolerance=tolerance, longest=ticks)  # fmt: skip
+        run = move(
+            "tip",
+            {**changes, "drive.speed": 0.0},
+            step_ms=step_ms,
+            moved={"drive.speed": "ramped"},
+            tolerance=tolerance,
+            longest=ticks,
+        )
         slope, found = top / (ticks * step), []
         for rate, count in ((slope, ticks), (0.0, held), (-slope, ticks)):
             run.write("drive.slope", rate)
@@ -137,8 +143,13 @@ def test_a_weak_wave_shakes_the_sliding_tip_as_a_linear_oscillator(move):
     for speed in (0.02, 0.026, 0.06):
         w = 2.0 * math.pi * speed / p.waviness.wavelength
         answer = abs(mu * even * depth / (stiffness - tip.mass * w**2 + 1j * w * tip.retardation * stiffness))
-        run = move("tip", {"waviness.depth": depth, "drive.speed": speed, "start.displacement": rest},
-                   step_ms=0.005, duration=0.03, tolerance=1e-9)  # fmt: skip
+        run = move(
+            "tip",
+            {"waviness.depth": depth, "drive.speed": speed, "start.displacement": rest},
+            step_ms=0.005,
+            duration=0.03,
+            tolerance=1e-9,
+        )
         late = run["displacement"][run.time > 0.02]
         assert 0.5 * np.ptp(late) == pytest.approx(answer, rel=2e-3)
 
@@ -222,8 +233,12 @@ E_UPPER = [149.10, 107.44, 44.855, 35.126, 35.973, 36.270, 59.056]  # the same, 
 
 @pytest.mark.parametrize(("row", "lower", "upper"), [*zip(TABLE_1, E_LOWER, E_UPPER)])
 def test_lower_speed_over_waves_is_that_of_independent_steps(critical, row, lower, upper):
-    tip = {"mass": 0.005551692817478153, "stiffness": 103231.840043733, "relief": 6.3926947027487735,
-           "retardation": 8.180216921039712e-05}  # fmt: skip
+    tip = {
+        "mass": 0.005551692817478153,
+        "stiffness": 103231.840043733,
+        "relief": 6.3926947027487735,
+        "retardation": 8.180216921039712e-05,
+    }
     changes = {f"tip.{key}": value for key, value in tip.items()} | {"waviness.depth": 0.04382885201674841}
     changes |= {"friction.mu_static": row[0], "friction.mu_kinetic": row[1]}
     up, down = critical(changes, 1.1153812230909745, 0.15, 0.1)

@@ -37,8 +37,10 @@ def frequencies(elements):
 def test_frequencies_converge_to_the_closed_forms_with_the_order_of_the_elements():
     bent = [b**2 * math.sqrt(BENDING / (LINE * LENGTH**4)) for b in roots(3)]
     drawn = [(i + 0.5) * math.pi * math.sqrt(EXTENSION / (LINE * LENGTH**2)) for i in range(2)]
-    coarse, fine = ([np.array(one[: len(exact)]) / exact - 1.0 for one, exact in zip(frequencies(n), (bent, drawn))]
-                    for n in (8, 16))  # fmt: skip
+    coarse, fine = (
+        [np.array(one[: len(exact)]) / exact - 1.0 for one, exact in zip(frequencies(n), (bent, drawn))]
+        for n in (8, 16)
+    )
     for order, before, after in zip((4.0, 2.0), coarse, fine):
         assert (after > 0.0).all()
         assert np.log2(before / after) == pytest.approx(order, abs=0.1)

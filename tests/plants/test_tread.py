@@ -27,11 +27,19 @@ def block(request, rigs):
     one = rigs["tread"][SETS[request.param]]
     p = one["params"]
     changes = {
-        "tip.mass": p["m"], "tip.tangential_stiffness": p["cx"], "tip.normal_stiffness": p["cz"],
-        "tip.tangential_damping": p["dx"], "tip.normal_damping": p["dz"], "tip.coupling": p["cxz"],
-        "contact.stiffness": p["kc"], "load.force": p["P"], "friction.law": "stribeck", "friction.mu_static": p["mus"],
-        "friction.mu_dynamic": p["mud"], "friction.speed_scale": p["vs"],
-    }  # fmt: skip
+        "tip.mass": p["m"],
+        "tip.tangential_stiffness": p["cx"],
+        "tip.normal_stiffness": p["cz"],
+        "tip.tangential_damping": p["dx"],
+        "tip.normal_damping": p["dz"],
+        "tip.coupling": p["cxz"],
+        "contact.stiffness": p["kc"],
+        "load.force": p["P"],
+        "friction.law": "stribeck",
+        "friction.mu_static": p["mus"],
+        "friction.mu_dynamic": p["mud"],
+        "friction.speed_scale": p["vs"],
+    }
     if request.param == "tread":
         return request.param, p, one, changes
     scene = rig.load("tread_rough")  # has these parameters
@@ -132,8 +140,10 @@ def phases(p, told):
         if mode == "open":
             return {"load closes": lambda t, y: y[1]}
         if mode == "stick":
-            return {f"contact releases {sign}": lambda t, y, side=side: -p["mus"] * p["kc"] * y[1] - side * needed(y)
-                    for sign, side in (("+", 1.0), ("-", -1.0))}  # fmt: skip
+            return {
+                f"contact releases {sign}": lambda t, y, side=side: -p["mus"] * p["kc"] * y[1] - side * needed(y)
+                for sign, side in (("+", 1.0), ("-", -1.0))
+            }
         side = 1.0 if mode == "slip+" else -1.0
         return {"contact slip ends": lambda t, y: side * slip(y), "load opens": lambda t, y: -y[1]}
 
@@ -171,10 +181,19 @@ def shipped():
     p = rig.load("tread").parameters
     tip = p.tip
     return {
-        "m": tip.mass, "cx": tip.tangential_stiffness, "cz": tip.normal_stiffness, "cxz": tip.coupling,
-        "dx": tip.tangential_damping, "dz": tip.normal_damping, "kc": p.contact.stiffness, "P": p.load.force,
-        "vd": p.drive.speed, "mus": p.friction.mu, "mud": p.friction.mu, "vs": 1.0,
-    }  # fmt: skip
+        "m": tip.mass,
+        "cx": tip.tangential_stiffness,
+        "cz": tip.normal_stiffness,
+        "cxz": tip.coupling,
+        "dx": tip.tangential_damping,
+        "dz": tip.normal_damping,
+        "kc": p.contact.stiffness,
+        "P": p.load.force,
+        "vd": p.drive.speed,
+        "mus": p.friction.mu,
+        "mud": p.friction.mu,
+        "vs": 1.0,
+    }
 
 
 def test_first_mode_changes_of_the_scene_are_those_of_scipy(move, chain):

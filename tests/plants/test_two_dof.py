@@ -120,8 +120,10 @@ def test_lift_off_and_return_are_those_of_scipy(move, chain):
         lambda closed, t, z: fields[closed](t, z),
         lambda closed: [lambda t, z: -z[1] if closed else z[1]],
         lambda closed, which, t, z: (not closed, z),
-        True, np.array(one["z0"], float), 12.0,
-    )  # fmt: skip
+        True,
+        np.array(one["z0"], float),
+        12.0,
+    )
     assert len(expected) >= 8
     assert sorted([*run.times("load opens"), *run.times("load closes")]) == pytest.approx(list(expected), rel=1e-8)
 
@@ -149,8 +151,14 @@ def test_without_separation_the_vibration_grows_on_as_the_eigenvalue_says_until_
 def shaken(mu, V, r, a, **more):
     """Changes for a force A cos(r w0 t) whose fast velocity is a V."""
     w = r * W0
-    return {"friction.mu": mu, "drive.speed": V, "dither.frequency": w / (2.0 * math.pi), "dither.amplitude": a * V * w,
-            "dither.phase": math.pi / 2.0, "dither.enable": True} | more  # fmt: skip
+    return {
+        "friction.mu": mu,
+        "drive.speed": V,
+        "dither.frequency": w / (2.0 * math.pi),
+        "dither.amplitude": a * V * w,
+        "dither.phase": math.pi / 2.0,
+        "dither.enable": True,
+    } | more
 
 
 def mean(mu, V, r, a, leading=False):
@@ -165,8 +173,10 @@ def boundary(mu, V, r, leading=False):
     return brentq(lambda a: mean(mu, V, r, a, leading).eigenvalues()[0].real, 1.006, 2.0, xtol=1e-12)
 
 
-CASES = [tuple(float(part[2:] if part[:2] == "mu" else part[1:]) for part in key.split("_"))
-         for key in LIU["dither_boundary"]["avg"]]  # fmt: skip
+CASES = [
+    tuple(float(part[2:] if part[:2] == "mu" else part[1:]) for part in key.split("_"))
+    for key in LIU["dither_boundary"]["avg"]
+]
 
 
 def reference(mu, V):
@@ -278,7 +288,9 @@ def test_dithered_slip_is_that_of_scipy(move, chain):
         lambda slip, t, z: fields[slip](t, z),
         lambda slip: [lambda t, z: slip * (V - z[2])],
         lambda slip, which, t, z: (-slip, z),
-        1.0, np.array([0.0, -0.01, 0.0, 0.0]), 1.0,
-    )  # fmt: skip
+        1.0,
+        np.array([0.0, -0.01, 0.0, 0.0]),
+        1.0,
+    )
     assert len(expected) >= 10
     assert run.times("contact slip ends")[: len(expected)] == pytest.approx(list(expected), rel=1e-6)

@@ -236,8 +236,11 @@ def test_statistics_and_step_are_told_apart_where_no_step_of_a_film_meets_the_ta
     ]
     with pytest.raises(UsageError) as told:
         recommended(rows, "worst", 1e-3, None)
-    for part in ("kick at 1 us in rms x is 3.0e-03 by the step and 1.2e-02 by statistics", "means of 8 runs",
-                 f"statistics alone need {runs_needed(8, 0.012, 1e-3)} runs of each step for 1e-03"):  # fmt: skip
+    for part in (
+        "kick at 1 us in rms x is 3.0e-03 by the step and 1.2e-02 by statistics",
+        "means of 8 runs",
+        f"statistics alone need {runs_needed(8, 0.012, 1e-3)} runs of each step for 1e-03",
+    ):
         assert part in str(told.value)
     assert recommended(rows, "worst", 0.016, None) is rows[1]
 

@@ -42,8 +42,13 @@ def expected(run):
         "sensors_25_Hz": {"slow": run.measurements["slow"].v},
     }
     sent = run.commands["feedback"]
-    found["commands_feedback"] = {"tick": sent.tick, "answered": sent.answered, "status": sent.status,
-                                  "command_1": sent.values[:, 0], "command_2": sent.values[:, 1]}  # fmt: skip
+    found["commands_feedback"] = {
+        "tick": sent.tick,
+        "answered": sent.answered,
+        "status": sent.status,
+        "command_1": sent.values[:, 0],
+        "command_2": sent.values[:, 1],
+    }
     found["events"] = {key: [event[key] for event in run.events] for key in ("tick", "source", "kind", "text")}
     found["events"]["data"] = [json.dumps(event["data"]) if event["data"] else "" for event in run.events]
     return found
@@ -165,8 +170,10 @@ def test_wav(run, tmp_path):
     path = tmp_path / "export.wav"
     found = export(tables(run, ["velocity", "gauge"]), "wav", path, description(run))
     assert [one.file for one in found] == ["outputs_velocity.wav", "sensors_1000_Hz_gauge.wav"]
-    wanted = {"outputs_velocity": (10_000, run.signals["velocity"]),
-              "sensors_1000_Hz_gauge": (1000, np.nan_to_num(run.measurements["gauge"].v))}  # fmt: skip
+    wanted = {
+        "outputs_velocity": (10_000, run.signals["velocity"]),
+        "sensors_1000_Hz_gauge": (1000, np.nan_to_num(run.measurements["gauge"].v)),
+    }
     package = {one["path"]: one for one in json.loads((path / "datapackage.json").read_text())["resources"]}
     for one, (name, (rate, v)) in zip(found, wanted.items()):
         with wave.open(str(path / f"{name}.wav")) as file:
@@ -184,8 +191,13 @@ def test_frames_and_tree(run, tmp_path):
     same({name: {"time": frame.index, **{c: frame[c] for c in frame}} for name, frame in frames.items()}, run)
     assert frames["outputs"].attrs["units"] == {"displacement": "m", "velocity": "m/s", "mode": ""}
     found = run.to_xarray()
-    same({name: {"time": part["time"].values, **{c: part[c].values for c in part.data_vars}}
-          for name, part in found.children.items()}, run)  # fmt: skip
+    same(
+        {
+            name: {"time": part["time"].values, **{c: part[c].values for c in part.data_vars}}
+            for name, part in found.children.items()
+        },
+        run,
+    )
     assert found["outputs/velocity"].attrs == {"units": "m/s"}
     assert found["outputs/velocity"].sel(time=0.0003).item() == run.signals["velocity"][3]
     assert found["scene"].item() == run.scene

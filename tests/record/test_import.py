@@ -162,10 +162,13 @@ def cells(path):
         ("x.mat", lambda path: matlab_73(path, v=V[None, :]), {"run.v": ("", V)}),
         ("x.mat", cells, {"ch.1.v": ("", V), "ch.2.v": ("", T)}),
         ("x.nc", packed, {"v": ("N", [1.5, np.nan, 2.5])}),
-        ("x.parquet", lambda path: pd.DataFrame({"d": pd.to_timedelta(T, unit="s")}).to_parquet(path),
-         {"d": ("s", np.rint(T * 1e9) * 1e-9)}),
+        (
+            "x.parquet",
+            lambda path: pd.DataFrame({"d": pd.to_timedelta(T, unit="s")}).to_parquet(path),
+            {"d": ("s", np.rint(T * 1e9) * 1e-9)},
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_formats_keep_beside_plain_vectors(tmp_path, name, write, columns):
     write(tmp_path / name)
     file = opened(tmp_path / name)
@@ -198,18 +201,41 @@ def test_a_column_becomes_a_channel_in_si(tmp_path, text, given, unit, value):
 
 GOOD = "t [s],v [m/s],w\n"
 FAULTS = [
-    (GOOD + "0,1,1\n1,2\n2,x,3\n3;4;5\n4,1,1\n5,6", {}, ["row 3: 2 values, the other rows have 3",
-     "row 4: column v: 'x' is not a number", "row 5: 1 value, the other rows have 3; with ';'", "row 7: 2 values",
-     "the file ends in the middle of it"]),
-    (GOOD + "0,1,1\n1,x,3\n2,,3\n2,1,1\n1,1,1\n5,6\n", {}, ["row 3: column v: 'x'", "row 4, column v: there is no",
-     "row 5, column t: the time 2 s is that", "row 6, column t: the time 1 s falls", "row 7: 2 values"]),
-    (GOOD + "0,1,1\n1,2,2\n1,3,3\n0.5,4,4\n2,1,1\n", {}, ["row 4, column t: the time 1 s is that of the row before",
-     "row 5, column t: the time 0.5 s falls", "--rate"]),
-    (GOOD + "0,1,1\n1,1,1\n", {"texts": ["w = a", "x = b", "v = c, 3 N/V"]}, ["states no unit for w",
-     "there is no column 'x'", "the column is in m/s"]),
+    (
+        GOOD + "0,1,1\n1,2\n2,x,3\n3;4;5\n4,1,1\n5,6",
+        {},
+        [
+            "row 3: 2 values, the other rows have 3",
+            "row 4: column v: 'x' is not a number",
+            "row 5: 1 value, the other rows have 3; with ';'",
+            "row 7: 2 values",
+            "the file ends in the middle of it",
+        ],
+    ),
+    (
+        GOOD + "0,1,1\n1,x,3\n2,,3\n2,1,1\n1,1,1\n5,6\n",
+        {},
+        [
+            "row 3: column v: 'x'",
+            "row 4, column v: there is no",
+            "row 5, column t: the time 2 s is that",
+            "row 6, column t: the time 1 s falls",
+            "row 7: 2 values",
+        ],
+    ),
+    (
+        GOOD + "0,1,1\n1,2,2\n1,3,3\n0.5,4,4\n2,1,1\n",
+        {},
+        ["row 4, column t: the time 1 s is that of the row before", "row 5, column t: the time 0.5 s falls", "--rate"],
+    ),
+    (
+        GOOD + "0,1,1\n1,1,1\n",
+        {"texts": ["w = a", "x = b", "v = c, 3 N/V"]},
+        ["states no unit for w", "there is no column 'x'", "the column is in m/s"],
+    ),
     (GOOD + "0,1,1\n1,1,1\n", {"texts": ["v = a, mm/s"]}, ["the file says that v is in m/s"]),
     (GOOD + "0,1,1\n1;2;2\n2,3,3\n3,4,4\n4,5,5\n", {}, ["row 3: 1 value, the other rows have 3; with ';' in place"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("text", "given", "told"), FAULTS)
@@ -322,11 +348,18 @@ def test_the_command_imports_with_the_map_beside_the_files_and_what_works_on_a_r
     code, out, _ = rig("runs", tmp_path)
     assert (code, "measured" in out) == (0, True)
     for command in (
-        ("spectrum", log), ("hysteresis", log, "--over", "speed"), ("portrait", log, "--x", "pos", "--y", "vel"),
-        ("response", log, "--input", "vel", "--output", "pos"), ("amplitude", log), ("sound", log, "--signal", "vel"),
-        ("diff", log, log), ("export", log, "--to", "csv", "--out", tmp_path / "out"), ("note", log, "hot day"),
-        ("report", log, "--out", tmp_path / "x.html"), ("view", log, "--save", tmp_path / "x.rrd"),
-    ):  # fmt: skip
+        ("spectrum", log),
+        ("hysteresis", log, "--over", "speed"),
+        ("portrait", log, "--x", "pos", "--y", "vel"),
+        ("response", log, "--input", "vel", "--output", "pos"),
+        ("amplitude", log),
+        ("sound", log, "--signal", "vel"),
+        ("diff", log, log),
+        ("export", log, "--to", "csv", "--out", tmp_path / "out"),
+        ("note", log, "hot day"),
+        ("report", log, "--out", tmp_path / "x.html"),
+        ("view", log, "--save", tmp_path / "x.rrd"),
+    ):
         code, out, err = rig(*command)
         assert (code, err) == (0, ""), (command, out, err)
     code, out, _ = rig("verify", log)

@@ -143,7 +143,7 @@ def test_lines_that_are_no_notes_are_counted_and_a_cut_line_is_not_continued(log
 @pytest.mark.parametrize(
     ("text", "tags", "says"),
     [("", [], "empty"), ("x" * 10_001, [], "10001"), ("x", ["two words"], "one word"), ("\x1b[31m", [], "control")],
-)  # fmt: skip
+)
 def test_what_is_no_note_is_refused(log, text, tags, says):
     with pytest.raises(UsageError, match=says):
         user_notes.add(log, text, tags)

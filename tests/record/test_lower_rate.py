@@ -105,8 +105,11 @@ def made():
 def test_rows_are_at_instants_that_were_recorded(made):
     found = tables(made, rate=100.0)
     assert [(one.name, one.t_ns.size) for one in found] == [
-        ("outputs", 201), ("sensors_100_Hz", 201), ("sensors_25_Hz", 51), ("events", 0),
-    ]  # fmt: skip
+        ("outputs", 201),
+        ("sensors_100_Hz", 201),
+        ("sensors_25_Hz", 51),
+        ("events", 0),
+    ]
     outputs, sensors, slow, _ = found
     wanted = np.arange(201) * 10_000_000
     assert np.array_equal(outputs.t_ns, wanted)

@@ -163,8 +163,9 @@ def test_length_and_losses_come_from_the_plant_and_from_admitted_senders(plant, 
     plant.finish()
     account = json.loads(recorder.communicate(timeout=PATIENCE_S)[0])
     assert {topic: account["received"][topic] for topic in ("event/stranger", "event/mine")} == {
-        "event/stranger": 2, "event/mine": 2
-    }  # fmt: skip
+        "event/stranger": 2,
+        "event/mine": 2,
+    }
     assert (account["gaps"], account["tail"]) == ({"event/mine": 900}, {"event/mine": 10})
     assert account["seconds"] == contents(path).seconds == 0.05
     scan = Scan(path)

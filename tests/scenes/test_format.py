@@ -19,10 +19,13 @@ def test_a_file_of_the_first_format_loads():
     assert scene.duration_ns == 20_000_000_000
 
 
-@pytest.mark.parametrize(("given", "told"), [
-    ("7", "format = 7: this version of friction-rig reads scene files of format 1; install a newer version"),
-    *((bad, "this version of friction-rig reads scene files of format 1") for bad in ("0", "true", "[1]")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("7", "format = 7: this version of friction-rig reads scene files of format 1; install a newer version"),
+        *((bad, "this version of friction-rig reads scene files of format 1") for bad in ("0", "true", "[1]")),
+    ],
+)
 def test_what_is_no_known_format_is_refused(tmp_path, given, told):
     path = tmp_path / "mine.toml"
     path.write_text(f'based_on = "belt"\nformat = {given}\nunknown = 3')

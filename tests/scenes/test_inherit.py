@@ -114,15 +114,24 @@ def test_every_fault_says_which_file_and_line_its_value_is_from(write):
 BASE = 'based_on = "belt"\n'
 
 
-@pytest.mark.parametrize(("text", "line", "told"), [
-    ('based_on = "broken.toml"', 1, 'based_on = "broken.toml": line 2, column 3: invalid value'),
-    ('based_on = "mine.toml"', 1, 'based_on = "mine.toml": the files are based on one another in a circle: mine.toml, '
-     "mine.toml"),
-    (f'{BASE}sensors.lasr = "none"', 2, "sensors.lasr: is not in the base, so it cannot be removed; did you mean "
-     "sensors.laser?"),
-    (f"{BASE}[protocol]\nstep = 'hold'", 2, "protocol: expected steps, each a table [[protocol]]"),
-    ('[load]\nbased_on = "belt"', 2, "load.based_on: put based_on above the first table of the file"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "line", "told"),
+    [
+        ('based_on = "broken.toml"', 1, 'based_on = "broken.toml": line 2, column 3: invalid value'),
+        (
+            'based_on = "mine.toml"',
+            1,
+            'based_on = "mine.toml": the files are based on one another in a circle: mine.toml, mine.toml',
+        ),
+        (
+            f'{BASE}sensors.lasr = "none"',
+            2,
+            "sensors.lasr: is not in the base, so it cannot be removed; did you mean sensors.laser?",
+        ),
+        (f"{BASE}[protocol]\nstep = 'hold'", 2, "protocol: expected steps, each a table [[protocol]]"),
+        ('[load]\nbased_on = "belt"', 2, "load.based_on: put based_on above the first table of the file"),
+    ],
+)
 def test_what_is_wrong_is_told_with_its_line(write, text, line, told):
     write("broken.toml", "a = 3\nb==3")
     assert f"{told} (mine.toml, line {line})" in faults(write("mine.toml", f"{text}\n"))

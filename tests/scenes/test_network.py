@@ -30,8 +30,15 @@ def test_the_example_of_the_help_text_is_the_section():
 
 
 def test_all_faults_of_a_section_are_told_at_once():
-    changes = {"meas.vibromter.delay": "1 ms", "act.fn.loss": "1 %", "meas.vibrometer.delay": "-1 ms",
-               "meas.vibrometer.los": "1 %", "act.nf.loss": "120 %", "act.nf.reorder": 3, "seed": -3}  # fmt: skip
+    changes = {
+        "meas.vibromter.delay": "1 ms",
+        "act.fn.loss": "1 %",
+        "meas.vibrometer.delay": "-1 ms",
+        "meas.vibrometer.los": "1 %",
+        "act.nf.loss": "120 %",
+        "act.nf.reorder": 3,
+        "seed": -3,
+    }
     assert [line.removesuffix(" (given in the call)") for line in faults(changes)] == [
         "network.seed = -3: must be at least 0",
         'network.meas.vibrometer.delay = "-1 ms": must be at least 0 s',
@@ -54,8 +61,17 @@ def test_a_delay_between_frames_is_rounded_up():
 def test_all_faults_of_all_lines_are_told_at_once_and_contradictions_too():
     form = "a link is meas/SENSOR or act/CONTROLLER, then a colon, then its values"
     with pytest.raises(UsageError) as caught:
-        keys(["meas/a: loss 1 %; seed 3", "meas/a: loss 2 %; seed 4", "mesa/v: loss 1 %", "meas/v", "meas/v:",
-              "act/b: loss 1 %; delay 1 ms"], ["network.meas.a.loss"])  # fmt: skip
+        keys(
+            [
+                "meas/a: loss 1 %; seed 3",
+                "meas/a: loss 2 %; seed 4",
+                "mesa/v: loss 1 %",
+                "meas/v",
+                "meas/v:",
+                "act/b: loss 1 %; delay 1 ms",
+            ],
+            ["network.meas.a.loss"],
+        )
     assert str(caught.value).splitlines() == [
         '--net "meas/a: loss 2 %; seed 4": network.meas.a.loss is given twice, as 1 % and as 2 %',
         '--net "meas/a: loss 2 %; seed 4": network.seed is given twice, as 3 and as 4',

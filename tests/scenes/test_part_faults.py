@@ -36,16 +36,20 @@ def test_values_have_the_unit_of_the_sensor_and_a_recording_keeps_them():
         ({"faults.a.sensor": "vibromter"}, 'faults.a.sensor = "vibromter": unknown sensor; did you mean vibrometer?'),
         ({"faults.a.at": "1.5 ms"}, "1.5 ms is not a whole number of frames (1 ms); nearest: 1 ms or 2 ms"),
         (
-            {"faults.b.kind": "authority", "faults.b.actuator": "load.force", "faults.b.at": "1 s",
-             "faults.b.factor": "150 %"},
-            "faults.b.factor = \"150 %\": must be at most 1",
+            {
+                "faults.b.kind": "authority",
+                "faults.b.actuator": "load.force",
+                "faults.b.at": "1 s",
+                "faults.b.factor": "150 %",
+            },
+            'faults.b.factor = "150 %": must be at most 1',
         ),
         (
             {"faults.b.sensor": "vibrometer", "faults.b.kind": "dropout", "faults.b.at": "7 s"},
             "faults.a and faults.b: both act on vibrometer at 7 s; one fault at a time is possible: end one before",
         ),
     ],
-)  # fmt: skip
+)
 def test_a_fault_that_cannot_be_is_refused(changes, told):
     assert told in "\n".join(faults(FROZEN | changes))
 

@@ -62,17 +62,32 @@ def refused(scene, changes=None):
 KIND, SENSOR = 'kind = "laser_vibrometer"', 'sensor = "vibrometer"'
 
 
-@pytest.mark.parametrize(("old", "new", "told"), [
-    ('force = "20 N"', 'force = "-3 N"', 'load.force = "-3 N": must be at least 0 N'),
-    ("speed = 0.06", "sped = 0.06\nspeed = 1", "drive.sped: unknown key; did you mean drive.speed?"),
-    ("stiffness = 2500", 'stiffness = "2500 kg"', 'body.stiffness = "2500 kg": expected a unit that converts to N/m'),
-    ("stiffness = 2500", "", "body.stiffness: is missing; expected a value in N/m"),
-    ('"5 kg"', '["5 kg", "papr"]', 'body.mass: origin = "papr": unknown; did you mean paper? known: '),
-    ('plant = "belt"', 'plant = "blet"', 'plant = "blet": unknown; did you mean belt? known: belt, '),
-    (SENSOR, 'sensor = "vibromter"', 'controllers.nf.sensor = "vibromter": unknown sensor; did you mean vibrometer?'),
-    (KIND, f'{KIND}\nreads = "displacement"', 'sensors.vibrometer.reads = "displacement": is in m, a laser_vibrometer '
-     "reads m/s; outputs in this unit: velocity, "),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('force = "20 N"', 'force = "-3 N"', 'load.force = "-3 N": must be at least 0 N'),
+        ("speed = 0.06", "sped = 0.06\nspeed = 1", "drive.sped: unknown key; did you mean drive.speed?"),
+        (
+            "stiffness = 2500",
+            'stiffness = "2500 kg"',
+            'body.stiffness = "2500 kg": expected a unit that converts to N/m',
+        ),
+        ("stiffness = 2500", "", "body.stiffness: is missing; expected a value in N/m"),
+        ('"5 kg"', '["5 kg", "papr"]', 'body.mass: origin = "papr": unknown; did you mean paper? known: '),
+        ('plant = "belt"', 'plant = "blet"', 'plant = "blet": unknown; did you mean belt? known: belt, '),
+        (
+            SENSOR,
+            'sensor = "vibromter"',
+            'controllers.nf.sensor = "vibromter": unknown sensor; did you mean vibrometer?',
+        ),
+        (
+            KIND,
+            f'{KIND}\nreads = "displacement"',
+            'sensors.vibrometer.reads = "displacement": is in m, a laser_vibrometer '
+            "reads m/s; outputs in this unit: velocity, ",
+        ),
+    ],
+)
 def test_one_fault_one_line(faults, old, new, told):
     found = faults((old, new))
     assert any(line.startswith(told) for line in found), found
@@ -82,38 +97,61 @@ def step(kind, **values):
     return f'[[protocol]]\nstep = "{kind}"\n' + "\n".join(f"{key} = {value}" for key, value in values.items())
 
 
-@pytest.mark.parametrize(("more", "told"), [
-    ('[limits]\ndisplacment = "1 m"', "limits.displacment: this rig has no such output; did you mean displacement?"),
-    ('[clock]\nmethod = "rk4"\nrk4_step = "0.3 ms"', 'clock.rk4_step = "0.3 ms": 0.3 ms is not a whole part of the '
-     "sample step (1 ms); nearest: 0.25 ms"),
-    (step("ramp", target='"load.force"', to=2, over=1), "protocol[1].ramp: load.force is driven by controllers.nf at "),
-    (step("wait", sensor='"vibrometer"'), "protocol[1]: needs one of above, below, quiet, settled; given: none"),
-    (step("repeat", times='"forever"', steps='[{step = "mark", text = "x"}]'),
-     "protocol[1]: steps repeated forever must take time: add a hold"),
-    (step("repeat", times=2, steps='[{step = "connect", controller = "fn"}]'),
-     'protocol[1].steps[1].controller = "fn": unknown controller; '),
-    ('[controllers.other]\nkind = "normal_force"\nsensor = "vibrometer"',
-     "controllers.nf and controllers.other: both drive load.force; only one can"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (
+            '[limits]\ndisplacment = "1 m"',
+            "limits.displacment: this rig has no such output; did you mean displacement?",
+        ),
+        (
+            '[clock]\nmethod = "rk4"\nrk4_step = "0.3 ms"',
+            'clock.rk4_step = "0.3 ms": 0.3 ms is not a whole part of the sample step (1 ms); nearest: 0.25 ms',
+        ),
+        (
+            step("ramp", target='"load.force"', to=2, over=1),
+            "protocol[1].ramp: load.force is driven by controllers.nf at ",
+        ),
+        (step("wait", sensor='"vibrometer"'), "protocol[1]: needs one of above, below, quiet, settled; given: none"),
+        (
+            step("repeat", times='"forever"', steps='[{step = "mark", text = "x"}]'),
+            "protocol[1]: steps repeated forever must take time: add a hold",
+        ),
+        (
+            step("repeat", times=2, steps='[{step = "connect", controller = "fn"}]'),
+            'protocol[1].steps[1].controller = "fn": unknown controller; ',
+        ),
+        (
+            '[controllers.other]\nkind = "normal_force"\nsensor = "vibrometer"',
+            "controllers.nf and controllers.other: both drive load.force; only one can",
+        ),
+    ],
+)
 def test_faults_between_the_parts(faults, more, told):
     found = faults(more=more)
     assert any(line.startswith(told) for line in found), found
 
 
-@pytest.mark.parametrize(("scene", "key", "value", "told"), [
-    ("plate", "probe.y", "1 m", "beside the plate"),
-    ("brake_shunt_sound", "sensors.microphone.distance", "2 m", "no longer than the direct way of 2 m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("scene", "key", "value", "told"),
+    [
+        ("plate", "probe.y", "1 m", "beside the plate"),
+        ("brake_shunt_sound", "sensors.microphone.distance", "2 m", "no longer than the direct way of 2 m"),
+    ],
+)
 def test_geometry_that_cannot_be_is_refused(scene, key, value, told):
     with pytest.raises(SceneError, match=told):
         scenes.load(scene, {key: value})
 
 
-@pytest.mark.parametrize(("text", "told"), [
-    ("a = 1\nb = [1,", r"line 2, column \d"),
-    ("format = 1\nmass = 2kg # light\n", 'line 2, column .*a value with a unit is in quotes, "2 rpm"'),
-    ('format = 1\ntitle = "a" 0,1\n', "line 2, column .*statement$"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a = 1\nb = [1,", r"line 2, column \d"),
+        ("format = 1\nmass = 2kg # light\n", 'line 2, column .*a value with a unit is in quotes, "2 rpm"'),
+        ('format = 1\ntitle = "a" 0,1\n', "line 2, column .*statement$"),
+    ],
+)
 def test_broken_toml_is_named_with_line_and_column(mine, text, told):
     mine.write_text(text)
     with pytest.raises(SceneError, match=told):
@@ -151,9 +189,12 @@ def test_a_controller_that_is_disconnected_leaves_its_actuator_to_the_protocol(m
         step("ramp", target='"load.force"', to=10, over=1),
         step("connect", controller='"nf"'),
         step("disconnect", controller='"nf"'),
-        step("repeat", times='"forever"',
-             steps='[{step = "load", force = 5, over = "0.5 s"}, {step = "hold", time = "1 s"}]'),
-    ]  # fmt: skip
+        step(
+            "repeat",
+            times='"forever"',
+            steps='[{step = "load", force = 5, over = "0.5 s"}, {step = "hold", time = "1 s"}]',
+        ),
+    ]
     mine.write_text("\n".join([BELT, *steps]))
     scene = scenes.load(mine)
     assert scene.duration_ns is None
@@ -167,17 +208,30 @@ def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path):
     assert scenes.load(marked).plant == "belt"
 
 
-@pytest.mark.parametrize(("name", "changes", "told"), [
-    ("belt", {"friction.law": "coulomb", "friction.mu_kinetic": "0.25"},
-     ["friction.law = coulomb: dropped mu_dynamic, speed_scale of stribeck; kept mu_static"]),
-    ("brake_shunt", {"shunt.kind": "open"}, [
-        "shunt.kind = open: dropped connected, resistance, inductance, delta of series",
-        "protocol[2]: left out, there is no shunt.connected any more",
-        "protocol[4]: left out, there is no shunt.connected any more",
-    ]),
-    ("belt_normal_force", {"controllers.nf.kind": "belt_velocity"},
-     ["controllers.nf.kind = belt_velocity: dropped gain of normal_force; kept sensor, enable_at"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "changes", "told"),
+    [
+        (
+            "belt",
+            {"friction.law": "coulomb", "friction.mu_kinetic": "0.25"},
+            ["friction.law = coulomb: dropped mu_dynamic, speed_scale of stribeck; kept mu_static"],
+        ),
+        (
+            "brake_shunt",
+            {"shunt.kind": "open"},
+            [
+                "shunt.kind = open: dropped connected, resistance, inductance, delta of series",
+                "protocol[2]: left out, there is no shunt.connected any more",
+                "protocol[4]: left out, there is no shunt.connected any more",
+            ],
+        ),
+        (
+            "belt_normal_force",
+            {"controllers.nf.kind": "belt_velocity"},
+            ["controllers.nf.kind = belt_velocity: dropped gain of normal_force; kept sensor, enable_at"],
+        ),
+    ],
+)
 def test_a_changed_kind_drops_the_values_of_the_old_one_and_says_so(name, changes, told):
     scene = scenes.load(name, changes)
     assert list(scene.notes) == told

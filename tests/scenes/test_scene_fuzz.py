@@ -20,10 +20,38 @@ from rig.stability.report import stability_report
 SECONDS = 30
 """In which every one of them must be judged."""
 ODD = (
-    1e300, -1e300, math.inf, math.nan, 0, -1.0, 2**63, True, [], {}, {"a": 1}, [1, 2], ["5 kg", "paper"],
-    ["5 kg", "papr"], "", "none", "nan", "5 kg", "1 ns", "1e300 s", "5 furlong", "1 m**m**m", "1,5 kg", "forever",
-    "belt", [1.0] * 5000, {"kind": []}, {"law": "table"}, {"step": "hold"}, [{"step": []}], [{"step": "repeat"}],
-)  # fmt: skip
+    1e300,
+    -1e300,
+    math.inf,
+    math.nan,
+    0,
+    -1.0,
+    2**63,
+    True,
+    [],
+    {},
+    {"a": 1},
+    [1, 2],
+    ["5 kg", "paper"],
+    ["5 kg", "papr"],
+    "",
+    "none",
+    "nan",
+    "5 kg",
+    "1 ns",
+    "1e300 s",
+    "5 furlong",
+    "1 m**m**m",
+    "1,5 kg",
+    "forever",
+    "belt",
+    [1.0] * 5000,
+    {"kind": []},
+    {"law": "table"},
+    {"step": "hold"},
+    [{"step": []}],
+    [{"step": "repeat"}],
+)
 
 
 def toml(value):

@@ -74,8 +74,15 @@ def test_gain_and_phase(play, clean, kind, f):
     assert np.degrees(np.angle(got / expected)) == pytest.approx(0.0, abs=1e-4)
 
 
-DENSITY = {"laser_vibrometer": 1e-6, "strain_gauge": 1.5e-9, "accelerometer": 7e-5, "normal_force": 2e-4,
-           "disc_speed": 1e-4, "microphone": 7.8e-7, "voltmeter": 1e-6}  # fmt: skip
+DENSITY = {
+    "laser_vibrometer": 1e-6,
+    "strain_gauge": 1.5e-9,
+    "accelerometer": 7e-5,
+    "normal_force": 2e-4,
+    "disc_speed": 1e-4,
+    "microphone": 7.8e-7,
+    "voltmeter": 1e-6,
+}
 
 
 @pytest.mark.parametrize("rate", [1000.0, 10e3])

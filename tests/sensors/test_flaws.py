@@ -85,8 +85,13 @@ def test_displacement_laser_delays_by_its_processing(play, clean):
 
 @pytest.mark.parametrize("dropout", ["hold", "zero"])
 def test_drop_outs_come_at_the_stated_rate_within_3_sigma(play, clean, dropout):
-    numbers = clean["laser_vibrometer"] | {"rate": 10e3, "dropout_rate": 400.0, "dropout_shortest": "10 us",
-                                           "dropout_longest": "100 us", "dropout": dropout}  # fmt: skip
+    numbers = clean["laser_vibrometer"] | {
+        "rate": 10e3,
+        "dropout_rate": 400.0,
+        "dropout_shortest": "10 us",
+        "dropout_longest": "100 us",
+        "dropout": dropout,
+    }
     sensor = KINDS["laser_vibrometer"](**numbers)
     run = play({"s": sensor}, {"velocity": lambda t: 1.0 + t}, 20.0, frame_ns=10_000_000)
     t, y = run.only()
@@ -99,8 +104,12 @@ def test_drop_outs_come_at_the_stated_rate_within_3_sigma(play, clean, dropout):
 
 def test_number_of_drop_outs_is_poisson(play, clean):
     # Drop-outs shorter than the sample period of 10 us, longer than it: each is seen exactly once or twice.
-    numbers = clean["laser_vibrometer"] | {"rate": 100e3, "dropout_rate": 100.0, "dropout_shortest": 50e-6,
-                                           "dropout_longest": 50e-6}  # fmt: skip
+    numbers = clean["laser_vibrometer"] | {
+        "rate": 100e3,
+        "dropout_rate": 100.0,
+        "dropout_shortest": 50e-6,
+        "dropout_longest": 50e-6,
+    }
     _, y = play({"s": KINDS["laser_vibrometer"](**numbers)}, {"velocity": lambda t: 1.0 + t}, 4.0, 10_000_000).only()
     held = np.diff(y) == 0.0
     begun = np.sum(held & ~np.concatenate([[False], held[:-1]]))

@@ -96,11 +96,14 @@ def test_at_a_jump_the_value_before_it_is_read():
     assert bank.latest[0] == 3.0
 
 
-@pytest.mark.parametrize(("kind", "system"), [
-    ("laser_vibrometer", signal.bessel(3, 2e4, analog=True, norm="mag")),
-    ("strain_gauge", signal.butter(2, 2e3, analog=True)),
-    ("disc_speed", ([2e3], [1.0, 2e3])),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "system"),
+    [
+        ("laser_vibrometer", signal.bessel(3, 2e4, analog=True, norm="mag")),
+        ("strain_gauge", signal.butter(2, 2e3, analog=True)),
+        ("disc_speed", ([2e3], [1.0, 2e3])),
+    ],
+)
 def test_step_response(play, clean, kind, system):
     corner = 2e4 if kind == "laser_vibrometer" else 2e3
     sensor = KINDS[kind](**clean[kind], bandwidth=corner / (2.0 * np.pi), rate=50e3)

@@ -26,11 +26,17 @@ def test_units_are_stated_and_every_default_has_an_origin(kind):
     assert any(origin.origin == "calibrated" for origin in origins.values())
 
 
-@pytest.mark.parametrize(("kind", "numbers"), [
-    ("laser_vibrometer", {"dropout_shortest": 1e-3, "dropout_longest": 1e-4}), ("normal_force", {"quality": 0.5}),
-    ("accelerometer", {"rate": 200e3}), ("disc_speed", {"radius": 0.0}), ("disc_speed", {"gain_error": -1.0}),
-    ("displacement_laser", {"processing": 11}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "numbers"),
+    [
+        ("laser_vibrometer", {"dropout_shortest": 1e-3, "dropout_longest": 1e-4}),
+        ("normal_force", {"quality": 0.5}),
+        ("accelerometer", {"rate": 200e3}),
+        ("disc_speed", {"radius": 0.0}),
+        ("disc_speed", {"gain_error": -1.0}),
+        ("displacement_laser", {"processing": 11}),
+    ],
+)
 def test_impossible_numbers_are_refused(kind, numbers):
     with pytest.raises(ValidationError):
         KINDS[kind](**numbers)

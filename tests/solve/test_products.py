@@ -49,12 +49,15 @@ def advance(system, method, ticks, rows, **settings):
     return motion, motion.outputs_at(motion.states, motion.mode_sets_of_states)
 
 
-@pytest.mark.parametrize(("method", "settings", "bound"), [
-    ("dopri5", {"tolerance": 1e-10}, 1e-8),
-    ("dop853", {"tolerance": 1e-10}, 1e-8),
-    ("rosenbrock", {"tolerance": 1e-10}, 1e-8),
-    ("rk4", {"substeps": 4}, 1e-9),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("method", "settings", "bound"),
+    [
+        ("dopri5", {"tolerance": 1e-10}, 1e-8),
+        ("dop853", {"tolerance": 1e-10}, 1e-8),
+        ("rosenbrock", {"tolerance": 1e-10}, 1e-8),
+        ("rk4", {"substeps": 4}, 1e-9),
+    ],
+)
 def test_a_cubic_spring_moves_as_an_independent_integrator_says(method, settings, bound):
     motion, found = advance(duffing().system(), method, 5000, [{"x": 1.0}, {"x''": 1.0}, {"x^3": 1.0}], **settings)
 

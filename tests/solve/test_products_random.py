@@ -153,10 +153,13 @@ def test_slopes_are_those_of_the_equations(seed, input_slopes):
     assert input_slopes(system, key, x) == pytest.approx(inputs(system, modes, x, law)[1], rel=1e-11, abs=1e-12)
 
 
-@pytest.mark.parametrize(("product", "inertia", "told"), [
-    ("N:load", {"x": 0.1}, "its factor, the normal force load, depends on another force"),
-    ("T:contact", {"z": 0.1}, "it has a friction force as a factor, so no normal force may depend on it"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("product", "inertia", "told"),
+    [
+        ("N:load", {"x": 0.1}, "its factor, the normal force load, depends on another force"),
+        ("T:contact", {"z": 0.1}, "it has a friction force as a factor, so no normal force may depend on it"),
+    ],
+)
 def test_what_would_have_to_be_known_before_itself_is_refused(product, inertia, told):
     A = Assembly("inertial")
     A.coordinate("x", 1.0, 0.3, 100.0)

@@ -39,11 +39,14 @@ def carried(system, method, block):
 
 
 @pytest.mark.parametrize("block", [7, TICKS])
-@pytest.mark.parametrize(("method", "law"), [
-    ("exact", friction_law.coulomb(0.4, 0.4)),
-    ("dopri5", friction_law.stribeck(0.4, 0.3, 0.5)),
-    ("rk4", friction_law.stribeck(0.4, 0.3, 0.5)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("method", "law"),
+    [
+        ("exact", friction_law.coulomb(0.4, 0.4)),
+        ("dopri5", friction_law.stribeck(0.4, 0.3, 0.5)),
+        ("rk4", friction_law.stribeck(0.4, 0.3, 0.5)),
+    ],
+)
 def test_it_moves_as_an_independent_integrator_says(method, law, block):
     speed = 5.0
 

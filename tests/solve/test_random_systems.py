@@ -47,9 +47,11 @@ def random_system(seed, kind):
 
 def least_inertia(system):
     """The smallest det(Me)/det(M) of all mode sets: near zero it jams."""
-    return min(assemble(system, key).jam for key in range(system.keys)) if any(
-        np.any(k.inertia) for k in system.normals
-    ) else 1.0  # fmt: skip
+    return (
+        min(assemble(system, key).jam for key in range(system.keys))
+        if any(np.any(k.inertia) for k in system.normals)
+        else 1.0
+    )
 
 
 def rows(system):

@@ -121,9 +121,14 @@ def test_scenes_move_as_with_dopri5(name):
     assert abs(found.energy()["error"]) < 1e-6
 
 
-@pytest.mark.parametrize("values", [
-    {"load.lag": 1e-9}, {"drive.lag": 1e-9}, {"body.damping": 1e9},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"load.lag": 1e-9},
+        {"drive.lag": 1e-9},
+        {"body.damping": 1e9},
+    ],
+)
 def test_what_is_stiff_needs_no_short_steps(values):
     found, events = seen("belt", "rosenbrock", 1e-7, 300, **values)
     expected, others = seen("belt", "dopri5", 1e-7, 300, **values)

@@ -51,10 +51,19 @@ def errors(assembly, method="exact", step=STEP, substeps=1):
 
 
 LOOSE = {
-    "tip.mass": 5e-3, "tip.tangential_stiffness": 2.8e5, "tip.normal_stiffness": 8e4, "tip.coupling": 1.5e5,
-    "tip.tangential_damping": 1.0, "tip.normal_damping": 1.0, "contact.stiffness": 3e5, "load.force": 34.0,
-    "friction.law": "stribeck", "friction.mu_static": 1.4, "friction.mu_dynamic": 0.7, "friction.speed_scale": 0.1,
-}  # fmt: skip
+    "tip.mass": 5e-3,
+    "tip.tangential_stiffness": 2.8e5,
+    "tip.normal_stiffness": 8e4,
+    "tip.coupling": 1.5e5,
+    "tip.tangential_damping": 1.0,
+    "tip.normal_damping": 1.0,
+    "contact.stiffness": 3e5,
+    "load.force": 34.0,
+    "friction.law": "stribeck",
+    "friction.mu_static": 1.4,
+    "friction.mu_dynamic": 0.7,
+    "friction.speed_scale": 0.1,
+}
 """A tread block that is statically unstable without the plate."""
 
 

@@ -151,9 +151,14 @@ FOLLOWING = {
     "*EQUATION": ["*EQUATION", "2", "7,1,1.,8,1,-1."],
     "*MPC": ["*MPC", "MEANROT,7,7,7,8,8,8,11,11,11,99"],
     "*RIGID BODY": ["*RIGID BODY, NSET=END, REF NODE=98"],
-    "*COUPLING": ["*SURFACE, NAME=S, TYPE=NODE", "END", "*COUPLING, REF NODE=98, SURFACE=S, CONSTRAINT NAME=C",
-                  "*KINEMATIC", "1,3"],
-}  # fmt: skip
+    "*COUPLING": [
+        "*SURFACE, NAME=S, TYPE=NODE",
+        "END",
+        "*COUPLING, REF NODE=98, SURFACE=S, CONSTRAINT NAME=C",
+        "*KINEMATIC",
+        "1,3",
+    ],
+}
 
 
 @pytest.mark.slow
@@ -415,8 +420,12 @@ def test_nodes_without_elements_meet_too(tmp_path):
 def test_two_contacts_may_share_nodes_and_a_held_master_does_not_move(tmp_path):
     full, mesh = pad_on_plate().read(tmp_path)
     free = np.isin(full.node, mesh.sets["PAD"])
-    held = replace(full, node=full.node[free], direction=full.direction[free],
-                   parts=(Part("M", "mass", sp.eye_array(int(free.sum()), format="csr")),))  # fmt: skip
+    held = replace(
+        full,
+        node=full.node[free],
+        direction=full.direction[free],
+        parts=(Part("M", "mass", sp.eye_array(int(free.sum()), format="csr")),),
+    )
     both = [contact_points(contact((2, 2)), held, mesh), contact_points(contact(), held, mesh)]
     for points in both:
         assert points.normal.sum(axis=1) == pytest.approx(1.0)
@@ -424,8 +433,10 @@ def test_two_contacts_may_share_nodes_and_a_held_master_does_not_move(tmp_path):
         contact_points(contact(), held, replace(mesh, tied="*TIE"))
     flat = replace(full, direction=np.where(free & (full.direction == 2), -1, full.direction))
     of_pad = frozenset(mesh.sets["PAD"].tolist())
-    for tied, following, why in (("*MPC", frozenset(), "is held, or follows others by .MPC"),
-                                 ("", of_pad, "follows others by .EQUATION")):  # fmt: skip
+    for tied, following, why in (
+        ("*MPC", frozenset(), "is held, or follows others by .MPC"),
+        ("", of_pad, "follows others by .EQUATION"),
+    ):
         follow = replace(mesh, tied=tied, following=following)
         with pytest.raises(SceneError, match=rf"node \d+ {why}"):
             contact_points(contact(), flat, follow)

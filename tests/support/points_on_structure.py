@@ -22,8 +22,11 @@ def structure(mass, damping, stiffness, points, speed, film, load=None, start=No
             target.update({(row, column): float(matrix[i][j]) for j, column in enumerate(names)})
     for name, force in zip(names, load if load is not None else np.zeros(len(names))):
         a.push(name, {"one": float(force)})
-    for name, q, v in zip(names, start if start is not None else np.zeros(len(names)),
-                          velocity if velocity is not None else np.zeros(len(names))):  # fmt: skip
+    for name, q, v in zip(
+        names,
+        start if start is not None else np.zeros(len(names)),
+        velocity if velocity is not None else np.zeros(len(names)),
+    ):
         a.start |= {name: float(q), f"{name}'": float(v)}
     normal, along = np.atleast_2d(points["normal"]), np.atleast_2d(points["along"])
     count = len(normal)

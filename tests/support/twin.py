@@ -35,9 +35,10 @@ class Twin:
         with self._lock:
             looped = topics.way(topic) == topics.LOOP
             return [
-                r for r in self.receivers
+                r
+                for r in self.receivers
                 if r.owner is not speaker and topics.matches(r.heard, topic) and not (looped and r.heard == "**")
-            ]  # fmt: skip
+            ]
 
     def listen(self, receiver: _Receiver) -> None:
         """Deliver to `receiver` from now on."""

@@ -10,8 +10,7 @@ import pytest
 from patience import PATIENCE_S, wait_for
 
 from rig.errors import UsageError
-from rig.view import process as feed
-from rig.view import viewer
+from rig.view import feed, viewer
 from rig.view.palette import LINES
 from rig.view.process import Bridge
 
@@ -71,8 +70,10 @@ def test_the_file_holds_what_was_said(shown, stage):
     packed = int(LINES[1][1:] + "ff", 16)  # the second output of its plot
     assert [row["SeriesLines:colors"] for row in static["/plant/surface_speed"]] == [[packed]]
     assert values(rows["/event/plant"], "TextLog:text") == [
-        "step: hold for 2 s", "connected: nf is connected", "verdict: VALID",
-    ]  # fmt: skip
+        "step: hold for 2 s",
+        "connected: nf is connected",
+        "verdict: VALID",
+    ]
 
 
 def test_a_fast_sensor_is_thinned_to_a_kilohertz(shown):

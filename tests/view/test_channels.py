@@ -33,7 +33,12 @@ def test_every_output_and_every_sensor_is_in_one_plot(name):
 
 def test_outputs_that_declare_nothing_are_grouped_by_their_units():
     toy = {"push": "N", "x_speed": "m/s", "y_speed": "m/s", "x": "m", "heat": "W", "cold": "W"}
-    told = [("velocity [m/s]", ("x_speed", "y_speed")), ("forces [N]", ("push",)), ("displacement [m]", ("x",)),
-            ("heat [W]", ("heat",)), ("cold [W]", ("cold",))]  # fmt: skip
+    told = [
+        ("velocity [m/s]", ("x_speed", "y_speed")),
+        ("forces [N]", ("push",)),
+        ("displacement [m]", ("x",)),
+        ("heat [W]", ("heat",)),
+        ("cold [W]", ("cold",)),
+    ]
     for found in (Channels(None, toy, {}), declared(**{name: Output({}, unit) for name, unit in toy.items()})):
         assert [(panel.title, panel.outputs) for panel in found.panels] == told

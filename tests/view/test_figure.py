@@ -63,7 +63,7 @@ def test_any_run_can_be_drawn(kind, run, tmp_path):
         "simulated": lambda: run,
         "empty": lambda: Run("", 1_000_000, 1_000_000, np.empty(0), {}, {}),
         "stopped": lambda: made_up(2.5, 1_000_000, fault="diverged\n at t = 2.5 s", summary={"verdict": "INVALID"}),
-    }  # fmt: skip
+    }
     put(runs[kind]().plot(), tmp_path / "run.png")
     width, height, share = ink(tmp_path / "run.png")
     assert width == 1600

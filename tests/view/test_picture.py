@@ -9,9 +9,9 @@ import rig
 from rig.picture import OnBelt
 from rig.plants import PLANTS
 from rig.view.base import Scale, scale_of
+from rig.view.belt import Belt
 from rig.view.blueprint import blueprint
 from rig.view.drawing import Drawing
-from rig.view.lumped import Belt
 from rig.view.picture import picture_of
 
 

@@ -16,8 +16,8 @@ from rig.record.film_points import Points, listed, numbered, points_of
 from rig.record.run import Run
 from rig.view import contact, pressure
 from rig.view.drawing import Drawing
+from rig.view.feed import Feed
 from rig.view.palette import put
-from rig.view.process import Feed
 
 FILM = {"film.along": "5", "film.across": "4"}
 
@@ -78,9 +78,13 @@ def test_pressures_are_where_the_film_has_its_points(scene, run):
 def test_a_scale_of_pressures_is_fixed_by_the_largest_load_of_the_scene():
     for force, scale in (("108.79 N", 5e5), ("1087.9 N", 5e6)):
         steps = rig.load("plate").protocol
-        scene = replace(rig.load("plate"), protocol=tuple(
-            one.model_copy(update={"force": float(force.split()[0])}) if one.step == "load" else one for one in steps
-        ))  # fmt: skip
+        scene = replace(
+            rig.load("plate"),
+            protocol=tuple(
+                one.model_copy(update={"force": float(force.split()[0])}) if one.step == "load" else one
+                for one in steps
+            ),
+        )
         assert Points.of(scene).scale == scale
 
 

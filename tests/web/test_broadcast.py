@@ -6,7 +6,7 @@ import json
 import numpy as np
 from patience import PATIENCE_S
 
-from rig.view.process import Spans
+from rig.view.spans import Spans
 from rig.web.broadcast import AHEAD, KEPT, Broadcast
 from rig.web.frames import OUTPUTS, Frame
 

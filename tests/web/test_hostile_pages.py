@@ -25,8 +25,14 @@ ROUTES = {
     "/api/lesson/run": {"number": 1, "command": "rig modes belt"},
 }
 VALUES = (None, float("nan"), 10**400, "../x", "a\0b", "\ud800", [], {"load": {"x": 1}})
-PATHS = ("/page/../server.py", "/page/..%2fserver.py", "/page/%00", "/recordings/..%2f..%2fetc%2fpasswd", "/jobs/-1",
-         "/recordings/" + "a" * 5000)  # fmt: skip
+PATHS = (
+    "/page/../server.py",
+    "/page/..%2fserver.py",
+    "/page/%00",
+    "/recordings/..%2f..%2fetc%2fpasswd",
+    "/jobs/-1",
+    "/recordings/" + "a" * 5000,
+)
 
 
 def test_senseless_values_are_answered_in_words(client, folder):

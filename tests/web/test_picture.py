@@ -9,8 +9,8 @@ import rig
 from rig.bus import messages
 from rig.plants import PLANTS
 from rig.view import contact
+from rig.view.belt import Belt
 from rig.view.channels import Channels
-from rig.view.lumped import Belt
 from rig.web.form import picture
 from rig.web.frames import Frames
 from rig.web.picture import MovingPicture

@@ -10,7 +10,7 @@ from patience import wait_for
 
 import rig
 from rig.errors import UsageError
-from rig.view.lumped import Belt
+from rig.view.belt import Belt
 from rig.web.jobs import Jobs
 
 WORK = "/api/recordings/work"
