@@ -39,6 +39,8 @@ from rig.parts import Room, code_of, file_of, named, one_class
 from rig.quantities import Section
 from rig.units import brief
 
+_EXTENDED: dict[tuple[Any, ...], type[Section]] = {}
+
 
 class Effect(Section):
     """The table of an effect that acts on any plant."""
@@ -72,7 +74,6 @@ def _section(module: ModuleType, name: str) -> type[Effect]:
 
 EFFECTS: Room[type[Effect]] = Room("effects", __name__, __path__, _section)
 """Sections of effects that act on any plant, by name. Raises PartError for one that only some plants have."""
-_EXTENDED: dict[tuple[Any, ...], type[Section]] = {}
 
 
 def extended(model: type[Section], tables: Mapping[str, type[Section]]) -> type[Section]:

@@ -66,7 +66,8 @@ class Disc(Section):
 
     def off(self, radius: float) -> str:
         """Why no point of the free part of the disc is at this radius [m]; "" if there is one."""
-        low, high = self.inner_radius, self.outer_radius
+        low = self.inner_radius
+        high = self.outer_radius
         if low < radius <= high:
             return ""
         where = "inside of the clamp" if radius <= low else "outside of the disc"
@@ -140,11 +141,14 @@ def _roots(disc: Disc, l: int, most: float) -> Array:
     k = np.arange(max(0.25 * step, _SLOWEST * l / disc.outer_radius), most + step, step)
     value = _determinant(disc, l, k)
     below = np.flatnonzero(value[:-1] * value[1:] < 0.0)
-    low, high, sign = k[below], k[below + 1], np.sign(value[below])
+    low = k[below]
+    high = k[below + 1]
+    sign = np.sign(value[below])
     for _ in range(_HALVINGS if len(below) else 0):
         middle = 0.5 * (low + high)
         same = np.sign(_determinant(disc, l, middle)) == sign
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
+        low = np.where(same, middle, low)
+        high = np.where(same, high, middle)
     roots = 0.5 * (low + high)
     return roots[roots <= most]
 
@@ -155,7 +159,9 @@ def _determinant(disc: Disc, l: int, k: Array) -> Array:
 
 def _scaled(disc: Disc, l: int, k: Array) -> tuple[Array, Array]:
     """Edge conditions [k, condition, function] with columns of norm one, and the norms of the columns [k, function]."""
-    a, b, nu = disc.inner_radius, disc.outer_radius, disc.poisson
+    a = disc.inner_radius
+    b = disc.outer_radius
+    nu = disc.poisson
     f, g = _functions(disc, l, k, a)
     inner = [f, g]
     f, g = _functions(disc, l, k, b)
@@ -174,7 +180,8 @@ def _functions(disc: Disc, l: int, k: Array, r: float | Array) -> tuple[Array, A
     from scipy import special
 
     x = k * r
-    grow, fall = np.exp(k * (r - disc.outer_radius)), np.exp(-k * (r - disc.inner_radius))
+    grow = np.exp(k * (r - disc.outer_radius))
+    fall = np.exp(-k * (r - disc.inner_radius))
     scale: list[Any] = [1.0, 1.0, grow, fall]
     four = (special.jv, special.yv, special.ive, special.kve)
     f = [s * function(l, x) for s, function in zip(scale, four)]
@@ -194,7 +201,8 @@ def _mode(disc: Disc, l: int, circles: int, k: float) -> Mode:
         return Mode(circles, l, omega, k, (first, second, third, fourth), disc)
 
     raw = scaled(1.0)
-    a, b = disc.inner_radius, disc.outer_radius
+    a = disc.inner_radius
+    b = disc.outer_radius
     r = 0.5 * (b - a) * (_NODES + 1.0) + a
     around = math.pi if l else 2.0 * math.pi
     mass = disc.areal * around * 0.5 * (b - a) * float(_WEIGHTS @ (_shape(raw, r) ** 2 * r))

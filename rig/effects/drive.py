@@ -22,7 +22,10 @@ from rig.quantities import MetrePerSecond, PositiveSecond, RadianPerSecond, Sect
 
 Lag = Annotated[PositiveSecond | None, About("a first-order actuator")]
 """The time constant of an actuator that does not reach its command at once; None: no lag."""
-_LOW, _HIGH = Bound(of="speed", sign=-1), Bound(of="speed", sign=1)
+_LOW = Bound(of="speed", sign=-1)
+_HIGH = Bound(of="speed", sign=1)
+FASTEST = {"m/s": 100.0, "rad/s": 1e4}
+"""Largest speed in either direction that can be commanded to a drive without limits, by unit [chosen]."""
 
 
 class _Drive(Section):
@@ -57,10 +60,6 @@ class DiscDrive(_Drive):
     speed: Annotated[RadianPerSecond, Field(title="disc speed"), SetPoint()]
     speed_min: Annotated[RadianPerSecond | None, _LOW] = None
     speed_max: Annotated[RadianPerSecond | None, _HIGH] = None
-
-
-FASTEST = {"m/s": 100.0, "rad/s": 1e4}
-"""Largest speed in either direction that can be commanded to a drive without limits, by unit [chosen]."""
 
 
 def limits(low: float | None, high: float | None) -> tuple[float, float]:
@@ -105,10 +104,12 @@ def actuator(
     """
     how = moved.get(name, "")
     low, high = bounds
-    state, slope = "", ""
+    state = ""
+    slope = ""
     row: Row = {"one": value}
     if how:
-        state, slope = f"{owner}.command", f"{owner}.slope" if how == "ramped" else ""
+        state = f"{owner}.command"
+        slope = f"{owner}.slope" if how == "ramped" else ""
         if slope:
             a.signal(slope, {}, 0.0, f"{owner} ramp", "the slope of a value that runs linearly")
         description = "the commanded value, held from tick to tick"

@@ -41,7 +41,8 @@ class RigEnv(gymnasium.Env[Array, Array]):
     def __init__(self, episode: Episode) -> None:
         self.metadata = {"render_modes": []}
         self.episode = episode
-        self.observation_space, self.action_space = box(episode.observed), box(episode.driven)
+        self.observation_space = box(episode.observed)
+        self.action_space = box(episode.driven)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begin an episode; there are no options. Raises UsageError for what is no seed."""

@@ -75,11 +75,15 @@ class Episode:
             faults.append(str(fault))
         if faults := [*faults, *wrong]:
             raise UsageError("\n".join(faults))
-        self.sensors, self.actuators = tuple(observe), tuple(act)
-        self._reward, self._length_ns = reward, length
-        self._begun, self._ended = False, True
+        self.sensors = tuple(observe)
+        self.actuators = tuple(act)
+        self._reward = reward
+        self._length_ns = length
+        self._begun = False
+        self._ended = True
         self._rig = RestartableRig(scene, self.actuators)
-        bank, inputs = self.runner.bank, self.runner.inputs
+        bank = self.runner.bank
+        inputs = self.runner.inputs
         units = dict(zip(bank.names, bank.units))
         self.observed, wrong_observed = _ranges("observe", observe, units, {})
         limits = {name: (actuator.low, actuator.high) for name, actuator in inputs.items()}
@@ -112,7 +116,8 @@ class Episode:
         self.working = self._rig.working
         self._inside = CompiledControllers(experiment) if self._frames > 1 or self.working else None
         self._heard = [nan] * len(self._columns)
-        self._begun, self._ended = True, False
+        self._begun = True
+        self._ended = False
         return self.observation()
 
     def step(self, command: Sequence[float]) -> Stepped:
@@ -124,10 +129,13 @@ class Episode:
         """
         if self._ended:
             raise UsageError("the episode has ended; call reset" if self._begun else "no episode has begun; call reset")
-        runner, experiment = self._rig.runner, self._experiment
+        runner = self._rig.runner
+        experiment = self._experiment
         self.check(command)
         given = tuple([low if u < low else high if u > high else u for u, (low, high) in zip(command, self.driven)])
-        end, first, why = runner.tick + self._frames, True, ""
+        end = runner.tick + self._frames
+        first = True
+        why = ""
         try:
             while runner.tick < end and not runner.limited and experiment.begin():
                 if first:
@@ -170,7 +178,8 @@ class Episode:
 
     def observation(self) -> list[float]:
         """The latest measurements within their ranges; where there is none, the last one."""
-        latest, heard = self.runner.hearing.latest, self._heard
+        latest = self.runner.hearing.latest
+        heard = self._heard
         values = []
         for i, (column, (low, high)) in enumerate(zip(self._columns, self.observed)):
             value = latest.item(column)
@@ -194,7 +203,8 @@ def _ranges(
     what: str, given: Ranges, units: Mapping[str, str], limits: Mapping[str, tuple[float, float]]
 ) -> tuple[list[tuple[float, float]], list[str]]:
     """The ranges in SI, and their faults. `limits`: what is possible at most."""
-    in_si, faults = [], []
+    in_si = []
+    faults = []
     for name, values in given.items():
         try:
             low, high = (finite(value, units[name]) for value in values)

@@ -38,6 +38,8 @@ from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, VERSINE
 Array = NDArray[np.float64]
 _SAME = 1e-6  # relative distance of an eigenvalue computed in two ways
 _EXAMINED = 9  # number of examined positions of the slider
+Write = Callable[[NDArray[np.float64], Mapping[str, float], float], None]
+Role = Literal["", "displacement", "velocity", "drive"]
 
 
 def add_film_states(a: Rows, film: Film) -> None:
@@ -79,7 +81,8 @@ def fastest(system: System, h: float) -> float:
     A damped film at steps of `h` [s] counts as stiffer, by the value of its three-point damping for alternating
     positions.
     """
-    film, highest = system.film, 0.0
+    film = system.film
+    highest = 0.0
     assert film is not None
     stiffness = film.stiffness + 4.0 * film.damping / h
     inverse = np.linalg.inv(np.linalg.cholesky(system.mass))
@@ -96,7 +99,8 @@ class _Names:
     """The states and products of a rig by name, and the faults of the rows that name others."""
 
     def __init__(self, a: Rows) -> None:
-        self.rig, self.names = a, a.names
+        self.rig = a
+        self.names = a.names
         self.index = {name: i for i, name in enumerate(self.names)}
         self.products = self._products()
         self._later = {product.name: j for j, product in enumerate(self.products)}
@@ -172,7 +176,8 @@ class _Names:
 
     def _products(self) -> tuple[Product, ...]:
         """The products in the order of their levels. Raises KeyError for an unknown factor."""
-        patches, normals = [p[0] for p in self.rig.patches], [k[0] for k in self.rig.normals]
+        patches = [p[0] for p in self.rig.patches]
+        normals = [k[0] for k in self.rig.normals]
 
         def factor(part: Part) -> Factor:
             if not isinstance(part, str):
@@ -193,8 +198,11 @@ class _Names:
 def matrices(a: Rows) -> System:
     """The system of these rows. Raises SceneError if a row names an unknown state."""
     by_name = _Names(a)
-    row, over_coordinates, index = by_name.row, by_name.over_coordinates, by_name.index
-    nq, n = len(a.coordinates), len(index)
+    row = by_name.row
+    over_coordinates = by_name.over_coordinates
+    index = by_name.index
+    nq = len(a.coordinates)
+    n = len(index)
     patches = [patch[0] for patch in a.patches]
     pushed = [by_name.both(f"force on {c}", a.force.get(c, {})) for c in a.coordinates]
     system = System(
@@ -261,12 +269,6 @@ def matrices(a: Rows) -> System:
     if by_name.faults:
         raise SceneError(a.title or "assembly", by_name.faults)
     return system
-
-
-Write = Callable[[NDArray[np.float64], Mapping[str, float], float], None]
-
-
-Role = Literal["", "displacement", "velocity", "drive"]
 
 
 @dataclass(frozen=True)

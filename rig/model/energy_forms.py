@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 
 def powers(system: System, modes: ModeSet) -> Array:
     """The symmetric quadratic forms of the powers, [term, n, n]; zero for the switch, which acts at once."""
-    nq, n = len(system.coordinates), system.n
+    nq = len(system.coordinates)
+    n = system.n
     velocity = np.eye(n)[nq : 2 * nq]
     normal_modes = system.modes(modes.key)[1]
     out = np.zeros((TERMS, n, n))
@@ -98,9 +99,11 @@ def at_nodes_extended(A: Array, landing: Array, cell: float) -> NDArray[np.longd
 
     Their levels are many, and `work` doubles a rounding error from each level to the next.
     """
-    unit, out = np.eye(len(A), dtype=np.longdouble), []
+    unit = np.eye(len(A), dtype=np.longdouble)
+    out = []
     for node in NODES:
-        C, series = A * (np.longdouble(node) * cell), unit
+        C = A * (np.longdouble(node) * cell)
+        series = unit
         for k in range(ORDER, 0, -1):
             series = unit + C @ series / k
         out.append(series @ landing)
@@ -128,7 +131,8 @@ def gathered(forms: Array, sums: Array, count: int) -> Array:
     `forms` [mode set, term, n, n]; `sums` [mode set, n, n or wider], of which the first `count` mode sets are in use.
     Mode sets that were not visited since the last call are skipped.
     """
-    total, n = np.zeros(forms.shape[1]), forms.shape[2]
+    total = np.zeros(forms.shape[1])
+    n = forms.shape[2]
     sizes = np.einsum("sii->s", sums[:count, :, :n])
     for mode_set in np.flatnonzero(sizes).tolist():
         total += forms[mode_set].reshape(len(total), -1) @ sums[mode_set, :, :n].ravel()

@@ -128,7 +128,8 @@ class Film:
         )  # point, q, direction
         images = rows.copy()
         images[:, :, 2:] *= -1.0
-        parity, free = np.zeros(rows.shape[1]), np.ones(self.points, dtype=bool)
+        parity = np.zeros(rows.shape[1])
+        free = np.ones(self.points, dtype=bool)
         first: list[int] = []
         second: list[int] = []
         for point in range(self.points):
@@ -137,7 +138,8 @@ class Film:
             free[point] = False
             known = parity != 0.0
             turned = np.where(known, parity, 1.0)[:, None] * rows[point]
-            far, against = np.abs(images - turned), np.abs(images + turned)
+            far = np.abs(images - turned)
+            against = np.abs(images + turned)
             far = np.where(known[:, None], far, np.minimum(far, against))
             alike = free & (far.max(axis=(1, 2)) < _ALIKE)
             if not first:
@@ -203,7 +205,8 @@ class Film:
 
     def states(self, coordinates: list[str]) -> list[str]:
         """The names of the states that the film adds to a rig with these coordinates."""
-        forces, order = [on(name) for name in coordinates], self.order.tolist()
+        forces = [on(name) for name in coordinates]
+        order = self.order.tolist()
         return [*forces, *map(over, SUMS), *(at(kind, point) for kind in self.of_points() for point in order)]
 
     def of_points(self) -> list[str]:

@@ -17,11 +17,14 @@ from rig.solve.column_blocks import BLOCK, LANE, zeros
 from rig.solve.film_steps import GROUP, SUMS, FilmTables, SymmetryClass
 
 Array = NDArray[np.float64]
+_ROUNDING = 1e-9
+"""Largest entry beside the diagonal that counts as rounding of vibration modes, over the root of both on it."""
 
 
 def no_film() -> FilmTables:
     """The tables of a rig without a film."""
-    z, none = np.zeros, np.zeros(0, dtype=np.int64)
+    z = np.zeros
+    none = np.zeros(0, dtype=np.int64)
     return FilmTables(
         symmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z((0, LANE)), z(0), z(0)),
         antisymmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z((0, LANE)), z(0), z(0)),
@@ -83,10 +86,6 @@ def no_film() -> FilmTables:
     )
 
 
-_ROUNDING = 1e-9
-"""Largest entry beside the diagonal that counts as rounding of vibration modes, over the root of both on it."""
-
-
 def _couples(matrix: Array) -> bool:
     size = np.abs(np.diag(matrix))
     beside = np.abs(matrix - np.diag(np.diag(matrix)))
@@ -102,9 +101,13 @@ class _Uncoupled(NamedTuple):
 
 
 def _uncoupled(system: System, step: float, first: int, pushed: NDArray[np.int64]) -> _Uncoupled:
-    nq, m = len(system.coordinates), first - system.one
-    turn, loss, column = np.zeros((4, nq)), np.zeros((3, nq)), np.zeros((2, m, len(pushed)))
-    mass, force = np.diag(system.mass), system.force[:, system.one : first]
+    nq = len(system.coordinates)
+    m = first - system.one
+    turn = np.zeros((4, nq))
+    loss = np.zeros((3, nq))
+    column = np.zeros((2, m, len(pushed)))
+    mass = np.diag(system.mass)
+    force = system.force[:, system.one : first]
     signals = system.signals[:m, system.one : first]
     for i in range(nq):
         A = np.zeros((2 + m, 2 + m))
@@ -134,7 +137,8 @@ class _Coupled(NamedTuple):
 
 def _coupled(system: System, modes: ModeSet, step: float, n: int) -> _Coupled:
     """The flow of the first n states over a step. The work of the driving states is left to the kernel."""
-    A, force = np.ascontiguousarray(modes.A[:n, :n]), system.force.copy()
+    A = np.ascontiguousarray(modes.A[:n, :n])
+    force = system.force.copy()
     force[:, system.one :] = 0.0
     forms = np.ascontiguousarray(energy_forms.powers(replace(system, force=force), modes)[:, :n, :n])
     terms = np.flatnonzero(forms.any(axis=(1, 2)))
@@ -160,8 +164,11 @@ def tables(system: System, modes: ModeSet, step: float, outputs: Array, read: in
     """
     film = system.film
     assert film is not None
-    nq, first = len(system.coordinates), system.names.index(on(system.coordinates[0]))
-    directions, order, m = film.directions, film.order, first - system.one
+    nq = len(system.coordinates)
+    first = system.names.index(on(system.coordinates[0]))
+    directions = film.directions
+    order = film.order
+    m = first - system.one
     force = system.force[:, system.one : first]
     pushed = np.flatnonzero(force.any(axis=1))
     if len(pushed) > nq // 4:
@@ -268,7 +275,8 @@ def _side(film: Film, mirror: Mirror | None, parity: float) -> SymmetryClass:
     lanes = film.directions * len(points)
     rows = zeros((len(film.rows), len(which), _lanes(lanes)))
     rows[:, :, :lanes] = film.rows[:, :, which][..., points].transpose(0, 2, 1, 3).reshape(*rows.shape[:2], lanes)
-    now, back = zeros(rows.shape[1:]), zeros((0 if film.pitch else lanes, _lanes(len(which))))
+    now = zeros(rows.shape[1:])
+    back = zeros((0 if film.pitch else lanes, _lanes(len(which))))
     if not film.pitch:
         now[:] = rows[0]
         back[:, : len(which)] = rows[0, :, :lanes].T

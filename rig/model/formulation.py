@@ -131,9 +131,11 @@ def bearing_mass(system: System, key: int, mu: Sequence[float]) -> Array:
 
 def _applied(system: System, key: int, rows: Array, mu: Sequence[float]) -> Array:
     """The forces on the coordinates but the inputs' of friction, as rows over [x, T]. `rows`: of the normal forces."""
-    nq, P = len(system.coordinates), len(system.patches)
+    nq = len(system.coordinates)
+    P = len(system.patches)
     change = system.change(system.modes(key)[3])
-    R, R_t = system.force + system.coupling, np.zeros((nq, system.inputs))
+    R = system.force + system.coupling
+    R_t = np.zeros((nq, system.inputs))
     R_t[:, P : system.rates_from] = system.force_t
     R[:, :nq] -= system.stiffness + change.stiffness
     R[:, nq : 2 * nq] -= system.damping + change.damping
@@ -146,7 +148,8 @@ def _applied(system: System, key: int, rows: Array, mu: Sequence[float]) -> Arra
 def _rates(system: System, key: int) -> tuple[Array, list[float], list[int]]:
     """The rates of network and signals [state, n], the gains of the limiters, and the states held at zero."""
     *_, limiter_modes, _, switch_modes = system.modes(key)
-    nq, rates = len(system.coordinates), np.vstack([system.network, system.signals])
+    nq = len(system.coordinates)
+    rates = np.vstack([system.network, system.signals])
     gains = [limiter.gain for limiter in system.limiters]
     still: list[int] = []
     for switch, where in zip(system.switches, switch_modes):
@@ -166,12 +169,17 @@ def _rates(system: System, key: int) -> tuple[Array, list[float], list[int]]:
 
 def assemble(system: System, key: int) -> ModeSet:
     """The matrices of mode set `key` (numpy, a fraction of a millisecond; runs once for each mode set visited)."""
-    nq, n, inputs, P = len(system.coordinates), system.n, system.inputs, len(system.patches)
+    nq = len(system.coordinates)
+    n = system.n
+    inputs = system.inputs
+    P = len(system.patches)
     v = slice(nq, 2 * nq)
     contacts = _contacts(system, key)
-    stuck, mu = contacts.stuck, contacts.mu
+    stuck = contacts.stuck
+    mu = contacts.mu
     rows = np.array([k.row for k in system.normals]).reshape(-1, n) + system.change(system.modes(key)[3]).rows
-    Me, applied = bearing_mass(system, key, mu), _applied(system, key, rows, mu)
+    Me = bearing_mass(system, key, mu)
+    applied = _applied(system, key, rows, mu)
     rates, gains, still = _rates(system, key)
 
     # dw/dt of the stuck patches: W_v a + (the rest, over x)
@@ -200,7 +208,8 @@ def assemble(system: System, key: int) -> ModeSet:
         solved = np.linalg.solve(lhs, rhs) if nq else rhs
     a, reactions = solved[:nq], solved[nq:]
 
-    A, b = np.zeros((n, n)), np.zeros((n, inputs))
+    A = np.zeros((n, n))
+    b = np.zeros((n, inputs))
     A[:nq, v] = np.eye(nq)
     A[v], b[v] = a[:, :n], a[:, n:]
     A[2 * nq :] = rates
@@ -242,7 +251,8 @@ def assemble(system: System, key: int) -> ModeSet:
 
 def _loads(system: System, rows: Array, a: NDArray[Any]) -> Array:
     """The normal forces as rows over [x, T], from their `rows` over x and the accelerations a, rows over [x, T]."""
-    P, n = len(system.patches), system.n
+    P = len(system.patches)
+    n = system.n
     loads = np.zeros((len(system.normals), n + system.inputs))
     for k, contact in enumerate(system.normals):
         loads[k, :n] = rows[k] + contact.inertia @ a[:, :n]
@@ -328,7 +338,8 @@ def _guards(
     for x, (limiter, mode) in enumerate(zip(system.limiters, limiter_modes)):
         if gains[x] == 0.0:
             continue
-        below, above = limiter.row - limiter.low * constant, limiter.high * constant - limiter.row
+        below = limiter.row - limiter.low * constant
+        above = limiter.high * constant - limiter.row
         if mode == records.LINEAR:
             guard(below, records.G_LIMIT_LOW, x)
             guard(above, records.G_LIMIT_HIGH, x)
@@ -354,7 +365,9 @@ def _never_changes(load: Array, system: System) -> bool:
 
 def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) -> tuple[Array, Array]:
     """Rows by name (extended rows) as rows over x [output, n] and over T [output, inputs] of one mode set."""
-    nq, inputs, states = len(system.coordinates), np.eye(system.inputs), np.eye(system.n)
+    nq = len(system.coordinates)
+    inputs = np.eye(system.inputs)
+    states = np.eye(system.n)
     known: dict[str, tuple[Array, Array]] = {}
     for i, name in enumerate(system.names):
         known[name] = (states[i], np.zeros(system.inputs))
@@ -377,7 +390,8 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
         idle = any(of_position.get(i) == 0.0 for of_position in gains)  # a switch took the limiter out of the network
         within = held is None or idle
         known[f"c:{limiter.name}"] = (limiter.row if within else held * states[system.one], np.zeros(system.inputs))
-    over_x, over_t = np.zeros((len(rows), system.n)), np.zeros((len(rows), system.inputs))
+    over_x = np.zeros((len(rows), system.n))
+    over_t = np.zeros((len(rows), system.inputs))
     for i, row in enumerate(rows):
         for name, value in row.items():
             over_x[i] += value * known[name][0]
@@ -390,7 +404,9 @@ def changes(modes: ModeSet, rows: Array, step: float, levels: int) -> Array:
 
     The cells are step / 2^level long; step in s.
     """
-    A, landing, still = modes.A, modes.landing, modes.landing - np.eye(len(modes.landing))
+    A = modes.A
+    landing = modes.landing
+    still = modes.landing - np.eye(len(modes.landing))
     out = np.zeros((levels, len(rows), len(PLACES), len(A)))
     for p, place in enumerate(PLACES.tolist() if out.size else ()):
         out[:, :, p] = rows @ (still + landing @ _ladder(A, place * step, levels) @ landing)
@@ -413,7 +429,8 @@ def reach(A: Array, b: Array, step: float, levels: int) -> Array:
     for p, place in enumerate(PLACES.tolist() if levels else ()):
         for k in range(inputs):
             chain[:n, n] = b[:, k]
-            E, at = _ladder(chain, place * step, levels), n + k * (DEGREE + 1)
+            E = _ladder(chain, place * step, levels)
+            at = n + k * (DEGREE + 1)
             out[:, p, :, :n] = E[:, :n, :n]
             out[:, p, :, at] = E[:, :n, n]
             out[:, p, :, at + 1 : at + 1 + DEGREE] = (E[:, :n, n + 1 :] * scales[:, None, 1:]) @ POWERS

@@ -47,7 +47,8 @@ def economy(degree: int, terms: int) -> NDArray[np.float64]:
         if j <= degree:
             out[j, j] = 1.0
             continue
-        n, column = j - 1, [Fraction(0)] * degree
+        n = j - 1
+        column = [Fraction(0)] * degree
         for i in range(degree):  # u^n = 2 / 4^n sum_i comb(2n, n-i) T_i(2u - 1), the first term halved
             share = Fraction(comb(2 * n, n - i), 4**n) * (1 if i == 0 else 2)
             for k, value in enumerate(chebyshev[i]):
@@ -83,7 +84,9 @@ def depth(A: Array, step: float) -> int:
     size = float(expm.norm(A, expm.balance(A))) * step
     level = 0
     while turn > TURN or size > SIZE:
-        turn, size, level = 0.5 * turn, 0.5 * size, level + 1
+        turn = 0.5 * turn
+        size = 0.5 * size
+        level = level + 1
     return level
 
 
@@ -141,7 +144,8 @@ def tables(
     `terms`: `series` over a cell; E [level, n, n] as in ModeSets; bounds [guard, n]: chord bounds; field [n, n +
     inputs]: rows of the derivative; outputs [output, n], of which sensors read the first `read`.
     """
-    n, levels = len(landing), len(E)
+    n = len(landing)
+    levels = len(E)
     polynomial = landing @ _combine(economy(ORDER, TERMS)[1:], terms) @ landing  # [ORDER, n, n]
     along = np.concatenate([np.eye(n)[None], polynomial])
     over_guards = np.zeros((len(guards), BLOCK, n))

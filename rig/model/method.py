@@ -18,6 +18,18 @@ from rig.model.friction_law import Law
 from rig.model.system import System
 
 _FALL = 5.0  # number of scales over which static friction falls to kinetic
+METHODS = ("exact", "dopri5", "dop853", "rosenbrock", "rk4", "kick", "smooth")
+ADAPTIVE = ("dopri5", "dop853", "rosenbrock")
+"""Methods whose steps a tolerance determines."""
+TIGHT = 1e-9
+"""Tolerance from which on long steps of high order take less time than those of dopri5."""
+MANY = 1 << 22
+"""Largest number of mode sets that a system may have: 20 contacts of one friction force that open one by one, or 8 that
+stick, slip and open one by one. Their index then takes 16 MB; only mode sets that a run visits are built."""
+CROWD = 1 << 14
+"""Number of mode sets beyond which a run keeps meeting new ones, each of which has to be built: 6 contacts that stick,
+slip and open one by one exceed it."""
+FILM_HELPS = "make the contacts points of a film, which have no mode sets (structure.film = true; Assembly.film)"
 
 
 def smoothed(system: System, scale: float) -> System:
@@ -31,20 +43,6 @@ def _smooth(law: Law, scale: float) -> Law:
     if law.constant and law.static > law.numbers[0]:
         law = friction_law.stribeck(law.static, law.numbers[0], _FALL * scale)
     return friction_law.smoothed(law, scale)
-
-
-METHODS = ("exact", "dopri5", "dop853", "rosenbrock", "rk4", "kick", "smooth")
-ADAPTIVE = ("dopri5", "dop853", "rosenbrock")
-"""Methods whose steps a tolerance determines."""
-TIGHT = 1e-9
-"""Tolerance from which on long steps of high order take less time than those of dopri5."""
-MANY = 1 << 22
-"""Largest number of mode sets that a system may have: 20 contacts of one friction force that open one by one, or 8 that
-stick, slip and open one by one. Their index then takes 16 MB; only mode sets that a run visits are built."""
-CROWD = 1 << 14
-"""Number of mode sets beyond which a run keeps meeting new ones, each of which has to be built: 6 contacts that stick,
-slip and open one by one exceed it."""
-FILM_HELPS = "make the contacts points of a film, which have no mode sets (structure.film = true; Assembly.film)"
 
 
 def too_many(system: System) -> str:

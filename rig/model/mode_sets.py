@@ -29,8 +29,10 @@ from rig.solve.roots import DEGREE
 
 Array = NDArray[np.float64]
 _SAMPLES = 128
-STIFF, WIDE_STIFF = 7, 3
-"""Deepest tick of a mode set, and of one with many states, whose cells are single segments: at most 64 a tick."""
+STIFF = 7
+"""Deepest tick of a mode set whose cells are single segments: at most 64 a tick."""
+WIDE_STIFF = 3
+"""The same of a mode set with many states."""
 FAST = 50.0
 """|lambda| step beyond which dopri5 leaves explicit steps, of which stability alone would take more than 15 a tick."""
 _MARGIN = 1.25
@@ -59,7 +61,10 @@ class ModeSets:
         `read`; `substeps`: steps of a film in a `step`. `implicit`: the method is rosenbrock, whose steps no eigenvalue
         limits.
         """
-        self.read, self._substeps, self._implicit, self._wide = read, substeps, implicit, system.n > UNROLLED
+        self.read = read
+        self._substeps = substeps
+        self._implicit = implicit
+        self._wide = system.n > UNROLLED
         self.system = system
         self.step = step
         self.rows = signals
@@ -97,7 +102,8 @@ class ModeSets:
         else:
             E = E[: many_states_tables.depth(modes.A, self.step) + 1]
             terms = many_states_tables.series(modes.A, self.step / 2.0 ** (len(E) - 1))
-            order, nodes = DEGREE, many_states_tables.at(NODES, terms) @ modes.landing
+            order = DEGREE
+            nodes = many_states_tables.at(NODES, terms) @ modes.landing
         E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
         bounds, slopes = np.zeros((2, g, system.n))
         if not self._wide or len(E) > 1:
@@ -207,7 +213,8 @@ class ModeSets:
 
         Sums that kernels have collected must be taken before (`collected_energy`). Returns False if all are needed.
         """
-        count, tables = len(self.sets), self.tables
+        count = len(self.sets)
+        tables = self.tables
         order = np.argsort(tables.used[:count], kind="stable")
         order = order[(order >= TALLIED) & ~np.isin(order, needed)][: max(count // 4, 1)]
         for at in order.tolist():
@@ -221,7 +228,8 @@ class ModeSets:
 
         Tables that rig.solve.film_steps does not read keep length zero.
         """
-        t, rows = self.tables, signal_rows(self.system, modes, self.rows)[0]
+        t = self.tables
+        rows = signal_rows(self.system, modes, self.rows)[0]
         new: dict[str, Any] = {"signals": rows, "output_needs_inputs": np.zeros(len(rows))}
         new |= {"room": 1}
         new |= dict.fromkeys(("used", "depth", "guards", "stuck", "lands"), 0)
@@ -249,7 +257,8 @@ class ModeSets:
 
         `visited`: the mode sets to which they belong; `whole`, `part`: their sums.
         """
-        tables, count = self.tables.many_states, len(self.sets) if self._wide else 0
+        tables = self.tables.many_states
+        count = len(self.sets) if self._wide else 0
         visited = np.flatnonzero(tables.whole[:count].any(axis=(1, 2)) | tables.part[:count].any(axis=(1, 2)))
         return {"visited": visited, "whole": tables.whole[visited], "part": tables.part[visited]}
 
@@ -291,12 +300,14 @@ def guard_bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:
     E, *shorter = expm.ladder(A, step / samples)
     second = guards @ A @ A
     third = second @ A
-    worst2, worst3 = np.abs(second), np.abs(third)
+    worst2 = np.abs(second)
+    worst3 = np.abs(third)
     for early in shorter:  # what rises and decays before the first sample
         np.maximum(worst2, np.abs(second + second @ early), out=worst2)
         np.maximum(worst3, np.abs(third + third @ early), out=worst3)
     for _ in range(samples):
-        second, third = second + second @ E, third + third @ E
+        second = second + second @ E
+        third = third + third @ E
         np.maximum(worst2, np.abs(second), out=worst2)
         np.maximum(worst3, np.abs(third), out=worst3)
     scale = _MARGIN * step * step / 8.0

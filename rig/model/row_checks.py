@@ -38,7 +38,8 @@ def faults(a: Assembly) -> Iterator[str]:
     if strange := [*_strange_names(a)]:
         yield from strange
         return
-    coordinates, states = set(a.coordinates), {*a.names}
+    coordinates = set(a.coordinates)
+    states = {*a.names}
     if not coordinates:
         yield "the rig has no coordinate; expected one at least, a.coordinate(name, mass)"
     blocks = {name for block in a.blocks for name in block.names}
@@ -49,7 +50,8 @@ def faults(a: Assembly) -> Iterator[str]:
                 at = f"{what}[{block.names[i]!r}, {block.names[j]!r}]"
                 yield f"{at} contains {brief(float(matrix[i, j]))}; expected a finite number"
     products = {*a.products}
-    contacts, normals = [entry[0] for entry in a.patches], [entry[0] for entry in a.normals]
+    contacts = [entry[0] for entry in a.patches]
+    normals = [entry[0] for entry in a.normals]
     for what, names in (("friction contact", contacts), ("normal force", normals)):
         yield from (f"two are called {what} {name!r}" for name in sorted({n for n in names if names.count(n) > 1}))
     for what, entries in (("mass", a.mass), ("damping", a.damping), ("stiffness", a.stiffness)):
@@ -83,7 +85,8 @@ def _strange_names(a: Assembly) -> Iterator[str]:
     """Names that a recording cannot hold, and names that are no texts."""
     for what, names in (("output", a.outputs), ("input", a.inputs)):
         yield from (f"{what}: {fault}" for name in names if (fault := name_fault(name)))
-    contacts, normals = [entry[0] for entry in a.patches], [entry[0] for entry in a.normals]
+    contacts = [entry[0] for entry in a.patches]
+    normals = [entry[0] for entry in a.normals]
     for what, others in (("friction contact", contacts), ("normal force", normals), ("state", a.names)):
         yield from (
             f"{what}: {brief(name)} is no name; expected a text" for name in others if not isinstance(name, str)

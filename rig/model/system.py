@@ -29,6 +29,9 @@ from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD
 
 Array = NDArray[np.float64]
 Level = Literal["info", "warning", "error"]
+_FEW = 3  # up to this number, all positions of a switch are prepared
+_SPELT = 8  # up to this number, contacts are named one by one
+_MOTIONS = ("slip+", "slip-", "stick")
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,8 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
     angles: list[Array] = []
     presses: list[Array] = []
     known: dict[tuple[bool, bytes], int] = {}
-    kind, index = [], []
+    kind = []
+    index = []
     for product in products:
         for factor in product.factors:
             kind.append(factor.kind)
@@ -138,11 +142,13 @@ def tangent(
     `forces`: values and derivatives of the normal forces, and of the friction forces, as far as they are known.
     """
     n = len(x)
-    values, slopes = np.zeros(len(products)), np.zeros((len(products), n))
+    values = np.zeros(len(products))
+    slopes = np.zeros((len(products), n))
     for j, product in enumerate(products):
         if product.level != level:
             continue
-        value, slope = 1.0, np.zeros(n)
+        value = 1.0
+        slope = np.zeros(n)
         for factor in product.factors:
             if factor.kind == STATE:
                 v = float(x[factor.index])
@@ -295,9 +301,6 @@ class Loss:
     rate: Array
 
 
-_FEW = 3  # up to this number, all positions of a switch are prepared
-_SPELT = 8  # up to this number, contacts are named one by one
-_MOTIONS = ("slip+", "slip-", "stick")
 Judge = Callable[["System", float], Iterable[Finding]]
 """(system, sample step [s]) -> the findings of an effect about it before a run."""
 
@@ -400,7 +403,8 @@ class System:
     @property
     def generators(self) -> list[tuple[int, int, float]]:
         """Undamped generators: states a, b with a' = rate b, b' = -rate a, without other rates, and the rate."""
-        pairs, driven = [], {limiter.state for limiter in self.limiters}
+        pairs = []
+        driven = {limiter.state for limiter in self.limiters}
         moving = set((self.one + np.flatnonzero(self.signals.any(axis=1))).tolist())
         for a, b in permutations(moving - driven, 2):
             rate = float(self.signals[a - self.one, b])
@@ -432,7 +436,8 @@ class System:
         """The key of a mode set, a mixed-radix number; without `sectors` or `switches`, those of the start."""
         where = sectors or [sector.at(self.start) for sector in self.sectors]
         thrown = switches or [switch.at(self.start) for switch in self.switches]
-        key, base = 0, 1
+        key = 0
+        base = 1
         for mode, radix in zip((*patches, *normals, *limiters, *where, *thrown), self.radices, strict=True):
             key += int(mode) * base
             base *= radix
@@ -441,13 +446,15 @@ class System:
     def modes(self, key: int) -> tuple[list[int], list[int], list[int], list[int], list[int]]:
         """The modes of a mode set, from its key: of patches, normal forces, limiters, sectors, switches."""
         if key not in self._decoded:
-            rest, modes = key, []
+            rest = key
+            modes = []
             for radix in self.radices:
                 modes.append(rest % radix)
                 rest //= radix
             self._decoded.clear()  # the same key is asked for many times in a row
             self._decoded[key] = modes
-        modes, out = self._decoded[key], []
+        modes = self._decoded[key]
+        out = []
         for parts in (self.patches, self.normals, self.limiters, self.sectors, self.switches):
             out.append(modes[: len(parts)])
             modes = modes[len(parts) :]
@@ -486,7 +493,8 @@ class System:
 
     def change(self, sectors: Sequence[int]) -> Change:
         """The sum of what these sectors add."""
-        nq, changes = len(self.coordinates), [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
+        nq = len(self.coordinates)
+        changes = [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
         none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
         return Change(*(sum((getattr(c, part) for c in changes), getattr(none, part)) for part in vars(none)))
 

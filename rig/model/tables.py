@@ -36,7 +36,8 @@ UNROLLED = 8
 
 def workspace(system: System, read: int, guards: int) -> Workspace:
     """Scratch for a system with `read` outputs for sensors and at most `guards` guards in a mode set."""
-    n, P = system.n, len(system.patches)
+    n = system.n
+    P = len(system.patches)
     width = -(-n // LANE) * LANE
     nodes, weights = np.polynomial.legendre.leggauss(LANE - PART)
     return Workspace(
@@ -204,7 +205,10 @@ class Tables(NamedTuple):
 
 def sparse(s: System) -> dict[str, tuple[int, int]]:
     """Rows whose entries that are not zero are listed in the tables, by name, and the shape of each."""
-    n, P, K, I = s.n, len(s.patches), len(s.normals), s.inputs
+    n = s.n
+    P = len(s.patches)
+    K = len(s.normals)
+    I = s.inputs
     whole = n if P < I else 0  # each product and each rate of a law is an input: most entries are zero
     return {"press": (K, n), "press_t": (K, I), "friction": (P, n), "friction_t": (P, I)} | {
         "law_speed": (P, n),
@@ -217,7 +221,11 @@ def sparse(s: System) -> dict[str, tuple[int, int]]:
 
 def empty(s: System, step: float, signals: int, read: int) -> Tables:
     """Tables without a mode set. `signals`: number of outputs; the other arguments as in ModeSets."""
-    n, nq, P, K, S = s.n, len(s.coordinates), len(s.patches), len(s.normals), signals
+    n = s.n
+    nq = len(s.coordinates)
+    P = len(s.patches)
+    K = len(s.normals)
+    S = signals
     I = s.inputs
     g = 2 * P + K + 2 * len(s.limiters) + 2 * len(s.sectors)
     nodes = max((len(sector.edges) + 1 for sector in s.sectors), default=1)

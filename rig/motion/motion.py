@@ -36,13 +36,16 @@ from rig.stability.report import blame, fastest_eigenvalue
 
 Array = NDArray[np.float64]
 Why = tuple[type[NumericsError], str]
-SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
-"""Room for the smooth segments of a frame, to begin with and at most."""
+SEGMENTS = 1 << 10
+"""Room for the smooth segments of a frame to begin with."""
+MOST_SEGMENTS = 1 << 18
+"""Most room for the smooth segments of a frame."""
 MOST_EVENTS = 1 << 20
 """Room for the events of a block of many frames, at most."""
 _ROOMY = 64  # times as many ticks as a call may have the room that was made for events: new room takes a millisecond
 COLLECTED = 1 << 12
 """Room for the events of all frames of a call."""
+_COUNTS = sum(kind == np.int64 for kind, *_ in (PROGRESS.fields or {}).values())
 
 
 def why(status: int, system: System, integration: Integration, state: MotionState, log: MotionLog, room: int) -> Why:
@@ -108,12 +111,10 @@ class Saved(NamedTuple):
     size: Array
 
 
-_COUNTS = sum(kind == np.int64 for kind, *_ in (PROGRESS.fields or {}).values())
-
-
 def _kept(state: MotionState) -> dict[str, NDArray[Any]]:
     """Views of the parts of `state` that a checkpoint holds, by name; the others are settings."""
-    counts, lengths = state.progress.view(np.int64)[:_COUNTS], state.progress.view(np.float64)[_COUNTS:]
+    counts = state.progress.view(np.int64)[:_COUNTS]
+    lengths = state.progress.view(np.float64)[_COUNTS:]
     return {"x": state.x, "ic": counts, "fc": lengths} | {
         name: getattr(state, name) for name in ("energy", "edges", "tally")
     }
@@ -185,7 +186,10 @@ class Motion:
         frame = self._block or frame
         bounds = bounds or {}
         collects = frames is not None and frames.collects
-        self.integration, self._cap, self._frame, self._collects = integration, cap, frame, collects
+        self.integration = integration
+        self._cap = cap
+        self._frame = frame
+        self._collects = collects
         self.tick = self._first = self.kept = 0
         self.segments = empty_segments(integration.read, SEGMENTS)
         self._take(made)
@@ -204,8 +208,14 @@ class Motion:
 
     def _take(self, made: Ready) -> None:
         """Continue with another system, which `rig.motion.ready` has prepared; the state stays as it is."""
-        self.system, self._outputs, self.mode_sets, self.work = made.system, made.outputs, made.mode_sets, made.work
-        self.plan, self._event_text, self._now, self._carry = made.plan, made.event_text, made.now, made.carry
+        self.system = made.system
+        self._outputs = made.outputs
+        self.mode_sets = made.mode_sets
+        self.work = made.work
+        self.plan = made.plan
+        self._event_text = made.event_text
+        self._now = made.now
+        self._carry = made.carry
         self._evaluate: Callable[..., None] | None = None
 
     def _make_room(self, rows: int, ticks: int) -> None:
@@ -216,7 +226,8 @@ class Motion:
     def _make_room_for_events(self, ticks: int) -> None:
         """Make room for the events that a block of `ticks` may have, which may contain many frames."""
         frame = min(self._frame or ticks, ticks)
-        usual, most = self._cap * max(1, ticks // 10), self._cap * max(1, frame // 10) * -(-ticks // max(frame, 1))
+        usual = self._cap * max(1, ticks // 10)
+        most = self._cap * max(1, frame // 10) * -(-ticks // max(frame, 1))
         events = max(usual, min(most, MOST_EVENTS))
         new = empty_log(0, 0, events, max(COLLECTED, 2 * events) if self._collects else 0)
         self.log = new._replace(out=self.log.out, modes=self.log.modes)
@@ -228,7 +239,8 @@ class Motion:
 
     def _more_segments(self) -> None:
         """Double the room for the segments of a frame; existing segments are kept."""
-        old, count = self.segments, int(self.segments.count[0])
+        old = self.segments
+        count = int(self.segments.count[0])
         self.segments = empty_segments(self.integration.read, 2 * len(old.start))
         self.segments.count[0] = count
         for new, kept in zip(self.segments[1:], old[1:]):
@@ -309,13 +321,15 @@ class Motion:
 
         Returns first tick; [event, 4] tick, guard kind, owner, key before; [event] places in the tick.
         """
-        log, count = self.log, self.event_count
+        log = self.log
+        count = self.event_count
         events, places = (log.met, log.met_place) if self._collects else (log.event, log.place)
         return self.tick - self.kept, events[:count].copy(), places[:count].copy()
 
     def restart(self, x: Array) -> None:
         """Start again at tick 0 from state `x` [n], as a new motion. Mode sets already built are kept."""
-        state, system = self.state, self.system
+        state = self.state
+        system = self.system
         for part in (state.progress, state.energy, state.edges, state.tally):
             part[:] = 0
         self.work.size[:] = scales_of_memory(system)
@@ -358,7 +372,8 @@ class Motion:
         if the systems differ in their patches, normal forces or sectors, or if the method does not support the new one.
         """
         new = prepared(system, self._outputs if outputs is None else outputs, self.integration)
-        old, key = self.system, self.key
+        old = self.system
+        key = self.key
         if parts(old) != parts(new.system):
             raise ValueError("it changes the contacts of the rig; start a new run with it")
         for known in self.mode_sets.keys:
@@ -398,10 +413,13 @@ class Motion:
 
         The contact state is checked again. The change of the stored energy counts as an impulse in the energy balance.
         """
-        old, before = self.system, self._current_state().stored()
+        old = self.system
+        before = self._current_state().stored()
         self.terms()  # collect the sums of the mode sets that are dropped
         spent = dict(zip(self.mode_sets.keys, self.state.tally.tolist()))
-        x, key, system = self.state.x, self.key, ready.system
+        x = self.state.x
+        key = self.key
+        system = ready.system
         sizes = dict(zip(old.names, self.work.size.tolist()))
         self._take(ready)
         self.work.size[:] = [sizes.get(name, 0.0) or least for name, least in zip(system.names, self.work.size)]
@@ -442,9 +460,11 @@ class Motion:
         for name, array in kept.items():
             if saved[name].shape != array.shape:
                 raise ValueError(f"{name} has the shape {saved[name].shape}, not {array.shape}")
-        integration, keys = self.integration, tuple(saved["keys"].tolist())
+        integration = self.integration
+        keys = tuple(saved["keys"].tolist())
         if self.mode_sets.keys[: len(keys)] != keys:  # else this motion has built them in this order itself
-            implicit, step = integration.method == "rosenbrock", integration.step_ns * 1e-9
+            implicit = integration.method == "rosenbrock"
+            step = integration.step_ns * 1e-9
             self.mode_sets = ModeSets(self.system, step, self._outputs, integration.read, implicit=implicit)
             for key in keys:
                 add(self.mode_sets, key)
@@ -452,7 +472,9 @@ class Motion:
         for name, array in kept.items():
             array[:] = saved[name]
         self.balance.numbers = saved["balance"]
-        self.tick, self.kept, self._first = tick, 0, 0
+        self.tick = tick
+        self.kept = 0
+        self._first = 0
         if not tick:
             self._begun = self.state.x.copy()
 

@@ -49,7 +49,9 @@ def plan(
 
     `loans`: sensors, compiled controllers and random numbers of the run, if any (rig.solve.frames.Surroundings).
     """
-    many_states, fixed_steps, nonlinear = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
+    many_states = system.n > UNROLLED
+    fixed_steps = method in ("rk4", "kick")
+    nonlinear = not system.linear
     made = MotionPlan(
         advance_block=0,
         make_consistent=0,
@@ -232,6 +234,7 @@ def carried_state(system: System, old: System, x: Array) -> Array:
     values = dict(zip(old.names, x.tolist()))
     kept = np.array([values.get(name, start) for name, start in zip(system.names, system.start.tolist())])
     for name in (name for name in system.kept.keys() & old.kept.keys() if name in system.names):
-        row, at = system.kept[name], system.names.index(name)
+        row = system.kept[name]
+        at = system.names.index(name)
         kept[at] += (old.kept[name] @ x - row @ kept) / row[at]
     return kept

@@ -97,7 +97,9 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     Raises SceneError with every fault of the files.
     """
     whole = reduced(p)
-    model, of_scene, given = whole.model, p.numbers, values_of(p)
+    model = whole.model
+    of_scene = p.numbers
+    given = values_of(p)
     typed = p.structure.coordinates if whole.kind == "whole" else None
     names = typed or tuple(f"q{i}" for i in range(1, model.rows + 1))
     scaling = {part.scaling[0] for part in p.structure.parts.values()} - {""}
@@ -123,7 +125,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         for name, share in row(pressing).items():
             a.push(name, {state: share * value for state, value in force.items()})
     for name, shaker in p.actuators.items():
-        key, bounds = f"actuators.{name}.force", (-shaker.limit, shaker.limit)
+        key = f"actuators.{name}.force"
+        bounds = (-shaker.limit, shaker.limit)
         pushed = actuator(a, key, "N", shaker.force, 0.0, bounds, shaker.limit, None, f"actuators.{name}", moved)
         for coordinate, share in row(model.vectors[f"actuators.{name}.at"]).items():
             a.push(coordinate, {state: share * value for state, value in pushed.items()})
@@ -150,7 +153,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     if len(whole.model.ids):
         a.nodes = partial(_nodes, whole, names)
     if whole.kind != "whole":
-        a.accuracy, a.outside = partial(_accuracy, p, whole), tuple(whole.outside(given))
+        a.accuracy = partial(_accuracy, p, whole)
+        a.outside = tuple(whole.outside(given))
         a.up_to = whole.up_to / (2.0 * math.pi)
     return a
 
@@ -164,7 +168,8 @@ def _nodes(whole: Reduced, names: tuple[str, ...]) -> Nodes:
     places = np.unique(faces if len(faces) else at)
     places = places[:: 1 if len(faces) else -(-len(places) // DRAWN)]
     seen = np.isin(at, places)
-    free, of = free[seen], np.searchsorted(places, at[seen])
+    free = free[seen]
+    of = np.searchsorted(places, at[seen])
     rows = np.zeros((len(places), 3, len(names)))
     np.add.at(rows, (of, model.direction[free]), model.share[free, None] * whole.basis[free])
     return Nodes(model.xyz[places], rows, names, np.searchsorted(places, faces).astype(np.int32))
@@ -183,11 +188,13 @@ def _coarser(xyz: Array, faces: NDArray[np.int32]) -> NDArray[np.int32]:
     bodies, body = csgraph.connected_components(sp.csr_array(sides, shape=(len(used),) * 2), directed=False)
     body = body if bodies <= DRAWN else np.zeros_like(body)
     places = xyz[used] - xyz[used].min(axis=0)
-    joined, width = faces, (places.max() or 1.0) / 200.0
+    joined = faces
+    width = (places.max() or 1.0) / 200.0
     while len(np.unique(joined)) > DRAWN:
         cubes = np.column_stack([np.floor(places / width), body])
         _, first, of = np.unique(cubes, axis=0, return_index=True, return_inverse=True)
-        joined, width = used[first[of.ravel()]][at], 1.2 * width
+        joined = used[first[of.ravel()]][at]
+        width = 1.2 * width
     corners = np.sort(joined, axis=1)
     _, once = np.unique(corners, axis=0, return_index=True)
     kept = np.intersect1d(once, np.flatnonzero((np.diff(corners, axis=1) > 0).sum(axis=1) >= 2))
@@ -196,7 +203,8 @@ def _coarser(xyz: Array, faces: NDArray[np.int32]) -> NDArray[np.int32]:
 
 def _accuracy(p: Tables, whole: Reduced, jacobian: Array, errors_only: bool) -> Accuracy:
     """The estimated errors of the eigenvalues of a reduced structure, and what they do not tell."""
-    given, notes = values_of(p), list(whole.outside(values_of(p)))
+    given = values_of(p)
+    notes = list(whole.outside(values_of(p)))
     damping = None
     if p.damping.table is not None:
         damping = _modal(p.damping.table, *(whole.model.matrix(of, given) for of in ("mass", "stiffness")))
@@ -241,7 +249,8 @@ def _add_contacts(
     patches: list[tuple[str, Array, float, Law]] = []
     of_points: dict[str, Output] = {}
     for points, stiffness, damping in zip(model.contacts, springs, dampers):
-        contact, law = p.contacts[points.name], p.law_of(points.name)
+        contact = p.contacts[points.name]
+        law = p.law_of(points.name)
         for i, (name, normal, along) in enumerate(zip(_names(points), points.normal, points.along)):
             radius = float(points.radius[i])
             same = (
@@ -279,7 +288,8 @@ def _add_contacts(
 
 def _as_film(a: Assembly, p: Tables) -> bool:
     """Whether the contacts run as points of a film. Raises SceneError if they are to, but cannot."""
-    laws, asked = [p.law_of(name) for name in p.contacts], p.structure.film
+    laws = [p.law_of(name) for name in p.contacts]
+    asked = p.structure.film
     wrong = [
         f"contacts.{name}.opens: points of a film open; leave it out" for name, c in p.contacts.items() if not c.opens
     ]
@@ -362,7 +372,8 @@ def tension(system: System, step: float) -> Iterator[Finding]:
         system = replace(system, start=start)
     key = sliding_key(system)
     at = steady(system, key)
-    apart, remedy = "", "hold it by a support or by a contact that presses"
+    apart = ""
+    remedy = "hold it by a support or by a contact that presses"
     if not at.balanced:
         if unheld := at.unheld:
             yield Finding("error", unheld.partition(";")[0], 0.0, remedy)
@@ -409,7 +420,8 @@ def _sliding(a: Assembly, p: Tables, stiffness: Array, springs: list[Array], mod
             mu = math.copysign(law.mu(abs(slip), loads[patch]), slip)
             held += k * np.outer(normal + mu * along, normal)
         q = np.linalg.lstsq(held, pressed, rcond=None)[0]
-        before, loads = loads, dict.fromkeys(patches, 0.0)
+        before = loads
+        loads = dict.fromkeys(patches, 0.0)
         for patch, force in zip(patches, (-each * (normals @ q)).tolist()):
             loads[patch] += max(force, 0.0)
         if all(abs(loads[patch] - before[patch]) <= _SETTLED * loads[patch] for patch in patches):

@@ -30,6 +30,14 @@ Array = NDArray[np.float64]
 Contact = Callable[[int, float, float], tuple[float, float, float]]
 """(patch, slip speed w, normal force N) -> friction force T, dT/dw, dT/dN."""
 _COUPLED_ROUNDS = 60  # iterations of friction and normal force that depend on each other
+_SHORTENED_STEPS = 60  # number of shortened steps
+_WIDE = 20  # number of full steps: if they converge at all, they need a few
+_FAR = 1e12  # times the previous residual: the full step diverges
+_TOLERANCE = 1e-12  # residual over the largest term at which the search ends
+_REST = 1e-9  # the same up to which all forces count as balanced
+_LEAST = 1e-3  # shortest share of a step
+_ROUNDING = 2.0**-52
+_LOOSE = 1e-12  # share of the largest stiffness below which nothing is held
 
 
 def own_law(system: System, modes: ModeSet) -> Contact:
@@ -37,7 +45,8 @@ def own_law(system: System, modes: ModeSet) -> Contact:
     laws = [system.law(p, modes.key) for p in range(len(system.patches))]
 
     def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
-        sigma, law = float(modes.sigma[p]), laws[p]
+        sigma = float(modes.sigma[p])
+        law = laws[p]
         v = max(sigma * w, 0.0)
         mu = law.mu(v, N)
         return sigma * mu * N, law.slope(v, N) * N, sigma * mu
@@ -53,8 +62,10 @@ def linearised(system: System, modes: ModeSet, x: Array, contact: Contact) -> tu
 
 def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array]:
     """The inputs T at x and their derivatives over x [input, n]: rig.solve.forces with the chain rule."""
-    P, n = len(system.patches), system.n
-    T, dT = np.zeros(system.inputs), np.zeros((system.inputs, n))
+    P = len(system.patches)
+    n = system.n
+    T = np.zeros(system.inputs)
+    dT = np.zeros((system.inputs, n))
     levels = {product.level for product in system.products}
 
     def multiply(level: int) -> None:
@@ -75,11 +86,14 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
 
     multiply(0)
     multiply(1)
-    load, load_t = modes.load, modes.load_t
+    load = modes.load
+    load_t = modes.load_t
     remembering = [p for p, patch in enumerate(system.patches) if patch.memory]
     slipping = [p for p in np.flatnonzero(modes.nonlinear).tolist() if p not in remembering]
     w = system.slip_rows @ x
-    by_speed, by_load, by_state = np.zeros(P), np.zeros(P), np.zeros((P, n))
+    by_speed = np.zeros(P)
+    by_load = np.zeros(P)
+    by_state = np.zeros((P, n))
     coupled = bool(load_t[:, :P].any())  # N depends on T if an absorber's inertia contributes to N
     for _ in range(_COUPLED_ROUNDS if coupled else 1):
         N = load @ x + load_t @ T
@@ -113,9 +127,12 @@ def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> t
 
     As rig.solve.forces.evaluate_memory; for w of the other sign, and in stick, the value at rest.
     """
-    patch, law, sigma = system.patches[p], system.law(p, modes.key), float(modes.sigma[p])
+    patch = system.patches[p]
+    law = system.law(p, modes.key)
+    sigma = float(modes.sigma[p])
     assert law.formula is not None
-    w, loaded = float(system.slip_rows[p] @ x), bool(np.any(modes.load[p]) or N)
+    w = float(system.slip_rows[p] @ x)
+    loaded = bool(np.any(modes.load[p]) or N)
     sign = sigma or (-1.0 if w < 0.0 and not loaded else 1.0)
     if system.modes(modes.key)[0][p] == STICK and loaded:
         w = 0.0
@@ -159,16 +176,6 @@ def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.
         for i, loop in enumerate(loops)  # the loop that contains the state
     ]
     return np.asarray(rest[np.array(stable, dtype=bool)], dtype=np.int64)
-
-
-_SHORTENED_STEPS = 60  # number of shortened steps
-_WIDE = 20  # number of full steps: if they converge at all, they need a few
-_FAR = 1e12  # times the previous residual: the full step diverges
-_TOLERANCE = 1e-12  # residual over the largest term at which the search ends
-_REST = 1e-9  # the same up to which all forces count as balanced
-_LEAST = 1e-3  # shortest share of a step
-_ROUNDING = 2.0**-52
-_LOOSE = 1e-12  # share of the largest stiffness below which nothing is held
 
 
 @dataclass(frozen=True)
@@ -257,7 +264,8 @@ class Steady:
         Motions in which a stuck contact would slip are left out: their eigenvalues are zero, twice each, and rounding
         would make some of them grow.
         """
-        A, memory = self.A[np.ix_(self.moving, self.moving)], [patch.memory for patch in self.system.patches]
+        A = self.A[np.ix_(self.moving, self.moving)]
+        memory = [patch.memory for patch in self.system.patches]
         stuck = [p for p, mode in enumerate(self.system.modes(self.modes.key)[0]) if mode == STICK and not memory[p]]
         if stuck:
             rows = self.system.slip_rows[stuck][:, self.moving]
@@ -327,7 +335,8 @@ def steady(system: System, key: int, contact: Contact | None = None, beside: Ste
         moving = moving_states(system, modes.A)
         free = np.union1d(moving, settling(system, modes.A, moving))
     else:
-        moving, free = beside.moving, beside.settling
+        moving = beside.moving
+        free = beside.settling
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
     equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False, near)
@@ -411,7 +420,8 @@ def _newton(
         if residual <= _TOLERANCE * scale:
             break
         step = np.linalg.lstsq(A[np.ix_(rows, columns)], (modes.A @ x + modes.b @ T)[rows], rcond=1e-14)[0]
-        before, share = residual, 1.0
+        before = residual
+        share = 1.0
         while share > (_LEAST if falling else 0.5):
             y = x.copy()
             y[columns] -= share * step
@@ -423,7 +433,8 @@ def _newton(
         if not residual < (before if falling else _FAR * before):
             residual = before
             break
-        x, (A, T, load) = y, linearisation
+        x = y
+        A, T, load = linearisation
     x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # below the resolution of lstsq
     return _Found(x, A, T, load, residual <= _REST * scale)
 
@@ -435,7 +446,8 @@ def _remember(system: System, modes: ModeSet, x: Array, load: Array) -> bool:
     """
     remembers = False
     for p, patch in enumerate(system.patches):
-        law, sigma = system.law(p, modes.key), float(modes.sigma[p])
+        law = system.law(p, modes.key)
+        sigma = float(modes.sigma[p])
         if law.formula is not None and patch.memory and sigma != 0.0:
             speed = max(sigma * float(system.slip_rows[p] @ x), 0.0)
             states = law.steady(speed, float(load[p]))
@@ -448,7 +460,8 @@ def _remember(system: System, modes: ModeSet, x: Array, load: Array) -> bool:
 
 def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact: Contact) -> float:
     """det(M with friction)/det(M), for constant and speed-dependent coefficients together."""
-    P, by_force = len(system.patches), modes.load_t[:, : len(system.patches)]
+    P = len(system.patches)
+    by_force = modes.load_t[:, : len(system.patches)]
     if not np.any(by_force):
         return modes.jam
     by_load = np.array(

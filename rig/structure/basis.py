@@ -160,7 +160,8 @@ class Deflections:
     """
 
     def __init__(self, stiffness: Any, mass: Any, modes: Modes) -> None:
-        self._mass, self._modes = mass, modes
+        self._mass = mass
+        self._modes = modes
         self._shift = 1e-2 * modes.square[-1] if modes.rigid else 0.0
         self._inverse = eigenvalues.factor(stiffness + self._shift * mass)
 

@@ -100,7 +100,8 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
     across = _unit(own.outward) if toward is None else np.tile(toward, (len(own.corners), 1))
     met = _met(own.corners.mean(axis=1), across, other, contact.search, len(mesh.ids))[0]
     sizes = np.linalg.norm(own.outward, axis=1) * met  # without faces that meet nothing, such as the sides of a pad
-    area, facing = np.zeros(len(mesh.ids)), np.zeros((len(mesh.ids), 3))
+    area = np.zeros(len(mesh.ids))
+    facing = np.zeros((len(mesh.ids), 3))
     np.add.at(area, own.nodes, own.shares * sizes[:, None])
     np.add.at(facing, own.nodes, own.shares[:, :, None] * -(own.outward * met[:, None])[:, None, :])
     at = np.flatnonzero(area) if met.any() else np.unique(own.nodes[own.shares > 0.0])
@@ -113,10 +114,13 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
         if not np.isfinite(gap[closest]):
             what = "no master face lies on the normal of a slave node"
         raise SceneError("", [f"no pair lies within search = {contact.search:g} m: {what}; check sets and normal"])
-    at, normal, weights = at[met], normal[met], weights[met]
+    at = at[met]
+    normal = normal[met]
+    weights = weights[met]
     if own.closed and (facing[at] * normal).sum() < 0.0:
         normal = -normal
-    place, area = mesh.xyz[at], area[at]
+    place = mesh.xyz[at]
+    area = area[at]
     if contact.axis is not None:
         axis = _unit(np.array(contact.axis))
         arms = np.cross(axis, place - np.array(contact.centre))
@@ -125,7 +129,8 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
             raise SceneError("", [f"node {mesh.ids[at[on[0]]]} lies on the axis, where nothing slides; leave it out"])
         sliding = arms / radius[:, None]
     else:
-        sliding, radius = np.tile(_unit(np.array(contact.sliding)), (len(at), 1)), np.ones(len(at))
+        sliding = np.tile(_unit(np.array(contact.sliding)), (len(at), 1))
+        radius = np.ones(len(at))
     sliding = sliding - (sliding * normal).sum(axis=1)[:, None] * normal
     if (flat := np.flatnonzero(np.linalg.norm(sliding, axis=1) < _FACING)).size:
         what = f"the sliding at node {mesh.ids[at[flat[0]]]} points along the normal"
@@ -249,7 +254,8 @@ def _flat(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Surfa
     places = mesh.xyz[members[:, :3]]
     outward = 0.5 * np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
     outward = -np.abs(outward @ toward)[:, None] * toward
-    spread, shares = np.zeros((len(triangles), 3, 8)), np.zeros((len(triangles), 8))
+    spread = np.zeros((len(triangles), 3, 8))
+    shares = np.zeros((len(triangles), 8))
     spread[:, :, :3], shares[:, :3] = np.eye(3), 1.0 / 3.0
     return _Surface(places, members, spread, shares, outward, False)
 
@@ -271,13 +277,16 @@ def _met(
         neighbours = cKDTree(middle[own]).query_ball_point(places, radius[own].max() + 2.0 * search)
         slaves.append(np.repeat(np.arange(len(places)), [len(faces) for faces in neighbours]))
         near.append(own[np.concatenate(neighbours).astype(np.int64)])
-    slave, face = np.concatenate(slaves), np.concatenate(near)
+    slave = np.concatenate(slaves)
+    face = np.concatenate(near)
     # place = a + u (b - a) + v (c - a) + gap * normal
     system = np.stack([(b - a)[face], (c - a)[face], normal[slave]], axis=2)
     volume = np.linalg.det(system)
     size = np.linalg.norm(other.outward, axis=1)[face]
     faced = abs(volume) > 2.0 * 0.1 * size
-    slave, face, system = slave[faced], face[faced], system[faced]
+    slave = slave[faced]
+    face = face[faced]
+    system = system[faced]
     u, v, gap = np.linalg.solve(system, (places[slave] - a[face])[:, :, None])[:, :, 0].T
     inner = np.stack([1.0 - u - v, u, v], axis=1)
     sides = np.linalg.norm(np.stack([(c - b)[face], (c - a)[face], (b - a)[face]]), axis=2).T
@@ -286,7 +295,8 @@ def _met(
     miss = np.where(miss < 1e-9 * heights.max(axis=1), 0.0, miss)
     order = np.lexsort((face, np.round(np.hypot(gap, miss) / max(search, 1e-12), 9), slave))
     first = order[np.r_[True, np.diff(slave[order]) > 0]] if len(order) else order
-    gaps, misses = np.full(len(places), np.inf), np.zeros(len(places))
+    gaps = np.full(len(places), np.inf)
+    misses = np.zeros(len(places))
     gaps[slave[first]], misses[slave[first]] = abs(gap[first]), miss[first]
     met = (gaps <= search) & (misses <= search)
     kept = first[met[slave[first]]]
@@ -314,7 +324,8 @@ def _cells(contact: Contact, place: Array, sliding: Array, normal: Array) -> Num
         across = place @ np.cross(normal[0], sliding[0])
     number = np.zeros(len(place), dtype=np.int64)
     for values, count in zip((across, along), contact.points):
-        low, high = values.min(), values.max()
+        low = values.min()
+        high = values.max()
         share = (values - low) / (high - low) if high > low else np.zeros(len(values))
         number = number * count + np.clip(np.floor(share * count - _EVEN), 0, count - 1).astype(np.int64)
     return number
@@ -354,7 +365,8 @@ def node_vector(full: Full, nodes: Sequence[int], direction: Sequence[float], me
     free = np.array([np.isin(nodes, full.node[chosen & (full.direction == k)]) for k in needed])
     follow = np.isin(nodes, sorted(mesh.following)) | bool(mesh.tied)
     if len(lacking := np.flatnonzero(~free.any(axis=0) | (follow & ~free.all(axis=0)))):
-        more, at = len(lacking) - 1, ", ".join(f"{value + 0.0:g}" for value in direction)
+        more = len(lacking) - 1
+        at = ", ".join(f"{value + 0.0:g}" for value in direction)
         why = f"moved by others ({mesh.tied or '*EQUATION'})" if follow[lacking[0]] else "without a row"
         which = f"node {nodes[lacking[0]]}" + (f" and {more} others are" if more else " is")
         raise SceneError("", [f"{which} held or {why} along [{at}]; choose free nodes"])
@@ -407,7 +419,8 @@ def contact_rows(name: str, path: Path, full: Full) -> Points:
         at = ([names[point] for point, _ in values[what]], [row for _, row in values[what]])
         rows.append(sp.csr_array((list(values[what].values()), at), shape=(len(names), full.rows)))
     area, radius = (np.array([values[what].get((p, -1), 1.0) for p in names]) for what in ("area", "radius"))
-    place, sliding = np.zeros((full.rows, 3)), np.zeros((len(names), 3))
+    place = np.zeros((full.rows, 3))
+    sliding = np.zeros((len(names), 3))
     known = np.flatnonzero(np.isin(full.node, full.ids))
     place[known] = full.xyz[np.searchsorted(full.ids, full.node[known])]
     leading: dict[str, int] = {}

@@ -111,7 +111,8 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
         except ArpackError:
             break
         order = np.argsort(square)
-        square, shapes = square[order], shapes[:, order]
+        square = square[order]
+        shapes = shapes[:, order]
         wanted = count or int(np.sum(square <= up_to**2))
         gaps = np.flatnonzero(np.diff(np.sqrt(np.abs(square))) > GAP * np.sqrt(np.abs(square[1:]))) + 1
         at = gaps[gaps >= max(wanted, 1)]
@@ -157,9 +158,11 @@ def complex_eigenvalues(
     """
     pencil = (mass, damping, stiffness)
     gathered = _Found()
-    done, step = max(low, LEAST * up_to), 0.4 * (up_to - low)
+    done = max(low, LEAST * up_to)
+    step = 0.4 * (up_to - low)
     aside = 0.01 * up_to
-    number, tries = _NUMBER, 0
+    number = _NUMBER
+    tries = 0
     while done < up_to:
         centre = min(done + 0.8 * step, 0.5 * (done + up_to))
         values, right, lefts, radius = _circle(pencil, complex(aside, centre), number, left)
@@ -168,7 +171,9 @@ def complex_eigenvalues(
         low_end, high_end = ((2 * centre + side * np.sqrt(max(root, 0.0))) / 2.5 for side in (-1, 1))
         covered = root > 0 and low_end <= done < high_end
         if covered and gathered.add(values, right, lefts, complex(aside, centre), radius):
-            done, step, tries = high_end, high_end - centre, 0
+            done = high_end
+            step = high_end - centre
+            tries = 0
             told(min(done / up_to, 1.0))
             continue
         tries += 1
@@ -183,7 +188,8 @@ def complex_eigenvalues(
     values = np.array(gathered.values, dtype=complex)[order]
     kept = (values.imag > max(low, LEAST * up_to)) & (values.imag <= up_to)
     kept &= np.abs(values.real) <= DAMPED * values.imag
-    order, values = order[kept], values[kept]
+    order = order[kept]
+    values = values[kept]
     right = _columns(gathered.right, order, mass.shape[0])
     lefts = _columns(gathered.left, order if left else order[:0], mass.shape[0])
     residual = residuals(pencil, values, right)
@@ -275,7 +281,8 @@ def _nearest(
     scale = abs(shift)  # of velocities
 
     def apply(state: Complex) -> Complex:
-        position, velocity = state[:rows], scale * state[rows:]
+        position = state[:rows]
+        velocity = scale * state[rows:]
         moved = solve(-(mass @ (velocity + shift * position)) - damping @ position)
         return np.concatenate([moved, (position + shift * moved) / scale])
 

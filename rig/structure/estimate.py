@@ -78,11 +78,13 @@ class _Operator:
         jacobian: Array | None,
         damping: Array | None,
     ) -> None:
-        n, (mass, own, stiffness) = reduced.coordinates, reduced.pencil(values)
+        n = reduced.coordinates
+        mass, own, stiffness = reduced.pencil(values)
         self.mass, self.own, self.stiffness = self.pencil = full.pencil(values)
         self._rests = [np.zeros((n, n)), np.zeros((n, n)) if damping is None else damping]
         network = np.zeros((0, 0)) if jacobian is None else jacobian[2 * n :, 2 * n :]
-        self.network, self._force = network, np.zeros((full.rows, len(network)))
+        self.network = network
+        self._force = np.zeros((full.rows, len(network)))
         self._from = [np.zeros((len(network), full.rows))] * 2
         if jacobian is not None:
             a, b = reduced.model.forces
@@ -98,7 +100,8 @@ class _Operator:
                 self._rests[k] = self._rests[k] + added - (a.T * c) @ b
                 if c.any():
                     lifted = on_a.T @ sp.diags_array(c) @ on_b
-                    self.own, self.stiffness = self.own + k * lifted, self.stiffness + (1 - k) * lifted
+                    self.own = self.own + k * lifted
+                    self.stiffness = self.stiffness + (1 - k) * lifted
             if len(network):
                 self._force = on_b.T @ np.linalg.lstsq(b.T, -rows[:, 2 * n :])[0]
                 parts = jacobian[2 * n :, :n], jacobian[2 * n :, n : 2 * n]
@@ -148,7 +151,8 @@ class Estimator:
 
     def __init__(self, full: Full, up_to: float, at: Mapping[str, float]) -> None:
         """`up_to` [rad/s]: the highest frequency; `at`: the numbers of the scene at which to factorise."""
-        self._full, self._pencil = full, full.pencil(at)
+        self._full = full
+        self._pencil = full.pencil(at)
         self._shifts = 1j * up_to * (np.arange(SHIFTS) + 0.5) / SHIFTS
         self._kept: dict[int, SuperLU] = {}
 
@@ -164,7 +168,8 @@ class Estimator:
         `damping` [n, n] as in `Reduced.eigenvalues`. `jacobian` [state, state]: eigenvalues of a rig that has more than
         these matrices: friction that depends on speed, a stack with its network; displacements and velocities first.
         """
-        n, basis = reduced.coordinates, reduced.basis.astype(float)
+        n = reduced.coordinates
+        basis = reduced.basis.astype(float)
         if jacobian is None:
             rates, rights, lefts = reduced.eigenvalues(values, damping, "both")
             states = left_states = np.zeros((0, rates.size), dtype=complex)
@@ -172,21 +177,27 @@ class Estimator:
             if not jacobian[n : 2 * n, 2 * n :].any():
                 jacobian = jacobian[: 2 * n, : 2 * n]  # a network that does not act on the structure
             rates, lefts, rights = eig(jacobian, left=True, right=True)
-            states, left_states = rights[2 * n :], lefts[2 * n :]
-            rights, lefts = rights[:n], np.linalg.solve(reduced.pencil(values)[0].T, lefts[n : 2 * n])
+            states = rights[2 * n :]
+            left_states = lefts[2 * n :]
+            rights = rights[:n]
+            lefts = np.linalg.solve(reduced.pencil(values)[0].T, lefts[n : 2 * n])
         kept = in_range(rates, reduced.up_to)
         rates, rights, lefts, states, left_states = (
             rates[kept], rights[:, kept], lefts[:, kept], states[:, kept], left_states[:, kept])  # fmt: skip
         operator = _Operator(self._full, reduced, values, jacobian, damping)
         stiffer = operator.stiffness.diagonal() > _STIFFER * abs(self._pencil[2].diagonal())
         if stiffer.any():
-            self._pencil, self._kept = (operator.mass, operator.own, operator.stiffness), {}
-        right, left = basis @ rights, basis @ lefts
+            self._pencil = (operator.mass, operator.own, operator.stiffness)
+            self._kept = {}
+        right = basis @ rights
+        left = basis @ lefts
         for shift, inverse, chosen in self._by_shift(rates):
-            vectors, currents = left[:, chosen], left_states[:, chosen]
+            vectors = left[:, chosen]
+            currents = left_states[:, chosen]
             for _ in range(_CORRECTED):
                 adjoint = operator.solved(inverse, shift, *operator.adjoint(rates[chosen], vectors, currents))
-                vectors, currents = vectors - adjoint[0], currents - adjoint[1]
+                vectors = vectors - adjoint[0]
+                currents = currents - adjoint[1]
             left[:, chosen], left_states[:, chosen] = vectors, currents
 
         def weighed(columns: tuple[Complex, Complex]) -> Complex:
@@ -232,7 +243,8 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array)
     for columns, a, b in zip((slice(n, 2 * n), slice(n)), few, many):
         changed[n : 2 * n, columns] -= np.linalg.solve(mass, b - a)
     near, exact = (np.linalg.eigvals(matrix).astype(complex) for matrix in (jacobian, changed))
-    near, exact = near[in_range(near, reduced.up_to)], exact[in_range(exact, reduced.up_to)]
+    near = near[in_range(near, reduced.up_to)]
+    exact = exact[in_range(exact, reduced.up_to)]
     left = near.tolist()
     sentences = []
     for value in exact[np.argsort(-exact.real)].tolist():

@@ -167,7 +167,8 @@ class Full:
 
     def pencil(self, values: Mapping[str, float]) -> tuple[Matrix, Matrix, Matrix]:
         """M, D and K of small motions about steady sliding with all points closed, for these `values` by key."""
-        damping, stiffness = self.matrix("damping", values), self.matrix("stiffness", values)
+        damping = self.matrix("damping", values)
+        stiffness = self.matrix("stiffness", values)
         for points in self.contacts:
             stiffness = stiffness + points.stiffness(values)
             if values.get(points.damping_key):

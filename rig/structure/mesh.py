@@ -189,7 +189,10 @@ class _Deck:
                 self._kept(path, number, line, lambda words=words: self._node(words, 4))
 
     def read(self, path: Path, depth: int) -> None:
-        keyword, options, pending, continued = "", dict[str, str](), list[str](), ""
+        keyword = ""
+        options = dict[str, str]()
+        pending = list[str]()
+        continued = ""
         for number, raw in enumerate(lines_of(path), 1):
             line = raw.strip()
             if not line or line.startswith("**"):
@@ -199,7 +202,8 @@ class _Deck:
                 if line.endswith(","):  # the keyword goes on in the next line
                     continued = line
                     continue
-                continued, pending = "", []
+                continued = ""
+                pending = []
                 keyword, options = _keyword(line)
                 self._kept(path, number, line, lambda k=keyword, o=options: self._opened(path, depth, k, o))
                 continue
@@ -310,7 +314,8 @@ class _Deck:
             return list(nodes)
         if face not in (names := [f"S{k}" for k in range(1, len(corners) + 1)]):
             raise _Wrong(f"a face of element {number} is {'SPOS or SNEG' if shell else ', '.join(names)}")
-        own, edges = corners[int(face[1:]) - 1], _EDGES.get(len(nodes), {})
+        own = corners[int(face[1:]) - 1]
+        edges = _EDGES.get(len(nodes), {})
         middles = [middle for ends, middle in edges.items() if {*ends} <= {*own}]
         return [nodes[k] for k in (*own, *middles)]
 

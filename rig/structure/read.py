@@ -49,8 +49,10 @@ Stored = Literal["full", "lower", "upper"]
 UNITS = {"m-kg-s": 1.0, "mm-t-s": 1e-3}
 """System of units of the matrices -> its unit of length [m]; force in N in both."""
 LEAST_MASS, MOST_MASS = 1e-6, 1e6  # kg
-LEAST_DENSITY, MOST_DENSITY = 1e-5, 1e5
-"""Mass over the cube of the size of the mesh [kg/m^3]: from a thin wire to a block of metal."""
+LEAST_DENSITY = 1e-5
+"""Mass over the cube of the size of the mesh [kg/m^3] of a thin wire."""
+MOST_DENSITY = 1e5
+"""The same of a block of metal."""
 SYMMETRIC = 1e-9
 """Largest difference of mirrored entries of a symmetric matrix, over its largest entry."""
 _HELD = 1e35  # Abaqus writes 1e36 on the diagonal of a held row
@@ -153,7 +155,8 @@ def structure(
         Part(source.name, source.of, _si(matrix.values, turning, length), source.key, source.power, source.factor)
         for source, matrix in read
     )
-    node, faces = labels[:, 0], mesh.corners(labels[~inner, 0])
+    node = labels[:, 0]
+    faces = mesh.corners(labels[~inner, 0])
     return Full(parts, node=node, direction=direction, ids=mesh.ids, xyz=mesh.xyz, faces=faces), mesh
 
 
@@ -201,7 +204,8 @@ def _part(source: Source, dofs: NDArray[np.int64] | None) -> _Matrix:
         raise SceneError("", [f"{_named(source)}: has {rows} rows and {columns} columns; expected a square matrix"])
     if source.stored == "full":
         return read
-    low, high = sp.tril(read.values, -1), sp.triu(read.values, 1)
+    low = sp.tril(read.values, -1)
+    high = sp.triu(read.values, 1)
     other = (low if source.stored == "upper" else high).tocoo()
     if entries := np.flatnonzero(other.data).tolist():
         row, column = (int(other.coords[k][entries[0]]) for k in (0, 1))
@@ -403,7 +407,8 @@ def _ended(path: Path) -> bool:
 
 def _dofs(path: Path) -> NDArray[np.int64]:
     """Node and direction of each row of CalculiX matrices."""
-    labels, faults = [], []
+    labels = []
+    faults = []
     for number, line in enumerate(lines_of(path), 1):
         if match := re.fullmatch(r"\s*(\d+)\.([1-6])\s*", line):
             labels.append((int(match[1]), int(match[2])))
@@ -423,14 +428,16 @@ def _rows(path: Path) -> NDArray[np.int64]:
     header.
     """
     labels: dict[int, tuple[int, int]] = {}
-    faults, seen = [], dict[tuple[int, int], int]()
+    faults = []
+    seen = dict[tuple[int, int], int]()
     for number, line in enumerate(lines_of(path), 1):
         words = [word.strip().strip('"').lower() for word in re.split("[,;]", line.strip())]
         if not any(words) or (number == 1 and words[-2:] == ["node", "direction"]):
             continue
         try:
             row = int(words[0]) if len(words) == 3 else len(labels) + 1
-            node, direction = int(words[-2] or 0), direction_number(words[-1]) if int(words[-2] or 0) > 0 else 0
+            node = int(words[-2] or 0)
+            direction = direction_number(words[-1]) if int(words[-2] or 0) > 0 else 0
             if len(words) not in (2, 3):
                 raise ValueError
         except (ValueError, IndexError):
@@ -531,8 +538,10 @@ def _flawed(
         if not any(source.of == of for source, _ in read):
             faults.append(f"no part is of {of!r}; a structure needs mass and stiffness")
     for source, matrix in read:
-        values, symmetric = matrix.values, not source.key and source.of != "damping"
-        low, high = sp.tril(values, -1).count_nonzero(), sp.triu(values, 1).count_nonzero()
+        values = matrix.values
+        symmetric = not source.key and source.of != "damping"
+        low = sp.tril(values, -1).count_nonzero()
+        high = sp.triu(values, 1).count_nonzero()
         used = (values != 0).sum(axis=1) + (values != 0).sum(axis=0) > 0
         whole = bool((values.diagonal()[used] != 0.0).all())  # as it is in half of a symmetric matrix
         if bool(low) != bool(high) and (symmetric or (source.file and (whole or source.of == "damping"))):
@@ -582,10 +591,12 @@ def _mass_flaws(
         return [f"mass: is not positive: {counted(negative, 'motion')} with a negative mass; check the element masses"]
     along = next((k for k in range(3) if (direction == k).any()), None)
     if along is None:
-        total, what = float(diagonal.sum()), "the sum of its diagonal"
+        total = float(diagonal.sum())
+        what = "the sum of its diagonal"
     else:
         moved = (direction == along).astype(float)
-        total, what = float(moved @ (mass @ moved)), f"the total mass along {DIRECTIONS[along]}"
+        total = float(moved @ (mass @ moved))
+        what = f"the total mass along {DIRECTIONS[along]}"
     total /= length
     if not LEAST_MASS <= total <= MOST_MASS:
         expected = f"expected {LEAST_MASS:g} to {MOST_MASS:g} kg"

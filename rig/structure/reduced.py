@@ -131,7 +131,9 @@ class Reduced:
                 raise ValueError
             model = Full(parts, node, direction, ids, xyz, contacts, vectors, finer, faces)
             trained = {key: (float(low), float(high)) for key, (low, high) in head["trained"].items()}
-            points, error, rigid = tuple(head["points"]), head["error"], head["rigid"]
+            points = tuple(head["points"])
+            error = head["error"]
+            rigid = head["rigid"]
             reduced = cls(head["kind"], model, arrays["basis"], head["up_to"], trained, points, error, rigid)
             if any(part.matrix.shape != (reduced.basis.shape[1],) * 2 for part in parts) or not parts:
                 raise ValueError
@@ -195,7 +197,8 @@ def _on(full: Full, basis: Array) -> Full:
     if masses == 1:
         parts = [_unit(part) if part.of == "mass" else part for part in parts]
     vectors = {name: vector @ basis for name, vector in full.vectors.items()}
-    contacts, finer = _rows(full.contacts, basis), _rows(full.finer, basis)
+    contacts = _rows(full.contacts, basis)
+    finer = _rows(full.finer, basis)
     return replace(full, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer)
 
 

@@ -46,7 +46,8 @@ def trained(
     """
     _check(full, over, at)
     middle = dict(at) | {key: 0.5 * (low + high) for key, (low, high) in over.items()}
-    mass, stiffness = full.matrix("mass", middle), full.symmetric_stiffness(middle, closed=True)
+    mass = full.matrix("mass", middle)
+    stiffness = full.symmetric_stiffness(middle, closed=True)
     tell("eigenvalues in the middle of the range", 0.0)
     estimator = Estimator(full, up_to, middle)
     pairs = eigenvalues.complex_eigenvalues(*full.pencil(middle), up_to, left=True)

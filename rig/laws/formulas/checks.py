@@ -78,15 +78,14 @@ def _over_speed(formula: Formula, numbers: Sequence[float], rest: float, jumps: 
         what = ("return the static coefficient from static(self), and let mu begin with its value in slow slip"
                 if w == 0.0 else "make it continuous, or declare it: jumps = (SPEED, ...)")  # fmt: skip
         yield f"mu jumps {_at(w)}; {what}"
-    worst, told = 1.0, ""
+    worst = 1.0
+    told = ""
     for w in SPEEDS.tolist()[20:]:
         if not any(_close(w, jump, 0.1) for jump in (*jumps, *undeclared)):
             excess, differences = _excess(lambda v: both(v)[0], w, both(w)[1], _STEP * w, size)
             if excess > worst:
-                worst, told = (
-                    excess,
-                    f"slope gives {both(w)[1]:.5g} s/m {_at(w)}, differences of mu {differences:.5g} s/m",
-                )
+                worst = excess
+                told = f"slope gives {both(w)[1]:.5g} s/m {_at(w)}, differences of mu {differences:.5g} s/m"
     if told:
         yield f"{told}; correct slope(p, w)"
 
@@ -100,7 +99,9 @@ def _excess(value: Any, at: float, stated: float, h: float, size: float) -> tupl
 
     At a kink the difference to one side counts.
     """
-    ahead, here, behind = value(at + h), value(at), value(at - h)
+    ahead = value(at + h)
+    here = value(at)
+    behind = value(at - h)
     central = (ahead - behind) / (2.0 * h)
     allowed = _NEAR * max(abs(stated), abs(central)) + _ROUND * size * _STEP / abs(h) + 1e-300
     sides = (central, (ahead - here) / h, (here - behind) / h)
@@ -114,7 +115,8 @@ def _jumps(both: Any, speeds: Sequence[float], mu: Array, slope: Array, size: fl
     unexplained = np.abs(np.diff(mu) - 0.5 * widths * (slope[1:] + slope[:-1]))
     for i in sorted(np.argsort(unexplained)[-_PAIRS:].tolist()):
         low, high = speeds[i], speeds[i + 1]
-        at_low, at_high = both(low), both(high)
+        at_low = both(low)
+        at_high = both(high)
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             at_middle = both(middle)
@@ -123,15 +125,18 @@ def _jumps(both: Any, speeds: Sequence[float], mu: Array, slope: Array, size: fl
                 for a, b, h in ((at_low, at_middle, middle - low), (at_middle, at_high, high - middle))
             )
             if below >= above:
-                high, at_high = middle, at_middle
+                high = middle
+                at_high = at_middle
             else:
-                low, at_low = middle, at_middle
+                low = middle
+                at_low = at_middle
         if abs(at_high[0] - at_low[0]) > _JUMP * size:
             yield 0.0 if low == 0.0 else high
 
 
 def _with_memory(formula: Formula, numbers: Sequence[float]) -> Iterator[str]:
-    states, m = formula.states, len(formula.states)
+    states = formula.states
+    m = len(formula.states)
     start = np.array([state.start for state in states])
     steady: dict[tuple[float, float], Array] = {}
     told = set[str]()
@@ -180,7 +185,8 @@ def _slopes_of_memory(
     m = len(start)
     rows = ["mu", *(f"the rate of {state.name}" for state in formula.states)]
     columns = ["w", "N", *(state.name for state in formula.states)]
-    worst, told = 1.0, ""
+    worst = 1.0
+    told = ""
     for (w, load), ahead in list(steady.items())[::2]:
         for share in (0.3, 0.9):
             z = start + share * (ahead - start)
@@ -198,7 +204,8 @@ def _slopes_of_memory(
                     continue
                 step = np.zeros(m + 2)
                 step[j] = h
-                above, below = value(at + step), value(at - step)
+                above = value(at + step)
+                below = value(at - step)
                 for i in range(m + 1):
                     size = abs(here[i]) + float(np.abs(stated[i]) @ sizes)
                     seen = {0.0: here[i], h: above[i], -h: below[i]}
@@ -238,7 +245,8 @@ def _cycle(
 
     Implicit Euler steps, none of which contains a reversal: they lose energy of springs and never add any.
     """
-    z, m = start.copy(), len(start)
+    z = start.copy()
+    m = len(start)
     h = 2.0 * math.pi * amplitude / peak / _STEPS
     work = size = 0.0
     for step in range(_CYCLES * _STEPS):
@@ -258,6 +266,7 @@ def _cycle(
                 break
         if step >= (_CYCLES - 1) * _STEPS:
             done = formula.evaluate(numbers, w, load, after)[0][0] * load * w * h
-            work, size = work + done, size + abs(done)
+            work = work + done
+            size = size + abs(done)
         z = after * turn
     return work, size

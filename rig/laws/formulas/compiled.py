@@ -112,7 +112,8 @@ def formula_of(kind: type, module: ModuleType, shape: Shape, states: Sequence[In
 
 @cache
 def _formula(kind: type, module: ModuleType, shape: Shape, states: tuple[InternalState, ...], sticks: bool) -> Formula:
-    functions, m = formulas_of(kind), len(states)
+    functions = formulas_of(kind)
+    m = len(states)
     names: dict[str, Any] = {}
     counted = iter(range(1_000_000))
     numbers = _text(shape, names, counted)
@@ -155,7 +156,8 @@ def _refused(message: str, functions: dict[str, Any], module: ModuleType) -> str
 
 def try_in_python(kind: type, module: ModuleType, numbers: Any, states: Sequence[InternalState]) -> None:
     """Run the formulas once in Python, where what fails has its line. Raises PartError."""
-    functions, m = formulas_of(kind), len(states)
+    functions = formulas_of(kind)
+    m = len(states)
     for name, function in functions.items():
         if lines := raised_lines(function):
             what = f"{name} raises an exception (line {min(lines)}), which compiled code loses"

@@ -75,7 +75,8 @@ def clamped(
     """The lowest `modes` modes of the beam clamped at one end, and two attachment modes. Arguments: see `matrices`."""
     K, M = matrices(bending, extension, line, length, elements)
     free = slice(3, None)
-    stiff, heavy = K[free, free], M[free, free]
+    stiff = K[free, free]
+    heavy = M[free, free]
     _, shapes = scipy.linalg.eigh(stiff, heavy, subset_by_index=(0, modes - 1))
     forces = np.zeros((len(stiff), 2))
     forces[-2, 0] = forces[-3, 1] = 1.0

@@ -73,7 +73,8 @@ def surface_of(
     `outputs`: normal forces [N] of the points. `normal`: by default that of the plane through the points. `axis`:
     about which the other side turns, through `centre` [m].
     """
-    place, sliding = points.position, points.sliding
+    place = points.position
+    sliding = points.sliding
     spread = float(np.ptp(place, axis=0).max(initial=0.0))
     if not np.linalg.norm(sliding, axis=1).all() or (len(place) > 1 and spread == 0.0):
         return None
@@ -98,7 +99,8 @@ def surface_of(
     else:
         across = np.cross(normal, along)
         across = across / np.linalg.norm(across)
-        u, v = place @ across, place @ along
+        u = place @ across
+        v = place @ along
         du, dv = _halves(u, v, np.ones(len(place)), points.area)
         corners = place[:, None, :] + du[:, :, None] * across + dv[:, :, None] * along
     axes = "xyz"[kept[0]], "xyz"[kept[1]]
@@ -109,7 +111,8 @@ def _halves(u: Array, v: Array, size: Array, area: Array) -> tuple[Array, Array]
     """Offsets (u, v) [point, 4] of the corners from each point; `size`: length [m] of one unit of v at the point."""
     out = np.zeros((2, len(u), 4))
     for i in range(len(u)):
-        du, dv = u - u[i], size[i] * (v - v[i])
+        du = u - u[i]
+        dv = size[i] * (v - v[i])
         reach = []
         for here, aside in ((du, dv), (dv, du)):
             ways = [0.5 * (sign * here)[(sign * here > 0.0) & (np.abs(aside) <= sign * here)] for sign in (-1.0, 1.0)]

@@ -43,7 +43,8 @@ X, Y, Z = range(3)
 SLIDER = ("z", "theta", "psi")
 TOGETHER = Plot("displacement of slider and plate"), Plot("velocity of slider and plate"), Plot("acceleration", 1)
 TURNS = Plot("pitch and roll"), Plot("pitch and roll velocity"), Plot("pitch and roll acceleration")
-CENTRE, FORCES = Plot("pressure centre", 3), Plot("forces", 4)
+CENTRE = Plot("pressure centre", 3)
+FORCES = Plot("forces", 4)
 
 
 class Slider(Section):
@@ -140,7 +141,8 @@ def add(a: Assembly, p: SliderTables, grid: Grid, model: Reduced, names: list[st
     here = own.everywhere(block.position)
     every = [*names, *SLIDER]
     mu = math.copysign(p.friction.mu, p.drive.speed)
-    normal, push = here[0], mu * here[1] - here[0]
+    normal = here[0]
+    push = mu * here[1] - here[0]
     if p.film.opens:  # the points at the start, for the text before a run
         a.patch("film", {}, speed, p.friction.friction(), {})
         for point in range(own.points):
@@ -182,8 +184,10 @@ def _film(p: SliderTables, grid: Grid, model: Reduced) -> film.Film:
     count = model.shapes.shape[3] - (grid.along - 1) * grid.stride
     components = (Z, X, Y)[: 3 if p.film.lateral else 2]
     h = p.slider.thickness + p.film.thickness
-    pairs_x, pairs_y = np.repeat(grid.x, len(lines)), np.tile(grid.y[lines], grid.along)
-    own, half = len(model.frequencies), len(pairs_x)
+    pairs_x = np.repeat(grid.x, len(lines))
+    pairs_y = np.tile(grid.y[lines], grid.along)
+    own = len(model.frequencies)
+    half = len(pairs_x)
     modes = own + (0 if model.rest is None else len(model.rest.parity))
     rows = np.zeros((count, len(components), modes + len(SLIDER), 2 * half))
     at = np.arange(count)[:, None] + np.arange(grid.along) * grid.stride

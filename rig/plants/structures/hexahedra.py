@@ -98,13 +98,15 @@ def assemble(x: Array, y: Array, z: Array, parts: Sequence[Part], held: bool) ->
     box = tuple(np.searchsorted(lines, along) - 1 for lines, along in zip((x, y, z), middles))
     filled = np.logical_or.reduce([part.boxes for part in parts])[box]
     if not filled.all():
-        mesh, box = mesh.restrict(elements=np.flatnonzero(filled)), tuple(along[filled] for along in box)
+        mesh = mesh.restrict(elements=np.flatnonzero(filled))
+        box = tuple(along[filled] for along in box)
     element: Any = skfem.ElementHex2()
     places = skfem.Basis(mesh, element, intorder=4).doflocs.T
     axes = tuple(np.sort(np.concatenate([lines, 0.5 * (lines[1:] + lines[:-1])])) for lines in (x, y, z))
     lattice = np.stack([_nearest(axis, along) for axis, along in zip(axes, places.T)], axis=1)
     order = np.lexsort(lattice.T)
-    places, lattice = places[order], lattice[order]
+    places = places[order]
+    lattice = lattice[order]
 
     def assembled(form: Any, basis: Any) -> scipy.sparse.csr_matrix:
         return skfem.BilinearForm(form).assemble(basis)[order][:, order]
@@ -151,7 +153,8 @@ def _rigid(places: Array, mass: Any) -> Array:
     weights = mass[:count, :count] @ np.ones(count)
     arms = places - (weights @ places) / weights.sum()
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         shapes[j * count : (j + 1) * count, 3 + i] = -arms[:, k]
         shapes[k * count : (k + 1) * count, 3 + i] = arms[:, j]
     return shapes / np.sqrt((shapes * (mass @ shapes)).sum(axis=0))  # type: ignore[no-any-return]
@@ -164,7 +167,8 @@ def modes(structure: Structure, count: int) -> Modes:
     Raises ValueError for a count that the elements cannot give, or where rounding is larger than the frequencies.
     """
     rigid = structure.rigid.shape[1]
-    wanted, most = count - rigid, structure.stiffness.shape[0] // _UNKNOWNS
+    wanted = count - rigid
+    most = structure.stiffness.shape[0] // _UNKNOWNS
     if wanted < 1:
         raise ValueError(f"modes is {count}; a free structure has {rigid} rigid modes: take at least {rigid + 1}")
     if count > most:
@@ -187,7 +191,8 @@ def modes(structure: Structure, count: int) -> Modes:
     level = np.empty(len(squares), dtype=np.int64)
     level[order] = np.cumsum(steps > 2.0 * _SAME * squares[order])
     taken = np.lexsort((np.repeat(np.arange(len(CLASSES)), [len(part) for part, _ in known]), level))[:wanted]
-    squares, vectors = squares[taken], signed(vectors[:, taken])
+    squares = squares[taken]
+    vectors = signed(vectors[:, taken])
     energies = (vectors * (structure.stiffness @ vectors)).sum(axis=0)
     if not (np.abs(energies - squares) <= _ROUNDED * squares).all():
         raise ValueError(LOST)
@@ -266,7 +271,9 @@ def _symmetric(structure: Structure, signs: tuple[float, float]) -> scipy.sparse
     number = np.full(last + 1, -1)
     number[tuple(lattice.T)] = np.arange(count)
     low = np.flatnonzero((2 * lattice[:, :2] <= last[:2]).all(axis=1))
-    rows, columns, values = [], [], []
+    rows = []
+    columns = []
+    values = []
     for component in range(3):
         sign = _MIRRORED[:, component] * signs
         middle = 2 * lattice[low, :2] == last[:2]

@@ -175,7 +175,9 @@ def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, i
     from rig.plants.structures import hexahedra
     from rig.plants.structures.hexahedra import Material, Part
 
-    a, b, c = plate.elements_along, plate.elements_across, plate.elements_through
+    a = plate.elements_along
+    b = plate.elements_across
+    c = plate.elements_through
     steel = Material(plate.young, plate.poisson, plate.density)
     x, y, z = (
         np.linspace(0.0, size, n + 1) for size, n in zip((plate.length, plate.width, plate.thickness), (a, b, c))
@@ -199,7 +201,8 @@ def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, i
 
 def _beside(plate: Plate, foam: Foam) -> tuple[int, int]:
     """Numbers of elements of the overhang on one side along x and y; they are not longer than those of the plate."""
-    a, b = plate.length / plate.elements_along, plate.width / plate.elements_across
+    a = plate.length / plate.elements_along
+    b = plate.width / plate.elements_across
     return math.ceil(foam.overhang / a - 1e-9), math.ceil(foam.overhang / b - 1e-9)
 
 
@@ -223,9 +226,11 @@ def _integrals(nodes: Array, low: float, high: float) -> Array:
     """Integral [m] of each node's shape function from `low` to `high`."""
     integrals = np.zeros(len(nodes))
     for start, end in zip(nodes[:-2:2], nodes[2::2]):
-        left, right = max(start, low), min(end, high)
+        left = max(start, low)
+        right = min(end, high)
         if right > left:
-            middle, half = 0.5 * (left + right), 0.5 * (right - left)
+            middle = 0.5 * (left + right)
+            half = 0.5 * (right - left)
             first, weights = element_at(nodes, middle + half / math.sqrt(3.0) * np.array([-1.0, 1.0]))  # Gauss: exact
             for i in range(3):
                 np.add.at(integrals, first + i, half * weights[i])

@@ -35,7 +35,23 @@ Array = NDArray[np.float64]
 _log = logging.getLogger("rig")
 _SILENT = 5.0  # s before a reduction says what it computes, and between two lines
 _UP_TO, _VECTORS = 1e4, 120  # highest frequency [Hz] and number of vectors that a scene does not state
-ALPHA, BETA = "damping.alpha", "damping.beta"
+ALPHA = "damping.alpha"
+BETA = "damping.beta"
+_SWEPT = (
+    "film",
+    "stiffness",
+    "damping",
+    "stiffness_of",
+    "shear",
+    "spring",
+    "damper",
+    "opens",
+    "friction",
+    "speed",
+    "speed_min",
+    "speed_max",
+    "lag",
+)
 
 
 def values_of(p: Tables) -> dict[str, float]:
@@ -79,7 +95,8 @@ def basis_in_run(p: Tables, begun: Tables) -> Mapping[str, float] | None:
     Displacements stay what they are only on one basis. Modes with attachment vectors hold for other stiffnesses too;
     snapshots were taken for the numbers of their ranges, and for one value of every other number.
     """
-    now, first = Given(p), Given(begun)
+    now = Given(p)
+    first = Given(begun)
     if now.reduction.kind == first.reduction.kind == "whole":
         return None
     if not now.alike(first):
@@ -87,7 +104,8 @@ def basis_in_run(p: Tables, begun: Tables) -> Mapping[str, float] | None:
             "the basis of the reduced structure, whose coordinates are the state of the run, depends on it: with "
             "another one the displacements would jump; make a new run with this value"
         )
-    at, before = now.reduction.at, first.reduction.at
+    at = now.reduction.at
+    before = first.reduction.at
     other = sorted(key for key in at.keys() | before.keys() if at.get(key) != before.get(key))
     if other and now.reduction.kind == "snapshots":
         raise ValueError(
@@ -123,23 +141,6 @@ class Given:
 
     def __hash__(self) -> int:
         return hash(self._key)
-
-
-_SWEPT = (
-    "film",
-    "stiffness",
-    "damping",
-    "stiffness_of",
-    "shear",
-    "spring",
-    "damper",
-    "opens",
-    "friction",
-    "speed",
-    "speed_min",
-    "speed_max",
-    "lag",
-)
 
 
 def _plain(value: Any) -> Any:
@@ -191,7 +192,8 @@ class _Told:
 
 def _reduction(p: Tables) -> basis.Reduction:
     """The reduction of a scene; by default typed matrices stay as they are, and files are reduced to modes."""
-    given, values = p.reduction, values_of(p)
+    given = p.reduction
+    values = values_of(p)
     kind = given.kind or ("whole" if p.structure.typed else "modes")
     keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"} - {""}
     if kind == "snapshots":

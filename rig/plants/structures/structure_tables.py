@@ -520,7 +520,8 @@ def _numbers(section: BaseModel, prefix: str = "") -> dict[str, tuple[float, str
     """Value and SI unit of every quantity of a section, by dotted key."""
     out: dict[str, tuple[float, str]] = {}
     for name in type(section).model_fields:
-        value, key = getattr(section, name), f"{prefix}{name}"
+        value = getattr(section, name)
+        key = f"{prefix}{name}"
         unit = "1" if name == "factors" else unit_of(type(section), name)
         for entry, part in value.items() if isinstance(value, dict) else [("", value)]:
             here = f"{key}.{entry}" if entry else key
