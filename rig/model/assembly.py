@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rig.errors import PartError, SceneError
 from rig.model.film import Film, at, on
+from rig.model.friction_law import Law
 from rig.model.named_rows import Circuit, Part, Row, Rows, Variation
 from rig.model.system import (
     Bound,
@@ -46,7 +47,8 @@ def add_film_states(a: Rows, film: Film) -> None:
     """Add the states of a film to a rig, after all others."""
     if on(a.coordinates[0]) in a.signals:
         return
-    speed = sum(rate * a.start.get(state, 0.0) for state, rate in a.signals[film.slid].items())
+    driven = a.signals[film.slid]
+    speed = sum(rate * a.start.get(state, 0.0) for state, rate in driven.items())
     start = film.start(a.coordinates, a.start, speed)
     for name in film.states(a.coordinates):
         a.signal(name, {}, start[name], "film")
@@ -56,7 +58,10 @@ def add_film_states(a: Rows, film: Film) -> None:
     for point, (stiffness, shear) in enumerate(zip(film.stiffness.tolist(), film.shear.tolist())):
         for kind in ("f", "g")[: film.directions - 1]:
             a.stores.append((1.0 / shear, {at(kind, point): 1.0}))
-        a.stores.append((stiffness, {at("c", point): 1.0}) if damped else (1.0 / stiffness, {at("P", point): 1.0}))
+        if damped:
+            a.stores.append((stiffness, {at("c", point): 1.0}))
+        else:
+            a.stores.append((1.0 / stiffness, {at("P", point): 1.0}))
 
 
 def refusal(system: System) -> str:
@@ -86,13 +91,16 @@ def fastest(system: System, h: float) -> float:
     assert film is not None
     stiffness = film.stiffness + 4.0 * film.damping / h
     inverse = np.linalg.inv(np.linalg.cholesky(system.mass))
-    for place in np.unique(np.linspace(0.0, film.longest, _EXAMINED)).tolist():
+    places = np.unique(np.linspace(0.0, film.longest, _EXAMINED))
+    for place in places.tolist():
         normal, *sticking = film.everywhere(place)
         K = 0.5 * (system.stiffness + system.stiffness.T) + (stiffness * normal) @ normal.T
         K = K + sum((film.shear * row_t) @ row_t.T for row_t in sticking)
-        highest = max(highest, float(np.linalg.eigvalsh(inverse @ K @ inverse.T)[-1]))
+        squares = np.linalg.eigvalsh(inverse @ K @ inverse.T)
+        highest = max(highest, float(squares[-1]))
     turning = inverse @ (0.5 * (system.damping - system.damping.T)) @ inverse.T
-    return math.sqrt(highest) + float(np.abs(np.linalg.eigvals(turning)).max(initial=0.0)) * bool(turning.any())
+    rates = np.linalg.eigvals(turning)
+    return math.sqrt(highest) + float(np.abs(rates).max(initial=0.0)) * bool(turning.any())
 
 
 class _Names:
@@ -102,6 +110,7 @@ class _Names:
         self.rig = a
         self.names = a.names
         self.index = {name: i for i, name in enumerate(self.names)}
+        self.patches = [patch[0] for patch in a.patches]
         self.products = self._products()
         self._later = {product.name: j for j, product in enumerate(self.products)}
         self.faults: list[str] = []
@@ -146,13 +155,49 @@ class _Names:
         rate = np.zeros(len(rates))
         for name in entries.keys() & rates.keys():
             rate[rates[name]] = entries[name]
-        return Loss(conductance, self.row("loss", {k: v for k, v in entries.items() if k not in rates}), rate)
+        over_states = {name: value for name, value in entries.items() if name not in rates}
+        return Loss(conductance, self.row("loss", over_states), rate)
+
+    def patch(self, name: str, t: Row, surface: Row, law: Law, travel: Row | None) -> Patch:
+        """A friction contact."""
+        return Patch(
+            name,
+            self.over_coordinates(t),
+            self.row(f"surface speed of {name}", surface),
+            law,
+            None if travel is None else self.over_coordinates(travel),
+            tuple(self.index[f"{name}_{state.name}"] for state in law.states),
+        )
+
+    def normal(self, name: str, patch: str, row: Row, direction: Row, inertia: Row, opens: bool) -> Normal:
+        """A normal force."""
+        return Normal(
+            name,
+            self.patches.index(patch),
+            *self.both(f"normal force {name}", row),
+            self.over_coordinates(direction),
+            self.over_coordinates(inertia),
+            opens,
+        )
+
+    def limiter(self, name: str, row: Row, low: float, high: float, signal: str, gain: float, excess: float) -> Limiter:
+        """A clamp of the network."""
+        return Limiter(name, self.row(f"limiter {name}", row), low, high, self.index[signal], gain, excess)
+
+    def sector(
+        self, name: str, patch: str, row: Row, turn: str, period: float, edges: tuple[float, ...], laws: tuple[Law, ...]
+    ) -> Sector:
+        """Sectors of a contact whose friction varies along a path."""
+        p = self.patches.index(patch)
+        return Sector(name, p, self.row(f"sector {name}", row), self.index[turn], period, edges, laws)
 
     def switch(self, name: str, signal: str, circuits: tuple[Circuit, ...]) -> Switch:
         """A switch, which owns the network states whose rates differ between its positions."""
-        owned = [e for e in self.rig.network if any(e in circuit.rates for circuit in circuits)]
-        where = tuple(self.index[e] for e in owned)
-        return Switch(name, self.index[signal], where, tuple(self._position(circuit, owned) for circuit in circuits))
+        switched = {state for circuit in circuits for state in circuit.rates}
+        owned = [state for state in self.rig.network if state in switched]
+        places = tuple(self.index[state] for state in owned)
+        positions = tuple(self._position(circuit, owned) for circuit in circuits)
+        return Switch(name, self.index[signal], places, positions)
 
     def _position(self, circuit: Circuit, owned: Sequence[str]) -> Position:
         limiters = [limiter[0] for limiter in self.rig.limiters]
@@ -176,34 +221,30 @@ class _Names:
 
     def _products(self) -> tuple[Product, ...]:
         """The products in the order of their levels. Raises KeyError for an unknown factor."""
-        patches = [p[0] for p in self.rig.patches]
         normals = [k[0] for k in self.rig.normals]
+        kinds = {"sin": SINE, "cos-1": VERSINE, "press": PRESS}
 
         def factor(part: Part) -> Factor:
             if not isinstance(part, str):
                 angle = np.zeros(len(self.names))
                 for name, value in part[1].items():
                     angle[self.index[name]] += value
-                return Factor({"sin": SINE, "cos-1": VERSINE, "press": PRESS}[part[0]], 0, angle)
+                return Factor(kinds[part[0]], 0, angle)
             if part.startswith("N:"):
                 return Factor(NORMAL, normals.index(part[2:]))
             if part.startswith("T:"):
-                return Factor(FRICTION, patches.index(part[2:]))
+                return Factor(FRICTION, self.patches.index(part[2:]))
             return Factor(STATE, self.index[part])
 
-        products = [Product(name, tuple(factor(part) for part in parts)) for name, parts in self.rig.products.items()]
+        products = [Product(name, tuple(map(factor, parts))) for name, parts in self.rig.products.items()]
         return tuple(sorted(products, key=lambda product: product.level))
 
 
 def matrices(a: Rows) -> System:
     """The system of these rows. Raises SceneError if a row names an unknown state."""
     by_name = _Names(a)
-    row = by_name.row
-    over_coordinates = by_name.over_coordinates
-    index = by_name.index
     nq = len(a.coordinates)
-    n = len(index)
-    patches = [patch[0] for patch in a.patches]
+    n = len(by_name.index)
     pushed = [by_name.both(f"force on {c}", a.force.get(c, {})) for c in a.coordinates]
     system = System(
         names=tuple(by_name.names),
@@ -218,53 +259,26 @@ def matrices(a: Rows) -> System:
         losses=tuple(by_name.loss(*entry) for entry in a.losses),
         network=by_name.rows("network", a.network, a.network),
         signals=by_name.rows("signal", a.signals, a.signals),
-        patches=tuple(
-            Patch(
-                name,
-                over_coordinates(t),
-                row(f"surface speed of {name}", surface),
-                law,
-                None if travel is None else over_coordinates(travel),
-                tuple(index[f"{name}_{state.name}"] for state in law.states),
-            )
-            for name, t, surface, law, travel in a.patches
-        ),
-        normals=tuple(
-            Normal(
-                name,
-                patches.index(patch),
-                *by_name.both(f"normal force {name}", r),
-                over_coordinates(d),
-                over_coordinates(g),
-                opens,
-            )
-            for name, patch, r, d, g, opens in a.normals
-        ),
-        limiters=tuple(
-            Limiter(name, row(f"limiter {name}", r), low, high, index[signal], gain, excess)
-            for name, r, low, high, signal, gain, excess in a.limiters
-        ),
-        sectors=(
-            *(
-                Sector(name, patches.index(patch), row(f"sector {name}", r), index[turn], period, edges, laws)
-                for name, patch, r, turn, period, edges, laws in a.sectors
-            ),
-            *map(by_name.varied, a.variations),
-        ),
+        patches=tuple(by_name.patch(*entry) for entry in a.patches),
+        normals=tuple(by_name.normal(*entry) for entry in a.normals),
+        limiters=tuple(by_name.limiter(*entry) for entry in a.limiters),
+        sectors=(*(by_name.sector(*entry) for entry in a.sectors), *map(by_name.varied, a.variations)),
         switches=tuple(by_name.switch(*entry) for entry in a.switches),
         products=by_name.products,
         judges=tuple(a.judges),
-        strike=over_coordinates(a.strike),
-        kept={name: row(f"what {name} keeps", r) for name, r in a.keep.items()},
+        strike=by_name.over_coordinates(a.strike),
+        kept={name: by_name.row(f"what {name} keeps", r) for name, r in a.keep.items()},
         start=np.array([a.start.get(name, 0.0) for name in by_name.names]),
         film=a.film,
     )
     for sector in system.sectors:
-        own = system.patches[sector.patch].law.states
-        if any(law.states != own for law in sector.laws):
+        patch = system.patches[sector.patch]
+        states = patch.law.states
+        if any(law.states != states for law in sector.laws):
+            names = ", ".join(state.name for state in states)
             by_name.faults.append(
-                f"sectors of {system.patches[sector.patch].name}: their laws have other internal states than that of "
-                f"the contact ({', '.join(state.name for state in own) or 'none'}); give laws with the same states"
+                f"sectors of {patch.name}: their laws have other internal states than that of the contact "
+                f"({names or 'none'}); give laws with the same states"
             )
     if by_name.faults:
         raise SceneError(a.title or "assembly", by_name.faults)
@@ -292,15 +306,18 @@ def portrait(outputs: Mapping[str, Output]) -> tuple[str, str] | None:
 
     None if there is no such pair.
     """
-    x, v = (
-        next((n for n, shown in outputs.items() if shown.role == role), "") for role in ("displacement", "velocity")
-    )
-    if x and v:
-        return x, v
+    first_of_role: dict[Role, str] = {}
+    for name, output in outputs.items():
+        first_of_role.setdefault(output.role, name)
+    if "displacement" in first_of_role and "velocity" in first_of_role:
+        return first_of_role["displacement"], first_of_role["velocity"]
     for name, output in outputs.items():
         rate = {f"{coordinate}'": factor for coordinate, factor in output.row.items()}
-        if rate and (velocity := next((other for other, seen in outputs.items() if dict(seen.row) == rate), "")):
-            return name, velocity
+        if not rate:
+            continue
+        for other, shown in outputs.items():
+            if dict(shown.row) == rate:
+                return name, other
     return None
 
 

@@ -48,7 +48,8 @@ def loss_rows(system: System, modes: ModeSet) -> Array:
 def store(system: System, key: int) -> Array:
     """Twice the energy stored in the network as a quadratic form of x [n, n], in mode set `key`."""
     *_, clamped, _, thrown = system.modes(key)
-    out = system.store + sum(s.positions[mode].store for s, mode in zip(system.switches, thrown))
+    positions = [switch.positions[mode] for switch, mode in zip(system.switches, thrown)]
+    out = system.store + sum(position.store for position in positions)
     for limiter, mode in zip(system.limiters, clamped):
         if mode != LINEAR:
             beyond = limiter.row.copy()
@@ -86,12 +87,16 @@ def stored(system: System, x: Array, key: int) -> float:
     """The kinetic and elastic energy of the structure plus the energy of the network [J]."""
     nq = len(system.coordinates)
     q, v = x[:nq], x[nq : 2 * nq]
-    return float(0.5 * (v @ system.mass @ v + q @ stiffness(system, key) @ q + x @ store(system, key) @ x))
+    K = stiffness(system, key)
+    network = store(system, key)
+    return float(0.5 * (v @ system.mass @ v + q @ K @ q + x @ network @ x))
 
 
 def at_nodes(A: Array, landing: Array, cell: float) -> Array:
     """Propagators to the quadrature nodes of a cell that is short enough for its Taylor series, [node, n, n]."""
-    return np.array([(np.eye(len(A)) + taylor(A, node * cell, ORDER)) @ landing for node in NODES])
+    unit = np.eye(len(A))
+    propagators = [unit + taylor(A, node * cell, ORDER) for node in NODES]
+    return np.array([propagator @ landing for propagator in propagators])
 
 
 def at_nodes_extended(A: Array, landing: Array, cell: float) -> NDArray[np.longdouble]:

@@ -29,7 +29,9 @@ from rig.solve.forces import (
 Array = NDArray[np.float64]
 _Function = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p, ctypes.c_double, ctypes.c_double] + [ctypes.c_void_p] * 2)
 _SLOW = np.geomspace(1e-6, 1.0, 25)  # m/s; slip speeds at which the largest coefficient of steady slip is looked for
-_ROUNDS, _FIRST, _LONGER = 80, 1e-9, 5.0  # steps of the search for steady slip; the first [s]; factor of the next
+_ROUNDS = 80  # most steps of the search for steady slip
+_FIRST = 1e-9  # s: the first of these steps
+_LONGER = 5.0  # factor of the next step
 FASTEST = 100.0
 """Slip speed up to which a law from elsewhere has to be finite [m/s]."""
 

@@ -59,8 +59,11 @@ def economy(degree: int, terms: int) -> NDArray[np.float64]:
 
 def bernstein(degree: int) -> NDArray[np.float64]:
     """The matrix from the coefficients of powers [k] to Bernstein coefficients [i]: [i, k]."""
-    rows = [[comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)] for i in range(degree + 1)]
-    return np.array(rows)
+    rows = np.zeros((degree + 1, degree + 1))
+    for i in range(degree + 1):
+        for k in range(i + 1):
+            rows[i, k] = comb(i, k) / comb(degree, k)
+    return rows
 
 
 def _shifted(count: int) -> list[list[int]]:
@@ -125,7 +128,8 @@ def series(A: Array, length: float) -> Array:
     d = expm.balance(A)
     out = np.zeros((TERMS + 1, n, -(-n // BLOCK) * BLOCK))
     out[0, :, :n] = np.eye(n)
-    taylor_matrices(blocks((A * d[:, None] / d[None, :] * length).T), out)
+    balanced = A * d[:, None] / d[None, :]
+    taylor_matrices(blocks((balanced * length).T), out)
     return np.asarray(out[:, :, :n] * d[None, None, :] / d[None, :, None])
 
 
@@ -145,6 +149,7 @@ def tables(
     inputs]: rows of the derivative; outputs [output, n], of which sensors read the first `read`.
     """
     n = len(landing)
+    filled = -(-n // BLOCK) * BLOCK
     levels = len(E)
     polynomial = landing @ _combine(economy(ORDER, TERMS)[1:], terms) @ landing  # [ORDER, n, n]
     along = np.concatenate([np.eye(n)[None], polynomial])
@@ -154,9 +159,11 @@ def tables(
     if levels == 1:
         low = economy(QUICK, TERMS)
         powers = CHECKS[:, None] ** np.arange(TERMS + 1)
-        left = (powers - powers[:, : QUICK + 1] @ low) @ np.einsum("gi,kij->kgj", guards, terms).reshape(TERMS + 1, -1)
+        guard_terms = np.einsum("gi,kij->kgj", guards, terms)
+        left = (powers - powers[:, : QUICK + 1] @ low) @ guard_terms.reshape(TERMS + 1, -1)
         margin = MARGIN * np.abs(left).max(axis=0).reshape(guards.shape)
-        quick = np.einsum("bk,gkj->gbj", bernstein(QUICK), np.einsum("gi,kij->gkj", guards, _combine(low, terms)))
+        coefficients = np.einsum("gi,kij->gkj", guards, _combine(low, terms))
+        quick = np.einsum("bk,gkj->gbj", bernstein(QUICK), coefficients)
     else:  # values at the ends of the chord; `margin` bounds the distance of the guard from the chord
         margin = bounds
         quick = np.repeat(guards[:, None, :], QUICK + 1, axis=1)
@@ -169,8 +176,8 @@ def tables(
         "state": blocks(polynomial.reshape(-1, n)),
         "guard": blocks(over_guards.reshape(-1, n)),
         "field": np.pad(field.T, ((0, 0), (0, -len(field) % LANE))),
-        "whole": np.zeros((n, -(-n // BLOCK) * BLOCK)),
-        "part": np.zeros((n, -(-n // BLOCK) * BLOCK)),
+        "whole": np.zeros((n, filled)),
+        "part": np.zeros((n, filled)),
     }
 
 
@@ -190,5 +197,6 @@ def at(places: Array, terms: Array) -> Array:
 def _combine(weights: Array, terms: Array) -> Array:
     """The sums sum_j weights[k, j] terms[j], [k, n, n]."""
     out = np.zeros((len(weights), terms[0].size))
-    expm.multiply(np.ascontiguousarray(weights), np.ascontiguousarray(terms.reshape(len(terms), -1)), out)
+    flat = np.ascontiguousarray(terms.reshape(len(terms), -1))
+    expm.multiply(np.ascontiguousarray(weights), flat, out)
     return out.reshape(len(weights), *terms.shape[1:])

@@ -95,27 +95,32 @@ class ModeSets:
         g = t.G.shape[1]
         guards = _padded(modes.guards, g)
         E = expm.ladder(modes.A, self.step)
+        if self._wide:
+            E = E[: many_states_tables.depth(modes.A, self.step) + 1]
+        depth = len(E) - 1
+        cell = self.step / 2.0**depth
         if not self._wide:
-            nodes_of = at_nodes_extended if len(E) - 1 > STIFF else at_nodes
-            nodes = nodes_of(modes.A, modes.landing, self.step / 2.0 ** (len(E) - 1))
+            nodes_of = at_nodes_extended if depth > STIFF else at_nodes
+            nodes = nodes_of(modes.A, modes.landing, cell)
             order = expm.order(modes.A, self.step)
         else:
-            E = E[: many_states_tables.depth(modes.A, self.step) + 1]
-            terms = many_states_tables.series(modes.A, self.step / 2.0 ** (len(E) - 1))
+            terms = many_states_tables.series(modes.A, cell)
             order = DEGREE
             nodes = many_states_tables.at(NODES, terms) @ modes.landing
         E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
         bounds, slopes = np.zeros((2, g, system.n))
-        if not self._wide or len(E) > 1:
+        if not self._wide or depth > 0:
             bounds, slopes = guard_bounds(modes.A, guards, self.step)
         forms = powers(system, modes)
         integrals = work(nodes, forms, self.step, E)
         patch_modes, normal_modes, *_ = system.modes(key)
         met = tuple(system.law(p, key) for p in range(len(system.patches)))
-        code, numbers = friction_law.pack(met, [system.places(p) for p in range(len(met))], t.numbers.shape[2])
+        places = [system.places(p) for p in range(len(met))]
+        code, numbers = friction_law.pack(met, places, t.numbers.shape[2])
         closed = 1.0 - np.array(normal_modes, dtype=np.float64).reshape(-1, 1)
         rows, rows_t = signal_rows(system, modes, self.rows)
-        stiff = len(E) - 1 > (WIDE_STIFF if self._wide else STIFF)
+        stiff = depth > (WIDE_STIFF if self._wide else STIFF)
+        read = np.vstack([guards, rows[: self.read]])
         broad: dict[str, Array] = {}
         if self._wide:
             field = np.hstack([modes.A, modes.b])
@@ -132,9 +137,9 @@ class ModeSets:
         mode_set_of[key] = at
         new: dict[str, Any] = {
             "used": t.used.max(initial=0),
-            "depth": len(E) - 1,
-            "room": 0 if stiff else 2 ** (len(E) - 1),
-            "along": changes(modes, np.vstack([guards, rows[: self.read]]), self.step, (len(E) - 1) * stiff),
+            "depth": depth,
+            "room": 0 if stiff else 2**depth,
+            "along": changes(modes, read, self.step, depth * stiff),
             "order": order,
             "curved": int(curved),
             "graded": levels,
@@ -188,7 +193,8 @@ class ModeSets:
             stacked["many_states"] = t.many_states._replace(
                 **{name: _put(getattr(t.many_states, name), at, broad[name]) for name in broad}
             )
-        self._size = max(self._size, sum(np.asarray(part).nbytes for part in (*new.values(), *broad.values())))
+        arrays = (*new.values(), *broad.values())
+        self._size = max(self._size, sum(np.asarray(array).nbytes for array in arrays))
         self.tables = t._replace(mode_set_of=mode_set_of, **stacked)
         self.handle = Loan(self.tables, self.handle)
         self.sets[at : at + 1] = [modes]
@@ -230,8 +236,7 @@ class ModeSets:
         """
         t = self.tables
         rows = signal_rows(self.system, modes, self.rows)[0]
-        new: dict[str, Any] = {"signals": rows, "output_needs_inputs": np.zeros(len(rows))}
-        new |= {"room": 1}
+        new: dict[str, Any] = {"signals": rows, "output_needs_inputs": np.zeros(len(rows)), "room": 1}
         new |= dict.fromkeys(("used", "depth", "guards", "stuck", "lands"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
@@ -259,14 +264,19 @@ class ModeSets:
         """
         tables = self.tables.many_states
         count = len(self.sets) if self._wide else 0
-        visited = np.flatnonzero(tables.whole[:count].any(axis=(1, 2)) | tables.part[:count].any(axis=(1, 2)))
+        in_whole = tables.whole[:count].any(axis=(1, 2))
+        in_part = tables.part[:count].any(axis=(1, 2))
+        visited = np.flatnonzero(in_whole | in_part)
         return {"visited": visited, "whole": tables.whole[visited], "part": tables.part[visited]}
 
     def put_sums(self, kept: Mapping[str, NDArray[Any]]) -> None:
         """Replace the collected sums by those of `sums`."""
         tables = self.tables.many_states
-        tables.whole[:], tables.part[:] = 0.0, 0.0
-        tables.whole[kept["visited"]], tables.part[kept["visited"]] = kept["whole"], kept["part"]
+        visited = kept["visited"]
+        tables.whole[:] = 0.0
+        tables.part[:] = 0.0
+        tables.whole[visited] = kept["whole"]
+        tables.part[visited] = kept["part"]
 
 
 def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:
@@ -279,9 +289,11 @@ def _put(old: NDArray[Any], mode_set: int, new: Any) -> NDArray[Any]:
     """The array with entry `mode_set` set to `new`; enlarged if it is full or if `new` has more levels."""
     entry = np.asarray(new, dtype=old.dtype)
     levels = entry.ndim > 2
-    if mode_set >= len(old) or (levels and len(entry) > old.shape[1]):
+    full = mode_set >= len(old)
+    if full or (levels and len(entry) > old.shape[1]):
         room = list(old.shape)
-        room[0] = max(2 * mode_set, 4) if mode_set >= len(old) else len(old)
+        if full:
+            room[0] = max(2 * mode_set, 4)
         if levels:
             room[1] = max(room[1], len(entry))
         more = zeros(tuple(room)) if old.dtype == np.float64 else np.zeros(room, dtype=old.dtype)
@@ -296,7 +308,8 @@ def _put(old: NDArray[Any], mode_set: int, new: Any) -> NDArray[Any]:
 
 def guard_bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:
     """Chord bounds over one step for each guard and for its slope, [guard, n] each."""
-    samples = int(min(_SAMPLES, 4 * 2 ** min(expm.depth(A, step), 10)))
+    depth = min(expm.depth(A, step), 10)
+    samples = int(min(_SAMPLES, 4 * 2**depth))
     E, *shorter = expm.ladder(A, step / samples)
     second = guards @ A @ A
     third = second @ A

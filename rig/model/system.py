@@ -72,7 +72,9 @@ class Product:
     def level(self) -> int:
         """The level 0, 1 or 2 of the product (rig.solve.forces)."""
         kinds = {factor.kind for factor in self.factors}
-        return 2 if FRICTION in kinds else 1 if NORMAL in kinds else 0
+        if FRICTION in kinds:
+            return 2
+        return 1 if NORMAL in kinds else 0
 
 
 def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> ProductTables:
@@ -98,21 +100,27 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
     values[:-1] = 0.0
     values_at = zeros((len(values), LANE))
     values_at[-1] = 1.0
-    places = iter((ends[np.array(kind, dtype=np.int64)] + np.array(index, dtype=np.int64)).tolist())
+    begins = ends[np.array(kind, dtype=np.int64)]
+    places = iter((begins + np.array(index, dtype=np.int64)).tolist())
     most = max((len(product.factors) for product in products), default=0)
     place = np.full((max(most, 2), len(products)), ends[-1])
     for j, product in enumerate(products):
         place[: len(product.factors), j] = [next(places) for _ in product.factors]
     parts = [values[begin:end] for begin, end in pairwise(ends)]
+    upto = []
+    for top in range(3):
+        upto.append(sum(level <= top for level in levels))
+    angle_rows = np.array(angles).reshape(-1, n)
+    press_rows = np.array(presses).reshape(-1, n)
     return ProductTables(
         patches=np.array([patches]),
-        upto=np.array([sum(level <= top for level in levels) for top in range(3)]),
+        upto=np.array(upto),
         place=place,
-        angles=np.array(angles).reshape(-1, n),
-        presses=np.array(presses).reshape(-1, n),
+        angles=angle_rows,
+        presses=press_rows,
         turns=zeros(-(-2 * len(angles) // LANE) * LANE),
-        angle_entries=entries_of(np.array(angles).reshape(-1, n)),
-        press_entries=entries_of(np.array(presses).reshape(-1, n)),
+        angle_entries=entries_of(angle_rows),
+        press_entries=entries_of(press_rows),
         values_at=values_at,
         values=values,
         **dict(zip(("state", "sine", "versine", "normal", "friction", "pressed"), parts)),
@@ -157,8 +165,10 @@ def tangent(
                 value *= v
                 continue
             v, s = _tangent(factor, x, forces)
-            value, slope = value * v, slope * v + value * s
-        values[j], slopes[j] = value, slope
+            slope = slope * v + value * s
+            value = value * v
+        values[j] = value
+        slopes[j] = slope
     return values, slopes
 
 
@@ -409,7 +419,8 @@ class System:
         for a, b in permutations(moving - driven, 2):
             rate = float(self.signals[a - self.one, b])
             rows = np.zeros((2, self.n))
-            rows[0, b], rows[1, a] = rate, -rate
+            rows[0, b] = rate
+            rows[1, a] = -rate
             if rate > 0.0 and np.array_equal(self.signals[[a - self.one, b - self.one]], rows):
                 pairs.append((a, b, rate))
         return pairs
@@ -483,7 +494,8 @@ class System:
         last = [len(sector.edges) - 1 for sector in self.sectors]
         where = list(map(min, sectors, last)) if x is None else [sector.at(x) for sector in self.sectors]
         positions = [min(thrown.get(s.name, s.at(self.start)), len(s.positions) - 1) for s in self.switches]
-        return self.key(patches, normals, [limited.get(part.name, 0) for part in self.limiters], where, positions)
+        clamped = [limited.get(part.name, 0) for part in self.limiters]
+        return self.key(patches, normals, clamped, where, positions)
 
     def law(self, p: int, key: int) -> Law:
         """The law of patch p in mode set `key`: that of its sector and of the direction of slip; in stick forward."""
@@ -496,22 +508,28 @@ class System:
         nq = len(self.coordinates)
         changes = [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
         none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
-        return Change(*(sum((getattr(c, part) for c in changes), getattr(none, part)) for part in vars(none)))
+        sums = []
+        for part in vars(none):
+            sums.append(sum((getattr(change, part) for change in changes), getattr(none, part)))
+        return Change(*sums)
 
     def switched_keys(self, key: int) -> Iterator[int]:
         """The keys of mode set `key` with every position of its switches."""
         patches, normals, limiters, sectors, _ = self.modes(key)
-        for positions in itertools.product(*(range(len(switch.positions)) for switch in self.switches)):
+        ways = [range(len(switch.positions)) for switch in self.switches]
+        for positions in itertools.product(*ways):
             yield self.key(patches, normals, limiters, sectors, positions)
 
     def contact_keys(self, key: int) -> Iterator[int]:
         """The keys of mode set `key` with every other combination of modes of patches, normal forces and limiters."""
         *own, sectors, thrown = self.modes(key)
         counts = iter(self.radices)
-        ways = [[range(next(counts)) for _ in part] for part in own]
-        for patches, normals, limiters in itertools.product(
-            itertools.product(*ways[0]), self._liftings(), itertools.product(*ways[2])
-        ):
+        ways = []
+        for part in own:
+            ways.append([range(next(counts)) for _ in part])
+        of_patches = itertools.product(*ways[0])
+        of_limiters = itertools.product(*ways[2])
+        for patches, normals, limiters in itertools.product(of_patches, self._liftings(), of_limiters):
             yield self.key(patches, normals, limiters, sectors, thrown)
 
     def _liftings(self) -> Iterator[tuple[int, ...]]:
@@ -530,10 +548,10 @@ class System:
             if len(set(of)) == len(of):
                 ways.append((lifted, now))
         few = [range(len(s.positions)) if len(s.positions) <= _FEW else (at,) for s, at in zip(self.switches, now)]
-        ways += [
-            ((CLOSED,) * len(self.normals), list(other)) for other in itertools.product(*few) if list(other) != now
-        ]
-        for places in itertools.product(*(range(len(sector.edges)) for sector in self.sectors)):
+        all_closed = (CLOSED,) * len(self.normals)
+        ways += [(all_closed, list(other)) for other in itertools.product(*few) if list(other) != now]
+        sectors = [range(len(sector.edges)) for sector in self.sectors]
+        for places in itertools.product(*sectors):
             for lifted, thrown in ways:
                 yield self.key(patches, lifted, limiters, places, thrown)
 
@@ -544,7 +562,10 @@ class System:
         if len(patches) > _SPELT:
             words = [f"{n} contacts {word}" for m, word in enumerate(_MOTIONS) if (n := patches.count(m))]
         lifted = [k.name for k, m in zip(self.normals, normals) if m == OPEN]
-        words += [f"{name} open" for name in lifted] if len(lifted) <= _SPELT else [f"{len(lifted)} contacts open"]
+        if len(lifted) <= _SPELT:
+            words += [f"{name} open" for name in lifted]
+        else:
+            words.append(f"{len(lifted)} contacts open")
         words += [f"{x.name} {('', 'low', 'high')[m]}" for x, m in zip(self.limiters, limiters) if m]
         words += [f"{s.name} {m + 1}" for s, m in zip(self.sectors, sectors)]
         words += [f"{s.name} {s.positions[m].name}" for s, m in zip(self.switches, switches)]

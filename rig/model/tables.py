@@ -29,7 +29,8 @@ from rig.solve.roots import WORK_COLUMNS, WORK_ROWS
 from rig.solve.segment_output import DEGREE
 
 Array = NDArray[np.float64]
-_SLOW, _SHARE = 1e-3, 1e-3  # m/s: least speed of steady slip, and share of its states, for scales of errors
+_SLOW = 1e-3  # m/s: least speed of steady slip, for scales of errors
+_SHARE = 1e-3  # of the states in steady slip, for scales of errors
 UNROLLED = 8
 """Up to this number of states, compiled code has it as a constant; above, the same code serves all rigs."""
 
@@ -39,6 +40,7 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
     n = system.n
     P = len(system.patches)
     width = -(-n // LANE) * LANE
+    beside_part = (0, LANE - PART)
     nodes, weights = np.polynomial.legendre.leggauss(LANE - PART)
     return Workspace(
         k=zeros((7, width)),
@@ -73,8 +75,8 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         x_at=zeros((n, LANE)),
         T_at=zeros((system.inputs, LANE)),
         in_part=np.repeat([1.0, 0.0], [PART, LANE - PART]),
-        quarters=np.pad(np.linspace(0.0, 1.0, PART), (0, LANE - PART)),
-        simpson=np.pad(np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0, (0, LANE - PART)),
+        quarters=np.pad(np.linspace(0.0, 1.0, PART), beside_part),
+        simpson=np.pad(np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0, beside_part),
         probes=np.pad([0.0, 0.25, 0.5, 0.75, 1.0, PROBE], (0, LANE - 6)),
         cell_changes=np.zeros((len(PLACES), n)),
         cell_inputs=np.zeros((len(PLACES), system.inputs)),
@@ -104,7 +106,8 @@ def scales_of_memory(s: System) -> Array:
         load = sum(abs(float(normal.row @ s.start)) for normal in s.normals if normal.patch == p)
         for law in s.laws(p):
             if law.formula is not None:
-                size[list(patch.memory)] = _SHARE * np.abs(law.formula.steady(law.numbers, speed, load))
+                steady = law.formula.steady(law.numbers, speed, load)
+                size[list(patch.memory)] = _SHARE * np.abs(steady)
     return size
 
 
@@ -149,9 +152,7 @@ class Tables(NamedTuple):
     signals_t: Array  # [mode set, S, I]
     along: Array  # [mode set, level, guard and output, place, n] their changes in a cell, for stiff mode sets
     graded: NDArray[np.int64]  # [mode set] levels of `reach`; 0: dopri5 takes explicit steps
-    reach: (
-        Array  # [mode set, level, place, n, n + inputs x nodes] change of the state in a cell (rig.solve.collocation)
-    )
+    reach: Array  # [mode set, level, place, n, n + inputs x nodes] change in a cell (rig.solve.collocation)
     gain: Array  # [mode set, level, n, inputs] largest change of a state in a cell by an input of 1
     output_needs_inputs: NDArray[np.int64]  # [mode set, S] 1: the output depends on the inputs
     coupled: NDArray[np.int64]  # [mode set] 1: a load depends on the friction forces T
@@ -210,7 +211,11 @@ def sparse(s: System) -> dict[str, tuple[int, int]]:
     K = len(s.normals)
     I = s.inputs
     whole = n if P < I else 0  # each product and each rate of a law is an input: most entries are zero
-    return {"press": (K, n), "press_t": (K, I), "friction": (P, n), "friction_t": (P, I)} | {
+    return {
+        "press": (K, n),
+        "press_t": (K, I),
+        "friction": (P, n),
+        "friction_t": (P, I),
         "law_speed": (P, n),
         "law_load": (P, n),
         "law_load_t": (P, I),
@@ -237,6 +242,9 @@ def empty(s: System, step: float, signals: int, read: int) -> Tables:
     for i, sector in enumerate(s.sectors):
         for at, addition in enumerate(sector.changes):
             change[i, at] = addition.stiffness
+    widest = friction_law.width(law for p in range(P) for law in s.laws(p))
+    directions = np.array([k.direction for k in s.normals]).reshape(K, nq)
+    many_states = (n, I, g, read, S) if n > UNROLLED else (0, 0, 0, 0, 0)
     z = np.zeros
     return Tables(
         mode_set_of=np.full(s.keys, -1, dtype=np.int32),
@@ -286,14 +294,14 @@ def empty(s: System, step: float, signals: int, read: int) -> Tables:
         work=z((0, 1, TERMS, n, n)),
         slip=s.slip_rows.copy(),
         surface=supplied(s),
-        lift=np.array([k.direction for k in s.normals]).reshape(K, nq) @ np.eye(n)[nq : 2 * nq],
+        lift=directions @ np.eye(n)[nq : 2 * nq],
         damping=z((0, nq, nq)),
         force=s.force.copy(),
         force_t=s.force_t.copy(),
         static=z((0, P)),
         static_back=z((0, P)),
         code=z((0, P), dtype=np.int64),
-        numbers=z((0, P, friction_law.width(law for p in range(P) for law in s.laws(p)))),
+        numbers=z((0, P, widest)),
         patch_of_normal=np.array([k.patch for k in s.normals], dtype=np.int64),
         sticks=np.array([not patch.law.presliding for patch in s.patches], dtype=np.int64),
         opens=np.array([k.opens for k in s.normals], dtype=np.int64),
@@ -312,9 +320,7 @@ def empty(s: System, step: float, signals: int, read: int) -> Tables:
         change=change,
         products=system.pack(s.products, n, P, K),
         memory=system.scratch_for_memory(s),
-        many_states=many_states_tables.empty(n, I, g, read, S)
-        if n > UNROLLED
-        else many_states_tables.empty(0, 0, 0, 0, 0),
+        many_states=many_states_tables.empty(*many_states),
         film=film_tables.no_film(),
         step=np.array([step]),
     )
