@@ -27,7 +27,8 @@ from rig.units import brief
 
 OPENED = 0.01
 """Largest offset of the two sides of a gap row over the extent of its nodes. A tilt opens it by offset times angle."""
-_PAIRED, _GROUND = 1e-3, 0.9  # sum of a row over its size: at most, between two bodies; at least, on the ground
+_PAIRED = 1e-3  # sum of a row over its size: at most, between two bodies
+_GROUND = 0.9  # sum of a row over its size: at least, on the ground
 _FACING = 0.5  # least cosine between the normal and a face that takes part
 _EVEN = 1e-9  # of a cell: a node on the boundary of two belongs to the lower one, whatever the rounding
 
@@ -85,7 +86,9 @@ def contact_points(contact: Contact, full: Full, mesh: Mesh) -> Points:
         what = f"{len(both)} nodes are slave and master, the first is {mesh.ids[both[0]]}"
         advice = " (a box leaves out those of a set or a list)" * (contact.slave.box is not None)
         faults.append(f"{what}; the two sides need nodes of their own{advice}")
-    points = tried(lambda: _points(contact, full, mesh, slave, master), None, faults) if not faults else None
+    points = None
+    if not faults:
+        points = tried(lambda: _points(contact, full, mesh, slave, master), None, faults)
     if points is None:
         raise SceneError(f"contacts.{contact.name}", faults)
     return points
@@ -103,16 +106,21 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
     area = np.zeros(len(mesh.ids))
     facing = np.zeros((len(mesh.ids), 3))
     np.add.at(area, own.nodes, own.shares * sizes[:, None])
-    np.add.at(facing, own.nodes, own.shares[:, :, None] * -(own.outward * met[:, None])[:, None, :])
+    inward = -(own.outward * met[:, None])
+    np.add.at(facing, own.nodes, own.shares[:, :, None] * inward[:, None, :])
     at = np.flatnonzero(area) if met.any() else np.unique(own.nodes[own.shares > 0.0])
-    normal = _unit(facing[at]) if toward is None and met.any() else np.tile(across[0], (len(at), 1))
+    if toward is None and met.any():
+        normal = _unit(facing[at])
+    else:
+        normal = np.tile(across[0], (len(at), 1))
     met, weights, gap, miss = _met(mesh.xyz[at], normal, other, contact.search, len(mesh.ids))
     if not area.any() or not met.any():
         closest = int(np.argmin(np.hypot(gap, miss)))
-        what = f"the closest slave node, {mesh.ids[at[closest]]}, has a gap of {gap[closest]:.3g} m"
-        what += f" and lies {miss[closest]:.3g} m beyond the master" if miss[closest] else ""
-        if not np.isfinite(gap[closest]):
-            what = "no master face lies on the normal of a slave node"
+        what = "no master face lies on the normal of a slave node"
+        if np.isfinite(gap[closest]):
+            what = f"the closest slave node, {mesh.ids[at[closest]]}, has a gap of {gap[closest]:.3g} m"
+            if miss[closest]:
+                what += f" and lies {miss[closest]:.3g} m beyond the master"
         raise SceneError("", [f"no pair lies within search = {contact.search:g} m: {what}; check sets and normal"])
     at = at[met]
     normal = normal[met]
@@ -121,32 +129,10 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
         normal = -normal
     place = mesh.xyz[at]
     area = area[at]
-    if contact.axis is not None:
-        axis = _unit(np.array(contact.axis))
-        arms = np.cross(axis, place - np.array(contact.centre))
-        radius = np.linalg.norm(arms, axis=1)
-        if (on := np.flatnonzero(radius < 1e-9 * np.ptp(mesh.xyz, axis=0).max())).size:
-            raise SceneError("", [f"node {mesh.ids[at[on[0]]]} lies on the axis, where nothing slides; leave it out"])
-        sliding = arms / radius[:, None]
-    else:
-        sliding = np.tile(_unit(np.array(contact.sliding)), (len(at), 1))
-        radius = np.ones(len(at))
-    sliding = sliding - (sliding * normal).sum(axis=1)[:, None] * normal
-    if (flat := np.flatnonzero(np.linalg.norm(sliding, axis=1) < _FACING)).size:
-        what = f"the sliding at node {mesh.ids[at[flat[0]]]} points along the normal"
-        raise SceneError("", [f"{what}; a contact slides along its surface"])
-    sliding = _unit(sliding)
-    pairs = sp.csr_array((np.ones(len(at)), (range(len(at)), at)), shape=(len(at), len(mesh.ids))) - weights
-    met_nodes = mesh.ids[np.unique(pairs.indices[pairs.data != 0.0])]
-    following = np.intersect1d(met_nodes, np.array(sorted(mesh.following), dtype=np.int64))
-    moving, rows = np.unique(full.node[(full.direction >= 0) & (full.direction < 3)], return_counts=True)
-    absent = (
-        np.setdiff1d(met_nodes, moving[rows >= 3]) if mesh.tied else following
-    )  # a node may follow in one direction
-    if len(absent):
-        why = "follows others by *EQUATION" if len(following) else f"is held, or follows others by {mesh.tied}"
-        what = f"node {absent[0]} {why}"
-        raise SceneError("", [f"{what}; a contact needs free nodes: keep tied nodes out of it"])
+    sliding, radius = _sliding(contact, mesh, at, normal)
+    slave_nodes = sp.csr_array((np.ones(len(at)), (range(len(at)), at)), shape=(len(at), len(mesh.ids)))
+    pairs = slave_nodes - weights
+    _refuse_tied(full, mesh, pairs)
     cell = np.arange(len(at)) if contact.points is None else _cells(contact, place, sliding, normal)
     cells, number = np.unique(cell, return_inverse=True)
     mean = sp.csr_array((area, (number, range(len(at)))), shape=(len(cells), len(at)))
@@ -161,6 +147,43 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
         position=mean @ place,
         sliding=_unit(mean @ sliding),
     )
+
+
+def _sliding(contact: Contact, mesh: Mesh, at: Numbers, normal: Array) -> tuple[Array, Array]:
+    """The direction of sliding [node, 3] across the normals of the nodes `at`, and the radius [node] about an axis."""
+    if contact.axis is not None:
+        axis = _unit(np.array(contact.axis))
+        arms = np.cross(axis, mesh.xyz[at] - np.array(contact.centre))
+        radius = np.linalg.norm(arms, axis=1)
+        on_axis = np.flatnonzero(radius < 1e-9 * np.ptp(mesh.xyz, axis=0).max())
+        if on_axis.size:
+            node = mesh.ids[at[on_axis[0]]]
+            raise SceneError("", [f"node {node} lies on the axis, where nothing slides; leave it out"])
+        sliding = arms / radius[:, None]
+    else:
+        sliding = np.tile(_unit(np.array(contact.sliding)), (len(at), 1))
+        radius = np.ones(len(at))
+    sliding = sliding - (sliding * normal).sum(axis=1)[:, None] * normal
+    along_normal = np.flatnonzero(np.linalg.norm(sliding, axis=1) < _FACING)
+    if along_normal.size:
+        what = f"the sliding at node {mesh.ids[at[along_normal[0]]]} points along the normal"
+        raise SceneError("", [f"{what}; a contact slides along its surface"])
+    return _unit(sliding), radius
+
+
+def _refuse_tied(full: Full, mesh: Mesh, pairs: sp.csr_array) -> None:
+    """Raise SceneError if a node of the `pairs` [pair, node] is held or follows others."""
+    met_nodes = mesh.ids[np.unique(pairs.indices[pairs.data != 0.0])]
+    following = np.intersect1d(met_nodes, np.array(sorted(mesh.following), dtype=np.int64))
+    displacements = (full.direction >= 0) & (full.direction < 3)
+    moving, rows = np.unique(full.node[displacements], return_counts=True)
+    absent = following
+    if mesh.tied:  # a node may follow in one direction
+        absent = np.setdiff1d(met_nodes, moving[rows >= 3])
+    if len(absent):
+        why = "follows others by *EQUATION" if len(following) else f"is held, or follows others by {mesh.tied}"
+        what = f"node {absent[0]} {why}"
+        raise SceneError("", [f"{what}; a contact needs free nodes: keep tied nodes out of it"])
 
 
 def _unit(vectors: Array) -> Array:
@@ -198,7 +221,9 @@ def _pattern(count: int) -> tuple[list[tuple[int, int, int]], Array, Array]:
     ring = list(range(4)) if count == 4 else [0, 4, 1, 5, 2, 6, 3, 7]
     middle = np.full(4, 0.25) if count == 4 else np.repeat([-0.25, 0.5], 4)
     triangles = [(a, b, count) for a, b in zip(ring, (*ring[1:], ring[0]))]
-    return triangles, np.vstack([np.eye(count), middle]), np.vstack([np.eye(count), np.full(count, 1.0 / count)])
+    motion = np.vstack([np.eye(count), middle])
+    share = np.vstack([np.eye(count), np.full(count, 1.0 / count)])
+    return triangles, motion, share
 
 
 def _surface(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Surface:
@@ -256,7 +281,8 @@ def _flat(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> _Surfa
     outward = -np.abs(outward @ toward)[:, None] * toward
     spread = np.zeros((len(triangles), 3, 8))
     shares = np.zeros((len(triangles), 8))
-    spread[:, :, :3], shares[:, :3] = np.eye(3), 1.0 / 3.0
+    spread[:, :, :3] = np.eye(3)
+    shares[:, :3] = 1.0 / 3.0
     return _Surface(places, members, spread, shares, outward, False)
 
 
@@ -273,31 +299,38 @@ def _met(
     slaves = [np.arange(len(places))]
     near = [cKDTree(middle).query(places)[1]]  # for a message, where nothing is in reach
     sizes = np.frexp(radius)[1]  # few of a graded mesh are large, and only these have a long reach
-    for own in (np.flatnonzero(sizes == size) for size in np.unique(sizes)):
-        neighbours = cKDTree(middle[own]).query_ball_point(places, radius[own].max() + 2.0 * search)
-        slaves.append(np.repeat(np.arange(len(places)), [len(faces) for faces in neighbours]))
-        near.append(own[np.concatenate(neighbours).astype(np.int64)])
+    for size in np.unique(sizes):
+        alike = np.flatnonzero(sizes == size)
+        distance = radius[alike].max() + 2.0 * search
+        neighbours = cKDTree(middle[alike]).query_ball_point(places, distance)
+        counts = [len(faces) for faces in neighbours]
+        slaves.append(np.repeat(np.arange(len(places)), counts))
+        near.append(alike[np.concatenate(neighbours).astype(np.int64)])
     slave = np.concatenate(slaves)
     face = np.concatenate(near)
     # place = a + u (b - a) + v (c - a) + gap * normal
     system = np.stack([(b - a)[face], (c - a)[face], normal[slave]], axis=2)
     volume = np.linalg.det(system)
-    size = np.linalg.norm(other.outward, axis=1)[face]
-    faced = abs(volume) > 2.0 * 0.1 * size
+    area = np.linalg.norm(other.outward, axis=1)[face]
+    faced = abs(volume) > 2.0 * 0.1 * area
     slave = slave[faced]
     face = face[faced]
     system = system[faced]
-    u, v, gap = np.linalg.solve(system, (places[slave] - a[face])[:, :, None])[:, :, 0].T
+    from_corner = places[slave] - a[face]
+    u, v, gap = np.linalg.solve(system, from_corner[:, :, None])[:, :, 0].T
     inner = np.stack([1.0 - u - v, u, v], axis=1)
-    sides = np.linalg.norm(np.stack([(c - b)[face], (c - a)[face], (b - a)[face]]), axis=2).T
-    heights = 2.0 * size[faced][:, None] / sides
+    edges = np.stack([(c - b)[face], (c - a)[face], (b - a)[face]])
+    sides = np.linalg.norm(edges, axis=2).T
+    heights = 2.0 * area[faced][:, None] / sides
     miss = np.maximum(0.0, -(inner * heights).min(axis=1))
     miss = np.where(miss < 1e-9 * heights.max(axis=1), 0.0, miss)
-    order = np.lexsort((face, np.round(np.hypot(gap, miss) / max(search, 1e-12), 9), slave))
+    distance = np.round(np.hypot(gap, miss) / max(search, 1e-12), 9)
+    order = np.lexsort((face, distance, slave))
     first = order[np.r_[True, np.diff(slave[order]) > 0]] if len(order) else order
     gaps = np.full(len(places), np.inf)
     misses = np.zeros(len(places))
-    gaps[slave[first]], misses[slave[first]] = abs(gap[first]), miss[first]
+    gaps[slave[first]] = abs(gap[first])
+    misses[slave[first]] = miss[first]
     met = (gaps <= search) & (misses <= search)
     kept = first[met[slave[first]]]
     weights = np.einsum("pc,pcn->pn", inner[kept], other.weights[face[kept]])
@@ -318,7 +351,8 @@ def _cells(contact: Contact, place: Array, sliding: Array, normal: Array) -> Num
         angle = np.arctan2(np.cross(axis, first) @ arms.T, first @ arms.T)
         ordered = np.sort(angle)
         holes = np.diff(ordered, append=ordered[0] + 2.0 * np.pi)
-        along = (angle - ordered[(int(np.argmax(holes)) + 1) % len(holes)] + 1e-9) % (2.0 * np.pi)
+        begin = ordered[(int(np.argmax(holes)) + 1) % len(holes)]
+        along = (angle - begin + 1e-9) % (2.0 * np.pi)
     else:
         along = place @ sliding[0]
         across = place @ np.cross(normal[0], sliding[0])
@@ -327,7 +361,8 @@ def _cells(contact: Contact, place: Array, sliding: Array, normal: Array) -> Num
         low = values.min()
         high = values.max()
         share = (values - low) / (high - low) if high > low else np.zeros(len(values))
-        number = number * count + np.clip(np.floor(share * count - _EVEN), 0, count - 1).astype(np.int64)
+        cell = np.clip(np.floor(share * count - _EVEN), 0, count - 1)
+        number = number * count + cell.astype(np.int64)
     return number
 
 
@@ -364,7 +399,9 @@ def node_vector(full: Full, nodes: Sequence[int], direction: Sequence[float], me
     needed = np.flatnonzero(along)
     free = np.array([np.isin(nodes, full.node[chosen & (full.direction == k)]) for k in needed])
     follow = np.isin(nodes, sorted(mesh.following)) | bool(mesh.tied)
-    if len(lacking := np.flatnonzero(~free.any(axis=0) | (follow & ~free.all(axis=0)))):
+    without_row = ~free.any(axis=0)
+    lacking = np.flatnonzero(without_row | (follow & ~free.all(axis=0)))
+    if len(lacking):
         more = len(lacking) - 1
         at = ", ".join(f"{value + 0.0:g}" for value in direction)
         why = f"moved by others ({mesh.tied or '*EQUATION'})" if follow[lacking[0]] else "without a row"
@@ -382,7 +419,8 @@ def contact_rows(name: str, path: Path, full: Full) -> Points:
 
     Raises SceneError with every fault.
     """
-    places = {label: row for row, label in enumerate(zip(full.node.tolist(), (full.direction + 1).tolist()))}
+    labels = zip(full.node.tolist(), (full.direction + 1).tolist())
+    places = {label: row for row, label in enumerate(labels)}
     values = {what: dict[tuple[str, int], float]() for what in ("normal", "along", "area", "radius")}
     faults: list[str] = []
     lines: list[str] = []
@@ -407,10 +445,13 @@ def contact_rows(name: str, path: Path, full: Full) -> Points:
         except (ValueError, KeyError):
             expected = "POINT, WHAT, NODE, DIRECTION, VALUE with normal, along, area or radius"
             faults.append(f"{path.name}, line {number}: is {brief(line.strip())}; expected {expected}")
-    names = {point: k for k, point in enumerate(dict.fromkeys(p for kept in values.values() for p, _ in kept))}
-    given = {what: {point for point, _ in kept} for what, kept in values.items()}
+    in_order = dict.fromkeys(point for kept in values.values() for point, _ in kept)
+    names = {point: k for k, point in enumerate(in_order)}
+    points_of = {}
+    for what in ("normal", "along", "area"):
+        points_of[what] = {point for point, _ in values[what]}
     for point in names:
-        if lacking := [what for what in ("normal", "along", "area") if point not in given[what]]:
+        if lacking := [what for what in points_of if point not in points_of[what]]:
             faults.append(f"{path.name}: point {point} has no {' and no '.join(lacking)}")
     if faults or not names:
         raise SceneError(f"contacts.{name}", few(faults, path.name) or [f"{path.name}: has no points"])
@@ -418,7 +459,8 @@ def contact_rows(name: str, path: Path, full: Full) -> Points:
     for what in ("normal", "along"):
         at = ([names[point] for point, _ in values[what]], [row for _, row in values[what]])
         rows.append(sp.csr_array((list(values[what].values()), at), shape=(len(names), full.rows)))
-    area, radius = (np.array([values[what].get((p, -1), 1.0) for p in names]) for what in ("area", "radius"))
+    area = np.array([values["area"].get((point, -1), 1.0) for point in names])
+    radius = np.array([values["radius"].get((point, -1), 1.0) for point in names])
     place = np.zeros((full.rows, 3))
     sliding = np.zeros((len(names), 3))
     known = np.flatnonzero(np.isin(full.node, full.ids))
@@ -430,14 +472,19 @@ def contact_rows(name: str, path: Path, full: Full) -> Points:
             sliding[names[point], full.direction[row]] = coefficient
     sliding /= np.maximum(np.linalg.norm(sliding, axis=1, keepdims=True), np.finfo(float).tiny)
     whole = abs(rows[0]).sum(axis=1)
-    points = Points(name, rows[0], rows[1], area, radius, abs(rows[0]) @ place / whole[:, None], sliding)
+    position = abs(rows[0]) @ place / whole[:, None]
+    points = Points(name, rows[0], rows[1], area, radius, position, sliding)
     offset = OPENED * np.ptp(full.xyz, axis=0).max() if len(full.xyz) else np.inf
     for point, motion, size in zip(names, opened(points, full), whole):
         shifted, turned = np.linalg.norm(motion.reshape(2, 3), axis=1) / size
         if _PAIRED < shifted < _GROUND or (shifted <= _PAIRED and 2.0 * turned > offset):
-            which, unit_of = ("displacement", "m") if shifted > _PAIRED else ("turn", "rad")
-            by = shifted if shifted > _PAIRED else 2.0 * turned
-            what = f"a {which} of the whole structure by 1 {unit_of} opens its gap by {by:.2g} m"
+            if shifted > _PAIRED:
+                motion_of = "displacement of the whole structure by 1 m"
+                opening = shifted
+            else:
+                motion_of = "turn of the whole structure by 1 rad"
+                opening = 2.0 * turned
+            what = f"a {motion_of} opens its gap by {opening:.2g} m"
             faults.append(f"{path.name}: point {point}: {what}; interpolate on the faces, or give slave and master")
     if faults:
         raise SceneError(f"contacts.{name}", few(faults, path.name))

@@ -233,9 +233,12 @@ class _Found:
                 old.remove(min(same, key=lambda i: abs(self.values[i] - value)))
             else:
                 new.append(j)
-        inside = [any(abs(value - at) < (1 - _SAME) * size for at, size in self._circles) for value in values[new]]
-        if (old and any(abs(self.values[i] - shift) < (1 - _SAME) * radius for i in old)) or any(inside):
+        deep_inside = (1 - _SAME) * radius
+        if any(abs(self.values[i] - shift) < deep_inside for i in old):
             return False
+        for value in values[new]:
+            if any(abs(value - at) < (1 - _SAME) * size for at, size in self._circles):
+                return False
         self._circles.append((shift, radius))
         for j in new:
             self.values.append(complex(values[j]))

@@ -92,11 +92,13 @@ class _Operator:
             rows = -mass @ jacobian[n : 2 * n]
             overlap = (a @ a.T) * (b @ b.T)
             size = np.sqrt(overlap.diagonal()) + np.finfo(float).tiny
-            inverse = np.linalg.pinv(overlap / np.outer(size, size), rcond=_ROUNDING, hermitian=True)
+            scaled = overlap / np.outer(size, size)
+            inverse = np.linalg.pinv(scaled, rcond=_ROUNDING, hermitian=True)
             for k, known in enumerate((stiffness, own + self._rests[1])):
                 added = rows[:, k * n : (k + 1) * n] - known
                 added[np.abs(added) <= _ROUNDING * np.abs(known).max()] = 0.0
-                c = inverse @ (((a @ added) * b).sum(axis=1) / size) / size
+                along_forces = ((a @ added) * b).sum(axis=1)
+                c = inverse @ (along_forces / size) / size
                 self._rests[k] = self._rests[k] + added - (a.T * c) @ b
                 if c.any():
                     lifted = on_a.T @ sp.diags_array(c) @ on_b
@@ -106,7 +108,9 @@ class _Operator:
                 self._force = on_b.T @ np.linalg.lstsq(b.T, -rows[:, 2 * n :])[0]
                 parts = jacobian[2 * n :, :n], jacobian[2 * n :, n : 2 * n]
                 self._from = [(on_b.T @ np.linalg.lstsq(b.T, part.T)[0]).T for part in parts]
-        self._weighed = self.mass @ reduced.basis.astype(float) if any(rest.any() for rest in self._rests) else None
+        self._weighed = None
+        if any(rest.any() for rest in self._rests):
+            self._weighed = self.mass @ reduced.basis.astype(float)
 
     def _rest(self, which: int, vectors: Complex, adjoint: bool) -> Complex | float:
         if self._weighed is None:
@@ -121,7 +125,8 @@ class _Operator:
             return 2 * rates * (self.mass @ right) + damped, states - self._from[1] @ right
         moved: Any = rates**2 * (self.mass @ right) + rates * damped + self.stiffness @ right
         moved = moved + self._rest(0, right, False) - self._force @ states
-        return moved, rates * states - self.network @ states - self._from[0] @ right - rates * (self._from[1] @ right)
+        currents = rates * states - self.network @ states - self._from[0] @ right - rates * (self._from[1] @ right)
+        return moved, currents
 
     def adjoint(self, rates: Complex, left: Complex, states: Complex) -> tuple[Complex, Complex]:
         """P(l)^H times columns."""
@@ -136,8 +141,10 @@ class _Operator:
         direct: Any = inverse.solve(left, trans="H")
         if not len(self.network):
             return direct, states
-        through = inverse.solve((self._from[0] + shift * self._from[1]).conj().T.astype(complex), trans="H")
-        small = (shift * np.eye(len(self.network)) - self.network).conj().T - self._force.T @ through
+        to_network = (self._from[0] + shift * self._from[1]).conj().T
+        through = inverse.solve(to_network.astype(complex), trans="H")
+        own = (shift * np.eye(len(self.network)) - self.network).conj().T
+        small = own - self._force.T @ through
         current: Any = np.linalg.solve(small, states + self._force.T @ direct)
         return direct + through @ current, current
 
@@ -182,8 +189,11 @@ class Estimator:
             rights = rights[:n]
             lefts = np.linalg.solve(reduced.pencil(values)[0].T, lefts[n : 2 * n])
         kept = in_range(rates, reduced.up_to)
-        rates, rights, lefts, states, left_states = (
-            rates[kept], rights[:, kept], lefts[:, kept], states[:, kept], left_states[:, kept])  # fmt: skip
+        rates = rates[kept]
+        rights = rights[:, kept]
+        lefts = lefts[:, kept]
+        states = states[:, kept]
+        left_states = left_states[:, kept]
         operator = _Operator(self._full, reduced, values, jacobian, damping)
         stiffer = operator.stiffness.diagonal() > _STIFFER * abs(self._pencil[2].diagonal())
         if stiffer.any():
@@ -198,14 +208,17 @@ class Estimator:
                 adjoint = operator.solved(inverse, shift, *operator.adjoint(rates[chosen], vectors, currents))
                 vectors = vectors - adjoint[0]
                 currents = currents - adjoint[1]
-            left[:, chosen], left_states[:, chosen] = vectors, currents
+            left[:, chosen] = vectors
+            left_states[:, chosen] = currents
 
         def weighed(columns: tuple[Complex, Complex]) -> Complex:
-            both = np.einsum("ij,ij->j", left.conj(), columns[0])
-            return np.asarray(both + np.einsum("ij,ij->j", left_states.conj(), columns[1]))
+            of_structure = np.einsum("ij,ij->j", left.conj(), columns[0])
+            of_network = np.einsum("ij,ij->j", left_states.conj(), columns[1])
+            return np.asarray(of_structure + of_network)
 
         slope = weighed(operator.times(rates, right, states, slope=True))
-        return Estimates(rates, -weighed(operator.times(rates, right, states)) / slope, rights)
+        residual = weighed(operator.times(rates, right, states))
+        return Estimates(rates, -residual / slope, rights)
 
     def solved(self, vectors: Complex, values: Complex, trans: str) -> Complex:
         """P(s)^-H (or, with `trans` "N", P(s)^-1) times each column, with the shift s nearest to its eigenvalue."""
@@ -217,7 +230,8 @@ class Estimator:
     def _by_shift(self, values: Complex) -> Iterator[tuple[complex, SuperLU, NDArray[np.int64]]]:
         """Each shift that is needed, its factorisation, and the eigenvalues that are nearest to it."""
         mass, damping, stiffness = self._pencil
-        nearest = np.argmin(np.abs(values[:, None] - self._shifts[None, :]), axis=1)
+        distances = np.abs(values[:, None] - self._shifts[None, :])
+        nearest = np.argmin(distances, axis=1)
         for number, shift in enumerate(self._shifts.tolist()):
             chosen = np.flatnonzero(nearest == number)
             if not chosen.size:
@@ -237,13 +251,17 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array)
     if not reduced.model.finer:
         return []
     finer = replace(reduced, model=replace(reduced.model, contacts=reduced.model.finer))
-    count, more = (sum(points.area.size for points in each.model.contacts) for each in (reduced, finer))
-    (mass, *few), (_, *many), n = reduced.pencil(values), finer.pencil(values), reduced.coordinates
+    count = sum(points.area.size for points in reduced.model.contacts)
+    more = sum(points.area.size for points in finer.model.contacts)
+    mass, *few = reduced.pencil(values)
+    _, *many = finer.pencil(values)
+    n = reduced.coordinates
     changed = jacobian.copy()
     for columns, a, b in zip((slice(n, 2 * n), slice(n)), few, many):
         changed[n : 2 * n, columns] -= np.linalg.solve(mass, b - a)
-    near, exact = (np.linalg.eigvals(matrix).astype(complex) for matrix in (jacobian, changed))
+    near = np.linalg.eigvals(jacobian).astype(complex)
     near = near[in_range(near, reduced.up_to)]
+    exact = np.linalg.eigvals(changed).astype(complex)
     exact = exact[in_range(exact, reduced.up_to)]
     left = near.tolist()
     sentences = []

@@ -48,7 +48,8 @@ from rig.units import brief
 Stored = Literal["full", "lower", "upper"]
 UNITS = {"m-kg-s": 1.0, "mm-t-s": 1e-3}
 """System of units of the matrices -> its unit of length [m]; force in N in both."""
-LEAST_MASS, MOST_MASS = 1e-6, 1e6  # kg
+LEAST_MASS = 1e-6  # kg
+MOST_MASS = 1e6  # kg
 LEAST_DENSITY = 1e-5
 """Mass over the cube of the size of the mesh [kg/m^3] of a thin wire."""
 MOST_DENSITY = 1e5
@@ -138,16 +139,18 @@ def structure(
     direction = np.where(inner, -1, labels[:, 1] - 1)
     if len(mesh.ids) and len(labels) and inner.all():
         faults.append(f"{nodes and nodes.name}: none of its nodes has a row in the matrices; take the mesh they are of")
-    elif len(strange := np.flatnonzero(inner & (labels[:, 0] > 0) & (labels[:, 0] < mesh.ids.max(initial=0)))):
-        what = (
-            f"row {strange[0] + 1} belongs to node {labels[strange[0], 0]}, which {nodes and nodes.name} does not have"
-        )
-        faults.append(f"{what}, and {len(strange) - 1} more rows are like it; take the mesh of the matrices")
+    else:
+        of_node = (labels[:, 0] > 0) & (labels[:, 0] < mesh.ids.max(initial=0))
+        strange = np.flatnonzero(inner & of_node)
+        if len(strange):
+            missing = labels[strange[0], 0]
+            what = f"row {strange[0] + 1} belongs to node {missing}, which {nodes and nodes.name} does not have"
+            faults.append(f"{what}, and {len(strange) - 1} more rows are like it; take the mesh of the matrices")
     if not faults:
         size = float(np.ptp(mesh.xyz, axis=0).max()) if len(mesh.ids) else 0.0
-        (faults if flaws is None else flaws).extend(
-            _flawed(read, np.where(inner, -1, labels[:, 0]), direction, length, size)
-        )
+        of_mesh = np.where(inner, -1, labels[:, 0])
+        wrong = _flawed(read, of_mesh, direction, length, size)
+        (faults if flaws is None else flaws).extend(wrong)
     if faults:
         raise SceneError("structure", faults)
     turning = direction >= 3
@@ -181,7 +184,8 @@ def _si(matrix: sp.csr_array, turning: NDArray[np.bool_], length: float) -> sp.c
     if length == 1.0:
         return matrix
     entries = matrix.tocoo()
-    power = turning[entries.coords[0]].astype(int) + turning[entries.coords[1]] - 1
+    rows, columns = entries.coords
+    power = turning[rows].astype(int) + turning[columns] - 1
     scale = np.array([1.0 / length, 1.0, length])[power + 1]
     return sp.csr_array((entries.data * scale, entries.coords), shape=matrix.shape)
 
@@ -195,7 +199,8 @@ def _part(source: Source, dofs: NDArray[np.int64] | None) -> _Matrix:
         values = np.array(source.values if source.values is not None else (), dtype=float)
         read = _Matrix(sp.csr_array(np.atleast_2d(values)))
     elif dofs is not None:
-        read = _Matrix(_triplets(source.file, _table(source.file, 3), len(dofs), complete=True), dofs)
+        table = _table(source.file, 3)
+        read = _Matrix(_triplets(source.file, table, len(dofs), complete=True), dofs)
     else:
         read = _file(source.file, source.variable)
     _finite(read, source, dofs)
@@ -208,7 +213,8 @@ def _part(source: Source, dofs: NDArray[np.int64] | None) -> _Matrix:
     high = sp.triu(read.values, 1)
     other = (low if source.stored == "upper" else high).tocoo()
     if entries := np.flatnonzero(other.data).tolist():
-        row, column = (int(other.coords[k][entries[0]]) for k in (0, 1))
+        row = int(other.coords[0][entries[0]])
+        column = int(other.coords[1][entries[0]])
         what = f"stored is {source.stored!r}, but row {row + 1} has an entry in column {column + 1}"
         raise SceneError("", [f'{_named(source)}: {what}; write stored = "full"'])
     half = high if source.stored == "upper" else low
@@ -276,7 +282,10 @@ def _chosen(path: Path, variable: str, arrays: Mapping[str, Any]) -> sp.csr_arra
     square = {name: value for name, value in arrays.items() if getattr(value, "ndim", 0) == 2}
     if variable not in square and (variable or len(square) != 1):
         names = ", ".join(square) or "none"
-        what = f"has no matrix {variable!r}" if variable else "has several matrices" if square else "has no matrix"
+        if variable:
+            what = f"has no matrix {variable!r}"
+        else:
+            what = "has several matrices" if square else "has no matrix"
         raise SceneError("", [f"{path.name}: {what}; it has: {names}. Choose one with name = ..."])
     return _real(path, square[variable or next(iter(square))])
 
@@ -292,30 +301,39 @@ def _real(path: Path, matrix: Any) -> sp.csr_array:
 
 def _market(path: Path) -> _Matrix:
     """Matrix Market; scipy's reader ends the process at some damaged files."""
-    first = 1 + next((n for n, line in enumerate(lines_of(path)) if line.strip() and not line.startswith("%")), 0)
+    content = (n for n, line in enumerate(lines_of(path)) if line.strip() and not line.startswith("%"))
+    first = 1 + next(content, 0)
     *_, sizes = itertools.islice(lines_of(path), first)
-    kind = (*next(lines_of(path)).lower().split()[1:], "", "", "", "")[:4]
+    head = next(lines_of(path)).lower().split()
+    kind = (*head[1:], "", "", "", "")[:4]
     layout, numbers, symmetry = kind[1:]
     if numbers == "complex":
         raise SceneError("", [f"{path.name}: is complex; write the real and the imaginary part as two parts"])
     mirrored = {"general": (0.0, 0), "symmetric": (1.0, 1), "skew-symmetric": (-1.0, -1)}
-    if (
-        layout not in ("coordinate", "array")
-        or numbers not in ("real", "double", "integer")
-        or symmetry not in mirrored
-    ):
+    known = layout in ("coordinate", "array") and numbers in ("real", "double", "integer")
+    if not known or symmetry not in mirrored:
         expected = "coordinate or array, real or integer, general, symmetric or skew-symmetric"
         raise SceneError("", [f"{path.name}: its first line says {brief(' '.join(kind[1:]))}; expected {expected}"])
-    (sign, diagonal), (rows, columns, *count) = mirrored[symmetry], [int(word) for word in sizes.split()]
+    sign, diagonal = mirrored[symmetry]
+    rows, columns, *count = (int(word) for word in sizes.split())
     table = _table(path, 3 if layout == "coordinate" else 1, first)
-    entries = count[0] if layout == "coordinate" else rows * (rows + diagonal) // 2 if sign else rows * columns
+    if layout == "coordinate":
+        entries = count[0]
+    elif sign:
+        entries = rows * (rows + diagonal) // 2
+    else:
+        entries = rows * columns
     if len(table) != entries:
         raise SceneError("", [f"{path.name}: has {len(table)} of {entries} entries; it is truncated"])
     if layout == "array":  # column by column
-        below = np.tri(rows, columns, {0: max(rows, columns), 1: 0, -1: -1}[diagonal])
-        table = np.column_stack([np.argwhere(below.T)[:, ::-1] + 1.0, table])
+        highest = {0: max(rows, columns), 1: 0, -1: -1}
+        below = np.tri(rows, columns, highest[diagonal])
+        places = np.argwhere(below.T)[:, ::-1] + 1.0
+        table = np.column_stack([places, table])
     matrix = _triplets(path, table, max(rows, columns))[:rows, :columns]
-    return _Matrix(sp.csr_array(matrix + sign * sp.tril(matrix, -1).T) if sign else matrix)
+    if sign:
+        matrix = sp.csr_array(matrix + sign * sp.tril(matrix, -1).T)
+    return _Matrix(matrix)
 
 
 def _abaqus(path: Path) -> _Matrix:
@@ -349,7 +367,8 @@ def _triplets(path: Path, table: Array, rows: int, complete: bool = False) -> sp
     if rows > _ROWS:
         raise SceneError("", [f"{path.name}: has {rows} rows; at most {_ROWS} are read"])
     at = table[:, :2]
-    bad = np.flatnonzero((at != np.floor(at)).any(axis=1) | (at < 1).any(axis=1) | (at > rows).any(axis=1))
+    wrong = (at != np.floor(at)) | (at < 1) | (at > rows)
+    bad = np.flatnonzero(wrong.any(axis=1))
     if len(bad):
         line = table[bad[0]]
         what = f"entry {bad[0] + 1} has row {line[0]:g} and column {line[1]:g}; expected 1 to {rows}"
@@ -357,7 +376,8 @@ def _triplets(path: Path, table: Array, rows: int, complete: bool = False) -> sp
     i, j = at.astype(np.int64).T - 1
     seen = np.zeros(rows, dtype=bool)
     seen[i] = seen[j] = True
-    if complete and (missing := rows - int(seen.sum())):
+    missing = rows - int(seen.sum())
+    if complete and missing:
         last = int(max(i.max(), j.max())) + 1
         what = f"{missing} of {rows} rows have no entry, the last with one is {last}"
         raise SceneError("", [f"{path.name}: {what}; the file is truncated, or belongs to another .dof file"])
@@ -437,7 +457,7 @@ def _rows(path: Path) -> NDArray[np.int64]:
         try:
             row = int(words[0]) if len(words) == 3 else len(labels) + 1
             node = int(words[-2] or 0)
-            direction = direction_number(words[-1]) if int(words[-2] or 0) > 0 else 0
+            direction = direction_number(words[-1]) if node > 0 else 0
             if len(words) not in (2, 3):
                 raise ValueError
         except (ValueError, IndexError):
@@ -451,7 +471,8 @@ def _rows(path: Path) -> NDArray[np.int64]:
         elif node > 0 and label in seen:
             what = f"node {node} has its direction {DIRECTIONS[direction - 1]} in line {seen[label]} too"
             faults.append(f"{path.name}, line {number}: {what}")
-        labels[row], seen[label] = label, number
+        labels[row] = label
+        seen[label] = number
     if not faults and sorted(labels) != list(range(1, len(labels) + 1)):
         faults.append(f"{path.name}: its rows are not 1 to {len(labels)}")
     if faults or not labels:
@@ -485,13 +506,16 @@ def _one_order(
     for source, matrix in read:
         if len(matrix.labels) and not np.array_equal(matrix.labels, labels):
             number = {label: row for row, label in enumerate(map(tuple, labels.tolist()))}
-            to = np.array([number.get(label, -1) for label in map(tuple, matrix.labels.tolist())], dtype=np.int64)
+            rows = [number.get(label, -1) for label in map(tuple, matrix.labels.tolist())]
+            to = np.array(rows, dtype=np.int64)
             known = np.flatnonzero(to >= 0)
             place = sp.csr_array((np.ones(len(known)), (to[known], known)), shape=(len(labels), len(to)))
             matrix = _Matrix(sp.csr_array(place @ matrix.values @ place.T), labels)
-        elif matrix.values.shape[0] != (count := len(labels) if labelled else read[0][1].values.shape[0]):
-            first = _named(read[0][0])
-            faults.append(f"{_named(source)}: has {matrix.values.shape[0]} rows, but {first} has {count}")
+        else:
+            count = len(labels) if labelled else read[0][1].values.shape[0]
+            if matrix.values.shape[0] != count:
+                first = _named(read[0][0])
+                faults.append(f"{_named(source)}: has {matrix.values.shape[0]} rows, but {first} has {count}")
         ordered.append((source, matrix))
     return ordered, labels
 
@@ -514,7 +538,9 @@ def _mislabelled(labels: NDArray[np.int64], mass: sp.csr_array, mesh: Mesh) -> l
     i, j = entries.coords
     other = (i != j) & np.isin(labels[i, 0], mesh.ids) & np.isin(labels[j, 0], mesh.ids)
     sizes = np.where(other, np.abs(entries.data), 0.0)
-    total, same = (np.bincount(i, weight, len(labels)) for weight in (sizes, sizes * (labels[i, 1] == labels[j, 1])))
+    alike = labels[i, 1] == labels[j, 1]
+    total = np.bincount(i, sizes, len(labels))
+    same = np.bincount(i, sizes * alike, len(labels))
     wrong = np.flatnonzero(same < 0.5 * total).tolist()
     what = "has mass in common with rows of other directions; the line stands for another row"
     return few([f"{named(row)} {what}" for row in wrong], "the file")
@@ -556,17 +582,18 @@ def _flawed(
         largest = abs(values).max()
         if unequal.nnz and unequal.data.max() > SYMMETRIC * largest:
             worst = int(np.argmax(unequal.data))
+            difference = unequal.data[worst]
             i, j = sorted((int(unequal.coords[0][worst]), int(unequal.coords[1][worst])))
             faults.append(
-                f"{_named(source)}: is not symmetric: {row(i)} and {row(j)} differ by "
-                f"{unequal.data[worst]:.3g}, which is {unequal.data[worst] / largest:.1e} of the largest entry. Move "
-                "what friction adds to a part of its "
-                'own with times = "factors.NAME", and gyroscopic terms to a part of "damping"'
+                f"{_named(source)}: is not symmetric: {row(i)} and {row(j)} differ by {difference:.3g}, which is "
+                f"{difference / largest:.1e} of the largest entry. Move what friction adds to a part of its own with "
+                'times = "factors.NAME", and gyroscopic terms to a part of "damping"'
             )
     constant = [source.factor * matrix.values for source, matrix in read if source.of == "mass" and not source.key]
-    return (
-        faults if faults or not constant else _mass_flaws(sum(constant[1:], constant[0]), row, direction, length, size)
-    )
+    if faults or not constant:
+        return faults
+    mass = sum(constant[1:], constant[0])
+    return _mass_flaws(mass, row, direction, length, size)
 
 
 def _mass_flaws(
@@ -585,7 +612,8 @@ def _mass_flaws(
     pairs = sp.triu(scaled, 1).tocoo()
     if pairs.nnz and abs(pairs.data).max() > 1.0 - _INDEFINITE:
         worst = int(np.argmax(abs(pairs.data)))
-        i, j = (int(pairs.coords[k][worst]) for k in (0, 1))
+        i = int(pairs.coords[0][worst])
+        j = int(pairs.coords[1][worst])
         return [f"mass: is not positive: the entry of {row(i)} and {row(j)} is larger than their own masses"]
     if negative := below_count(scaled, sp.eye_array(len(diagonal), format="csr"), _INDEFINITE):
         return [f"mass: is not positive: {counted(negative, 'motion')} with a negative mass; check the element masses"]
