@@ -260,7 +260,8 @@ def energy(p: Parameters) -> NDArray[np.float64]:
     n = p.springs.order
     l0 = p.springs.free_length
     unit = series.constant(1.0, n)
-    (sin_phi, sin_theta), (up_phi, up_theta) = ([f(axis, n) for axis in (0, 1)] for f in (series.sine, series.versine))
+    sin_phi, sin_theta = (series.sine(axis, n) for axis in (0, 1))
+    up_phi, up_theta = (series.versine(axis, n) for axis in (0, 1))
     sides = (
         (p.springs.arm, (r1 * sin_phi, r1 * up_phi)),
         (p.springs.fixture, (-r3 * sin_theta, r2 * sin_phi + r3 * up_theta, r2 * up_phi)),
@@ -271,7 +272,8 @@ def energy(p: Parameters) -> NDArray[np.float64]:
         if spring is None:
             continue
         along = along + (l0 + spring.deformation) * unit
-        length = series.root(series.total(np.array([series.times(side, side) for side in (along, *across)])))
+        squares = [series.times(side, side) for side in (along, *across)]
+        length = series.root(series.total(np.array(squares)))
         deformed = series.cut(series.total(np.array([length, -l0 * unit])), n, n + 2)
         parts.append(0.5 * spring.stiffness * series.times(deformed, deformed))
     return series.total(np.array(parts))

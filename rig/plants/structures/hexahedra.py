@@ -95,14 +95,15 @@ def assemble(x: Array, y: Array, z: Array, parts: Sequence[Part], held: bool) ->
 
     mesh: Any = skfem.MeshHex.init_tensor(x, y, z)
     middles = mesh.p[:, mesh.t].mean(axis=1)
-    box = tuple(np.searchsorted(lines, along) - 1 for lines, along in zip((x, y, z), middles))
+    boundaries = (x, y, z)
+    box = tuple(np.searchsorted(lines, along) - 1 for lines, along in zip(boundaries, middles))
     filled = np.logical_or.reduce([part.boxes for part in parts])[box]
     if not filled.all():
         mesh = mesh.restrict(elements=np.flatnonzero(filled))
         box = tuple(along[filled] for along in box)
     element: Any = skfem.ElementHex2()
     places = skfem.Basis(mesh, element, intorder=4).doflocs.T
-    axes = tuple(np.sort(np.concatenate([lines, 0.5 * (lines[1:] + lines[:-1])])) for lines in (x, y, z))
+    axes = tuple(np.sort(np.concatenate([lines, 0.5 * (lines[1:] + lines[:-1])])) for lines in boundaries)
     lattice = np.stack([_nearest(axis, along) for axis, along in zip(axes, places.T)], axis=1)
     order = np.lexsort(lattice.T)
     places = places[order]
@@ -115,11 +116,12 @@ def assemble(x: Array, y: Array, z: Array, parts: Sequence[Part], held: bool) ->
     mass: Any = 0
     for part in parts:
         basis = skfem.Basis(mesh, element, intorder=4, elements=np.flatnonzero(part.boxes[box]))
-        products = [
-            [assembled(lambda u, v, _, i=i, j=j: v.grad[i] * u.grad[j], basis) for j in range(3)] for i in range(3)
-        ]
-        shear = part.material.young / (2.0 * (1.0 + part.material.poisson))
-        first = 2.0 * shear * part.material.poisson / (1.0 - 2.0 * part.material.poisson)
+        products = []
+        for i in range(3):
+            products.append([assembled(lambda u, v, _, i=i, j=j: v.grad[i] * u.grad[j], basis) for j in range(3)])
+        poisson = part.material.poisson
+        shear = part.material.young / (2.0 * (1.0 + poisson))
+        first = 2.0 * shear * poisson / (1.0 - 2.0 * poisson)
         for i in range(3):
             for j in range(3):
                 blocks[i][j] = blocks[i][j] + first * products[i][j] + shear * products[j][i]
@@ -128,6 +130,7 @@ def assemble(x: Array, y: Array, z: Array, parts: Sequence[Part], held: bool) ->
     free = np.tile(lattice[:, 2] > 0, 3) if held else np.ones(3 * len(lattice), dtype=np.bool_)
     whole = scipy.sparse.block_diag([mass] * 3, "csr")
     speed = min(part.material.young / part.material.density for part in parts) ** 0.5
+    longest = max(lines[-1] - lines[0] for lines in boundaries)
     return Structure(
         stiffness=scipy.sparse.bmat(blocks, format="csr")[free][:, free],
         mass=whole[free][:, free],
@@ -135,7 +138,7 @@ def assemble(x: Array, y: Array, z: Array, parts: Sequence[Part], held: bool) ->
         lattice=lattice,
         free=free,
         rigid=np.zeros((int(free.sum()), 0)) if held else _rigid(places, whole),
-        shift=(0.1 * speed / max(lines[-1] - lines[0] for lines in (x, y, z))) ** 2,
+        shift=(0.1 * speed / longest) ** 2,
     )
 
 
@@ -190,7 +193,9 @@ def modes(structure: Structure, count: int) -> Modes:
     steps = np.diff(squares[order], prepend=squares[order[0]])
     level = np.empty(len(squares), dtype=np.int64)
     level[order] = np.cumsum(steps > 2.0 * _SAME * squares[order])
-    taken = np.lexsort((np.repeat(np.arange(len(CLASSES)), [len(part) for part, _ in known]), level))[:wanted]
+    counts = [len(part) for part, _ in known]
+    classes_of = np.repeat(np.arange(len(CLASSES)), counts)
+    taken = np.lexsort((classes_of, level))[:wanted]
     squares = squares[taken]
     vectors = signed(vectors[:, taken])
     energies = (vectors * (structure.stiffness @ vectors)).sum(axis=0)
@@ -226,7 +231,8 @@ def compliances(structure: Structure, loads: Array, across: float) -> Array:
         if signs[1] == across:
             basis = _symmetric(structure, signs)
             pushed = np.asarray(basis.T @ loads)
-            total += pushed.T @ factor(basis.T @ structure.stiffness @ basis).solve(pushed)
+            stiffness = basis.T @ structure.stiffness @ basis
+            total += pushed.T @ factor(stiffness).solve(pushed)
     return total
 
 
@@ -285,9 +291,10 @@ def _symmetric(structure: Structure, signs: tuple[float, float]) -> scipy.sparse
                     image[:, 0] = last[0] - image[:, 0]
                 if across:
                     image[:, 1] = last[1] - image[:, 1]
+                value = (sign[0] if along else 1.0) * (sign[1] if across else 1.0)
                 rows.append(component * count + number[tuple(image.T)])
                 columns.append(component * count + own)
-                values.append(np.full(len(own), (sign[0] if along else 1.0) * (sign[1] if across else 1.0)))
+                values.append(np.full(len(own), value))
     where = (np.concatenate(rows), np.concatenate(columns))
     basis = scipy.sparse.coo_matrix((np.concatenate(values), where), shape=(3 * count, 3 * count)).tocsc()
     basis = basis[structure.free]

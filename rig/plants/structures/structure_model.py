@@ -34,7 +34,8 @@ from rig.units import si
 Array = NDArray[np.float64]
 _log = logging.getLogger("rig")
 _SILENT = 5.0  # s before a reduction says what it computes, and between two lines
-_UP_TO, _VECTORS = 1e4, 120  # highest frequency [Hz] and number of vectors that a scene does not state
+_UP_TO = 1e4  # Hz: highest frequency that a scene does not state
+_VECTORS = 120  # number of vectors that a scene does not state
 ALPHA = "damping.alpha"
 BETA = "damping.beta"
 _SWEPT = (
@@ -75,7 +76,8 @@ def values_of(p: Tables) -> dict[str, float]:
         share = p.load.force / max(len(p.contacts), 1) if p.load is not None else 0.0
         for where, law in {"": p.friction, **of_contacts}.items():
             if law is not None:
-                values[f"{where}{FRICTION}"] = math.copysign(law.friction().mu(abs(speed), share), speed)
+                mu = law.friction().mu(abs(speed), share)
+                values[f"{where}{FRICTION}"] = math.copysign(mu, speed)
     return values
 
 
@@ -134,7 +136,9 @@ class Given:
 
     def alike(self, other: Given) -> bool:
         """Whether the basis is that of `other` but for the numbers that it is made for."""
-        return replace(self.reduction, at={}) == replace(other.reduction, at={}) and self._beside == other._beside
+        reduction = replace(self.reduction, at={})
+        of_other = replace(other.reduction, at={})
+        return reduction == of_other and self._beside == other._beside
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Given) and self._key == other._key
@@ -178,11 +182,10 @@ class _Told:
     def __init__(self, reduction: basis.Reduction) -> None:
         self._next = time.monotonic() + _SILENT
         fixed = ", ".join(f"{key} = {value:g}" for key, value in reduction.at.items() if value)
-        self._holds = (
-            f", for {fixed} alone: what you vary belongs into reduction.over, or every value is trained anew"
-            if fixed and reduction.kind == "snapshots"
-            else ""
-        )
+        self._holds = ""
+        if fixed and reduction.kind == "snapshots":
+            advice = "what you vary belongs into reduction.over, or every value is trained anew"
+            self._holds = f", for {fixed} alone: {advice}"
 
     def __call__(self, what: str, share: float) -> None:
         if time.monotonic() >= self._next:
@@ -195,21 +198,26 @@ def _reduction(p: Tables) -> basis.Reduction:
     given = p.reduction
     values = values_of(p)
     kind = given.kind or ("whole" if p.structure.typed else "modes")
-    keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"} - {""}
+    keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"}
     if kind == "snapshots":
-        keys |= {part.scaling[0] for part in p.structure.parts.values()} - {""} | {ALPHA, BETA, FRICTION}
-        keys |= {f"contacts.{name}.{own}" for name in p.contacts for own in (FRICTION, "damping")}
+        keys |= {part.scaling[0] for part in p.structure.parts.values()} | {ALPHA, BETA, FRICTION}
+        keys |= {f"contacts.{name}.{number}" for name in p.contacts for number in (FRICTION, "damping")}
+    keys -= {""}  # of parts without a factor
     keys |= {f"contacts.{name}.stiffness" for name in p.contacts}
     units = {key: unit for key, (_, unit) in p.numbers.items()}
-    over = {key: tuple(si(end, units[key]) for end in ends) for key, ends in given.over.items()}
-    own = {key: values[key] for key in sorted(keys) if key in values}
+    over = {}
+    for key, ends in given.over.items():
+        over[key] = tuple(si(end, units[key]) for end in ends)
+    at = p.reduced_at
+    if at is None:
+        at = {key: values[key] for key in sorted(keys) if key in values}
     return basis.Reduction(
         kind=kind,
         up_to=2.0 * math.pi * (given.up_to or given.modes_up_to or _UP_TO),
         modes=given.modes or 0,
         contact=given.contact,
         residual=given.residual,
-        at=own if p.reduced_at is None else p.reduced_at,
+        at=at,
         over=over,  # type: ignore[arg-type]
         vectors=given.vectors or _VECTORS,
         error=given.error,
@@ -217,19 +225,18 @@ def _reduction(p: Tables) -> basis.Reduction:
 
 
 def _sources(p: Tables) -> list[Source]:
-    return [
-        Source(
-            name, part.of, Path(part.file) if part.file else None, part.values, part.name or "", part.stored, *scaled
-        )
-        for name, part in p.structure.parts.items()
-        for scaled in [(*part.scaling, part.factor)]
-    ]
+    sources = []
+    for name, part in p.structure.parts.items():
+        file = Path(part.file) if part.file else None
+        scaled = (*part.scaling, part.factor)
+        sources.append(Source(name, part.of, file, part.values, part.name or "", part.stored, *scaled))
+    return sources
 
 
 def _beside(p: Tables) -> dict[str, Any]:
     """The files of a structure that are no parts: job, mesh, node and direction of each row."""
-    given = p.structure
-    return {key: Path(path) if (path := getattr(given, key)) else None for key in ("job", "nodes", "rows")}
+    paths = {key: getattr(p.structure, key) for key in ("job", "nodes", "rows")}
+    return {key: Path(path) if path else None for key, path in paths.items()}
 
 
 def _files(p: Tables) -> tuple[Path, ...]:
@@ -280,12 +287,14 @@ def full(p: Tables) -> tuple[Full, Mesh]:
         if contact.rows is not None:
             return contact_rows(name, Path(contact.rows), whole)
         if contact.gap is not None and contact.along is not None:
-            gap, along = (sp.csr_array(vector(row)[None]) for row in (contact.gap, contact.along))
+            gap = sp.csr_array(vector(contact.gap)[None])
+            along = sp.csr_array(vector(contact.along)[None])
             radius = np.array([contact.radius or 1.0])
             return Points(name, gap, along, np.ones(1), radius, np.zeros((1, 3)), np.zeros((1, 3)))
         assert contact.slave is not None
         assert contact.master is not None
-        slave, master = (Selection(s.set or "", s.nodes or (), s.box) for s in (contact.slave, contact.master))
+        slave = Selection(contact.slave.set or "", contact.slave.nodes or (), contact.slave.box)
+        master = Selection(contact.master.set or "", contact.master.nodes or (), contact.master.box)
         turning = p.drive if isinstance(p.drive, Turning) and contact.sliding is None else None
         turns: dict[str, Any] = {"axis": turning.axis, "centre": turning.centre} if turning else {}
         cells = (finer * contact.points[0], finer * contact.points[1])
@@ -294,14 +303,18 @@ def full(p: Tables) -> tuple[Full, Mesh]:
         )
         return contact_points(described, whole, mesh)
 
-    none = Points("", *[sp.csr_array((0, whole.rows))] * 2, *[np.zeros(0)] * 2, *[np.zeros((0, 3))] * 2)
-    contacts, finer = (
-        tuple(
-            tried(partial(points, name, contact, by), none, faults, f"contacts.{name}: ")
-            for name, contact in chosen.items()
-        )
-        for by, chosen in ((1, p.contacts), (2, {n: c for n, c in p.contacts.items() if c.slave}))
-    )
+    no_rows = sp.csr_array((0, whole.rows))
+    none = Points("", no_rows, no_rows, np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def points_of(chosen: Mapping[str, Contact], finer: int) -> tuple[Points, ...]:
+        contacts = []
+        for name, contact in chosen.items():
+            contacts.append(tried(partial(points, name, contact, finer), none, faults, f"contacts.{name}: "))
+        return tuple(contacts)
+
+    on_mesh = {name: contact for name, contact in p.contacts.items() if contact.slave}
+    contacts = points_of(p.contacts, 1)
+    finer = points_of(on_mesh, 2)
     vectors = {
         where: tried(partial(of_place, place), np.zeros(whole.rows), faults, f"{where}: ")
         for where, place in p.places()
@@ -310,13 +323,11 @@ def full(p: Tables) -> tuple[Full, Mesh]:
         raise SceneError("structure", dict.fromkeys(faults))
     parts = list(whole.parts)
     if p.damping.table is None:
-        own = [replace(part, of="damping", name=f"Rayleigh {part.name}") for part in parts if not part.key]
-        parts += [replace(part, key=ALPHA) for part, of in zip(own, (q.of for q in parts if not q.key)) if of == "mass"]
-        parts += [
-            replace(part, key=BETA)
-            for part, of in zip(own, (q.of for q in whole.parts if not q.key))
-            if of == "stiffness" and part.symmetric
-        ]
+        constant = [part for part in whole.parts if not part.key]
+        masses = [part for part in constant if part.of == "mass"]
+        springs = [part for part in constant if part.of == "stiffness" and part.symmetric]
+        for key, proportional in ((ALPHA, masses), (BETA, springs)):
+            parts += [replace(part, of="damping", name=f"Rayleigh {part.name}", key=key) for part in proportional]
     if len(finer) < len(contacts):
         finer = ()
     return replace(whole, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer), mesh
