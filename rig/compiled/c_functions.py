@@ -100,9 +100,12 @@ def _described(what: Any, told: set[int]) -> str:
         told.add(id(own))
         if own.__closure__:
             raise TypeError("a closure")
-        parts = [f"{code.co_code.hex()} {_constants(code)} {code.co_names} {code.co_varnames}"
-                 for code in _codes(own.__code__)]  # fmt: skip
-        return " ".join([*parts, repr(own.__defaults__), *(f"{n} = {_described(v, told)}" for n, v in _named(own))])
+        parts = []
+        for code in _codes(own.__code__):
+            parts.append(f"{code.co_code.hex()} {_constants(code)} {code.co_names} {code.co_varnames}")
+        parts.append(repr(own.__defaults__))
+        parts += [f"{name} = {_described(value, told)}" for name, value in _named(own)]
+        return " ".join(parts)
     if isinstance(what, ModuleType) and what.__name__.partition(".")[0] in _LIBRARIES:
         return what.__name__
     if what is None or isinstance(what, bool | int | float | str):

@@ -124,7 +124,9 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
         name, kind, data = state
         if kind == "linked":
             made = codegen.create_library(name)
-            made._bitcode, made._emitted, made._finalized = data, False, True  # noqa: SLF001
+            made._bitcode = data  # noqa: SLF001
+            made._emitted = False  # noqa: SLF001
+            made._finalized = True  # noqa: SLF001
             return made  # type: ignore[no-any-return]
         if kind != "object":
             return super()._unserialize(codegen, state)  # type: ignore[no-untyped-call, no-any-return]
@@ -209,7 +211,8 @@ class _Codegen(codegen.JITCPUCodegen):  # type: ignore[misc]
 
 
 _codegen: Any = registry.cpu_target.target_context.codegen()  # type: ignore[attr-defined]
-_codegen.__class__, _codegen._library_class = _Codegen, _Library  # noqa: SLF001
+_codegen.__class__ = _Codegen
+_codegen._library_class = _Library  # noqa: SLF001
 for _kind in (newpassmanagers.ModulePassManager, newpassmanagers.FunctionPassManager):
     # llvmlite frees neither: of its two base classes the first one, which frees nothing, is asked. numba makes one for
     # each function of each kernel, also for those that are only declared: 1 MB for the smallest kernel.

@@ -47,6 +47,8 @@ LIMIT = 1 << 30
 """Largest size of the kernels of all sources in bytes; those of the present sources are never deleted. # chosen"""
 INSTEAD = "RIG_KERNELS to another folder"
 _SUM = 4
+_SHOWN_S = 0.5  # s between two progress messages on a terminal
+_LINE_S = 5.0  # s between two progress messages elsewhere
 _WORTH_S = 2.0  # s: shortest total that is noted for the next start
 _ASK_S = 0.02  # s between two checks whether another process has finished
 _log = logging.getLogger("rig")
@@ -127,9 +129,6 @@ def _files(root: Path, imports: list[str]) -> Iterator[str]:
         path = f"{name.replace('.', '/')}.py"
         if (root / path).is_file():
             yield path
-
-
-_SHOWN_S, _LINE_S = 0.5, 5.0  # s between two progress messages on a terminal, and elsewhere
 
 
 class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]

@@ -307,7 +307,8 @@ class _Period:
         if ns:
             n = len(self.A)
             both = np.zeros((n + 1, n + 1))
-            both[:n, :n], both[:n, n] = self.A, self.B
+            both[:n, :n] = self.A
+            both[:n, n] = self.B
             self.rows[: n + 1] = expm(both * (ns * 1e-9)) @ self.rows[: n + 1]
 
     def _sample(self) -> None:
@@ -350,11 +351,13 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
     size = n + len(out)
     A = np.zeros((size, size))
     B = np.zeros(size)
-    A[:n, :n], B[:n] = plant.A, plant.B[:, drive]
+    A[:n, :n] = plant.A
+    B[:n] = plant.B[:, drive]
     at = n
     for block in blocks:
         A[at : at + len(block), at : at + len(block)] = block
-        A[at, :n], B[at] = c, d
+        A[at, :n] = c
+        B[at] = d
         at += len(block)
     direct = 0.0 if end.averages else end.direct
     return A, B, end.gain * np.concatenate([direct * c, out, [direct * d]])

@@ -331,7 +331,8 @@ class DesignRig:
         given = self._assembly.inputs.get(drive)
         if given is None or not given.state:
             raise ValueError(f"drive: {drive} is not an actuator whose command is a state of the rig")
-        (rig, values, right), command = self._vibration, self._system.names.index(given.state)
+        rig, values, right = self._vibration
+        command = self._system.names.index(given.state)
         A = rig.A
         moving = rig.moving
         rest = np.setdiff1d(np.arange(len(A)), [*moving, command])

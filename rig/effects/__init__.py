@@ -61,7 +61,8 @@ def _section(module: ModuleType, name: str) -> type[Effect]:
     if not isinstance(declares, About):
         raise PartError(f"{file_of(module)}: declares is {brief(declares)}; expected a rig.about.About")
     for key in ("random", "switch"):
-        if (value := getattr(declares, key)) and value not in own.model_fields:
+        value = getattr(declares, key)
+        if value and value not in own.model_fields:
             raise PartError(
                 f"{file_of(module)}: {key} = {brief(value)} in declares; expected one of its values: "
                 f"{', '.join(own.model_fields)}"

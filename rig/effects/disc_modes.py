@@ -185,7 +185,8 @@ def _functions(disc: Disc, l: int, k: Array, r: float | Array) -> tuple[Array, A
     scale: list[Any] = [1.0, 1.0, grow, fall]
     four = (special.jv, special.yv, special.ive, special.kve)
     f = [s * function(l, x) for s, function in zip(scale, four)]
-    before, after = ([s * function(o, x) for s, function in zip(scale, four)] for o in (l - 1, l + 1))
+    before = [s * function(l - 1, x) for s, function in zip(scale, four)]
+    after = [s * function(l + 1, x) for s, function in zip(scale, four)]
     sides = ((1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, -1.0))
     g = [0.5 * (p * below + q * above) for (p, q), below, above in zip(sides, before, after)]
     return np.stack(f, axis=-1), np.stack(g, axis=-1)

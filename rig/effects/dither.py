@@ -83,7 +83,8 @@ def add(
         a.push(coordinate, {"dither.sin": arm})
 
     def write(x: NDArray[np.float64], values: Mapping[str, float], t: float) -> None:
-        sine, cosine = a.names.index("dither.sin"), a.names.index("dither.cos")  # effects added later move them
+        sine = a.names.index("dither.sin")  # effects added later move them
+        cosine = a.names.index("dither.cos")
         wanted = values["dither.amplitude"] if values["dither.enable"] >= 0.5 else 0.0
         now = math.hypot(x[sine], x[cosine])
         if now > 0.0 and wanted > 0.0:

@@ -76,8 +76,10 @@ def add(a: Assembly, drive: _Drive, unit: str, moved: Mapping[str, str]) -> Row:
     low, high = limits(drive.speed_min, drive.speed_max)
     if drive.lag is not None:
         moved = {"drive.speed": "held", **moved}
-    return actuator(a, "drive.speed", unit, drive.speed, 0.0 if low <= 0.0 <= high else drive.speed,
-                    (low, high), FASTEST[unit], drive.lag, "drive", moved)  # fmt: skip
+    safe = 0.0 if low <= 0.0 <= high else drive.speed
+    bounds = (low, high)
+    most = FASTEST[unit]
+    return actuator(a, "drive.speed", unit, drive.speed, safe, bounds, most, drive.lag, "drive", moved)
 
 
 def command_range(value: float, low: float, high: float, most: float) -> tuple[float, float]:

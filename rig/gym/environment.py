@@ -27,7 +27,8 @@ SEEDS = 1 << 31  # seeds that an environment draws for itself are below this num
 
 def box(ranges: list[tuple[float, float]]) -> Any:
     """The space of values within these ranges."""
-    low, high = (np.array(ends) for ends in zip(*ranges))
+    low = np.array([least for least, _ in ranges])
+    high = np.array([most for _, most in ranges])
     return gymnasium.spaces.Box(low, high, dtype=np.float64)
 
 
@@ -54,7 +55,8 @@ class RigEnv(gymnasium.Env[Array, Array]):
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One step: see `Episode.step`. Raises UsageError for an action of another shape or with NaN."""
-        stepped = self.episode.step(self.episode.commands(action).tolist())
+        command = self.episode.commands(action)
+        stepped = self.episode.step(command.tolist())
         return np.array(stepped.observation), stepped.reward, stepped.terminated, stepped.truncated, stepped.info
 
 
@@ -75,7 +77,8 @@ def make(
     `duration`: length of an episode in seconds; by default that of the protocol. `overrides`: as for `rig.load`, of a
     scene given by name or file. Raises rig.errors.UsageError with all faults.
     """
-    return RigEnv(Episode(loaded(scene, overrides), observe, act, reward, frames, duration))
+    episode = Episode(loaded(scene, overrides), observe, act, reward, frames, duration)
+    return RigEnv(episode)
 
 
 def make_vec(
@@ -93,7 +96,6 @@ def make_vec(
 
     Raises rig.errors.UsageError with all faults of the arguments.
     """
-    one = partial(
-        make, loaded(scene, overrides), observe=observe, act=act, reward=reward, frames=frames, duration=duration
-    )
-    return SyncVectorEnv([one] * count)
+    plant = loaded(scene, overrides)
+    environment = partial(make, plant, observe=observe, act=act, reward=reward, frames=frames, duration=duration)
+    return SyncVectorEnv([environment] * count)

@@ -162,8 +162,9 @@ def _from_formulas(section: FrictionLaw) -> Law:
         states = tuple(section.states)
         jumps = tuple(map(float, section.jumps))
         rest = None if (static := section.static()) is None else float(static)
-    if code_of(module) is not None and (wrong := [*_wrong_states(states)]):  # of a property, which depends on values
-        raise PartError("\n".join(f"{file_of(module)}: {kind.__name__}.states {line}" for line in wrong))
+    if code_of(module) is not None:  # `states` may be a property, which depends on values
+        if wrong := [*_wrong_states(states)]:
+            raise PartError("\n".join(f"{file_of(module)}: {kind.__name__}.states {line}" for line in wrong))
     try:
         shape = compiled.shape_of(numbers)
     except TypeError as error:

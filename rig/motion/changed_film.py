@@ -74,7 +74,8 @@ class _Points:
         self._forces = x[tables.first : tables.first + count]
         self._sums = x[tables.first + count : tables.first + count + len(SUMS)]
         rows = self._film.everywhere(float(x[tables.travel]))[..., self._film.order]
-        self._normal, self._sliding = rows[0], rows[1:]
+        self._normal = rows[0]
+        self._sliding = rows[1:]
 
     def _states(self, kind: str) -> Array:
         """The states of one kind [point], as a view."""
@@ -89,7 +90,8 @@ class _Points:
         deep = np.maximum(self._seen_ahead(place), 0.0)
         force = tables.stiffness * deep
         if self._film.damping.any():
-            force = np.where(deep > 0.0, np.maximum(force + self._resistance(place, step), 0.0), 0.0)
+            resisted = np.maximum(force + self._resistance(place, step), 0.0)
+            force = np.where(deep > 0.0, resisted, 0.0)
             self._states("c")[:] = deep
         self._sums[OPENINGS] += COUNTED * np.count_nonzero((P > 0.0) & (force == 0.0))
         P[:] = force
@@ -98,8 +100,9 @@ class _Points:
         """The compressions for the pressures: extrapolated along the acceleration that these give the slider."""
         tables = self._tables
         count = self._film.points
-        ahead = tables.stiff_rows[:, :count] @ np.maximum(place, 0.0)
-        return np.asarray(place - (tables.stiffness[0] * tables.advance * ahead) @ tables.slider_rows[:, :count])
+        pressed = tables.stiff_rows[:, :count] @ np.maximum(place, 0.0)
+        ahead = tables.stiffness[0] * tables.advance * pressed
+        return np.asarray(place - ahead @ tables.slider_rows[:, :count])
 
     def _resistance(self, place: Array, step: float) -> Array:
         """The viscous force of each point, by its compression speed of the last step; sets the position before it."""
@@ -116,7 +119,8 @@ class _Points:
         P = self._states("P")
         resisted = P - old.stiffness[order] * self._states("c")
         told = (P > 0.0) & (was > 0.0)
-        rate = np.where(told, resisted / np.where(was > 0.0, was, 1.0), (place - earlier) / step)
+        by_force = resisted / np.where(was > 0.0, was, 1.0)
+        rate = np.where(told, by_force, (place - earlier) / step)
         return np.asarray(damping * rate)
 
     def shear(self) -> float:
@@ -165,5 +169,7 @@ class _Points:
             self._forces[:] += self._sliding[1] @ self._states("g")
         normal = float(P.sum())
         share = P / normal if normal else P
-        sums[NORMAL], sums[FRICTION], sums[FRACTION] = normal, f.sum(), np.mean(P > 0.0)
+        sums[NORMAL] = normal
+        sums[FRICTION] = f.sum()
+        sums[FRACTION] = np.mean(P > 0.0)
         sums[CENTRE_X], sums[CENTRE_Y] = tables.places @ share

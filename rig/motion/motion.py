@@ -71,14 +71,12 @@ def why(status: int, system: System, integration: Integration, state: MotionStat
         return NumericsError, f"{what} or whose friction is less steep at small speeds (rate_state: a larger a)"
     assert status == LOST
     film = system.film
-    if (
-        film is not None
-        and film.travel
-        and not 0.0 <= (place := float(state.x[system.names.index(film.travel)])) <= film.longest
-    ):
+    if film is not None and film.travel:
+        place = float(state.x[system.names.index(film.travel)])
         if place < 0.0:
             return NumericsError, "the slider runs backwards and has reached the rear end of its travel, 0 m"
-        return NumericsError, f"the slider has reached the end of its travel, {film.longest:g} m"
+        if not place <= film.longest:
+            return NumericsError, f"the slider has reached the end of its travel, {film.longest:g} m"
     if np.all(np.abs(state.x) <= integration.limit):
         return Diverged, f"no step is short enough for the tolerance {integration.tolerance:g}"
     what = f"the state has left the limit of {integration.limit:g} or is not finite"
@@ -406,7 +404,8 @@ class Motion:
 
     def _search_contacts(self) -> None:
         """Let the next call of the kernels determine the contact state as at a start."""
-        self.state.progress["pending"], self.state.progress["search_began_at"] = START, -1
+        self.state.progress["pending"] = START
+        self.state.progress["search_began_at"] = -1
 
     def replace(self, ready: Ready) -> None:
         """Continue as another system: states of the same name keep their values, or what the systems name as conserved.
@@ -531,8 +530,9 @@ class Motion:
         rows = int(self.state.progress[0]["tick"])
         if not self.mode_sets.forget(np.unique(self.log.modes[:rows])):
             self._reached(first, int(self.state.progress[0]["reached"]))
-            raise NumericsError(f"the {len(self.mode_sets.sets)} mode sets of a single call fill the memory that "
-                                f"they may have, {MOST_BYTES >> 20} MB: {FILM_HELPS}", *self._where())  # fmt: skip
+            count = len(self.mode_sets.sets)
+            what = f"the {count} mode sets of a single call fill the memory that they may have, {MOST_BYTES >> 20} MB"
+            raise NumericsError(f"{what}: {FILM_HELPS}", *self._where())
 
     def _reached(self, first: int, last: int) -> None:
         self.kept = last

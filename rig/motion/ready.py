@@ -97,14 +97,17 @@ def plan(
         tables, *carried, ticks = common
         loan = Lent(types.NamedTuple([lent.content for lent in carried], MotionRecords))
         matrix = types.Array(types.float64, 2, "C")
+        indices = types.Array(types.int64, 1, "C")
         block = tables, loan, types.boolean, ticks, ticks
         soon = _for_stiff(made).values() if fastest_eigenvalue(system) * step > FAST else ()
-        return [
-            *((function, (shape, *common)) for function, shape in soon),
-            (advance_frames, (*block, ticks, *map(numba.typeof, loans))) if loans else (advance, block),
-            (evaluate_outputs, (tables, loan, matrix, types.Array(types.int64, 1, "C"), matrix, ticks)),
-            (expm.ladder, (matrix, types.float64)),
-        ]
+        functions: list[tuple[Any, tuple[Any, ...]]] = [(function, (shape, *common)) for function, shape in soon]
+        if loans:
+            functions.append((advance_frames, (*block, ticks, *map(numba.typeof, loans))))
+        else:
+            functions.append((advance, block))
+        functions.append((evaluate_outputs, (tables, loan, matrix, indices, matrix, ticks)))
+        functions.append((expm.ladder, (matrix, types.float64)))
+        return functions
 
     return made._replace(**addresses(wanted, partial(_kinds, system, made), more))
 
@@ -171,34 +174,23 @@ class Ready(NamedTuple):
 def prepared(system: System, outputs: list[dict[str, float]], integration: Integration) -> Ready:
     """The system as the method sees it, without mode sets. Raises ValueError if the method does not support it."""
     system = as_integrated(system, integration.method, integration.smoothing)
-    mode_sets = ModeSets(
+    step = integration.step_ns * 1e-9
+    implicit = integration.method == "rosenbrock"
+    mode_sets = ModeSets(system, step, outputs, integration.read, integration.substeps, implicit)
+    work = workspace(system, integration.read, mode_sets.tables.G.shape[1])
+    plan_of_system = plan(
         system,
-        integration.step_ns * 1e-9,
-        outputs,
-        integration.read,
+        integration.method,
         integration.substeps,
-        integration.method == "rosenbrock",
+        integration.tolerance,
+        integration.with_energy,
+        integration.read > 0,
+        integration.limit,
+        integration.loans,
+        step,
     )
-    return Ready(
-        system,
-        outputs,
-        mode_sets,
-        workspace(system, integration.read, mode_sets.tables.G.shape[1]),
-        plan(
-            system,
-            integration.method,
-            integration.substeps,
-            integration.tolerance,
-            integration.with_energy,
-            integration.read > 0,
-            integration.limit,
-            integration.loans,
-            integration.step_ns * 1e-9,
-        ),
-        cache(system.event_text),
-        (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((len(outputs), 1))),
-        None,
-    )
+    now = (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((len(outputs), 1)))
+    return Ready(system, outputs, mode_sets, work, plan_of_system, cache(system.event_text), now, None)
 
 
 def add(mode_sets: ModeSets, key: int) -> int:

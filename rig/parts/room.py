@@ -113,8 +113,8 @@ class Room(Mapping[str, T], Generic[T]):
         entry, *others = self.installed[name]
         if others:
             packages = " and ".join(package_of(point) for point in (entry, *others))
-            raise PartError(f"several packages have installed a part {name}: {packages}; uninstall all but one, or "
-                            "name the file of the part")  # fmt: skip
+            remedy = "uninstall all but one, or name the file of the part"
+            raise PartError(f"several packages have installed a part {name}: {packages}; {remedy}")
         try:
             module = importlib.import_module(entry.module)
             code = _code(entry)

@@ -72,12 +72,14 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
         if level not in levels:
             return
         if level:
-            closed = np.array([mode == CLOSED for mode in system.modes(modes.key)[1]], dtype=bool).reshape(-1, 1)
-            pressed = (
-                closed[:, 0] * (modes.normal @ x + modes.normal_t @ T),
-                closed * (modes.normal + modes.normal_t @ dT),
-            )
-            rubbed = modes.friction @ x + modes.friction_t @ T, modes.friction + modes.friction_t @ dT
+            normal_modes = system.modes(modes.key)[1]
+            closed = np.array([mode == CLOSED for mode in normal_modes], dtype=bool).reshape(-1, 1)
+            normal = modes.normal @ x + modes.normal_t @ T
+            normal_slopes = modes.normal + modes.normal_t @ dT
+            friction = modes.friction @ x + modes.friction_t @ T
+            friction_slopes = modes.friction + modes.friction_t @ dT
+            pressed = closed[:, 0] * normal, closed * normal_slopes
+            rubbed = friction, friction_slopes
         else:  # no factor is a force
             pressed = rubbed = np.zeros(0), np.zeros((0, n))
         values, slopes = tangent(system.products, level, x, (pressed, rubbed))
@@ -101,19 +103,22 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
         for p in slipping:
             T[p], by_speed[p], by_load[p] = contact(p, float(w[p]), float(N[p]))
         for p in remembering:
-            values, slopes = _remembered(system, modes, p, x, float(N[p]))
-            T[p], by_speed[p], by_load[p], by_state[p] = values[0], slopes[0][0], slopes[1][0], slopes[2][0]
+            values, (over_speed, over_load, over_states) = _remembered(system, modes, p, x, float(N[p]))
+            T[p] = values[0]
+            by_speed[p] = over_speed[0]
+            by_load[p] = over_load[0]
+            by_state[p] = over_states[0]
         if all(abs(force - last) <= 1e-14 * abs(last) for force, last in zip(T.tolist(), before)):
             break
-    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * (load + load_t[:, P:] @ dT[P:]) + by_state
+    load_slopes = load + load_t[:, P:] @ dT[P:]
+    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * load_slopes + by_state
     try:
         dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if coupled else change
     except np.linalg.LinAlgError:
         raise Singular(JAMS, system.describe(modes.key), jams=True) from None
     for p in remembering:
-        values, (over_speed, over_load, over_states) = _remembered(
-            system, modes, p, x, float(load[p] @ x + load_t[p] @ T)
-        )
+        N_p = float(load[p] @ x + load_t[p] @ T)
+        values, (over_speed, over_load, over_states) = _remembered(system, modes, p, x, N_p)
         rates = system.rates(p)
         T[rates] = values[1:]
         dT[rates] = over_states[1:] + np.outer(over_speed[1:], system.slip_rows[p])
@@ -138,13 +143,15 @@ def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> t
         w = 0.0
     moves = float(sigma != 0.0 or not loaded)
     turned = np.array([sign if state.along else 1.0 for state in law.states])
-    values, slopes = law.formula.evaluate(law.numbers, max(sign * w, 0.0), N, turned * x[list(patch.memory)])
+    memory = list(patch.memory)
+    values, slopes = law.formula.evaluate(law.numbers, max(sign * w, 0.0), N, turned * x[memory])
     scale = np.array([sign * N, *turned])
     over_x = np.zeros((len(scale), system.n))
-    over_x[:, list(patch.memory)] = scale[:, None] * slopes[:, 2:] * turned
+    over_x[:, memory] = scale[:, None] * slopes[:, 2:] * turned
     over_load = scale * slopes[:, 1]
     over_load[0] += sign * values[0]
-    return scale * values[:-1], (scale * slopes[:, 0] * sign * moves, over_load, over_x)
+    over_speed = scale * slopes[:, 0] * sign * moves
+    return scale * values[:-1], (over_speed, over_load, over_x)
 
 
 def moving_states(system: System, A: Array) -> NDArray[np.int64]:
@@ -171,11 +178,14 @@ def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.
         steps = linked.astype(np.float64)  # a product of booleans is slow
         linked = steps @ steps > 0.0
     loops = linked & linked.T
-    stable = [
-        (own[i, i] if loop.sum() == 1 else np.linalg.eigvals(own[np.ix_(loop, loop)]).real.max()) < 0.0
-        for i, loop in enumerate(loops)  # the loop that contains the state
-    ]
-    return np.asarray(rest[np.array(stable, dtype=bool)], dtype=np.int64)
+    stable = np.zeros(len(rest), dtype=bool)
+    for i, loop in enumerate(loops):  # the loop that contains the state
+        if loop.sum() == 1:
+            growth = own[i, i]
+        else:
+            growth = np.linalg.eigvals(own[np.ix_(loop, loop)]).real.max()
+        stable[i] = growth < 0.0
+    return np.asarray(rest[stable], dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -256,7 +266,8 @@ class Steady:
                 "nothing vibrates and nothing decays in steady sliding, so there is no cycle; "
                 "give the structure a stiffness"
             )
-        return 2.0 * np.pi / fastest, 2.0 * np.pi / float(rates[rates > 1e-6 * fastest].min())
+        slowest = float(rates[rates > 1e-6 * fastest].min())
+        return 2.0 * np.pi / fastest, 2.0 * np.pi / slowest
 
     def eigenvectors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """The eigenvalues [i], the least stable first, and the mode shapes [state, i] over all states.
@@ -266,7 +277,8 @@ class Steady:
         """
         A = self.A[np.ix_(self.moving, self.moving)]
         memory = [patch.memory for patch in self.system.patches]
-        stuck = [p for p, mode in enumerate(self.system.modes(self.modes.key)[0]) if mode == STICK and not memory[p]]
+        patch_modes = self.system.modes(self.modes.key)[0]
+        stuck = [p for p, mode in enumerate(patch_modes) if mode == STICK and not memory[p]]
         if stuck:
             rows = self.system.slip_rows[stuck][:, self.moving]
             within = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
@@ -302,7 +314,8 @@ def settled(system: System, x: Array) -> Array:
     out = x.copy()
     out[: system.one] = 0.0
     rates = system.signals[:, system.one :] != 0.0
-    if not (len(system.network) or len(system.limiters) or np.any(rates.any(axis=0) & rates.any(axis=1))):
+    chained = np.any(rates.any(axis=0) & rates.any(axis=1))
+    if not (len(system.network) or len(system.limiters) or chained):
         return out  # no driving state has a rate that depends on one with a rate: nothing settles
     stick = system.key([STICK] * len(system.patches), [1] * len(system.normals), [0] * len(system.limiters))
     A = assembled(system, stick).A
@@ -316,7 +329,8 @@ def settled(system: System, x: Array) -> Array:
         value = float(limiter.row @ out)
         rate = -float(system.signals[limiter.state - system.one, limiter.state])
         if rate > 0.0:
-            out[limiter.state] += limiter.gain / rate * (min(max(value, limiter.low), limiter.high) - value)
+            clamped = min(max(value, limiter.low), limiter.high)
+            out[limiter.state] += limiter.gain / rate * (clamped - value)
     return out
 
 
@@ -328,23 +342,24 @@ def steady(system: System, key: int, contact: Contact | None = None, beside: Ste
     steady sliding in this mode set with another start of the same system, near which the search begins. Raises
     rig.errors.Singular.
     """
-    if beside is not None and beside.modes.key != key:
-        beside = None
-    modes, near = (assembled(system, key), None) if beside is None else (beside.modes, beside.x)
-    if beside is None:
+    if beside is None or beside.modes.key != key:
+        modes = assembled(system, key)
+        near = None
         moving = moving_states(system, modes.A)
         free = np.union1d(moving, settling(system, modes.A, moving))
     else:
+        modes = beside.modes
+        near = beside.x
         moving = beside.moving
         free = beside.settling
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
-    equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False, near)
+    full_steps = 0 if stuck else _WIDE
+    equilibrium = _newton(system, modes, law, free, full_steps, False, near)
     if near is not None and not (equilibrium.balanced and _agrees(system, modes, equilibrium)):
-        equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False)
-    if not (
-        stuck or (equilibrium.balanced and _agrees(system, modes, equilibrium))
-    ):  # another search may find another equilibrium
+        equilibrium = _newton(system, modes, law, free, full_steps, False)
+    slides = equilibrium.balanced and _agrees(system, modes, equilibrium)
+    if not (stuck or slides):  # another search may find another equilibrium
         other = _newton(system, modes, law, free, _SHORTENED_STEPS, True)
         if not equilibrium.balanced or (other.balanced and _agrees(system, modes, other)):
             equilibrium = other
@@ -408,7 +423,8 @@ def _newton(
     unstable statically, where full steps diverge.
     """
     nq = len(system.coordinates)
-    rows, columns = free[free >= nq], free[(free < nq) | (free >= 2 * nq)]  # q' = v is solved by v = 0
+    rows = free[free >= nq]  # q' = v is solved by v = 0
+    columns = free[(free < nq) | (free >= 2 * nq)]
     x = system.start.copy()
     x[: system.one] = 0.0 if near is None else near[: system.one]
     A, T, load = linearised(system, modes, x, law)
@@ -419,7 +435,8 @@ def _newton(
     for _ in range(rounds):
         if residual <= _TOLERANCE * scale:
             break
-        step = np.linalg.lstsq(A[np.ix_(rows, columns)], (modes.A @ x + modes.b @ T)[rows], rcond=1e-14)[0]
+        rate = modes.A @ x + modes.b @ T
+        step = np.linalg.lstsq(A[np.ix_(rows, columns)], rate[rows], rcond=1e-14)[0]
         before = residual
         share = 1.0
         while share > (_LEAST if falling else 0.5):
@@ -435,7 +452,8 @@ def _newton(
             break
         x = y
         A, T, load = linearisation
-    x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # below the resolution of lstsq
+    rounding = np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])  # below the resolution of lstsq
+    x[columns[rounding]] = 0.0
     return _Found(x, A, T, load, residual <= _REST * scale)
 
 
@@ -464,9 +482,9 @@ def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact:
     by_force = modes.load_t[:, : len(system.patches)]
     if not np.any(by_force):
         return modes.jam
-    by_load = np.array(
-        [contact(p, float(speed[p]), float(load[p]))[2] if modes.nonlinear[p] else 0.0 for p in range(P)]
-    )
+    by_load = np.zeros(P)
+    for p in np.flatnonzero(modes.nonlinear).tolist():
+        by_load[p] = contact(p, float(speed[p]), float(load[p]))[2]
     return modes.jam * float(np.linalg.det(np.eye(P) - by_load[:, None] * by_force))
 
 

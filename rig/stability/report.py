@@ -493,7 +493,8 @@ def _steep_law(system: System, step: float, substeps: int) -> Iterator[Finding]:
 
 def _memory(system: System, step: float, substeps: int) -> Iterator[Finding]:
     """Whether rk4 can follow the internal states of laws with memory."""
-    (fastest, speed), h = fastest_memory(system, mode_sets(system)), step / substeps
+    fastest, speed = fastest_memory(system, mode_sets(system))
+    h = step / substeps
     size = fastest * h
     moves = f"slips at {speed:.3g} m/s" if speed else "rests or creeps"
     where = f"|lambda| h = {size:.3g} where a contact whose friction law has memory {moves}"

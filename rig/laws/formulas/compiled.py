@@ -124,10 +124,20 @@ def _formula(kind: type, module: ModuleType, shape: Shape, states: tuple[Interna
     slopes = [*head, f"out = carray(_out, ({m + 1}, {m + 2}))"]
     if m:
         stored = "stored(p, N, z)" if "stored" in functions else "0.0"
-        values += [f"out[0] = {_LOST}", "out[0] = mu(p, w, N, z)", f"for i in range({m}):", "    out[1 + i] = 0.0",
-                   f"rates(p, w, N, z, out[1:{m + 1}])", f"out[{m + 1}] = {stored}"]  # fmt: skip
-        slopes += [f"for i in range({m + 1}):", f"    for j in range({m + 2}):", "        out[i, j] = 0.0",
-                   "slopes(p, w, N, z, out)"]  # fmt: skip
+        values += [
+            f"out[0] = {_LOST}",
+            "out[0] = mu(p, w, N, z)",
+            f"for i in range({m}):",
+            "    out[1 + i] = 0.0",
+            f"rates(p, w, N, z, out[1:{m + 1}])",
+            f"out[{m + 1}] = {stored}",
+        ]
+        slopes += [
+            f"for i in range({m + 1}):",
+            f"    for j in range({m + 2}):",
+            "        out[i, j] = 0.0",
+            "slopes(p, w, N, z, out)",
+        ]
     else:
         values += [f"out[0] = {_LOST}", "out[0] = mu(p, w)", "out[1] = 0.0"]
         slopes += [f"out[0, 0] = {_LOST}", "out[0, 0] = slope(p, w)", "out[0, 1] = 0.0"]
