@@ -46,7 +46,7 @@ _DECORATORS = {"kernel", "inner", "by_address", "inlined", "fused"}
 LIMIT = 1 << 30
 """Largest size of the kernels of all sources in bytes; those of the present sources are never deleted. # chosen"""
 INSTEAD = "RIG_KERNELS to another folder"
-_SUM = 4
+_SUM = 4  # bytes of the checksum (CRC-32) before a stored kernel
 _SHOWN_S = 0.5  # s between two progress messages on a terminal
 _LINE_S = 5.0  # s between two progress messages elsewhere
 _WORTH_S = 2.0  # s: shortest total that is noted for the next start

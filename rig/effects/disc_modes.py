@@ -34,7 +34,7 @@ from rig.quantities import KilogramPerCubicMetre, Pascal, PoissonRatio, Positive
 Array = NDArray[np.float64]
 Count = Annotated[int, Ge(1), Le(200)]
 _PER_WAVE = 16  # points in the shortest distance of two roots
-_HALVINGS = 60
+_HALVINGS = 60  # of an interval with a root: more than a double has bits
 _SLOWEST = 0.9  # k b / l: the slowest wave is the one along the free edge, with 0.98 for nu = 0.5
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 

@@ -60,7 +60,7 @@ CURRENT = "shunt.current"
 OFFSET = "shunt.offset"
 POSITION = "shunt.position"
 OP_AMP = "op-amp"
-_UNNOTICED = 1e-8
+_UNNOTICED = 1e-8  # impedance over that of the capacitance: a smaller one has no influence [chosen]
 Beyond: Any = quantity("1", Gt(-1.0))
 Bank = Annotated[tuple[PositiveHenry, ...], Field(min_length=2)]
 

@@ -21,7 +21,7 @@ from rig.scenes.loader import loaded
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
-LARGEST_SEED = 2**63 - 1
+LARGEST_SEED = 2**63 - 1  # of a signed integer of 64 bits
 SEEDS = 1 << 31  # seeds that an environment draws for itself are below this number
 
 

@@ -32,7 +32,7 @@ LAW = "law"
 _CARRIED: ContextVar[Mapping[str, type[FrictionLaw]] | None] = ContextVar("carried", default=None)
 """Laws from elsewhere that a rig which is just read has: name -> class."""
 _MADE: dict[tuple[Any, ...], type[Section]] = {}
-_KEPT = 1000
+_KEPT = 1000  # most laws from formulas that are remembered [chosen]
 _LAWS: dict[tuple[Any, ...], Law] = {}
 """Laws from formulas that were made: class, numbers, static coefficient -> law; of the last ones."""
 

@@ -28,14 +28,14 @@ from rig.solve.records import STICK
 from rig.solve.roots import DEGREE
 
 Array = NDArray[np.float64]
-_SAMPLES = 128
+_SAMPLES = 128  # most samples in a step of the second derivative of a guard [chosen]
 STIFF = 7
 """Deepest tick of a mode set whose cells are single segments: at most 64 a tick."""
 WIDE_STIFF = 3
 """The same of a mode set with many states."""
 FAST = 50.0
 """|lambda| step beyond which dopri5 leaves explicit steps, of which stability alone would take more than 15 a tick."""
-_MARGIN = 1.25
+_MARGIN = 1.25  # safety factor on the largest sample, for what lies between samples
 MOST_BYTES = 1 << 30
 """Memory of the tables beyond which mode sets are forgotten."""
 KEPT = 320

@@ -32,7 +32,7 @@ from rig.scenes.scene import Scene
 LINK = 3
 """Descriptor of the socket."""
 START = 0.0
-_TEXT = 512
+_TEXT = 512  # bytes of the text of an answer; TEXT in shim.c
 _ROUNDING = 1e-6  # frames
 
 

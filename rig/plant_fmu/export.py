@@ -32,7 +32,7 @@ NEEDS = (
     "parameter `python`."
 )
 _SHIM = Path(__file__).with_name("shim.c")
-_COMPILER_S = 120.0
+_COMPILER_S = 120.0  # s that the C compiler may take [chosen]
 
 
 @dataclass(frozen=True)

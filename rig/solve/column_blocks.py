@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 from rig.compiled.kernel import Emission, fused, inlined, inner
 
 Array = NDArray[np.float64]
-ROUND = 64.0 * 2.2e-16
-LANE = 8
+ROUND = 64.0 * 2.2e-16  # rounding error of a product of rows, over the sum of the absolute values
+LANE = 8  # doubles in a vector of 512 bits
 VECTOR = ir.VectorType(ir.DoubleType(), LANE)
 _FLAGS = ("contract",)
 _WORD = ir.IntType(32)
-BLOCK = 16
+BLOCK = 16  # columns of a block: two vectors
 _ZERO = ir.Constant(VECTOR, [0.0] * LANE)
 MOST_SUMS = 6
 """Vectors of sums that are kept in registers: enough for two multiply-adds at a time, each of four cycles."""

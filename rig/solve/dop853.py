@@ -36,7 +36,7 @@ from rig.solve.specialised import is_unrolled, local, local_stages, state_count
 STAGES = 12
 EXTENDED = 16
 DEGREE = 7
-_GROW = 5.0
+_GROW = 5.0  # largest factor from a step to the next, as that of dopri5
 ERRORS = np.array(
     [
         (

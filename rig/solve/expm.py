@@ -38,10 +38,10 @@ _LEAST = -48  # below, the library function is called
 _MOST = 16  # above, the library function is called
 _TABLE = np.exp(np.arange(16 * _LEAST, 16 * _MOST + 1) / 16.0)
 _SHIFT = 1.5 * 2.0**52  # at this size a double has no fraction bits: adding it rounds to an integer
-ORDER = 14
+ORDER = 14  # Taylor terms of the finest cell: with |A| h <= REACH, more than a double resolves
 LONGEST = 12  # largest number of terms of the Taylor polynomial of a cell
 REACH = 0.25  # |A| h of a finest cell: Taylor of order 12 is then exact to 3e-18
-DEEPEST = 40
+DEEPEST = 40  # most halvings: |A| h up to 1e11 (rig.stability.report.EXACT_LIMIT)
 WIDTH = DEGREE + 2  # e^x and the weights h w_0 .. h w_8
 STATE, POLE, RESIDUE = range(3)  # columns of a table of poles [poles, COLUMNS], before the weights
 STEP = 3  # weights for a full sample step, the length of most segments

@@ -36,7 +36,7 @@ _FAR = 1e12  # times the previous residual: the full step diverges
 _TOLERANCE = 1e-12  # residual over the largest term at which the search ends
 _REST = 1e-9  # the same up to which all forces count as balanced
 _LEAST = 1e-3  # shortest share of a step
-_ROUNDING = 2.0**-52
+_ROUNDING = 2.0**-52  # of a double, over its size
 _LOOSE = 1e-12  # share of the largest stiffness below which nothing is held
 
 

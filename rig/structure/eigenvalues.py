@@ -37,7 +37,7 @@ _RIGID = 1e-12  # w^2 of a rigid mode over the largest of the mesh: what roundin
 _SAME = 1e-6  # relative distance of one eigenvalue found from two shifts
 _NUMBER = 16  # eigenvalues asked for at the first shift
 _MOST = 120  # and at most
-_TRIES = 6
+_TRIES = 6  # circles in a row that may be incomplete before the search ends [chosen]
 
 
 class Incomplete(RigError):

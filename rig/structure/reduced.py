@@ -23,7 +23,7 @@ from rig.structure.eigenvalues import Complex
 from rig.structure.full import Array, Full, Part, Points
 
 Kind = Literal["modes", "snapshots", "whole"]
-_FORMAT = 1
+_FORMAT = 1  # version of the bytes
 _DROPPED = 1e-10  # of the squared length that a vector adds to a basis: less is rounding
 _POINTS = ("normal", "along", "area", "radius", "position", "sliding", "flexibility")
 

@@ -23,7 +23,7 @@ SPEEDS = np.geomspace(1e-9, FASTEST, 111)
 """Slip speeds [m/s] at which a law without internal states is checked, beside 0."""
 _CLOSE = np.geomspace(1e-6, FASTEST, 20_001)
 """Slip speeds [m/s], 0.1 % apart, at which its coefficient is checked to be finite."""
-_FEW = np.geomspace(1e-7, 100.0, 6)
+_FEW = np.geomspace(1e-7, 100.0, 6)  # m/s; slip speeds at which a law with internal states is checked
 _LOADS = (1e-2, 1.0, 1e3)  # N
 _STEP = 1e-6  # difference step, relative
 _NEAR = 2e-5  # allowed difference of a derivative, relative

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_ROUNDING = 1e-13
+_ROUNDING = 1e-13  # of the sum of the absolute values: a smaller sum is rounding
 
 
 def constant(value: float, degree: int) -> Array:
