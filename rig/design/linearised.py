@@ -117,10 +117,8 @@ class Plant:
 def linear(assembly: Assembly, at: Steady) -> Plant:
     """Linearise the rig about the equilibrium `at`; actuators that are not states of this assembly are left out."""
     system = at.system
-    commands = {
-        name: system.names.index(actuator.state) for name, actuator in assembly.inputs.items() if actuator.state
-    }
-    given = np.array(list(commands.values()), dtype=np.int64)
+    driven = {name: actuator.state for name, actuator in assembly.inputs.items() if actuator.state}
+    given = np.array([system.names.index(state) for state in driven.values()], dtype=np.int64)
     kept = np.zeros(system.n, dtype=bool)
     kept[at.moving] = kept[given] = True
     for _ in range(system.n):
@@ -140,7 +138,7 @@ def linear(assembly: Assembly, at: Steady) -> Plant:
         C=out[:, x],
         D=out[:, given],
         states=tuple(system.names[i] for i in x),
-        inputs=tuple(commands),
+        inputs=tuple(driven),
         outputs=tuple(assembly.outputs),
         equilibrium=at.x[x],
         energy=energy_form(at)[np.ix_(x, x)],
@@ -342,7 +340,10 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
     out = []
     for pole, residue in zip(end.poles, end.residues):
         pair = 2.0 if pole.imag else 1.0
-        real = np.array([[pole.real, -pole.imag], [pole.imag, pole.real]]) if pole.imag else np.array([[pole.real]])
+        if pole.imag:
+            real = np.array([[pole.real, -pole.imag], [pole.imag, pole.real]])
+        else:
+            real = np.array([[pole.real]])
         blocks.append(real)
         out += [pair * residue.real, -pair * residue.imag][: len(real)]
     if end.averages:

@@ -270,7 +270,8 @@ class DesignRig:
         noise = max(math.hypot(end.noise, end.resolution / math.sqrt(12.0)), LEAST_NOISE * moved)
 
         scaled = model * size[None, :] / size[:, None]  # states of order one: the Riccati equation is well conditioned
-        transition = control.c2d(control.ss(scaled, np.zeros((n, 1)), np.eye(n), 0), period).A
+        continuous = control.ss(scaled, np.zeros((n, 1)), np.eye(n), 0)
+        transition = control.c2d(continuous, period).A
         seen = (output * size / moved)[None, :]
         spread = _accumulated(scaled, np.diag(walk), period)
         r = np.array([[(noise / moved) ** 2]])
@@ -343,7 +344,8 @@ class DesignRig:
         seen = read[moving] @ right
         pushed = np.empty(len(values), dtype=complex)
         for i, s in enumerate(values):  # the lag between command and force, at the eigenvalue of the mode
-            behind = np.linalg.solve(s * np.eye(len(rest)) - A[np.ix_(rest, rest)], A[rest, command])
+            lag = s * np.eye(len(rest)) - A[np.ix_(rest, rest)]
+            behind = np.linalg.solve(lag, A[rest, command])
             pushed[i] = left[i] @ (A[moving, command] + A[np.ix_(moving, rest)] @ behind)
         return np.asarray(seen * pushed)
 

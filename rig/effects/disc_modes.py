@@ -122,11 +122,10 @@ def free_modes(disc: Disc) -> tuple[Mode, ...]:
     """
     most = 2.0 / (disc.outer_radius - disc.inner_radius)
     while True:
-        roots = sorted(
-            (float(k), l, circles)
-            for l in range(math.ceil(disc.outer_radius * most / _SLOWEST) + 1)
-            for circles, k in enumerate(_roots(disc, l, most))
-        )
+        roots = []
+        for l in range(math.ceil(disc.outer_radius * most / _SLOWEST) + 1):
+            roots += [(float(k), l, circles) for circles, k in enumerate(_roots(disc, l, most))]
+        roots.sort()
         counted = np.cumsum([2 if l else 1 for _, l, _ in roots])
         if len(roots) and counted[-1] >= disc.modes:
             break
@@ -217,7 +216,9 @@ def _at(mode: Mode, radius: float) -> float:
 
 def _shape(mode: Mode, r: Array) -> Array:
     """The shape R [kg^-0.5] at radii [m]."""
-    return np.asarray(_functions(mode.disc, mode.diameters, np.full(len(r), mode.wavenumber), r)[0] @ mode.coefficients)
+    wavenumbers = np.full(len(r), mode.wavenumber)
+    values, _ = _functions(mode.disc, mode.diameters, wavenumbers, r)
+    return np.asarray(values @ mode.coefficients)
 
 
 class Geometry(Section):

@@ -372,16 +372,14 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
     silent: dict[str, Row] = {name: {} for name in rates if name != VOLTAGE}
     opened = Circuit("open", {VOLTAGE: alone, **silent}, tuple(silent), {OP_AMP: 0.0} if clamped else {})
     coils = shunt.bank or (L,)
-    closed = [
-        Circuit(
-            f"{coil:g} H" if shunt.bank else "connected",
-            {CURRENT: _coil(driving, R, coil)} if L else {VOLTAGE: rates[VOLTAGE]},
-            () if L or R else (VOLTAGE,),
-            {OP_AMP: -1.0 / coil} if clamped and L else {},
-            ((coil, {CURRENT: 1.0}),) if shunt.bank else (),
-        )
-        for coil in coils
-    ]
+    closed = []
+    for coil in coils:
+        name = f"{coil:g} H" if shunt.bank else "connected"
+        changed = {CURRENT: _coil(driving, R, coil)} if L else {VOLTAGE: rates[VOLTAGE]}
+        still = () if L or R else (VOLTAGE,)
+        gains = {OP_AMP: -1.0 / coil} if clamped and L else {}
+        stores = ((coil, {CURRENT: 1.0}),) if shunt.bank else ()
+        closed.append(Circuit(name, changed, still, gains, stores))
     _switch(a, opened, closed, shunt.connected, L, coils)
     if shunt.bank is not None:
         bounds = min(shunt.bank), max(shunt.bank)

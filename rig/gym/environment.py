@@ -51,7 +51,8 @@ class RigEnv(gymnasium.Env[Array, Array]):
             seed = whole("seed", seed, 0, LARGEST_SEED)
         super().reset(seed=seed)
         used = int(self.np_random.integers(SEEDS)) if seed is None else seed
-        return np.array(self.episode.reset(used)), {"t": 0.0, "seed": used}
+        first = self.episode.reset(used)
+        return np.array(first), {"t": 0.0, "seed": used}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One step: see `Episode.step`. Raises UsageError for an action of another shape or with NaN."""

@@ -9,7 +9,7 @@ bits.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,19 @@ MOST_BYTES = 1 << 30
 KEPT = 320
 """Least number of mode sets that are kept whatever their size; the first 256 are counted one by one (advance.TALLIED)
 and never forgotten."""
+
+
+class _Cells(NamedTuple):
+    """How a mode set propagates: `E` [level, n, n] over step / 2^level minus one, with the landing.
+
+    `nodes` [node, n, n]: to the quadrature nodes of the finest cell; `order`: number of Taylor terms there; `series`:
+    of rigs with many states (`many_states_tables.series`).
+    """
+
+    E: Array
+    nodes: NDArray[Any]
+    order: int
+    series: Array
 
 
 class ModeSets:
@@ -94,25 +107,14 @@ class ModeSets:
         t = self.tables
         g = t.G.shape[1]
         guards = _padded(modes.guards, g)
-        E = expm.ladder(modes.A, self.step)
-        if self._wide:
-            E = E[: many_states_tables.depth(modes.A, self.step) + 1]
+        cells = self._cells(modes)
+        E = cells.E
         depth = len(E) - 1
-        cell = self.step / 2.0**depth
-        if not self._wide:
-            nodes_of = at_nodes_extended if depth > STIFF else at_nodes
-            nodes = nodes_of(modes.A, modes.landing, cell)
-            order = expm.order(modes.A, self.step)
-        else:
-            terms = many_states_tables.series(modes.A, cell)
-            order = DEGREE
-            nodes = many_states_tables.at(NODES, terms) @ modes.landing
-        E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
         bounds, slopes = np.zeros((2, g, system.n))
         if not self._wide or depth > 0:
             bounds, slopes = guard_bounds(modes.A, guards, self.step)
         forms = powers(system, modes)
-        integrals = work(nodes, forms, self.step, E)
+        integrals = work(cells.nodes, forms, self.step, E)
         patch_modes, normal_modes, *_ = system.modes(key)
         met = tuple(system.law(p, key) for p in range(len(system.patches)))
         places = [system.places(p) for p in range(len(met))]
@@ -124,10 +126,10 @@ class ModeSets:
         broad: dict[str, Array] = {}
         if self._wide:
             field = np.hstack([modes.A, modes.b])
-            broad = many_states_tables.tables(terms, E, modes.landing, guards, bounds, field, rows, self.read)
+            broad = many_states_tables.tables(cells.series, E, modes.landing, guards, bounds, field, rows, self.read)
         curved = bool(modes.nonlinear.any()) or bool(system.products) or system.remembers
-        cells = curved and not self._implicit
-        fast = cells and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
+        explicit = curved and not self._implicit
+        fast = explicit and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
         levels = (expm.depth(modes.A, self.step) + 1) * fast
         self.stiff = self.stiff or stiff or levels > 0
         response = reach(modes.A, modes.b, self.step, levels)
@@ -140,7 +142,7 @@ class ModeSets:
             "depth": depth,
             "room": 0 if stiff else 2**depth,
             "along": changes(modes, read, self.step, depth * stiff),
-            "order": order,
+            "order": cells.order,
             "curved": int(curved),
             "graded": levels,
             "reach": response,
@@ -200,6 +202,25 @@ class ModeSets:
         self.sets[at : at + 1] = [modes]
         self.sticks[at : at + 1] = [all(mode == STICK for mode in patch_modes)]
         return modes
+
+    def _cells(self, modes: ModeSet) -> _Cells:
+        """The propagators of a mode set."""
+        E = expm.ladder(modes.A, self.step)
+        if self._wide:
+            E = E[: many_states_tables.depth(modes.A, self.step) + 1]
+        depth = len(E) - 1
+        finest = self.step / 2.0**depth
+        if self._wide:
+            series = many_states_tables.series(modes.A, finest)
+            nodes = many_states_tables.at(NODES, series) @ modes.landing
+            order = DEGREE
+        else:
+            series = np.zeros((0, 0, 0))
+            nodes_of = at_nodes_extended if depth > STIFF else at_nodes
+            nodes = nodes_of(modes.A, modes.landing, finest)
+            order = expm.order(modes.A, self.step)
+        landed = modes.landing @ E @ modes.landing
+        return _Cells((modes.landing - np.eye(len(modes.A))) + landed, nodes, order, series)
 
     @property
     def full(self) -> bool:

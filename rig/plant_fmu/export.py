@@ -148,12 +148,10 @@ def export(scene: Scene, path: Path, inputs: Sequence[str] = (), python: str = s
         raise UsageError(f"{'; '.join(faults)}; {scene.name} has {', '.join(possible) or 'none'}")
     rig = RestartableRig(scene, drives)  # it also compiles what the FMU will need
     runner = rig.runner
-    interface = Interface(
-        {name: runner.inputs[name].unit for name in drives},
-        dict(zip(runner.bank.names, runner.bank.units)),
-        dict(runner.units),
-        {name: runner.values[name] for name in drives},
-    )
+    units_of_drives = {name: runner.inputs[name].unit for name in drives}
+    units_of_sensors = dict(zip(runner.bank.names, runner.bank.units))
+    at_start = {name: runner.values[name] for name in drives}
+    interface = Interface(units_of_drives, units_of_sensors, dict(runner.units), at_start)
     identifier = re.sub(r"\W", "_", f"rig_{scene.name}")
     with tempfile.TemporaryDirectory(prefix="friction-rig-fmu-") as folder, draft_of(path) as draft:
         guid = f"{{{uuid.uuid4()}}}"

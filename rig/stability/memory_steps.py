@@ -66,14 +66,17 @@ def fastest_slips(system: System) -> Array:
     squares, shapes = eigh(0.5 * (system.stiffness + system.stiffness.T), system.mass)
     omega = np.sqrt(np.maximum(squares, 0.0))
     swings = omega > 0.0
-    forces = system.force @ x + sum((n.direction * float(n.row @ x) for n in system.normals), np.zeros(nq))
-    eta, rate, pushed = (shapes.T @ vector for vector in (system.mass @ x[:nq], system.mass @ x[nq : 2 * nq], forces))
+    pressed = sum((n.direction * float(n.row @ x) for n in system.normals), np.zeros(nq))
+    eta = shapes.T @ (system.mass @ x[:nq])
+    rate = shapes.T @ (system.mass @ x[nq : 2 * nq])
+    pushed = shapes.T @ (system.force @ x + pressed)
     away = np.zeros(nq)
     away[swings] = omega[swings] * eta[swings] - pushed[swings] / omega[swings]
     fastest = np.zeros(len(system.patches))
     for p, row in enumerate(system.slip_rows):
         along = row[nq : 2 * nq] @ shapes
-        surface = abs(float(np.delete(row, np.s_[nq : 2 * nq]) @ np.delete(x, np.s_[nq : 2 * nq])))
+        velocities = np.s_[nq : 2 * nq]
+        surface = abs(float(np.delete(row, velocities) @ np.delete(x, velocities)))
         swing = max(surface, float(np.abs(along) @ np.hypot(rate, away)))
         most = max(law.over(swing * _SLOW, loads[p]).max() for law in system.laws(p))
         release = most * loads[p] * float((along[swings] ** 2 / omega[swings]).sum())
@@ -117,7 +120,8 @@ def _states(
 
     def at_slip(speeds: Array) -> Array:
         x = system.start.copy()
-        x[nq : 2 * nq] += np.linalg.pinv(velocities) @ (modes.sigma[slipping] * speeds - system.slip_rows[slipping] @ x)
+        lacking = modes.sigma[slipping] * speeds - system.slip_rows[slipping] @ x
+        x[nq : 2 * nq] += np.linalg.pinv(velocities) @ lacking
         return x
 
     if creeps:

@@ -114,7 +114,8 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
         square = square[order]
         shapes = shapes[:, order]
         wanted = count or int(np.sum(square <= up_to**2))
-        gaps = np.flatnonzero(np.diff(np.sqrt(np.abs(square))) > GAP * np.sqrt(np.abs(square[1:]))) + 1
+        omega = np.sqrt(np.abs(square))
+        gaps = np.flatnonzero(np.diff(omega) > GAP * omega[1:]) + 1
         at = gaps[gaps >= max(wanted, 1)]
         if square[0] < -shift:
             break

@@ -55,8 +55,8 @@ class Estimates:
 
 def in_range(values: Complex, up_to: float) -> NDArray[np.int64]:
     """Indices by frequency of the eigenvalues that `complex_eigenvalues` would give up to `up_to` [rad/s]."""
-    kept = (values.imag > LEAST * up_to) & (values.imag <= up_to) & (np.abs(values.real) <= DAMPED * values.imag)
-    chosen = np.flatnonzero(kept)
+    within = (values.imag > LEAST * up_to) & (values.imag <= up_to)
+    chosen = np.flatnonzero(within & (np.abs(values.real) <= DAMPED * values.imag))
     return chosen[np.argsort(values[chosen].imag, kind="stable")]
 
 
@@ -276,17 +276,20 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array)
                 f"{count} contact points may miss a weaker unstable mode: with {more} points the mode at "
                 f"{hertz:.4g} Hz grows at {value.real:.3g} 1/s"
             )
-        elif abs(same.imag / value.imag - 1) > ALIKE[0] or abs(same.real / value.real - 1) > ALIKE[1]:
+            continue
+        of_frequency = abs(same.imag / value.imag - 1)
+        of_growth = abs(same.real / value.real - 1)
+        if of_frequency > ALIKE[0] or of_growth > ALIKE[1]:
             sentences.append(
                 f"{count} contact points are few for the mode at {same.imag / (2 * np.pi):.4g} Hz, growth "
                 f"{same.real:.3g} 1/s: with {more} points {hertz:.4g} Hz, {value.real:.3g} 1/s"
             )
-    sentences += [
-        f"{count} contact points make the mode at {value.imag / (2 * np.pi):.4g} Hz grow at {value.real:.3g} 1/s; "
-        f"with {more} points it does not grow"
-        for value in left
-        if value.real > 0
-    ]
+    for value in left:
+        if value.real > 0:
+            sentences.append(
+                f"{count} contact points make the mode at {value.imag / (2 * np.pi):.4g} Hz grow at "
+                f"{value.real:.3g} 1/s; with {more} points it does not grow"
+            )
     return [f"{sentence}; set more contacts.NAME.points" for sentence in sentences]
 
 
@@ -295,8 +298,10 @@ def growing_without_friction(reduced: Reduced, values: Mapping[str, float], damp
     calm = reduced.model.frictionless(values)
     rates = reduced.eigenvalues(calm, damping, "none")[0]
     rates = rates[(rates.imag >= 0) & (rates.real > _CALM * np.abs(rates))]
-    return [
-        f"without friction the mode at {value.imag / (2 * np.pi):.4g} Hz grows at {value.real:.3g} 1/s: "
-        f"the damping is negative; check the sign and the unit of each damping part"
-        for value in rates[np.argsort(rates.imag)].tolist()
-    ]
+    sentences = []
+    for value in rates[np.argsort(rates.imag)].tolist():
+        sentences.append(
+            f"without friction the mode at {value.imag / (2 * np.pi):.4g} Hz grows at {value.real:.3g} 1/s: "
+            f"the damping is negative; check the sign and the unit of each damping part"
+        )
+    return sentences

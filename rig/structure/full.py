@@ -182,7 +182,10 @@ class Full:
         Friction at a point depends on its slip and on its gap; a stack and its network on the extension, the last row.
         """
         ends = [self.vectors[end] for end in STACK if end in self.vectors]
-        stack = (ends[0] - ends[-1] if len(ends) > 1 else ends[0])[None] if ends else np.zeros((0, self.rows))
+        stack = np.zeros((0, self.rows))
+        if ends:
+            extension = ends[0] - ends[-1] if len(ends) > 1 else ends[0]
+            stack = extension[None]
         along = [points.along for points in self.contacts]
         gaps = [points.normal for points in self.contacts]
         if not sp.issparse(self.parts[0].matrix):

@@ -230,7 +230,8 @@ def _finite(matrix: _Matrix, source: Source, dofs: NDArray[np.int64] | None) -> 
     entries = matrix.values.tocoo()
     bad = np.flatnonzero(~np.isfinite(entries.data))
     if len(bad):
-        places = [f"row {entries.coords[0][k] + 1}, column {entries.coords[1][k] + 1}" for k in bad[:SHOWN]]
+        rows, columns = entries.coords
+        places = [f"row {rows[k] + 1}, column {columns[k] + 1}" for k in bad[:SHOWN]]
         advice = "; CalculiX writes them beside a nonlinear *MPC: use *EQUATION or *RIGID BODY" * (dofs is not None)
         raise SceneError(
             "", [f"{_named(source)}: has {len(bad)} entries that are not finite: {'; '.join(places)}{advice}"]
@@ -351,7 +352,9 @@ def _abaqus(path: Path) -> _Matrix:
         return _Matrix(_triplets(path, table, int(table[:, :2].max())))
     ends = np.concatenate([table[:, :2], table[:, 2:4]]).astype(np.int64)
     labels, number = np.unique(ends, axis=0, return_inverse=True)
-    if len(odd := np.flatnonzero((labels[:, 0] > 0) & ((labels[:, 1] < 1) | (labels[:, 1] > 6)))):
+    no_direction = (labels[:, 1] < 1) | (labels[:, 1] > 6)
+    odd = np.flatnonzero((labels[:, 0] > 0) & no_direction)
+    if len(odd):
         node, direction = labels[odd[0]].tolist()
         raise SceneError("", [f"{path.name}: node {node} has a degree of freedom {direction}; expected 1 to 6"])
     matrix = sp.csr_array((table[:, 4], tuple(number.reshape(2, -1))), shape=(len(labels), len(labels)))

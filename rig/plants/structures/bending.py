@@ -89,4 +89,5 @@ def clamped(
     squares, turns = scipy.linalg.eigh(basis.T @ stiff @ basis, basis.T @ heavy @ basis)
     basis = basis @ turns
     basis *= np.where(basis[-2] + basis[-3] < 0.0, -1.0, 1.0)
-    return Modes(np.sqrt(squares), basis[[-2, -3]].T, (-K[:3, free] @ basis)[[1, 0]].T)
+    on_clamp = -K[:3, free] @ basis
+    return Modes(np.sqrt(squares), basis[[-2, -3]].T, on_clamp[[1, 0]].T)
