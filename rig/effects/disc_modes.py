@@ -114,6 +114,20 @@ class Mode:
         return _at(self, radius)
 
 
+class Geometry(Section):
+    """The contact moves round the disc with the slider. The table has no parameters."""
+
+    declares: ClassVar = About(
+        "friction and normal force act at the place of the slider; without it at its initial place"
+    )
+
+
+class Slope(Section):
+    """The normal force has a component along the inclined surface. The table has no parameters."""
+
+    declares: ClassVar = About("the normal force pushes along the inclined surface")
+
+
 @cache
 def free_modes(disc: Disc) -> tuple[Mode, ...]:
     """The lowest `disc.modes` modes of the disc at rest, in order of frequency; a pair counts as two.
@@ -219,17 +233,3 @@ def _shape(mode: Mode, r: Array) -> Array:
     wavenumbers = np.full(len(r), mode.wavenumber)
     values, _ = _functions(mode.disc, mode.diameters, wavenumbers, r)
     return np.asarray(values @ mode.coefficients)
-
-
-class Geometry(Section):
-    """The contact moves round the disc with the slider. The table has no parameters."""
-
-    declares: ClassVar = About(
-        "friction and normal force act at the place of the slider; without it at its initial place"
-    )
-
-
-class Slope(Section):
-    """The normal force has a component along the inclined surface. The table has no parameters."""
-
-    declares: ClassVar = About("the normal force pushes along the inclined surface")

@@ -21,6 +21,22 @@ _ROUNDING = 1e-9
 """Largest entry beside the diagonal that counts as rounding of vibration modes, over the root of both on it."""
 
 
+class _Uncoupled(NamedTuple):
+    """The flow of coordinates that nothing but the film couples, over a step: see FilmTables."""
+
+    turn: Array
+    loss: Array
+    column: Array
+
+
+class _Coupled(NamedTuple):
+    """The flow of a structure whose coordinates or network are coupled, over a step: see FilmTables."""
+
+    whole: Array
+    terms: NDArray[np.int64]
+    forms: Array
+
+
 def no_film() -> FilmTables:
     """The tables of a rig without a film."""
     z = np.zeros
@@ -92,14 +108,6 @@ def _couples(matrix: Array) -> bool:
     return bool(np.any(beside > _ROUNDING * np.sqrt(np.outer(size, size))))
 
 
-class _Uncoupled(NamedTuple):
-    """The flow of coordinates that nothing but the film couples, over a step: see FilmTables."""
-
-    turn: Array
-    loss: Array
-    column: Array
-
-
 def _uncoupled(system: System, step: float, first: int, pushed: NDArray[np.int64]) -> _Uncoupled:
     nq = len(system.coordinates)
     m = first - system.one
@@ -126,14 +134,6 @@ def _uncoupled(system: System, step: float, first: int, pushed: NDArray[np.int64
         for p in np.flatnonzero(pushed == i).tolist():
             column[:, :, p] = expm.ladder(A, step)[0][:2, 2:]
     return _Uncoupled(turn, loss, column)
-
-
-class _Coupled(NamedTuple):
-    """The flow of a structure whose coordinates or network are coupled, over a step: see FilmTables."""
-
-    whole: Array
-    terms: NDArray[np.int64]
-    forms: Array
 
 
 def _coupled(system: System, modes: ModeSet, step: float, n: int) -> _Coupled:

@@ -67,12 +67,6 @@ class ModeSet:
     jam: float
 
 
-def _redundant(held: Array) -> bool:
-    """Whether stuck contacts constrain the same motion twice. `held` [stuck, stuck]: effect of their forces on them."""
-    sizes = np.linalg.svd(held, compute_uv=False)
-    return bool(len(sizes) > 1 and sizes[-1] < _SINGULAR * sizes[0])
-
-
 @dataclass(frozen=True)
 class _Contacts:
     """The contacts in a mode set: the law of each patch, whether each normal force is closed.
@@ -91,6 +85,12 @@ class _Contacts:
         """The constant coefficients of the slipping patches; 0 for others."""
         constant = (self.sigma != 0.0) & ~self.nonlinear
         return [law.numbers[0] if own else 0.0 for law, own in zip(self.laws, constant)]
+
+
+def _redundant(held: Array) -> bool:
+    """Whether stuck contacts constrain the same motion twice. `held` [stuck, stuck]: effect of their forces on them."""
+    sizes = np.linalg.svd(held, compute_uv=False)
+    return bool(len(sizes) > 1 and sizes[-1] < _SINGULAR * sizes[0])
 
 
 def _contacts(system: System, key: int) -> _Contacts:

@@ -21,7 +21,7 @@ from rig.model.method import ADAPTIVE, FILM_HELPS
 from rig.model.mode_sets import FAST, MOST_BYTES, ModeSets
 from rig.model.singular import singular
 from rig.model.system import System
-from rig.model.tables import scales_of_memory
+from rig.model.workspace import scales_of_memory
 from rig.motion.balance import Balance, CurrentState
 from rig.motion.changed_film import follow_change
 from rig.motion.law_fault import law_fault
@@ -46,6 +46,36 @@ _ROOMY = 64  # times as many ticks as a call may have the room that was made for
 COLLECTED = 1 << 12
 """Room for the events of all frames of a call."""
 _COUNTS = sum(kind == np.int64 for kind, *_ in (PROGRESS.fields or {}).values())
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change of the contact state at tick `tick` + `place` (a share of the step); `before`: the previous mode set."""
+
+    tick: int
+    place: float
+    what: str
+    before: int
+
+
+class Saved(NamedTuple):
+    """State, counters and places of rig.solve.records.MotionState, and the largest value of each state so far."""
+
+    x: Array
+    progress: NDArray[Any]
+    size: Array
+
+
+class Frames(NamedTuple):
+    """How a motion is advanced together with instruments and controllers: in frames of `steps` ticks.
+
+    `surroundings`: a rig.solve.frames.Surroundings. An advance may end early, after a frame at which the caller has to
+    act. An event is such a case, unless `collects`: then events are collected as long as there is room for them.
+    """
+
+    steps: int
+    surroundings: Loan
+    collects: bool = False
 
 
 def why(status: int, system: System, integration: Integration, state: MotionState, log: MotionLog, room: int) -> Why:
@@ -91,24 +121,6 @@ def where(system: System, key: int, x: NDArray[np.float64]) -> tuple[str, dict[s
     return system.describe(key), dict(zip(own, x.tolist()))
 
 
-@dataclass(frozen=True)
-class Event:
-    """A change of the contact state at tick `tick` + `place` (a share of the step); `before`: the previous mode set."""
-
-    tick: int
-    place: float
-    what: str
-    before: int
-
-
-class Saved(NamedTuple):
-    """State, counters and places of rig.solve.records.MotionState, and the largest value of each state so far."""
-
-    x: Array
-    progress: NDArray[Any]
-    size: Array
-
-
 def _kept(state: MotionState) -> dict[str, NDArray[Any]]:
     """Views of the parts of `state` that a checkpoint holds, by name; the others are settings."""
     counts = state.progress.view(np.int64)[:_COUNTS]
@@ -116,18 +128,6 @@ def _kept(state: MotionState) -> dict[str, NDArray[Any]]:
     return {"x": state.x, "ic": counts, "fc": lengths} | {
         name: getattr(state, name) for name in ("energy", "edges", "tally")
     }
-
-
-class Frames(NamedTuple):
-    """How a motion is advanced together with instruments and controllers: in frames of `steps` ticks.
-
-    `surroundings`: a rig.solve.frames.Surroundings. An advance may end early, after a frame at which the caller has to
-    act. An event is such a case, unless `collects`: then events are collected as long as there is room for them.
-    """
-
-    steps: int
-    surroundings: Loan
-    collects: bool = False
 
 
 class Motion:

@@ -17,7 +17,8 @@ from rig.compiled.records import Lent, Loan, lent_type
 from rig.model.method import as_integrated
 from rig.model.mode_sets import FAST, ModeSets
 from rig.model.system import System
-from rig.model.tables import UNROLLED, empty, workspace
+from rig.model.tables import UNROLLED, empty
+from rig.model.workspace import workspace
 from rig.motion.compiled_parts import addresses
 from rig.solve import collocation, dop853, dopri5, exact, expm, film_steps, rk4, rosenbrock, runge_kutta_stage
 from rig.solve.advance import advance, advance_block, evaluate_outputs
@@ -32,6 +33,33 @@ Array = NDArray[np.float64]
 _OF_LONG_STEPS = 0.2  # share of the tolerance for the step of dop853: the path inside, of order 7, is less accurate
 _STATE = (PROGRESS, float, float, float, np.int64, np.int64, float)
 """Types of the arrays of MotionState."""
+
+
+class Integration(NamedTuple):
+    """How a motion is integrated: see `rig.motion.motion.Motion`. `loans`: what surrounds the plant, if anything."""
+
+    step_ns: int
+    method: str
+    tolerance: float
+    substeps: int
+    smoothing: float
+    limit: float
+    with_energy: bool
+    read: int
+    loans: Sequence[Loan] = ()
+
+
+class Ready(NamedTuple):
+    """A system prepared for a motion to continue with, including mode sets and compiled code (`Motion.ready`)."""
+
+    system: System
+    outputs: list[dict[str, float]]
+    mode_sets: ModeSets
+    work: Workspace
+    plan: MotionPlan
+    event_text: Callable[[int, int], str]
+    now: tuple[Array, NDArray[np.int64], Array]
+    carry: Callable[..., int] | None
 
 
 def plan(
@@ -142,33 +170,6 @@ def completed(plan: MotionPlan, system: System) -> MotionPlan:
     if plan.fixed_steps or plan.first_event_of_fits:
         return plan
     return plan._replace(**addresses(_for_stiff(plan), partial(_kinds, system, plan), lambda _: ()))
-
-
-class Integration(NamedTuple):
-    """How a motion is integrated: see `rig.motion.motion.Motion`. `loans`: what surrounds the plant, if anything."""
-
-    step_ns: int
-    method: str
-    tolerance: float
-    substeps: int
-    smoothing: float
-    limit: float
-    with_energy: bool
-    read: int
-    loans: Sequence[Loan] = ()
-
-
-class Ready(NamedTuple):
-    """A system prepared for a motion to continue with, including mode sets and compiled code (`Motion.ready`)."""
-
-    system: System
-    outputs: list[dict[str, float]]
-    mode_sets: ModeSets
-    work: Workspace
-    plan: MotionPlan
-    event_text: Callable[[int, int], str]
-    now: tuple[Array, NDArray[np.int64], Array]
-    carry: Callable[..., int] | None
 
 
 def prepared(system: System, outputs: list[dict[str, float]], integration: Integration) -> Ready:

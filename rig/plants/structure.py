@@ -88,6 +88,21 @@ class Parameters(Tables):
                 yield surface
 
 
+class _Sliding(NamedTuple):
+    """What the points of one patch have in common: `along` [coordinate], radius [m], law."""
+
+    patch: str
+    along: Array
+    radius: float
+    law: Law
+
+    def fits(self, along: Array, radius: float, law: Law) -> bool:
+        """Whether a point with these numbers belongs to the patch."""
+        if radius != self.radius or law != self.law:
+            return False
+        return bool(np.abs(along - self.along).max() <= _SAME * np.abs(self.along).max())
+
+
 def _names(points: Points) -> list[str]:
     """The names of the points of a contact."""
     count = len(points.area)
@@ -256,21 +271,6 @@ def _modal(table: tuple[tuple[float, float], ...], mass: Array, stiffness: Array
     weighed = mass @ shapes
     ratios = np.interp(omega / (2.0 * math.pi), hertz, ratio)
     return np.asarray((weighed * (2.0 * omega * ratios)) @ weighed.T)
-
-
-class _Sliding(NamedTuple):
-    """What the points of one patch have in common: `along` [coordinate], radius [m], law."""
-
-    patch: str
-    along: Array
-    radius: float
-    law: Law
-
-    def fits(self, along: Array, radius: float, law: Law) -> bool:
-        """Whether a point with these numbers belongs to the patch."""
-        if radius != self.radius or law != self.law:
-            return False
-        return bool(np.abs(along - self.along).max() <= _SAME * np.abs(self.along).max())
 
 
 def _add_contacts(

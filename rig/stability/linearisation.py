@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from rig.errors import PartError, Singular, UsageError
 from rig.model.formulation import ModeSet, signal_rows
+from rig.model.products import tangent
 from rig.model.singular import JAMS, assembled
-from rig.model.system import System, tangent
+from rig.model.system import System
 from rig.solve.records import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
 
 Array = NDArray[np.float64]
@@ -38,6 +39,120 @@ _REST = 1e-9  # the same up to which all forces count as balanced
 _LEAST = 1e-3  # shortest share of a step
 _ROUNDING = 2.0**-52  # of a double, over its size
 _LOOSE = 1e-12  # share of the largest stiffness below which nothing is held
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Steady sliding in one mode set, and the Jacobian about it.
+
+    `exists`: the equilibrium was found, agrees with the modes and does not jam; if not, `x` is the last point of the
+    search. `A`: the Jacobian. `moving`: the states whose eigenvalues count; `settling`: with those that only approach
+    a steady value. `speed`, `load`, `friction` [patch]: slip speed, normal force and friction force. `T`: the inputs.
+    `inertia`: determinant of the mass matrix with friction included, divided by that without; at zero and below the rig
+    jams. `balanced`: all forces balance at `x`. `beyond`: the first output beyond the bound of the scene at an
+    equilibrium that would exist otherwise, in words.
+    """
+
+    system: System
+    modes: ModeSet
+    exists: bool
+    x: Array
+    A: Array
+    moving: NDArray[np.int64]
+    settling: NDArray[np.int64]
+    speed: Array
+    load: Array
+    friction: Array
+    T: Array
+    inertia: float
+    balanced: bool
+    beyond: str = ""
+
+    @property
+    def slides(self) -> bool:
+        """Whether every contact slips in the direction of its mode, or rests on its bristles."""
+        return _slips(self.system, self.modes, self.speed)
+
+    @property
+    def counts(self) -> bool:
+        """Whether the eigenvalues are meaningful.
+
+        With constant friction coefficients the matrix does not depend on the equilibrium. The eigenvalues then count
+        even if the equilibrium would pull the contact open, as it does beyond a divergence, or lies beyond a bound of
+        the scene. They never count if the rig jams.
+        """
+        same = not bool(self.modes.nonlinear.any()) and (self.balanced or not self.system.products)
+        return self.exists or (self.inertia > 0.0 and self.slides and same)
+
+    @property
+    def unheld(self) -> str:
+        """The reason, in words, where no forces balance because no spring resists some displacement; else ""."""
+        nq = len(self.system.coordinates)
+        if self.balanced or not nq:
+            return ""
+        _, sizes, shapes = np.linalg.svd(self.A[nq : 2 * nq, :nq])
+        if sizes[-1] > _LOOSE * sizes[0]:
+            return ""
+        free = [name for name, part in zip(self.system.coordinates, np.abs(shapes[-1])) if part > _LOOSE]
+        return f"no spring holds {', '.join(free)}, so forces there find no balance; give the structure a stiffness"
+
+    @cached_property
+    def _eigenvalues(self) -> NDArray[np.complex128]:
+        eigenvalues = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
+        return eigenvalues[np.lexsort((-eigenvalues.imag, -eigenvalues.real))]
+
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """The eigenvalues [1/s] of the moving states, the least stable first."""
+        return self._eigenvalues
+
+    def time_scales(self) -> tuple[float, float]:
+        """The shortest and the longest time constant, times 2 pi [s]: periods where the rig vibrates.
+
+        Raises UsageError for a rig none of whose moving states has one, such as a block without a spring.
+        """
+        if self.unheld and not self.counts:
+            raise UsageError(f"there is no cycle: {self.unheld}")
+        rates = np.abs(self.eigenvalues())
+        fastest = float(rates.max(initial=0.0))
+        if fastest == 0.0:
+            raise UsageError(
+                "nothing vibrates and nothing decays in steady sliding, so there is no cycle; "
+                "give the structure a stiffness"
+            )
+        slowest = float(rates[rates > 1e-6 * fastest].min())
+        return 2.0 * np.pi / fastest, 2.0 * np.pi / slowest
+
+    def eigenvectors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """The eigenvalues [i], the least stable first, and the mode shapes [state, i] over all states.
+
+        Motions in which a stuck contact would slip are left out: their eigenvalues are zero, twice each, and rounding
+        would make some of them grow.
+        """
+        A = self.A[np.ix_(self.moving, self.moving)]
+        memory = [patch.memory for patch in self.system.patches]
+        patch_modes = self.system.modes(self.modes.key)[0]
+        stuck = [p for p, mode in enumerate(patch_modes) if mode == STICK and not memory[p]]
+        if stuck:
+            rows = self.system.slip_rows[stuck][:, self.moving]
+            within = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
+            values, vectors = np.linalg.eig(within.T @ A @ within)
+            vectors = within @ vectors
+        else:
+            values, vectors = np.linalg.eig(A)
+        order = np.lexsort((-values.imag, -values.real))
+        shapes = np.zeros((self.system.n, len(values)), dtype=np.complex128)
+        shapes[self.moving] = vectors[:, order]
+        return values[order].astype(np.complex128), shapes
+
+
+class _Found(NamedTuple):
+    """The last point of the search: x, the matrix, inputs and normal forces there, and whether all forces balance."""
+
+    x: Array
+    A: Array
+    T: Array
+    load: Array
+    balanced: bool
 
 
 def own_law(system: System, modes: ModeSet) -> Contact:
@@ -188,110 +303,6 @@ def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.
     return np.asarray(rest[stable], dtype=np.int64)
 
 
-@dataclass(frozen=True)
-class Steady:
-    """Steady sliding in one mode set, and the Jacobian about it.
-
-    `exists`: the equilibrium was found, agrees with the modes and does not jam; if not, `x` is the last point of the
-    search. `A`: the Jacobian. `moving`: the states whose eigenvalues count; `settling`: with those that only approach
-    a steady value. `speed`, `load`, `friction` [patch]: slip speed, normal force and friction force. `T`: the inputs.
-    `inertia`: determinant of the mass matrix with friction included, divided by that without; at zero and below the rig
-    jams. `balanced`: all forces balance at `x`. `beyond`: the first output beyond the bound of the scene at an
-    equilibrium that would exist otherwise, in words.
-    """
-
-    system: System
-    modes: ModeSet
-    exists: bool
-    x: Array
-    A: Array
-    moving: NDArray[np.int64]
-    settling: NDArray[np.int64]
-    speed: Array
-    load: Array
-    friction: Array
-    T: Array
-    inertia: float
-    balanced: bool
-    beyond: str = ""
-
-    @property
-    def slides(self) -> bool:
-        """Whether every contact slips in the direction of its mode, or rests on its bristles."""
-        return _slips(self.system, self.modes, self.speed)
-
-    @property
-    def counts(self) -> bool:
-        """Whether the eigenvalues are meaningful.
-
-        With constant friction coefficients the matrix does not depend on the equilibrium. The eigenvalues then count
-        even if the equilibrium would pull the contact open, as it does beyond a divergence, or lies beyond a bound of
-        the scene. They never count if the rig jams.
-        """
-        same = not bool(self.modes.nonlinear.any()) and (self.balanced or not self.system.products)
-        return self.exists or (self.inertia > 0.0 and self.slides and same)
-
-    @property
-    def unheld(self) -> str:
-        """The reason, in words, where no forces balance because no spring resists some displacement; else ""."""
-        nq = len(self.system.coordinates)
-        if self.balanced or not nq:
-            return ""
-        _, sizes, shapes = np.linalg.svd(self.A[nq : 2 * nq, :nq])
-        if sizes[-1] > _LOOSE * sizes[0]:
-            return ""
-        free = [name for name, part in zip(self.system.coordinates, np.abs(shapes[-1])) if part > _LOOSE]
-        return f"no spring holds {', '.join(free)}, so forces there find no balance; give the structure a stiffness"
-
-    @cached_property
-    def _eigenvalues(self) -> NDArray[np.complex128]:
-        eigenvalues = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
-        return eigenvalues[np.lexsort((-eigenvalues.imag, -eigenvalues.real))]
-
-    def eigenvalues(self) -> NDArray[np.complex128]:
-        """The eigenvalues [1/s] of the moving states, the least stable first."""
-        return self._eigenvalues
-
-    def time_scales(self) -> tuple[float, float]:
-        """The shortest and the longest time constant, times 2 pi [s]: periods where the rig vibrates.
-
-        Raises UsageError for a rig none of whose moving states has one, such as a block without a spring.
-        """
-        if self.unheld and not self.counts:
-            raise UsageError(f"there is no cycle: {self.unheld}")
-        rates = np.abs(self.eigenvalues())
-        fastest = float(rates.max(initial=0.0))
-        if fastest == 0.0:
-            raise UsageError(
-                "nothing vibrates and nothing decays in steady sliding, so there is no cycle; "
-                "give the structure a stiffness"
-            )
-        slowest = float(rates[rates > 1e-6 * fastest].min())
-        return 2.0 * np.pi / fastest, 2.0 * np.pi / slowest
-
-    def eigenvectors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """The eigenvalues [i], the least stable first, and the mode shapes [state, i] over all states.
-
-        Motions in which a stuck contact would slip are left out: their eigenvalues are zero, twice each, and rounding
-        would make some of them grow.
-        """
-        A = self.A[np.ix_(self.moving, self.moving)]
-        memory = [patch.memory for patch in self.system.patches]
-        patch_modes = self.system.modes(self.modes.key)[0]
-        stuck = [p for p, mode in enumerate(patch_modes) if mode == STICK and not memory[p]]
-        if stuck:
-            rows = self.system.slip_rows[stuck][:, self.moving]
-            within = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
-            values, vectors = np.linalg.eig(within.T @ A @ within)
-            vectors = within @ vectors
-        else:
-            values, vectors = np.linalg.eig(A)
-        order = np.lexsort((-values.imag, -values.real))
-        shapes = np.zeros((self.system.n, len(values)), dtype=np.complex128)
-        shapes[self.moving] = vectors[:, order]
-        return values[order].astype(np.complex128), shapes
-
-
 def sliding_key(system: System, x: Array | None = None) -> int:
     """The mode set in which every contact is closed and slips in the direction of its surface; limiters linear.
 
@@ -384,16 +395,6 @@ def _beyond(system: System, modes: ModeSet, x: Array, T: Array) -> str:
             limit = f"limits.{bound.name} = {bound.limit:g} {bound.unit}"
             return f"where all forces balance, {bound.name} is {value:.4g} {bound.unit}, beyond {limit}"
     return ""
-
-
-class _Found(NamedTuple):
-    """The last point of the search: x, the matrix, inputs and normal forces there, and whether all forces balance."""
-
-    x: Array
-    A: Array
-    T: Array
-    load: Array
-    balanced: bool
 
 
 def _agrees(system: System, modes: ModeSet, at: _Found) -> bool:

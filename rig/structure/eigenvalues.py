@@ -66,6 +66,40 @@ class Eigenpairs:
     residual: Array
 
 
+class _Found:
+    """Eigenpairs of circles that overlap, each once."""
+
+    def __init__(self) -> None:
+        self.values: list[complex] = []
+        self.right: list[Complex] = []
+        self.left: list[Complex] = []
+        self._circles: list[tuple[complex, float]] = []
+
+    def add(self, values: Complex, right: Complex, left: Complex, shift: complex, radius: float) -> bool:
+        """Add the pairs of a circle; whether it and the former ones agree about what lies in both."""
+        old = [j for j, value in enumerate(self.values) if abs(value - shift) < radius]
+        new = []
+        for j, value in enumerate(values.tolist()):
+            same = [i for i in old if abs(self.values[i] - value) < _SAME * abs(value)]
+            if same:
+                old.remove(min(same, key=lambda i: abs(self.values[i] - value)))
+            else:
+                new.append(j)
+        deep_inside = (1 - _SAME) * radius
+        if any(abs(self.values[i] - shift) < deep_inside for i in old):
+            return False
+        for value in values[new]:
+            if any(abs(value - at) < (1 - _SAME) * size for at, size in self._circles):
+                return False
+        self._circles.append((shift, radius))
+        for j in new:
+            self.values.append(complex(values[j]))
+            self.right.append(right[:, j])
+            if left.size:
+                self.left.append(left[:, j])
+        return True
+
+
 def factor(matrix: sp.csr_array) -> SuperLU:
     """The factorisation of a sparse matrix of symmetric pattern. Raises Incomplete for a singular matrix."""
     try:
@@ -213,40 +247,6 @@ def residuals(pencil: tuple[Matrix, Matrix, Matrix], values: Complex, vectors: C
 def _columns(vectors: list[Complex], order: NDArray[np.int64], rows: int) -> Complex:
     """The vectors of these numbers as columns [row, number]."""
     return np.array([vectors[j] for j in order.tolist()], dtype=complex).reshape(-1, rows).T
-
-
-class _Found:
-    """Eigenpairs of circles that overlap, each once."""
-
-    def __init__(self) -> None:
-        self.values: list[complex] = []
-        self.right: list[Complex] = []
-        self.left: list[Complex] = []
-        self._circles: list[tuple[complex, float]] = []
-
-    def add(self, values: Complex, right: Complex, left: Complex, shift: complex, radius: float) -> bool:
-        """Add the pairs of a circle; whether it and the former ones agree about what lies in both."""
-        old = [j for j, value in enumerate(self.values) if abs(value - shift) < radius]
-        new = []
-        for j, value in enumerate(values.tolist()):
-            same = [i for i in old if abs(self.values[i] - value) < _SAME * abs(value)]
-            if same:
-                old.remove(min(same, key=lambda i: abs(self.values[i] - value)))
-            else:
-                new.append(j)
-        deep_inside = (1 - _SAME) * radius
-        if any(abs(self.values[i] - shift) < deep_inside for i in old):
-            return False
-        for value in values[new]:
-            if any(abs(value - at) < (1 - _SAME) * size for at, size in self._circles):
-                return False
-        self._circles.append((shift, radius))
-        for j in new:
-            self.values.append(complex(values[j]))
-            self.right.append(right[:, j])
-            if left.size:
-                self.left.append(left[:, j])
-        return True
 
 
 def _circle(

@@ -95,6 +95,42 @@ class Mesh:
 NOTHING = Mesh(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
 
 
+@dataclass(frozen=True)
+class Selection:
+    """Nodes by the name of a `set`, by their numbers, or in a `box`: two opposite corners [m]."""
+
+    set: str = ""
+    nodes: tuple[int, ...] = ()
+    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+
+    def of(self, mesh: Mesh) -> Numbers:
+        """The numbers of the nodes, ascending. Raises SceneError for none, or for nodes that the mesh does not have."""
+        if self.set:
+            if self.set.upper() not in mesh.sets:
+                near = get_close_matches(self.set.upper(), mesh.sets, 3) or sorted(mesh.sets)[:8]
+                names = ", ".join(near) or "none"
+                raise SceneError("", [f"the mesh has no node set {brief(self.set)}; it has: {names}"])
+            return mesh.sets[self.set.upper()]
+        if self.box is None:
+            nodes = np.unique(np.array(self.nodes, dtype=np.int64))
+            if len(missing := mesh.unknown(nodes)):
+                raise SceneError(
+                    "", [f"the mesh has no node {missing[0]}" + f" and {len(missing) - 1} others" * (len(missing) > 1)]
+                )
+            if not len(nodes):
+                raise SceneError("", ["no nodes are given; name a set, nodes, or a box"])
+            return nodes
+        ends = np.sort(np.array(self.box, dtype=float), axis=0)
+        slack = 1e-9 * np.ptp(mesh.xyz, axis=0).max() if len(mesh.xyz) else 0.0
+        inside = ((mesh.xyz >= ends[0] - slack) & (mesh.xyz <= ends[1] + slack)).all(axis=1)
+        if not inside.any():
+            size = ", ".join(
+                f"{low:.4g} to {high:.4g} m" for low, high in zip(mesh.xyz.min(axis=0), mesh.xyz.max(axis=0))
+            )
+            raise SceneError("", [f"no node lies in the box; the mesh extends over {size}"])
+        return mesh.ids[inside]  # type: ignore[no-any-return]
+
+
 def direction_number(text: str) -> int:
     """The direction, from one, of "x", "rx" or "1" to "6". Raises ValueError."""
     number = DIRECTIONS.index(text) + 1 if text in DIRECTIONS else int(text)
@@ -373,39 +409,3 @@ def _faces(elements: Mapping[int, tuple[bool, tuple[int, ...]]], ids: Numbers, x
         if number:
             within[row] = xyz[np.searchsorted(ids, elements[number][1])].mean(axis=0)
     return faces, within
-
-
-@dataclass(frozen=True)
-class Selection:
-    """Nodes by the name of a `set`, by their numbers, or in a `box`: two opposite corners [m]."""
-
-    set: str = ""
-    nodes: tuple[int, ...] = ()
-    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
-
-    def of(self, mesh: Mesh) -> Numbers:
-        """The numbers of the nodes, ascending. Raises SceneError for none, or for nodes that the mesh does not have."""
-        if self.set:
-            if self.set.upper() not in mesh.sets:
-                near = get_close_matches(self.set.upper(), mesh.sets, 3) or sorted(mesh.sets)[:8]
-                names = ", ".join(near) or "none"
-                raise SceneError("", [f"the mesh has no node set {brief(self.set)}; it has: {names}"])
-            return mesh.sets[self.set.upper()]
-        if self.box is None:
-            nodes = np.unique(np.array(self.nodes, dtype=np.int64))
-            if len(missing := mesh.unknown(nodes)):
-                raise SceneError(
-                    "", [f"the mesh has no node {missing[0]}" + f" and {len(missing) - 1} others" * (len(missing) > 1)]
-                )
-            if not len(nodes):
-                raise SceneError("", ["no nodes are given; name a set, nodes, or a box"])
-            return nodes
-        ends = np.sort(np.array(self.box, dtype=float), axis=0)
-        slack = 1e-9 * np.ptp(mesh.xyz, axis=0).max() if len(mesh.xyz) else 0.0
-        inside = ((mesh.xyz >= ends[0] - slack) & (mesh.xyz <= ends[1] + slack)).all(axis=1)
-        if not inside.any():
-            size = ", ".join(
-                f"{low:.4g} to {high:.4g} m" for low, high in zip(mesh.xyz.min(axis=0), mesh.xyz.max(axis=0))
-            )
-            raise SceneError("", [f"no node lies in the box; the mesh extends over {size}"])
-        return mesh.ids[inside]  # type: ignore[no-any-return]

@@ -89,6 +89,39 @@ class Modes:
     vectors: Array
 
 
+class _Class:
+    """The part of a structure with one symmetry: `basis` [unknown, own unknown] has orthonormal columns."""
+
+    def __init__(self, structure: Structure, signs: tuple[float, float]) -> None:
+        self.basis = _symmetric(structure, signs)
+        self.stiffness = (self.basis.T @ structure.stiffness @ self.basis).tocsc()
+        self.mass = (self.basis.T @ structure.mass @ self.basis).tocsc()
+        rigid = self.basis.T @ structure.rigid
+        self._rigid = rigid[:, np.abs(rigid).max(axis=0) > 0.0]
+        self._shift = structure.shift
+        self.solve = factor(self.stiffness + structure.shift * self.mass).solve
+
+    def elastic(self, count: int) -> tuple[Array, Array]:
+        """Squares of the `count` lowest angular frequencies above zero, ascending; vectors [own unknown, mode]."""
+
+        def inverse(load: Array) -> Array:
+            moved = self.solve(load)
+            return moved - self._rigid @ (self._rigid.T @ (self.mass @ moved))  # type: ignore[no-any-return]
+
+        size = self.mass.shape[0]
+        start = np.random.default_rng(1).standard_normal(size)
+        squares, vectors = eigsh(
+            self.stiffness,
+            k=min(count, size - 1),
+            M=self.mass,
+            sigma=-self._shift,
+            OPinv=LinearOperator((size, size), matvec=inverse, dtype=np.float64),
+            v0=inverse(start),
+        )
+        order = np.argsort(squares)
+        return squares[order], vectors[:, order]
+
+
 def assemble(x: Array, y: Array, z: Array, parts: Sequence[Part], held: bool) -> Structure:
     """The structure of `parts` on the grid with boundaries `x`, `y`, `z` [m]; `held`: the lowest nodes do not move."""
     import skfem  # 0.5 s: only where a model is built
@@ -234,39 +267,6 @@ def compliances(structure: Structure, loads: Array, across: float) -> Array:
             stiffness = basis.T @ structure.stiffness @ basis
             total += pushed.T @ factor(stiffness).solve(pushed)
     return total
-
-
-class _Class:
-    """The part of a structure with one symmetry: `basis` [unknown, own unknown] has orthonormal columns."""
-
-    def __init__(self, structure: Structure, signs: tuple[float, float]) -> None:
-        self.basis = _symmetric(structure, signs)
-        self.stiffness = (self.basis.T @ structure.stiffness @ self.basis).tocsc()
-        self.mass = (self.basis.T @ structure.mass @ self.basis).tocsc()
-        rigid = self.basis.T @ structure.rigid
-        self._rigid = rigid[:, np.abs(rigid).max(axis=0) > 0.0]
-        self._shift = structure.shift
-        self.solve = factor(self.stiffness + structure.shift * self.mass).solve
-
-    def elastic(self, count: int) -> tuple[Array, Array]:
-        """Squares of the `count` lowest angular frequencies above zero, ascending; vectors [own unknown, mode]."""
-
-        def inverse(load: Array) -> Array:
-            moved = self.solve(load)
-            return moved - self._rigid @ (self._rigid.T @ (self.mass @ moved))  # type: ignore[no-any-return]
-
-        size = self.mass.shape[0]
-        start = np.random.default_rng(1).standard_normal(size)
-        squares, vectors = eigsh(
-            self.stiffness,
-            k=min(count, size - 1),
-            M=self.mass,
-            sigma=-self._shift,
-            OPinv=LinearOperator((size, size), matvec=inverse, dtype=np.float64),
-            v0=inverse(start),
-        )
-        order = np.argsort(squares)
-        return squares[order], vectors[:, order]
 
 
 def _symmetric(structure: Structure, signs: tuple[float, float]) -> scipy.sparse.csr_matrix:

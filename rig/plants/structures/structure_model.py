@@ -55,6 +55,53 @@ _SWEPT = (
 )
 
 
+class Given:
+    """What a reduced structure depends on, as a key: tables and files, without the values that are swept."""
+
+    def __init__(self, p: Tables) -> None:
+        self.parameters = p
+        self.reduction = _reduction(p)
+        contacts = tuple((name, _plain(contact)) for name, contact in p.contacts.items())
+        places = tuple((where, _plain(place)) for where, place in p.places())
+        turning = _plain(p.drive) if isinstance(p.drive, Turning) else ()
+        self.tables = _plain(p.structure), contacts, places, turning, p.damping.table is None
+        try:
+            self.files = tuple((str(path), *_stamp(path)) for path in _files(p))
+        except (SceneError, OSError):  # a recording that is simulated again needs no files
+            self.files = ()
+        self._beside = self.tables, self.files
+        self._key = *self._beside, repr(self.reduction)
+
+    def alike(self, other: Given) -> bool:
+        """Whether the basis is that of `other` but for the numbers that it is made for."""
+        reduction = replace(self.reduction, at={})
+        of_other = replace(other.reduction, at={})
+        return reduction == of_other and self._beside == other._beside
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Given) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+class _Told:
+    """Says in the log what takes long: what is computed, every few seconds, and for which values alone it holds."""
+
+    def __init__(self, reduction: basis.Reduction) -> None:
+        self._next = time.monotonic() + _SILENT
+        fixed = ", ".join(f"{key} = {value:g}" for key, value in reduction.at.items() if value)
+        self._holds = ""
+        if fixed and reduction.kind == "snapshots":
+            advice = "what you vary belongs into reduction.over, or every value is trained anew"
+            self._holds = f", for {fixed} alone: {advice}"
+
+    def __call__(self, what: str, share: float) -> None:
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + _SILENT
+            _log.warning("reducing the structure: %s (%.0f %%); the result is kept%s", what, 100.0 * share, self._holds)
+
+
 def values_of(p: Tables) -> dict[str, float]:
     """Every number that multiplies matrices or springs, by key: those of the scene, and what follows from them.
 
@@ -117,36 +164,6 @@ def basis_in_run(p: Tables, begun: Tables) -> Mapping[str, float] | None:
     return before
 
 
-class Given:
-    """What a reduced structure depends on, as a key: tables and files, without the values that are swept."""
-
-    def __init__(self, p: Tables) -> None:
-        self.parameters = p
-        self.reduction = _reduction(p)
-        contacts = tuple((name, _plain(contact)) for name, contact in p.contacts.items())
-        places = tuple((where, _plain(place)) for where, place in p.places())
-        turning = _plain(p.drive) if isinstance(p.drive, Turning) else ()
-        self.tables = _plain(p.structure), contacts, places, turning, p.damping.table is None
-        try:
-            self.files = tuple((str(path), *_stamp(path)) for path in _files(p))
-        except (SceneError, OSError):  # a recording that is simulated again needs no files
-            self.files = ()
-        self._beside = self.tables, self.files
-        self._key = *self._beside, repr(self.reduction)
-
-    def alike(self, other: Given) -> bool:
-        """Whether the basis is that of `other` but for the numbers that it is made for."""
-        reduction = replace(self.reduction, at={})
-        of_other = replace(other.reduction, at={})
-        return reduction == of_other and self._beside == other._beside
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Given) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-
 def _plain(value: Any) -> Any:
     """A section as nested tuples, without values that can be swept."""
     if isinstance(value, BaseModel):
@@ -174,23 +191,6 @@ def _reduced(given: Given) -> Reduced:
     tables = hashlib.sha256(repr((given.tables, given.reduction)).encode()).hexdigest()[:32]
     key = f"{tables} {' '.join(contents)}"
     return basis.stored(key, lambda: full(p)[0], given.reduction, f"structure {tables}", _Told(given.reduction))
-
-
-class _Told:
-    """Says in the log what takes long: what is computed, every few seconds, and for which values alone it holds."""
-
-    def __init__(self, reduction: basis.Reduction) -> None:
-        self._next = time.monotonic() + _SILENT
-        fixed = ", ".join(f"{key} = {value:g}" for key, value in reduction.at.items() if value)
-        self._holds = ""
-        if fixed and reduction.kind == "snapshots":
-            advice = "what you vary belongs into reduction.over, or every value is trained anew"
-            self._holds = f", for {fixed} alone: {advice}"
-
-    def __call__(self, what: str, share: float) -> None:
-        if time.monotonic() >= self._next:
-            self._next = time.monotonic() + _SILENT
-            _log.warning("reducing the structure: %s (%.0f %%); the result is kept%s", what, 100.0 * share, self._holds)
 
 
 def _reduction(p: Tables) -> basis.Reduction:
