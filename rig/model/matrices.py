@@ -41,7 +41,9 @@ class _Names:
 
     def rows(self, what: str, entries: Mapping[str, Row], of: Iterable[str]) -> Array:
         """The rows of these parts, one below the other; none where a part has no entries."""
-        rows = [self.row(f"{what} {name}", entries.get(name, {})) for name in of]
+        rows = []
+        for name in of:
+            rows.append(self.row(f"{what} {name}", entries.get(name, {})))
         return np.array(rows).reshape(-1, len(self.names))
 
     def both(self, what: str, entries: Row) -> tuple[Array, Array]:
@@ -49,7 +51,8 @@ class _Names:
         out_t = np.zeros(len(self.products))
         for name in entries.keys() & self._later.keys():
             out_t[self._later[name]] = entries[name]
-        return self.row(what, {name: value for name, value in entries.items() if name not in self._later}), out_t
+        over_states = {name: value for name, value in entries.items() if name not in self._later}
+        return self.row(what, over_states), out_t
 
     def over_coordinates(self, entries: Row) -> Array:
         """A row over the coordinates."""
@@ -74,25 +77,19 @@ class _Names:
 
     def patch(self, name: str, t: Row, surface: Row, law: Law, travel: Row | None) -> Patch:
         """A friction contact."""
-        return Patch(
-            name,
-            self.over_coordinates(t),
-            self.row(f"surface speed of {name}", surface),
-            law,
-            None if travel is None else self.over_coordinates(travel),
-            tuple(self.index[f"{name}_{state.name}"] for state in law.states),
-        )
+        direction = self.over_coordinates(t)
+        speed = self.row(f"surface speed of {name}", surface)
+        along = None if travel is None else self.over_coordinates(travel)
+        memory = tuple(self.index[f"{name}_{state.name}"] for state in law.states)
+        return Patch(name, direction, speed, law, along, memory)
 
     def normal(self, name: str, patch: str, row: Row, direction: Row, inertia: Row, opens: bool) -> Normal:
         """A normal force."""
-        return Normal(
-            name,
-            self.patches.index(patch),
-            *self.both(f"normal force {name}", row),
-            self.over_coordinates(direction),
-            self.over_coordinates(inertia),
-            opens,
-        )
+        p = self.patches.index(patch)
+        over_x, over_t = self.both(f"normal force {name}", row)
+        along = self.over_coordinates(direction)
+        accelerations = self.over_coordinates(inertia)
+        return Normal(name, p, over_x, over_t, along, accelerations, opens)
 
     def limiter(self, name: str, row: Row, low: float, high: float, signal: str, gain: float, excess: float) -> Limiter:
         """A clamp of the network."""
@@ -115,13 +112,10 @@ class _Names:
 
     def _position(self, circuit: Circuit, owned: Sequence[str]) -> Position:
         limiters = [limiter[0] for limiter in self.rig.limiters]
-        return Position(
-            circuit.name,
-            self.rows(circuit.name, self.rig.network | circuit.rates, owned),
-            tuple(self.index[name] for name in circuit.still),
-            {limiters.index(name): gain for name, gain in circuit.gains.items()},
-            self.form(circuit.stores),
-        )
+        rates = self.rows(circuit.name, self.rig.network | circuit.rates, owned)
+        still = tuple(self.index[name] for name in circuit.still)
+        gains = {limiters.index(name): gain for name, gain in circuit.gains.items()}
+        return Position(circuit.name, rates, still, gains, self.form(circuit.stores))
 
     def varied(self, v: Variation) -> Sector:
         """Sectors of a structure that varies along a path."""
@@ -129,9 +123,13 @@ class _Names:
         edges = tuple(v.period * i / count for i in range(count))
         stiffness = self.rig.summed(v.stiffness, v.blocks, "stiffness")
         damping = self.rig.summed(v.damping, v.blocks, "damping")
-        rows = self.rows(v.name, v.rows, [normal[0] for normal in self.rig.normals])
-        changes = tuple(Change((e - 1.0) * stiffness, (d - 1.0) * damping, (e - 1.0) * rows) for e, d in v.factors)
-        return Sector(v.name, -1, self.row(v.name, v.row), self.index[v.turn], v.period, edges, changes=changes)
+        normals = [normal[0] for normal in self.rig.normals]
+        rows = self.rows(v.name, v.rows, normals)
+        changes = []
+        for e, d in v.factors:
+            changes.append(Change((e - 1.0) * stiffness, (d - 1.0) * damping, (e - 1.0) * rows))
+        position = self.row(v.name, v.row)
+        return Sector(v.name, -1, position, self.index[v.turn], v.period, edges, changes=tuple(changes))
 
     def _products(self) -> tuple[Product, ...]:
         """The products in the order of their levels. Raises KeyError for an unknown factor."""

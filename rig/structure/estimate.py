@@ -143,8 +143,8 @@ class _Operator:
             return direct, states
         to_network = (self._from[0] + shift * self._from[1]).conj().T
         through = inverse.solve(to_network.astype(complex), trans="H")
-        own = (shift * np.eye(len(self.network)) - self.network).conj().T
-        small = own - self._force.T @ through
+        of_network = (shift * np.eye(len(self.network)) - self.network).conj().T
+        small = of_network - self._force.T @ through
         current: Any = np.linalg.solve(small, states + self._force.T @ direct)
         return direct + through @ current, current
 
