@@ -24,11 +24,12 @@ from rig.errors import SceneError, UsageError
 from rig.plants.structures.structure_tables import Contact, Line, Place, Tables, Turning
 from rig.structure import basis, model_store, read
 from rig.structure.contacts import Contact as MeshContact
-from rig.structure.contacts import contact_points, contact_rows, node_vector
+from rig.structure.contacts import contact_points
 from rig.structure.full import FRICTION, Full, Points
 from rig.structure.mesh import Mesh, Selection, tried
 from rig.structure.read import Source
 from rig.structure.reduced import Reduced
+from rig.structure.rows import contact_rows, node_vector
 from rig.units import si
 
 Array = NDArray[np.float64]
