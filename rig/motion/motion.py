@@ -1,7 +1,7 @@
 """The motion of a rig: one state, its time and its contact state, advanced tick by tick.
 
 Time is an int64 tick plus the place inside it. The result depends only on the ticks at which states are written.
-Compiled code advances the state; `why` and `where` say in words why it had to stop, and what to do about it.
+Compiled code advances the state; rig.motion.stop says in words why it had to stop.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from rig.compiled.kernel import entry
 from rig.compiled.records import Loan
-from rig.errors import Chatter, Diverged, Jammed, NumericsError
-from rig.model.film import on
-from rig.model.method import ADAPTIVE, FILM_HELPS
-from rig.model.mode_sets import FAST, MOST_BYTES, ModeSets
+from rig.errors import Jammed, NumericsError
+from rig.model.method import FILM_HELPS
+from rig.model.mode_sets import MOST_BYTES, ModeSets
 from rig.model.singular import singular
 from rig.model.system import System
 from rig.model.workspace import scales_of_memory
@@ -26,16 +25,15 @@ from rig.motion.balance import Balance, CurrentState
 from rig.motion.changed_film import follow_change
 from rig.motion.law_fault import law_fault
 from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, completed, parts, prepared
+from rig.motion.stop import where, why
 from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, energy_in_contacts, evaluate_outputs
-from rig.solve.contact_state import CHATTER, CHECK, DONE, JAM, LOOK, LOST, NEED, OVERFULL, START, UNRESOLVED
+from rig.solve.contact_state import CHECK, DONE, LOOK, LOST, NEED, OVERFULL, START
 from rig.solve.frames import advance_frames
-from rig.solve.records import PROGRESS, MotionLog, MotionRecords, MotionState, empty_log
+from rig.solve.records import PROGRESS, MotionRecords, MotionState, empty_log
 from rig.solve.segment_output import empty_segments
-from rig.stability.report import blame, fastest_eigenvalue
 
 Array = NDArray[np.float64]
-Why = tuple[type[NumericsError], str]
 SEGMENTS = 1 << 10
 """Room for the smooth segments of a frame to begin with."""
 MOST_SEGMENTS = 1 << 18
@@ -76,49 +74,6 @@ class Frames(NamedTuple):
     steps: int
     surroundings: Loan
     collects: bool = False
-
-
-def why(status: int, system: System, integration: Integration, state: MotionState, log: MotionLog, room: int) -> Why:
-    """The error that a status of the kernels means, and its text. `room`: for smooth segments in a frame."""
-    if status == JAM:
-        return Jammed, "no mode set satisfies the equations: jamming (Painleve)"
-    if status == CHATTER:
-        _, kind, owner, _ = log.event[int(state.progress[0]["events"]) - 1].tolist()
-        what = f"more than {len(log.event)} events in one block; the last: {system.event_text(kind, owner)}"
-        return Chatter, f"{what}. Raise clock.events_per_frame if this is meant"
-    if status == OVERFULL:
-        by_method = dict.fromkeys(("rk4", "kick"), "clock.rk4_step") | dict.fromkeys(ADAPTIVE, "clock.tolerance")
-        finer = by_method.get(integration.method)
-        what = f"more than {room} smooth segments in one frame, for the sensors to read"
-        size = fastest_eigenvalue(system) * integration.step_ns * 1e-9
-        if integration.method in ("exact", *ADAPTIVE) and size > FAST:
-            what += f"; |lambda| step = {size:.3g}. Leave out the fast lag or the fast element of the network"
-            return NumericsError, f"{what}, or shorten clock.frame"
-        return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"
-    if status == UNRESOLVED:
-        what = "a contact creeps so slowly that its slip speed is lost in the rounding of the speeds of its two sides"
-        what += ", and with it the friction force. Start nearer to steady slip, or use a law that sticks"
-        return NumericsError, f"{what} or whose friction is less steep at small speeds (rate_state: a larger a)"
-    assert status == LOST
-    film = system.film
-    if film is not None and film.travel:
-        place = float(state.x[system.names.index(film.travel)])
-        if place < 0.0:
-            return NumericsError, "the slider runs backwards and has reached the rear end of its travel, 0 m"
-        if not place <= film.longest:
-            return NumericsError, f"the slider has reached the end of its travel, {film.longest:g} m"
-    if np.all(np.abs(state.x) <= integration.limit):
-        return Diverged, f"no step is short enough for the tolerance {integration.tolerance:g}"
-    what = f"the state has left the limit of {integration.limit:g} or is not finite"
-    if integration.method in ("rk4", "kick"):
-        what += f"; {blame(system, integration.method, integration.step_ns * 1e-9, integration.substeps, state.x)}"
-    return Diverged, what
-
-
-def where(system: System, key: int, x: NDArray[np.float64]) -> tuple[str, dict[str, float]]:
-    """The mode set in words and the state by name; for a rig with a film only the states of the structure."""
-    own = system.names[: system.names.index(on(system.coordinates[0]))] if system.film else system.names
-    return system.describe(key), dict(zip(own, x.tolist()))
 
 
 def _kept(state: MotionState) -> dict[str, NDArray[Any]]:
