@@ -210,15 +210,15 @@ class ModeSets:
             E = E[: many_states_tables.depth(modes.A, self.step) + 1]
         depth = len(E) - 1
         finest = self.step / 2.0**depth
-        if self._wide:
-            series = many_states_tables.series(modes.A, finest)
-            nodes = many_states_tables.at(NODES, series) @ modes.landing
-            order = DEGREE
-        else:
+        if not self._wide:
             series = np.zeros((0, 0, 0))
             nodes_of = at_nodes_extended if depth > STIFF else at_nodes
             nodes = nodes_of(modes.A, modes.landing, finest)
             order = expm.order(modes.A, self.step)
+        else:
+            series = many_states_tables.series(modes.A, finest)
+            nodes = many_states_tables.at(NODES, series) @ modes.landing
+            order = DEGREE
         landed = modes.landing @ E @ modes.landing
         return _Cells((modes.landing - np.eye(len(modes.A))) + landed, nodes, order, series)
 
