@@ -48,7 +48,8 @@ def _converted(function: Any, how: Callable[[FunctionType], Any], known: dict[in
     if id(own) in known:
         return known[id(own)]
     copied = FunctionType(own.__code__, dict(own.__globals__), own.__name__, own.__defaults__, own.__closure__)
-    copied.__module__, copied.__qualname__ = own.__module__, own.__qualname__
+    copied.__module__ = own.__module__
+    copied.__qualname__ = own.__qualname__
     known[id(own)] = copied  # a function that calls itself: the compiler refuses it
     for name, called in _named(own):
         if _is_formula(called):
@@ -99,9 +100,12 @@ def _described(what: Any, told: set[int]) -> str:
         told.add(id(own))
         if own.__closure__:
             raise TypeError("a closure")
-        parts = [f"{code.co_code.hex()} {_constants(code)} {code.co_names} {code.co_varnames}"
-                 for code in _codes(own.__code__)]  # fmt: skip
-        return " ".join([*parts, repr(own.__defaults__), *(f"{n} = {_described(v, told)}" for n, v in _named(own))])
+        parts = []
+        for code in _codes(own.__code__):
+            parts.append(f"{code.co_code.hex()} {_constants(code)} {code.co_names} {code.co_varnames}")
+        parts.append(repr(own.__defaults__))
+        parts += [f"{name} = {_described(value, told)}" for name, value in _named(own)]
+        return " ".join(parts)
     if isinstance(what, ModuleType) and what.__name__.partition(".")[0] in _LIBRARIES:
         return what.__name__
     if what is None or isinstance(what, bool | int | float | str):
@@ -133,7 +137,8 @@ def c_function(name: str, text: str, formulas: Mapping[str, Any], names: Mapping
         key = hashlib.sha256("\n".join([text, *parts]).encode()).hexdigest()[:32]
         stored = True
     except TypeError:  # what numba captures is not known: compiled at every start
-        key, stored = hashlib.sha256(f"{text} {id(formulas)}".encode()).hexdigest()[:32], False
+        key = hashlib.sha256(f"{text} {id(formulas)}".encode()).hexdigest()[:32]
+        stored = False
     made: dict[str, Any] = {"__name__": __name__, "carray": carray, **names}
     exec(compile(text, __file__, "exec", dont_inherit=True), made)
     function: FunctionType = made[name]

@@ -33,6 +33,10 @@ Emission = tuple[Any, Callable[..., ir.Value]]
 _ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("rig.compiled.kernel", *(room.replace("/", ".") for room in kernel_store.ROOMS))
 """Modules whose kernels are stored by the hash of all sources; those of others are stored by their own source file."""
+_OPEN = Linkage.external
+_SHARED = Linkage.linkonce_odr
+_njit: Any = numba.njit  # noqa: TID251
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 @cache
@@ -74,7 +78,8 @@ class _Collector(event.Listener):  # type: ignore[misc]
     """
 
     def __init__(self) -> None:
-        self._depth, self._suspended = 0, False
+        self._depth = 0
+        self._suspended = False
 
     def on_start(self, _: event.Event) -> None:
         """Called when a kernel is about to be compiled, possibly for another one."""
@@ -119,7 +124,9 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
         name, kind, data = state
         if kind == "linked":
             made = codegen.create_library(name)
-            made._bitcode, made._emitted, made._finalized = data, False, True  # noqa: SLF001
+            made._bitcode = data  # noqa: SLF001
+            made._emitted = False  # noqa: SLF001
+            made._finalized = True  # noqa: SLF001
             return made  # type: ignore[no-any-return]
         if kind != "object":
             return super()._unserialize(codegen, state)  # type: ignore[no-untyped-call, no-any-return]
@@ -138,7 +145,8 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
 
     def _get_module_for_linking(self) -> ModuleRef:
         if self._bitcode is not None:
-            self._shared_module, self._bitcode = parse_bitcode(self._bitcode), None
+            self._shared_module = parse_bitcode(self._bitcode)
+            self._bitcode = None
             if self._emitted:
                 defined: Any = self._codegen._engine._load_defined_symbols  # noqa: SLF001
                 defined(self._shared_module)
@@ -191,7 +199,8 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
         if not self._object_caching_enabled or self._compiled_object is not None:  # of numba itself, or stored
             super()._finalize_final_module()  # type: ignore[no-untyped-call]
         else:
-            self._emitted, self._finalized = False, True
+            self._emitted = False
+            self._finalized = True
 
 
 class _Codegen(codegen.JITCPUCodegen):  # type: ignore[misc]
@@ -201,16 +210,13 @@ class _Codegen(codegen.JITCPUCodegen):  # type: ignore[misc]
             super().set_env(env_name, env)  # type: ignore[no-untyped-call]
 
 
-_OPEN, _SHARED = Linkage.external, Linkage.linkonce_odr
 _codegen: Any = registry.cpu_target.target_context.codegen()  # type: ignore[attr-defined]
-_codegen.__class__, _codegen._library_class = _Codegen, _Library  # noqa: SLF001
+_codegen.__class__ = _Codegen
+_codegen._library_class = _Library  # noqa: SLF001
 for _kind in (newpassmanagers.ModulePassManager, newpassmanagers.FunctionPassManager):
     # llvmlite frees neither: of its two base classes the first one, which frees nothing, is asked. numba makes one for
     # each function of each kernel, also for those that are only declared: 1 MB for the smallest kernel.
     _kind._dispose = newpassmanagers.NewPassManager._dispose  # noqa: SLF001
-
-_njit: Any = numba.njit  # noqa: TID251
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 def _no_extensions() -> None:
@@ -294,7 +300,8 @@ def as_python(function: F) -> F:
 @contextmanager
 def announce_compiling(what: str) -> Iterator[None]:
     """Tell the user that `what` is being compiled, which is not stored on disk, unlike kernels."""
-    before, _PROGRESS.other = _PROGRESS.other, what
+    before = _PROGRESS.other
+    _PROGRESS.other = what
     try:
         yield
     finally:

@@ -43,6 +43,15 @@ from rig.machine.files import own_bytes, own_file, own_folder, trusted
 ROOMS = ("rig/solve",)
 """Folders whose kernels are stored for all processes as long as their sources do not change."""
 _DECORATORS = {"kernel", "inner", "by_address", "inlined", "fused"}
+LIMIT = 1 << 30
+"""Largest size of the kernels of all sources in bytes; those of the present sources are never deleted. # chosen"""
+INSTEAD = "RIG_KERNELS to another folder"
+_SUM = 4  # bytes of the checksum (CRC-32) before a stored kernel
+_SHOWN_S = 0.5  # s between two progress messages on a terminal
+_LINE_S = 5.0  # s between two progress messages elsewhere
+_WORTH_S = 2.0  # s: shortest total that is noted for the next start
+_ASK_S = 0.02  # s between two checks whether another process has finished
+_log = logging.getLogger("rig")
 
 
 class Module(NamedTuple):
@@ -100,7 +109,8 @@ def key(root: Path, kept: Path, version: str, instead: str) -> str:
 
 def _summary(source: bytes, stamp: list[int]) -> Module:
     tree = ast.parse(source)
-    holds, imports = False, []
+    holds = False
+    imports = []
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
             first = node.body[0] if node.body else None
@@ -119,16 +129,6 @@ def _files(root: Path, imports: list[str]) -> Iterator[str]:
         path = f"{name.replace('.', '/')}.py"
         if (root / path).is_file():
             yield path
-
-
-LIMIT = 1 << 30
-"""Largest size of the kernels of all sources in bytes; those of the present sources are never deleted. # chosen"""
-INSTEAD = "RIG_KERNELS to another folder"
-_SUM = 4
-_SHOWN_S, _LINE_S = 0.5, 5.0  # s between two progress messages on a terminal, and elsewhere
-_WORTH_S = 2.0  # s: shortest total that is noted for the next start
-_ASK_S = 0.02  # s between two checks whether another process has finished
-_log = logging.getLogger("rig")
 
 
 class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
@@ -214,9 +214,12 @@ class _Kept(FunctionCache):  # type: ignore[misc]
     _impl_class = _Places
 
     def __init__(self, function: Any, folder: Folder, beside_sources: bool, by_address: bool) -> None:
-        self._function, self._folder = function, folder
-        self._beside_sources, self._by_address = beside_sources, by_address
-        self._name, self._impl = repr(function), None
+        self._function = function
+        self._folder = folder
+        self._beside_sources = beside_sources
+        self._by_address = by_address
+        self._name = repr(function)
+        self._impl = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The stored kernel for these types; None if there is none."""
@@ -226,7 +229,8 @@ class _Kept(FunctionCache):  # type: ignore[misc]
         return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
     def _open(self) -> None:
-        function, folder = self._function, self._folder
+        function = self._function
+        folder = self._folder
         super().__init__(function)  # type: ignore[no-untyped-call]
         if self._beside_sources:
             self._cache_file.__class__ = CheckedFile
@@ -367,8 +371,13 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
     """Tells the user that kernels are being compiled, and the progress, so that no start is silent."""
 
     def __init__(self, folder: Folder) -> None:
-        self._folder, self._notes = folder, folder.path / "seconds"
-        self._depth, self._count, self._spent, self._begun, self._shown = 0, 0, 0.0, 0.0, 0.0
+        self._folder = folder
+        self._notes = folder.path / "seconds"
+        self._depth = 0
+        self._count = 0
+        self._spent = 0.0
+        self._begun = 0.0
+        self._shown = 0.0
         self.parts: Sequence[str] = ()
         """The names of what will be compiled, by this process and by others, as far as it is known."""
         self.other = ""
@@ -420,7 +429,8 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
             whole = self._spent + (now - self._begun if self._depth else 0.0)
             text = f"{self._count} compiled in {whole:.0f} s"
             if self.parts:
-                done, all_of_them = sum(map(self._folder.noted, self.parts)), len(self.parts)
+                done = sum(map(self._folder.noted, self.parts))
+                all_of_them = len(self.parts)
                 text = f"{done} of {all_of_them} compiled in {whole:.0f} s"
                 if 0 < done < all_of_them:  # those that take longest come first
                     text += f", at most {whole * (all_of_them / done - 1.0):.0f} s left"

@@ -31,7 +31,8 @@ class Lent(types.Type):  # type: ignore[misc]
     """
 
     def __init__(self, content: Any, inside: bool = False) -> None:
-        self.content, self.inside = content, inside
+        self.content = content
+        self.inside = inside
         super().__init__(name=f"Lent{'Inside' if inside else ''}({content})")
 
 

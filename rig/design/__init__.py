@@ -73,7 +73,8 @@ def _unconnected(section: Any, numbers: Mapping[str, Any], sensors: Mapping[str,
     """What a foreign controller reads or drives beside what its section names, and what no one can connect it to."""
     if code_of(controllers.module_of(section)) is None:
         return
-    made, drives = controllers.build(section, numbers), controller_drives(section)
+    made = controllers.build(section, numbers)
+    drives = controller_drives(section)
     if missing := [name for name in made.reads if name not in sensors]:
         yield f"Controller.reads has {', '.join(missing)}; the sensors are {', '.join(sensors)}"
     if missing := [name for name in made.drives if name not in drives]:

@@ -72,7 +72,8 @@ def linear_form(controller: Feedback) -> Linear:
 
 def arithmetic(controller: Feedback) -> tuple[Array, Array, Array, float]:
     """The matrices A, b, c, d of a controller, from its own linear update. Raises as `linear_form`."""
-    form, module = linear_form(controller), sys.modules[type(controller).__module__]
+    form = linear_form(controller)
+    module = sys.modules[type(controller).__module__]
 
     def step(xi: Array, y: float) -> tuple[Array, float]:
         with calling(module):
@@ -85,7 +86,8 @@ def arithmetic(controller: Feedback) -> tuple[Array, Array, Array, float]:
 
     count = form.states
     b, d = step(np.zeros(count), 1.0)
-    A, c = np.zeros((count, count)), np.zeros(count)
+    A = np.zeros((count, count))
+    c = np.zeros(count)
     for i, unit in enumerate(np.eye(count)):
         A[:, i], c[i] = step(unit, 0.0)
     seen = c != 0.0
@@ -115,10 +117,8 @@ class Plant:
 def linear(assembly: Assembly, at: Steady) -> Plant:
     """Linearise the rig about the equilibrium `at`; actuators that are not states of this assembly are left out."""
     system = at.system
-    commands = {
-        name: system.names.index(actuator.state) for name, actuator in assembly.inputs.items() if actuator.state
-    }
-    given = np.array(list(commands.values()), dtype=np.int64)
+    driven = {name: actuator.state for name, actuator in assembly.inputs.items() if actuator.state}
+    given = np.array([system.names.index(state) for state in driven.values()], dtype=np.int64)
     kept = np.zeros(system.n, dtype=bool)
     kept[at.moving] = kept[given] = True
     for _ in range(system.n):
@@ -138,7 +138,7 @@ def linear(assembly: Assembly, at: Steady) -> Plant:
         C=out[:, x],
         D=out[:, given],
         states=tuple(system.names[i] for i in x),
-        inputs=tuple(commands),
+        inputs=tuple(driven),
         outputs=tuple(assembly.outputs),
         equilibrium=at.x[x],
         energy=energy_form(at)[np.ix_(x, x)],
@@ -172,7 +172,8 @@ def energy_form(at: Steady) -> Array:
     state.
     """
     system = at.system
-    nq, form = len(system.coordinates), np.zeros((system.n, system.n))
+    nq = len(system.coordinates)
+    form = np.zeros((system.n, system.n))
     form[nq : 2 * nq, nq : 2 * nq] = system.mass
     network = range(2 * nq, system.one)
     form[network, network] = np.abs(store(system, at.modes.key)[network, network])
@@ -211,12 +212,14 @@ def sampled(
         raise ValueError(
             "sensor: has echoes, which the model of a loop does not contain; paths = [] in its table removes them"
         )
-    own, between = feedback.period_ns, end.period_ns
+    own = feedback.period_ns
+    between = end.period_ns
     if own < between:
         period = round(between)
         fits = end.instants.even and period % own == 0
     else:
-        period, fits = own, end.instants.fit(own)
+        period = own
+        fits = end.instants.fit(own)
     if not fits:
         near = " or ".join(f"{1e9 / p:g} Hz" for p in _near(own, between))
         raise ValueError(
@@ -246,21 +249,27 @@ class _Period:
         period: int,
         newer: int | None,
     ) -> None:
-        self.end, self.period, self.own, self.newer = end, period, len(plant.states), newer
+        self.end = end
+        self.period = period
+        self.own = len(plant.states)
+        self.newer = newer
         drive = plant.inputs.index(feedback.drives[0])
         self.A, self.B, self.reading = _with_front_end(plant, drive, reads, end)
         self.controller = arithmetic(feedback)
         updates = range(0, period, feedback.period_ns)
         late = [divmod(at + delay_ns, period) for at in updates]  # (periods later, instant) at which a command acts
-        self.wait_sample, self.at_sample = -(-end.delay_ns // period), -end.delay_ns % period
-        n, queued = len(self.A), sum(wait for wait, _ in late)
+        self.wait_sample = -(-end.delay_ns // period)
+        self.at_sample = -end.delay_ns % period
+        n = len(self.A)
+        queued = sum(wait for wait, _ in late)
         states = [*plant.states, *(f"sensor {i}" for i in range(n - len(plant.states))), "command"]
         states += [f"command under way {i}" for i in range(queued)]
         states += [f"sample under way {i}" for i in range(self.wait_sample)]
         states += [f"controller {i}" for i in range(len(self.controller[0]))]
         self.states = tuple(states)
         self.rows = np.eye(len(states), len(states) + 1)
-        self.x, self.u = slice(0, n), n
+        self.x = slice(0, n)
+        self.u = n
         places = np.cumsum([n + 1, *(wait for wait, _ in late)]).tolist()
         self.queues = [slice(a, b) for a, b in pairwise(places)]
         self.samples = slice(places[-1], places[-1] + self.wait_sample)
@@ -296,7 +305,8 @@ class _Period:
         if ns:
             n = len(self.A)
             both = np.zeros((n + 1, n + 1))
-            both[:n, :n], both[:n, n] = self.A, self.B
+            both[:n, :n] = self.A
+            both[:n, n] = self.B
             self.rows[: n + 1] = expm(both * (ns * 1e-9)) @ self.rows[: n + 1]
 
     def _sample(self) -> None:
@@ -323,23 +333,32 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
     """The rig with the filter of its sensor and one input; and the measurement as a row over its states and
     that input.
     """
-    n, c, d = len(plant.A), plant.C[reads], plant.D[reads, drive]
-    blocks, out = [], []
+    n = len(plant.A)
+    c = plant.C[reads]
+    d = plant.D[reads, drive]
+    blocks = []
+    out = []
     for pole, residue in zip(end.poles, end.residues):
         pair = 2.0 if pole.imag else 1.0
-        real = np.array([[pole.real, -pole.imag], [pole.imag, pole.real]]) if pole.imag else np.array([[pole.real]])
+        if pole.imag:
+            real = np.array([[pole.real, -pole.imag], [pole.imag, pole.real]])
+        else:
+            real = np.array([[pole.real]])
         blocks.append(real)
         out += [pair * residue.real, -pair * residue.imag][: len(real)]
     if end.averages:
         blocks.append(np.zeros((1, 1)))
         out.append(1e9 / end.period_ns)
     size = n + len(out)
-    A, B = np.zeros((size, size)), np.zeros(size)
-    A[:n, :n], B[:n] = plant.A, plant.B[:, drive]
+    A = np.zeros((size, size))
+    B = np.zeros(size)
+    A[:n, :n] = plant.A
+    B[:n] = plant.B[:, drive]
     at = n
     for block in blocks:
         A[at : at + len(block), at : at + len(block)] = block
-        A[at, :n], B[at] = c, d
+        A[at, :n] = c
+        B[at] = d
         at += len(block)
     direct = 0.0 if end.averages else end.direct
     return A, B, end.gain * np.concatenate([direct * c, out, [direct * d]])

@@ -59,7 +59,9 @@ class DesignRig:
     """
 
     def __init__(self, assembly: Assembly, sensors: Mapping[str, Any], parameters: Any) -> None:
-        self._assembly, self._sensors, self._parameters = assembly, sensors, parameters
+        self._assembly = assembly
+        self._sensors = sensors
+        self._parameters = parameters
         self._system = assembly.system()
         self._nq = len(self._system.coordinates)
 
@@ -73,7 +75,8 @@ class DesignRig:
     @cached_property
     def _structure(self) -> Array:
         """The matrix A [2 nq, 2 nq] of the linear structure without friction, over (x, v)."""
-        s, nq = self._system, self._nq
+        s = self._system
+        nq = self._nq
         pull = (s.force + s.coupling)[:, : 2 * nq] - np.hstack([s.stiffness, s.damping])
         return np.block([[np.zeros((nq, nq)), np.eye(nq)], [self._accelerated(pull)]])
 
@@ -98,7 +101,8 @@ class DesignRig:
 
     def _row(self, name: str) -> Array:
         """Output `name` as a row over (x, v, w), w: friction forces; other states are left out."""
-        nq, patches = self._nq, self._system.patches
+        nq = self._nq
+        patches = self._system.patches
         out = np.zeros(2 * nq + len(patches))
         accelerations = np.hstack([self._structure[nq:], self._push[nq:]])
         for entry, value in self._assembly.outputs[name].row.items():
@@ -137,7 +141,8 @@ class DesignRig:
 
     def _settled_change(self, row: Array, actuator: str) -> float:
         """The change of a row over the states per unit of a command, after the drive has settled."""
-        system, first = self._system, self._system.one
+        system = self._system
+        first = self._system.one
         lags = system.signals[:, first:].copy()
         for limiter in (entry for entry in system.limiters if entry.state >= first):
             lags[limiter.state - first] += limiter.gain * limiter.row[first:]
@@ -234,7 +239,8 @@ class DesignRig:
                 f"period: is {period:g} s; an observer needs a fresh sample each time, and {section.sensor} gives one "
                 f"every {1e-9 * sensor.instants.period_ns:g} s"
             )
-        nq, patches = self._nq, len(self._system.patches)
+        nq = self._nq
+        patches = len(self._system.patches)
         turn = 2.0 * math.pi * self.frequency
         wander = section.unknown_force or WANDER * self._nominal(self._load)
         if wander <= 0.0:
@@ -242,7 +248,8 @@ class DesignRig:
         model = np.block(
             [[self._structure, self._push], [np.zeros((patches, 2 * nq)), -self.frequency * np.eye(patches)]]
         )
-        output, velocity = sensor.sensitivity * self._row(sensor.reads), self._contact_velocity
+        output = sensor.sensitivity * self._row(sensor.reads)
+        velocity = self._contact_velocity
         size = self._sizes(wander, turn)
         moved = float(np.abs(output) @ size)
         if moved == 0.0:
@@ -253,16 +260,21 @@ class DesignRig:
         if not rest.any():  # an accelerometer: a zero error would be integrated to a velocity error, so it is a state
             model = np.pad(model, (0, 1))
             model[-1, -1] = -ZERO_FORGET * self.frequency
-            output, velocity, rest = np.append(output, 1.0), np.append(velocity, 0.0), np.append(rest, 0.0)
-            size, walk = np.append(size, ZERO_WANDER * moved), np.append(walk, self.frequency)
+            output = np.append(output, 1.0)
+            velocity = np.append(velocity, 0.0)
+            rest = np.append(rest, 0.0)
+            size = np.append(size, ZERO_WANDER * moved)
+            walk = np.append(walk, self.frequency)
         n = len(size)
         end = sensor.front_end()
         noise = max(math.hypot(end.noise, end.resolution / math.sqrt(12.0)), LEAST_NOISE * moved)
 
         scaled = model * size[None, :] / size[:, None]  # states of order one: the Riccati equation is well conditioned
-        transition = control.c2d(control.ss(scaled, np.zeros((n, 1)), np.eye(n), 0), period).A
+        continuous = control.ss(scaled, np.zeros((n, 1)), np.eye(n), 0)
+        transition = control.c2d(continuous, period).A
         seen = (output * size / moved)[None, :]
-        spread, r = _accumulated(scaled, np.diag(walk), period), np.array([[(noise / moved) ** 2]])
+        spread = _accumulated(scaled, np.diag(walk), period)
+        r = np.array([[(noise / moved) ** 2]])
         _, p, _ = control.dlqe(transition, np.eye(n), seen, spread, r)
         gain = (p @ seen.T / (seen @ p @ seen.T + r)).ravel() * size / moved
         return {
@@ -307,7 +319,8 @@ class DesignRig:
         values = self._vibration.values
         hertz = values.imag / (2.0 * math.pi)
         near = (low < hertz) & (hertz < high) & (values.imag > 0.0)
-        values, end = values[near], self._sensors[sensor].front_end()
+        values = values[near]
+        end = self._sensors[sensor].front_end()
         path = [complex(end.response(s) * cmath.exp(-s * delay)) for s in values]
         return values, self._residues(sensor, drive)[near] * np.array(path, complex)
 
@@ -319,8 +332,10 @@ class DesignRig:
         given = self._assembly.inputs.get(drive)
         if given is None or not given.state:
             raise ValueError(f"drive: {drive} is not an actuator whose command is a state of the rig")
-        (rig, values, right), command = self._vibration, self._system.names.index(given.state)
-        A, moving = rig.A, rig.moving
+        rig, values, right = self._vibration
+        command = self._system.names.index(given.state)
+        A = rig.A
+        moving = rig.moving
         rest = np.setdiff1d(np.arange(len(A)), [*moving, command])
         left = np.linalg.inv(right)
         read = np.zeros(self._system.n)
@@ -329,7 +344,8 @@ class DesignRig:
         seen = read[moving] @ right
         pushed = np.empty(len(values), dtype=complex)
         for i, s in enumerate(values):  # the lag between command and force, at the eigenvalue of the mode
-            behind = np.linalg.solve(s * np.eye(len(rest)) - A[np.ix_(rest, rest)], A[rest, command])
+            lag = s * np.eye(len(rest)) - A[np.ix_(rest, rest)]
+            behind = np.linalg.solve(lag, A[rest, command])
             pushed[i] = left[i] @ (A[moving, command] + A[np.ix_(moving, rest)] @ behind)
         return np.asarray(seen * pushed)
 

@@ -39,6 +39,8 @@ from rig.parts import Room, code_of, file_of, named, one_class
 from rig.quantities import Section
 from rig.units import brief
 
+_EXTENDED: dict[tuple[Any, ...], type[Section]] = {}
+
 
 class Effect(Section):
     """The table of an effect that acts on any plant."""
@@ -59,7 +61,8 @@ def _section(module: ModuleType, name: str) -> type[Effect]:
     if not isinstance(declares, About):
         raise PartError(f"{file_of(module)}: declares is {brief(declares)}; expected a rig.about.About")
     for key in ("random", "switch"):
-        if (value := getattr(declares, key)) and value not in own.model_fields:
+        value = getattr(declares, key)
+        if value and value not in own.model_fields:
             raise PartError(
                 f"{file_of(module)}: {key} = {brief(value)} in declares; expected one of its values: "
                 f"{', '.join(own.model_fields)}"
@@ -72,7 +75,6 @@ def _section(module: ModuleType, name: str) -> type[Effect]:
 
 EFFECTS: Room[type[Effect]] = Room("effects", __name__, __path__, _section)
 """Sections of effects that act on any plant, by name. Raises PartError for one that only some plants have."""
-_EXTENDED: dict[tuple[Any, ...], type[Section]] = {}
 
 
 def extended(model: type[Section], tables: Mapping[str, type[Section]]) -> type[Section]:

@@ -34,7 +34,7 @@ from rig.quantities import KilogramPerCubicMetre, Pascal, PoissonRatio, Positive
 Array = NDArray[np.float64]
 Count = Annotated[int, Ge(1), Le(200)]
 _PER_WAVE = 16  # points in the shortest distance of two roots
-_HALVINGS = 60
+_HALVINGS = 60  # of an interval with a root: more than a double has bits
 _SLOWEST = 0.9  # k b / l: the slowest wave is the one along the free edge, with 0.98 for nu = 0.5
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
@@ -66,7 +66,8 @@ class Disc(Section):
 
     def off(self, radius: float) -> str:
         """Why no point of the free part of the disc is at this radius [m]; "" if there is one."""
-        low, high = self.inner_radius, self.outer_radius
+        low = self.inner_radius
+        high = self.outer_radius
         if low < radius <= high:
             return ""
         where = "inside of the clamp" if radius <= low else "outside of the disc"
@@ -113,6 +114,20 @@ class Mode:
         return _at(self, radius)
 
 
+class Geometry(Section):
+    """The contact moves round the disc with the slider. The table has no parameters."""
+
+    declares: ClassVar = About(
+        "friction and normal force act at the place of the slider; without it at its initial place"
+    )
+
+
+class Slope(Section):
+    """The normal force has a component along the inclined surface. The table has no parameters."""
+
+    declares: ClassVar = About("the normal force pushes along the inclined surface")
+
+
 @cache
 def free_modes(disc: Disc) -> tuple[Mode, ...]:
     """The lowest `disc.modes` modes of the disc at rest, in order of frequency; a pair counts as two.
@@ -121,11 +136,10 @@ def free_modes(disc: Disc) -> tuple[Mode, ...]:
     """
     most = 2.0 / (disc.outer_radius - disc.inner_radius)
     while True:
-        roots = sorted(
-            (float(k), l, circles)
-            for l in range(math.ceil(disc.outer_radius * most / _SLOWEST) + 1)
-            for circles, k in enumerate(_roots(disc, l, most))
-        )
+        roots = []
+        for l in range(math.ceil(disc.outer_radius * most / _SLOWEST) + 1):
+            roots += [(float(k), l, circles) for circles, k in enumerate(_roots(disc, l, most))]
+        roots.sort()
         counted = np.cumsum([2 if l else 1 for _, l, _ in roots])
         if len(roots) and counted[-1] >= disc.modes:
             break
@@ -140,11 +154,14 @@ def _roots(disc: Disc, l: int, most: float) -> Array:
     k = np.arange(max(0.25 * step, _SLOWEST * l / disc.outer_radius), most + step, step)
     value = _determinant(disc, l, k)
     below = np.flatnonzero(value[:-1] * value[1:] < 0.0)
-    low, high, sign = k[below], k[below + 1], np.sign(value[below])
+    low = k[below]
+    high = k[below + 1]
+    sign = np.sign(value[below])
     for _ in range(_HALVINGS if len(below) else 0):
         middle = 0.5 * (low + high)
         same = np.sign(_determinant(disc, l, middle)) == sign
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
+        low = np.where(same, middle, low)
+        high = np.where(same, high, middle)
     roots = 0.5 * (low + high)
     return roots[roots <= most]
 
@@ -155,7 +172,9 @@ def _determinant(disc: Disc, l: int, k: Array) -> Array:
 
 def _scaled(disc: Disc, l: int, k: Array) -> tuple[Array, Array]:
     """Edge conditions [k, condition, function] with columns of norm one, and the norms of the columns [k, function]."""
-    a, b, nu = disc.inner_radius, disc.outer_radius, disc.poisson
+    a = disc.inner_radius
+    b = disc.outer_radius
+    nu = disc.poisson
     f, g = _functions(disc, l, k, a)
     inner = [f, g]
     f, g = _functions(disc, l, k, b)
@@ -174,11 +193,13 @@ def _functions(disc: Disc, l: int, k: Array, r: float | Array) -> tuple[Array, A
     from scipy import special
 
     x = k * r
-    grow, fall = np.exp(k * (r - disc.outer_radius)), np.exp(-k * (r - disc.inner_radius))
+    grow = np.exp(k * (r - disc.outer_radius))
+    fall = np.exp(-k * (r - disc.inner_radius))
     scale: list[Any] = [1.0, 1.0, grow, fall]
     four = (special.jv, special.yv, special.ive, special.kve)
     f = [s * function(l, x) for s, function in zip(scale, four)]
-    before, after = ([s * function(o, x) for s, function in zip(scale, four)] for o in (l - 1, l + 1))
+    before = [s * function(l - 1, x) for s, function in zip(scale, four)]
+    after = [s * function(l + 1, x) for s, function in zip(scale, four)]
     sides = ((1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, -1.0))
     g = [0.5 * (p * below + q * above) for (p, q), below, above in zip(sides, before, after)]
     return np.stack(f, axis=-1), np.stack(g, axis=-1)
@@ -194,7 +215,8 @@ def _mode(disc: Disc, l: int, circles: int, k: float) -> Mode:
         return Mode(circles, l, omega, k, (first, second, third, fourth), disc)
 
     raw = scaled(1.0)
-    a, b = disc.inner_radius, disc.outer_radius
+    a = disc.inner_radius
+    b = disc.outer_radius
     r = 0.5 * (b - a) * (_NODES + 1.0) + a
     around = math.pi if l else 2.0 * math.pi
     mass = disc.areal * around * 0.5 * (b - a) * float(_WEIGHTS @ (_shape(raw, r) ** 2 * r))
@@ -208,18 +230,6 @@ def _at(mode: Mode, radius: float) -> float:
 
 def _shape(mode: Mode, r: Array) -> Array:
     """The shape R [kg^-0.5] at radii [m]."""
-    return np.asarray(_functions(mode.disc, mode.diameters, np.full(len(r), mode.wavenumber), r)[0] @ mode.coefficients)
-
-
-class Geometry(Section):
-    """The contact moves round the disc with the slider. The table has no parameters."""
-
-    declares: ClassVar = About(
-        "friction and normal force act at the place of the slider; without it at its initial place"
-    )
-
-
-class Slope(Section):
-    """The normal force has a component along the inclined surface. The table has no parameters."""
-
-    declares: ClassVar = About("the normal force pushes along the inclined surface")
+    wavenumbers = np.full(len(r), mode.wavenumber)
+    values, _ = _functions(mode.disc, mode.diameters, wavenumbers, r)
+    return np.asarray(values @ mode.coefficients)

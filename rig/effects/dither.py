@@ -24,6 +24,9 @@ from rig.model.assembly import Assembly, Input
 from rig.model.named_rows import add as add_row
 from rig.quantities import Angle, Hertz, NonNegativeNewton, Section, Speed
 
+LARGEST = {"m/s": 100.0, "N": 1e5}
+"""Largest amplitude that can be commanded, by unit; a larger one in the scene takes its place [chosen]."""
+
 
 class _Dither(Section):
     declares: ClassVar = About("a fast vibration of belt, mass or load", hardware=True, switch="enable")
@@ -58,10 +61,6 @@ Dither = Annotated[BeltDither | MassDither | LoadDither, Field(discriminator="on
 TangentialDither = Annotated[BeltDither | MassDither, Field(discriminator="on")]
 
 
-LARGEST = {"m/s": 100.0, "N": 1e5}
-"""Largest amplitude that can be commanded, by unit; a larger one in the scene takes its place [chosen]."""
-
-
 def add(
     a: Assembly,
     dither: BeltDither | MassDither | LoadDither,
@@ -84,7 +83,8 @@ def add(
         a.push(coordinate, {"dither.sin": arm})
 
     def write(x: NDArray[np.float64], values: Mapping[str, float], t: float) -> None:
-        sine, cosine = a.names.index("dither.sin"), a.names.index("dither.cos")  # effects added later move them
+        sine = a.names.index("dither.sin")  # effects added later move them
+        cosine = a.names.index("dither.cos")
         wanted = values["dither.amplitude"] if values["dither.enable"] >= 0.5 else 0.0
         now = math.hypot(x[sine], x[cosine])
         if now > 0.0 and wanted > 0.0:
@@ -94,7 +94,8 @@ def add(
             x[sine] = wanted * math.sin(omega * t + dither.phase)
             x[cosine] = wanted * math.cos(omega * t + dither.phase)
 
-    amplitudes, f = command_range(dither.amplitude, 0.0, math.inf, LARGEST[unit]), dither.frequency
+    amplitudes = command_range(dither.amplitude, 0.0, math.inf, LARGEST[unit])
+    f = dither.frequency
     a.inputs["dither.amplitude"] = Input(unit, *amplitudes, dither.amplitude, 0.0, write=write)
     a.inputs["dither.enable"] = Input("1", 0.0, 1.0, float(dither.enable), 0.0, write=write)
     a.inputs["dither.frequency"] = Input("Hz", min(0.1, f), max(100e3, f), f, f)

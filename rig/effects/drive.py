@@ -22,7 +22,10 @@ from rig.quantities import MetrePerSecond, PositiveSecond, RadianPerSecond, Sect
 
 Lag = Annotated[PositiveSecond | None, About("a first-order actuator")]
 """The time constant of an actuator that does not reach its command at once; None: no lag."""
-_LOW, _HIGH = Bound(of="speed", sign=-1), Bound(of="speed", sign=1)
+_LOW = Bound(of="speed", sign=-1)
+_HIGH = Bound(of="speed", sign=1)
+FASTEST = {"m/s": 100.0, "rad/s": 1e4}
+"""Largest speed in either direction that can be commanded to a drive without limits, by unit [chosen]."""
 
 
 class _Drive(Section):
@@ -59,10 +62,6 @@ class DiscDrive(_Drive):
     speed_max: Annotated[RadianPerSecond | None, _HIGH] = None
 
 
-FASTEST = {"m/s": 100.0, "rad/s": 1e4}
-"""Largest speed in either direction that can be commanded to a drive without limits, by unit [chosen]."""
-
-
 def limits(low: float | None, high: float | None) -> tuple[float, float]:
     """The limits (low, high); minus or plus infinity where a limit is None."""
     return (-math.inf if low is None else low), (math.inf if high is None else high)
@@ -77,8 +76,10 @@ def add(a: Assembly, drive: _Drive, unit: str, moved: Mapping[str, str]) -> Row:
     low, high = limits(drive.speed_min, drive.speed_max)
     if drive.lag is not None:
         moved = {"drive.speed": "held", **moved}
-    return actuator(a, "drive.speed", unit, drive.speed, 0.0 if low <= 0.0 <= high else drive.speed,
-                    (low, high), FASTEST[unit], drive.lag, "drive", moved)  # fmt: skip
+    safe = 0.0 if low <= 0.0 <= high else drive.speed
+    bounds = (low, high)
+    most = FASTEST[unit]
+    return actuator(a, "drive.speed", unit, drive.speed, safe, bounds, most, drive.lag, "drive", moved)
 
 
 def command_range(value: float, low: float, high: float, most: float) -> tuple[float, float]:
@@ -105,10 +106,12 @@ def actuator(
     """
     how = moved.get(name, "")
     low, high = bounds
-    state, slope = "", ""
+    state = ""
+    slope = ""
     row: Row = {"one": value}
     if how:
-        state, slope = f"{owner}.command", f"{owner}.slope" if how == "ramped" else ""
+        state = f"{owner}.command"
+        slope = f"{owner}.slope" if how == "ramped" else ""
         if slope:
             a.signal(slope, {}, 0.0, f"{owner} ramp", "the slope of a value that runs linearly")
         description = "the commanded value, held from tick to tick"

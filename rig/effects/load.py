@@ -20,6 +20,9 @@ from rig.model.assembly import Assembly
 from rig.model.named_rows import Row
 from rig.quantities import NonNegativeNewton, Section
 
+STRONGEST = 1e5
+"""Largest force [N] that can be commanded to a load without `force_max` [chosen]."""
+
 
 class Load(Section):
     """The force [N] at the start, and lag and limits of the magnet."""
@@ -39,10 +42,6 @@ class Load(Section):
         if not self.force_min <= self.force <= high:
             raise ValueError(f"force {self.force:g} N is outside force_min {self.force_min:g} N .. {high:g} N")
         return self
-
-
-STRONGEST = 1e5
-"""Largest force [N] that can be commanded to a load without `force_max` [chosen]."""
 
 
 def add(a: Assembly, load: Load, moved: Mapping[str, str]) -> Row:

@@ -52,6 +52,18 @@ from rig.picture import IN_FIGURE, Plot
 from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, at_least, quantity
 from rig.stability.linearisation import sliding_key
 
+TOLERANCE = 0.1
+"""Relative variation of a stack's capacitance with temperature [calibrated]."""
+_SINGULAR = 1e-12  # share of the largest stiffness below which there is none
+VOLTAGE = "shunt.voltage"
+CURRENT = "shunt.current"
+OFFSET = "shunt.offset"
+POSITION = "shunt.position"
+OP_AMP = "op-amp"
+_UNNOTICED = 1e-8  # impedance over that of the capacitance: a smaller one has no influence [chosen]
+Beyond: Any = quantity("1", Gt(-1.0))
+Bank = Annotated[tuple[PositiveHenry, ...], Field(min_length=2)]
+
 
 @dataclass(frozen=True)
 class Stack:
@@ -97,11 +109,6 @@ def total(*rows: Row) -> Row:
     return out
 
 
-TOLERANCE = 0.1
-"""Relative variation of a stack's capacitance with temperature [calibrated]."""
-_SINGULAR = 1e-12  # share of the largest stiffness below which there is none
-
-
 def stiffness_between_ends(system: System, stack: Stack) -> float:
     """Static stiffness k_b [N/m] between the ends of the shorted stack in steady sliding; infinite if they are fixed.
 
@@ -113,7 +120,8 @@ def stiffness_between_ends(system: System, stack: Stack) -> float:
     push[:, system.one] = ends
     key = sliding_key(system)
     plain, pushed = (assembled(replace(system, coupling=c), key).A[nq : 2 * nq] for c in (0.0 * push, push))
-    stiff, pull = plain[:, :nq], (plain - pushed)[:, system.one]
+    stiff = plain[:, :nq]
+    pull = (plain - pushed)[:, system.one]
     yields = np.linalg.pinv(stiff, rcond=_SINGULAR) @ pull
     if np.abs(stiff @ yields - pull).max() > _SINGULAR * np.abs(pull).max():
         return 0.0  # no spring resists the stack
@@ -145,7 +153,8 @@ def _findings(
 
 
 def _static(system: System, stack: Stack, delta: float) -> Iterator[Finding]:
-    k_b, kappa = stiffness_between_ends(system, stack), stack.kappa
+    k_b = stiffness_between_ends(system, stack)
+    kappa = stack.kappa
     limit = static_limit(system, stack)
     safe = limit / (1.0 + TOLERANCE)
     where = f"the limit is -k_b/(k_b + kappa) = {limit:.4f} (k_b {k_b:.4g} N/m, kappa {kappa:.4g} N/m)"
@@ -174,14 +183,6 @@ def _fast(system: System, states: Sequence[str], step: float) -> Iterator[Findin
     hertz = f"resonance {abs(fastest) / (2.0 * math.pi):.4g} Hz, " if fastest.imag else ""
     what = f"shunt: {hertz}time constant {1.0 / max(abs(fastest.real), 1e-300):.3g} s, step {step:g} s"
     yield Finding("info", what, abs(fastest) * step, "exact integrates it with any step; rk4 and dopri5 resolve it")
-
-
-VOLTAGE, CURRENT, OFFSET, POSITION = "shunt.voltage", "shunt.current", "shunt.offset", "shunt.position"
-OP_AMP = "op-amp"
-_UNNOTICED = 1e-8
-
-Beyond: Any = quantity("1", Gt(-1.0))
-Bank = Annotated[tuple[PositiveHenry, ...], Field(min_length=2)]
 
 
 class _Network(Section):
@@ -270,7 +271,9 @@ def add(a: Assembly, stack: Stack, shunt: Open | Short | Series | Parallel, move
     if isinstance(shunt, Series | Parallel):
         a.inputs.setdefault("shunt.connected", Input("1", 0.0, 1.0, float(shunt.connected), float(shunt.connected)))
     if isinstance(shunt, Series):
-        L, R, delta = shunt.inductance, shunt.resistance, shunt.delta
+        L = shunt.inductance
+        R = shunt.resistance
+        delta = shunt.delta
         bank = "a bank of coils for it to run through (shunt.bank)"
         a.inputs.setdefault("shunt.inductance", Input("H", *command_range(L, 0.0, math.inf, 1e4), L, L, ramped=bank))
         a.inputs["shunt.resistance"] = Input("ohm", *command_range(R, 0.0, math.inf, 1e9), R, R)
@@ -302,7 +305,10 @@ def _at_start(a: Assembly, stack: Stack) -> float:
 
 def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) -> None:
     shunt = _without_negligible(a, stack, given)
-    Cps, delta, R, L = stack.capacitance, shunt.delta, shunt.resistance, shunt.inductance
+    Cps = stack.capacitance
+    delta = shunt.delta
+    R = shunt.resistance
+    L = shunt.inductance
     thrown = shunt.bank is not None or "shunt.connected" in moved
     loop: Row = {VOLTAGE: 1.0} if L or R or thrown else {}
     if delta:
@@ -314,10 +320,13 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
         a.stores.append((Cps / delta, capacitor))
         a.outputs["capacitor_voltage"] = Output(capacitor, "V", Plot())
     else:
-        drifts, voltage, capacitor = False, loop, {}
+        drifts = False
+        voltage = loop
+        capacitor = {}
     stack.couple(a, voltage)
 
-    leaks, bleeds = {}, {}
+    leaks = {}
+    bleeds = {}
     if shunt.leak is not None:
         leaks = scaled(voltage, 1.0 / (shunt.leak * Cps))
         a.losses.append((1.0 / shunt.leak, voltage))
@@ -363,16 +372,14 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
     silent: dict[str, Row] = {name: {} for name in rates if name != VOLTAGE}
     opened = Circuit("open", {VOLTAGE: alone, **silent}, tuple(silent), {OP_AMP: 0.0} if clamped else {})
     coils = shunt.bank or (L,)
-    closed = [
-        Circuit(
-            f"{coil:g} H" if shunt.bank else "connected",
-            {CURRENT: _coil(driving, R, coil)} if L else {VOLTAGE: rates[VOLTAGE]},
-            () if L or R else (VOLTAGE,),
-            {OP_AMP: -1.0 / coil} if clamped and L else {},
-            ((coil, {CURRENT: 1.0}),) if shunt.bank else (),
-        )
-        for coil in coils
-    ]
+    closed = []
+    for coil in coils:
+        name = f"{coil:g} H" if shunt.bank else "connected"
+        changed = {CURRENT: _coil(driving, R, coil)} if L else {VOLTAGE: rates[VOLTAGE]}
+        still = () if L or R else (VOLTAGE,)
+        gains = {OP_AMP: -1.0 / coil} if clamped and L else {}
+        stores = ((coil, {CURRENT: 1.0}),) if shunt.bank else ()
+        closed.append(Circuit(name, changed, still, gains, stores))
     _switch(a, opened, closed, shunt.connected, L, coils)
     if shunt.bank is not None:
         bounds = min(shunt.bank), max(shunt.bank)
@@ -406,7 +413,8 @@ def _without_negligible(a: Assembly, stack: Stack, shunt: Series) -> Series:
     if shunt.bank is not None:
         return shunt
     ends = np.array([stack.path.get(c, 0.0) for c in a.coordinates])
-    M, K = a.matrix("mass"), stack.kappa * np.outer(ends, ends) + a.matrix("stiffness")
+    M = a.matrix("mass")
+    K = stack.kappa * np.outer(ends, ends) + a.matrix("stiffness")
     fastest = math.sqrt(float(np.abs(np.linalg.eigvals(np.linalg.solve(M, K))).max()))
     least = _UNNOTICED * abs(1.0 + shunt.delta) / stack.capacitance
     L = shunt.inductance if shunt.inductance * fastest**2 >= least else 0.0
@@ -415,7 +423,9 @@ def _without_negligible(a: Assembly, stack: Stack, shunt: Series) -> Series:
 
 
 def _parallel(a: Assembly, stack: Stack, shunt: Parallel, moved: Mapping[str, str]) -> None:
-    Cps, R, L = stack.capacitance, shunt.resistance, shunt.inductance
+    Cps = stack.capacitance
+    R = shunt.resistance
+    L = shunt.inductance
     if "shunt.connected" in moved and shunt.ratio:
         raise SceneError(
             "shunt.ratio", ["a parallel capacitor cannot be switched: its voltage would be an additional state"]

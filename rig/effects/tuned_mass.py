@@ -65,7 +65,8 @@ class TunedMass(Section):
 
 def add(a: Assembly, tuned: TunedMass, normal: str, coordinate: str, arm: float = 1.0) -> None:
     """Add the absorber to the body of `coordinate`. `arm`: displacement along the belt [m] per unit of it."""
-    s, c = math.sin(tuned.angle), math.cos(tuned.angle)
+    s = math.sin(tuned.angle)
+    c = math.cos(tuned.angle)
     a.coordinate("absorber", tuned.mass, tuned.damper, tuned.stiffness)
     a.mass[coordinate, coordinate] += tuned.mass * arm**2
     a.mass[coordinate, "absorber"] = a.mass["absorber", coordinate] = tuned.mass * s * arm

@@ -21,13 +21,14 @@ from rig.scenes.loader import loaded
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
-LARGEST_SEED = 2**63 - 1
+LARGEST_SEED = 2**63 - 1  # of a signed integer of 64 bits
 SEEDS = 1 << 31  # seeds that an environment draws for itself are below this number
 
 
 def box(ranges: list[tuple[float, float]]) -> Any:
     """The space of values within these ranges."""
-    low, high = (np.array(ends) for ends in zip(*ranges))
+    low = np.array([least for least, _ in ranges])
+    high = np.array([most for _, most in ranges])
     return gymnasium.spaces.Box(low, high, dtype=np.float64)
 
 
@@ -41,7 +42,8 @@ class RigEnv(gymnasium.Env[Array, Array]):
     def __init__(self, episode: Episode) -> None:
         self.metadata = {"render_modes": []}
         self.episode = episode
-        self.observation_space, self.action_space = box(episode.observed), box(episode.driven)
+        self.observation_space = box(episode.observed)
+        self.action_space = box(episode.driven)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begin an episode; there are no options. Raises UsageError for what is no seed."""
@@ -49,11 +51,13 @@ class RigEnv(gymnasium.Env[Array, Array]):
             seed = whole("seed", seed, 0, LARGEST_SEED)
         super().reset(seed=seed)
         used = int(self.np_random.integers(SEEDS)) if seed is None else seed
-        return np.array(self.episode.reset(used)), {"t": 0.0, "seed": used}
+        first = self.episode.reset(used)
+        return np.array(first), {"t": 0.0, "seed": used}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One step: see `Episode.step`. Raises UsageError for an action of another shape or with NaN."""
-        stepped = self.episode.step(self.episode.commands(action).tolist())
+        command = self.episode.commands(action)
+        stepped = self.episode.step(command.tolist())
         return np.array(stepped.observation), stepped.reward, stepped.terminated, stepped.truncated, stepped.info
 
 
@@ -74,7 +78,8 @@ def make(
     `duration`: length of an episode in seconds; by default that of the protocol. `overrides`: as for `rig.load`, of a
     scene given by name or file. Raises rig.errors.UsageError with all faults.
     """
-    return RigEnv(Episode(loaded(scene, overrides), observe, act, reward, frames, duration))
+    episode = Episode(loaded(scene, overrides), observe, act, reward, frames, duration)
+    return RigEnv(episode)
 
 
 def make_vec(
@@ -92,7 +97,6 @@ def make_vec(
 
     Raises rig.errors.UsageError with all faults of the arguments.
     """
-    one = partial(
-        make, loaded(scene, overrides), observe=observe, act=act, reward=reward, frames=frames, duration=duration
-    )
-    return SyncVectorEnv([one] * count)
+    plant = loaded(scene, overrides)
+    environment = partial(make, plant, observe=observe, act=act, reward=reward, frames=frames, duration=duration)
+    return SyncVectorEnv([environment] * count)

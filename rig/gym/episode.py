@@ -66,8 +66,10 @@ class Episode:
     ) -> None:
         assembly = scene.assemble()
         faults = [*_unknown("observe", observe, scene.sensors), *_unknown("act", act, assembly.inputs)]
-        faults += [f"the scene already has a controller {AGENT}; rename it"] if AGENT in scene.controllers else []
-        faults += [] if callable(reward) else [f"reward = {brief(reward)}: must be a function of what is now"]
+        if AGENT in scene.controllers:
+            faults.append(f"the scene already has a controller {AGENT}; rename it")
+        if not callable(reward):
+            faults.append(f"reward = {brief(reward)}: must be a function of what is now")
         length, wrong = _length(scene, duration)
         try:
             self._frames = whole("frames", frames, 1, MOST_FRAMES)
@@ -75,20 +77,24 @@ class Episode:
             faults.append(str(fault))
         if faults := [*faults, *wrong]:
             raise UsageError("\n".join(faults))
-        self.sensors, self.actuators = tuple(observe), tuple(act)
-        self._reward, self._length_ns = reward, length
-        self._begun, self._ended = False, True
+        self.sensors = tuple(observe)
+        self.actuators = tuple(act)
+        self._reward = reward
+        self._length_ns = length
+        self._begun = False
+        self._ended = True
         self._rig = RestartableRig(scene, self.actuators)
-        bank, inputs = self.runner.bank, self.runner.inputs
+        bank = self.runner.bank
+        inputs = self.runner.inputs
         units = dict(zip(bank.names, bank.units))
         self.observed, wrong_observed = _ranges("observe", observe, units, {})
         limits = {name: (actuator.low, actuator.high) for name, actuator in inputs.items()}
-        self.driven, wrong_driven = _ranges(
-            "act", act, {name: actuator.unit for name, actuator in inputs.items()}, limits
-        )
+        units_of_inputs = {name: actuator.unit for name, actuator in inputs.items()}
+        self.driven, wrong_driven = _ranges("act", act, units_of_inputs, limits)
         faults = [*wrong_observed, *wrong_driven]
-        faults += [f"act: {name}: each value needs new matrices; an agent cannot drive it"
-                   for name in act if self.runner.coefficient(name)]  # fmt: skip
+        for name in act:
+            if self.runner.coefficient(name):
+                faults.append(f"act: {name}: each value needs new matrices; an agent cannot drive it")
         if faults:
             raise UsageError("\n".join(faults))
         self._columns = [bank.names.index(name) for name in self.sensors]
@@ -112,7 +118,8 @@ class Episode:
         self.working = self._rig.working
         self._inside = CompiledControllers(experiment) if self._frames > 1 or self.working else None
         self._heard = [nan] * len(self._columns)
-        self._begun, self._ended = True, False
+        self._begun = True
+        self._ended = False
         return self.observation()
 
     def step(self, command: Sequence[float]) -> Stepped:
@@ -124,10 +131,13 @@ class Episode:
         """
         if self._ended:
             raise UsageError("the episode has ended; call reset" if self._begun else "no episode has begun; call reset")
-        runner, experiment = self._rig.runner, self._experiment
+        runner = self._rig.runner
+        experiment = self._experiment
         self.check(command)
-        given = tuple([low if u < low else high if u > high else u for u, (low, high) in zip(command, self.driven)])
-        end, first, why = runner.tick + self._frames, True, ""
+        given = tuple([_within(u, low, high) for u, (low, high) in zip(command, self.driven)])
+        end = runner.tick + self._frames
+        first = True
+        why = ""
         try:
             while runner.tick < end and not runner.limited and experiment.begin():
                 if first:
@@ -143,7 +153,9 @@ class Episode:
         truncated = not why and (runner.tick >= self._last_tick or bool(experiment.over))
         self._ended = bool(why) or truncated
         t = runner.t_ns * 1e-9
-        now = Now(t, dict(zip(self.sensors, observation)), dict(zip(self.actuators, given)), runner.output)
+        measured = dict(zip(self.sensors, observation))
+        commanded = dict(zip(self.actuators, given))
+        now = Now(t, measured, commanded, runner.output)
         info = {"t": t, "why": why} if why else {"t": t}
         return Stepped(observation, float(self._reward(now)), bool(why), truncated, info)
 
@@ -170,7 +182,8 @@ class Episode:
 
     def observation(self) -> list[float]:
         """The latest measurements within their ranges; where there is none, the last one."""
-        latest, heard = self.runner.hearing.latest, self._heard
+        latest = self.runner.hearing.latest
+        heard = self._heard
         values = []
         for i, (column, (low, high)) in enumerate(zip(self._columns, self.observed)):
             value = latest.item(column)
@@ -178,8 +191,15 @@ class Episode:
                 heard[i] = value
             elif not isfinite(value := heard[i]):
                 value = 0.0
-            values.append(low if value < low else high if value > high else value)
+            values.append(_within(value, low, high))
         return values
+
+
+def _within(value: float, low: float, high: float) -> float:
+    """The value, or the end of the range beyond which it lies."""
+    if value < low:
+        return low
+    return high if value > high else value
 
 
 def _unknown(what: str, given: Ranges, known: Iterable[str]) -> list[str]:
@@ -194,7 +214,8 @@ def _ranges(
     what: str, given: Ranges, units: Mapping[str, str], limits: Mapping[str, tuple[float, float]]
 ) -> tuple[list[tuple[float, float]], list[str]]:
     """The ranges in SI, and their faults. `limits`: what is possible at most."""
-    in_si, faults = [], []
+    in_si = []
+    faults = []
     for name, values in given.items():
         try:
             low, high = (finite(value, units[name]) for value in values)

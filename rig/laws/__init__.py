@@ -31,6 +31,10 @@ LAW = "law"
 """Key of a table that names a friction law."""
 _CARRIED: ContextVar[Mapping[str, type[FrictionLaw]] | None] = ContextVar("carried", default=None)
 """Laws from elsewhere that a rig which is just read has: name -> class."""
+_MADE: dict[tuple[Any, ...], type[Section]] = {}
+_KEPT = 1000  # most laws from formulas that are remembered [chosen]
+_LAWS: dict[tuple[Any, ...], Law] = {}
+"""Laws from formulas that were made: class, numbers, static coefficient -> law; of the last ones."""
 
 
 class FrictionLaw(Section):
@@ -129,9 +133,6 @@ class _Carrying(Section):
             _CARRIED.reset(token)
 
 
-_MADE: dict[tuple[Any, ...], type[Section]] = {}
-
-
 def with_laws(model: type[Section], laws: Mapping[str, type[FrictionLaw]]) -> type[Section]:
     """The parameters of a rig, with friction laws from elsewhere that its tables name. Equal arguments, one class."""
     if not laws:
@@ -150,21 +151,20 @@ def laws_of(model: type[Section]) -> Mapping[str, type[FrictionLaw]]:
     return model.laws if issubclass(model, _Carrying) else {}
 
 
-_KEPT = 1000
-_LAWS: dict[tuple[Any, ...], Law] = {}
-"""Laws from formulas that were made: class, numbers, static coefficient -> law; of the last ones."""
-
-
 def _from_formulas(section: FrictionLaw) -> Law:
     """The law of a section with formulas, checked if its class is from elsewhere."""
     from rig.laws.formulas import checks, compiled
 
-    kind, module = type(section), sys.modules[type(section).__module__]
+    kind = type(section)
+    module = sys.modules[type(section).__module__]
     with calling(module):
-        numbers, states, jumps = section.numbers(), tuple(section.states), tuple(map(float, section.jumps))
+        numbers = section.numbers()
+        states = tuple(section.states)
+        jumps = tuple(map(float, section.jumps))
         rest = None if (static := section.static()) is None else float(static)
-    if code_of(module) is not None and (wrong := [*_wrong_states(states)]):  # of a property, which depends on values
-        raise PartError("\n".join(f"{file_of(module)}: {kind.__name__}.states {line}" for line in wrong))
+    if code_of(module) is not None:  # `states` may be a property, which depends on values
+        if wrong := [*_wrong_states(states)]:
+            raise PartError("\n".join(f"{file_of(module)}: {kind.__name__}.states {line}" for line in wrong))
     try:
         shape = compiled.shape_of(numbers)
     except TypeError as error:

@@ -80,8 +80,16 @@ class ContactTemperature(FrictionLaw):
 
     def numbers(self) -> Any:
         """The numbers of the formulas."""
-        return Numbers(self.mu_cold, self.mu_hot, self.temperature_scale, self.static_ratio - 1.0, self.speed_scale,
-                       self.share, self.capacity, self.cooling)  # fmt: skip
+        return Numbers(
+            self.mu_cold,
+            self.mu_hot,
+            self.temperature_scale,
+            self.static_ratio - 1.0,
+            self.speed_scale,
+            self.share,
+            self.capacity,
+            self.cooling,
+        )
 
     @staticmethod
     def mu(p, w, N, z):

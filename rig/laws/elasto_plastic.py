@@ -59,8 +59,12 @@ class ElastoPlastic(SteadySlip, FrictionLaw):
     states: ClassVar = (InternalState("deflection", "m", along=True),)
     sticks: ClassVar = False
     forces: ClassVar[dict[str, str]] = {
-        "mu_static": "N", "mu_kinetic": "N", "sigma0": "N/m", "sigma1": "N*s/m", "sigma2": "N*s/m",
-    }  # fmt: skip
+        "mu_static": "N",
+        "mu_kinetic": "N",
+        "sigma0": "N/m",
+        "sigma1": "N*s/m",
+        "sigma2": "N*s/m",
+    }
 
     law: Literal["elasto_plastic"]
     sigma0: PerMetre

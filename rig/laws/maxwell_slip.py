@@ -53,8 +53,11 @@ class MaxwellSlip(SteadySlip, FrictionLaw):
     declares: ClassVar = About("friction with presliding and nested loops; the contact has no true stick")
     sticks: ClassVar = False
     forces: ClassVar[dict[str, str]] = {
-        "mu_static": "N", "mu_kinetic": "N", "viscous": "N*s/m", "stiffness": "N/m",
-    }  # fmt: skip
+        "mu_static": "N",
+        "mu_kinetic": "N",
+        "viscous": "N*s/m",
+        "stiffness": "N/m",
+    }
 
     law: Literal["maxwell_slip"]
     viscous: SecondPerMetre = 0.0
@@ -65,8 +68,8 @@ class MaxwellSlip(SteadySlip, FrictionLaw):
     @model_validator(mode="after")
     def _elements(self) -> Self:
         if len(self.stiffness) != len(self.shares):
-            raise ValueError(f"{len(self.stiffness)} values of stiffness and {len(self.shares)} shares; "
-                             "give one of each for every element")  # fmt: skip
+            counts = f"{len(self.stiffness)} values of stiffness and {len(self.shares)} shares"
+            raise ValueError(f"{counts}; give one of each for every element")
         if abs(sum(self.shares) - 1.0) > 1e-6:
             raise ValueError(f"the sum of the shares is {sum(self.shares):.6g}; it must be 1")
         return self

@@ -35,7 +35,7 @@ from rig.laws import FrictionLaw, InternalState
 from rig.quantities import PositiveMetre, PositiveMetrePerSecond, PositiveNumber, Ratio
 
 _STEEPEST = 300.0  # mu_reference / a: exp of this and of a state beside it is far below the largest double
-_LARGEST = 700.0
+_LARGEST = 700.0  # of an exponent: e^710 overflows
 
 
 class Numbers(NamedTuple):

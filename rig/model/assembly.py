@@ -1,271 +1,31 @@
-"""A rig as plants and effects describe it, and its matrices: `Assembly(...).system()` turns rows by name into a System.
+"""A rig as plants and effects describe it: an Assembly holds rows by name (rig.model.named_rows), outputs and inputs.
 
-An assembly holds rows by name (rig.model.named_rows), outputs and inputs. Outputs are extended rows: they may also name
-accelerations and forces. A rig with a film has further states; `refusal` says whether kick supports it, `fastest` gives
-its highest frequency.
+`Assembly(...).system()` turns the rows into a System (rig.model.matrices). Outputs are extended rows: they may also
+name accelerations and forces. A rig with a film has further states; `refusal` says whether kick supports it, `fastest`
+gives its highest frequency.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import PartError, SceneError
+from rig.errors import PartError
 from rig.model.film import Film, at, on
-from rig.model.named_rows import Circuit, Part, Row, Rows, Variation
-from rig.model.system import (
-    Bound,
-    Change,
-    Factor,
-    Limiter,
-    Loss,
-    Normal,
-    Patch,
-    Position,
-    Product,
-    Sector,
-    Switch,
-    System,
-)
+from rig.model.matrices import matrices
+from rig.model.named_rows import Row, Rows
+from rig.model.system import Bound, System
 from rig.picture import Plot
-from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, VERSINE
 
 Array = NDArray[np.float64]
 _SAME = 1e-6  # relative distance of an eigenvalue computed in two ways
 _EXAMINED = 9  # number of examined positions of the slider
-
-
-def add_film_states(a: Rows, film: Film) -> None:
-    """Add the states of a film to a rig, after all others."""
-    if on(a.coordinates[0]) in a.signals:
-        return
-    speed = sum(rate * a.start.get(state, 0.0) for state, rate in a.signals[film.slid].items())
-    start = film.start(a.coordinates, a.start, speed)
-    for name in film.states(a.coordinates):
-        a.signal(name, {}, start[name], "film")
-    for name in a.coordinates:
-        a.push(name, {on(name): 1.0})
-    damped = bool(film.damping.any())
-    for point, (stiffness, shear) in enumerate(zip(film.stiffness.tolist(), film.shear.tolist())):
-        for kind in ("f", "g")[: film.directions - 1]:
-            a.stores.append((1.0 / shear, {at(kind, point): 1.0}))
-        a.stores.append((stiffness, {at("c", point): 1.0}) if damped else (1.0 / stiffness, {at("P", point): 1.0}))
-
-
-def refusal(system: System) -> str:
-    """The reason why kick does not support this system with a film; "" if it does."""
-    if system.limiters or system.sectors or system.switches or system.products:
-        return (
-            "supports structures, linear networks, a film and command states only: no limits of a drive, load or "
-            "amplifier, no switch (shunt.connected moved in a run), no sectors; leave them out, or use at most eight "
-            "contacts without a film (structure.film = false)"
-        )
-    return ""
-
-
-def with_film_contacts(system: System) -> System:
-    """The system whose only contacts are those in the film."""
-    return replace(system, patches=(), normals=())
-
-
-def fastest(system: System, h: float) -> float:
-    """The highest angular frequency [rad/s] with every point closed and stuck, over all positions of the slider.
-
-    A damped film at steps of `h` [s] counts as stiffer, by the value of its three-point damping for alternating
-    positions.
-    """
-    film, highest = system.film, 0.0
-    assert film is not None
-    stiffness = film.stiffness + 4.0 * film.damping / h
-    inverse = np.linalg.inv(np.linalg.cholesky(system.mass))
-    for place in np.unique(np.linspace(0.0, film.longest, _EXAMINED)).tolist():
-        normal, *sticking = film.everywhere(place)
-        K = 0.5 * (system.stiffness + system.stiffness.T) + (stiffness * normal) @ normal.T
-        K = K + sum((film.shear * row_t) @ row_t.T for row_t in sticking)
-        highest = max(highest, float(np.linalg.eigvalsh(inverse @ K @ inverse.T)[-1]))
-    turning = inverse @ (0.5 * (system.damping - system.damping.T)) @ inverse.T
-    return math.sqrt(highest) + float(np.abs(np.linalg.eigvals(turning)).max(initial=0.0)) * bool(turning.any())
-
-
-class _Names:
-    """The states and products of a rig by name, and the faults of the rows that name others."""
-
-    def __init__(self, a: Rows) -> None:
-        self.rig, self.names = a, a.names
-        self.index = {name: i for i, name in enumerate(self.names)}
-        self.products = self._products()
-        self._later = {product.name: j for j, product in enumerate(self.products)}
-        self.faults: list[str] = []
-
-    def row(self, what: str, entries: Row) -> Array:
-        """A row over the states; `what`: to name it in a fault."""
-        out = np.zeros(len(self.names))
-        for name, value in entries.items():
-            if name in self.index:
-                out[self.index[name]] += value
-            else:
-                self.faults.append(f"{what} names the unknown state {name!r}; known: {', '.join(self.names)}")
-        return out
-
-    def rows(self, what: str, entries: Mapping[str, Row], of: Iterable[str]) -> Array:
-        """The rows of these parts, one below the other; none where a part has no entries."""
-        rows = [self.row(f"{what} {name}", entries.get(name, {})) for name in of]
-        return np.array(rows).reshape(-1, len(self.names))
-
-    def both(self, what: str, entries: Row) -> tuple[Array, Array]:
-        """A row over the states, and over the products."""
-        out_t = np.zeros(len(self.products))
-        for name in entries.keys() & self._later.keys():
-            out_t[self._later[name]] = entries[name]
-        return self.row(what, {name: value for name, value in entries.items() if name not in self._later}), out_t
-
-    def over_coordinates(self, entries: Row) -> Array:
-        """A row over the coordinates."""
-        return np.array([entries.get(c, 0.0) for c in self.rig.coordinates])
-
-    def form(self, stores: Iterable[tuple[float, Row]]) -> Array:
-        """Twice a stored energy as a form over the states."""
-        out = np.zeros((len(self.names), len(self.names)))
-        for coefficient, entries in stores:
-            over_x = self.row("stored energy", entries)
-            out += coefficient * np.outer(over_x, over_x)
-        return out
-
-    def loss(self, conductance: float, entries: Row) -> Loss:
-        """A resistor, whose row may name rates of the network."""
-        rates = {f"{name}'": i for i, name in enumerate(self.rig.network)}
-        rate = np.zeros(len(rates))
-        for name in entries.keys() & rates.keys():
-            rate[rates[name]] = entries[name]
-        return Loss(conductance, self.row("loss", {k: v for k, v in entries.items() if k not in rates}), rate)
-
-    def switch(self, name: str, signal: str, circuits: tuple[Circuit, ...]) -> Switch:
-        """A switch, which owns the network states whose rates differ between its positions."""
-        owned = [e for e in self.rig.network if any(e in circuit.rates for circuit in circuits)]
-        where = tuple(self.index[e] for e in owned)
-        return Switch(name, self.index[signal], where, tuple(self._position(circuit, owned) for circuit in circuits))
-
-    def _position(self, circuit: Circuit, owned: Sequence[str]) -> Position:
-        limiters = [limiter[0] for limiter in self.rig.limiters]
-        return Position(
-            circuit.name,
-            self.rows(circuit.name, self.rig.network | circuit.rates, owned),
-            tuple(self.index[name] for name in circuit.still),
-            {limiters.index(name): gain for name, gain in circuit.gains.items()},
-            self.form(circuit.stores),
-        )
-
-    def varied(self, v: Variation) -> Sector:
-        """Sectors of a structure that varies along a path."""
-        count = len(v.factors)
-        edges = tuple(v.period * i / count for i in range(count))
-        stiffness = self.rig.summed(v.stiffness, v.blocks, "stiffness")
-        damping = self.rig.summed(v.damping, v.blocks, "damping")
-        rows = self.rows(v.name, v.rows, [normal[0] for normal in self.rig.normals])
-        changes = tuple(Change((e - 1.0) * stiffness, (d - 1.0) * damping, (e - 1.0) * rows) for e, d in v.factors)
-        return Sector(v.name, -1, self.row(v.name, v.row), self.index[v.turn], v.period, edges, changes=changes)
-
-    def _products(self) -> tuple[Product, ...]:
-        """The products in the order of their levels. Raises KeyError for an unknown factor."""
-        patches, normals = [p[0] for p in self.rig.patches], [k[0] for k in self.rig.normals]
-
-        def factor(part: Part) -> Factor:
-            if not isinstance(part, str):
-                angle = np.zeros(len(self.names))
-                for name, value in part[1].items():
-                    angle[self.index[name]] += value
-                return Factor({"sin": SINE, "cos-1": VERSINE, "press": PRESS}[part[0]], 0, angle)
-            if part.startswith("N:"):
-                return Factor(NORMAL, normals.index(part[2:]))
-            if part.startswith("T:"):
-                return Factor(FRICTION, patches.index(part[2:]))
-            return Factor(STATE, self.index[part])
-
-        products = [Product(name, tuple(factor(part) for part in parts)) for name, parts in self.rig.products.items()]
-        return tuple(sorted(products, key=lambda product: product.level))
-
-
-def matrices(a: Rows) -> System:
-    """The system of these rows. Raises SceneError if a row names an unknown state."""
-    by_name = _Names(a)
-    row, over_coordinates, index = by_name.row, by_name.over_coordinates, by_name.index
-    nq, n = len(a.coordinates), len(index)
-    patches = [patch[0] for patch in a.patches]
-    pushed = [by_name.both(f"force on {c}", a.force.get(c, {})) for c in a.coordinates]
-    system = System(
-        names=tuple(by_name.names),
-        coordinates=tuple(a.coordinates),
-        mass=a.matrix("mass"),
-        damping=a.matrix("damping"),
-        stiffness=a.matrix("stiffness"),
-        force=np.array([over_x for over_x, _ in pushed]).reshape(nq, n),
-        force_t=np.array([over_t for _, over_t in pushed]).reshape(nq, len(by_name.products)),
-        coupling=by_name.rows("coupling", a.coupling, a.coordinates),
-        store=by_name.form(a.stores),
-        losses=tuple(by_name.loss(*entry) for entry in a.losses),
-        network=by_name.rows("network", a.network, a.network),
-        signals=by_name.rows("signal", a.signals, a.signals),
-        patches=tuple(
-            Patch(
-                name,
-                over_coordinates(t),
-                row(f"surface speed of {name}", surface),
-                law,
-                None if travel is None else over_coordinates(travel),
-                tuple(index[f"{name}_{state.name}"] for state in law.states),
-            )
-            for name, t, surface, law, travel in a.patches
-        ),
-        normals=tuple(
-            Normal(
-                name,
-                patches.index(patch),
-                *by_name.both(f"normal force {name}", r),
-                over_coordinates(d),
-                over_coordinates(g),
-                opens,
-            )
-            for name, patch, r, d, g, opens in a.normals
-        ),
-        limiters=tuple(
-            Limiter(name, row(f"limiter {name}", r), low, high, index[signal], gain, excess)
-            for name, r, low, high, signal, gain, excess in a.limiters
-        ),
-        sectors=(
-            *(
-                Sector(name, patches.index(patch), row(f"sector {name}", r), index[turn], period, edges, laws)
-                for name, patch, r, turn, period, edges, laws in a.sectors
-            ),
-            *map(by_name.varied, a.variations),
-        ),
-        switches=tuple(by_name.switch(*entry) for entry in a.switches),
-        products=by_name.products,
-        judges=tuple(a.judges),
-        strike=over_coordinates(a.strike),
-        kept={name: row(f"what {name} keeps", r) for name, r in a.keep.items()},
-        start=np.array([a.start.get(name, 0.0) for name in by_name.names]),
-        film=a.film,
-    )
-    for sector in system.sectors:
-        own = system.patches[sector.patch].law.states
-        if any(law.states != own for law in sector.laws):
-            by_name.faults.append(
-                f"sectors of {system.patches[sector.patch].name}: their laws have other internal states than that of "
-                f"the contact ({', '.join(state.name for state in own) or 'none'}); give laws with the same states"
-            )
-    if by_name.faults:
-        raise SceneError(a.title or "assembly", by_name.faults)
-    return system
-
-
 Write = Callable[[NDArray[np.float64], Mapping[str, float], float], None]
-
-
 Role = Literal["", "displacement", "velocity", "drive"]
 
 
@@ -283,23 +43,6 @@ class Output:
     plot: Plot | None = None
     role: Role = ""
     on_request: bool = False
-
-
-def portrait(outputs: Mapping[str, Output]) -> tuple[str, str] | None:
-    """The names of displacement and velocity that are declared, else of the first output with its rate of change.
-
-    None if there is no such pair.
-    """
-    x, v = (
-        next((n for n, shown in outputs.items() if shown.role == role), "") for role in ("displacement", "velocity")
-    )
-    if x and v:
-        return x, v
-    for name, output in outputs.items():
-        rate = {f"{coordinate}'": factor for coordinate, factor in output.row.items()}
-        if rate and (velocity := next((other for other, seen in outputs.items() if dict(seen.row) == rate), "")):
-            return name, velocity
-    return None
 
 
 @dataclass(frozen=True)
@@ -398,3 +141,83 @@ class Assembly(Rows):
             known = [entry for entry in known if entry[1].row.keys() <= {*self.names}]
         bounds = tuple(Bound(name, output.row, limit, output.unit) for name, output, limit in known)
         return replace(matrices(self), bounds=bounds)
+
+
+def portrait(outputs: Mapping[str, Output]) -> tuple[str, str] | None:
+    """The names of displacement and velocity that are declared, else of the first output with its rate of change.
+
+    None if there is no such pair.
+    """
+    first_of_role: dict[Role, str] = {}
+    for name, output in outputs.items():
+        first_of_role.setdefault(output.role, name)
+    if "displacement" in first_of_role and "velocity" in first_of_role:
+        return first_of_role["displacement"], first_of_role["velocity"]
+    for name, output in outputs.items():
+        rate = {f"{coordinate}'": factor for coordinate, factor in output.row.items()}
+        if not rate:
+            continue
+        for other, shown in outputs.items():
+            if dict(shown.row) == rate:
+                return name, other
+    return None
+
+
+def add_film_states(a: Rows, film: Film) -> None:
+    """Add the states of a film to a rig, after all others."""
+    if on(a.coordinates[0]) in a.signals:
+        return
+    driven = a.signals[film.slid]
+    speed = sum(rate * a.start.get(state, 0.0) for state, rate in driven.items())
+    start = film.start(a.coordinates, a.start, speed)
+    for name in film.states(a.coordinates):
+        a.signal(name, {}, start[name], "film")
+    for name in a.coordinates:
+        a.push(name, {on(name): 1.0})
+    damped = bool(film.damping.any())
+    for point, (stiffness, shear) in enumerate(zip(film.stiffness.tolist(), film.shear.tolist())):
+        for kind in ("f", "g")[: film.directions - 1]:
+            a.stores.append((1.0 / shear, {at(kind, point): 1.0}))
+        if damped:
+            a.stores.append((stiffness, {at("c", point): 1.0}))
+        else:
+            a.stores.append((1.0 / stiffness, {at("P", point): 1.0}))
+
+
+def refusal(system: System) -> str:
+    """The reason why kick does not support this system with a film; "" if it does."""
+    if system.limiters or system.sectors or system.switches or system.products:
+        return (
+            "supports structures, linear networks, a film and command states only: no limits of a drive, load or "
+            "amplifier, no switch (shunt.connected moved in a run), no sectors; leave them out, or use at most eight "
+            "contacts without a film (structure.film = false)"
+        )
+    return ""
+
+
+def with_film_contacts(system: System) -> System:
+    """The system whose only contacts are those in the film."""
+    return replace(system, patches=(), normals=())
+
+
+def fastest(system: System, h: float) -> float:
+    """The highest angular frequency [rad/s] with every point closed and stuck, over all positions of the slider.
+
+    A damped film at steps of `h` [s] counts as stiffer, by the value of its three-point damping for alternating
+    positions.
+    """
+    film = system.film
+    highest = 0.0
+    assert film is not None
+    stiffness = film.stiffness + 4.0 * film.damping / h
+    inverse = np.linalg.inv(np.linalg.cholesky(system.mass))
+    places = np.unique(np.linspace(0.0, film.longest, _EXAMINED))
+    for place in places.tolist():
+        normal, *sticking = film.everywhere(place)
+        K = 0.5 * (system.stiffness + system.stiffness.T) + (stiffness * normal) @ normal.T
+        K = K + sum((film.shear * row_t) @ row_t.T for row_t in sticking)
+        squares = np.linalg.eigvalsh(inverse @ K @ inverse.T)
+        highest = max(highest, float(squares[-1]))
+    turning = inverse @ (0.5 * (system.damping - system.damping.T)) @ inverse.T
+    rates = np.linalg.eigvals(turning)
+    return math.sqrt(highest) + float(np.abs(rates).max(initial=0.0)) * bool(turning.any())

@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 
 def powers(system: System, modes: ModeSet) -> Array:
     """The symmetric quadratic forms of the powers, [term, n, n]; zero for the switch, which acts at once."""
-    nq, n = len(system.coordinates), system.n
+    nq = len(system.coordinates)
+    n = system.n
     velocity = np.eye(n)[nq : 2 * nq]
     normal_modes = system.modes(modes.key)[1]
     out = np.zeros((TERMS, n, n))
@@ -47,7 +48,8 @@ def loss_rows(system: System, modes: ModeSet) -> Array:
 def store(system: System, key: int) -> Array:
     """Twice the energy stored in the network as a quadratic form of x [n, n], in mode set `key`."""
     *_, clamped, _, thrown = system.modes(key)
-    out = system.store + sum(s.positions[mode].store for s, mode in zip(system.switches, thrown))
+    positions = [switch.positions[mode] for switch, mode in zip(system.switches, thrown)]
+    out = system.store + sum(position.store for position in positions)
     for limiter, mode in zip(system.limiters, clamped):
         if mode != LINEAR:
             beyond = limiter.row.copy()
@@ -85,12 +87,16 @@ def stored(system: System, x: Array, key: int) -> float:
     """The kinetic and elastic energy of the structure plus the energy of the network [J]."""
     nq = len(system.coordinates)
     q, v = x[:nq], x[nq : 2 * nq]
-    return float(0.5 * (v @ system.mass @ v + q @ stiffness(system, key) @ q + x @ store(system, key) @ x))
+    K = stiffness(system, key)
+    network = store(system, key)
+    return float(0.5 * (v @ system.mass @ v + q @ K @ q + x @ network @ x))
 
 
 def at_nodes(A: Array, landing: Array, cell: float) -> Array:
     """Propagators to the quadrature nodes of a cell that is short enough for its Taylor series, [node, n, n]."""
-    return np.array([(np.eye(len(A)) + taylor(A, node * cell, ORDER)) @ landing for node in NODES])
+    unit = np.eye(len(A))
+    propagators = [unit + taylor(A, node * cell, ORDER) for node in NODES]
+    return np.array([propagator @ landing for propagator in propagators])
 
 
 def at_nodes_extended(A: Array, landing: Array, cell: float) -> NDArray[np.longdouble]:
@@ -98,9 +104,11 @@ def at_nodes_extended(A: Array, landing: Array, cell: float) -> NDArray[np.longd
 
     Their levels are many, and `work` doubles a rounding error from each level to the next.
     """
-    unit, out = np.eye(len(A), dtype=np.longdouble), []
+    unit = np.eye(len(A), dtype=np.longdouble)
+    out = []
     for node in NODES:
-        C, series = A * (np.longdouble(node) * cell), unit
+        C = A * (np.longdouble(node) * cell)
+        series = unit
         for k in range(ORDER, 0, -1):
             series = unit + C @ series / k
         out.append(series @ landing)
@@ -128,7 +136,8 @@ def gathered(forms: Array, sums: Array, count: int) -> Array:
     `forms` [mode set, term, n, n]; `sums` [mode set, n, n or wider], of which the first `count` mode sets are in use.
     Mode sets that were not visited since the last call are skipped.
     """
-    total, n = np.zeros(forms.shape[1]), forms.shape[2]
+    total = np.zeros(forms.shape[1])
+    n = forms.shape[2]
     sizes = np.einsum("sii->s", sums[:count, :, :n])
     for mode_set in np.flatnonzero(sizes).tolist():
         total += forms[mode_set].reshape(len(total), -1) @ sums[mode_set, :, :n].ravel()

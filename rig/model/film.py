@@ -115,20 +115,22 @@ class Film:
         if self.points % 2:
             return None
         half = self.points // 2
-        for partner in (half, *(point for point in range(1, self.points) if point != half)):
-            if (mirror := self._mirrored(partner)) is not None:
+        others = (point for point in range(1, self.points) if point != half)
+        for partner in (half, *others):
+            mirror = self._mirrored(partner)
+            if mirror is not None:
                 return mirror
         return None
 
     def _mirrored(self, partner: int) -> Mirror | None:
         """The mirror symmetry in which `partner` is the image of the first point."""
         size = np.abs(self.rows).max(axis=(0, 1, 3))
-        rows = (
-            (self.rows[0] / np.where(size > 0.0, size, 1.0)[:, None]).transpose(2, 1, 0).copy()
-        )  # point, q, direction
+        scale = np.where(size > 0.0, size, 1.0)
+        rows = (self.rows[0] / scale[:, None]).transpose(2, 1, 0).copy()  # [point, coordinate, direction]
         images = rows.copy()
         images[:, :, 2:] *= -1.0
-        parity, free = np.zeros(rows.shape[1]), np.ones(self.points, dtype=bool)
+        parity = np.zeros(rows.shape[1])
+        free = np.ones(self.points, dtype=bool)
         first: list[int] = []
         second: list[int] = []
         for point in range(self.points):
@@ -137,7 +139,8 @@ class Film:
             free[point] = False
             known = parity != 0.0
             turned = np.where(known, parity, 1.0)[:, None] * rows[point]
-            far, against = np.abs(images - turned), np.abs(images + turned)
+            far = np.abs(images - turned)
+            against = np.abs(images + turned)
             far = np.where(known[:, None], far, np.minimum(far, against))
             alike = free & (far.max(axis=(1, 2)) < _ALIKE)
             if not first:
@@ -152,7 +155,8 @@ class Film:
             parity = np.where(known | (np.abs(products) < _ALIKE**2), parity, np.sign(products))
         parity[parity == 0.0] = 1.0
         signs = np.array([1.0, 1.0, -1.0])[: self.directions, None] * parity
-        far = np.abs(self.rows[..., second] - signs[:, :, None] * self.rows[..., first]).max(axis=(0, 1, 3))
+        mirrored = signs[:, :, None] * self.rows[..., first]
+        far = np.abs(self.rows[..., second] - mirrored).max(axis=(0, 1, 3))
         return Mirror(np.array(first + second), parity) if (far <= _ALIKE * size).all() else None
 
     @cached_property
@@ -173,29 +177,38 @@ class Film:
         A contact with a negative force counts as open; one without slip counts as stuck, without shear.
         """
         P = np.maximum(pressed, 0.0)
-        mu = np.array([law.mu(speed) for law, speed in zip(self.laws, np.abs(slip).tolist())]) if self.laws else self.mu
+        mu = self.mu
+        if self.laws:
+            mu = np.array([law.mu(speed) for law, speed in zip(self.laws, np.abs(slip).tolist())])
         f = np.sign(slip) * mu * P
         normal = float(P.sum())
         share = P / normal if normal else P
         sums = normal, float(f.sum()), float(np.mean(P > 0.0)), float(self.x @ share), float(self.y @ share), 0.0
         states = {over(name): value for name, value in zip(SUMS, sums)}
+        if_closed = np.where(slip == 0.0, STICKS, SLIDES)
         kinds = {
             "P": P,
             "f": f,
             "g": np.zeros(self.points),
             "c": P / self.stiffness,
             "before": pressed / self.stiffness,
+            "w": slip,
+            "s": np.where(P > 0.0, if_closed, OPEN),
         }
-        kinds |= {"w": slip, "s": np.where(P > 0.0, np.where(slip == 0.0, STICKS, SLIDES), OPEN)}
-        return states | {at(kind, point): v for kind, of in kinds.items() for point, v in enumerate(of.tolist())}
+        for kind, of_points in kinds.items():
+            states |= {at(kind, point): value for point, value in enumerate(of_points.tolist())}
+        return states
 
     def start(self, coordinates: list[str], start: Mapping[str, float], speed: float) -> dict[str, float]:
         """The states at the start of a rig with these states, where the drive slides at `speed`."""
-        q, v = (np.array([start.get(f"{name}{mark}", 0.0) for name in coordinates]) for mark in ("", "'"))
+        q = np.array([start.get(name, 0.0) for name in coordinates])
+        v = np.array([start.get(f"{name}'", 0.0) for name in coordinates])
         normal, along, *_ = self.everywhere(start.get(self.travel, 0.0))
         states = self.sliding(self.stiffness * (q @ normal), self.reach * speed - v @ along)
-        P, f = (np.array([states[at(kind, point)] for point in range(self.points)]) for kind in "Pf")
-        return states | {on(name): value for name, value in zip(coordinates, (along @ f - normal @ P).tolist())}
+        P = np.array([states[at("P", point)] for point in range(self.points)])
+        f = np.array([states[at("f", point)] for point in range(self.points)])
+        forces = along @ f - normal @ P
+        return states | {on(name): force for name, force in zip(coordinates, forces.tolist())}
 
     def creep(self, pressed: float | Array) -> float:
         """The largest displacement [m] of a point before it slips: the error of its stick. `pressed` [N, point]."""
@@ -203,7 +216,8 @@ class Film:
 
     def states(self, coordinates: list[str]) -> list[str]:
         """The names of the states that the film adds to a rig with these coordinates."""
-        forces, order = [on(name) for name in coordinates], self.order.tolist()
+        forces = [on(name) for name in coordinates]
+        order = self.order.tolist()
         return [*forces, *map(over, SUMS), *(at(kind, point) for kind in self.of_points() for point in order)]
 
     def of_points(self) -> list[str]:

@@ -17,11 +17,30 @@ from rig.solve.column_blocks import BLOCK, LANE, zeros
 from rig.solve.film_steps import GROUP, SUMS, FilmTables, SymmetryClass
 
 Array = NDArray[np.float64]
+_ROUNDING = 1e-9
+"""Largest entry beside the diagonal that counts as rounding of vibration modes, over the root of both on it."""
+
+
+class _Uncoupled(NamedTuple):
+    """The flow of coordinates that nothing but the film couples, over a step: see FilmTables."""
+
+    turn: Array
+    loss: Array
+    column: Array
+
+
+class _Coupled(NamedTuple):
+    """The flow of a structure whose coordinates or network are coupled, over a step: see FilmTables."""
+
+    whole: Array
+    terms: NDArray[np.int64]
+    forms: Array
 
 
 def no_film() -> FilmTables:
     """The tables of a rig without a film."""
-    z, none = np.zeros, np.zeros(0, dtype=np.int64)
+    z = np.zeros
+    none = np.zeros(0, dtype=np.int64)
     return FilmTables(
         symmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z((0, LANE)), z(0), z(0)),
         antisymmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z((0, LANE)), z(0), z(0)),
@@ -83,70 +102,60 @@ def no_film() -> FilmTables:
     )
 
 
-_ROUNDING = 1e-9
-"""Largest entry beside the diagonal that counts as rounding of vibration modes, over the root of both on it."""
-
-
 def _couples(matrix: Array) -> bool:
     size = np.abs(np.diag(matrix))
     beside = np.abs(matrix - np.diag(np.diag(matrix)))
     return bool(np.any(beside > _ROUNDING * np.sqrt(np.outer(size, size))))
 
 
-class _Uncoupled(NamedTuple):
-    """The flow of coordinates that nothing but the film couples, over a step: see FilmTables."""
-
-    turn: Array
-    loss: Array
-    column: Array
-
-
 def _uncoupled(system: System, step: float, first: int, pushed: NDArray[np.int64]) -> _Uncoupled:
-    nq, m = len(system.coordinates), first - system.one
-    turn, loss, column = np.zeros((4, nq)), np.zeros((3, nq)), np.zeros((2, m, len(pushed)))
-    mass, force = np.diag(system.mass), system.force[:, system.one : first]
+    nq = len(system.coordinates)
+    m = first - system.one
+    turn = np.zeros((4, nq))
+    loss = np.zeros((3, nq))
+    column = np.zeros((2, m, len(pushed)))
+    mass = np.diag(system.mass)
+    force = system.force[:, system.one : first]
     signals = system.signals[:m, system.one : first]
     for i in range(nq):
         A = np.zeros((2 + m, 2 + m))
         A[0, 1] = 1.0
         A[1, :2] = -system.stiffness[i, i] / mass[i], -system.damping[i, i] / mass[i]
-        A[1, 2:], A[2:, 2:] = force[i] / mass[i], signals
+        A[1, 2:] = force[i] / mass[i]
+        A[2:, 2:] = signals
         own = A[:2, :2].copy()
         E = expm.ladder(own, step)
         turn[:, i] = E[0].ravel()
         form = np.array([[[0.0, 0.0], [0.0, system.damping[i, i]]]])
-        taken = energy_forms.work(energy_forms.at_nodes(own, np.eye(2), step / 2.0 ** (len(E) - 1)), form, step, E)[
-            0, 0
-        ]
-        loss[:, i] = taken[0, 0], 2.0 * taken[0, 1], taken[1, 1]
+        cell = step / 2.0 ** (len(E) - 1)
+        nodes = energy_forms.at_nodes(own, np.eye(2), cell)
+        dissipated = energy_forms.work(nodes, form, step, E)[0, 0]
+        loss[:, i] = dissipated[0, 0], 2.0 * dissipated[0, 1], dissipated[1, 1]
         for p in np.flatnonzero(pushed == i).tolist():
             column[:, :, p] = expm.ladder(A, step)[0][:2, 2:]
     return _Uncoupled(turn, loss, column)
 
 
-class _Coupled(NamedTuple):
-    """The flow of a structure whose coordinates or network are coupled, over a step: see FilmTables."""
-
-    whole: Array
-    terms: NDArray[np.int64]
-    forms: Array
-
-
 def _coupled(system: System, modes: ModeSet, step: float, n: int) -> _Coupled:
     """The flow of the first n states over a step. The work of the driving states is left to the kernel."""
-    A, force = np.ascontiguousarray(modes.A[:n, :n]), system.force.copy()
+    A = np.ascontiguousarray(modes.A[:n, :n])
+    force = system.force.copy()
     force[:, system.one :] = 0.0
-    forms = np.ascontiguousarray(energy_forms.powers(replace(system, force=force), modes)[:, :n, :n])
+    powers = energy_forms.powers(replace(system, force=force), modes)
+    forms = np.ascontiguousarray(powers[:, :n, :n])
     terms = np.flatnonzero(forms.any(axis=(1, 2)))
     E = expm.ladder(A, step)
-    nodes = energy_forms.at_nodes(A, np.eye(n), step / 2.0 ** (len(E) - 1))
+    cell = step / 2.0 ** (len(E) - 1)
+    nodes = energy_forms.at_nodes(A, np.eye(n), cell)
     integrals = energy_forms.work(nodes, forms[terms], step, E)[0]
     halves = []
+    begins = range(0, n, BLOCK)
     for W in integrals:
         half = zeros((n, -(-n // BLOCK) * BLOCK))
         half[:, :n] = np.diag(np.diag(W)) + 2.0 * np.tril(W, -1)
-        halves.append(np.concatenate([half[at:, at : at + BLOCK] for at in range(0, n, BLOCK)]))
-    forms = zeros((len(terms), sum(n - at for at in range(0, n, BLOCK)), BLOCK))
+        halves.append(np.concatenate([half[at:, at : at + BLOCK] for at in begins]))
+    height = sum(n - at for at in begins)
+    forms = zeros((len(terms), height, BLOCK))
     forms[:] = np.array(halves).reshape(forms.shape)
     whole = zeros((n, _lanes(n)))
     whole[:, :n] = E[0].T
@@ -160,8 +169,11 @@ def tables(system: System, modes: ModeSet, step: float, outputs: Array, read: in
     """
     film = system.film
     assert film is not None
-    nq, first = len(system.coordinates), system.names.index(on(system.coordinates[0]))
-    directions, order, m = film.directions, film.order, first - system.one
+    nq = len(system.coordinates)
+    first = system.names.index(on(system.coordinates[0]))
+    directions = film.directions
+    order = film.order
+    m = first - system.one
     force = system.force[:, system.one : first]
     pushed = np.flatnonzero(force.any(axis=1))
     if len(pushed) > nq // 4:
@@ -178,11 +190,16 @@ def tables(system: System, modes: ModeSet, step: float, outputs: Array, read: in
     if heavy:
         kicks[:, :nq] = 0.5 * step * inverse
     entries = np.nonzero(outputs)
+    entries_per_output = np.count_nonzero(outputs, axis=1)
     fixed = (film.rows == film.rows[0]).all(axis=(0, 1, 3)) & (film.pitch > 0.0)
-    slider_coordinates = np.flatnonzero(fixed & ~np.any(system.mass - np.diag(np.diag(system.mass)), axis=1))
+    beside = system.mass - np.diag(np.diag(system.mass))
+    slider_coordinates = np.flatnonzero(fixed & ~np.any(beside, axis=1))
     normal, stiff = zeros((2, len(slider_coordinates), _lanes(film.points)))
     normal[:, : film.points] = film.rows[0, 0][np.ix_(slider_coordinates, order)]
-    stiff[:, : film.points] = normal[:, : film.points] * (film.stiffness / film.stiffness[order[0]])[order]
+    relative = (film.stiffness / film.stiffness[order[0]])[order]
+    stiff[:, : film.points] = normal[:, : film.points] * relative
+    signals = np.ascontiguousarray(system.signals[:m, system.one : first])
+    resist = (film.damping / (2.0 * step))[order] if film.damping.any() else np.zeros(0)
     sums = first + nq + np.arange(len(SUMS))
     codes, numbers = film.packed
     mirror = film.mirror
@@ -201,7 +218,7 @@ def tables(system: System, modes: ModeSet, step: float, outputs: Array, read: in
         stiffness=film.stiffness[order],
         shear=film.shear[order],
         give=1.0 / film.shear[order],
-        resist=(film.damping / (2.0 * step))[order] if film.damping.any() else np.zeros(0),
+        resist=resist,
         mu=film.mu[order],
         code=codes[order] if film.laws else codes,
         law=numbers[order] if film.laws else numbers,
@@ -220,13 +237,13 @@ def tables(system: System, modes: ModeSet, step: float, outputs: Array, read: in
         column=flow.column,
         push=np.ascontiguousarray(force[pushed].T),
         pushes=zeros((3, _lanes(len(pushed)))),
-        signal=expm.ladder(np.ascontiguousarray(system.signals[:m, system.one : first]), step)[0],
+        signal=expm.ladder(signals, step)[0],
         whole=joint.whole,
         terms=joint.terms,
         forms=joint.forms,
         changed=zeros(joint.whole.shape[1]),
         part=zeros(BLOCK),
-        begins=np.concatenate([[0], np.cumsum(np.count_nonzero(outputs, axis=1))]).astype(np.int64),
+        begins=np.concatenate([[0], np.cumsum(entries_per_output)]).astype(np.int64),
         entry=entries[1].astype(np.int64),
         value=outputs[entries],
         summed=np.array([outputs[:read, sums].any()], dtype=np.int64),
@@ -251,9 +268,9 @@ def tables(system: System, modes: ModeSet, step: float, outputs: Array, read: in
 def _fits() -> Array:
     fits = np.zeros((GROUP, GROUP + 1, GROUP + 1))
     for steps in range(1, GROUP + 1):
-        fits[steps - 1, : steps + 1, : steps + 1] = np.linalg.inv(
-            np.vander(np.linspace(0.0, 1.0, steps + 1), increasing=True)
-        )
+        places = np.linspace(0.0, 1.0, steps + 1)
+        powers = np.vander(places, increasing=True)
+        fits[steps - 1, : steps + 1, : steps + 1] = np.linalg.inv(powers)
     return fits
 
 
@@ -263,12 +280,19 @@ def _lanes(count: int) -> int:
 
 def _side(film: Film, mirror: Mirror | None, parity: float) -> SymmetryClass:
     """The coordinates of one parity (symmetric or antisymmetric); without symmetry all count as symmetric."""
-    which = np.flatnonzero((np.ones(film.rows.shape[2]) if mirror is None else mirror.parity) == parity)
-    points = film.order[: film.points // (1 if mirror is None else 2)]
+    if mirror is None:
+        parities = np.ones(film.rows.shape[2])
+        points = film.order
+    else:
+        parities = mirror.parity
+        points = film.order[: film.points // 2]
+    which = np.flatnonzero(parities == parity)
     lanes = film.directions * len(points)
     rows = zeros((len(film.rows), len(which), _lanes(lanes)))
-    rows[:, :, :lanes] = film.rows[:, :, which][..., points].transpose(0, 2, 1, 3).reshape(*rows.shape[:2], lanes)
-    now, back = zeros(rows.shape[1:]), zeros((0 if film.pitch else lanes, _lanes(len(which))))
+    of_side = film.rows[:, :, which][..., points]  # [place, direction, coordinate, point]
+    rows[:, :, :lanes] = of_side.transpose(0, 2, 1, 3).reshape(*rows.shape[:2], lanes)
+    now = zeros(rows.shape[1:])
+    back = zeros((0 if film.pitch else lanes, _lanes(len(which))))
     if not film.pitch:
         now[:] = rows[0]
         back[:, : len(which)] = rows[0, :, :lanes].T

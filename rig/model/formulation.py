@@ -67,12 +67,6 @@ class ModeSet:
     jam: float
 
 
-def _redundant(held: Array) -> bool:
-    """Whether stuck contacts constrain the same motion twice. `held` [stuck, stuck]: effect of their forces on them."""
-    sizes = np.linalg.svd(held, compute_uv=False)
-    return bool(len(sizes) > 1 and sizes[-1] < _SINGULAR * sizes[0])
-
-
 @dataclass(frozen=True)
 class _Contacts:
     """The contacts in a mode set: the law of each patch, whether each normal force is closed.
@@ -93,6 +87,12 @@ class _Contacts:
         return [law.numbers[0] if own else 0.0 for law, own in zip(self.laws, constant)]
 
 
+def _redundant(held: Array) -> bool:
+    """Whether stuck contacts constrain the same motion twice. `held` [stuck, stuck]: effect of their forces on them."""
+    sizes = np.linalg.svd(held, compute_uv=False)
+    return bool(len(sizes) > 1 and sizes[-1] < _SINGULAR * sizes[0])
+
+
 def _contacts(system: System, key: int) -> _Contacts:
     patch_modes, normal_modes, *_ = system.modes(key)
     laws = [system.law(p, key) for p in range(len(system.patches))]
@@ -100,7 +100,8 @@ def _contacts(system: System, key: int) -> _Contacts:
     loaded = {k.patch for k, holds in zip(system.normals, closed) if holds}
     elastic = {p for p, law in enumerate(laws) if law.presliding}  # its stick is slip of speed zero
     signs = {records.STICK: 0.0, records.SLIP_PLUS: 1.0, records.SLIP_MINUS: -1.0}
-    sigma = np.array([(signs[mode] or float(p in elastic)) * (p in loaded) for p, mode in enumerate(patch_modes)])
+    directions = [signs[mode] or float(p in elastic) for p, mode in enumerate(patch_modes)]
+    sigma = np.array([sign * (p in loaded) for p, sign in enumerate(directions)])
     over_speed = np.array([not law.constant for law in laws], dtype=bool)
     stuck = [p for p, mode in enumerate(patch_modes) if mode == records.STICK and p in loaded - elastic]
     return _Contacts(laws, closed, sigma, over_speed & (sigma != 0.0), stuck)
@@ -112,11 +113,12 @@ def pushes(system: System, key: int, mu: Sequence[float]) -> dict[int, Array]:
     `mu` [patch]: coefficient of each patch in slip.
     """
     patch_modes, normal_modes, *_ = system.modes(key)
+    slips = {records.STICK: 0.0, records.SLIP_PLUS: 1.0, records.SLIP_MINUS: -1.0}
     directions = {}
     for k, (normal, mode) in enumerate(zip(system.normals, normal_modes)):
         if mode == records.CLOSED:
             p = normal.patch
-            slip = 0.0 if patch_modes[p] == records.STICK else (1.0 if patch_modes[p] == records.SLIP_PLUS else -1.0)
+            slip = slips[patch_modes[p]]
             directions[k] = normal.direction + slip * mu[p] * system.patches[p].direction
     return directions
 
@@ -131,9 +133,11 @@ def bearing_mass(system: System, key: int, mu: Sequence[float]) -> Array:
 
 def _applied(system: System, key: int, rows: Array, mu: Sequence[float]) -> Array:
     """The forces on the coordinates but the inputs' of friction, as rows over [x, T]. `rows`: of the normal forces."""
-    nq, P = len(system.coordinates), len(system.patches)
+    nq = len(system.coordinates)
+    P = len(system.patches)
     change = system.change(system.modes(key)[3])
-    R, R_t = system.force + system.coupling, np.zeros((nq, system.inputs))
+    R = system.force + system.coupling
+    R_t = np.zeros((nq, system.inputs))
     R_t[:, P : system.rates_from] = system.force_t
     R[:, :nq] -= system.stiffness + change.stiffness
     R[:, nq : 2 * nq] -= system.damping + change.damping
@@ -146,7 +150,8 @@ def _applied(system: System, key: int, rows: Array, mu: Sequence[float]) -> Arra
 def _rates(system: System, key: int) -> tuple[Array, list[float], list[int]]:
     """The rates of network and signals [state, n], the gains of the limiters, and the states held at zero."""
     *_, limiter_modes, _, switch_modes = system.modes(key)
-    nq, rates = len(system.coordinates), np.vstack([system.network, system.signals])
+    nq = len(system.coordinates)
+    rates = np.vstack([system.network, system.signals])
     gains = [limiter.gain for limiter in system.limiters]
     still: list[int] = []
     for switch, where in zip(system.switches, switch_modes):
@@ -166,12 +171,18 @@ def _rates(system: System, key: int) -> tuple[Array, list[float], list[int]]:
 
 def assemble(system: System, key: int) -> ModeSet:
     """The matrices of mode set `key` (numpy, a fraction of a millisecond; runs once for each mode set visited)."""
-    nq, n, inputs, P = len(system.coordinates), system.n, system.inputs, len(system.patches)
+    nq = len(system.coordinates)
+    n = system.n
+    inputs = system.inputs
+    P = len(system.patches)
     v = slice(nq, 2 * nq)
     contacts = _contacts(system, key)
-    stuck, mu = contacts.stuck, contacts.mu
-    rows = np.array([k.row for k in system.normals]).reshape(-1, n) + system.change(system.modes(key)[3]).rows
-    Me, applied = bearing_mass(system, key, mu), _applied(system, key, rows, mu)
+    stuck = contacts.stuck
+    mu = contacts.mu
+    change = system.change(system.modes(key)[3])
+    rows = np.array([k.row for k in system.normals]).reshape(-1, n) + change.rows
+    Me = bearing_mass(system, key, mu)
+    applied = _applied(system, key, rows, mu)
     rates, gains, still = _rates(system, key)
 
     # dw/dt of the stuck patches: W_v a + (the rest, over x)
@@ -189,26 +200,31 @@ def assemble(system: System, key: int) -> ModeSet:
     lhs[:nq, nq:] = -directions[stuck].T
     lhs[nq:, :nq] = C
     rhs = np.zeros((nq + s, n + inputs))
-    rhs[:nq], rhs[nq:, :n] = applied, rest
+    rhs[:nq] = applied
+    rhs[nq:, :n] = rest
     for p in np.flatnonzero(contacts.nonlinear).tolist():
         rhs[:nq, n + p] = directions[p]
     MT = np.linalg.solve(system.mass, directions[stuck].T) if stuck else np.zeros((nq, 0))
-    redundant = _redundant(C @ MT)
+    held = C @ MT
+    redundant = _redundant(held)
     if redundant:  # the reactions are not unique: take the smallest
         solved = np.linalg.lstsq(lhs, rhs, rcond=_SINGULAR)[0]
     else:
         solved = np.linalg.solve(lhs, rhs) if nq else rhs
     a, reactions = solved[:nq], solved[nq:]
 
-    A, b = np.zeros((n, n)), np.zeros((n, inputs))
+    A = np.zeros((n, n))
+    b = np.zeros((n, inputs))
     A[:nq, v] = np.eye(nq)
-    A[v], b[v] = a[:, :n], a[:, n:]
+    A[v] = a[:, :n]
+    b[v] = a[:, n:]
     A[2 * nq :] = rates
     for p, patch in enumerate(system.patches):
         b[list(patch.memory), list(system.rates(p))] = 1.0
     landing = np.eye(n)
     if stuck:
-        landing[v] += MT @ (np.linalg.pinv(C @ MT, rcond=_SINGULAR) @ W if redundant else np.linalg.solve(C @ MT, W))
+        impulses = np.linalg.pinv(held, rcond=_SINGULAR) @ W if redundant else np.linalg.solve(held, W)
+        landing[v] += MT @ impulses
     landing[:, still] = 0.0
 
     loads = _loads(system, rows, a)
@@ -242,7 +258,8 @@ def assemble(system: System, key: int) -> ModeSet:
 
 def _loads(system: System, rows: Array, a: NDArray[Any]) -> Array:
     """The normal forces as rows over [x, T], from their `rows` over x and the accelerations a, rows over [x, T]."""
-    P, n = len(system.patches), system.n
+    P = len(system.patches)
+    n = system.n
     loads = np.zeros((len(system.normals), n + system.inputs))
     for k, contact in enumerate(system.normals):
         loads[k, :n] = rows[k] + contact.inertia @ a[:, :n]
@@ -303,6 +320,7 @@ def _guards(
             guards.append((whole, kind, owner))
 
     for p, law in enumerate(contacts.laws):
+        sigma = contacts.sigma[p]
         if p in contacts.stuck:
             for sign, kind in ((1.0, records.G_RELEASE_PLUS), (-1.0, records.G_RELEASE_MINUS)):
                 limit = np.zeros(loads.shape[1])
@@ -312,23 +330,23 @@ def _guards(
                 if law.states:  # its input is the limit
                     limit[system.n + p] = 1.0
                 guard(limit - sign * friction[p], kind, p)
-        elif contacts.sigma[p] != 0.0 and law.sticks:
-            guard(contacts.sigma[p] * system.slip_rows[p], records.G_SLIP, p)
-        elif contacts.sigma[p] != 0.0 and law.presliding:  # presliding: slip turns back at once
-            kind = records.G_RELEASE_MINUS if contacts.sigma[p] > 0.0 else records.G_RELEASE_PLUS
-            guard(contacts.sigma[p] * system.slip_rows[p], kind, p)
+        elif sigma != 0.0 and law.sticks:
+            guard(sigma * system.slip_rows[p], records.G_SLIP, p)
+        elif sigma != 0.0 and law.presliding:  # presliding: slip turns back at once
+            kind = records.G_RELEASE_MINUS if sigma > 0.0 else records.G_RELEASE_PLUS
+            guard(sigma * system.slip_rows[p], kind, p)
     for k, contact in enumerate(system.normals):
         if contact.opens and not _never_changes(loads[k], system):
-            guard(
-                loads[k] if contacts.closed[k] else -loads[k],
-                records.G_OPEN if contacts.closed[k] else records.G_CLOSE,
-                k,
-            )
+            if contacts.closed[k]:
+                guard(loads[k], records.G_OPEN, k)
+            else:
+                guard(-loads[k], records.G_CLOSE, k)
     constant = np.eye(system.n)[system.one]
     for x, (limiter, mode) in enumerate(zip(system.limiters, limiter_modes)):
         if gains[x] == 0.0:
             continue
-        below, above = limiter.row - limiter.low * constant, limiter.high * constant - limiter.row
+        below = limiter.row - limiter.low * constant
+        above = limiter.high * constant - limiter.row
         if mode == records.LINEAR:
             guard(below, records.G_LIMIT_LOW, x)
             guard(above, records.G_LIMIT_HIGH, x)
@@ -340,7 +358,8 @@ def _guards(
             guard(ends[where + 1] * constant - sector.row, records.G_NEXT, s)
             guard(sector.row - ends[where] * constant, records.G_PREVIOUS, s)
     rows = np.array([row for row, *_ in guards]).reshape(-1, loads.shape[1])
-    kinds, owners = (np.array([own[i] for own in guards], dtype=np.int64) for i in (1, 2))
+    kinds = np.array([kind for _, kind, _ in guards], dtype=np.int64)
+    owners = np.array([owner for *_, owner in guards], dtype=np.int64)
     return rows, kinds, owners
 
 
@@ -354,7 +373,9 @@ def _never_changes(load: Array, system: System) -> bool:
 
 def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) -> tuple[Array, Array]:
     """Rows by name (extended rows) as rows over x [output, n] and over T [output, inputs] of one mode set."""
-    nq, inputs, states = len(system.coordinates), np.eye(system.inputs), np.eye(system.n)
+    nq = len(system.coordinates)
+    inputs = np.eye(system.inputs)
+    states = np.eye(system.n)
     known: dict[str, tuple[Array, Array]] = {}
     for i, name in enumerate(system.names):
         known[name] = (states[i], np.zeros(system.inputs))
@@ -371,17 +392,20 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
     for k, normal in enumerate(system.normals):
         closed = normal_modes[k] == 0
         known[f"N:{normal.name}"] = (modes.normal[k] * closed, modes.normal_t[k] * closed)
-    gains = [position.gains for position in (s.positions[at] for s, at in zip(system.switches, thrown))]
+    gains = [switch.positions[at].gains for switch, at in zip(system.switches, thrown)]
     for i, (limiter, mode) in enumerate(zip(system.limiters, clamped)):
-        held = {records.LOW: limiter.low, records.HIGH: limiter.high}.get(mode)
+        limits = {records.LOW: limiter.low, records.HIGH: limiter.high}
+        held = limits.get(mode)
         idle = any(of_position.get(i) == 0.0 for of_position in gains)  # a switch took the limiter out of the network
-        within = held is None or idle
-        known[f"c:{limiter.name}"] = (limiter.row if within else held * states[system.one], np.zeros(system.inputs))
-    over_x, over_t = np.zeros((len(rows), system.n)), np.zeros((len(rows), system.inputs))
-    for i, row in enumerate(rows):
-        for name, value in row.items():
-            over_x[i] += value * known[name][0]
-            over_t[i] += value * known[name][1]
+        row = limiter.row if held is None or idle else held * states[system.one]
+        known[f"c:{limiter.name}"] = (row, np.zeros(system.inputs))
+    over_x = np.zeros((len(rows), system.n))
+    over_t = np.zeros((len(rows), system.inputs))
+    for i, entries in enumerate(rows):
+        for name, value in entries.items():
+            row, row_t = known[name]
+            over_x[i] += value * row
+            over_t[i] += value * row_t
     return over_x, over_t
 
 
@@ -390,7 +414,9 @@ def changes(modes: ModeSet, rows: Array, step: float, levels: int) -> Array:
 
     The cells are step / 2^level long; step in s.
     """
-    A, landing, still = modes.A, modes.landing, modes.landing - np.eye(len(modes.landing))
+    A = modes.A
+    landing = modes.landing
+    still = modes.landing - np.eye(len(modes.landing))
     out = np.zeros((levels, len(rows), len(PLACES), len(A)))
     for p, place in enumerate(PLACES.tolist() if out.size else ()):
         out[:, :, p] = rows @ (still + landing @ _ladder(A, place * step, levels) @ landing)
@@ -406,17 +432,20 @@ def reach(A: Array, b: Array, step: float, levels: int) -> Array:
     n, inputs = b.shape
     out = np.zeros((levels, len(PLACES), n, n + inputs * (DEGREE + 1)))
     length = step / 2.0 ** np.arange(levels)[:, None]
-    scales = np.array([math.factorial(k) for k in range(DEGREE + 1)]) / length ** np.arange(DEGREE + 1)
+    factorials = np.array([math.factorial(k) for k in range(DEGREE + 1)])
+    scales = factorials / length ** np.arange(DEGREE + 1)
     chain = np.eye(n + DEGREE + 1, k=1)  # an input and its derivatives
     chain[:n] = 0.0
     chain[:n, :n] = A
     for p, place in enumerate(PLACES.tolist() if levels else ()):
         for k in range(inputs):
             chain[:n, n] = b[:, k]
-            E, at = _ladder(chain, place * step, levels), n + k * (DEGREE + 1)
+            E = _ladder(chain, place * step, levels)
+            at = n + k * (DEGREE + 1)
             out[:, p, :, :n] = E[:, :n, :n]
             out[:, p, :, at] = E[:, :n, n]
-            out[:, p, :, at + 1 : at + 1 + DEGREE] = (E[:, :n, n + 1 :] * scales[:, None, 1:]) @ POWERS
+            derivatives = E[:, :n, n + 1 :] * scales[:, None, 1:]
+            out[:, p, :, at + 1 : at + 1 + DEGREE] = derivatives @ POWERS
     return out
 
 

@@ -29,7 +29,11 @@ from rig.solve.forces import (
 Array = NDArray[np.float64]
 _Function = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p, ctypes.c_double, ctypes.c_double] + [ctypes.c_void_p] * 2)
 _SLOW = np.geomspace(1e-6, 1.0, 25)  # m/s; slip speeds at which the largest coefficient of steady slip is looked for
-_ROUNDS, _FIRST, _LONGER = 80, 1e-9, 5.0  # steps of the search for steady slip; the first [s]; factor of the next
+_ROUNDS = 80  # most steps of the search for steady slip
+_FIRST = 1e-9  # s: the first of these steps
+_LONGER = 5.0  # factor of the next step
+FASTEST = 100.0
+"""Slip speed up to which a law from elsewhere has to be finite [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +69,10 @@ class Formula:
     def evaluate(self, numbers: Sequence[float], w: float, N: float, z: Array) -> tuple[Array, Array]:
         """`values` [m + 2] and `slopes` [m + 1, m + 2] at one point."""
         m = len(self.states)
-        p, states = np.array(numbers, dtype=np.float64), np.ascontiguousarray(z, dtype=np.float64)
-        values, slopes = np.zeros(m + 2), np.zeros((m + 1, m + 2))
+        p = np.array(numbers, dtype=np.float64)
+        states = np.ascontiguousarray(z, dtype=np.float64)
+        values = np.zeros(m + 2)
+        slopes = np.zeros((m + 1, m + 2))
         for address, out in ((self.values, values), (self.slopes, slopes)):
             _Function(address)(p.ctypes.data, w, N, states.ctypes.data, out.ctypes.data)
         return values, slopes
@@ -76,18 +82,16 @@ class Formula:
 
         Newton's method alone does not leave the elastic range, where the rate does not depend on the state.
         """
-        z, step = np.array([state.start for state in self.states]), _FIRST
+        z = np.array([state.start for state in self.states])
+        step = _FIRST
         for _ in range(_ROUNDS):
             values, slopes = self.evaluate(numbers, w, N, z)
             change = np.linalg.solve(np.eye(len(z)) / step - slopes[1:, 2:], values[1:-1])
-            z, step = z + change, step * _LONGER
+            z = z + change
+            step = step * _LONGER
             if step > 1.0 and np.all(np.abs(change) <= 1e-15 * np.abs(z)):
                 break
         return z
-
-
-FASTEST = 100.0
-"""Slip speed up to which a law from elsewhere has to be finite [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +242,8 @@ class Law:
         """The numbers as kernels read them. `first`, `rate`: indices of the first internal state, and of its rate."""
         if self.formula is None:
             return np.array(self.numbers)
-        f, along = self.formula, [float(state.along) for state in self.states]
+        f = self.formula
+        along = [float(state.along) for state in self.states]
         return np.array([f.values, f.slopes, len(along), first, rate, *along, *self.numbers], dtype=np.float64)
 
     def _in_steady_slip(self, speed: float, load: float | None) -> tuple[Array, Array]:

@@ -47,7 +47,8 @@ def economy(degree: int, terms: int) -> NDArray[np.float64]:
         if j <= degree:
             out[j, j] = 1.0
             continue
-        n, column = j - 1, [Fraction(0)] * degree
+        n = j - 1
+        column = [Fraction(0)] * degree
         for i in range(degree):  # u^n = 2 / 4^n sum_i comb(2n, n-i) T_i(2u - 1), the first term halved
             share = Fraction(comb(2 * n, n - i), 4**n) * (1 if i == 0 else 2)
             for k, value in enumerate(chebyshev[i]):
@@ -58,8 +59,11 @@ def economy(degree: int, terms: int) -> NDArray[np.float64]:
 
 def bernstein(degree: int) -> NDArray[np.float64]:
     """The matrix from the coefficients of powers [k] to Bernstein coefficients [i]: [i, k]."""
-    rows = [[comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)] for i in range(degree + 1)]
-    return np.array(rows)
+    rows = np.zeros((degree + 1, degree + 1))
+    for i in range(degree + 1):
+        for k in range(i + 1):
+            rows[i, k] = comb(i, k) / comb(degree, k)
+    return rows
 
 
 def _shifted(count: int) -> list[list[int]]:
@@ -83,7 +87,9 @@ def depth(A: Array, step: float) -> int:
     size = float(expm.norm(A, expm.balance(A))) * step
     level = 0
     while turn > TURN or size > SIZE:
-        turn, size, level = 0.5 * turn, 0.5 * size, level + 1
+        turn = 0.5 * turn
+        size = 0.5 * size
+        level = level + 1
     return level
 
 
@@ -122,7 +128,8 @@ def series(A: Array, length: float) -> Array:
     d = expm.balance(A)
     out = np.zeros((TERMS + 1, n, -(-n // BLOCK) * BLOCK))
     out[0, :, :n] = np.eye(n)
-    taylor_matrices(blocks((A * d[:, None] / d[None, :] * length).T), out)
+    balanced = A * d[:, None] / d[None, :]
+    taylor_matrices(blocks((balanced * length).T), out)
     return np.asarray(out[:, :, :n] * d[None, None, :] / d[None, :, None])
 
 
@@ -141,7 +148,9 @@ def tables(
     `terms`: `series` over a cell; E [level, n, n] as in ModeSets; bounds [guard, n]: chord bounds; field [n, n +
     inputs]: rows of the derivative; outputs [output, n], of which sensors read the first `read`.
     """
-    n, levels = len(landing), len(E)
+    n = len(landing)
+    filled = -(-n // BLOCK) * BLOCK
+    levels = len(E)
     polynomial = landing @ _combine(economy(ORDER, TERMS)[1:], terms) @ landing  # [ORDER, n, n]
     along = np.concatenate([np.eye(n)[None], polynomial])
     over_guards = np.zeros((len(guards), BLOCK, n))
@@ -150,9 +159,11 @@ def tables(
     if levels == 1:
         low = economy(QUICK, TERMS)
         powers = CHECKS[:, None] ** np.arange(TERMS + 1)
-        left = (powers - powers[:, : QUICK + 1] @ low) @ np.einsum("gi,kij->kgj", guards, terms).reshape(TERMS + 1, -1)
+        guard_terms = np.einsum("gi,kij->kgj", guards, terms)
+        left = (powers - powers[:, : QUICK + 1] @ low) @ guard_terms.reshape(TERMS + 1, -1)
         margin = MARGIN * np.abs(left).max(axis=0).reshape(guards.shape)
-        quick = np.einsum("bk,gkj->gbj", bernstein(QUICK), np.einsum("gi,kij->gkj", guards, _combine(low, terms)))
+        coefficients = np.einsum("gi,kij->gkj", guards, _combine(low, terms))
+        quick = np.einsum("bk,gkj->gbj", bernstein(QUICK), coefficients)
     else:  # values at the ends of the chord; `margin` bounds the distance of the guard from the chord
         margin = bounds
         quick = np.repeat(guards[:, None, :], QUICK + 1, axis=1)
@@ -165,8 +176,8 @@ def tables(
         "state": blocks(polynomial.reshape(-1, n)),
         "guard": blocks(over_guards.reshape(-1, n)),
         "field": np.pad(field.T, ((0, 0), (0, -len(field) % LANE))),
-        "whole": np.zeros((n, -(-n // BLOCK) * BLOCK)),
-        "part": np.zeros((n, -(-n // BLOCK) * BLOCK)),
+        "whole": np.zeros((n, filled)),
+        "part": np.zeros((n, filled)),
     }
 
 
@@ -186,5 +197,6 @@ def at(places: Array, terms: Array) -> Array:
 def _combine(weights: Array, terms: Array) -> Array:
     """The sums sum_j weights[k, j] terms[j], [k, n, n]."""
     out = np.zeros((len(weights), terms[0].size))
-    expm.multiply(np.ascontiguousarray(weights), np.ascontiguousarray(terms.reshape(len(terms), -1)), out)
+    flat = np.ascontiguousarray(terms.reshape(len(terms), -1))
+    expm.multiply(np.ascontiguousarray(weights), flat, out)
     return out.reshape(len(weights), *terms.shape[1:])

@@ -11,6 +11,7 @@ Source: the form of Liu and Ouyang, Mechanical Systems and Signal Processing (20
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 from rig.model import assembly, friction_law
@@ -18,21 +19,6 @@ from rig.model.friction_law import Law
 from rig.model.system import System
 
 _FALL = 5.0  # number of scales over which static friction falls to kinetic
-
-
-def smoothed(system: System, scale: float) -> System:
-    """The system with every friction law smoothed over `scale` [m/s]."""
-    patches = tuple(replace(patch, law=_smooth(patch.law, scale)) for patch in system.patches)
-    sectors = tuple(replace(s, laws=tuple(_smooth(law, scale) for law in s.laws)) for s in system.sectors)
-    return replace(system, patches=patches, sectors=sectors)
-
-
-def _smooth(law: Law, scale: float) -> Law:
-    if law.constant and law.static > law.numbers[0]:
-        law = friction_law.stribeck(law.static, law.numbers[0], _FALL * scale)
-    return friction_law.smoothed(law, scale)
-
-
 METHODS = ("exact", "dopri5", "dop853", "rosenbrock", "rk4", "kick", "smooth")
 ADAPTIVE = ("dopri5", "dop853", "rosenbrock")
 """Methods whose steps a tolerance determines."""
@@ -45,6 +31,22 @@ CROWD = 1 << 14
 """Number of mode sets beyond which a run keeps meeting new ones, each of which has to be built: 6 contacts that stick,
 slip and open one by one exceed it."""
 FILM_HELPS = "make the contacts points of a film, which have no mode sets (structure.film = true; Assembly.film)"
+
+
+def smoothed(system: System, scale: float) -> System:
+    """The system with every friction law smoothed over `scale` [m/s]."""
+    patches = tuple(replace(patch, law=_smooth(patch.law, scale)) for patch in system.patches)
+    sectors = []
+    for sector in system.sectors:
+        laws = tuple(_smooth(law, scale) for law in sector.laws)
+        sectors.append(replace(sector, laws=laws))
+    return replace(system, patches=patches, sectors=tuple(sectors))
+
+
+def _smooth(law: Law, scale: float) -> Law:
+    if law.constant and law.static > law.numbers[0]:
+        law = friction_law.stribeck(law.static, law.numbers[0], _FALL * scale)
+    return friction_law.smoothed(law, scale)
 
 
 def too_many(system: System) -> str:
@@ -94,17 +96,22 @@ def as_integrated(system: System, method: str, smoothing: float) -> System:
     if method == "kick":
         raise ValueError("method kick supports a film of contact points only, and this rig has none: use auto")
     if method == "smooth":
-        both = [patch.name for i, patch in enumerate(system.patches) if any(law.backward for law in system.laws(i))]
-        if both:
-            raise ValueError(f"smooth: the law of {', '.join(both)} depends on the direction of slip: use auto")
+        directional = _with_law(system, lambda law: bool(law.backward))
+        if directional:
+            raise ValueError(f"smooth: the law of {', '.join(directional)} depends on the direction of slip: use auto")
         remembering = [patch.name for patch in system.patches if patch.memory]
         if remembering:
             raise ValueError(f"smooth: the law of {', '.join(remembering)} has memory and is smooth already: use auto")
         system = smoothed(system, smoothing)
     if method == "exact" and not system.linear:
-        bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
-        bent += [product.name for product in system.products]
+        curved = _with_law(system, lambda law: not law.constant)
+        curved += [product.name for product in system.products]
         raise ValueError(
-            f"method exact requires linear equations in every mode set; not linear: {', '.join(bent)}; use auto"
+            f"method exact requires linear equations in every mode set; not linear: {', '.join(curved)}; use auto"
         )
     return system
+
+
+def _with_law(system: System, condition: Callable[[Law], bool]) -> list[str]:
+    """The names of the patches one of whose laws meets a condition."""
+    return [patch.name for p, patch in enumerate(system.patches) if any(map(condition, system.laws(p)))]

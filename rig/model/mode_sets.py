@@ -9,7 +9,7 @@ bits.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,17 +28,32 @@ from rig.solve.records import STICK
 from rig.solve.roots import DEGREE
 
 Array = NDArray[np.float64]
-_SAMPLES = 128
-STIFF, WIDE_STIFF = 7, 3
-"""Deepest tick of a mode set, and of one with many states, whose cells are single segments: at most 64 a tick."""
+_SAMPLES = 128  # most samples in a step of the second derivative of a guard [chosen]
+STIFF = 7
+"""Deepest tick of a mode set whose cells are single segments: at most 64 a tick."""
+WIDE_STIFF = 3
+"""The same of a mode set with many states."""
 FAST = 50.0
 """|lambda| step beyond which dopri5 leaves explicit steps, of which stability alone would take more than 15 a tick."""
-_MARGIN = 1.25
+_MARGIN = 1.25  # safety factor on the largest sample, for what lies between samples
 MOST_BYTES = 1 << 30
 """Memory of the tables beyond which mode sets are forgotten."""
 KEPT = 320
 """Least number of mode sets that are kept whatever their size; the first 256 are counted one by one (advance.TALLIED)
 and never forgotten."""
+
+
+class _Cells(NamedTuple):
+    """How a mode set propagates: `E` [level, n, n] over step / 2^level minus one, with the landing.
+
+    `nodes` [node, n, n]: to the quadrature nodes of the finest cell; `order`: number of Taylor terms there; `series`:
+    of rigs with many states (`many_states_tables.series`).
+    """
+
+    E: Array
+    nodes: NDArray[Any]
+    order: int
+    series: Array
 
 
 class ModeSets:
@@ -59,7 +74,10 @@ class ModeSets:
         `read`; `substeps`: steps of a film in a `step`. `implicit`: the method is rosenbrock, whose steps no eigenvalue
         limits.
         """
-        self.read, self._substeps, self._implicit, self._wide = read, substeps, implicit, system.n > UNROLLED
+        self.read = read
+        self._substeps = substeps
+        self._implicit = implicit
+        self._wide = system.n > UNROLLED
         self.system = system
         self.step = step
         self.rows = signals
@@ -89,34 +107,29 @@ class ModeSets:
         t = self.tables
         g = t.G.shape[1]
         guards = _padded(modes.guards, g)
-        E = expm.ladder(modes.A, self.step)
-        if not self._wide:
-            nodes_of = at_nodes_extended if len(E) - 1 > STIFF else at_nodes
-            nodes = nodes_of(modes.A, modes.landing, self.step / 2.0 ** (len(E) - 1))
-            order = expm.order(modes.A, self.step)
-        else:
-            E = E[: many_states_tables.depth(modes.A, self.step) + 1]
-            terms = many_states_tables.series(modes.A, self.step / 2.0 ** (len(E) - 1))
-            order, nodes = DEGREE, many_states_tables.at(NODES, terms) @ modes.landing
-        E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
+        cells = self._cells(modes)
+        E = cells.E
+        depth = len(E) - 1
         bounds, slopes = np.zeros((2, g, system.n))
-        if not self._wide or len(E) > 1:
+        if not self._wide or depth > 0:
             bounds, slopes = guard_bounds(modes.A, guards, self.step)
         forms = powers(system, modes)
-        integrals = work(nodes, forms, self.step, E)
+        integrals = work(cells.nodes, forms, self.step, E)
         patch_modes, normal_modes, *_ = system.modes(key)
         met = tuple(system.law(p, key) for p in range(len(system.patches)))
-        code, numbers = friction_law.pack(met, [system.places(p) for p in range(len(met))], t.numbers.shape[2])
+        places = [system.places(p) for p in range(len(met))]
+        code, numbers = friction_law.pack(met, places, t.numbers.shape[2])
         closed = 1.0 - np.array(normal_modes, dtype=np.float64).reshape(-1, 1)
         rows, rows_t = signal_rows(system, modes, self.rows)
-        stiff = len(E) - 1 > (WIDE_STIFF if self._wide else STIFF)
+        stiff = depth > (WIDE_STIFF if self._wide else STIFF)
+        read = np.vstack([guards, rows[: self.read]])
         broad: dict[str, Array] = {}
         if self._wide:
             field = np.hstack([modes.A, modes.b])
-            broad = many_states_tables.tables(terms, E, modes.landing, guards, bounds, field, rows, self.read)
+            broad = many_states_tables.tables(cells.series, E, modes.landing, guards, bounds, field, rows, self.read)
         curved = bool(modes.nonlinear.any()) or bool(system.products) or system.remembers
-        cells = curved and not self._implicit
-        fast = cells and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
+        explicit = curved and not self._implicit
+        fast = explicit and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
         levels = (expm.depth(modes.A, self.step) + 1) * fast
         self.stiff = self.stiff or stiff or levels > 0
         response = reach(modes.A, modes.b, self.step, levels)
@@ -126,10 +139,10 @@ class ModeSets:
         mode_set_of[key] = at
         new: dict[str, Any] = {
             "used": t.used.max(initial=0),
-            "depth": len(E) - 1,
-            "room": 0 if stiff else 2 ** (len(E) - 1),
-            "along": changes(modes, np.vstack([guards, rows[: self.read]]), self.step, (len(E) - 1) * stiff),
-            "order": order,
+            "depth": depth,
+            "room": 0 if stiff else 2**depth,
+            "along": changes(modes, read, self.step, depth * stiff),
+            "order": cells.order,
             "curved": int(curved),
             "graded": levels,
             "reach": response,
@@ -182,12 +195,32 @@ class ModeSets:
             stacked["many_states"] = t.many_states._replace(
                 **{name: _put(getattr(t.many_states, name), at, broad[name]) for name in broad}
             )
-        self._size = max(self._size, sum(np.asarray(part).nbytes for part in (*new.values(), *broad.values())))
+        arrays = (*new.values(), *broad.values())
+        self._size = max(self._size, sum(np.asarray(array).nbytes for array in arrays))
         self.tables = t._replace(mode_set_of=mode_set_of, **stacked)
         self.handle = Loan(self.tables, self.handle)
         self.sets[at : at + 1] = [modes]
         self.sticks[at : at + 1] = [all(mode == STICK for mode in patch_modes)]
         return modes
+
+    def _cells(self, modes: ModeSet) -> _Cells:
+        """The propagators of a mode set."""
+        E = expm.ladder(modes.A, self.step)
+        if self._wide:
+            E = E[: many_states_tables.depth(modes.A, self.step) + 1]
+        depth = len(E) - 1
+        finest = self.step / 2.0**depth
+        if not self._wide:
+            series = np.zeros((0, 0, 0))
+            nodes_of = at_nodes_extended if depth > STIFF else at_nodes
+            nodes = nodes_of(modes.A, modes.landing, finest)
+            order = expm.order(modes.A, self.step)
+        else:
+            series = many_states_tables.series(modes.A, finest)
+            nodes = many_states_tables.at(NODES, series) @ modes.landing
+            order = DEGREE
+        landed = modes.landing @ E @ modes.landing
+        return _Cells((modes.landing - np.eye(len(modes.A))) + landed, nodes, order, series)
 
     @property
     def full(self) -> bool:
@@ -207,7 +240,8 @@ class ModeSets:
 
         Sums that kernels have collected must be taken before (`collected_energy`). Returns False if all are needed.
         """
-        count, tables = len(self.sets), self.tables
+        count = len(self.sets)
+        tables = self.tables
         order = np.argsort(tables.used[:count], kind="stable")
         order = order[(order >= TALLIED) & ~np.isin(order, needed)][: max(count // 4, 1)]
         for at in order.tolist():
@@ -221,9 +255,9 @@ class ModeSets:
 
         Tables that rig.solve.film_steps does not read keep length zero.
         """
-        t, rows = self.tables, signal_rows(self.system, modes, self.rows)[0]
-        new: dict[str, Any] = {"signals": rows, "output_needs_inputs": np.zeros(len(rows))}
-        new |= {"room": 1}
+        t = self.tables
+        rows = signal_rows(self.system, modes, self.rows)[0]
+        new: dict[str, Any] = {"signals": rows, "output_needs_inputs": np.zeros(len(rows)), "room": 1}
         new |= dict.fromkeys(("used", "depth", "guards", "stuck", "lands"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
@@ -249,15 +283,21 @@ class ModeSets:
 
         `visited`: the mode sets to which they belong; `whole`, `part`: their sums.
         """
-        tables, count = self.tables.many_states, len(self.sets) if self._wide else 0
-        visited = np.flatnonzero(tables.whole[:count].any(axis=(1, 2)) | tables.part[:count].any(axis=(1, 2)))
+        tables = self.tables.many_states
+        count = len(self.sets) if self._wide else 0
+        in_whole = tables.whole[:count].any(axis=(1, 2))
+        in_part = tables.part[:count].any(axis=(1, 2))
+        visited = np.flatnonzero(in_whole | in_part)
         return {"visited": visited, "whole": tables.whole[visited], "part": tables.part[visited]}
 
     def put_sums(self, kept: Mapping[str, NDArray[Any]]) -> None:
         """Replace the collected sums by those of `sums`."""
         tables = self.tables.many_states
-        tables.whole[:], tables.part[:] = 0.0, 0.0
-        tables.whole[kept["visited"]], tables.part[kept["visited"]] = kept["whole"], kept["part"]
+        visited = kept["visited"]
+        tables.whole[:] = 0.0
+        tables.part[:] = 0.0
+        tables.whole[visited] = kept["whole"]
+        tables.part[visited] = kept["part"]
 
 
 def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:
@@ -270,9 +310,11 @@ def _put(old: NDArray[Any], mode_set: int, new: Any) -> NDArray[Any]:
     """The array with entry `mode_set` set to `new`; enlarged if it is full or if `new` has more levels."""
     entry = np.asarray(new, dtype=old.dtype)
     levels = entry.ndim > 2
-    if mode_set >= len(old) or (levels and len(entry) > old.shape[1]):
+    full = mode_set >= len(old)
+    if full or (levels and len(entry) > old.shape[1]):
         room = list(old.shape)
-        room[0] = max(2 * mode_set, 4) if mode_set >= len(old) else len(old)
+        if full:
+            room[0] = max(2 * mode_set, 4)
         if levels:
             room[1] = max(room[1], len(entry))
         more = zeros(tuple(room)) if old.dtype == np.float64 else np.zeros(room, dtype=old.dtype)
@@ -287,16 +329,19 @@ def _put(old: NDArray[Any], mode_set: int, new: Any) -> NDArray[Any]:
 
 def guard_bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:
     """Chord bounds over one step for each guard and for its slope, [guard, n] each."""
-    samples = int(min(_SAMPLES, 4 * 2 ** min(expm.depth(A, step), 10)))
+    depth = min(expm.depth(A, step), 10)
+    samples = int(min(_SAMPLES, 4 * 2**depth))
     E, *shorter = expm.ladder(A, step / samples)
     second = guards @ A @ A
     third = second @ A
-    worst2, worst3 = np.abs(second), np.abs(third)
+    worst2 = np.abs(second)
+    worst3 = np.abs(third)
     for early in shorter:  # what rises and decays before the first sample
         np.maximum(worst2, np.abs(second + second @ early), out=worst2)
         np.maximum(worst3, np.abs(third + third @ early), out=worst3)
     for _ in range(samples):
-        second, third = second + second @ E, third + third @ E
+        second = second + second @ E
+        third = third + third @ E
         np.maximum(worst2, np.abs(second), out=worst2)
         np.maximum(worst3, np.abs(third), out=worst3)
     scale = _MARGIN * step * step / 8.0

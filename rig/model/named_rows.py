@@ -229,10 +229,15 @@ class Rows:
         `factors`: one pair (stiffness, damping) for each sector. They act on the structure before this call:
         stiffness, damping, and the part of normal forces that depends on coordinates. `turn`: see `sector`.
         """
-        rows = {normal: {c: v for c, v in r.items() if c in self.coordinates} for normal, _, r, *_ in self.normals}
-        blocks = tuple(Block(block.names, *(matrix.copy() for matrix in block[1:])) for block in self.blocks)
-        now = dict(self.stiffness), dict(self.damping), rows, blocks
-        self.variations.append(Variation(name, dict(row), turn, period, factors, *now))
+        rows: dict[str, Row] = {}
+        for normal, _, load, *_ in self.normals:
+            rows[normal] = {c: value for c, value in load.items() if c in self.coordinates}
+        blocks = []
+        for block in self.blocks:
+            matrices = (matrix.copy() for matrix in block[1:])
+            blocks.append(Block(block.names, *matrices))
+        structure = dict(self.stiffness), dict(self.damping), rows, tuple(blocks)
+        self.variations.append(Variation(name, dict(row), turn, period, factors, *structure))
 
     def switch(self, name: str, signal: str, circuits: tuple[Circuit, ...]) -> None:
         """Add a switch of the network: the rounded value of `signal` selects one of the circuits."""

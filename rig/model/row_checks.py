@@ -38,7 +38,8 @@ def faults(a: Assembly) -> Iterator[str]:
     if strange := [*_strange_names(a)]:
         yield from strange
         return
-    coordinates, states = set(a.coordinates), {*a.names}
+    coordinates = set(a.coordinates)
+    states = {*a.names}
     if not coordinates:
         yield "the rig has no coordinate; expected one at least, a.coordinate(name, mass)"
     blocks = {name for block in a.blocks for name in block.names}
@@ -49,9 +50,11 @@ def faults(a: Assembly) -> Iterator[str]:
                 at = f"{what}[{block.names[i]!r}, {block.names[j]!r}]"
                 yield f"{at} contains {brief(float(matrix[i, j]))}; expected a finite number"
     products = {*a.products}
-    contacts, normals = [entry[0] for entry in a.patches], [entry[0] for entry in a.normals]
+    contacts = [entry[0] for entry in a.patches]
+    normals = [entry[0] for entry in a.normals]
     for what, names in (("friction contact", contacts), ("normal force", normals)):
-        yield from (f"two are called {what} {name!r}" for name in sorted({n for n in names if names.count(n) > 1}))
+        repeated = {name for name in names if names.count(name) > 1}
+        yield from (f"two are called {what} {name!r}" for name in sorted(repeated))
     for what, entries in (("mass", a.mass), ("damping", a.damping), ("stiffness", a.stiffness)):
         for (i, j), value in entries.items():
             yield from _row(f"{what}[{i!r}, {j!r}]", dict.fromkeys({i, j} - coordinates or {i}, value), coordinates)
@@ -83,7 +86,8 @@ def _strange_names(a: Assembly) -> Iterator[str]:
     """Names that a recording cannot hold, and names that are no texts."""
     for what, names in (("output", a.outputs), ("input", a.inputs)):
         yield from (f"{what}: {fault}" for name in names if (fault := name_fault(name)))
-    contacts, normals = [entry[0] for entry in a.patches], [entry[0] for entry in a.normals]
+    contacts = [entry[0] for entry in a.patches]
+    normals = [entry[0] for entry in a.normals]
     for what, others in (("friction contact", contacts), ("normal force", normals), ("state", a.names)):
         yield from (
             f"{what}: {brief(name)} is no name; expected a text" for name in others if not isinstance(name, str)
@@ -103,10 +107,10 @@ def _outputs(a: Assembly, known: set[str], contacts: Collection[str], normals: C
                 yield f"output {name!r} has the role {brief(output.role)}; known: {', '.join(get_args(Role)[1:])}"
             if output.plot is not None and not isinstance(output.plot, Plot):
                 yield f"output {name!r} has the plot {brief(output.plot)}; expected a rig.picture.Plot"
-            elif output.plot is not None and not (
-                isinstance(output.plot.title, str) and isinstance(output.plot.place, int)
-            ):
-                yield f"output {name!r} has the plot {brief(output.plot)}; expected a text and a whole number"
+            elif output.plot is not None:
+                described = isinstance(output.plot.title, str) and isinstance(output.plot.place, int)
+                if not described:
+                    yield f"output {name!r} has the plot {brief(output.plot)}; expected a text and a whole number"
         else:
             yield f"output {name!r} is {brief(output)}; expected a rig.model.assembly.Output"
     for name, actuator in a.inputs.items():

@@ -27,7 +27,8 @@ def assembled(system: System, key: int) -> ModeSet:
 
 def singular(system: System, key: int) -> Singular:
     """The error with the reason why `assemble` cannot solve mode set `key`."""
-    nq, mode = len(system.coordinates), system.describe(key)
+    nq = len(system.coordinates)
+    mode = system.describe(key)
     patch_modes, normal_modes, *_ = system.modes(key)
     if not _regular(system.mass):
         return Singular("the mass matrix is singular: some motion has no inertia", mode)

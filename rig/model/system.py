@@ -4,8 +4,8 @@ State  x = [q, v, network, signals]. Terms that are not linear in x are the inpu
 force of a patch with a speed-dependent law, and products of states such as x y, cos(k phi) - 1 or N sin(k phi). Rows
 whose name ends in `_t` are over T.
 
-A System knows the keys of its mode sets, the contact states of a key, and both in text. `pack` prepares products for
-the kernels; `tangent` gives their derivatives. A Finding is a fact about a system before it runs.
+A System knows the keys of its mode sets, the contact states of a key, and both in text. A Finding is a fact about a
+system before it runs.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise, permutations
+from itertools import permutations
 from typing import Any, Literal
 
 import numpy as np
@@ -23,12 +23,14 @@ from numpy.typing import NDArray
 
 from rig.model.film import Film
 from rig.model.friction_law import Law
-from rig.solve.column_blocks import LANE, entries_of, zeros
-from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, MemoryTables, ProductTables
+from rig.model.products import Product
 from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN, SLIP_MINUS, STICK
 
 Array = NDArray[np.float64]
 Level = Literal["info", "warning", "error"]
+_FEW = 3  # up to this number, all positions of a switch are prepared
+_SPELT = 8  # up to this number, contacts are named one by one
+_MOTIONS = ("slip+", "slip-", "stick")
 
 
 @dataclass(frozen=True)
@@ -43,129 +45,6 @@ class Finding:
     def to_json(self) -> dict[str, object]:
         """The finding as plain values."""
         return dict(vars(self))
-
-
-@dataclass(frozen=True)
-class Factor:
-    """One factor of a product.
-
-    `kind`: of the factor; `index`: of the state, normal force or patch; `row`: over the state, of an angle [rad] or of
-    a press.
-    """
-
-    kind: int
-    index: int = 0
-    row: Array | None = None
-
-
-@dataclass(frozen=True)
-class Product:
-    """A product of factors, with the name by which rows refer to it."""
-
-    name: str
-    factors: tuple[Factor, ...]
-
-    @cached_property
-    def level(self) -> int:
-        """The level 0, 1 or 2 of the product (rig.solve.forces)."""
-        kinds = {factor.kind for factor in self.factors}
-        return 2 if FRICTION in kinds else 1 if NORMAL in kinds else 0
-
-
-def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> ProductTables:
-    """The arrays of `products`, which must be in the order of their levels."""
-    angles: list[Array] = []
-    presses: list[Array] = []
-    known: dict[tuple[bool, bytes], int] = {}
-    kind, index = [], []
-    for product in products:
-        for factor in product.factors:
-            kind.append(factor.kind)
-            index.append(factor.index)
-            if factor.row is not None:
-                pressed = factor.kind == PRESS
-                rows = presses if pressed else angles
-                index[-1] = known.setdefault((pressed, (factor.row + 0.0).tobytes()), len(rows))  # -0.0 is 0.0
-                if index[-1] == len(rows):
-                    rows.append(factor.row)
-    levels = [product.level for product in products]
-    ends = np.cumsum([0, n, len(angles), len(angles), normals, patches, len(presses)])  # in the order of the kinds
-    values = np.ones(ends[-1] + 1)  # the last one stays: the factor of a product that has fewer
-    values[:-1] = 0.0
-    values_at = zeros((len(values), LANE))
-    values_at[-1] = 1.0
-    places = iter((ends[np.array(kind, dtype=np.int64)] + np.array(index, dtype=np.int64)).tolist())
-    most = max((len(product.factors) for product in products), default=0)
-    place = np.full((max(most, 2), len(products)), ends[-1])
-    for j, product in enumerate(products):
-        place[: len(product.factors), j] = [next(places) for _ in product.factors]
-    parts = [values[begin:end] for begin, end in pairwise(ends)]
-    return ProductTables(
-        patches=np.array([patches]),
-        upto=np.array([sum(level <= top for level in levels) for top in range(3)]),
-        place=place,
-        angles=np.array(angles).reshape(-1, n),
-        presses=np.array(presses).reshape(-1, n),
-        turns=zeros(-(-2 * len(angles) // LANE) * LANE),
-        angle_entries=entries_of(np.array(angles).reshape(-1, n)),
-        press_entries=entries_of(np.array(presses).reshape(-1, n)),
-        values_at=values_at,
-        values=values,
-        **dict(zip(("state", "sine", "versine", "normal", "friction", "pressed"), parts)),
-    )
-
-
-def scratch_for_memory(s: System) -> MemoryTables:
-    """Scratch for the laws with memory of a system."""
-    most = max((len(patch.memory) for patch in s.patches), default=0)
-    return MemoryTables(
-        inputs=np.array([s.rates_from]),
-        mu=np.zeros(len(s.patches) if most else 0),
-        states=np.zeros(most),
-        values=np.zeros(most + 2 if most else 0),
-        slopes=np.zeros((most + 1) * (most + 2) if most else 0),
-    )
-
-
-def tangent(
-    products: tuple[Product, ...],
-    level: int,
-    x: Array,
-    forces: tuple[tuple[Array, Array], tuple[Array, Array]],
-) -> tuple[Array, Array]:
-    """Values [product] and derivatives over x [product, n] of the products of one level; 0 for the other products.
-
-    `forces`: values and derivatives of the normal forces, and of the friction forces, as far as they are known.
-    """
-    n = len(x)
-    values, slopes = np.zeros(len(products)), np.zeros((len(products), n))
-    for j, product in enumerate(products):
-        if product.level != level:
-            continue
-        value, slope = 1.0, np.zeros(n)
-        for factor in product.factors:
-            if factor.kind == STATE:
-                v = float(x[factor.index])
-                slope *= v
-                slope[factor.index] += value
-                value *= v
-                continue
-            v, s = _tangent(factor, x, forces)
-            value, slope = value * v, slope * v + value * s
-        values[j], slopes[j] = value, slope
-    return values, slopes
-
-
-def _tangent(factor: Factor, x: Array, forces: tuple[tuple[Array, Array], tuple[Array, Array]]) -> tuple[float, Array]:
-    if factor.row is not None:
-        angle = float(factor.row @ x)
-        if factor.kind == PRESS:
-            return max(angle, 0.0), factor.row if angle > 0.0 else np.zeros(len(x))
-        if factor.kind == SINE:
-            return float(np.sin(angle)), np.cos(angle) * factor.row
-        return float(-2.0 * np.sin(0.5 * angle) ** 2), -np.sin(angle) * factor.row
-    values, slopes = forces[factor.kind == FRICTION]
-    return float(values[factor.index]), slopes[factor.index]
 
 
 @dataclass(frozen=True)
@@ -295,9 +174,6 @@ class Loss:
     rate: Array
 
 
-_FEW = 3  # up to this number, all positions of a switch are prepared
-_SPELT = 8  # up to this number, contacts are named one by one
-_MOTIONS = ("slip+", "slip-", "stick")
 Judge = Callable[["System", float], Iterable[Finding]]
 """(system, sample step [s]) -> the findings of an effect about it before a run."""
 
@@ -400,12 +276,14 @@ class System:
     @property
     def generators(self) -> list[tuple[int, int, float]]:
         """Undamped generators: states a, b with a' = rate b, b' = -rate a, without other rates, and the rate."""
-        pairs, driven = [], {limiter.state for limiter in self.limiters}
+        pairs = []
+        driven = {limiter.state for limiter in self.limiters}
         moving = set((self.one + np.flatnonzero(self.signals.any(axis=1))).tolist())
         for a, b in permutations(moving - driven, 2):
             rate = float(self.signals[a - self.one, b])
             rows = np.zeros((2, self.n))
-            rows[0, b], rows[1, a] = rate, -rate
+            rows[0, b] = rate
+            rows[1, a] = -rate
             if rate > 0.0 and np.array_equal(self.signals[[a - self.one, b - self.one]], rows):
                 pairs.append((a, b, rate))
         return pairs
@@ -432,7 +310,8 @@ class System:
         """The key of a mode set, a mixed-radix number; without `sectors` or `switches`, those of the start."""
         where = sectors or [sector.at(self.start) for sector in self.sectors]
         thrown = switches or [switch.at(self.start) for switch in self.switches]
-        key, base = 0, 1
+        key = 0
+        base = 1
         for mode, radix in zip((*patches, *normals, *limiters, *where, *thrown), self.radices, strict=True):
             key += int(mode) * base
             base *= radix
@@ -441,13 +320,15 @@ class System:
     def modes(self, key: int) -> tuple[list[int], list[int], list[int], list[int], list[int]]:
         """The modes of a mode set, from its key: of patches, normal forces, limiters, sectors, switches."""
         if key not in self._decoded:
-            rest, modes = key, []
+            rest = key
+            modes = []
             for radix in self.radices:
                 modes.append(rest % radix)
                 rest //= radix
             self._decoded.clear()  # the same key is asked for many times in a row
             self._decoded[key] = modes
-        modes, out = self._decoded[key], []
+        modes = self._decoded[key]
+        out = []
         for parts in (self.patches, self.normals, self.limiters, self.sectors, self.switches):
             out.append(modes[: len(parts)])
             modes = modes[len(parts) :]
@@ -476,7 +357,8 @@ class System:
         last = [len(sector.edges) - 1 for sector in self.sectors]
         where = list(map(min, sectors, last)) if x is None else [sector.at(x) for sector in self.sectors]
         positions = [min(thrown.get(s.name, s.at(self.start)), len(s.positions) - 1) for s in self.switches]
-        return self.key(patches, normals, [limited.get(part.name, 0) for part in self.limiters], where, positions)
+        clamped = [limited.get(part.name, 0) for part in self.limiters]
+        return self.key(patches, normals, clamped, where, positions)
 
     def law(self, p: int, key: int) -> Law:
         """The law of patch p in mode set `key`: that of its sector and of the direction of slip; in stick forward."""
@@ -486,24 +368,31 @@ class System:
 
     def change(self, sectors: Sequence[int]) -> Change:
         """The sum of what these sectors add."""
-        nq, changes = len(self.coordinates), [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
+        nq = len(self.coordinates)
+        changes = [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
         none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
-        return Change(*(sum((getattr(c, part) for c in changes), getattr(none, part)) for part in vars(none)))
+        sums = []
+        for part in vars(none):
+            sums.append(sum((getattr(change, part) for change in changes), getattr(none, part)))
+        return Change(*sums)
 
     def switched_keys(self, key: int) -> Iterator[int]:
         """The keys of mode set `key` with every position of its switches."""
         patches, normals, limiters, sectors, _ = self.modes(key)
-        for positions in itertools.product(*(range(len(switch.positions)) for switch in self.switches)):
+        ways = [range(len(switch.positions)) for switch in self.switches]
+        for positions in itertools.product(*ways):
             yield self.key(patches, normals, limiters, sectors, positions)
 
     def contact_keys(self, key: int) -> Iterator[int]:
         """The keys of mode set `key` with every other combination of modes of patches, normal forces and limiters."""
         *own, sectors, thrown = self.modes(key)
         counts = iter(self.radices)
-        ways = [[range(next(counts)) for _ in part] for part in own]
-        for patches, normals, limiters in itertools.product(
-            itertools.product(*ways[0]), self._liftings(), itertools.product(*ways[2])
-        ):
+        ways = []
+        for part in own:
+            ways.append([range(next(counts)) for _ in part])
+        of_patches = itertools.product(*ways[0])
+        of_limiters = itertools.product(*ways[2])
+        for patches, normals, limiters in itertools.product(of_patches, self._liftings(), of_limiters):
             yield self.key(patches, normals, limiters, sectors, thrown)
 
     def _liftings(self) -> Iterator[tuple[int, ...]]:
@@ -522,10 +411,10 @@ class System:
             if len(set(of)) == len(of):
                 ways.append((lifted, now))
         few = [range(len(s.positions)) if len(s.positions) <= _FEW else (at,) for s, at in zip(self.switches, now)]
-        ways += [
-            ((CLOSED,) * len(self.normals), list(other)) for other in itertools.product(*few) if list(other) != now
-        ]
-        for places in itertools.product(*(range(len(sector.edges)) for sector in self.sectors)):
+        all_closed = (CLOSED,) * len(self.normals)
+        ways += [(all_closed, list(other)) for other in itertools.product(*few) if list(other) != now]
+        sectors = [range(len(sector.edges)) for sector in self.sectors]
+        for places in itertools.product(*sectors):
             for lifted, thrown in ways:
                 yield self.key(patches, lifted, limiters, places, thrown)
 
@@ -536,7 +425,10 @@ class System:
         if len(patches) > _SPELT:
             words = [f"{n} contacts {word}" for m, word in enumerate(_MOTIONS) if (n := patches.count(m))]
         lifted = [k.name for k, m in zip(self.normals, normals) if m == OPEN]
-        words += [f"{name} open" for name in lifted] if len(lifted) <= _SPELT else [f"{len(lifted)} contacts open"]
+        if len(lifted) <= _SPELT:
+            words += [f"{name} open" for name in lifted]
+        else:
+            words.append(f"{len(lifted)} contacts open")
         words += [f"{x.name} {('', 'low', 'high')[m]}" for x, m in zip(self.limiters, limiters) if m]
         words += [f"{s.name} {m + 1}" for s, m in zip(self.sectors, sectors)]
         words += [f"{s.name} {s.positions[m].name}" for s, m in zip(self.switches, switches)]

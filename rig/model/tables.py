@@ -1,4 +1,4 @@
-"""What the kernels read and write for a system: tables stacked by mode set, and a workspace of scratch memory.
+"""What the kernels read for a system: tables stacked by mode set.
 
 A guard g = G x is certified free of events over a cell of length h if it exceeds, at both ends, the bound b = B.|x|,
 B_j = 1.25 h^2/8 max |(G A^2 exp(A t))_j|. This bounds the interpolation error of the chord, so g cannot reach zero.
@@ -11,100 +11,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model import film_tables, friction_law, many_states_tables, system
+from rig.model import film_tables, friction_law, many_states_tables, products
 from rig.model.energy_forms import supplied
 from rig.model.system import System
-from rig.solve import energy_balance, segment_output
-from rig.solve.column_blocks import LANE, zeros
-from rig.solve.dopri5 import PROBE
+from rig.model.workspace import scratch_for_memory
 from rig.solve.energy_balance import TERMS
 from rig.solve.exact import PLACES
 from rig.solve.film_steps import FilmTables
 from rig.solve.forces import MemoryTables, ProductTables
 from rig.solve.many_states import ManyStatesTables
-from rig.solve.places import PART
-from rig.solve.records import Workspace
-from rig.solve.roots import DEGREE as ROOT_DEGREE
-from rig.solve.roots import WORK_COLUMNS, WORK_ROWS
 from rig.solve.segment_output import DEGREE
 
 Array = NDArray[np.float64]
-_SLOW, _SHARE = 1e-3, 1e-3  # m/s: least speed of steady slip, and share of its states, for scales of errors
 UNROLLED = 8
 """Up to this number of states, compiled code has it as a constant; above, the same code serves all rigs."""
-
-
-def workspace(system: System, read: int, guards: int) -> Workspace:
-    """Scratch for a system with `read` outputs for sensors and at most `guards` guards in a mode set."""
-    n, P = system.n, len(system.patches)
-    width = -(-n // LANE) * LANE
-    nodes, weights = np.polynomial.legendre.leggauss(LANE - PART)
-    return Workspace(
-        k=zeros((7, width)),
-        k16=zeros((16, width)),
-        bends=zeros((4, width)),
-        y=zeros(width)[:n],
-        y2=zeros(width)[:n],
-        x0=np.zeros(n),
-        copy=np.zeros(n),
-        size=scales_of_memory(system),
-        x_at_end=np.zeros(n),
-        law_argument=np.zeros(n),
-        law_argument_x=np.zeros(n),
-        law_load=np.zeros(n),
-        law_load_x=np.zeros(n),
-        law_argument_p=np.zeros(system.inputs),
-        law_load_p=np.zeros(system.inputs),
-        at=zeros(width)[:n],
-        rates=zeros(width)[:n],
-        T=np.zeros(system.inputs),
-        scratch=np.zeros((P, P)),
-        generators_at_begin=np.zeros((len(system.generators), 2)),
-        derivatives=np.zeros((ROOT_DEGREE + 1, n)),
-        spare=np.zeros((ROOT_DEGREE + 1, n)),
-        poly=np.zeros(ROOT_DEGREE + 1),
-        roots=np.zeros((WORK_ROWS, WORK_COLUMNS)),
-        g=np.zeros(guards),
-        guard_samples=np.zeros((guards, 7)),
-        values=np.zeros((2, read)),
-        nodes=energy_balance.NODES,
-        weights=energy_balance.WEIGHTS,
-        x_at=zeros((n, LANE)),
-        T_at=zeros((system.inputs, LANE)),
-        in_part=np.repeat([1.0, 0.0], [PART, LANE - PART]),
-        quarters=np.pad(np.linspace(0.0, 1.0, PART), (0, LANE - PART)),
-        simpson=np.pad(np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0, (0, LANE - PART)),
-        probes=np.pad([0.0, 0.25, 0.5, 0.75, 1.0, PROBE], (0, LANE - 6)),
-        cell_changes=np.zeros((len(PLACES), n)),
-        cell_inputs=np.zeros((len(PLACES), system.inputs)),
-        cell_size=np.zeros(n),
-        node_inputs=np.zeros(system.inputs * (segment_output.DEGREE + 1)),
-        input_powers=np.zeros((segment_output.DEGREE + 1, system.inputs)),
-        stages=np.zeros((8, n)),
-        matrix=np.zeros((n, n)),
-        row_order=np.zeros(n, dtype=np.int64),
-        right=np.zeros(n),
-        slopes=np.zeros((system.inputs, n)),
-        nodes3=np.pad(0.5 * (nodes + 1.0), (PART, 0)),
-        weights3=np.pad(0.5 * weights, (PART, 0)),
-    )
-
-
-def scales_of_memory(s: System) -> Array:
-    """The least scale of the error of each state: a share of steady slip for internal states of laws, else 0.
-
-    Steps are then not limited by a deflection that begins at zero.
-    """
-    size = np.zeros(s.n)
-    for p, patch in enumerate(s.patches):
-        if not patch.memory:
-            continue
-        speed = max(abs(float(s.slip_rows[p] @ s.start)), _SLOW)
-        load = sum(abs(float(normal.row @ s.start)) for normal in s.normals if normal.patch == p)
-        for law in s.laws(p):
-            if law.formula is not None:
-                size[list(patch.memory)] = _SHARE * np.abs(law.formula.steady(law.numbers, speed, load))
-    return size
 
 
 class Tables(NamedTuple):
@@ -148,9 +68,7 @@ class Tables(NamedTuple):
     signals_t: Array  # [mode set, S, I]
     along: Array  # [mode set, level, guard and output, place, n] their changes in a cell, for stiff mode sets
     graded: NDArray[np.int64]  # [mode set] levels of `reach`; 0: dopri5 takes explicit steps
-    reach: (
-        Array  # [mode set, level, place, n, n + inputs x nodes] change of the state in a cell (rig.solve.collocation)
-    )
+    reach: Array  # [mode set, level, place, n, n + inputs x nodes] change in a cell (rig.solve.collocation)
     gain: Array  # [mode set, level, n, inputs] largest change of a state in a cell by an input of 1
     output_needs_inputs: NDArray[np.int64]  # [mode set, S] 1: the output depends on the inputs
     coupled: NDArray[np.int64]  # [mode set] 1: a load depends on the friction forces T
@@ -204,9 +122,16 @@ class Tables(NamedTuple):
 
 def sparse(s: System) -> dict[str, tuple[int, int]]:
     """Rows whose entries that are not zero are listed in the tables, by name, and the shape of each."""
-    n, P, K, I = s.n, len(s.patches), len(s.normals), s.inputs
+    n = s.n
+    P = len(s.patches)
+    K = len(s.normals)
+    I = s.inputs
     whole = n if P < I else 0  # each product and each rate of a law is an input: most entries are zero
-    return {"press": (K, n), "press_t": (K, I), "friction": (P, n), "friction_t": (P, I)} | {
+    return {
+        "press": (K, n),
+        "press_t": (K, I),
+        "friction": (P, n),
+        "friction_t": (P, I),
         "law_speed": (P, n),
         "law_load": (P, n),
         "law_load_t": (P, I),
@@ -217,7 +142,11 @@ def sparse(s: System) -> dict[str, tuple[int, int]]:
 
 def empty(s: System, step: float, signals: int, read: int) -> Tables:
     """Tables without a mode set. `signals`: number of outputs; the other arguments as in ModeSets."""
-    n, nq, P, K, S = s.n, len(s.coordinates), len(s.patches), len(s.normals), signals
+    n = s.n
+    nq = len(s.coordinates)
+    P = len(s.patches)
+    K = len(s.normals)
+    S = signals
     I = s.inputs
     g = 2 * P + K + 2 * len(s.limiters) + 2 * len(s.sectors)
     nodes = max((len(sector.edges) + 1 for sector in s.sectors), default=1)
@@ -229,6 +158,9 @@ def empty(s: System, step: float, signals: int, read: int) -> Tables:
     for i, sector in enumerate(s.sectors):
         for at, addition in enumerate(sector.changes):
             change[i, at] = addition.stiffness
+    widest = friction_law.width(law for p in range(P) for law in s.laws(p))
+    directions = np.array([k.direction for k in s.normals]).reshape(K, nq)
+    many_states = (n, I, g, read, S) if n > UNROLLED else (0, 0, 0, 0, 0)
     z = np.zeros
     return Tables(
         mode_set_of=np.full(s.keys, -1, dtype=np.int32),
@@ -278,14 +210,14 @@ def empty(s: System, step: float, signals: int, read: int) -> Tables:
         work=z((0, 1, TERMS, n, n)),
         slip=s.slip_rows.copy(),
         surface=supplied(s),
-        lift=np.array([k.direction for k in s.normals]).reshape(K, nq) @ np.eye(n)[nq : 2 * nq],
+        lift=directions @ np.eye(n)[nq : 2 * nq],
         damping=z((0, nq, nq)),
         force=s.force.copy(),
         force_t=s.force_t.copy(),
         static=z((0, P)),
         static_back=z((0, P)),
         code=z((0, P), dtype=np.int64),
-        numbers=z((0, P, friction_law.width(law for p in range(P) for law in s.laws(p)))),
+        numbers=z((0, P, widest)),
         patch_of_normal=np.array([k.patch for k in s.normals], dtype=np.int64),
         sticks=np.array([not patch.law.presliding for patch in s.patches], dtype=np.int64),
         opens=np.array([k.opens for k in s.normals], dtype=np.int64),
@@ -302,11 +234,9 @@ def empty(s: System, step: float, signals: int, read: int) -> Tables:
         path=np.array([sector.row for sector in s.sectors]).reshape(-1, n),
         edges=edges,
         change=change,
-        products=system.pack(s.products, n, P, K),
-        memory=system.scratch_for_memory(s),
-        many_states=many_states_tables.empty(n, I, g, read, S)
-        if n > UNROLLED
-        else many_states_tables.empty(0, 0, 0, 0, 0),
+        products=products.pack(s.products, n, P, K),
+        memory=scratch_for_memory(s),
+        many_states=many_states_tables.empty(*many_states),
         film=film_tables.no_film(),
         step=np.array([step]),
     )

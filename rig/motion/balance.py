@@ -56,7 +56,8 @@ class Balance:
         """
         stored = now.stored() - self.first
         jumps = self.impulses + edges
-        x, system = np.abs(now.x), now.system
+        x = np.abs(now.x)
+        system = now.system
         held = float(x[: len(system.coordinates)] @ np.abs(system.force) @ x)
         largest = max(float(np.abs(terms).max()), abs(stored), abs(self.first), _AT_REST * held, 1e-30)
         out = energy_forms.by_name(now.system, terms)

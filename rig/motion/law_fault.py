@@ -48,7 +48,9 @@ def _ahead(system: System, modes: ModeSet, x: Array) -> Iterator[Array]:
 
 def _fault_at(system: System, modes: ModeSet, p: int, x: Array) -> str:
     """What of the law of patch p is not finite at the state x."""
-    law, patch, sigma = system.law(p, modes.key), system.patches[p], float(modes.sigma[p])
+    law = system.law(p, modes.key)
+    patch = system.patches[p]
+    sigma = float(modes.sigma[p])
     slip = 0.0 if system.modes(modes.key)[0][p] == STICK else float(system.slip_rows[p] @ x)
     sign = sigma or (-1.0 if slip < 0.0 else 1.0)
     turned = np.array([sign if state.along else 1.0 for state in law.states])

@@ -1,7 +1,7 @@
 """The motion of a rig: one state, its time and its contact state, advanced tick by tick.
 
 Time is an int64 tick plus the place inside it. The result depends only on the ticks at which states are written.
-Compiled code advances the state; `why` and `where` say in words why it had to stop, and what to do about it.
+Compiled code advances the state; rig.motion.stop says in words why it had to stop.
 """
 
 from __future__ import annotations
@@ -15,79 +15,35 @@ from numpy.typing import NDArray
 
 from rig.compiled.kernel import entry
 from rig.compiled.records import Loan
-from rig.errors import Chatter, Diverged, Jammed, NumericsError
-from rig.model.film import on
-from rig.model.method import ADAPTIVE, FILM_HELPS
-from rig.model.mode_sets import FAST, MOST_BYTES, ModeSets
+from rig.errors import Jammed, NumericsError
+from rig.model.method import FILM_HELPS
+from rig.model.mode_sets import MOST_BYTES, ModeSets
 from rig.model.singular import singular
 from rig.model.system import System
-from rig.model.tables import scales_of_memory
+from rig.model.workspace import scales_of_memory
 from rig.motion.balance import Balance, CurrentState
 from rig.motion.changed_film import follow_change
 from rig.motion.law_fault import law_fault
 from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, completed, parts, prepared
+from rig.motion.stop import where, why
 from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, energy_in_contacts, evaluate_outputs
-from rig.solve.contact_state import CHATTER, CHECK, DONE, JAM, LOOK, LOST, NEED, OVERFULL, START, UNRESOLVED
+from rig.solve.contact_state import CHECK, DONE, LOOK, LOST, NEED, OVERFULL, START
 from rig.solve.frames import advance_frames
-from rig.solve.records import PROGRESS, MotionLog, MotionRecords, MotionState, empty_log
+from rig.solve.records import PROGRESS, MotionRecords, MotionState, empty_log
 from rig.solve.segment_output import empty_segments
-from rig.stability.report import blame, fastest_eigenvalue
 
 Array = NDArray[np.float64]
-Why = tuple[type[NumericsError], str]
-SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
-"""Room for the smooth segments of a frame, to begin with and at most."""
+SEGMENTS = 1 << 10
+"""Room for the smooth segments of a frame to begin with."""
+MOST_SEGMENTS = 1 << 18
+"""Most room for the smooth segments of a frame."""
 MOST_EVENTS = 1 << 20
 """Room for the events of a block of many frames, at most."""
 _ROOMY = 64  # times as many ticks as a call may have the room that was made for events: new room takes a millisecond
 COLLECTED = 1 << 12
 """Room for the events of all frames of a call."""
-
-
-def why(status: int, system: System, integration: Integration, state: MotionState, log: MotionLog, room: int) -> Why:
-    """The error that a status of the kernels means, and its text. `room`: for smooth segments in a frame."""
-    if status == JAM:
-        return Jammed, "no mode set satisfies the equations: jamming (Painleve)"
-    if status == CHATTER:
-        _, kind, owner, _ = log.event[int(state.progress[0]["events"]) - 1].tolist()
-        what = f"more than {len(log.event)} events in one block; the last: {system.event_text(kind, owner)}"
-        return Chatter, f"{what}. Raise clock.events_per_frame if this is meant"
-    if status == OVERFULL:
-        by_method = dict.fromkeys(("rk4", "kick"), "clock.rk4_step") | dict.fromkeys(ADAPTIVE, "clock.tolerance")
-        finer = by_method.get(integration.method)
-        what = f"more than {room} smooth segments in one frame, for the sensors to read"
-        size = fastest_eigenvalue(system) * integration.step_ns * 1e-9
-        if integration.method in ("exact", *ADAPTIVE) and size > FAST:
-            what += f"; |lambda| step = {size:.3g}. Leave out the fast lag or the fast element of the network"
-            return NumericsError, f"{what}, or shorten clock.frame"
-        return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"
-    if status == UNRESOLVED:
-        what = "a contact creeps so slowly that its slip speed is lost in the rounding of the speeds of its two sides"
-        what += ", and with it the friction force. Start nearer to steady slip, or use a law that sticks"
-        return NumericsError, f"{what} or whose friction is less steep at small speeds (rate_state: a larger a)"
-    assert status == LOST
-    film = system.film
-    if (
-        film is not None
-        and film.travel
-        and not 0.0 <= (place := float(state.x[system.names.index(film.travel)])) <= film.longest
-    ):
-        if place < 0.0:
-            return NumericsError, "the slider runs backwards and has reached the rear end of its travel, 0 m"
-        return NumericsError, f"the slider has reached the end of its travel, {film.longest:g} m"
-    if np.all(np.abs(state.x) <= integration.limit):
-        return Diverged, f"no step is short enough for the tolerance {integration.tolerance:g}"
-    what = f"the state has left the limit of {integration.limit:g} or is not finite"
-    if integration.method in ("rk4", "kick"):
-        what += f"; {blame(system, integration.method, integration.step_ns * 1e-9, integration.substeps, state.x)}"
-    return Diverged, what
-
-
-def where(system: System, key: int, x: NDArray[np.float64]) -> tuple[str, dict[str, float]]:
-    """The mode set in words and the state by name; for a rig with a film only the states of the structure."""
-    own = system.names[: system.names.index(on(system.coordinates[0]))] if system.film else system.names
-    return system.describe(key), dict(zip(own, x.tolist()))
+_COUNTS = sum(kind == np.int64 for kind, *_ in (PROGRESS.fields or {}).values())
 
 
 @dataclass(frozen=True)
@@ -108,17 +64,6 @@ class Saved(NamedTuple):
     size: Array
 
 
-_COUNTS = sum(kind == np.int64 for kind, *_ in (PROGRESS.fields or {}).values())
-
-
-def _kept(state: MotionState) -> dict[str, NDArray[Any]]:
-    """Views of the parts of `state` that a checkpoint holds, by name; the others are settings."""
-    counts, lengths = state.progress.view(np.int64)[:_COUNTS], state.progress.view(np.float64)[_COUNTS:]
-    return {"x": state.x, "ic": counts, "fc": lengths} | {
-        name: getattr(state, name) for name in ("energy", "edges", "tally")
-    }
-
-
 class Frames(NamedTuple):
     """How a motion is advanced together with instruments and controllers: in frames of `steps` ticks.
 
@@ -129,6 +74,15 @@ class Frames(NamedTuple):
     steps: int
     surroundings: Loan
     collects: bool = False
+
+
+def _kept(state: MotionState) -> dict[str, NDArray[Any]]:
+    """Views of the parts of `state` that a checkpoint holds, by name; the others are settings."""
+    counts = state.progress.view(np.int64)[:_COUNTS]
+    lengths = state.progress.view(np.float64)[_COUNTS:]
+    return {"x": state.x, "ic": counts, "fc": lengths} | {
+        name: getattr(state, name) for name in ("energy", "edges", "tally")
+    }
 
 
 class Motion:
@@ -185,7 +139,10 @@ class Motion:
         frame = self._block or frame
         bounds = bounds or {}
         collects = frames is not None and frames.collects
-        self.integration, self._cap, self._frame, self._collects = integration, cap, frame, collects
+        self.integration = integration
+        self._cap = cap
+        self._frame = frame
+        self._collects = collects
         self.tick = self._first = self.kept = 0
         self.segments = empty_segments(integration.read, SEGMENTS)
         self._take(made)
@@ -204,8 +161,14 @@ class Motion:
 
     def _take(self, made: Ready) -> None:
         """Continue with another system, which `rig.motion.ready` has prepared; the state stays as it is."""
-        self.system, self._outputs, self.mode_sets, self.work = made.system, made.outputs, made.mode_sets, made.work
-        self.plan, self._event_text, self._now, self._carry = made.plan, made.event_text, made.now, made.carry
+        self.system = made.system
+        self._outputs = made.outputs
+        self.mode_sets = made.mode_sets
+        self.work = made.work
+        self.plan = made.plan
+        self._event_text = made.event_text
+        self._now = made.now
+        self._carry = made.carry
         self._evaluate: Callable[..., None] | None = None
 
     def _make_room(self, rows: int, ticks: int) -> None:
@@ -216,7 +179,8 @@ class Motion:
     def _make_room_for_events(self, ticks: int) -> None:
         """Make room for the events that a block of `ticks` may have, which may contain many frames."""
         frame = min(self._frame or ticks, ticks)
-        usual, most = self._cap * max(1, ticks // 10), self._cap * max(1, frame // 10) * -(-ticks // max(frame, 1))
+        usual = self._cap * max(1, ticks // 10)
+        most = self._cap * max(1, frame // 10) * -(-ticks // max(frame, 1))
         events = max(usual, min(most, MOST_EVENTS))
         new = empty_log(0, 0, events, max(COLLECTED, 2 * events) if self._collects else 0)
         self.log = new._replace(out=self.log.out, modes=self.log.modes)
@@ -228,7 +192,8 @@ class Motion:
 
     def _more_segments(self) -> None:
         """Double the room for the segments of a frame; existing segments are kept."""
-        old, count = self.segments, int(self.segments.count[0])
+        old = self.segments
+        count = int(self.segments.count[0])
         self.segments = empty_segments(self.integration.read, 2 * len(old.start))
         self.segments.count[0] = count
         for new, kept in zip(self.segments[1:], old[1:]):
@@ -309,13 +274,15 @@ class Motion:
 
         Returns first tick; [event, 4] tick, guard kind, owner, key before; [event] places in the tick.
         """
-        log, count = self.log, self.event_count
+        log = self.log
+        count = self.event_count
         events, places = (log.met, log.met_place) if self._collects else (log.event, log.place)
         return self.tick - self.kept, events[:count].copy(), places[:count].copy()
 
     def restart(self, x: Array) -> None:
         """Start again at tick 0 from state `x` [n], as a new motion. Mode sets already built are kept."""
-        state, system = self.state, self.system
+        state = self.state
+        system = self.system
         for part in (state.progress, state.energy, state.edges, state.tally):
             part[:] = 0
         self.work.size[:] = scales_of_memory(system)
@@ -358,7 +325,8 @@ class Motion:
         if the systems differ in their patches, normal forces or sectors, or if the method does not support the new one.
         """
         new = prepared(system, self._outputs if outputs is None else outputs, self.integration)
-        old, key = self.system, self.key
+        old = self.system
+        key = self.key
         if parts(old) != parts(new.system):
             raise ValueError("it changes the contacts of the rig; start a new run with it")
         for known in self.mode_sets.keys:
@@ -391,17 +359,21 @@ class Motion:
 
     def _search_contacts(self) -> None:
         """Let the next call of the kernels determine the contact state as at a start."""
-        self.state.progress["pending"], self.state.progress["search_began_at"] = START, -1
+        self.state.progress["pending"] = START
+        self.state.progress["search_began_at"] = -1
 
     def replace(self, ready: Ready) -> None:
         """Continue as another system: states of the same name keep their values, or what the systems name as conserved.
 
         The contact state is checked again. The change of the stored energy counts as an impulse in the energy balance.
         """
-        old, before = self.system, self._current_state().stored()
+        old = self.system
+        before = self._current_state().stored()
         self.terms()  # collect the sums of the mode sets that are dropped
         spent = dict(zip(self.mode_sets.keys, self.state.tally.tolist()))
-        x, key, system = self.state.x, self.key, ready.system
+        x = self.state.x
+        key = self.key
+        system = ready.system
         sizes = dict(zip(old.names, self.work.size.tolist()))
         self._take(ready)
         self.work.size[:] = [sizes.get(name, 0.0) or least for name, least in zip(system.names, self.work.size)]
@@ -442,9 +414,11 @@ class Motion:
         for name, array in kept.items():
             if saved[name].shape != array.shape:
                 raise ValueError(f"{name} has the shape {saved[name].shape}, not {array.shape}")
-        integration, keys = self.integration, tuple(saved["keys"].tolist())
+        integration = self.integration
+        keys = tuple(saved["keys"].tolist())
         if self.mode_sets.keys[: len(keys)] != keys:  # else this motion has built them in this order itself
-            implicit, step = integration.method == "rosenbrock", integration.step_ns * 1e-9
+            implicit = integration.method == "rosenbrock"
+            step = integration.step_ns * 1e-9
             self.mode_sets = ModeSets(self.system, step, self._outputs, integration.read, implicit=implicit)
             for key in keys:
                 add(self.mode_sets, key)
@@ -452,7 +426,9 @@ class Motion:
         for name, array in kept.items():
             array[:] = saved[name]
         self.balance.numbers = saved["balance"]
-        self.tick, self.kept, self._first = tick, 0, 0
+        self.tick = tick
+        self.kept = 0
+        self._first = 0
         if not tick:
             self._begun = self.state.x.copy()
 
@@ -509,8 +485,9 @@ class Motion:
         rows = int(self.state.progress[0]["tick"])
         if not self.mode_sets.forget(np.unique(self.log.modes[:rows])):
             self._reached(first, int(self.state.progress[0]["reached"]))
-            raise NumericsError(f"the {len(self.mode_sets.sets)} mode sets of a single call fill the memory that "
-                                f"they may have, {MOST_BYTES >> 20} MB: {FILM_HELPS}", *self._where())  # fmt: skip
+            count = len(self.mode_sets.sets)
+            what = f"the {count} mode sets of a single call fill the memory that they may have, {MOST_BYTES >> 20} MB"
+            raise NumericsError(f"{what}: {FILM_HELPS}", *self._where())
 
     def _reached(self, first: int, last: int) -> None:
         self.kept = last

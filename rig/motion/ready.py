@@ -17,7 +17,8 @@ from rig.compiled.records import Lent, Loan, lent_type
 from rig.model.method import as_integrated
 from rig.model.mode_sets import FAST, ModeSets
 from rig.model.system import System
-from rig.model.tables import UNROLLED, empty, workspace
+from rig.model.tables import UNROLLED, empty
+from rig.model.workspace import workspace
 from rig.motion.compiled_parts import addresses
 from rig.solve import collocation, dop853, dopri5, exact, expm, film_steps, rk4, rosenbrock, runge_kutta_stage
 from rig.solve.advance import advance, advance_block, evaluate_outputs
@@ -32,6 +33,33 @@ Array = NDArray[np.float64]
 _OF_LONG_STEPS = 0.2  # share of the tolerance for the step of dop853: the path inside, of order 7, is less accurate
 _STATE = (PROGRESS, float, float, float, np.int64, np.int64, float)
 """Types of the arrays of MotionState."""
+
+
+class Integration(NamedTuple):
+    """How a motion is integrated: see `rig.motion.motion.Motion`. `loans`: what surrounds the plant, if anything."""
+
+    step_ns: int
+    method: str
+    tolerance: float
+    substeps: int
+    smoothing: float
+    limit: float
+    with_energy: bool
+    read: int
+    loans: Sequence[Loan] = ()
+
+
+class Ready(NamedTuple):
+    """A system prepared for a motion to continue with, including mode sets and compiled code (`Motion.ready`)."""
+
+    system: System
+    outputs: list[dict[str, float]]
+    mode_sets: ModeSets
+    work: Workspace
+    plan: MotionPlan
+    event_text: Callable[[int, int], str]
+    now: tuple[Array, NDArray[np.int64], Array]
+    carry: Callable[..., int] | None
 
 
 def plan(
@@ -49,7 +77,9 @@ def plan(
 
     `loans`: sensors, compiled controllers and random numbers of the run, if any (rig.solve.frames.Surroundings).
     """
-    many_states, fixed_steps, nonlinear = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
+    many_states = system.n > UNROLLED
+    fixed_steps = method in ("rk4", "kick")
+    nonlinear = not system.linear
     made = MotionPlan(
         advance_block=0,
         make_consistent=0,
@@ -95,14 +125,17 @@ def plan(
         tables, *carried, ticks = common
         loan = Lent(types.NamedTuple([lent.content for lent in carried], MotionRecords))
         matrix = types.Array(types.float64, 2, "C")
+        indices = types.Array(types.int64, 1, "C")
         block = tables, loan, types.boolean, ticks, ticks
         soon = _for_stiff(made).values() if fastest_eigenvalue(system) * step > FAST else ()
-        return [
-            *((function, (shape, *common)) for function, shape in soon),
-            (advance_frames, (*block, ticks, *map(numba.typeof, loans))) if loans else (advance, block),
-            (evaluate_outputs, (tables, loan, matrix, types.Array(types.int64, 1, "C"), matrix, ticks)),
-            (expm.ladder, (matrix, types.float64)),
-        ]
+        functions: list[tuple[Any, tuple[Any, ...]]] = [(function, (shape, *common)) for function, shape in soon]
+        if loans:
+            functions.append((advance_frames, (*block, ticks, *map(numba.typeof, loans))))
+        else:
+            functions.append((advance, block))
+        functions.append((evaluate_outputs, (tables, loan, matrix, indices, matrix, ticks)))
+        functions.append((expm.ladder, (matrix, types.float64)))
+        return functions
 
     return made._replace(**addresses(wanted, partial(_kinds, system, made), more))
 
@@ -139,64 +172,26 @@ def completed(plan: MotionPlan, system: System) -> MotionPlan:
     return plan._replace(**addresses(_for_stiff(plan), partial(_kinds, system, plan), lambda _: ()))
 
 
-class Integration(NamedTuple):
-    """How a motion is integrated: see `rig.motion.motion.Motion`. `loans`: what surrounds the plant, if anything."""
-
-    step_ns: int
-    method: str
-    tolerance: float
-    substeps: int
-    smoothing: float
-    limit: float
-    with_energy: bool
-    read: int
-    loans: Sequence[Loan] = ()
-
-
-class Ready(NamedTuple):
-    """A system prepared for a motion to continue with, including mode sets and compiled code (`Motion.ready`)."""
-
-    system: System
-    outputs: list[dict[str, float]]
-    mode_sets: ModeSets
-    work: Workspace
-    plan: MotionPlan
-    event_text: Callable[[int, int], str]
-    now: tuple[Array, NDArray[np.int64], Array]
-    carry: Callable[..., int] | None
-
-
 def prepared(system: System, outputs: list[dict[str, float]], integration: Integration) -> Ready:
     """The system as the method sees it, without mode sets. Raises ValueError if the method does not support it."""
     system = as_integrated(system, integration.method, integration.smoothing)
-    mode_sets = ModeSets(
+    step = integration.step_ns * 1e-9
+    implicit = integration.method == "rosenbrock"
+    mode_sets = ModeSets(system, step, outputs, integration.read, integration.substeps, implicit)
+    work = workspace(system, integration.read, mode_sets.tables.G.shape[1])
+    plan_of_system = plan(
         system,
-        integration.step_ns * 1e-9,
-        outputs,
-        integration.read,
+        integration.method,
         integration.substeps,
-        integration.method == "rosenbrock",
+        integration.tolerance,
+        integration.with_energy,
+        integration.read > 0,
+        integration.limit,
+        integration.loans,
+        step,
     )
-    return Ready(
-        system,
-        outputs,
-        mode_sets,
-        workspace(system, integration.read, mode_sets.tables.G.shape[1]),
-        plan(
-            system,
-            integration.method,
-            integration.substeps,
-            integration.tolerance,
-            integration.with_energy,
-            integration.read > 0,
-            integration.limit,
-            integration.loans,
-            integration.step_ns * 1e-9,
-        ),
-        cache(system.event_text),
-        (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((len(outputs), 1))),
-        None,
-    )
+    now = (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((len(outputs), 1)))
+    return Ready(system, outputs, mode_sets, work, plan_of_system, cache(system.event_text), now, None)
 
 
 def add(mode_sets: ModeSets, key: int) -> int:
@@ -232,6 +227,7 @@ def carried_state(system: System, old: System, x: Array) -> Array:
     values = dict(zip(old.names, x.tolist()))
     kept = np.array([values.get(name, start) for name, start in zip(system.names, system.start.tolist())])
     for name in (name for name in system.kept.keys() & old.kept.keys() if name in system.names):
-        row, at = system.kept[name], system.names.index(name)
+        row = system.kept[name]
+        at = system.names.index(name)
         kept[at] += (old.kept[name] @ x - row @ kept) / row[at]
     return kept

@@ -44,7 +44,8 @@ class Binary(str, Hashed):
                 f"{file:.120}: the name of a compiled part has at most 100 characters, none of them / or \\"
             )
         binary = cls(file)
-        binary.content, binary.about = content, about or {}
+        binary.content = content
+        binary.about = about or {}
         return binary
 
     @classmethod

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Parts = Mapping[tuple[str, str], Code]
 """Foreign parts that a recording contains: (kind of part, name) -> code."""
+_NAMED: dict[tuple[Any, ...], Any] = {}
 
 
 class Room(Mapping[str, T], Generic[T]):
@@ -39,7 +40,10 @@ class Room(Mapping[str, T], Generic[T]):
     """
 
     def __init__(self, what: str, package: str, path: Iterable[str], read: Callable[[ModuleType, str], T]) -> None:
-        self.what, self._package, self._path, self._read = what, package, path, read
+        self.what = what
+        self._package = package
+        self._path = path
+        self._read = read
         self._made: dict[str, T] = {}
 
     @cached_property
@@ -109,10 +113,11 @@ class Room(Mapping[str, T], Generic[T]):
         entry, *others = self.installed[name]
         if others:
             packages = " and ".join(package_of(point) for point in (entry, *others))
-            raise PartError(f"several packages have installed a part {name}: {packages}; uninstall all but one, or "
-                            "name the file of the part")  # fmt: skip
+            remedy = "uninstall all but one, or name the file of the part"
+            raise PartError(f"several packages have installed a part {name}: {packages}; {remedy}")
         try:
-            module, code = importlib.import_module(entry.module), _code(entry)
+            module = importlib.import_module(entry.module)
+            code = _code(entry)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -178,9 +183,6 @@ def trust_scene(text: str) -> None:
         compiled = list(binaries(raw.get("controllers")))
         trust(carried(raw.get("parts", [])).values())
         trust_hashes(binary.sha256 for binary in compiled)
-
-
-_NAMED: dict[tuple[Any, ...], Any] = {}
 
 
 def named(

@@ -32,7 +32,7 @@ from rig.scenes.scene import Scene
 LINK = 3
 """Descriptor of the socket."""
 START = 0.0
-_TEXT = 512
+_TEXT = 512  # bytes of the text of an answer; TEXT in shim.c
 _ROUNDING = 1e-6  # frames
 
 
@@ -49,26 +49,30 @@ class Plant:
         if not isfinite(start):
             raise UsageError(f"the start time is {start:g} s; it must be a finite number")
         self._experiment = experiment = self.rig.begin(seed, LONGEST)
-        self._start, self._admitted = start, set[int]()
+        self._start = start
+        self._admitted = set[int]()
         self._heard = np.zeros(len(self.rig.runner.bank.names))
         experiment.open()
         self._inside = CompiledControllers(experiment)
 
     def step(self, t: float, h: float, inputs: Sequence[float]) -> None:
         """Carry the rig on from t by h [s]. Raises UsageError for a step that it cannot make, NumericsError."""
-        experiment, runner = self._experiment, self.rig.runner
+        experiment = self._experiment
+        runner = self.rig.runner
         if experiment is None:
             raise UsageError("the rig has not been initialised")
         if not (isfinite(t) and isfinite(h)):
             raise UsageError(f"a step of {h:g} s from t = {t:g} s is not possible: both must be finite numbers")
         frame = runner.frame_ns * 1e-9
-        ticks, at = round(h / frame), (t - self._start) / frame
+        ticks = round(h / frame)
+        at = (t - self._start) / frame
         if ticks < 1 or abs(h / frame - ticks) > _ROUNDING * ticks:
             raise UsageError(f"a step of {h:.9g} s is not a whole number of frames of {frame:.9g} s")
         if abs(at - runner.tick) > _ROUNDING * max(runner.tick, 1):
             now = self._start + runner.tick * frame
             raise UsageError(f"the step begins at t = {t:.9g} s, but the rig is at t = {now:.9g} s")
-        end, first = runner.tick + ticks, True
+        end = runner.tick + ticks
+        first = True
         while runner.tick < end:
             if not experiment.begin():
                 raise UsageError(f"the experiment has ended: {experiment.over}")
@@ -97,11 +101,13 @@ class Plant:
 
 def serve(link: socket.socket, scene: str, drives: Sequence[str], results: int) -> None:
     """Answer requests for the rig of a scene (JSON) until the other end closes."""
-    request, answer = struct.Struct(f"={3 + len(drives)}d"), struct.Struct(f"={1 + results}d{_TEXT}s")
+    request = struct.Struct(f"={3 + len(drives)}d")
+    answer = struct.Struct(f"={1 + results}d{_TEXT}s")
     plant: Plant | None = None
     while len(raw := link.recv(request.size, socket.MSG_WAITALL)) == request.size:
         kind, first, second, *values = request.unpack(raw)
-        answered, text = [0.0] * results, ""
+        answered = [0.0] * results
+        text = ""
         try:
             if plant is None:
                 trust_scene(scene)  # its parts come with the FMU, whose code the user runs already

@@ -25,11 +25,14 @@ from rig.machine.files import draft_of
 from rig.scenes.scene import Scene
 from rig.units import exponents
 
-SENSORS, OUTPUTS = "sensors", "outputs"
+SENSORS = "sensors"
+OUTPUTS = "outputs"
 NEEDS = (
     "The rig runs in a child process. Needed: a Python with friction-rig of the same version; its path is the "
     "parameter `python`."
 )
+_SHIM = Path(__file__).with_name("shim.c")
+_COMPILER_S = 120.0  # s that the C compiler may take [chosen]
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,8 @@ def text(scene: Scene, interface: Interface, guid: str, identifier: str, python:
     """The file modelDescription.xml."""
     units = {*interface.inputs.values(), *interface.results.values(), "s"}
     stop = (scene.duration_ns or 10_000_000_000) * 1e-9
-    defined, variables = "\n".join(_units(units)), "\n".join(_variables(interface, python, scene.seed))
+    defined = "\n".join(_units(units))
+    variables = "\n".join(_variables(interface, python, scene.seed))
     first = len(interface.inputs) + 1  # variables are counted from 1
     results = range(first, first + len(interface.results))
     return f"""<?xml version="1.0" encoding="UTF-8"?>
@@ -123,10 +127,6 @@ def _variable(
     )
 
 
-_SHIM = Path(__file__).with_name("shim.c")
-_COMPILER_S = 120.0
-
-
 def export(scene: Scene, path: Path, inputs: Sequence[str] = (), python: str = sys.executable) -> Interface:
     """Write `scene` as the FMU `path`; returns what the FMU has.
 
@@ -139,7 +139,8 @@ def export(scene: Scene, path: Path, inputs: Sequence[str] = (), python: str = s
         raise UsageError("an FMU of a rig can be made on Linux only: its code starts a process of this system")
     if compiler is None:
         raise UsageError("an FMU needs a C compiler, and neither gcc nor cc is installed")
-    possible, every = _possible(scene), scene.assemble().inputs
+    possible = _possible(scene)
+    every = scene.assemble().inputs
     drives = list(inputs) or possible
     faults = [f"{name:.80}: there is no such actuator" for name in drives if name not in every]
     faults += [f"{name}: each value needs new matrices" for name in drives if name in every and name not in possible]
@@ -147,12 +148,10 @@ def export(scene: Scene, path: Path, inputs: Sequence[str] = (), python: str = s
         raise UsageError(f"{'; '.join(faults)}; {scene.name} has {', '.join(possible) or 'none'}")
     rig = RestartableRig(scene, drives)  # it also compiles what the FMU will need
     runner = rig.runner
-    interface = Interface(
-        {name: runner.inputs[name].unit for name in drives},
-        dict(zip(runner.bank.names, runner.bank.units)),
-        dict(runner.units),
-        {name: runner.values[name] for name in drives},
-    )
+    units_of_drives = {name: runner.inputs[name].unit for name in drives}
+    units_of_sensors = dict(zip(runner.bank.names, runner.bank.units))
+    at_start = {name: runner.values[name] for name in drives}
+    interface = Interface(units_of_drives, units_of_sensors, dict(runner.units), at_start)
     identifier = re.sub(r"\W", "_", f"rig_{scene.name}")
     with tempfile.TemporaryDirectory(prefix="friction-rig-fmu-") as folder, draft_of(path) as draft:
         guid = f"{{{uuid.uuid4()}}}"

@@ -29,7 +29,8 @@ def _plant(module: ModuleType, name: str) -> ModuleType:
         raise PartError(f"{where}: defines no function assemble(parameters, moved)")
     if code_of(module) is not None:
         require_types(model, module)
-    pictures, figure = getattr(module, "PICTURES", ()), getattr(module, "FIGURE", None)
+    pictures = getattr(module, "PICTURES", ())
+    figure = getattr(module, "FIGURE", None)
     if not isinstance(pictures, tuple | list) or not all(isinstance(picture, Picture) for picture in pictures):
         raise PartError(f"{where}: PICTURES is {brief(pictures)}; expected a tuple of pictures of rig.picture")
     if figure is not None and not isinstance(figure, Own):

@@ -157,8 +157,9 @@ class Parameters(WithStack):
         if not wrong:
             middle = [name for name, c in self.contacts.items() if not _side(self, c)]
             wrong = [(f"contacts.{name}", "the point on the disc lies in its middle, not on a face") for name in middle]
-        if self.disc_modes is not None and (fault := self.disc_modes.off(self.linings.radius)):
-            wrong.append(("linings.radius", fault))
+        if self.disc_modes is not None:
+            if fault := self.disc_modes.off(self.linings.radius):
+                wrong.append(("linings.radius", fault))
         if wrong:
             raise refused(wrong)
         return self

@@ -135,7 +135,8 @@ class Parameters(Noisy):
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
-    slider, r0 = p.slider, p.slider.radius
+    slider = p.slider
+    r0 = p.slider.radius
     modes = free_modes(p.disc)
     a = Assembly(title="disc_slider")
     a.coordinate("s", slider.mass, slider.damping, slider.tangential + 0.5 * slider.inclined)
@@ -150,7 +151,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     force = -slider.contact * p.start.height / (1.0 + slider.contact * compliance)
     a.start |= {mode.names[0]: -mode.at(r0) * force / mode.omega**2 for mode in modes}
 
-    free, most = (-math.inf, math.inf), drive.FASTEST["rad/s"]
+    free = (-math.inf, math.inf)
+    most = drive.FASTEST["rad/s"]
     speed = drive.actuator(a, "drive.speed", "rad/s", p.drive.speed, 0.0, free, most, None, "drive", moved)
     for mode in modes:
         if mode.pair:
@@ -207,7 +209,8 @@ def deflection(modes: tuple[Mode, ...], radius: float, angle: float) -> dict[str
 
 def _turn(a: Assembly, mode: Mode, p: Parameters, speed: dict[str, float]) -> None:
     """Add the terms of the rotation of the disc to a pair of modes, in the fixed frame."""
-    l, damper = mode.diameters, 2.0 * p.disc.damping_ratio * mode.omega
+    l = mode.diameters
+    damper = 2.0 * p.disc.damping_ratio * mode.omega
     cosine, sine = mode.names
     [(state, value)] = speed.items()
     for name, other, sign in ((cosine, sine, 1.0), (sine, cosine, -1.0)):
@@ -227,7 +230,8 @@ def _move(a: Assembly, mode: Mode, p: Parameters, lift: dict[str, float], bend: 
     """Add the terms that the angle of the slider changes: in the normal force, in both forces on a pair of modes."""
     cosine, sine = mode.names
     turned = {"s": mode.diameters / p.slider.radius}
-    away, aside = ("cos-1", turned), ("sin", turned)
+    away = ("cos-1", turned)
+    aside = ("sin", turned)
     a.product(f"{cosine} cos-1", cosine, away)
     a.product(f"{sine} sin", sine, aside)
     a.load("load").update(dict.fromkeys((f"{cosine} cos-1", f"{sine} sin"), p.slider.contact * lift[cosine]))

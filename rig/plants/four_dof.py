@@ -91,7 +91,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a = Assembly(title="four_dof")
     for name, body in {"u1": p.body_1, "v3": p.body_3, "u2": p.body_2, "v2": p.body_2}.items():
         a.coordinate(name, body.mass)
-    angle, start = p.spring_3.angle, p.start
+    angle = p.spring_3.angle
+    start = p.start
     for spring, extension in (
         (p.spring_1, {"u1": 1.0}),
         (p.spring_2, {"u1": -1.0, "u2": 1.0}),

@@ -189,7 +189,8 @@ class Parameters(Noisy):
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     a = Assembly(title="lever")
-    cylinder, lever = p.cylinder, p.lever
+    cylinder = p.cylinder
+    lever = p.lever
     if not cylinder.bolted:
         a.coordinate("phi", cylinder.inertia, cylinder.damping)
         a.start |= {"phi": p.start.angle, "phi'": p.start.angular_velocity}
@@ -236,7 +237,8 @@ def _springs(a: Assembly, stored: NDArray[np.float64]) -> None:
             continue
         moment = series.slope(stored, axis)
         for i, j in np.argwhere(moment):
-            value, powers = float(moment[i, j]), ("phi",) * int(i) + ("theta",) * int(j)
+            value = float(moment[i, j])
+            powers = ("phi",) * int(i) + ("theta",) * int(j)
             if not set(powers) <= set(a.coordinates):
                 continue
             if not powers:
@@ -251,11 +253,15 @@ def _springs(a: Assembly, stored: NDArray[np.float64]) -> None:
 
 def energy(p: Parameters) -> NDArray[np.float64]:
     """U(phi, theta) of springs and dead mass [J] as a series; forces then have terms up to degree `order` + 1."""
-    r1, r2, rv = p.cylinder.arm, p.cylinder.pin, p.cylinder.tail
+    r1 = p.cylinder.arm
+    r2 = p.cylinder.pin
+    rv = p.cylinder.tail
     r3 = p.lever.leg if p.lever is not None else 0.0
-    n, l0 = p.springs.order, p.springs.free_length
+    n = p.springs.order
+    l0 = p.springs.free_length
     unit = series.constant(1.0, n)
-    (sin_phi, sin_theta), (up_phi, up_theta) = ([f(axis, n) for axis in (0, 1)] for f in (series.sine, series.versine))
+    sin_phi, sin_theta = (series.sine(axis, n) for axis in (0, 1))
+    up_phi, up_theta = (series.versine(axis, n) for axis in (0, 1))
     sides = (
         (p.springs.arm, (r1 * sin_phi, r1 * up_phi)),
         (p.springs.fixture, (-r3 * sin_theta, r2 * sin_phi + r3 * up_theta, r2 * up_phi)),
@@ -266,7 +272,8 @@ def energy(p: Parameters) -> NDArray[np.float64]:
         if spring is None:
             continue
         along = along + (l0 + spring.deformation) * unit
-        length = series.root(series.total(np.array([series.times(side, side) for side in (along, *across)])))
+        squares = [series.times(side, side) for side in (along, *across)]
+        length = series.root(series.total(np.array(squares)))
         deformed = series.cut(series.total(np.array([length, -l0 * unit])), n, n + 2)
         parts.append(0.5 * spring.stiffness * series.times(deformed, deformed))
     return series.total(np.array(parts))

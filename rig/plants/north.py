@@ -97,7 +97,9 @@ class Parameters(Noisy):
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
-    c2, h, s = p.lining.stiffness, p.lining.lever, p.lining.offset
+    c2 = p.lining.stiffness
+    h = p.lining.lever
+    s = p.lining.offset
     a = Assembly(title="north")
     a.coordinate("x", p.body.mass, p.body.damping, p.body.stiffness)
     a.coordinate("tilt", p.body.inertia, p.body.tilt_damping, p.body.tilt_stiffness)
@@ -123,12 +125,21 @@ def limits(p: Parameters) -> dict[str, float]:
     flutter      least mu > 0 with Hurwitz's determinant a1 a2 a3 - a3^2 a0 - a4 a1^2 = 0
     divergence   det K = 0, equation 2.5
     """
-    body, c2, h, s = p.body, p.lining.stiffness, p.lining.lever, p.lining.offset
-    m, J, c1, d1 = body.mass, body.inertia, body.stiffness, body.damping
-    c_phi, d_phi = body.tilt_stiffness, body.tilt_damping
+    body = p.body
+    c2 = p.lining.stiffness
+    h = p.lining.lever
+    s = p.lining.offset
+    m = body.mass
+    J = body.inertia
+    c1 = body.stiffness
+    d1 = body.damping
+    c_phi = body.tilt_stiffness
+    d_phi = body.tilt_damping
     tilt = np.polynomial.Polynomial([c_phi + c2 * s * s, -c2 * s * h])  # K22 over mu
-    a4, a3 = m * J, J * d1 + m * d_phi
-    a2, a1 = J * (c1 + c2) + d1 * d_phi + m * tilt, d_phi * (c1 + c2) + d1 * tilt
+    a4 = m * J
+    a3 = J * d1 + m * d_phi
+    a2 = J * (c1 + c2) + d1 * d_phi + m * tilt
+    a1 = d_phi * (c1 + c2) + d1 * tilt
     a0 = (c1 + c2) * c_phi + c1 * c2 * s * np.polynomial.Polynomial([s, -h])
     hurwitz = a1 * a2 * a3 - a3**2 * a0 - a4 * a1**2
     crossings = [

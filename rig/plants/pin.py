@@ -84,7 +84,8 @@ class Parameters(Noisy):
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
-    across, along = math.sin(p.pin.tilt), math.cos(p.pin.tilt)
+    across = math.sin(p.pin.tilt)
+    along = math.cos(p.pin.tilt)
     a = Assembly(title="pin")
     a.coordinate("q", p.pin.mass, p.pin.damping, p.pin.stiffness)
     a.start |= {"q": p.start.displacement, "q'": p.start.velocity}
@@ -106,7 +107,8 @@ def limits(p: Parameters) -> dict[str, float]:
 
     Beyond "damping" vibration grows; beyond "mass" the pin jams; beyond "stiffness" it digs in.
     """
-    sine, cosine = math.sin(p.pin.tilt), math.cos(p.pin.tilt)
+    sine = math.sin(p.pin.tilt)
+    cosine = math.cos(p.pin.tilt)
 
     def limit(pin: float, disc: float) -> float:
         """The mu at which pin + disc k = 0."""

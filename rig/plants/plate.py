@@ -87,7 +87,8 @@ class Parameters(Noisy):
         return self
 
     def _misplaced(self) -> Iterator[str]:
-        plate, slid = self.plate, self.slid
+        plate = self.plate
+        slid = self.slid
         if self.probe.x > plate.length or abs(self.probe.y) > 0.5 * plate.width:
             yield (
                 f"probe at x {self.probe.x:g} m, y {self.probe.y:g} m is beside the plate: x up to {plate.length:g} m, "
@@ -96,10 +97,12 @@ class Parameters(Noisy):
         if slid is None:
             return
         for name in ("length", "width"):
-            size, most = getattr(slid.slider, name), getattr(plate, name)
+            size = getattr(slid.slider, name)
+            most = getattr(plate, name)
             if size >= most:
                 yield f"slider.{name} {size:g} m is not below plate.{name}, {most:g} m"
-        place, longest = slid.slider.position, plate.length - slid.slider.length
+        place = slid.slider.position
+        longest = plate.length - slid.slider.length
         if place > longest > 0.0:
             yield f"slider.position {place:g} m is beyond {longest:g} m, where it meets the plate's edge"
         most = MOST_PLACES * self.grid().pitch
@@ -136,7 +139,8 @@ class Parameters(Noisy):
         """The contact points; of a plate alone any will do."""
         if self.slid is None:
             return Grid(0.5 * self.plate.length, 0.5 * self.plate.width, 2, 2)
-        block, film = self.slid.slider, self.slid.film
+        block = self.slid.slider
+        film = self.slid.film
         return Grid(block.length, block.width, film.along, film.across)
 
     def continuing(self, begun: Self) -> Self:
@@ -147,7 +151,8 @@ class Parameters(Noisy):
     @property
     def _of_modes(self) -> dict[str, Any]:
         """The values that the shapes of the modes depend on."""
-        grid, plate = self.grid(), self.plate
+        grid = self.grid()
+        plate = self.plate
         values = keyed("plate", plate, ("damping_ratio", "damping")) | keyed("foam", self.foam)
         values |= {"slider.length": grid.length, "slider.width": grid.width}
         if self.slid is None or not self.slid.film.completed or plate.damping is None:

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,8 @@ _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong 
 DRAWN = 4000  # nodes that mode shapes are drawn on, at most [chosen]
 _OF_POINTS = Plot("normal force of points"), Plot("slip speed of points"), Plot("0 open, 1 stick, 2 slip")
 _RELATIVE = Plot("surface past the structure at points")
-_ROUNDS, _SETTLED = 60, 1e-12  # to the loads of contacts in steady sliding, and their relative change at the end
+_ROUNDS = 60  # most rounds to the loads of contacts in steady sliding
+_SETTLED = 1e-12  # relative change of these loads in the last round
 
 HANDS = {
     "friction.mu": Hand("coefficient of friction"),
@@ -72,17 +73,34 @@ class Parameters(Tables):
         """The contacts on maps of pressures, in order; without those of typed rows, which have no places."""
         meshed = [contact for contact in reduced(self).model.contacts if self.contacts[contact.name].gap is None]
         for points in meshed if self.friction is not None else ():
-            given = self.contacts[points.name]
-            turning = self.drive if isinstance(self.drive, Turning) and given.sliding is None else None
-            surface = surface_of(
-                points,
-                tuple(f"normal_force_of_{name}" for name in _names(points)),
-                None if isinstance(given.normal, str) or given.rows is not None else np.array(given.normal),
-                np.array(turning.axis) if turning else None,
-                np.array(turning.centre if turning else (0.0, 0.0, 0.0)),
-            )
+            contact = self.contacts[points.name]
+            outputs = tuple(f"normal_force_of_{name}" for name in _names(points))
+            normal = None
+            if not isinstance(contact.normal, str) and contact.rows is None:
+                normal = np.array(contact.normal)
+            axis = None
+            centre = np.zeros(3)
+            if isinstance(self.drive, Turning) and contact.sliding is None:
+                axis = np.array(self.drive.axis)
+                centre = np.array(self.drive.centre)
+            surface = surface_of(points, outputs, normal, axis, centre)
             if surface is not None:
                 yield surface
+
+
+class _Sliding(NamedTuple):
+    """What the points of one patch have in common: `along` [coordinate], radius [m], law."""
+
+    patch: str
+    along: Array
+    radius: float
+    law: Law
+
+    def fits(self, along: Array, radius: float, law: Law) -> bool:
+        """Whether a point with these numbers belongs to the patch."""
+        if radius != self.radius or law != self.law:
+            return False
+        return bool(np.abs(along - self.along).max() <= _SAME * np.abs(self.along).max())
 
 
 def _names(points: Points) -> list[str]:
@@ -97,12 +115,16 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     Raises SceneError with every fault of the files.
     """
     whole = reduced(p)
-    model, of_scene, given = whole.model, p.numbers, values_of(p)
+    model = whole.model
+    of_scene = p.numbers
+    given = values_of(p)
     typed = p.structure.coordinates if whole.kind == "whole" else None
     names = typed or tuple(f"q{i}" for i in range(1, model.rows + 1))
     scaling = {part.scaling[0] for part in p.structure.parts.values()} - {""}
     moved = {name: how for name, how in moved.items() if name not in scaling}
-    mass, damping, stiffness = (model.matrix(of, given) for of in ("mass", "damping", "stiffness"))
+    mass = model.matrix("mass", given)
+    damping = model.matrix("damping", given)
+    stiffness = model.matrix("stiffness", given)
     if p.damping.table is not None:
         damping = damping + _modal(p.damping.table, mass, stiffness)
     a = Assembly(title="structure")
@@ -123,23 +145,23 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         for name, share in row(pressing).items():
             a.push(name, {state: share * value for state, value in force.items()})
     for name, shaker in p.actuators.items():
-        key, bounds = f"actuators.{name}.force", (-shaker.limit, shaker.limit)
+        key = f"actuators.{name}.force"
+        bounds = (-shaker.limit, shaker.limit)
         pushed = actuator(a, key, "N", shaker.force, 0.0, bounds, shaker.limit, None, f"actuators.{name}", moved)
         for coordinate, share in row(model.vectors[f"actuators.{name}.at"]).items():
             a.push(coordinate, {state: share * value for state, value in pushed.items()})
     springs = [points.springs(given) for points in model.contacts]
     if p.friction is not None:
-        _add_contacts(a, p, model, springs, [points.dampers(given) for points in model.contacts], speed, row)
+        dampers = [points.dampers(given) for points in model.contacts]
+        _add_contacts(a, p, model, springs, dampers, speed, row)
     if p.piezo is not None:
         piezo.add(a, p, row(model.forces[1][-1]), moved)
     for name in p.outputs:
-        seen = model.vectors[f"outputs.{name}"]
+        place = model.vectors[f"outputs.{name}"]
         first = name == next(iter(p.outputs))
-        a.outputs |= {
-            f"{name}_displacement": Output(row(seen), "m", role="displacement" if first else ""),
-            f"{name}_velocity": Output(row(seen, "'"), "m/s", role="velocity" if first else ""),
-            f"{name}_acceleration": Output(row(seen, "''"), "m/s^2"),
-        }
+        a.outputs[f"{name}_displacement"] = Output(row(place), "m", role="displacement" if first else "")
+        a.outputs[f"{name}_velocity"] = Output(row(place, "'"), "m/s", role="velocity" if first else "")
+        a.outputs[f"{name}_acceleration"] = Output(row(place, "''"), "m/s^2")
     struck = p.knock.at or next(iter(p.outputs if not p.contacts else ()), None)
     if struck is not None:
         a.struck = row(model.vectors[f"outputs.{struck}"])
@@ -150,7 +172,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     if len(whole.model.ids):
         a.nodes = partial(_nodes, whole, names)
     if whole.kind != "whole":
-        a.accuracy, a.outside = partial(_accuracy, p, whole), tuple(whole.outside(given))
+        a.accuracy = partial(_accuracy, p, whole)
+        a.outside = tuple(whole.outside(given))
         a.up_to = whole.up_to / (2.0 * math.pi)
     return a
 
@@ -158,16 +181,23 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
 def _nodes(whole: Reduced, names: tuple[str, ...]) -> Nodes:
     """At most `DRAWN` nodes of the mesh: those of its outer faces, or without faces those that have rows."""
     model = whole.model
-    free = np.flatnonzero(np.isin(model.node, model.ids) & (model.direction >= 0) & (model.direction < 3))
+    displacements = (model.direction >= 0) & (model.direction < 3)
+    free = np.flatnonzero(np.isin(model.node, model.ids) & displacements)
     at = np.searchsorted(model.ids, model.node[free])
     faces = _coarser(model.xyz, model.faces)
-    places = np.unique(faces if len(faces) else at)
-    places = places[:: 1 if len(faces) else -(-len(places) // DRAWN)]
+    if len(faces):
+        places = np.unique(faces)
+    else:
+        places = np.unique(at)
+        places = places[:: -(-len(places) // DRAWN)]
     seen = np.isin(at, places)
-    free, of = free[seen], np.searchsorted(places, at[seen])
+    free = free[seen]
+    of = np.searchsorted(places, at[seen])
     rows = np.zeros((len(places), 3, len(names)))
-    np.add.at(rows, (of, model.direction[free]), model.share[free, None] * whole.basis[free])
-    return Nodes(model.xyz[places], rows, names, np.searchsorted(places, faces).astype(np.int32))
+    shares = model.share[free, None] * whole.basis[free]
+    np.add.at(rows, (of, model.direction[free]), shares)
+    corners = np.searchsorted(places, faces).astype(np.int32)
+    return Nodes(model.xyz[places], rows, names, corners)
 
 
 def _coarser(xyz: Array, faces: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -180,26 +210,34 @@ def _coarser(xyz: Array, faces: NDArray[np.int32]) -> NDArray[np.int32]:
     if len(used) <= DRAWN:
         return faces
     sides = (np.ones(faces.size), (at.ravel(), np.roll(at, 1, axis=1).ravel()))
-    bodies, body = csgraph.connected_components(sp.csr_array(sides, shape=(len(used),) * 2), directed=False)
-    body = body if bodies <= DRAWN else np.zeros_like(body)
+    graph = sp.csr_array(sides, shape=(len(used),) * 2)
+    bodies, body = csgraph.connected_components(graph, directed=False)
+    if bodies > DRAWN:
+        body = np.zeros_like(body)
     places = xyz[used] - xyz[used].min(axis=0)
-    joined, width = faces, (places.max() or 1.0) / 200.0
+    joined = faces
+    width = (places.max() or 1.0) / 200.0
     while len(np.unique(joined)) > DRAWN:
         cubes = np.column_stack([np.floor(places / width), body])
         _, first, of = np.unique(cubes, axis=0, return_index=True, return_inverse=True)
-        joined, width = used[first[of.ravel()]][at], 1.2 * width
+        joined = used[first[of.ravel()]][at]
+        width = 1.2 * width
     corners = np.sort(joined, axis=1)
     _, once = np.unique(corners, axis=0, return_index=True)
-    kept = np.intersect1d(once, np.flatnonzero((np.diff(corners, axis=1) > 0).sum(axis=1) >= 2))
+    different = 1 + (np.diff(corners, axis=1) > 0).sum(axis=1)
+    kept = np.intersect1d(once, np.flatnonzero(different >= 3))
     return joined[kept]
 
 
 def _accuracy(p: Tables, whole: Reduced, jacobian: Array, errors_only: bool) -> Accuracy:
     """The estimated errors of the eigenvalues of a reduced structure, and what they do not tell."""
-    given, notes = values_of(p), list(whole.outside(values_of(p)))
+    given = values_of(p)
+    notes = list(whole.outside(given))
     damping = None
     if p.damping.table is not None:
-        damping = _modal(p.damping.table, *(whole.model.matrix(of, given) for of in ("mass", "stiffness")))
+        mass = whole.model.matrix("mass", given)
+        stiffness = whole.model.matrix("stiffness", given)
+        damping = _modal(p.damping.table, mass, stiffness)
     if not errors_only:
         notes += estimate.weaker_modes(whole, given, jacobian)
         notes += estimate.growing_without_friction(whole, given, damping)
@@ -208,7 +246,8 @@ def _accuracy(p: Tables, whole: Reduced, jacobian: Array, errors_only: bool) -> 
     except (SceneError, OSError):
         notes.append("errors of the eigenvalues are not estimated: the files of the matrices are not there")
         return Accuracy(np.zeros(0, np.complex128), np.zeros(0), tuple(notes))
-    if (worst := estimates.relative.max(initial=0.0)) > p.reduction.error:
+    worst = estimates.relative.max(initial=0.0)
+    if worst > p.reduction.error:
         hertz = estimates.values[int(estimates.relative.argmax())].imag / (2.0 * math.pi)
         notes.append(
             f"the estimated error at {hertz:.4g} Hz is {worst:.1e}, above reduction.error {p.reduction.error:g}; "
@@ -230,43 +269,45 @@ def _modal(table: tuple[tuple[float, float], ...], mass: Array, stiffness: Array
     omega = np.sqrt(np.maximum(squares, 0.0))
     hertz, ratio = np.array(table).T
     weighed = mass @ shapes
-    return np.asarray((weighed * (2.0 * omega * np.interp(omega / (2.0 * math.pi), hertz, ratio))) @ weighed.T)
+    ratios = np.interp(omega / (2.0 * math.pi), hertz, ratio)
+    return np.asarray((weighed * (2.0 * omega * ratios)) @ weighed.T)
 
 
 def _add_contacts(
-    a: Assembly, p: Tables, model: Full, springs: list[Array], dampers: list[Array], speed: Row,
+    a: Assembly,
+    p: Tables,
+    model: Full,
+    springs: list[Array],
+    dampers: list[Array],
+    speed: Row,
     row: Callable[..., Row],
-) -> None:  # fmt: skip
+) -> None:
     """Add friction patches and normal forces; points with the same slip speed and law belong to one patch."""
-    patches: list[tuple[str, Array, float, Law]] = []
+    patches: list[_Sliding] = []
     of_points: dict[str, Output] = {}
     for points, stiffness, damping in zip(model.contacts, springs, dampers):
-        contact, law = p.contacts[points.name], p.law_of(points.name)
+        contact = p.contacts[points.name]
+        law = p.law_of(points.name)
         for i, (name, normal, along) in enumerate(zip(_names(points), points.normal, points.along)):
             radius = float(points.radius[i])
-            same = (
-                patch
-                for patch, other, at, of_patch in patches
-                if at == radius and law == of_patch and np.abs(along - other).max() <= _SAME * np.abs(other).max()
-            )
-            if (patch := next(same, "")) == "":
+            fitting = (sliding.patch for sliding in patches if sliding.fits(along, radius, law))
+            patch = next(fitting, "")
+            if not patch:
                 patch = name
-                patches.append((patch, along, radius, law))
+                patches.append(_Sliding(patch, along, radius, law))
                 a.patch(patch, row(along), {state: radius * value for state, value in speed.items()}, law)
             pressed = row(normal, factor=-float(stiffness[i]))
             if damping[i]:
                 pressed |= row(normal, "'", -float(damping[i]))
             a.normal(name, patch, pressed, row(normal), opens=contact.opens)
-            of_points |= {
-                f"normal_force_of_{name}": Output({f"N:{name}": 1.0}, "N", _OF_POINTS[0]),
-                f"slip_speed_of_{name}": Output({f"w:{patch}": 1.0}, "m/s", _OF_POINTS[1]),
-            }
-        of_contact = [entry[0] for entry in a.normals[-len(points.area) :]]
-        a.outputs[f"normal_force_{points.name}"] = Output({f"N:{name}": 1.0 for name in of_contact}, "N", Plot())
+            of_points[f"normal_force_of_{name}"] = Output({f"N:{name}": 1.0}, "N", _OF_POINTS[0])
+            of_points[f"slip_speed_of_{name}"] = Output({f"w:{patch}": 1.0}, "m/s", _OF_POINTS[1])
+        of_contact = {f"N:{entry[0]}": 1.0 for entry in a.normals[-len(points.area) :]}
+        a.outputs[f"normal_force_{points.name}"] = Output(of_contact, "N", Plot())
     if _as_film(a, p):
         _add_film(a, p, model, springs, dampers, speed)
         return
-    first = patches[0][0]
+    first = patches[0].patch
     a.outputs |= of_points
     a.outputs |= {
         "normal_force": Output({f"N:{name}": 1.0 for name, *_ in a.normals}, "N"),
@@ -279,21 +320,27 @@ def _add_contacts(
 
 def _as_film(a: Assembly, p: Tables) -> bool:
     """Whether the contacts run as points of a film. Raises SceneError if they are to, but cannot."""
-    laws, asked = [p.law_of(name) for name in p.contacts], p.structure.film
+    laws = [p.law_of(name) for name in p.contacts]
+    asked = p.structure.film
     wrong = [
         f"contacts.{name}.opens: points of a film open; leave it out" for name, c in p.contacts.items() if not c.opens
     ]
     if any(law.states or law.backward is not None for law in laws):
         wrong.append("friction.law: points of a film support no law with memory or with a direction")
-    damped = [name for name in p.contacts if (own := p.of_stiffness(name)).damping or own.damper]
+    damped = []
+    for name in p.contacts:
+        contact = p.of_stiffness(name)
+        if contact.damping or contact.damper:
+            damped.append(name)
     if damped and (wrong or asked is False):
-        wrong += [
-            f"contacts.{name}: only points of a film have damping; leave it out, or make them a film" for name in damped
-        ]
+        remedy = "leave it out, or make them a film"
+        wrong += [f"contacts.{name}: only points of a film have damping; {remedy}" for name in damped]
     if wrong and (asked or damped):
         raise SceneError("structure.film", wrong)
+    if wrong or asked is not None:
+        return not wrong and bool(asked)
     mode_sets = 3 ** len(a.patches) * 2 ** len(a.normals)
-    return not wrong and (bool(damped) or mode_sets > CROWD if asked is None else asked)
+    return bool(damped) or mode_sets > CROWD
 
 
 def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers: list[Array], speed: Row) -> None:
@@ -304,35 +351,37 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers
     """
     a.signal("slid", dict(speed), 0.0, "drive")
     coordinates = list(a.coordinates)
-    passing = [
-        {state: radius * value for state, value in speed.items()}
-        | {f"{name}'": -value for name, value in zip(coordinates, along.tolist()) if value}
-        for points in model.contacts
-        for radius, along in zip(points.radius.tolist(), points.along)
-    ]
+    passing: list[Row] = []
+    shears = []
+    for points, stiffness in zip(model.contacts, springs, strict=True):
+        shear = p.of_stiffness(points.name).shear
+        shears.append(stiffness if shear is None else shear * points.area)
+        for radius, along in zip(points.radius.tolist(), points.along):
+            relative = {state: radius * value for state, value in speed.items()}
+            relative |= {f"{name}'": -value for name, value in zip(coordinates, along.tolist()) if value}
+            passing.append(relative)
     names = [name for name, *_ in a.normals]
     laws = tuple(p.law_of(points.name) for points in model.contacts for _ in points.area)
-    of_points = list(zip(model.contacts, springs, strict=True))
-    shears = [
-        stiffness if (shear := p.of_stiffness(points.name).shear) is None else shear * points.area
-        for points, stiffness in of_points
-    ]
-    a.film = own = Film(
-        rows=np.stack([np.concatenate([-points.normal for points, _ in of_points]).T,
-                       np.concatenate([points.along for points, _ in of_points]).T])[None],
+    normals = np.concatenate([-points.normal for points in model.contacts])
+    alongs = np.concatenate([points.along for points in model.contacts])
+    places = np.concatenate([points.position for points in model.contacts])
+    reach = np.concatenate([points.radius for points in model.contacts])
+    radius_of_first = float(reach[0])
+    a.film = Film(
+        rows=np.stack([normals.T, alongs.T])[None],
         slid="slid",
         stiffness=np.concatenate(springs),
         shear=np.concatenate(shears),
         damping=np.concatenate(dampers),
         mu=np.array([law.static for law in laws]),
-        reach=np.concatenate([points.radius for points, _ in of_points]),
-        x=np.concatenate([points.position[:, 0] for points, _ in of_points]),
-        y=np.concatenate([points.position[:, 1] for points, _ in of_points]),
+        reach=reach,
+        x=places[:, 0].copy(),
+        y=places[:, 1].copy(),
         laws=laws,
         tells=True,
-    )  # fmt: skip
+    )
     first = 0
-    for points, _ in of_points:
+    for points in model.contacts:
         each = range(first, first + len(points.area))
         a.outputs[f"normal_force_{points.name}"] = Output({film.at("P", i): 1.0 for i in each}, "N", Plot())
         first += len(points.area)
@@ -348,7 +397,7 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers
         "openings": Output({film.over("openings"): 1.0 / COUNTED}, "1", Plot()),
         "slip_speed": Output({film.at("w", 0): 1.0}, "m/s", Plot()),
         "surface_speed": Output(
-            {state: float(own.reach[0]) * value for state, value in speed.items()}, "m/s", role="drive"
+            {state: radius_of_first * value for state, value in speed.items()}, "m/s", role="drive"
         ),
     }
     a.judges.append(tension)
@@ -362,7 +411,8 @@ def tension(system: System, step: float) -> Iterator[Finding]:
         system = replace(system, start=start)
     key = sliding_key(system)
     at = steady(system, key)
-    apart, remedy = "", "hold it by a support or by a contact that presses"
+    apart = ""
+    remedy = "hold it by a support or by a contact that presses"
     if not at.balanced:
         if unheld := at.unheld:
             yield Finding("error", unheld.partition(";")[0], 0.0, remedy)
@@ -371,7 +421,8 @@ def tension(system: System, step: float) -> Iterator[Finding]:
     pulls = sorted((force, normal.name) for force, normal in zip(forces, system.normals) if force <= 0.0)
     if pulls and len(pulls) == len(forces):
         slip, _, limiters, *_ = system.modes(key)
-        apart = steady(system, system.key(slip, [OPEN if k.opens else CLOSED for k in system.normals], limiters)).unheld
+        lifted = [OPEN if k.opens else CLOSED for k in system.normals]
+        apart = steady(system, system.key(slip, lifted, limiters)).unheld
     if apart:
         yield Finding("error", f"no contact presses, and {apart.partition(';')[0]}", 0.0, remedy)
     elif pulls:
@@ -397,10 +448,14 @@ def _sliding(a: Assembly, p: Tables, stiffness: Array, springs: list[Array], mod
     """
     speed = p.drive.speed if p.drive else 0.0
     laws = [p.law_of(points.name) for points in model.contacts for _ in points.area]
-    normals = np.concatenate([points.normal for points in model.contacts]) if laws else np.zeros((0, len(stiffness)))
-    alongs = np.concatenate([points.along for points in model.contacts]) if laws else normals
+    if laws:
+        normals = np.concatenate([points.normal for points in model.contacts])
+        alongs = np.concatenate([points.along for points in model.contacts])
+        each = np.concatenate(springs)
+    else:
+        normals = alongs = np.zeros((0, len(stiffness)))
+        each = np.zeros(0)
     slips = [radius * speed for points in model.contacts for radius in points.radius.tolist()]
-    each = np.concatenate(springs) if laws else np.zeros(0)
     patches = [patch for _, patch, *_ in a.normals]
     loads = dict.fromkeys(patches, 0.0)
     for _ in range(_ROUNDS if any(law.states for law in laws) else 1):
@@ -409,8 +464,10 @@ def _sliding(a: Assembly, p: Tables, stiffness: Array, springs: list[Array], mod
             mu = math.copysign(law.mu(abs(slip), loads[patch]), slip)
             held += k * np.outer(normal + mu * along, normal)
         q = np.linalg.lstsq(held, pressed, rcond=None)[0]
-        before, loads = loads, dict.fromkeys(patches, 0.0)
-        for patch, force in zip(patches, (-each * (normals @ q)).tolist()):
+        before = loads
+        loads = dict.fromkeys(patches, 0.0)
+        forces = -each * (normals @ q)
+        for patch, force in zip(patches, forces.tolist()):
             loads[patch] += max(force, 0.0)
         if all(abs(loads[patch] - before[patch]) <= _SETTLED * loads[patch] for patch in patches):
             break
@@ -426,13 +483,16 @@ def _begin(
         sliding = _sliding(a, p, stiffness, springs, model, pressing * p.load.force)
         q = sliding if p.start.at == "sliding" else q
         if a.film is not None:
-            creep = a.film.creep(a.film.stiffness * (sliding @ a.film.rows[0, 0]))
+            pressed = a.film.stiffness * (sliding @ a.film.rows[0, 0])
+            creep = a.film.creep(pressed)
             a.about["film"] = (
                 "points that open, stick and slip one by one; a stuck one is held by its shear stiffness, "
                 f"{creep * 1e6:.2g} um at the most at steady sliding before it slips"
             )
     struck = np.array([a.strike.get(name, 0.0) for name in a.coordinates])
-    blow = np.linalg.solve(mass, struck) if p.start.velocity else struck
-    v = blow * (p.start.velocity / float(struck @ blow) if p.start.velocity else 0.0)
+    v = struck * 0.0
+    if p.start.velocity:
+        blow = np.linalg.solve(mass, struck)
+        v = blow * (p.start.velocity / float(struck @ blow))
     a.start |= {name: value for name, value in zip(a.coordinates, q.tolist()) if value}
     a.start |= {f"{name}'": value for name, value in zip(a.coordinates, v.tolist()) if value}

@@ -103,7 +103,9 @@ class Inclination(Section):
 
     def _compliances(self) -> tuple[float, float, float]:
         """Compliances along the disc, normal to it and between both, relative to bending."""
-        cosine, sine, eps = math.cos(self.angle), math.sin(self.angle), self.compliance
+        cosine = math.cos(self.angle)
+        sine = math.sin(self.angle)
+        eps = self.compliance
         return cosine**2 + eps * sine**2, sine**2 + eps * cosine**2, (1.0 - eps) * sine * cosine
 
 

@@ -73,7 +73,8 @@ class Beam(Section):
 
     def reduced(self) -> bending.Modes:
         """The modes of the beam, including the attachment modes."""
-        area, modulus = self.thickness * self.depth, self.modulus / (1.0 - self.poisson**2)
+        area = self.thickness * self.depth
+        modulus = self.modulus / (1.0 - self.poisson**2)
         return bending.clamped(
             modulus * area * self.thickness**2 / 12.0, modulus * area, self.density * area, self.length, self.modes
         )
@@ -133,7 +134,8 @@ class Shapes:
 def shapes(p: Parameters) -> Shapes:
     """The modes of the beam in the directions of the disc."""
     modes = p.beam.reduced()
-    cosine, sine = math.cos(p.contact.angle), math.sin(p.contact.angle)
+    cosine = math.cos(p.contact.angle)
+    sine = math.sin(p.contact.angle)
     (across, along), (shear, pull) = modes.tip.T, modes.clamp.T
     return Shapes(
         modes.omega.tolist(),

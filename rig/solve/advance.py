@@ -25,7 +25,7 @@ from rig.solve.records import G_NEXT
 from rig.solve.segment_output import nearly_full
 from rig.solve.specialised import any_shape, call
 
-TALLIED = 256
+TALLIED = 256  # mode sets that are counted one by one; the last count takes all others
 _FLUSH = 1e-150
 
 

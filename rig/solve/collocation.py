@@ -27,8 +27,9 @@ from rig.solve.segment_output import DEGREE
 SHORT = -2  # of `take_cell`: the shortest cell is too long
 _SHARE = 0.7  # share of the tolerance that an error at a check may use
 _LEAST = 1e-6  # share of the largest coordinate or speed
-_NEAR, _FINEST = 1e-9, 1e-14  # least relative errors of an output, and of an input at the end of the iteration
-_SWEEPS = 20
+_NEAR = 1e-9  # least relative error of an output
+_FINEST = 1e-14  # least relative error of an input at the end of the iteration
+_SWEEPS = 20  # most iterations of the inputs in a cell
 _EASY = 1e-2  # error up to which the next cell is twice as long
 _OFF = 4.0  # safety factor on the error of a guard at the checks: bounds it everywhere
 _EARLY = 0.5  # share of a cell

@@ -28,7 +28,15 @@ from numpy.typing import NDArray
 from rig.compiled.kernel import Emission, fused, inlined, inner
 
 Array = NDArray[np.float64]
-ROUND = 64.0 * 2.2e-16
+ROUND = 64.0 * 2.2e-16  # rounding error of a product of rows, over the sum of the absolute values
+LANE = 8  # doubles in a vector of 512 bits
+VECTOR = ir.VectorType(ir.DoubleType(), LANE)
+_FLAGS = ("contract",)
+_WORD = ir.IntType(32)
+BLOCK = 16  # columns of a block: two vectors
+_ZERO = ir.Constant(VECTOR, [0.0] * LANE)
+MOST_SUMS = 6
+"""Vectors of sums that are kept in registers: enough for two multiply-adds at a time, each of four cycles."""
 
 
 @inner
@@ -80,12 +88,6 @@ def copy(n, source, target):
     """Copy the first n numbers of a row to another one."""
     for i in range(n):
         target[i] = source[i]
-
-
-LANE = 8
-VECTOR = ir.VectorType(ir.DoubleType(), LANE)
-_FLAGS = ("contract",)
-_WORD = ir.IntType(32)
 
 
 class LanesType(types.Type):  # type: ignore[misc]
@@ -252,10 +254,6 @@ between: Any = intrinsic(_between)
 pick: Any = intrinsic(_pick)
 
 
-BLOCK = 16
-_ZERO = ir.Constant(VECTOR, [0.0] * LANE)
-
-
 def zeros(shape: int | tuple[int, ...]) -> Array:
     """An array of zeros that begins at a cache line of the processor.
 
@@ -269,7 +267,8 @@ def zeros(shape: int | tuple[int, ...]) -> Array:
 
 def blocks(rows: Array) -> Array:
     """Rows [row, n] as blocks of columns [block, n, BLOCK]; the last block is padded with zeros."""
-    count, n = -(-len(rows) // BLOCK), rows.shape[1]
+    count = -(-len(rows) // BLOCK)
+    n = rows.shape[1]
     padded = np.zeros((count * BLOCK, n))
     padded[: len(rows)] = rows
     return np.ascontiguousarray(padded.reshape(count, BLOCK, n).transpose(0, 2, 1))
@@ -407,10 +406,6 @@ def _in_blocks(builder: Any, width: Any, several: Callable[[Any, int], None]) ->
     done = builder.mul(blocks, _whole(BLOCK))
     with builder.if_then(builder.icmp_unsigned("!=", done, width)):
         several(done, 1)
-
-
-MOST_SUMS = 6
-"""Vectors of sums that are kept in registers: enough for two multiply-adds at a time, each of four cycles."""
 
 
 def _in_wide_blocks(builder: Any, width: Any, several: Callable[[Any, int], None]) -> None:

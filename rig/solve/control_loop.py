@@ -87,7 +87,8 @@ class ControllerTables(NamedTuple):
 def controller_tables(controllers: int = 0, reads: int = 0, drives: int = 0, frame: int = 1) -> ControllerTables:
     """Empty tables for `controllers` controllers, `reads` sensor inputs and `drives` actuators. `frame` in ns."""
     rows = ROWS if controllers else 1
-    whole, real = np.int64, np.float64
+    whole = np.int64
+    real = np.float64
     return ControllerTables(
         controllers=np.zeros(controllers, dtype=CONTROLLER),
         clock=np.zeros(1, dtype=CLOCK),

@@ -52,10 +52,17 @@ D = (
 )
 """Weights of the last coefficient of the dense output."""
 
+ENDED, UNDECIDED, EVENT_FREE, FAILED, ROUNDED = range(5)  # results of `take_steps`
 _EARLY = 0.5  # share of a step
 PROBE = 0.9  # place in a step where the error of a quartic through the quarters is largest
 _OFF = 4.0  # safety factor on the error found there: bounds it everywhere
 _FAINT = 0.03  # share of the rounding bound of a guard: its actual rounding error
+SAFETY = 0.9  # share of the step that an error estimate allows
+SHRINK = 0.2  # smallest factor from a step to the next
+_GROW = 5.0  # largest factor from a step to the next
+_LEAST = 1e-6  # share of the largest coordinate or speed
+_MOST = 200_000  # trial steps for one tick
+SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
 
 
 @inlined
@@ -247,13 +254,6 @@ def free_of_events(shape, f, d, degree, size):
         if not (lowest > 0.0 and begin > rounding(f.G[g], size)):
             return False
     return True
-
-
-SAFETY, SHRINK, _GROW = 0.9, 0.2, 5.0
-_LEAST = 1e-6  # share of the largest coordinate or speed
-_MOST = 200_000  # trial steps for one tick
-ENDED, UNDECIDED, EVENT_FREE, FAILED, ROUNDED = range(5)  # results of `take_steps`
-SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
 
 
 @inlined

@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 NAMES = ("drive", "friction", "damper", "forces", "normal", "resistor", "switch")
 SIGNS = np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0, -1.0])
 TERMS = len(NAMES)
-RESISTOR, SWITCH = TERMS - 2, TERMS - 1
+RESISTOR = TERMS - 2
+SWITCH = TERMS - 1
 NODES, WEIGHTS = (0.5 * (a + o) for a, o in zip(np.polynomial.legendre.leggauss(8), (1.0, 0.0)))
 
 

@@ -40,8 +40,10 @@ from rig.solve.specialised import call, local, state_count
 PLACES = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, 2 * DEGREE + 1) / (2 * DEGREE))
 """In turn a check and a node; the node at the begin of the cell is left out."""
 _NEAR = 1e-9  # error of an output at a check, relative to its values at the ends of the cell
-_EXACT, _FAINT = 1e-12, 1.0 / 64.0  # error of a guard with which an event is located: of its changes, of its noise
+_EXACT = 1e-12  # error of a guard with which an event is located, of its changes
+_FAINT = 1.0 / 64.0  # the same, of its noise
 _OFF = 4.0  # safety factor on the error of a guard at the checks: bounds it everywhere
+FULL = -3  # of `stretch`: no room for the segments of a tick or a cell
 
 
 def _lagrange() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -55,8 +57,10 @@ def _lagrange() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.fl
         others = np.delete(nodes, i + 1)
         powers[:, i] = np.polynomial.polynomial.polyfromroots(others)[1:] / np.prod(nodes[i + 1] - others)
         checks[:, i] = np.prod((PLACES[::2, None] - others) / (nodes[i + 1] - others), axis=1)
-    hulls = [[comb(b, k) / comb(DEGREE, k) for k in range(1, DEGREE + 1)] for b in range(DEGREE + 1)]
-    return powers, checks, np.array(hulls) @ powers
+    hulls = np.zeros((DEGREE + 1, DEGREE))
+    for b in range(DEGREE + 1):
+        hulls[b] = [comb(b, k) / comb(DEGREE, k) for k in range(1, DEGREE + 1)]
+    return powers, checks, hulls @ powers
 
 
 POWERS, CHECKS, _HULL = _lagrange()
@@ -186,9 +190,6 @@ def emit_cell(shape, t, w, state, log, seg, plan, x, level, start, length):
     else:
         emit_linear(t, mode_set, x, start, length, seg, w.derivatives)
     return True
-
-
-FULL = -3  # of `stretch`: no room for the segments of a tick or a cell
 
 
 @by_address

@@ -34,9 +34,21 @@ from rig.solve.column_blocks import between, pick
 from rig.solve.segment_output import DEGREE
 
 Array = NDArray[np.float64]
-_LEAST, _MOST = -48, 16  # outside of this range the library function is called
+_LEAST = -48  # below, the library function is called
+_MOST = 16  # above, the library function is called
 _TABLE = np.exp(np.arange(16 * _LEAST, 16 * _MOST + 1) / 16.0)
 _SHIFT = 1.5 * 2.0**52  # at this size a double has no fraction bits: adding it rounds to an integer
+ORDER = 14  # Taylor terms of the finest cell: with |A| h <= REACH, more than a double resolves
+LONGEST = 12  # largest number of terms of the Taylor polynomial of a cell
+REACH = 0.25  # |A| h of a finest cell: Taylor of order 12 is then exact to 3e-18
+DEEPEST = 40  # most halvings: |A| h up to 1e11 (rig.stability.report.EXACT_LIMIT)
+WIDTH = DEGREE + 2  # e^x and the weights h w_0 .. h w_8
+STATE, POLE, RESIDUE = range(3)  # columns of a table of poles [poles, COLUMNS], before the weights
+STEP = 3  # weights for a full sample step, the length of most segments
+PART = STEP + WIDTH  # weights for the last other length
+PEEK = PART + WIDTH  # weights for the last sample instant inside a segment
+COLUMNS = PEEK + WIDTH
+QUARTIC = 4
 
 
 @inlined
@@ -72,12 +84,6 @@ def exponential_factors_of_lanes(u):
     """The same two factors in each lane."""
     k, fine = _step_and_rest(u)
     return pick(_TABLE, k - 16.0 * _LEAST), fine
-
-
-ORDER = 14
-LONGEST = 12  # largest number of terms of the Taylor polynomial of a cell
-REACH = 0.25  # |A| h of a finest cell: Taylor of order 12 is then exact to 3e-18
-DEEPEST = 40
 
 
 @kernel
@@ -203,14 +209,6 @@ def ladder(A, h):
     return out
 
 
-WIDTH = DEGREE + 2  # e^x and the weights h w_0 .. h w_8
-STATE, POLE, RESIDUE = 0, 1, 2  # columns of a table of poles [poles, COLUMNS], before the weights
-STEP = 3  # weights for a full sample step, the length of most segments
-PART = STEP + WIDTH  # weights for the last other length
-PEEK = PART + WIDTH  # weights for the last sample instant inside a segment
-COLUMNS = PEEK + WIDTH
-
-
 @inner
 def pole_weights(poles: Any, p: int, at: int, h: float) -> None:
     """Write e^x and h w_k(x) for pole p and length h [s] to poles[p, at : at + WIDTH]."""
@@ -239,9 +237,6 @@ def pole_weights(poles: Any, p: int, at: int, h: float) -> None:
         for k in range(DEGREE, lowest, -1):
             w = (1.0 + x * w) / k
             poles[p, at + k] = h * w
-
-
-QUARTIC = 4
 
 
 @fused

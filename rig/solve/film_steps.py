@@ -50,6 +50,8 @@ COUNTED = 2.0**-20
 GROUP = 5
 """Number of steps that one output polynomial covers. At five sixths of a radian per step, which is 66 kHz at 2 us, its
 error is 1 %; that of chords is 9 %."""
+_EDGE = 1e-11
+"""Distance beyond the edge that rounding may cause [m]."""
 
 
 class SymmetryClass(NamedTuple):
@@ -132,10 +134,6 @@ class FilmTables(NamedTuple):
     pressed: Array  # scratch [point]
     fits: Array  # [steps, GROUP + 1, GROUP + 1] coefficients of the polynomial through values at the ends of steps
     values: Array  # scratch [GROUP + 1, read] outputs at these ends
-
-
-_EDGE = 1e-11
-"""Distance beyond the edge that rounding may cause [m]."""
 
 
 @inner

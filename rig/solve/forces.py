@@ -57,6 +57,10 @@ VALUES, SLOPES, STATES, FIRST, RATE, HEADER = range(6)
 """What precedes the numbers of FORMULA and MEMORY: the addresses of both functions, the number of states, the index of
 the first one in x and that of its rate in T; then, for each state, 1 if it changes its sign with the direction of slip.
 """
+STATE, SINE, VERSINE, NORMAL, FRICTION, PRESS = range(6)
+"""Kinds of the factors of a product."""
+_SMALL = 0.8  # rad; the series is accurate to 2e-19 up to here
+_SINE = tuple((-1.0) ** j / float(factorial(2 * j + 1)) for j in range(9))
 
 
 @inner
@@ -246,9 +250,6 @@ def _slope(code, p, v):
     return p[at + 1] + d * (2.0 * p[at + 2] + d * 3.0 * p[at + 3])
 
 
-STATE, SINE, VERSINE, NORMAL, FRICTION, PRESS = range(6)
-
-
 class ProductTables(NamedTuple):
     """All products of a system for the kernels, in the order of their levels, with scratch for their factors."""
 
@@ -280,10 +281,6 @@ def _fill(t, begin, end, T):
     for f in range(2, place.shape[0]):
         for j in range(begin, end):
             T[np.uintp(patches + j)] *= values[np.uintp(place[f, j])]
-
-
-_SMALL = 0.8  # rad; the series is accurate to 2e-19 up to here
-_SINE = tuple((-1.0) ** j / float(factorial(2 * j + 1)) for j in range(9))
 
 
 @inlined

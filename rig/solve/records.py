@@ -122,13 +122,6 @@ class MotionLog(NamedTuple):
     collected: NDArray[np.int64]  # [1] number of events in `met`
 
 
-def empty_log(rows: int, n: int, events: int = 0, collected: int = 0) -> MotionLog:
-    """A log with room for `rows` ticks of `n` states, `events` in a frame and `collected` in all frames of a call."""
-    whole = [np.zeros((count, 4), dtype=np.int64) for count in (events, collected)]
-    ticks, none = np.zeros(rows, dtype=np.int64), np.zeros(1, dtype=np.int64)
-    return MotionLog(np.zeros((rows, n)), ticks, whole[0], np.zeros(events), whole[1], np.zeros(collected), none)
-
-
 class MotionState(NamedTuple):
     """What persists between calls."""
 
@@ -174,3 +167,11 @@ class MotionRecords(NamedTuple):
     log: MotionLog
     segments: Segments
     plan: MotionPlan
+
+
+def empty_log(rows: int, n: int, events: int = 0, collected: int = 0) -> MotionLog:
+    """A log with room for `rows` ticks of `n` states, `events` in a frame and `collected` in all frames of a call."""
+    whole = [np.zeros((count, 4), dtype=np.int64) for count in (events, collected)]
+    ticks = np.zeros(rows, dtype=np.int64)
+    none = np.zeros(1, dtype=np.int64)
+    return MotionLog(np.zeros((rows, n)), ticks, whole[0], np.zeros(events), whole[1], np.zeros(collected), none)

@@ -13,11 +13,13 @@ import numpy as np
 
 from rig.compiled.kernel import inner
 
-DEGREE = 12
-NONE = 2.0
-WORK_ROWS, WORK_COLUMNS = 48, DEGREE + 3
+DEGREE = 12  # largest degree of a polynomial
+NONE = 2.0  # no root in [0, 1]
+WORK_ROWS = 48  # intervals that may wait to be halved
+WORK_COLUMNS = DEGREE + 3
 _FAINT = 1e-10  # share of the sum of coefficients: with this slope at zero a dip is 1e-20 of them, far below rounding
-_AT, _WIDTH = DEGREE + 1, DEGREE + 2
+_AT = DEGREE + 1
+_WIDTH = DEGREE + 2
 
 
 def _to_bernstein() -> np.ndarray:

@@ -31,7 +31,9 @@ class KernelShape(types.Type):  # type: ignore[misc]
     """
 
     def __init__(self, states: int, products: bool, nonlinear: bool) -> None:
-        self.states, self.products, self.nonlinear = states, products, nonlinear
+        self.states = states
+        self.products = products
+        self.nonlinear = nonlinear
         super().__init__(name=f"Shape({states}, {products}, {nonlinear})")
 
 

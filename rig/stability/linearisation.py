@@ -22,152 +22,22 @@ from numpy.typing import NDArray
 
 from rig.errors import PartError, Singular, UsageError
 from rig.model.formulation import ModeSet, signal_rows
+from rig.model.products import tangent
 from rig.model.singular import JAMS, assembled
-from rig.model.system import System, tangent
+from rig.model.system import System
 from rig.solve.records import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
 
 Array = NDArray[np.float64]
 Contact = Callable[[int, float, float], tuple[float, float, float]]
 """(patch, slip speed w, normal force N) -> friction force T, dT/dw, dT/dN."""
 _COUPLED_ROUNDS = 60  # iterations of friction and normal force that depend on each other
-
-
-def own_law(system: System, modes: ModeSet) -> Contact:
-    """The friction of slipping patches by their own law; for w of the other sign the value at rest."""
-    laws = [system.law(p, modes.key) for p in range(len(system.patches))]
-
-    def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
-        sigma, law = float(modes.sigma[p]), laws[p]
-        v = max(sigma * w, 0.0)
-        mu = law.mu(v, N)
-        return sigma * mu * N, law.slope(v, N) * N, sigma * mu
-
-    return contact
-
-
-def linearised(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array, Array]:
-    """The Jacobian at x, and the inputs T and the normal forces [patch] there."""
-    T, dT = inputs(system, modes, x, contact)
-    return modes.A + modes.b @ dT, T, modes.load @ x + modes.load_t @ T
-
-
-def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array]:
-    """The inputs T at x and their derivatives over x [input, n]: rig.solve.forces with the chain rule."""
-    P, n = len(system.patches), system.n
-    T, dT = np.zeros(system.inputs), np.zeros((system.inputs, n))
-    levels = {product.level for product in system.products}
-
-    def multiply(level: int) -> None:
-        if level not in levels:
-            return
-        if level:
-            closed = np.array([mode == CLOSED for mode in system.modes(modes.key)[1]], dtype=bool).reshape(-1, 1)
-            pressed = (
-                closed[:, 0] * (modes.normal @ x + modes.normal_t @ T),
-                closed * (modes.normal + modes.normal_t @ dT),
-            )
-            rubbed = modes.friction @ x + modes.friction_t @ T, modes.friction + modes.friction_t @ dT
-        else:  # no factor is a force
-            pressed = rubbed = np.zeros(0), np.zeros((0, n))
-        values, slopes = tangent(system.products, level, x, (pressed, rubbed))
-        T[P : system.rates_from] += values
-        dT[P : system.rates_from] += slopes
-
-    multiply(0)
-    multiply(1)
-    load, load_t = modes.load, modes.load_t
-    remembering = [p for p, patch in enumerate(system.patches) if patch.memory]
-    slipping = [p for p in np.flatnonzero(modes.nonlinear).tolist() if p not in remembering]
-    w = system.slip_rows @ x
-    by_speed, by_load, by_state = np.zeros(P), np.zeros(P), np.zeros((P, n))
-    coupled = bool(load_t[:, :P].any())  # N depends on T if an absorber's inertia contributes to N
-    for _ in range(_COUPLED_ROUNDS if coupled else 1):
-        N = load @ x + load_t @ T
-        before = T.tolist()
-        for p in slipping:
-            T[p], by_speed[p], by_load[p] = contact(p, float(w[p]), float(N[p]))
-        for p in remembering:
-            values, slopes = _remembered(system, modes, p, x, float(N[p]))
-            T[p], by_speed[p], by_load[p], by_state[p] = values[0], slopes[0][0], slopes[1][0], slopes[2][0]
-        if all(abs(force - last) <= 1e-14 * abs(last) for force, last in zip(T.tolist(), before)):
-            break
-    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * (load + load_t[:, P:] @ dT[P:]) + by_state
-    try:
-        dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if coupled else change
-    except np.linalg.LinAlgError:
-        raise Singular(JAMS, system.describe(modes.key), jams=True) from None
-    for p in remembering:
-        values, (over_speed, over_load, over_states) = _remembered(
-            system, modes, p, x, float(load[p] @ x + load_t[p] @ T)
-        )
-        rates = system.rates(p)
-        T[rates] = values[1:]
-        dT[rates] = over_states[1:] + np.outer(over_speed[1:], system.slip_rows[p])
-        dT[rates] += np.outer(over_load[1:], load[p] + load_t[p] @ dT)
-    multiply(2)
-    return T, dT
-
-
-def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Friction force and rates of patch p, a law with memory, [m + 1]; derivatives over w, N and x [m + 1, n].
-
-    As rig.solve.forces.evaluate_memory; for w of the other sign, and in stick, the value at rest.
-    """
-    patch, law, sigma = system.patches[p], system.law(p, modes.key), float(modes.sigma[p])
-    assert law.formula is not None
-    w, loaded = float(system.slip_rows[p] @ x), bool(np.any(modes.load[p]) or N)
-    sign = sigma or (-1.0 if w < 0.0 and not loaded else 1.0)
-    if system.modes(modes.key)[0][p] == STICK and loaded:
-        w = 0.0
-    moves = float(sigma != 0.0 or not loaded)
-    turned = np.array([sign if state.along else 1.0 for state in law.states])
-    values, slopes = law.formula.evaluate(law.numbers, max(sign * w, 0.0), N, turned * x[list(patch.memory)])
-    scale = np.array([sign * N, *turned])
-    over_x = np.zeros((len(scale), system.n))
-    over_x[:, list(patch.memory)] = scale[:, None] * slopes[:, 2:] * turned
-    over_load = scale * slopes[:, 1]
-    over_load[0] += sign * values[0]
-    return scale * values[:-1], (scale * slopes[:, 0] * sign * moves, over_load, over_x)
-
-
-def moving_states(system: System, A: Array) -> NDArray[np.int64]:
-    """The states of structure and network, and every driving state that depends on them."""
-    moving = np.zeros(system.n, dtype=bool)
-    moving[: system.one] = True
-    for _ in range(system.n):
-        more = moving | np.any(A[:, moving] != 0.0, axis=1)
-        if np.array_equal(more, moving):
-            break
-        moving = more
-    return np.flatnonzero(moving)
-
-
-def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The driving states outside of `moving` that approach a steady value: lags and filters.
-
-    Commands and generators do not.
-    """
-    rest = np.delete(np.arange(system.n), moving)  # the first ones all move
-    own = A[np.ix_(rest, rest)]
-    linked = np.eye(len(rest), dtype=bool) | (own != 0.0)
-    for _ in range(max(len(rest).bit_length(), 1)):
-        steps = linked.astype(np.float64)  # a product of booleans is slow
-        linked = steps @ steps > 0.0
-    loops = linked & linked.T
-    stable = [
-        (own[i, i] if loop.sum() == 1 else np.linalg.eigvals(own[np.ix_(loop, loop)]).real.max()) < 0.0
-        for i, loop in enumerate(loops)  # the loop that contains the state
-    ]
-    return np.asarray(rest[np.array(stable, dtype=bool)], dtype=np.int64)
-
-
 _SHORTENED_STEPS = 60  # number of shortened steps
 _WIDE = 20  # number of full steps: if they converge at all, they need a few
 _FAR = 1e12  # times the previous residual: the full step diverges
 _TOLERANCE = 1e-12  # residual over the largest term at which the search ends
 _REST = 1e-9  # the same up to which all forces count as balanced
 _LEAST = 1e-3  # shortest share of a step
-_ROUNDING = 2.0**-52
+_ROUNDING = 2.0**-52  # of a double, over its size
 _LOOSE = 1e-12  # share of the largest stiffness below which nothing is held
 
 
@@ -249,7 +119,8 @@ class Steady:
                 "nothing vibrates and nothing decays in steady sliding, so there is no cycle; "
                 "give the structure a stiffness"
             )
-        return 2.0 * np.pi / fastest, 2.0 * np.pi / float(rates[rates > 1e-6 * fastest].min())
+        slowest = float(rates[rates > 1e-6 * fastest].min())
+        return 2.0 * np.pi / fastest, 2.0 * np.pi / slowest
 
     def eigenvectors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """The eigenvalues [i], the least stable first, and the mode shapes [state, i] over all states.
@@ -257,8 +128,10 @@ class Steady:
         Motions in which a stuck contact would slip are left out: their eigenvalues are zero, twice each, and rounding
         would make some of them grow.
         """
-        A, memory = self.A[np.ix_(self.moving, self.moving)], [patch.memory for patch in self.system.patches]
-        stuck = [p for p, mode in enumerate(self.system.modes(self.modes.key)[0]) if mode == STICK and not memory[p]]
+        A = self.A[np.ix_(self.moving, self.moving)]
+        memory = [patch.memory for patch in self.system.patches]
+        patch_modes = self.system.modes(self.modes.key)[0]
+        stuck = [p for p, mode in enumerate(patch_modes) if mode == STICK and not memory[p]]
         if stuck:
             rows = self.system.slip_rows[stuck][:, self.moving]
             within = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :].T
@@ -270,6 +143,164 @@ class Steady:
         shapes = np.zeros((self.system.n, len(values)), dtype=np.complex128)
         shapes[self.moving] = vectors[:, order]
         return values[order].astype(np.complex128), shapes
+
+
+class _Found(NamedTuple):
+    """The last point of the search: x, the matrix, inputs and normal forces there, and whether all forces balance."""
+
+    x: Array
+    A: Array
+    T: Array
+    load: Array
+    balanced: bool
+
+
+def own_law(system: System, modes: ModeSet) -> Contact:
+    """The friction of slipping patches by their own law; for w of the other sign the value at rest."""
+    laws = [system.law(p, modes.key) for p in range(len(system.patches))]
+
+    def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
+        sigma = float(modes.sigma[p])
+        law = laws[p]
+        v = max(sigma * w, 0.0)
+        mu = law.mu(v, N)
+        return sigma * mu * N, law.slope(v, N) * N, sigma * mu
+
+    return contact
+
+
+def linearised(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array, Array]:
+    """The Jacobian at x, and the inputs T and the normal forces [patch] there."""
+    T, dT = inputs(system, modes, x, contact)
+    return modes.A + modes.b @ dT, T, modes.load @ x + modes.load_t @ T
+
+
+def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array]:
+    """The inputs T at x and their derivatives over x [input, n]: rig.solve.forces with the chain rule."""
+    P = len(system.patches)
+    n = system.n
+    T = np.zeros(system.inputs)
+    dT = np.zeros((system.inputs, n))
+    levels = {product.level for product in system.products}
+
+    def multiply(level: int) -> None:
+        if level not in levels:
+            return
+        if level:
+            normal_modes = system.modes(modes.key)[1]
+            closed = np.array([mode == CLOSED for mode in normal_modes], dtype=bool).reshape(-1, 1)
+            normal = modes.normal @ x + modes.normal_t @ T
+            normal_slopes = modes.normal + modes.normal_t @ dT
+            friction = modes.friction @ x + modes.friction_t @ T
+            friction_slopes = modes.friction + modes.friction_t @ dT
+            pressed = closed[:, 0] * normal, closed * normal_slopes
+            rubbed = friction, friction_slopes
+        else:  # no factor is a force
+            pressed = rubbed = np.zeros(0), np.zeros((0, n))
+        values, slopes = tangent(system.products, level, x, (pressed, rubbed))
+        T[P : system.rates_from] += values
+        dT[P : system.rates_from] += slopes
+
+    multiply(0)
+    multiply(1)
+    load = modes.load
+    load_t = modes.load_t
+    remembering = [p for p, patch in enumerate(system.patches) if patch.memory]
+    slipping = [p for p in np.flatnonzero(modes.nonlinear).tolist() if p not in remembering]
+    w = system.slip_rows @ x
+    by_speed = np.zeros(P)
+    by_load = np.zeros(P)
+    by_state = np.zeros((P, n))
+    coupled = bool(load_t[:, :P].any())  # N depends on T if an absorber's inertia contributes to N
+    for _ in range(_COUPLED_ROUNDS if coupled else 1):
+        N = load @ x + load_t @ T
+        before = T.tolist()
+        for p in slipping:
+            T[p], by_speed[p], by_load[p] = contact(p, float(w[p]), float(N[p]))
+        for p in remembering:
+            values, (over_speed, over_load, over_states) = _remembered(system, modes, p, x, float(N[p]))
+            T[p] = values[0]
+            by_speed[p] = over_speed[0]
+            by_load[p] = over_load[0]
+            by_state[p] = over_states[0]
+        if all(abs(force - last) <= 1e-14 * abs(last) for force, last in zip(T.tolist(), before)):
+            break
+    load_slopes = load + load_t[:, P:] @ dT[P:]
+    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * load_slopes + by_state
+    try:
+        dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if coupled else change
+    except np.linalg.LinAlgError:
+        raise Singular(JAMS, system.describe(modes.key), jams=True) from None
+    for p in remembering:
+        N_p = float(load[p] @ x + load_t[p] @ T)
+        values, (over_speed, over_load, over_states) = _remembered(system, modes, p, x, N_p)
+        rates = system.rates(p)
+        T[rates] = values[1:]
+        dT[rates] = over_states[1:] + np.outer(over_speed[1:], system.slip_rows[p])
+        dT[rates] += np.outer(over_load[1:], load[p] + load_t[p] @ dT)
+    multiply(2)
+    return T, dT
+
+
+def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> tuple[Array, tuple[Array, Array, Array]]:
+    """Friction force and rates of patch p, a law with memory, [m + 1]; derivatives over w, N and x [m + 1, n].
+
+    As rig.solve.forces.evaluate_memory; for w of the other sign, and in stick, the value at rest.
+    """
+    patch = system.patches[p]
+    law = system.law(p, modes.key)
+    sigma = float(modes.sigma[p])
+    assert law.formula is not None
+    w = float(system.slip_rows[p] @ x)
+    loaded = bool(np.any(modes.load[p]) or N)
+    sign = sigma or (-1.0 if w < 0.0 and not loaded else 1.0)
+    if system.modes(modes.key)[0][p] == STICK and loaded:
+        w = 0.0
+    moves = float(sigma != 0.0 or not loaded)
+    turned = np.array([sign if state.along else 1.0 for state in law.states])
+    memory = list(patch.memory)
+    values, slopes = law.formula.evaluate(law.numbers, max(sign * w, 0.0), N, turned * x[memory])
+    scale = np.array([sign * N, *turned])
+    over_x = np.zeros((len(scale), system.n))
+    over_x[:, memory] = scale[:, None] * slopes[:, 2:] * turned
+    over_load = scale * slopes[:, 1]
+    over_load[0] += sign * values[0]
+    over_speed = scale * slopes[:, 0] * sign * moves
+    return scale * values[:-1], (over_speed, over_load, over_x)
+
+
+def moving_states(system: System, A: Array) -> NDArray[np.int64]:
+    """The states of structure and network, and every driving state that depends on them."""
+    moving = np.zeros(system.n, dtype=bool)
+    moving[: system.one] = True
+    for _ in range(system.n):
+        more = moving | np.any(A[:, moving] != 0.0, axis=1)
+        if np.array_equal(more, moving):
+            break
+        moving = more
+    return np.flatnonzero(moving)
+
+
+def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The driving states outside of `moving` that approach a steady value: lags and filters.
+
+    Commands and generators do not.
+    """
+    rest = np.delete(np.arange(system.n), moving)  # the first ones all move
+    own = A[np.ix_(rest, rest)]
+    linked = np.eye(len(rest), dtype=bool) | (own != 0.0)
+    for _ in range(max(len(rest).bit_length(), 1)):
+        steps = linked.astype(np.float64)  # a product of booleans is slow
+        linked = steps @ steps > 0.0
+    loops = linked & linked.T
+    stable = np.zeros(len(rest), dtype=bool)
+    for i, loop in enumerate(loops):  # the loop that contains the state
+        if loop.sum() == 1:
+            growth = own[i, i]
+        else:
+            growth = np.linalg.eigvals(own[np.ix_(loop, loop)]).real.max()
+        stable[i] = growth < 0.0
+    return np.asarray(rest[stable], dtype=np.int64)
 
 
 def sliding_key(system: System, x: Array | None = None) -> int:
@@ -294,7 +325,8 @@ def settled(system: System, x: Array) -> Array:
     out = x.copy()
     out[: system.one] = 0.0
     rates = system.signals[:, system.one :] != 0.0
-    if not (len(system.network) or len(system.limiters) or np.any(rates.any(axis=0) & rates.any(axis=1))):
+    chained = np.any(rates.any(axis=0) & rates.any(axis=1))
+    if not (len(system.network) or len(system.limiters) or chained):
         return out  # no driving state has a rate that depends on one with a rate: nothing settles
     stick = system.key([STICK] * len(system.patches), [1] * len(system.normals), [0] * len(system.limiters))
     A = assembled(system, stick).A
@@ -308,7 +340,8 @@ def settled(system: System, x: Array) -> Array:
         value = float(limiter.row @ out)
         rate = -float(system.signals[limiter.state - system.one, limiter.state])
         if rate > 0.0:
-            out[limiter.state] += limiter.gain / rate * (min(max(value, limiter.low), limiter.high) - value)
+            clamped = min(max(value, limiter.low), limiter.high)
+            out[limiter.state] += limiter.gain / rate * (clamped - value)
     return out
 
 
@@ -320,22 +353,24 @@ def steady(system: System, key: int, contact: Contact | None = None, beside: Ste
     steady sliding in this mode set with another start of the same system, near which the search begins. Raises
     rig.errors.Singular.
     """
-    if beside is not None and beside.modes.key != key:
-        beside = None
-    modes, near = (assembled(system, key), None) if beside is None else (beside.modes, beside.x)
-    if beside is None:
+    if beside is None or beside.modes.key != key:
+        modes = assembled(system, key)
+        near = None
         moving = moving_states(system, modes.A)
         free = np.union1d(moving, settling(system, modes.A, moving))
     else:
-        moving, free = beside.moving, beside.settling
+        modes = beside.modes
+        near = beside.x
+        moving = beside.moving
+        free = beside.settling
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
-    equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False, near)
+    full_steps = 0 if stuck else _WIDE
+    equilibrium = _newton(system, modes, law, free, full_steps, False, near)
     if near is not None and not (equilibrium.balanced and _agrees(system, modes, equilibrium)):
-        equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False)
-    if not (
-        stuck or (equilibrium.balanced and _agrees(system, modes, equilibrium))
-    ):  # another search may find another equilibrium
+        equilibrium = _newton(system, modes, law, free, full_steps, False)
+    slides = equilibrium.balanced and _agrees(system, modes, equilibrium)
+    if not (stuck or slides):  # another search may find another equilibrium
         other = _newton(system, modes, law, free, _SHORTENED_STEPS, True)
         if not equilibrium.balanced or (other.balanced and _agrees(system, modes, other)):
             equilibrium = other
@@ -360,16 +395,6 @@ def _beyond(system: System, modes: ModeSet, x: Array, T: Array) -> str:
             limit = f"limits.{bound.name} = {bound.limit:g} {bound.unit}"
             return f"where all forces balance, {bound.name} is {value:.4g} {bound.unit}, beyond {limit}"
     return ""
-
-
-class _Found(NamedTuple):
-    """The last point of the search: x, the matrix, inputs and normal forces there, and whether all forces balance."""
-
-    x: Array
-    A: Array
-    T: Array
-    load: Array
-    balanced: bool
 
 
 def _agrees(system: System, modes: ModeSet, at: _Found) -> bool:
@@ -399,7 +424,8 @@ def _newton(
     unstable statically, where full steps diverge.
     """
     nq = len(system.coordinates)
-    rows, columns = free[free >= nq], free[(free < nq) | (free >= 2 * nq)]  # q' = v is solved by v = 0
+    rows = free[free >= nq]  # q' = v is solved by v = 0
+    columns = free[(free < nq) | (free >= 2 * nq)]
     x = system.start.copy()
     x[: system.one] = 0.0 if near is None else near[: system.one]
     A, T, load = linearised(system, modes, x, law)
@@ -410,8 +436,10 @@ def _newton(
     for _ in range(rounds):
         if residual <= _TOLERANCE * scale:
             break
-        step = np.linalg.lstsq(A[np.ix_(rows, columns)], (modes.A @ x + modes.b @ T)[rows], rcond=1e-14)[0]
-        before, share = residual, 1.0
+        rate = modes.A @ x + modes.b @ T
+        step = np.linalg.lstsq(A[np.ix_(rows, columns)], rate[rows], rcond=1e-14)[0]
+        before = residual
+        share = 1.0
         while share > (_LEAST if falling else 0.5):
             y = x.copy()
             y[columns] -= share * step
@@ -423,8 +451,10 @@ def _newton(
         if not residual < (before if falling else _FAR * before):
             residual = before
             break
-        x, (A, T, load) = y, linearisation
-    x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # below the resolution of lstsq
+        x = y
+        A, T, load = linearisation
+    rounding = np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])  # below the resolution of lstsq
+    x[columns[rounding]] = 0.0
     return _Found(x, A, T, load, residual <= _REST * scale)
 
 
@@ -435,7 +465,8 @@ def _remember(system: System, modes: ModeSet, x: Array, load: Array) -> bool:
     """
     remembers = False
     for p, patch in enumerate(system.patches):
-        law, sigma = system.law(p, modes.key), float(modes.sigma[p])
+        law = system.law(p, modes.key)
+        sigma = float(modes.sigma[p])
         if law.formula is not None and patch.memory and sigma != 0.0:
             speed = max(sigma * float(system.slip_rows[p] @ x), 0.0)
             states = law.steady(speed, float(load[p]))
@@ -448,12 +479,13 @@ def _remember(system: System, modes: ModeSet, x: Array, load: Array) -> bool:
 
 def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact: Contact) -> float:
     """det(M with friction)/det(M), for constant and speed-dependent coefficients together."""
-    P, by_force = len(system.patches), modes.load_t[:, : len(system.patches)]
+    P = len(system.patches)
+    by_force = modes.load_t[:, : len(system.patches)]
     if not np.any(by_force):
         return modes.jam
-    by_load = np.array(
-        [contact(p, float(speed[p]), float(load[p]))[2] if modes.nonlinear[p] else 0.0 for p in range(P)]
-    )
+    by_load = np.zeros(P)
+    for p in np.flatnonzero(modes.nonlinear).tolist():
+        by_load[p] = contact(p, float(speed[p]), float(load[p]))[2]
     return modes.jam * float(np.linalg.det(np.eye(P) - by_load[:, None] * by_force))
 
 

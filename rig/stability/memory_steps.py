@@ -61,18 +61,22 @@ def start_loads(system: System) -> Array:
 def fastest_slips(system: System) -> Array:
     """The fastest slip speed that is expected of each patch [m/s]."""
     nq = len(system.coordinates)
-    x, loads = system.start, start_loads(system)
+    x = system.start
+    loads = start_loads(system)
     squares, shapes = eigh(0.5 * (system.stiffness + system.stiffness.T), system.mass)
     omega = np.sqrt(np.maximum(squares, 0.0))
     swings = omega > 0.0
-    forces = system.force @ x + sum((n.direction * float(n.row @ x) for n in system.normals), np.zeros(nq))
-    eta, rate, pushed = (shapes.T @ vector for vector in (system.mass @ x[:nq], system.mass @ x[nq : 2 * nq], forces))
+    pressed = sum((n.direction * float(n.row @ x) for n in system.normals), np.zeros(nq))
+    eta = shapes.T @ (system.mass @ x[:nq])
+    rate = shapes.T @ (system.mass @ x[nq : 2 * nq])
+    pushed = shapes.T @ (system.force @ x + pressed)
     away = np.zeros(nq)
     away[swings] = omega[swings] * eta[swings] - pushed[swings] / omega[swings]
     fastest = np.zeros(len(system.patches))
     for p, row in enumerate(system.slip_rows):
         along = row[nq : 2 * nq] @ shapes
-        surface = abs(float(np.delete(row, np.s_[nq : 2 * nq]) @ np.delete(x, np.s_[nq : 2 * nq])))
+        velocities = np.s_[nq : 2 * nq]
+        surface = abs(float(np.delete(row, velocities) @ np.delete(x, velocities)))
         swing = max(surface, float(np.abs(along) @ np.hypot(rate, away)))
         most = max(law.over(swing * _SLOW, loads[p]).max() for law in system.laws(p))
         release = most * loads[p] * float((along[swings] ** 2 / omega[swings]).sum())
@@ -86,7 +90,8 @@ def fastest_memory(system: System, keys: Iterator[int]) -> FastestMemory:
     remembering = [p for p, patch in enumerate(system.patches) if patch.memory]
     if not remembering:
         return best
-    slips, creeps = fastest_slips(system), _comes_to_creep(system, remembering)
+    slips = fastest_slips(system)
+    creeps = _comes_to_creep(system, remembering)
     for key in keys:
         modes = assembled(system, key)
         for speed, x in _states(system, modes, slips, remembering, creeps):
@@ -103,7 +108,8 @@ def _states(
 
     Nothing for a mode set in which a run never is: a contact that does not stick is stuck, or slips backwards.
     """
-    nq, kinds = len(system.coordinates), system.modes(modes.key)[0]
+    nq = len(system.coordinates)
+    kinds = system.modes(modes.key)[0]
     if any(kinds[p] == STICK and system.patches[p].law.presliding for p in remembering):
         return
     slipping = [p for p in remembering if modes.sigma[p]]
@@ -114,7 +120,8 @@ def _states(
 
     def at_slip(speeds: Array) -> Array:
         x = system.start.copy()
-        x[nq : 2 * nq] += np.linalg.pinv(velocities) @ (modes.sigma[slipping] * speeds - system.slip_rows[slipping] @ x)
+        lacking = modes.sigma[slipping] * speeds - system.slip_rows[slipping] @ x
+        x[nq : 2 * nq] += np.linalg.pinv(velocities) @ lacking
         return x
 
     if creeps:
@@ -124,7 +131,8 @@ def _states(
         loads = modes.load @ x
         for direction in (1.0, -1.0):
             for p in slipping:
-                law, sigma = system.law(p, modes.key), float(modes.sigma[p])
+                law = system.law(p, modes.key)
+                sigma = float(modes.sigma[p])
                 assert law.formula is not None
                 steady = law.formula.steady(law.numbers, share * float(slips[p]), float(loads[p]))
                 along = np.array([state.along for state in law.states])

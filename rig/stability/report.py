@@ -46,6 +46,29 @@ from rig.solve.records import CLOSED, LINEAR, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
 from rig.stability.linearisation import Steady, moving_states, steady
 from rig.stability.memory_steps import fastest_memory, start_loads
 
+_ZERO = 1e-6  # share of the largest eigenvalue: zero eigenvalues of a stuck contact come out this large
+_FREE = 2e-8  # share of the largest eigenvalue: the two zeros of a body that moves freely come out this large
+_NEUTRAL = 1e-10  # share of the largest eigenvalue: growth up to this is rounding
+_FAST = 10.0  # times the surface speed: the fastest slip expected
+_SPEEDS = 41  # slip speeds at which jamming is examined
+MOST = 27
+"""Up to this number every mode set is examined; beyond it only those with all contacts alike or one stuck."""
+MOST_STUCK = 8
+"""Up to this number of contacts, each stuck alone is examined."""
+_KINDS = (SLIP_PLUS, SLIP_MINUS, STICK)
+RK4_LIMIT = 2.785
+"""|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
+EXACT_LIMIT = 1e11
+"""|lambda| step up to which the propagators resolve the fastest state (rig.solve.expm.DEEPEST halvings)."""
+FILM_LIMIT = 1.6
+"""omega h up to which steps of a film are stable. A point that stays closed is stable up to 2, but points that open and
+close gain energy beyond 1.6 (1.7 % of the work at 1.87). # derived"""
+FILM_COARSE = 1.0
+"""Up to this, the growth rate of the film's flutter has an error of at most 4 %, its first opening 1 %. # derived"""
+_SHORTEST = 1e-8  # s; of clock.rk4_step
+_FINE = 1e-4  # share of the width of a law: slip speed errors up to this keep its events right
+_COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4
+
 
 def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
     """The severity of a growing motion, what limits it, and the remedy.
@@ -112,7 +135,8 @@ def _returns(at: Steady, value: complex, shape: NDArray[np.complex128], guard: i
     """
     rates, left = np.linalg.eig(at.A[np.ix_(at.moving, at.moving)].T)
     own = left[:, int(np.abs(rates - value).argmin())]
-    away, along = own @ (at.system.start - at.x)[at.moving], own @ shape[at.moving]
+    away = own @ (at.system.start - at.x)[at.moving]
+    along = own @ shape[at.moving]
     row = at.modes.guards[guard]
     return bool(row @ at.x > 0.0 and float((away * (row @ shape) * along.conjugate()).real) < 0.0)
 
@@ -120,7 +144,8 @@ def _returns(at: Steady, value: complex, shape: NDArray[np.complex128], guard: i
 def _undriven(at: Steady) -> Steady:
     """Steady sliding in the same mode set with network and driving states held at their values."""
     system = at.system
-    signals, network = np.zeros_like(system.signals), np.zeros_like(system.network)
+    signals = np.zeros_like(system.signals)
+    network = np.zeros_like(system.network)
     held = replace(system, signals=signals, network=network, limiters=(), switches=(), start=at.x)
     patch_modes, normal_modes, *_ = system.modes(at.modes.key)
     return steady(held, held.key(patch_modes, normal_modes, []))
@@ -152,13 +177,6 @@ def _free(rates: NDArray[np.complex128]) -> NDArray[np.bool_]:
 
 def _largest(values: NDArray[Any]) -> float:
     return float(values.real[~_free(values)].max(initial=0.0))
-
-
-_ZERO = 1e-6  # share of the largest eigenvalue: zero eigenvalues of a stuck contact come out this large
-_FREE = 2e-8  # share of the largest eigenvalue: the two zeros of a body that moves freely come out this large
-_NEUTRAL = 1e-10  # share of the largest eigenvalue: growth up to this is rounding
-_FAST = 10.0  # times the surface speed: the fastest slip expected
-_SPEEDS = 41  # slip speeds at which jamming is examined
 
 
 def stability_report(
@@ -252,7 +270,8 @@ def _drivers(system: System) -> Iterator[Finding]:
 
 def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
     """Jamming: the smallest det(Me)/det(M) for the friction coefficients from rest to fast sliding."""
-    M, worst = system.mass, 1.0
+    M = system.mass
+    worst = 1.0
     if not len(M) or not any(np.any(k.inertia) for k in system.normals):
         return
     speeds = [abs(float(patch.surface @ system.start)) for patch in system.patches]
@@ -303,19 +322,14 @@ def _at(value: complex) -> str:
     return f", growth {value.real:+.4g} 1/s{hertz}"
 
 
-MOST = 27
-"""Up to this number every mode set is examined; beyond it only those with all contacts alike or one stuck."""
-MOST_STUCK = 8
-"""Up to this number of contacts, each stuck alone is examined."""
-_KINDS = (SLIP_PLUS, SLIP_MINUS, STICK)
-
-
 def mode_sets(system: System) -> Iterator[int]:
     """The mode sets to examine: contacts closed, in slip and stick and in every sector; contacts open; limiters linear.
 
     Of the positions of a switch: the first two, the last and the one at the start.
     """
-    P, K, free = len(system.patches), len(system.normals), [LINEAR] * len(system.limiters)
+    P = len(system.patches)
+    K = len(system.normals)
+    free = [LINEAR] * len(system.limiters)
     ways = [_ways(system, p) for p in range(P)]
     few = math.prod(map(len, ways)) <= MOST
     patches: list[tuple[int, ...]] = list(product(*ways)) if few else [(k,) * P for k in _KINDS]
@@ -343,20 +357,6 @@ def _ways(system: System, p: int) -> tuple[int, ...]:
 def _places(sector: Sector) -> Sequence[int]:
     """The sectors to examine: all sectors of a friction law; of a structure the first and the one at half a turn."""
     return (0, len(sector.edges) // 2) if sector.changes else range(len(sector.edges))
-
-
-RK4_LIMIT = 2.785
-"""|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
-EXACT_LIMIT = 1e11
-"""|lambda| step up to which the propagators resolve the fastest state (rig.solve.expm.DEEPEST halvings)."""
-FILM_LIMIT = 1.6
-"""omega h up to which steps of a film are stable. A point that stays closed is stable up to 2, but points that open and
-close gain energy beyond 1.6 (1.7 % of the work at 1.87). # derived"""
-FILM_COARSE = 1.0
-"""Up to this, the growth rate of the film's flutter has an error of at most 4 %, its first opening 1 %. # derived"""
-_SHORTEST = 1e-8  # s; of clock.rk4_step
-_FINE = 1e-4  # share of the width of a law: slip speed errors up to this keep its events right
-_COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4
 
 
 def step_findings(
@@ -395,9 +395,13 @@ def blame(system: System, method: str, step: float, substeps: int, x: NDArray[np
     if np.all(np.isfinite(start)):
         system = replace(system, start=start)
     if system.film is not None:
-        fastest, limit, coarse = assembly.fastest(system, h), FILM_LIMIT, FILM_COARSE
+        fastest = assembly.fastest(system, h)
+        limit = FILM_LIMIT
+        coarse = FILM_COARSE
     else:
-        fastest, limit, coarse = max(fastest_state(system), steepest(system)), RK4_LIMIT, _COARSE
+        fastest = max(fastest_state(system), steepest(system))
+        limit = RK4_LIMIT
+        coarse = _COARSE
     size = fastest * h
     text = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
     if size <= coarse:
@@ -448,7 +452,8 @@ def _narrow_law(system: System, tolerance: float) -> Iterator[Finding]:
     part, the contact turns back, sticks and slips again, although the exact motion continues.
     """
     for p, (patch, load) in enumerate(zip(system.patches, start_loads(system).tolist())):
-        speed, states = abs(float(patch.surface @ system.start)), system.start[list(patch.memory)]
+        speed = abs(float(patch.surface @ system.start))
+        states = system.start[list(patch.memory)]
         widths = [_width(law, load, states) for law in system.laws(p) if not law.constant and law.sticks]
         error = tolerance * speed
         if widths and error > _FINE * min(widths):
@@ -468,13 +473,15 @@ def _width(law: Law, load: float, states: NDArray[np.float64]) -> float:
     width before they change. Infinite if the law changes by less than rounding.
     """
     mu, slopes = law.at_once(np.array([0.0, *np.geomspace(1e-9, 1.0, 10 * _SPEEDS).tolist()]), load, states)
-    change, slope = float(np.ptp(mu)), float(np.abs(slopes).max())
+    change = float(np.ptp(mu))
+    slope = float(np.abs(slopes).max())
     return change / slope if change > 0.0 and slope > 0.0 else math.inf
 
 
 def _steep_law(system: System, step: float, substeps: int) -> Iterator[Finding]:
     """Whether rk4 can follow a speed-dependent law where it is steepest."""
-    fastest, h = steepest(system), step / substeps
+    fastest = steepest(system)
+    h = step / substeps
     if fastest * h > _COARSE:
         yield Finding(
             "warning",
@@ -486,7 +493,8 @@ def _steep_law(system: System, step: float, substeps: int) -> Iterator[Finding]:
 
 def _memory(system: System, step: float, substeps: int) -> Iterator[Finding]:
     """Whether rk4 can follow the internal states of laws with memory."""
-    (fastest, speed), h = fastest_memory(system, mode_sets(system)), step / substeps
+    fastest, speed = fastest_memory(system, mode_sets(system))
+    h = step / substeps
     size = fastest * h
     moves = f"slips at {speed:.3g} m/s" if speed else "rests or creeps"
     where = f"|lambda| h = {size:.3g} where a contact whose friction law has memory {moves}"

@@ -6,8 +6,11 @@ Full matrices are sums of parts that a scene scales (Full); a reduced model is w
 
 full         parts, rows of contacts and nodes
 mesh         nodes, node sets and outer faces
-read         files of matrices, checked, in SI units
+matrix_files matrices from files of finite element programs
+read         the parts of a structure, checked, in SI units
+faces        surfaces of triangles, and where lines along normals meet them
 contacts     the points of contacts between node sets
+rows         rows of rigid motions, of nodes, and of contacts from a file
 eigenvalues  modes and complex eigenvalues, complete within a range
 estimate     the error of reduced eigenvalues; what more contact points would change
 snapshots    bases that are trained over ranges of numbers

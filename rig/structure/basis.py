@@ -68,6 +68,40 @@ class Reduction:
         return replace(self, at={key: value for key, value in self.at.items() if key not in self.over})
 
 
+class Deflections:
+    """Static deflections under forces, without the part that the modes describe.
+
+    The stiffness may be singular (rigid modes), if they are among the modes: (K + s M)^-1 is used, and what s changes
+    is removed by a series in s / w^2 of the modes left out.
+    """
+
+    def __init__(self, stiffness: Any, mass: Any, modes: Modes) -> None:
+        self._mass = mass
+        self._modes = modes
+        self._shift = 1e-2 * modes.square[-1] if modes.rigid else 0.0
+        self._inverse = eigenvalues.factor(stiffness + self._shift * mass)
+
+    def under(self, forces: Array) -> Array:
+        """Deflections [row, force] under `forces` [row, force], free of the modes."""
+        free = self._free(self._inverse.solve(forces))
+        total = free
+        for _ in range(_REFINED if self._modes.rigid else 0):
+            free = self._free(self._shift * self._inverse.solve(self._mass @ free))
+            total = total + free
+        return total
+
+    def _free(self, vectors: Array) -> Array:
+        shapes = self._modes.shapes
+        for _ in range(2):
+            vectors = vectors - shapes @ (shapes.T @ (self._mass @ vectors))
+        return vectors
+
+    def flexibility(self, points: Points) -> Array:
+        """The flexibility of each point, n (K^-1 - V w^-2 V^T) n^T [m/N]."""
+        normal = points.normal.toarray().T
+        return np.asarray(np.maximum(np.einsum("ij,ij->j", normal, self.under(normal)), 0.0))
+
+
 def power_of_ten(value: float) -> float:
     """The power of ten next to a number, by ratio; 0 for 0."""
     return math.copysign(10.0 ** round(math.log10(abs(value))), value) if value else 0.0
@@ -150,36 +184,3 @@ def _of_modes(full: Full, reduction: Reduction, tell: Told) -> Reduced:
 def _held(full: Full, reduction: Reduction, mass: Any) -> Modes:
     """The lowest modes with the contacts closed: rigid ones are held by nothing."""
     return eigenvalues.modes(full.symmetric_stiffness(reduction.at, closed=True), mass, min(8, full.rows - 8))
-
-
-class Deflections:
-    """Static deflections under forces, without the part that the modes describe.
-
-    The stiffness may be singular (rigid modes), if they are among the modes: (K + s M)^-1 is used, and what s changes
-    is removed by a series in s / w^2 of the modes left out.
-    """
-
-    def __init__(self, stiffness: Any, mass: Any, modes: Modes) -> None:
-        self._mass, self._modes = mass, modes
-        self._shift = 1e-2 * modes.square[-1] if modes.rigid else 0.0
-        self._inverse = eigenvalues.factor(stiffness + self._shift * mass)
-
-    def under(self, forces: Array) -> Array:
-        """Deflections [row, force] under `forces` [row, force], free of the modes."""
-        free = self._free(self._inverse.solve(forces))
-        total = free
-        for _ in range(_REFINED if self._modes.rigid else 0):
-            free = self._free(self._shift * self._inverse.solve(self._mass @ free))
-            total = total + free
-        return total
-
-    def _free(self, vectors: Array) -> Array:
-        shapes = self._modes.shapes
-        for _ in range(2):
-            vectors = vectors - shapes @ (shapes.T @ (self._mass @ vectors))
-        return vectors
-
-    def flexibility(self, points: Points) -> Array:
-        """The flexibility of each point, n (K^-1 - V w^-2 V^T) n^T [m/N]."""
-        normal = points.normal.toarray().T
-        return np.asarray(np.maximum(np.einsum("ij,ij->j", normal, self.under(normal)), 0.0))

@@ -37,7 +37,7 @@ _RIGID = 1e-12  # w^2 of a rigid mode over the largest of the mesh: what roundin
 _SAME = 1e-6  # relative distance of one eigenvalue found from two shifts
 _NUMBER = 16  # eigenvalues asked for at the first shift
 _MOST = 120  # and at most
-_TRIES = 6
+_TRIES = 6  # circles in a row that may be incomplete before the search ends [chosen]
 
 
 class Incomplete(RigError):
@@ -64,6 +64,40 @@ class Eigenpairs:
     right: Complex
     left: Complex
     residual: Array
+
+
+class _Found:
+    """Eigenpairs of circles that overlap, each once."""
+
+    def __init__(self) -> None:
+        self.values: list[complex] = []
+        self.right: list[Complex] = []
+        self.left: list[Complex] = []
+        self._circles: list[tuple[complex, float]] = []
+
+    def add(self, values: Complex, right: Complex, left: Complex, shift: complex, radius: float) -> bool:
+        """Add the pairs of a circle; whether it and the former ones agree about what lies in both."""
+        old = [j for j, value in enumerate(self.values) if abs(value - shift) < radius]
+        new = []
+        for j, value in enumerate(values.tolist()):
+            same = [i for i in old if abs(self.values[i] - value) < _SAME * abs(value)]
+            if same:
+                old.remove(min(same, key=lambda i: abs(self.values[i] - value)))
+            else:
+                new.append(j)
+        deep_inside = (1 - _SAME) * radius
+        if any(abs(self.values[i] - shift) < deep_inside for i in old):
+            return False
+        for value in values[new]:
+            if any(abs(value - at) < (1 - _SAME) * size for at, size in self._circles):
+                return False
+        self._circles.append((shift, radius))
+        for j in new:
+            self.values.append(complex(values[j]))
+            self.right.append(right[:, j])
+            if left.size:
+                self.left.append(left[:, j])
+        return True
 
 
 def factor(matrix: sp.csr_array) -> SuperLU:
@@ -111,9 +145,11 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
         except ArpackError:
             break
         order = np.argsort(square)
-        square, shapes = square[order], shapes[:, order]
+        square = square[order]
+        shapes = shapes[:, order]
         wanted = count or int(np.sum(square <= up_to**2))
-        gaps = np.flatnonzero(np.diff(np.sqrt(np.abs(square))) > GAP * np.sqrt(np.abs(square[1:]))) + 1
+        omega = np.sqrt(np.abs(square))
+        gaps = np.flatnonzero(np.diff(omega) > GAP * omega[1:]) + 1
         at = gaps[gaps >= max(wanted, 1)]
         if square[0] < -shift:
             break
@@ -157,9 +193,11 @@ def complex_eigenvalues(
     """
     pencil = (mass, damping, stiffness)
     gathered = _Found()
-    done, step = max(low, LEAST * up_to), 0.4 * (up_to - low)
+    done = max(low, LEAST * up_to)
+    step = 0.4 * (up_to - low)
     aside = 0.01 * up_to
-    number, tries = _NUMBER, 0
+    number = _NUMBER
+    tries = 0
     while done < up_to:
         centre = min(done + 0.8 * step, 0.5 * (done + up_to))
         values, right, lefts, radius = _circle(pencil, complex(aside, centre), number, left)
@@ -168,7 +206,9 @@ def complex_eigenvalues(
         low_end, high_end = ((2 * centre + side * np.sqrt(max(root, 0.0))) / 2.5 for side in (-1, 1))
         covered = root > 0 and low_end <= done < high_end
         if covered and gathered.add(values, right, lefts, complex(aside, centre), radius):
-            done, step, tries = high_end, high_end - centre, 0
+            done = high_end
+            step = high_end - centre
+            tries = 0
             told(min(done / up_to, 1.0))
             continue
         tries += 1
@@ -183,7 +223,8 @@ def complex_eigenvalues(
     values = np.array(gathered.values, dtype=complex)[order]
     kept = (values.imag > max(low, LEAST * up_to)) & (values.imag <= up_to)
     kept &= np.abs(values.real) <= DAMPED * values.imag
-    order, values = order[kept], values[kept]
+    order = order[kept]
+    values = values[kept]
     right = _columns(gathered.right, order, mass.shape[0])
     lefts = _columns(gathered.left, order if left else order[:0], mass.shape[0])
     residual = residuals(pencil, values, right)
@@ -206,37 +247,6 @@ def residuals(pencil: tuple[Matrix, Matrix, Matrix], values: Complex, vectors: C
 def _columns(vectors: list[Complex], order: NDArray[np.int64], rows: int) -> Complex:
     """The vectors of these numbers as columns [row, number]."""
     return np.array([vectors[j] for j in order.tolist()], dtype=complex).reshape(-1, rows).T
-
-
-class _Found:
-    """Eigenpairs of circles that overlap, each once."""
-
-    def __init__(self) -> None:
-        self.values: list[complex] = []
-        self.right: list[Complex] = []
-        self.left: list[Complex] = []
-        self._circles: list[tuple[complex, float]] = []
-
-    def add(self, values: Complex, right: Complex, left: Complex, shift: complex, radius: float) -> bool:
-        """Add the pairs of a circle; whether it and the former ones agree about what lies in both."""
-        old = [j for j, value in enumerate(self.values) if abs(value - shift) < radius]
-        new = []
-        for j, value in enumerate(values.tolist()):
-            same = [i for i in old if abs(self.values[i] - value) < _SAME * abs(value)]
-            if same:
-                old.remove(min(same, key=lambda i: abs(self.values[i] - value)))
-            else:
-                new.append(j)
-        inside = [any(abs(value - at) < (1 - _SAME) * size for at, size in self._circles) for value in values[new]]
-        if (old and any(abs(self.values[i] - shift) < (1 - _SAME) * radius for i in old)) or any(inside):
-            return False
-        self._circles.append((shift, radius))
-        for j in new:
-            self.values.append(complex(values[j]))
-            self.right.append(right[:, j])
-            if left.size:
-                self.left.append(left[:, j])
-        return True
 
 
 def _circle(
@@ -275,7 +285,8 @@ def _nearest(
     scale = abs(shift)  # of velocities
 
     def apply(state: Complex) -> Complex:
-        position, velocity = state[:rows], scale * state[rows:]
+        position = state[:rows]
+        velocity = scale * state[rows:]
         moved = solve(-(mass @ (velocity + shift * position)) - damping @ position)
         return np.concatenate([moved, (position + shift * moved) / scale])
 

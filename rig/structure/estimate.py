@@ -55,8 +55,8 @@ class Estimates:
 
 def in_range(values: Complex, up_to: float) -> NDArray[np.int64]:
     """Indices by frequency of the eigenvalues that `complex_eigenvalues` would give up to `up_to` [rad/s]."""
-    kept = (values.imag > LEAST * up_to) & (values.imag <= up_to) & (np.abs(values.real) <= DAMPED * values.imag)
-    chosen = np.flatnonzero(kept)
+    within = (values.imag > LEAST * up_to) & (values.imag <= up_to)
+    chosen = np.flatnonzero(within & (np.abs(values.real) <= DAMPED * values.imag))
     return chosen[np.argsort(values[chosen].imag, kind="stable")]
 
 
@@ -78,11 +78,13 @@ class _Operator:
         jacobian: Array | None,
         damping: Array | None,
     ) -> None:
-        n, (mass, own, stiffness) = reduced.coordinates, reduced.pencil(values)
+        n = reduced.coordinates
+        mass, own, stiffness = reduced.pencil(values)
         self.mass, self.own, self.stiffness = self.pencil = full.pencil(values)
         self._rests = [np.zeros((n, n)), np.zeros((n, n)) if damping is None else damping]
         network = np.zeros((0, 0)) if jacobian is None else jacobian[2 * n :, 2 * n :]
-        self.network, self._force = network, np.zeros((full.rows, len(network)))
+        self.network = network
+        self._force = np.zeros((full.rows, len(network)))
         self._from = [np.zeros((len(network), full.rows))] * 2
         if jacobian is not None:
             a, b = reduced.model.forces
@@ -90,20 +92,25 @@ class _Operator:
             rows = -mass @ jacobian[n : 2 * n]
             overlap = (a @ a.T) * (b @ b.T)
             size = np.sqrt(overlap.diagonal()) + np.finfo(float).tiny
-            inverse = np.linalg.pinv(overlap / np.outer(size, size), rcond=_ROUNDING, hermitian=True)
+            scaled = overlap / np.outer(size, size)
+            inverse = np.linalg.pinv(scaled, rcond=_ROUNDING, hermitian=True)
             for k, known in enumerate((stiffness, own + self._rests[1])):
                 added = rows[:, k * n : (k + 1) * n] - known
                 added[np.abs(added) <= _ROUNDING * np.abs(known).max()] = 0.0
-                c = inverse @ (((a @ added) * b).sum(axis=1) / size) / size
+                along_forces = ((a @ added) * b).sum(axis=1)
+                c = inverse @ (along_forces / size) / size
                 self._rests[k] = self._rests[k] + added - (a.T * c) @ b
                 if c.any():
                     lifted = on_a.T @ sp.diags_array(c) @ on_b
-                    self.own, self.stiffness = self.own + k * lifted, self.stiffness + (1 - k) * lifted
+                    self.own = self.own + k * lifted
+                    self.stiffness = self.stiffness + (1 - k) * lifted
             if len(network):
                 self._force = on_b.T @ np.linalg.lstsq(b.T, -rows[:, 2 * n :])[0]
                 parts = jacobian[2 * n :, :n], jacobian[2 * n :, n : 2 * n]
                 self._from = [(on_b.T @ np.linalg.lstsq(b.T, part.T)[0]).T for part in parts]
-        self._weighed = self.mass @ reduced.basis.astype(float) if any(rest.any() for rest in self._rests) else None
+        self._weighed = None
+        if any(rest.any() for rest in self._rests):
+            self._weighed = self.mass @ reduced.basis.astype(float)
 
     def _rest(self, which: int, vectors: Complex, adjoint: bool) -> Complex | float:
         if self._weighed is None:
@@ -118,7 +125,8 @@ class _Operator:
             return 2 * rates * (self.mass @ right) + damped, states - self._from[1] @ right
         moved: Any = rates**2 * (self.mass @ right) + rates * damped + self.stiffness @ right
         moved = moved + self._rest(0, right, False) - self._force @ states
-        return moved, rates * states - self.network @ states - self._from[0] @ right - rates * (self._from[1] @ right)
+        currents = rates * states - self.network @ states - self._from[0] @ right - rates * (self._from[1] @ right)
+        return moved, currents
 
     def adjoint(self, rates: Complex, left: Complex, states: Complex) -> tuple[Complex, Complex]:
         """P(l)^H times columns."""
@@ -133,8 +141,10 @@ class _Operator:
         direct: Any = inverse.solve(left, trans="H")
         if not len(self.network):
             return direct, states
-        through = inverse.solve((self._from[0] + shift * self._from[1]).conj().T.astype(complex), trans="H")
-        small = (shift * np.eye(len(self.network)) - self.network).conj().T - self._force.T @ through
+        to_network = (self._from[0] + shift * self._from[1]).conj().T
+        through = inverse.solve(to_network.astype(complex), trans="H")
+        of_network = (shift * np.eye(len(self.network)) - self.network).conj().T
+        small = of_network - self._force.T @ through
         current: Any = np.linalg.solve(small, states + self._force.T @ direct)
         return direct + through @ current, current
 
@@ -148,7 +158,8 @@ class Estimator:
 
     def __init__(self, full: Full, up_to: float, at: Mapping[str, float]) -> None:
         """`up_to` [rad/s]: the highest frequency; `at`: the numbers of the scene at which to factorise."""
-        self._full, self._pencil = full, full.pencil(at)
+        self._full = full
+        self._pencil = full.pencil(at)
         self._shifts = 1j * up_to * (np.arange(SHIFTS) + 0.5) / SHIFTS
         self._kept: dict[int, SuperLU] = {}
 
@@ -164,7 +175,8 @@ class Estimator:
         `damping` [n, n] as in `Reduced.eigenvalues`. `jacobian` [state, state]: eigenvalues of a rig that has more than
         these matrices: friction that depends on speed, a stack with its network; displacements and velocities first.
         """
-        n, basis = reduced.coordinates, reduced.basis.astype(float)
+        n = reduced.coordinates
+        basis = reduced.basis.astype(float)
         if jacobian is None:
             rates, rights, lefts = reduced.eigenvalues(values, damping, "both")
             states = left_states = np.zeros((0, rates.size), dtype=complex)
@@ -172,29 +184,41 @@ class Estimator:
             if not jacobian[n : 2 * n, 2 * n :].any():
                 jacobian = jacobian[: 2 * n, : 2 * n]  # a network that does not act on the structure
             rates, lefts, rights = eig(jacobian, left=True, right=True)
-            states, left_states = rights[2 * n :], lefts[2 * n :]
-            rights, lefts = rights[:n], np.linalg.solve(reduced.pencil(values)[0].T, lefts[n : 2 * n])
+            states = rights[2 * n :]
+            left_states = lefts[2 * n :]
+            rights = rights[:n]
+            lefts = np.linalg.solve(reduced.pencil(values)[0].T, lefts[n : 2 * n])
         kept = in_range(rates, reduced.up_to)
-        rates, rights, lefts, states, left_states = (
-            rates[kept], rights[:, kept], lefts[:, kept], states[:, kept], left_states[:, kept])  # fmt: skip
+        rates = rates[kept]
+        rights = rights[:, kept]
+        lefts = lefts[:, kept]
+        states = states[:, kept]
+        left_states = left_states[:, kept]
         operator = _Operator(self._full, reduced, values, jacobian, damping)
         stiffer = operator.stiffness.diagonal() > _STIFFER * abs(self._pencil[2].diagonal())
         if stiffer.any():
-            self._pencil, self._kept = (operator.mass, operator.own, operator.stiffness), {}
-        right, left = basis @ rights, basis @ lefts
+            self._pencil = (operator.mass, operator.own, operator.stiffness)
+            self._kept = {}
+        right = basis @ rights
+        left = basis @ lefts
         for shift, inverse, chosen in self._by_shift(rates):
-            vectors, currents = left[:, chosen], left_states[:, chosen]
+            vectors = left[:, chosen]
+            currents = left_states[:, chosen]
             for _ in range(_CORRECTED):
                 adjoint = operator.solved(inverse, shift, *operator.adjoint(rates[chosen], vectors, currents))
-                vectors, currents = vectors - adjoint[0], currents - adjoint[1]
-            left[:, chosen], left_states[:, chosen] = vectors, currents
+                vectors = vectors - adjoint[0]
+                currents = currents - adjoint[1]
+            left[:, chosen] = vectors
+            left_states[:, chosen] = currents
 
         def weighed(columns: tuple[Complex, Complex]) -> Complex:
-            both = np.einsum("ij,ij->j", left.conj(), columns[0])
-            return np.asarray(both + np.einsum("ij,ij->j", left_states.conj(), columns[1]))
+            of_structure = np.einsum("ij,ij->j", left.conj(), columns[0])
+            of_network = np.einsum("ij,ij->j", left_states.conj(), columns[1])
+            return np.asarray(of_structure + of_network)
 
         slope = weighed(operator.times(rates, right, states, slope=True))
-        return Estimates(rates, -weighed(operator.times(rates, right, states)) / slope, rights)
+        residual = weighed(operator.times(rates, right, states))
+        return Estimates(rates, -residual / slope, rights)
 
     def solved(self, vectors: Complex, values: Complex, trans: str) -> Complex:
         """P(s)^-H (or, with `trans` "N", P(s)^-1) times each column, with the shift s nearest to its eigenvalue."""
@@ -206,7 +230,8 @@ class Estimator:
     def _by_shift(self, values: Complex) -> Iterator[tuple[complex, SuperLU, NDArray[np.int64]]]:
         """Each shift that is needed, its factorisation, and the eigenvalues that are nearest to it."""
         mass, damping, stiffness = self._pencil
-        nearest = np.argmin(np.abs(values[:, None] - self._shifts[None, :]), axis=1)
+        distances = np.abs(values[:, None] - self._shifts[None, :])
+        nearest = np.argmin(distances, axis=1)
         for number, shift in enumerate(self._shifts.tolist()):
             chosen = np.flatnonzero(nearest == number)
             if not chosen.size:
@@ -226,13 +251,18 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array)
     if not reduced.model.finer:
         return []
     finer = replace(reduced, model=replace(reduced.model, contacts=reduced.model.finer))
-    count, more = (sum(points.area.size for points in each.model.contacts) for each in (reduced, finer))
-    (mass, *few), (_, *many), n = reduced.pencil(values), finer.pencil(values), reduced.coordinates
+    count = sum(points.area.size for points in reduced.model.contacts)
+    more = sum(points.area.size for points in finer.model.contacts)
+    mass, *few = reduced.pencil(values)
+    _, *many = finer.pencil(values)
+    n = reduced.coordinates
     changed = jacobian.copy()
     for columns, a, b in zip((slice(n, 2 * n), slice(n)), few, many):
         changed[n : 2 * n, columns] -= np.linalg.solve(mass, b - a)
-    near, exact = (np.linalg.eigvals(matrix).astype(complex) for matrix in (jacobian, changed))
-    near, exact = near[in_range(near, reduced.up_to)], exact[in_range(exact, reduced.up_to)]
+    near = np.linalg.eigvals(jacobian).astype(complex)
+    near = near[in_range(near, reduced.up_to)]
+    exact = np.linalg.eigvals(changed).astype(complex)
+    exact = exact[in_range(exact, reduced.up_to)]
     left = near.tolist()
     sentences = []
     for value in exact[np.argsort(-exact.real)].tolist():
@@ -246,17 +276,20 @@ def weaker_modes(reduced: Reduced, values: Mapping[str, float], jacobian: Array)
                 f"{count} contact points may miss a weaker unstable mode: with {more} points the mode at "
                 f"{hertz:.4g} Hz grows at {value.real:.3g} 1/s"
             )
-        elif abs(same.imag / value.imag - 1) > ALIKE[0] or abs(same.real / value.real - 1) > ALIKE[1]:
+            continue
+        of_frequency = abs(same.imag / value.imag - 1)
+        of_growth = abs(same.real / value.real - 1)
+        if of_frequency > ALIKE[0] or of_growth > ALIKE[1]:
             sentences.append(
                 f"{count} contact points are few for the mode at {same.imag / (2 * np.pi):.4g} Hz, growth "
                 f"{same.real:.3g} 1/s: with {more} points {hertz:.4g} Hz, {value.real:.3g} 1/s"
             )
-    sentences += [
-        f"{count} contact points make the mode at {value.imag / (2 * np.pi):.4g} Hz grow at {value.real:.3g} 1/s; "
-        f"with {more} points it does not grow"
-        for value in left
-        if value.real > 0
-    ]
+    for value in left:
+        if value.real > 0:
+            sentences.append(
+                f"{count} contact points make the mode at {value.imag / (2 * np.pi):.4g} Hz grow at "
+                f"{value.real:.3g} 1/s; with {more} points it does not grow"
+            )
     return [f"{sentence}; set more contacts.NAME.points" for sentence in sentences]
 
 
@@ -265,8 +298,10 @@ def growing_without_friction(reduced: Reduced, values: Mapping[str, float], damp
     calm = reduced.model.frictionless(values)
     rates = reduced.eigenvalues(calm, damping, "none")[0]
     rates = rates[(rates.imag >= 0) & (rates.real > _CALM * np.abs(rates))]
-    return [
-        f"without friction the mode at {value.imag / (2 * np.pi):.4g} Hz grows at {value.real:.3g} 1/s: "
-        f"the damping is negative; check the sign and the unit of each damping part"
-        for value in rates[np.argsort(rates.imag)].tolist()
-    ]
+    sentences = []
+    for value in rates[np.argsort(rates.imag)].tolist():
+        sentences.append(
+            f"without friction the mode at {value.imag / (2 * np.pi):.4g} Hz grows at {value.real:.3g} 1/s: "
+            f"the damping is negative; check the sign and the unit of each damping part"
+        )
+    return sentences

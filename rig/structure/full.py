@@ -167,7 +167,8 @@ class Full:
 
     def pencil(self, values: Mapping[str, float]) -> tuple[Matrix, Matrix, Matrix]:
         """M, D and K of small motions about steady sliding with all points closed, for these `values` by key."""
-        damping, stiffness = self.matrix("damping", values), self.matrix("stiffness", values)
+        damping = self.matrix("damping", values)
+        stiffness = self.matrix("stiffness", values)
         for points in self.contacts:
             stiffness = stiffness + points.stiffness(values)
             if values.get(points.damping_key):
@@ -181,8 +182,12 @@ class Full:
         Friction at a point depends on its slip and on its gap; a stack and its network on the extension, the last row.
         """
         ends = [self.vectors[end] for end in STACK if end in self.vectors]
-        stack = (ends[0] - ends[-1] if len(ends) > 1 else ends[0])[None] if ends else np.zeros((0, self.rows))
-        along, gaps = ([getattr(points, name) for points in self.contacts] for name in ("along", "normal"))
+        stack = np.zeros((0, self.rows))
+        if ends:
+            extension = ends[0] - ends[-1] if len(ends) > 1 else ends[0]
+            stack = extension[None]
+        along = [points.along for points in self.contacts]
+        gaps = [points.normal for points in self.contacts]
         if not sp.issparse(self.parts[0].matrix):
             return np.vstack([*along, *along, stack]), np.vstack([*along, *gaps, stack])
         last = sp.csr_array(stack)
@@ -190,7 +195,8 @@ class Full:
 
     def symmetric_stiffness(self, values: Mapping[str, float], closed: bool) -> Matrix:
         """The symmetric parts of K, and if `closed` the springs of the contacts, without friction."""
-        kept = replace(self, parts=tuple(p for p in self.parts if p.of != "stiffness" or p.symmetric))
+        symmetric = tuple(part for part in self.parts if part.of != "stiffness" or part.symmetric)
+        kept = replace(self, parts=symmetric)
         total = kept.matrix("stiffness", values)
         for points in self.contacts if closed else ():
             total = total + points.stiffness({**values, points.friction_key: 0.0})

@@ -95,6 +95,42 @@ class Mesh:
 NOTHING = Mesh(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
 
 
+@dataclass(frozen=True)
+class Selection:
+    """Nodes by the name of a `set`, by their numbers, or in a `box`: two opposite corners [m]."""
+
+    set: str = ""
+    nodes: tuple[int, ...] = ()
+    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+
+    def of(self, mesh: Mesh) -> Numbers:
+        """The numbers of the nodes, ascending. Raises SceneError for none, or for nodes that the mesh does not have."""
+        if self.set:
+            if self.set.upper() not in mesh.sets:
+                near = get_close_matches(self.set.upper(), mesh.sets, 3) or sorted(mesh.sets)[:8]
+                names = ", ".join(near) or "none"
+                raise SceneError("", [f"the mesh has no node set {brief(self.set)}; it has: {names}"])
+            return mesh.sets[self.set.upper()]
+        if self.box is None:
+            nodes = np.unique(np.array(self.nodes, dtype=np.int64))
+            if len(missing := mesh.unknown(nodes)):
+                raise SceneError(
+                    "", [f"the mesh has no node {missing[0]}" + f" and {len(missing) - 1} others" * (len(missing) > 1)]
+                )
+            if not len(nodes):
+                raise SceneError("", ["no nodes are given; name a set, nodes, or a box"])
+            return nodes
+        ends = np.sort(np.array(self.box, dtype=float), axis=0)
+        slack = 1e-9 * np.ptp(mesh.xyz, axis=0).max() if len(mesh.xyz) else 0.0
+        inside = ((mesh.xyz >= ends[0] - slack) & (mesh.xyz <= ends[1] + slack)).all(axis=1)
+        if not inside.any():
+            size = ", ".join(
+                f"{low:.4g} to {high:.4g} m" for low, high in zip(mesh.xyz.min(axis=0), mesh.xyz.max(axis=0))
+            )
+            raise SceneError("", [f"no node lies in the box; the mesh extends over {size}"])
+        return mesh.ids[inside]  # type: ignore[no-any-return]
+
+
 def direction_number(text: str) -> int:
     """The direction, from one, of "x", "rx" or "1" to "6". Raises ValueError."""
     number = DIRECTIONS.index(text) + 1 if text in DIRECTIONS else int(text)
@@ -189,7 +225,10 @@ class _Deck:
                 self._kept(path, number, line, lambda words=words: self._node(words, 4))
 
     def read(self, path: Path, depth: int) -> None:
-        keyword, options, pending, continued = "", dict[str, str](), list[str](), ""
+        keyword = ""
+        options = dict[str, str]()
+        pending = list[str]()
+        continued = ""
         for number, raw in enumerate(lines_of(path), 1):
             line = raw.strip()
             if not line or line.startswith("**"):
@@ -199,7 +238,8 @@ class _Deck:
                 if line.endswith(","):  # the keyword goes on in the next line
                     continued = line
                     continue
-                continued, pending = "", []
+                continued = ""
+                pending = []
                 keyword, options = _keyword(line)
                 self._kept(path, number, line, lambda k=keyword, o=options: self._opened(path, depth, k, o))
                 continue
@@ -310,7 +350,8 @@ class _Deck:
             return list(nodes)
         if face not in (names := [f"S{k}" for k in range(1, len(corners) + 1)]):
             raise _Wrong(f"a face of element {number} is {'SPOS or SNEG' if shell else ', '.join(names)}")
-        own, edges = corners[int(face[1:]) - 1], _EDGES.get(len(nodes), {})
+        own = corners[int(face[1:]) - 1]
+        edges = _EDGES.get(len(nodes), {})
         middles = [middle for ends, middle in edges.items() if {*ends} <= {*own}]
         return [nodes[k] for k in (*own, *middles)]
 
@@ -368,39 +409,3 @@ def _faces(elements: Mapping[int, tuple[bool, tuple[int, ...]]], ids: Numbers, x
         if number:
             within[row] = xyz[np.searchsorted(ids, elements[number][1])].mean(axis=0)
     return faces, within
-
-
-@dataclass(frozen=True)
-class Selection:
-    """Nodes by the name of a `set`, by their numbers, or in a `box`: two opposite corners [m]."""
-
-    set: str = ""
-    nodes: tuple[int, ...] = ()
-    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
-
-    def of(self, mesh: Mesh) -> Numbers:
-        """The numbers of the nodes, ascending. Raises SceneError for none, or for nodes that the mesh does not have."""
-        if self.set:
-            if self.set.upper() not in mesh.sets:
-                near = get_close_matches(self.set.upper(), mesh.sets, 3) or sorted(mesh.sets)[:8]
-                names = ", ".join(near) or "none"
-                raise SceneError("", [f"the mesh has no node set {brief(self.set)}; it has: {names}"])
-            return mesh.sets[self.set.upper()]
-        if self.box is None:
-            nodes = np.unique(np.array(self.nodes, dtype=np.int64))
-            if len(missing := mesh.unknown(nodes)):
-                raise SceneError(
-                    "", [f"the mesh has no node {missing[0]}" + f" and {len(missing) - 1} others" * (len(missing) > 1)]
-                )
-            if not len(nodes):
-                raise SceneError("", ["no nodes are given; name a set, nodes, or a box"])
-            return nodes
-        ends = np.sort(np.array(self.box, dtype=float), axis=0)
-        slack = 1e-9 * np.ptp(mesh.xyz, axis=0).max() if len(mesh.xyz) else 0.0
-        inside = ((mesh.xyz >= ends[0] - slack) & (mesh.xyz <= ends[1] + slack)).all(axis=1)
-        if not inside.any():
-            size = ", ".join(
-                f"{low:.4g} to {high:.4g} m" for low, high in zip(mesh.xyz.min(axis=0), mesh.xyz.max(axis=0))
-            )
-            raise SceneError("", [f"no node lies in the box; the mesh extends over {size}"])
-        return mesh.ids[inside]  # type: ignore[no-any-return]

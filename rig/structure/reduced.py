@@ -23,7 +23,7 @@ from rig.structure.eigenvalues import Complex
 from rig.structure.full import Array, Full, Part, Points
 
 Kind = Literal["modes", "snapshots", "whole"]
-_FORMAT = 1
+_FORMAT = 1  # version of the bytes
 _DROPPED = 1e-10  # of the squared length that a vector adds to a basis: less is rounding
 _POINTS = ("normal", "along", "area", "radius", "position", "sliding", "flexibility")
 
@@ -86,7 +86,8 @@ class Reduced:
         arrays |= {f"part{i}": part.matrix for i, part in enumerate(self.model.parts)}
         arrays |= {f"vector{i}": vector for i, vector in enumerate(self.model.vectors.values())}
         for title, contacts in (("contact", self.model.contacts), ("finer", self.model.finer)):
-            arrays |= {f"{title}{i}.{name}": getattr(c, name) for i, c in enumerate(contacts) for name in _POINTS}
+            for i, points in enumerate(contacts):
+                arrays |= {f"{title}{i}.{name}": getattr(points, name) for name in _POINTS}
         head = {
             "format": _FORMAT,
             "kind": self.kind,
@@ -101,7 +102,8 @@ class Reduced:
             "finer": [points.name for points in self.model.finer],
         }
         file = io.BytesIO()
-        np.savez(file, head=np.frombuffer(json.dumps(head).encode(), dtype=np.uint8), **arrays)
+        text = json.dumps(head).encode()
+        np.savez(file, head=np.frombuffer(text, dtype=np.uint8), **arrays)
         return file.getvalue()
 
     @classmethod
@@ -117,27 +119,41 @@ class Reduced:
                 Part(name, of, arrays[f"part{i}"], key, power, factor)
                 for i, (name, of, key, power, factor) in enumerate(head["parts"])
             )
-            contacts, finer = (
-                tuple(
-                    Points(name, *(arrays[f"{title}{i}.{member}"] for member in _POINTS))
-                    for i, name in enumerate(head[title])
-                )
-                for title in ("contact", "finer")
-            )
+            contacts = _stored_points(arrays, "contact", head["contact"])
+            finer = _stored_points(arrays, "finer", head["finer"])
             vectors = {name: arrays[f"vector{i}"] for i, name in enumerate(head["vectors"])}
-            node, direction, ids, xyz = (arrays[name] for name in ("node", "direction", "ids", "xyz"))
+            node = arrays["node"]
+            direction = arrays["direction"]
+            ids = arrays["ids"]
+            xyz = arrays["xyz"]
             faces = arrays.get("faces", np.zeros((0, 4), dtype=np.int32))  # earlier models have none
-            if faces.dtype != np.int32 or faces.shape[1:] != (4,) or not np.isin(faces, np.arange(len(ids))).all():
+            if faces.dtype != np.int32 or faces.shape[1:] != (4,):
+                raise ValueError
+            if not np.isin(faces, np.arange(len(ids))).all():
                 raise ValueError
             model = Full(parts, node, direction, ids, xyz, contacts, vectors, finer, faces)
             trained = {key: (float(low), float(high)) for key, (low, high) in head["trained"].items()}
-            points, error, rigid = tuple(head["points"]), head["error"], head["rigid"]
+            points = tuple(head["points"])
+            error = head["error"]
+            rigid = head["rigid"]
             reduced = cls(head["kind"], model, arrays["basis"], head["up_to"], trained, points, error, rigid)
-            if any(part.matrix.shape != (reduced.basis.shape[1],) * 2 for part in parts) or not parts:
+            if not parts:
+                raise ValueError
+            size = reduced.basis.shape[1]
+            if any(part.matrix.shape != (size, size) for part in parts):
                 raise ValueError
         except (KeyError, TypeError, ValueError, AttributeError, OSError, EOFError, zipfile.BadZipFile):
             raise ValueError("is not a reduced structure of this version") from None
         return reduced
+
+
+def _stored_points(arrays: Mapping[str, Any], title: str, names: Sequence[str]) -> tuple[Points, ...]:
+    """The contacts that `to_bytes` stored below `title`."""
+    contacts = []
+    for i, name in enumerate(names):
+        members = [arrays[f"{title}{i}.{member}"] for member in _POINTS]
+        contacts.append(Points(name, *members))
+    return tuple(contacts)
 
 
 def orthonormal(vectors: Array, mass: Any, modes: int = 0) -> Array:
@@ -195,24 +211,26 @@ def _on(full: Full, basis: Array) -> Full:
     if masses == 1:
         parts = [_unit(part) if part.of == "mass" else part for part in parts]
     vectors = {name: vector @ basis for name, vector in full.vectors.items()}
-    contacts, finer = _rows(full.contacts, basis), _rows(full.finer, basis)
+    contacts = _rows(full.contacts, basis)
+    finer = _rows(full.finer, basis)
     return replace(full, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer)
 
 
 def _unit(part: Part) -> Part:
     """A mass part that is the identity but for rounding: the identity."""
-    one = np.eye(part.matrix.shape[0]) / part.factor if not part.key else part.matrix
-    return replace(part, matrix=one if abs(one - part.matrix).max() < 1e-9 / part.factor else part.matrix)
+    if part.key:
+        return part
+    unit = np.eye(part.matrix.shape[0]) / part.factor
+    return replace(part, matrix=unit) if abs(unit - part.matrix).max() < 1e-9 / part.factor else part
 
 
 def _rows(contacts: Sequence[Points], basis: Array) -> tuple[Points, ...]:
     """The rows of contacts in the coordinates of the basis."""
-    return tuple(
-        replace(
-            points,
-            normal=points.normal @ basis,
-            along=points.along @ basis,
-            flexibility=np.broadcast_to(np.asarray(points.flexibility, dtype=float), points.area.shape).copy(),
-        )
-        for points in contacts
-    )
+    projected_contacts = []
+    for points in contacts:
+        flexibility = np.asarray(points.flexibility, dtype=float)
+        of_points = np.broadcast_to(flexibility, points.area.shape).copy()
+        normal = points.normal @ basis
+        along = points.along @ basis
+        projected_contacts.append(replace(points, normal=normal, along=along, flexibility=of_points))
+    return tuple(projected_contacts)

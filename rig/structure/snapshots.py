@@ -19,7 +19,7 @@ import numpy as np
 from rig.errors import UsageError
 from rig.printable import counted
 from rig.structure import eigenvalues
-from rig.structure.eigenvalues import Eigenpairs
+from rig.structure.eigenvalues import Complex, Eigenpairs
 from rig.structure.estimate import Estimator
 from rig.structure.full import Array, Full
 from rig.structure.reduced import Reduced, orthonormal, projected
@@ -46,61 +46,57 @@ def trained(
     """
     _check(full, over, at)
     middle = dict(at) | {key: 0.5 * (low + high) for key, (low, high) in over.items()}
-    mass, stiffness = full.matrix("mass", middle), full.symmetric_stiffness(middle, closed=True)
+    mass = full.matrix("mass", middle)
+    stiffness = full.symmetric_stiffness(middle, closed=True)
     tell("eigenvalues in the middle of the range", 0.0)
     estimator = Estimator(full, up_to, middle)
     pairs = eigenvalues.complex_eigenvalues(*full.pencil(middle), up_to, left=True)
-    columns = np.hstack([_columns(pairs, mass), _derivatives(full, over, middle, pairs, estimator)])
+    derivatives = _derivatives(full, over, middle, pairs, estimator)
+    columns = np.hstack([_columns(pairs, mass), derivatives])
+    ranges = {key: over.get(key, (middle[key], middle[key])) for key in (*full.numbers, *over)}
     points = [middle]
     candidates = [dict(at) | point for point in _grid(over)]
     largest = [math.inf] * len(candidates)
     first = 0.0
     while True:
-        reduced = projected(
-            full,
-            _compressed(columns, mass, vectors),
-            stiffness,
-            kind="snapshots",
-            up_to=up_to,
-            trained={key: over.get(key, (middle[key], middle[key])) for key in (*full.numbers, *over)},
-            points=tuple(points),
-        )
+        basis = _compressed(columns, mass, vectors)
+        reduced = projected(full, basis, stiffness, kind="snapshots", up_to=up_to, trained=ranges, points=tuple(points))
         fresh: set[int] = set()
         while (worst := int(np.argmax(largest))) not in fresh:  # a basis with more points has smaller errors
             relative = estimator.at(reduced, candidates[worst]).relative
             largest[worst] = float(relative.max(initial=0.0))
             fresh.add(worst)
-        first = first or max(largest[worst], error)
-        share = math.log(first / max(largest[worst], error)) / math.log(max(first / error, math.e))
-        tell(
-            f"{counted(len(points), 'point')}: relative error {largest[worst]:.1e}, wanted {error:g}",
-            min(max(share, 0.0), 1.0),
-        )
-        if largest[worst] <= error or candidates[worst] in points or len(points) == MOST:
-            return replace(reduced, error=largest[worst])
+        present = largest[worst]
+        first = first or max(present, error)
+        decades = math.log(first / max(present, error))
+        share = decades / math.log(max(first / error, math.e))
+        text = f"{counted(len(points), 'point')}: relative error {present:.1e}, wanted {error:g}"
+        tell(text, min(max(share, 0.0), 1.0))
+        if present <= error or candidates[worst] in points or len(points) == MOST:
+            return replace(reduced, error=present)
         points.append(candidates[worst])
-        pairs = eigenvalues.complex_eigenvalues(*full.pencil(points[-1]), up_to, left=True)
+        pairs = eigenvalues.complex_eigenvalues(*full.pencil(candidates[worst]), up_to, left=True)
         columns = np.hstack([columns, _columns(pairs, mass)])
 
 
 def _check(full: Full, over: Mapping[str, tuple[float, float]], at: Mapping[str, float]) -> None:
     """Refuse ranges that cannot be trained, all faults at once."""
-    faults = [
-        f"reduction.over: {key} multiplies nothing of this structure; it has {', '.join(full.numbers) or 'no numbers'}"
-        for key in over
-        if key not in (*full.numbers, *(points.damping_key for points in full.contacts))
-    ]
-    faults += [
-        f"reduction.over: {key} is trained from {low:g} to {high:g}; the second number must be larger"
-        for key, (low, high) in over.items()
-        if not low < high
-    ]
-    faults += [
-        f"reduction.over: {part.name} is divided by {part.key}, whose range from {low:g} to {high:g} contains zero"
-        for part in full.parts
-        for low, high in [over.get(part.key, (1.0, 1.0))]
-        if part.power < 0 and low <= 0.0 <= high
-    ]
+    faults = []
+    known = {*full.numbers, *(points.damping_key for points in full.contacts)}
+    numbers = ", ".join(full.numbers) or "no numbers"
+    for key in over:
+        if key not in known:
+            faults.append(f"reduction.over: {key} multiplies nothing of this structure; it has {numbers}")
+    for key, (low, high) in over.items():
+        if not low < high:
+            faults.append(
+                f"reduction.over: {key} is trained from {low:g} to {high:g}; the second number must be larger"
+            )
+    for part in full.parts:
+        low, high = over.get(part.key, (1.0, 1.0))
+        if part.power < 0 and low <= 0.0 <= high:
+            span = f"from {low:g} to {high:g}"
+            faults.append(f"reduction.over: {part.name} is divided by {part.key}, whose range {span} contains zero")
     faults += [f"{key} has no value" for key in full.numbers if key not in over and key not in at]
     if len(over) > max(_CANDIDATES):
         faults.append(f"reduction.over has {len(over)} numbers; at most {max(_CANDIDATES)} can be trained together")
@@ -117,9 +113,14 @@ def _grid(over: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
 
 def _columns(pairs: Eigenpairs, mass: Any) -> Array:
     """Real and imaginary parts [row, column] of right and left vectors of mass one."""
-    vectors = np.hstack([pairs.right, pairs.left])
-    vectors = vectors / np.sqrt(np.einsum("ij,ij->j", vectors.conj(), mass @ vectors).real)
+    vectors = _of_mass_one(np.hstack([pairs.right, pairs.left]), mass)
     return np.hstack([vectors.real, vectors.imag])
+
+
+def _of_mass_one(vectors: Complex, mass: Any) -> Complex:
+    """The columns, each scaled to mass one."""
+    masses = np.einsum("ij,ij->j", vectors.conj(), mass @ vectors).real
+    return np.asarray(vectors / np.sqrt(masses))
 
 
 def _derivatives(
@@ -132,11 +133,14 @@ def _derivatives(
     """For each number the change of right and left vectors over half of its range, to first order [row, column]."""
     columns = [np.zeros((full.rows, 0))]
     mass = full.matrix("mass", middle)
-    for key, ends in over.items():
-        pencils = [full.pencil({**middle, key: value}) for value in ends]
-        for vectors, values, trans in ((pairs.right, pairs.values, "N"), (pairs.left, pairs.values.conj(), "H")):
-            vectors = vectors / np.sqrt(np.einsum("ij,ij->j", vectors.conj(), mass @ vectors).real)
-            m, d, k = (high - low if trans == "N" else (high - low).T for low, high in zip(*pencils, strict=True))
+    sides = ((pairs.right, pairs.values, "N"), (pairs.left, pairs.values.conj(), "H"))
+    for key, (least, most) in over.items():
+        at_least = full.pencil({**middle, key: least})
+        at_most = full.pencil({**middle, key: most})
+        differences = [high - low for low, high in zip(at_least, at_most, strict=True)]
+        for vectors, values, trans in sides:
+            vectors = _of_mass_one(vectors, mass)
+            m, d, k = differences if trans == "N" else [matrix.T for matrix in differences]
             change = values**2 * (m @ vectors) + values * (d @ vectors) + k @ vectors
             change = 0.5 * estimator.solved(change, pairs.values, trans)
             columns += [change.real, change.imag]
@@ -147,5 +151,7 @@ def _compressed(columns: Array, mass: Any, vectors: int) -> Array:
     """The directions [row, vector] of mass one that matter most for the columns, at most `vectors`."""
     weight = np.sqrt(np.abs(mass.diagonal()))[:, None]
     _, size, combined = np.linalg.svd(weight * columns, full_matrices=False)
-    kept = min(vectors, int(np.sum(size > _ROUNDED * size[0])))
-    return orthonormal((columns @ combined[:kept].T) / size[:kept], mass)
+    independent = int(np.sum(size > _ROUNDED * size[0]))
+    kept = min(vectors, independent)
+    directions = (columns @ combined[:kept].T) / size[:kept]
+    return orthonormal(directions, mass)

@@ -39,7 +39,7 @@ from rig.scenes.explain import explain
 from rig.solve.records import CLOSED, STICK
 from rig.stability.linearisation import sliding_key, steady
 from rig.structure import model_store
-from rig.structure.contacts import node_vector
+from rig.structure.rows import node_vector
 from rig.view import contact, pressure
 from rig.view.drawing import Drawing
 from rig.view.palette import put

@@ -17,10 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from rig.errors import SceneError
 from rig.structure.basis import Reduction, build
-from rig.structure.contacts import Contact, contact_points, contact_rows, node_vector, opened
+from rig.structure.contacts import Contact, contact_points
 from rig.structure.full import FRICTION, Full, Part
 from rig.structure.mesh import Selection, read_mesh
 from rig.structure.read import structure
+from rig.structure.rows import contact_rows, node_vector, opened
 
 
 def lowest(full, count):

@@ -23,13 +23,20 @@ SPEEDS = np.geomspace(1e-9, FASTEST, 111)
 """Slip speeds [m/s] at which a law without internal states is checked, beside 0."""
 _CLOSE = np.geomspace(1e-6, FASTEST, 20_001)
 """Slip speeds [m/s], 0.1 % apart, at which its coefficient is checked to be finite."""
-_FEW = np.geomspace(1e-7, 100.0, 6)
+_FEW = np.geomspace(1e-7, 100.0, 6)  # m/s; slip speeds at which a law with internal states is checked
 _LOADS = (1e-2, 1.0, 1e3)  # N
-_STEP, _NEAR, _ROUND = 1e-6, 2e-5, 1e-8  # difference step, allowed difference, rounding of mu: relative
-_PAIRS, _HALVINGS, _JUMP = 8, 45, 1e-7  # most suspicious pairs of speeds, halvings; smallest jump, relative
+_STEP = 1e-6  # difference step, relative
+_NEAR = 2e-5  # allowed difference of a derivative, relative
+_ROUND = 1e-8  # rounding of mu, relative
+_PAIRS = 8  # most suspicious pairs of speeds
+_HALVINGS = 45  # of the interval between the two speeds of a pair
+_JUMP = 1e-7  # smallest jump of mu, relative
 _STEADY = 1e-6  # of the rate at the start
-_CYCLES, _STEPS, _GIVEN = 3, 80, 2e-3  # periods and steps of a loop; allowed share of its energy
-_NEWTON, _CONVERGED = 12, 1e-9  # iterations of an implicit step, relative change
+_CYCLES = 3  # periods of a loop
+_STEPS = 80  # steps of a period
+_GIVEN = 2e-3  # allowed share of the energy of a loop
+_NEWTON = 12  # most iterations of an implicit step
+_CONVERGED = 1e-9  # relative change in the last iteration
 
 
 def faults(formula: Formula, numbers: Sequence[float], rest: float, jumps: Sequence[float]) -> Iterator[str]:
@@ -59,7 +66,8 @@ def _over_speed(formula: Formula, numbers: Sequence[float], rest: float, jumps: 
             yield f"{name} is {values[i]:g} {_at(speeds[i])}; it must be finite from 0 to 100 m/s"
     if not (np.isfinite(mu).all() and np.isfinite(slope).all()):
         return
-    if not np.isfinite(close := from_formula(rest, numbers, formula).over(_CLOSE)).all():
+    close = from_formula(rest, numbers, formula).over(_CLOSE)
+    if not np.isfinite(close).all():
         i = int(np.argmin(np.isfinite(close)))
         yield f"mu is {close[i]:g} {_at(float(_CLOSE[i]))}; it must be finite from 0 to 100 m/s"
         return
@@ -71,22 +79,28 @@ def _over_speed(formula: Formula, numbers: Sequence[float], rest: float, jumps: 
         yield f"the static coefficient is {rest:g}; it must be finite"
     slow = mu[1] if 0.0 in jumps else mu[0]
     if rest < slow - _JUMP * size:
-        yield (f"the static coefficient is {rest:.4g}, below mu = {slow:.4g} in slow slip: a contact that begins "
-               "to slip would stick again immediately; give at least the same value")  # fmt: skip
-    undeclared = [w for w in _jumps(both, speeds, mu, slope, size) if not any(_close(w, jump) for jump in jumps)]
+        yield (
+            f"the static coefficient is {rest:.4g}, below mu = {slow:.4g} in slow slip: a contact that begins "
+            "to slip would stick again immediately; give at least the same value"
+        )
+    undeclared = []
+    for w in _jumps(both, speeds, mu, slope, size):
+        if not any(_close(w, jump) for jump in jumps):
+            undeclared.append(w)
     for w in undeclared:
-        what = ("return the static coefficient from static(self), and let mu begin with its value in slow slip"
-                if w == 0.0 else "make it continuous, or declare it: jumps = (SPEED, ...)")  # fmt: skip
-        yield f"mu jumps {_at(w)}; {what}"
-    worst, told = 1.0, ""
+        remedy = "make it continuous, or declare it: jumps = (SPEED, ...)"
+        if w == 0.0:
+            remedy = "return the static coefficient from static(self), and let mu begin with its value in slow slip"
+        yield f"mu jumps {_at(w)}; {remedy}"
+    worst = 1.0
+    told = ""
     for w in SPEEDS.tolist()[20:]:
         if not any(_close(w, jump, 0.1) for jump in (*jumps, *undeclared)):
-            excess, differences = _excess(lambda v: both(v)[0], w, both(w)[1], _STEP * w, size)
+            stated = both(w)[1]
+            excess, differences = _excess(lambda v: both(v)[0], w, stated, _STEP * w, size)
             if excess > worst:
-                worst, told = (
-                    excess,
-                    f"slope gives {both(w)[1]:.5g} s/m {_at(w)}, differences of mu {differences:.5g} s/m",
-                )
+                worst = excess
+                told = f"slope gives {stated:.5g} s/m {_at(w)}, differences of mu {differences:.5g} s/m"
     if told:
         yield f"{told}; correct slope(p, w)"
 
@@ -100,7 +114,9 @@ def _excess(value: Any, at: float, stated: float, h: float, size: float) -> tupl
 
     At a kink the difference to one side counts.
     """
-    ahead, here, behind = value(at + h), value(at), value(at - h)
+    ahead = value(at + h)
+    here = value(at)
+    behind = value(at - h)
     central = (ahead - behind) / (2.0 * h)
     allowed = _NEAR * max(abs(stated), abs(central)) + _ROUND * size * _STEP / abs(h) + 1e-300
     sides = (central, (ahead - here) / h, (here - behind) / h)
@@ -114,24 +130,33 @@ def _jumps(both: Any, speeds: Sequence[float], mu: Array, slope: Array, size: fl
     unexplained = np.abs(np.diff(mu) - 0.5 * widths * (slope[1:] + slope[:-1]))
     for i in sorted(np.argsort(unexplained)[-_PAIRS:].tolist()):
         low, high = speeds[i], speeds[i + 1]
-        at_low, at_high = both(low), both(high)
+        at_low = both(low)
+        at_high = both(high)
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             at_middle = both(middle)
-            below, above = (
-                abs(b[0] - a[0] - 0.5 * h * (a[1] + b[1]))
-                for a, b, h in ((at_low, at_middle, middle - low), (at_middle, at_high, high - middle))
-            )
+            below = _unexplained(at_low, at_middle, middle - low)
+            above = _unexplained(at_middle, at_high, high - middle)
             if below >= above:
-                high, at_high = middle, at_middle
+                high = middle
+                at_high = at_middle
             else:
-                low, at_low = middle, at_middle
+                low = middle
+                at_low = at_middle
         if abs(at_high[0] - at_low[0]) > _JUMP * size:
             yield 0.0 if low == 0.0 else high
 
 
+def _unexplained(at_low: tuple[float, float], at_high: tuple[float, float], width: float) -> float:
+    """The part of the change of mu that its slopes at both ends of an interval do not explain."""
+    mu_low, slope_low = at_low
+    mu_high, slope_high = at_high
+    return abs(mu_high - mu_low - 0.5 * width * (slope_low + slope_high))
+
+
 def _with_memory(formula: Formula, numbers: Sequence[float]) -> Iterator[str]:
-    states, m = formula.states, len(formula.states)
+    states = formula.states
+    m = len(formula.states)
     start = np.array([state.start for state in states])
     steady: dict[tuple[float, float], Array] = {}
     told = set[str]()
@@ -162,8 +187,8 @@ def _with_memory(formula: Formula, numbers: Sequence[float]) -> Iterator[str]:
                     "steady", f"there is no steady slip {_at(w, load)}: {rates}; every rate must become zero"
                 )
             elif values[0] < -1e-9 * max(abs(first[0]), 1.0):
-                yield from once("drives", f"mu is {values[0]:.4g} in steady slip {_at(w, load)}: friction would "
-                                "drive the slip; it must be at least 0")  # fmt: skip
+                fault = f"mu is {values[0]:.4g} in steady slip {_at(w, load)}"
+                yield from once("drives", f"{fault}: friction would drive the slip; it must be at least 0")
             else:
                 steady[w, load] = z
     if told:
@@ -180,7 +205,8 @@ def _slopes_of_memory(
     m = len(start)
     rows = ["mu", *(f"the rate of {state.name}" for state in formula.states)]
     columns = ["w", "N", *(state.name for state in formula.states)]
-    worst, told = 1.0, ""
+    worst = 1.0
+    told = ""
     for (w, load), ahead in list(steady.items())[::2]:
         for share in (0.3, 0.9):
             z = start + share * (ahead - start)
@@ -198,15 +224,17 @@ def _slopes_of_memory(
                     continue
                 step = np.zeros(m + 2)
                 step[j] = h
-                above, below = value(at + step), value(at - step)
+                above = value(at + step)
+                below = value(at - step)
                 for i in range(m + 1):
                     size = abs(here[i]) + float(np.abs(stated[i]) @ sizes)
                     seen = {0.0: here[i], h: above[i], -h: below[i]}
                     excess, central = _excess(lambda v, seen=seen: seen[v], 0.0, stated[i, j], h, size)
                     if excess > worst:
                         worst = excess
-                        told = (f"slopes: d[{i}, {j}], the derivative of {rows[i]} with respect to {columns[j]}, is "
-                                f"{stated[i, j]:.5g} {_at(w, load)}; differences give {central:.5g}")  # fmt: skip
+                        entry = f"d[{i}, {j}], the derivative of {rows[i]} with respect to {columns[j]}"
+                        values = f"is {stated[i, j]:.5g} {_at(w, load)}; differences give {central:.5g}"
+                        told = f"slopes: {entry}, {values}"
     if told:
         yield told
 
@@ -222,12 +250,16 @@ def _loops(
         for peak in (1e-4, 1e-1):
             work, size = _cycle(formula, numbers, start, along, amplitude, peak, load)
             if not math.isfinite(work):
-                yield (f"the states are not finite in a loop of slip of {amplitude:.3g} m at up to {peak:g} m/s, "
-                       f"N = {load:g} N")  # fmt: skip
+                yield (
+                    f"the states are not finite in a loop of slip of {amplitude:.3g} m at up to {peak:g} m/s, "
+                    f"N = {load:g} N"
+                )
                 return
             if work < -_GIVEN * size:
-                yield (f"a closed loop of slip, of {amplitude:.3g} m at up to {peak:g} m/s with N = {load:g} N, gives "
-                       f"{-work:.3g} J of the {size:.3g} J that pass through; friction must take energy")  # fmt: skip
+                yield (
+                    f"a closed loop of slip, of {amplitude:.3g} m at up to {peak:g} m/s with N = {load:g} N, gives "
+                    f"{-work:.3g} J of the {size:.3g} J that pass through; friction must take energy"
+                )
                 return
 
 
@@ -238,7 +270,8 @@ def _cycle(
 
     Implicit Euler steps, none of which contains a reversal: they lose energy of springs and never add any.
     """
-    z, m = start.copy(), len(start)
+    z = start.copy()
+    m = len(start)
     h = 2.0 * math.pi * amplitude / peak / _STEPS
     work = size = 0.0
     for step in range(_CYCLES * _STEPS):
@@ -250,7 +283,8 @@ def _cycle(
         for _ in range(_NEWTON):
             values, slopes = formula.evaluate(numbers, w, load, after)
             try:
-                change = np.linalg.solve(np.eye(m) - h * slopes[1:, 2:], before + h * values[1 : m + 1] - after)
+                residual = before + h * values[1 : m + 1] - after
+                change = np.linalg.solve(np.eye(m) - h * slopes[1:, 2:], residual)
             except np.linalg.LinAlgError:
                 return math.nan, math.nan
             after += change
@@ -258,6 +292,7 @@ def _cycle(
                 break
         if step >= (_CYCLES - 1) * _STEPS:
             done = formula.evaluate(numbers, w, load, after)[0][0] * load * w * h
-            work, size = work + done, size + abs(done)
+            work = work + done
+            size = size + abs(done)
         z = after * turn
     return work, size

@@ -112,7 +112,8 @@ def formula_of(kind: type, module: ModuleType, shape: Shape, states: Sequence[In
 
 @cache
 def _formula(kind: type, module: ModuleType, shape: Shape, states: tuple[InternalState, ...], sticks: bool) -> Formula:
-    functions, m = formulas_of(kind), len(states)
+    functions = formulas_of(kind)
+    m = len(states)
     names: dict[str, Any] = {}
     counted = iter(range(1_000_000))
     numbers = _text(shape, names, counted)
@@ -123,10 +124,20 @@ def _formula(kind: type, module: ModuleType, shape: Shape, states: tuple[Interna
     slopes = [*head, f"out = carray(_out, ({m + 1}, {m + 2}))"]
     if m:
         stored = "stored(p, N, z)" if "stored" in functions else "0.0"
-        values += [f"out[0] = {_LOST}", "out[0] = mu(p, w, N, z)", f"for i in range({m}):", "    out[1 + i] = 0.0",
-                   f"rates(p, w, N, z, out[1:{m + 1}])", f"out[{m + 1}] = {stored}"]  # fmt: skip
-        slopes += [f"for i in range({m + 1}):", f"    for j in range({m + 2}):", "        out[i, j] = 0.0",
-                   "slopes(p, w, N, z, out)"]  # fmt: skip
+        values += [
+            f"out[0] = {_LOST}",
+            "out[0] = mu(p, w, N, z)",
+            f"for i in range({m}):",
+            "    out[1 + i] = 0.0",
+            f"rates(p, w, N, z, out[1:{m + 1}])",
+            f"out[{m + 1}] = {stored}",
+        ]
+        slopes += [
+            f"for i in range({m + 1}):",
+            f"    for j in range({m + 2}):",
+            "        out[i, j] = 0.0",
+            "slopes(p, w, N, z, out)",
+        ]
     else:
         values += [f"out[0] = {_LOST}", "out[0] = mu(p, w)", "out[1] = 0.0"]
         slopes += [f"out[0, 0] = {_LOST}", "out[0, 0] = slope(p, w)", "out[0, 1] = 0.0"]
@@ -155,7 +166,8 @@ def _refused(message: str, functions: dict[str, Any], module: ModuleType) -> str
 
 def try_in_python(kind: type, module: ModuleType, numbers: Any, states: Sequence[InternalState]) -> None:
     """Run the formulas once in Python, where what fails has its line. Raises PartError."""
-    functions, m = formulas_of(kind), len(states)
+    functions = formulas_of(kind)
+    m = len(states)
     for name, function in functions.items():
         if lines := raised_lines(function):
             what = f"{name} raises an exception (line {min(lines)}), which compiled code loses"

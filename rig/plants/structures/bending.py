@@ -44,26 +44,29 @@ def matrices(bending: float, extension: float, line: float, length: float, eleme
     h = length / elements
     bar = extension / h * np.array([[1.0, -1.0], [-1.0, 1.0]])
     heavy_bar = line * h / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-    beam = bending / h**3 * np.array(
+    beam = np.array(
         [
             [12.0, 6.0 * h, -12.0, 6.0 * h],
             [6.0 * h, 4.0 * h**2, -6.0 * h, 2.0 * h**2],
             [-12.0, -6.0 * h, 12.0, -6.0 * h],
             [6.0 * h, 2.0 * h**2, -6.0 * h, 4.0 * h**2],
         ]
-    )  # fmt: skip
-    heavy_beam = line * h / 420.0 * np.array(
+    )
+    beam = bending / h**3 * beam
+    heavy_beam = np.array(
         [
             [156.0, 22.0 * h, 54.0, -13.0 * h],
             [22.0 * h, 4.0 * h**2, 13.0 * h, -3.0 * h**2],
             [54.0, 13.0 * h, 156.0, -22.0 * h],
             [-13.0 * h, -3.0 * h**2, -22.0 * h, 4.0 * h**2],
         ]
-    )  # fmt: skip
+    )
+    heavy_beam = line * h / 420.0 * heavy_beam
     K, M = np.zeros((2, 3 * elements + 3, 3 * elements + 3))
     for e in range(elements):
         for local, stiff, heavy in (((0, 3), bar, heavy_bar), ((1, 2, 4, 5), beam, heavy_beam)):
-            at = np.ix_([3 * e + i for i in local], [3 * e + i for i in local])
+            unknowns = [3 * e + i for i in local]
+            at = np.ix_(unknowns, unknowns)
             K[at] += stiff
             M[at] += heavy
     return K, M
@@ -75,7 +78,8 @@ def clamped(
     """The lowest `modes` modes of the beam clamped at one end, and two attachment modes. Arguments: see `matrices`."""
     K, M = matrices(bending, extension, line, length, elements)
     free = slice(3, None)
-    stiff, heavy = K[free, free], M[free, free]
+    stiff = K[free, free]
+    heavy = M[free, free]
     _, shapes = scipy.linalg.eigh(stiff, heavy, subset_by_index=(0, modes - 1))
     forces = np.zeros((len(stiff), 2))
     forces[-2, 0] = forces[-3, 1] = 1.0
@@ -85,4 +89,5 @@ def clamped(
     squares, turns = scipy.linalg.eigh(basis.T @ stiff @ basis, basis.T @ heavy @ basis)
     basis = basis @ turns
     basis *= np.where(basis[-2] + basis[-3] < 0.0, -1.0, 1.0)
-    return Modes(np.sqrt(squares), basis[[-2, -3]].T, (-K[:3, free] @ basis)[[1, 0]].T)
+    on_clamp = -K[:3, free] @ basis
+    return Modes(np.sqrt(squares), basis[[-2, -3]].T, on_clamp[[1, 0]].T)

@@ -73,32 +73,38 @@ def surface_of(
     `outputs`: normal forces [N] of the points. `normal`: by default that of the plane through the points. `axis`:
     about which the other side turns, through `centre` [m].
     """
-    place, sliding = points.position, points.sliding
+    place = points.position
+    sliding = points.sliding
     spread = float(np.ptp(place, axis=0).max(initial=0.0))
     if not np.linalg.norm(sliding, axis=1).all() or (len(place) > 1 and spread == 0.0):
         return None
     if normal is None:
-        normal = np.linalg.svd(np.vstack([place - place.mean(axis=0), (spread or 1.0) * sliding]))[2][-1]
+        in_plane = np.vstack([place - place.mean(axis=0), (spread or 1.0) * sliding])
+        normal = np.linalg.svd(in_plane)[2][-1]
     kept = [k for k in range(3) if k != int(np.abs(normal).argmax())]
     along = sliding[0]
     if axis is not None and abs(axis @ normal) > _ROUND * np.linalg.norm(axis) * np.linalg.norm(normal):
         axis = axis / np.linalg.norm(axis)
         arms = place - centre
         heights = np.outer(arms @ axis, axis)
-        first = (arms - heights).mean(axis=0) if len(place) > 1 else (arms - heights)[0]
-        first = first if np.linalg.norm(first) > 1e-6 * spread else (arms - heights)[0]
+        radii = arms - heights
+        first = radii.mean(axis=0) if len(place) > 1 else radii[0]
+        if not np.linalg.norm(first) > 1e-6 * spread:
+            first = radii[0]
         first = first / np.linalg.norm(first)
         second = np.cross(axis, first)
-        radius = np.linalg.norm(arms - heights, axis=1)
+        radius = np.linalg.norm(radii, axis=1)
         angle = np.arctan2(arms @ second, arms @ first)
-        half = _halves(radius, angle, radius, points.area)
-        r, a = ((v[:, None] + h) for v, h in zip((radius, angle), half))
+        dr, da = _halves(radius, angle, radius, points.area)
+        r = radius[:, None] + dr
+        a = angle[:, None] + da
         turned = np.cos(a)[:, :, None] * first + np.sin(a)[:, :, None] * second
         corners = centre + heights[:, None, :] + np.maximum(r, 0.0)[:, :, None] * turned
     else:
         across = np.cross(normal, along)
         across = across / np.linalg.norm(across)
-        u, v = place @ across, place @ along
+        u = place @ across
+        v = place @ along
         du, dv = _halves(u, v, np.ones(len(place)), points.area)
         corners = place[:, None, :] + du[:, :, None] * across + dv[:, :, None] * along
     axes = "xyz"[kept[0]], "xyz"[kept[1]]
@@ -109,17 +115,25 @@ def _halves(u: Array, v: Array, size: Array, area: Array) -> tuple[Array, Array]
     """Offsets (u, v) [point, 4] of the corners from each point; `size`: length [m] of one unit of v at the point."""
     out = np.zeros((2, len(u), 4))
     for i in range(len(u)):
-        du, dv = u - u[i], size[i] * (v - v[i])
+        du = u - u[i]
+        dv = size[i] * (v - v[i])
         reach = []
-        for here, aside in ((du, dv), (dv, du)):
-            ways = [0.5 * (sign * here)[(sign * here > 0.0) & (np.abs(aside) <= sign * here)] for sign in (-1.0, 1.0)]
-            least = [float(way.min()) if len(way) else math.nan for way in ways]
-            reach.append([least[1 - k] if math.isnan(way) else way for k, way in enumerate(least)])
+        for distance, aside in ((du, dv), (dv, du)):
+            below = _half_way(-distance, aside)
+            above = _half_way(distance, aside)
+            reach.append([above if math.isnan(below) else below, below if math.isnan(above) else above])
         for k in (0, 1):  # a line of points, or one alone: as wide as its area asks
             if math.isnan(reach[k][0]):
-                width = sum(reach[1 - k])
-                reach[k] = [0.5 * (area[i] / width if width > 0.0 else math.sqrt(area[i]))] * 2
+                length = sum(reach[1 - k])
+                width = area[i] / length if length > 0.0 else math.sqrt(area[i])
+                reach[k] = [0.5 * width] * 2
         (low_u, high_u), (low_v, high_v) = reach
         out[0, i] = -low_u, high_u, high_u, -low_u
         out[1, i] = np.array([-low_v, -low_v, high_v, high_v]) / size[i]
     return out[0], out[1]
+
+
+def _half_way(distance: Array, aside: Array) -> float:
+    """Half the way to the nearest point ahead that is not farther aside than ahead; NaN if there is none."""
+    ahead = 0.5 * distance[(distance > 0.0) & (np.abs(aside) <= distance)]
+    return float(ahead.min()) if len(ahead) else math.nan

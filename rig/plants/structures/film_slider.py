@@ -43,7 +43,8 @@ X, Y, Z = range(3)
 SLIDER = ("z", "theta", "psi")
 TOGETHER = Plot("displacement of slider and plate"), Plot("velocity of slider and plate"), Plot("acceleration", 1)
 TURNS = Plot("pitch and roll"), Plot("pitch and roll velocity"), Plot("pitch and roll acceleration")
-CENTRE, FORCES = Plot("pressure centre", 3), Plot("forces", 4)
+CENTRE = Plot("pressure centre", 3)
+FORCES = Plot("forces", 4)
 
 
 class Slider(Section):
@@ -117,10 +118,11 @@ class SliderTables(NamedTuple):
 def motion_of(what: str, row: Row, unit: str, plots: tuple[Plot, Plot, Plot]) -> dict[str, Output]:
     """The outputs displacement, velocity and acceleration of `what`, in these plots; `row`: its displacement [unit]."""
     parts = (("displacement", "", unit), ("velocity", "'", f"{unit}/s"), ("acceleration", "''", f"{unit}/s^2"))
-    return {
-        f"{what}_{name}": Output({f"{c}{mark}": f for c, f in row.items()}, u, plot)
-        for (name, mark, u), plot in zip(parts, plots)
-    }
+    outputs = {}
+    for (name, mark, unit_of_part), plot in zip(parts, plots):
+        rates = {f"{coordinate}{mark}": factor for coordinate, factor in row.items()}
+        outputs[f"{what}_{name}"] = Output(rates, unit_of_part, plot)
+    return outputs
 
 
 def add(a: Assembly, p: SliderTables, grid: Grid, model: Reduced, names: list[str], moved: Mapping[str, str]) -> None:
@@ -128,8 +130,9 @@ def add(a: Assembly, p: SliderTables, grid: Grid, model: Reduced, names: list[st
     block = p.slider
     area = block.length * block.width
     mass = area * (block.density * block.thickness + 0.5 * p.film.density * p.film.thickness)
-    for name, side in zip(SLIDER, (None, block.length, block.width)):
-        a.coordinate(name, mass if side is None else mass * (side**2 / 12.0 + block.thickness**2 / 3.0))
+    a.coordinate("z", mass)
+    for name, side in (("theta", block.length), ("psi", block.width)):
+        a.coordinate(name, mass * (side**2 / 12.0 + block.thickness**2 / 3.0))
     speed = drive.add(a, p.drive, "m/s", moved)
     pressed = load.add(a, p.load, moved)
     a.push("z", {state: -value for state, value in pressed.items()})
@@ -140,18 +143,21 @@ def add(a: Assembly, p: SliderTables, grid: Grid, model: Reduced, names: list[st
     here = own.everywhere(block.position)
     every = [*names, *SLIDER]
     mu = math.copysign(p.friction.mu, p.drive.speed)
-    normal, push = here[0], mu * here[1] - here[0]
+    normal = here[0]
+    push = mu * here[1] - here[0]
     if p.film.opens:  # the points at the start, for the text before a run
         a.patch("film", {}, speed, p.friction.friction(), {})
         for point in range(own.points):
             row = _pressed(p, every, own.stiffness[point] * normal[:, point])
-            a.normal(f"point {point + 1}", "film", row, dict(zip(every, push[:, point].tolist())))
+            direction = dict(zip(every, push[:, point].tolist()))
+            a.normal(f"point {point + 1}", "film", row, direction)
         a.film = own
         creep = own.creep(p.load.force / own.points)
         note = f": a point is held by the shear of the film, {creep * 1e9:.2g} nm at the most before it slips"
         a.about["friction at film"] = note
     else:
-        for name, rows in zip(every, own.stiffness[0] * (push @ normal.T)):
+        pushes = own.stiffness[0] * (push @ normal.T)
+        for name, rows in zip(every, pushes):
             a.push(name, _pressed(p, every, rows))
         total = _pressed(p, every, own.stiffness[0] * normal.sum(axis=1))
         a.outputs |= {
@@ -182,8 +188,10 @@ def _film(p: SliderTables, grid: Grid, model: Reduced) -> film.Film:
     count = model.shapes.shape[3] - (grid.along - 1) * grid.stride
     components = (Z, X, Y)[: 3 if p.film.lateral else 2]
     h = p.slider.thickness + p.film.thickness
-    pairs_x, pairs_y = np.repeat(grid.x, len(lines)), np.tile(grid.y[lines], grid.along)
-    own, half = len(model.frequencies), len(pairs_x)
+    pairs_x = np.repeat(grid.x, len(lines))
+    pairs_y = np.tile(grid.y[lines], grid.along)
+    own = len(model.frequencies)
+    half = len(pairs_x)
     modes = own + (0 if model.rest is None else len(model.rest.parity))
     rows = np.zeros((count, len(components), modes + len(SLIDER), 2 * half))
     at = np.arange(count)[:, None] + np.arange(grid.along) * grid.stride
@@ -193,13 +201,15 @@ def _film(p: SliderTables, grid: Grid, model: Reduced) -> film.Film:
     longest = float(model.surface.x[-1] - model.surface.x[0]) - grid.length
     parity = _parity(model)
     if model.rest is not None:
-        rows[:, :2, own:modes, :half] = model.rest.at(grid.pitch * np.arange(count) / longest).swapaxes(1, 2)
+        rest = model.rest.at(grid.pitch * np.arange(count) / longest)
+        rows[:, :2, own:modes, :half] = rest.swapaxes(1, 2)
         parity = np.concatenate([parity, model.rest.parity])
     rows[:, 0, modes:, :half] = -np.ones_like(pairs_x), pairs_x, -pairs_y
     rows[:, 1, modes + SLIDER.index("theta"), :half] = h
     if p.film.lateral:
         rows[:, 2, modes + SLIDER.index("psi"), :half] = -h
-    rows[..., half:] = rows[..., :half] * np.append(parity, [1.0, 1.0, -1.0])[:, None]
+    signs = np.append(parity, [1.0, 1.0, -1.0])
+    rows[..., half:] = rows[..., :half] * signs[:, None]
     rows[:, 2:, :, half:] *= -1.0
     area = p.slider.length * p.slider.width / (2 * half)
     stiffness = p.film.normal

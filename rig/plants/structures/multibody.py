@@ -89,7 +89,8 @@ class Bending(Body):
         """See `Body.row`."""
         row: Row = {f"{name}.x": 1.0} if direction == "x" else {}
         for mode in free_modes(self.disc):
-            l, deflection = mode.diameters, mode.at(self.radius)
+            l = mode.diameters
+            deflection = mode.at(self.radius)
             turn = l * a / self.radius
             shapes = (math.cos(turn), math.sin(turn))
             slopes = (-l * math.sin(turn) / self.radius, l * math.cos(turn) / self.radius)

@@ -103,30 +103,35 @@ def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> 
     whole = np.zeros((len(structure.free), plate.modes))
     whole[structure.free] = modes.vectors
     nodes = (2 * plate.elements_across + 1, 2 * plate.elements_along + 1)
-    shapes = whole.reshape(3, len(top), -1)[:, top].reshape(3, *nodes, -1).transpose(3, 0, 1, 2)
-    x, y = (axis[2 * n : len(axis) - 2 * n] for axis, n in zip((x, y), first))
+    on_top = whole.reshape(3, len(top), -1)[:, top]
+    shapes = on_top.reshape(3, *nodes, -1).transpose(3, 0, 1, 2)
+    x = x[2 * first[0] : len(x) - 2 * first[0]]
+    y = y[2 * first[1] : len(y) - 2 * first[1]]
     load = np.zeros((3, len(top)))  # of a pressure of 1 Pa, along z
     middle = 0.5 * (x[0] + x[-1])
     along = _integrals(x, middle - 0.5 * length, middle + 0.5 * length)
-    load[2, top] = np.multiply.outer(_integrals(y, -0.5 * width, 0.5 * width), along).ravel()
+    across = _integrals(y, -0.5 * width, 0.5 * width)
+    load[2, top] = np.multiply.outer(across, along).ravel()
     force = load.ravel()[structure.free]
     residual = float(force @ hexahedra.left_out(structure, modes, force)) / (length * width)
     if residual < 0.0:
         raise ValueError(hexahedra.LOST)
     elastic = modes.frequencies > 0.0
-    given = (force @ modes.vectors[:, elastic]) / (2.0 * math.pi * modes.frequencies[elastic])
-    return Surface(
-        modes.frequencies,
-        x,
-        y,
-        np.ascontiguousarray(shapes),
-        residual + float(given @ given) / (length * width),
-        residual,
-    )
+    omega = 2.0 * math.pi * modes.frequencies[elastic]
+    moved = (force @ modes.vectors[:, elastic]) / omega
+    compliance = residual + float(moved @ moved) / (length * width)
+    return Surface(modes.frequencies, x, y, np.ascontiguousarray(shapes), compliance, residual)
 
 
-def left_out(plate: Plate, foam: Foam, kept: Surface, footprint: tuple[float, float], points: tuple[int, int],
-             positions: Array, side: float) -> Array:  # fmt: skip
+def left_out(
+    plate: Plate,
+    foam: Foam,
+    kept: Surface,
+    footprint: tuple[float, float],
+    points: tuple[int, int],
+    positions: Array,
+    side: float,
+) -> Array:
     """What the modes of `kept` leave out of the flexibility between the cells of a slider's footprint, per position.
 
     [position, 2 cells, 2 cells] in m/N: mean displacements along z, then along x, of the `points` (along, across) cells
@@ -137,13 +142,15 @@ def left_out(plate: Plate, foam: Foam, kept: Surface, footprint: tuple[float, fl
     from rig.plants.structures import hexahedra
 
     structure, first = _structure(plate, foam)
-    (length, width), (along, across) = footprint, points
+    length, width = footprint
+    along, across = points
     x, y, z = structure.axes
-    inside = [np.arange(2 * n, len(axis) - 2 * n) for axis, n in zip((x, y), first)]
+    inside_x = np.arange(2 * first[0], len(x) - 2 * first[0])
+    inside_y = np.arange(2 * first[1], len(y) - 2 * first[1])
     number = np.full((len(y), len(x)), -1)
     top = np.flatnonzero(structure.lattice[:, 2] == len(z) - 1)
     number[structure.lattice[top, 1], structure.lattice[top, 0]] = top
-    of_plate = number[np.ix_(inside[1], inside[0])].ravel()
+    of_plate = number[np.ix_(inside_y, inside_x)].ravel()
     ends = width * (np.arange(across + 1) / across - 0.5)
     strips = np.array([_integrals(kept.y, low, high) for low, high in pairwise(ends)])
     strips = (strips + side * strips[::-1])[across // 2 :]
@@ -156,18 +163,20 @@ def left_out(plate: Plate, foam: Foam, kept: Surface, footprint: tuple[float, fl
     loads = np.zeros((3, len(structure.lattice), 2, units.shape[1]))
     loads[2, of_plate, 0] = loads[0, of_plate, 1] = units
     loads = loads.reshape(3 * len(structure.lattice), -1)
-    given = np.concatenate([kept.shapes[:, c].reshape(len(kept.shapes), -1) @ units for c in (2, 0)], axis=1)
-    given /= 2.0 * math.pi * kept.frequencies[:, None]
-    nodal = hexahedra.compliances(structure, loads[structure.free], side) - given.T @ given
+    shapes = [kept.shapes[:, component].reshape(len(kept.shapes), -1) for component in (2, 0)]
+    of_modes = np.concatenate([shape @ units for shape in shapes], axis=1)
+    of_modes /= 2.0 * math.pi * kept.frequencies[:, None]
+    nodal = hexahedra.compliances(structure, loads[structure.free], side) - of_modes.T @ of_modes
     scale = along * across / (length * width)
-    found = []
+    flexibilities = []
     for place in positions.tolist():
         ends = place + length * np.arange(along + 1) / along
         lines = np.array([_integrals(kept.x, low, high) for low, high in pairwise(ends)])
-        spread = scale * np.einsum("sy,lx->lsyx", strips[:, under], lines).reshape(along * len(strips), -1)
+        products = np.einsum("sy,lx->lsyx", strips[:, under], lines)
+        spread = scale * products.reshape(along * len(strips), -1)
         cells = np.kron(np.eye(2), spread)
-        found.append(cells @ nodal @ cells.T)
-    return np.array(found)
+        flexibilities.append(cells @ nodal @ cells.T)
+    return np.array(flexibilities)
 
 
 def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, int]]:
@@ -175,31 +184,35 @@ def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, i
     from rig.plants.structures import hexahedra
     from rig.plants.structures.hexahedra import Material, Part
 
-    a, b, c = plate.elements_along, plate.elements_across, plate.elements_through
+    a = plate.elements_along
+    b = plate.elements_across
+    c = plate.elements_through
     steel = Material(plate.young, plate.poisson, plate.density)
-    x, y, z = (
-        np.linspace(0.0, size, n + 1) for size, n in zip((plate.length, plate.width, plate.thickness), (a, b, c))
-    )
-    y -= 0.5 * plate.width
+    x = np.linspace(0.0, plate.length, a + 1)
+    y = np.linspace(0.0, plate.width, b + 1) - 0.5 * plate.width
+    z = np.linspace(0.0, plate.thickness, c + 1)
     if foam is None:
-        return hexahedra.assemble(x, y, z, [Part(steel, np.ones((a, b, c), dtype=np.bool_))], held=False), (0, 0)
-    beside = _beside(plate, foam)
+        whole = Part(steel, np.ones((a, b, c), dtype=np.bool_))
+        return hexahedra.assemble(x, y, z, [whole], held=False), (0, 0)
+    n, m = _beside(plate, foam)
     if foam.overhang:
-        x, y = (_widened(lines, foam.overhang, n) for lines, n in zip((x, y), beside))
+        x = _widened(x, foam.overhang, n)
+        y = _widened(y, foam.overhang, m)
     below = np.linspace(-foam.thickness, 0.0, foam.elements_through + 1)
-    n, m = beside
     of_plate = np.zeros((a + 2 * n, b + 2 * m, foam.elements_through + c), dtype=np.bool_)
     of_plate[n : n + a, m : m + b, foam.elements_through :] = True
     of_foam = np.zeros_like(of_plate)
     of_foam[:, :, : foam.elements_through] = True
     soft = Material(foam.young, foam.poisson, foam.density)
-    lines = (x, y, np.concatenate([below, z[1:]]))
-    return hexahedra.assemble(*lines, [Part(soft, of_foam), Part(steel, of_plate)], held=True), (n, m)
+    z = np.concatenate([below, z[1:]])
+    parts = [Part(soft, of_foam), Part(steel, of_plate)]
+    return hexahedra.assemble(x, y, z, parts, held=True), (n, m)
 
 
 def _beside(plate: Plate, foam: Foam) -> tuple[int, int]:
     """Numbers of elements of the overhang on one side along x and y; they are not longer than those of the plate."""
-    a, b = plate.length / plate.elements_along, plate.width / plate.elements_across
+    a = plate.length / plate.elements_along
+    b = plate.width / plate.elements_across
     return math.ceil(foam.overhang / a - 1e-9), math.ceil(foam.overhang / b - 1e-9)
 
 
@@ -223,10 +236,13 @@ def _integrals(nodes: Array, low: float, high: float) -> Array:
     """Integral [m] of each node's shape function from `low` to `high`."""
     integrals = np.zeros(len(nodes))
     for start, end in zip(nodes[:-2:2], nodes[2::2]):
-        left, right = max(start, low), min(end, high)
+        left = max(start, low)
+        right = min(end, high)
         if right > left:
-            middle, half = 0.5 * (left + right), 0.5 * (right - left)
-            first, weights = element_at(nodes, middle + half / math.sqrt(3.0) * np.array([-1.0, 1.0]))  # Gauss: exact
+            middle = 0.5 * (left + right)
+            half = 0.5 * (right - left)
+            points = middle + half / math.sqrt(3.0) * np.array([-1.0, 1.0])  # of Gauss: exact
+            first, weights = element_at(nodes, points)
             for i in range(3):
                 np.add.at(integrals, first + i, half * weights[i])
     return integrals

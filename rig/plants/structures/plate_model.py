@@ -37,6 +37,10 @@ _HERE = Path(__file__).parent
 _SOURCES = ("hexahedra.py", "plate_elements.py", "plate_surface.py")
 LARGEST_PITCH = 0.5e-3
 """Largest distance between two positions at which shapes are stored [m] [chosen]."""
+STATIONS = 45
+"""Number of slider positions at which the flexibility that modes lack is computed; 90 change the least pressure by 5e-4
+[chosen]."""
+_SMALL = 0.03  # of the largest: combinations of point forces to which the rest yields less are left out
 
 
 @dataclass(frozen=True)
@@ -84,12 +88,6 @@ class Grid:
         return self.length / self.along / self.stride
 
 
-STATIONS = 45
-"""Number of slider positions at which the flexibility that modes lack is computed; 90 change the least pressure by 5e-4
-[chosen]."""
-_SMALL = 0.03  # of the largest: combinations of point forces to which the rest yields less are left out
-
-
 @dataclass(frozen=True)
 class Rest:
     """The flexibility that the modes lack under the points of a slider, as coordinates of mass one at `frequency` [Hz].
@@ -115,8 +113,10 @@ class Rest:
     def of(cls, plate: Plate, foam: Foam, surface: Surface, grid: Grid) -> Self:
         """Compute the rest under the points of `grid`; takes seconds."""
         travel = np.linspace(0.0, plate.length - grid.length, STATIONS)
-        points, size = (grid.along, grid.across), (grid.length, grid.width)
-        rows, parity = [], []
+        points = (grid.along, grid.across)
+        size = (grid.length, grid.width)
+        rows = []
+        parity = []
         for side in (1.0, -1.0):
             yields = 0.25 * plate_elements.left_out(plate, foam, surface, size, points, travel, side)
             shares, vectors = np.linalg.eigh(yields.mean(axis=0))
@@ -184,7 +184,8 @@ def build(plate: Plate, foam: Foam | None, grid: Grid, point: tuple[float, float
     the plate, a point beside the plate, and as `plate_elements.surface` does.
     """
     for name in ("length", "width"):
-        slider, most = getattr(grid, name), getattr(plate, name)
+        slider = getattr(grid, name)
+        most = getattr(plate, name)
         if slider > most:
             raise ValueError(f"slider.{name} is {slider:g} m; it must be at most plate.{name}, {most:g} m")
     of = _given(plate, foam, grid)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_ROUNDING = 1e-13
+_ROUNDING = 1e-13  # of the sum of the absolute values: a smaller sum is rounding
 
 
 def constant(value: float, degree: int) -> Array:
@@ -58,10 +58,12 @@ def root(a: Array) -> Array:
     """The square root of a series with a positive constant term, by the binomial series."""
     rest = a / a[0, 0]
     rest[0, 0] = 0.0
-    factor, power = 1.0, constant(1.0, len(a) - 1)
+    factor = 1.0
+    power = constant(1.0, len(a) - 1)
     parts = [power]
     for k in range(1, len(a)):
-        power, factor = times(power, rest), factor * (1.5 - k) / k
+        power = times(power, rest)
+        factor = factor * (1.5 - k) / k
         parts.append(factor * power)
     return np.asarray(np.sqrt(a[0, 0]) * total(np.array(parts)))
 

@@ -24,18 +24,83 @@ from rig.errors import SceneError, UsageError
 from rig.plants.structures.structure_tables import Contact, Line, Place, Tables, Turning
 from rig.structure import basis, model_store, read
 from rig.structure.contacts import Contact as MeshContact
-from rig.structure.contacts import contact_points, contact_rows, node_vector
+from rig.structure.contacts import contact_points
 from rig.structure.full import FRICTION, Full, Points
 from rig.structure.mesh import Mesh, Selection, tried
 from rig.structure.read import Source
 from rig.structure.reduced import Reduced
+from rig.structure.rows import contact_rows, node_vector
 from rig.units import si
 
 Array = NDArray[np.float64]
 _log = logging.getLogger("rig")
 _SILENT = 5.0  # s before a reduction says what it computes, and between two lines
-_UP_TO, _VECTORS = 1e4, 120  # highest frequency [Hz] and number of vectors that a scene does not state
-ALPHA, BETA = "damping.alpha", "damping.beta"
+_UP_TO = 1e4  # Hz: highest frequency that a scene does not state
+_VECTORS = 120  # number of vectors that a scene does not state
+ALPHA = "damping.alpha"
+BETA = "damping.beta"
+_SWEPT = (
+    "film",
+    "stiffness",
+    "damping",
+    "stiffness_of",
+    "shear",
+    "spring",
+    "damper",
+    "opens",
+    "friction",
+    "speed",
+    "speed_min",
+    "speed_max",
+    "lag",
+)
+
+
+class Given:
+    """What a reduced structure depends on, as a key: tables and files, without the values that are swept."""
+
+    def __init__(self, p: Tables) -> None:
+        self.parameters = p
+        self.reduction = _reduction(p)
+        contacts = tuple((name, _plain(contact)) for name, contact in p.contacts.items())
+        places = tuple((where, _plain(place)) for where, place in p.places())
+        turning = _plain(p.drive) if isinstance(p.drive, Turning) else ()
+        self.tables = _plain(p.structure), contacts, places, turning, p.damping.table is None
+        try:
+            self.files = tuple((str(path), *_stamp(path)) for path in _files(p))
+        except (SceneError, OSError):  # a recording that is simulated again needs no files
+            self.files = ()
+        self._beside = self.tables, self.files
+        self._key = *self._beside, repr(self.reduction)
+
+    def alike(self, other: Given) -> bool:
+        """Whether the basis is that of `other` but for the numbers that it is made for."""
+        reduction = replace(self.reduction, at={})
+        of_other = replace(other.reduction, at={})
+        return reduction == of_other and self._beside == other._beside
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Given) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+class _Told:
+    """Says in the log what takes long: what is computed, every few seconds, and for which values alone it holds."""
+
+    def __init__(self, reduction: basis.Reduction) -> None:
+        self._next = time.monotonic() + _SILENT
+        fixed = ", ".join(f"{key} = {value:g}" for key, value in reduction.at.items() if value)
+        self._holds = ""
+        if fixed and reduction.kind == "snapshots":
+            advice = "what you vary belongs into reduction.over, or every value is trained anew"
+            self._holds = f", for {fixed} alone: {advice}"
+
+    def __call__(self, what: str, share: float) -> None:
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + _SILENT
+            _log.warning("reducing the structure: %s (%.0f %%); the result is kept%s", what, 100.0 * share, self._holds)
 
 
 def values_of(p: Tables) -> dict[str, float]:
@@ -59,7 +124,8 @@ def values_of(p: Tables) -> dict[str, float]:
         share = p.load.force / max(len(p.contacts), 1) if p.load is not None else 0.0
         for where, law in {"": p.friction, **of_contacts}.items():
             if law is not None:
-                values[f"{where}{FRICTION}"] = math.copysign(law.friction().mu(abs(speed), share), speed)
+                mu = law.friction().mu(abs(speed), share)
+                values[f"{where}{FRICTION}"] = math.copysign(mu, speed)
     return values
 
 
@@ -79,7 +145,8 @@ def basis_in_run(p: Tables, begun: Tables) -> Mapping[str, float] | None:
     Displacements stay what they are only on one basis. Modes with attachment vectors hold for other stiffnesses too;
     snapshots were taken for the numbers of their ranges, and for one value of every other number.
     """
-    now, first = Given(p), Given(begun)
+    now = Given(p)
+    first = Given(begun)
     if now.reduction.kind == first.reduction.kind == "whole":
         return None
     if not now.alike(first):
@@ -87,7 +154,8 @@ def basis_in_run(p: Tables, begun: Tables) -> Mapping[str, float] | None:
             "the basis of the reduced structure, whose coordinates are the state of the run, depends on it: with "
             "another one the displacements would jump; make a new run with this value"
         )
-    at, before = now.reduction.at, first.reduction.at
+    at = now.reduction.at
+    before = first.reduction.at
     other = sorted(key for key in at.keys() | before.keys() if at.get(key) != before.get(key))
     if other and now.reduction.kind == "snapshots":
         raise ValueError(
@@ -95,51 +163,6 @@ def basis_in_run(p: Tables, begun: Tables) -> Mapping[str, float] | None:
             "with this value, or put the range into reduction.over"
         )
     return before
-
-
-class Given:
-    """What a reduced structure depends on, as a key: tables and files, without the values that are swept."""
-
-    def __init__(self, p: Tables) -> None:
-        self.parameters = p
-        self.reduction = _reduction(p)
-        contacts = tuple((name, _plain(contact)) for name, contact in p.contacts.items())
-        places = tuple((where, _plain(place)) for where, place in p.places())
-        turning = _plain(p.drive) if isinstance(p.drive, Turning) else ()
-        self.tables = _plain(p.structure), contacts, places, turning, p.damping.table is None
-        try:
-            self.files = tuple((str(path), *_stamp(path)) for path in _files(p))
-        except (SceneError, OSError):  # a recording that is simulated again needs no files
-            self.files = ()
-        self._beside = self.tables, self.files
-        self._key = *self._beside, repr(self.reduction)
-
-    def alike(self, other: Given) -> bool:
-        """Whether the basis is that of `other` but for the numbers that it is made for."""
-        return replace(self.reduction, at={}) == replace(other.reduction, at={}) and self._beside == other._beside
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Given) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-
-_SWEPT = (
-    "film",
-    "stiffness",
-    "damping",
-    "stiffness_of",
-    "shear",
-    "spring",
-    "damper",
-    "opens",
-    "friction",
-    "speed",
-    "speed_min",
-    "speed_max",
-    "lag",
-)
 
 
 def _plain(value: Any) -> Any:
@@ -171,43 +194,31 @@ def _reduced(given: Given) -> Reduced:
     return basis.stored(key, lambda: full(p)[0], given.reduction, f"structure {tables}", _Told(given.reduction))
 
 
-class _Told:
-    """Says in the log what takes long: what is computed, every few seconds, and for which values alone it holds."""
-
-    def __init__(self, reduction: basis.Reduction) -> None:
-        self._next = time.monotonic() + _SILENT
-        fixed = ", ".join(f"{key} = {value:g}" for key, value in reduction.at.items() if value)
-        self._holds = (
-            f", for {fixed} alone: what you vary belongs into reduction.over, or every value is trained anew"
-            if fixed and reduction.kind == "snapshots"
-            else ""
-        )
-
-    def __call__(self, what: str, share: float) -> None:
-        if time.monotonic() >= self._next:
-            self._next = time.monotonic() + _SILENT
-            _log.warning("reducing the structure: %s (%.0f %%); the result is kept%s", what, 100.0 * share, self._holds)
-
-
 def _reduction(p: Tables) -> basis.Reduction:
     """The reduction of a scene; by default typed matrices stay as they are, and files are reduced to modes."""
-    given, values = p.reduction, values_of(p)
+    given = p.reduction
+    values = values_of(p)
     kind = given.kind or ("whole" if p.structure.typed else "modes")
-    keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"} - {""}
+    keys = {part.scaling[0] for part in p.structure.parts.values() if part.of != "damping"}
     if kind == "snapshots":
-        keys |= {part.scaling[0] for part in p.structure.parts.values()} - {""} | {ALPHA, BETA, FRICTION}
-        keys |= {f"contacts.{name}.{own}" for name in p.contacts for own in (FRICTION, "damping")}
+        keys |= {part.scaling[0] for part in p.structure.parts.values()} | {ALPHA, BETA, FRICTION}
+        keys |= {f"contacts.{name}.{number}" for name in p.contacts for number in (FRICTION, "damping")}
+    keys -= {""}  # of parts without a factor
     keys |= {f"contacts.{name}.stiffness" for name in p.contacts}
     units = {key: unit for key, (_, unit) in p.numbers.items()}
-    over = {key: tuple(si(end, units[key]) for end in ends) for key, ends in given.over.items()}
-    own = {key: values[key] for key in sorted(keys) if key in values}
+    over = {}
+    for key, ends in given.over.items():
+        over[key] = tuple(si(end, units[key]) for end in ends)
+    at = p.reduced_at
+    if at is None:
+        at = {key: values[key] for key in sorted(keys) if key in values}
     return basis.Reduction(
         kind=kind,
         up_to=2.0 * math.pi * (given.up_to or given.modes_up_to or _UP_TO),
         modes=given.modes or 0,
         contact=given.contact,
         residual=given.residual,
-        at=own if p.reduced_at is None else p.reduced_at,
+        at=at,
         over=over,  # type: ignore[arg-type]
         vectors=given.vectors or _VECTORS,
         error=given.error,
@@ -215,19 +226,18 @@ def _reduction(p: Tables) -> basis.Reduction:
 
 
 def _sources(p: Tables) -> list[Source]:
-    return [
-        Source(
-            name, part.of, Path(part.file) if part.file else None, part.values, part.name or "", part.stored, *scaled
-        )
-        for name, part in p.structure.parts.items()
-        for scaled in [(*part.scaling, part.factor)]
-    ]
+    sources = []
+    for name, part in p.structure.parts.items():
+        file = Path(part.file) if part.file else None
+        scaled = (*part.scaling, part.factor)
+        sources.append(Source(name, part.of, file, part.values, part.name or "", part.stored, *scaled))
+    return sources
 
 
 def _beside(p: Tables) -> dict[str, Any]:
     """The files of a structure that are no parts: job, mesh, node and direction of each row."""
-    given = p.structure
-    return {key: Path(path) if (path := getattr(given, key)) else None for key in ("job", "nodes", "rows")}
+    paths = {key: getattr(p.structure, key) for key in ("job", "nodes", "rows")}
+    return {key: Path(path) if path else None for key, path in paths.items()}
 
 
 def _files(p: Tables) -> tuple[Path, ...]:
@@ -278,12 +288,14 @@ def full(p: Tables) -> tuple[Full, Mesh]:
         if contact.rows is not None:
             return contact_rows(name, Path(contact.rows), whole)
         if contact.gap is not None and contact.along is not None:
-            gap, along = (sp.csr_array(vector(row)[None]) for row in (contact.gap, contact.along))
+            gap = sp.csr_array(vector(contact.gap)[None])
+            along = sp.csr_array(vector(contact.along)[None])
             radius = np.array([contact.radius or 1.0])
             return Points(name, gap, along, np.ones(1), radius, np.zeros((1, 3)), np.zeros((1, 3)))
         assert contact.slave is not None
         assert contact.master is not None
-        slave, master = (Selection(s.set or "", s.nodes or (), s.box) for s in (contact.slave, contact.master))
+        slave = Selection(contact.slave.set or "", contact.slave.nodes or (), contact.slave.box)
+        master = Selection(contact.master.set or "", contact.master.nodes or (), contact.master.box)
         turning = p.drive if isinstance(p.drive, Turning) and contact.sliding is None else None
         turns: dict[str, Any] = {"axis": turning.axis, "centre": turning.centre} if turning else {}
         cells = (finer * contact.points[0], finer * contact.points[1])
@@ -292,14 +304,18 @@ def full(p: Tables) -> tuple[Full, Mesh]:
         )
         return contact_points(described, whole, mesh)
 
-    none = Points("", *[sp.csr_array((0, whole.rows))] * 2, *[np.zeros(0)] * 2, *[np.zeros((0, 3))] * 2)
-    contacts, finer = (
-        tuple(
-            tried(partial(points, name, contact, by), none, faults, f"contacts.{name}: ")
-            for name, contact in chosen.items()
-        )
-        for by, chosen in ((1, p.contacts), (2, {n: c for n, c in p.contacts.items() if c.slave}))
-    )
+    no_rows = sp.csr_array((0, whole.rows))
+    none = Points("", no_rows, no_rows, np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def points_of(chosen: Mapping[str, Contact], finer: int) -> tuple[Points, ...]:
+        contacts = []
+        for name, contact in chosen.items():
+            contacts.append(tried(partial(points, name, contact, finer), none, faults, f"contacts.{name}: "))
+        return tuple(contacts)
+
+    on_mesh = {name: contact for name, contact in p.contacts.items() if contact.slave}
+    contacts = points_of(p.contacts, 1)
+    finer = points_of(on_mesh, 2)
     vectors = {
         where: tried(partial(of_place, place), np.zeros(whole.rows), faults, f"{where}: ")
         for where, place in p.places()
@@ -308,13 +324,11 @@ def full(p: Tables) -> tuple[Full, Mesh]:
         raise SceneError("structure", dict.fromkeys(faults))
     parts = list(whole.parts)
     if p.damping.table is None:
-        own = [replace(part, of="damping", name=f"Rayleigh {part.name}") for part in parts if not part.key]
-        parts += [replace(part, key=ALPHA) for part, of in zip(own, (q.of for q in parts if not q.key)) if of == "mass"]
-        parts += [
-            replace(part, key=BETA)
-            for part, of in zip(own, (q.of for q in whole.parts if not q.key))
-            if of == "stiffness" and part.symmetric
-        ]
+        constant = [part for part in whole.parts if not part.key]
+        masses = [part for part in constant if part.of == "mass"]
+        springs = [part for part in constant if part.of == "stiffness" and part.symmetric]
+        for key, proportional in ((ALPHA, masses), (BETA, springs)):
+            parts += [replace(part, of="damping", name=f"Rayleigh {part.name}", key=key) for part in proportional]
     if len(finer) < len(contacts):
         finer = ()
     return replace(whole, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer), mesh

@@ -104,7 +104,8 @@ class MatrixPart(Section):
     @property
     def scaling(self) -> tuple[str, int]:
         """The key that multiplies the matrix, and its power; "" for none."""
-        if self.times is None or (match := _TIMES.fullmatch(self.times)) is None:
+        match = _TIMES.fullmatch(self.times or "")
+        if match is None:
             return "", 1
         power = int(match["power"] or 1)
         return match["key"], -power if match["one"] else power
@@ -180,8 +181,10 @@ class Place(Nodes):
         if len(given) != 1:
             raise ValueError(f"give one of node, nodes, set, box or row; there is {' and '.join(given) or 'none'}")
         if (self.row is None) == (self.direction is None):
-            raise refused([("direction", 'is needed beside nodes, such as direction = "z"')] if self.row is None else
-                          [("direction", "a row has its direction already; leave it out")])  # fmt: skip
+            fault = "a row has its direction already; leave it out"
+            if self.row is None:
+                fault = 'is needed beside nodes, such as direction = "z"'
+            raise refused([("direction", fault)])
         return self
 
 
@@ -520,7 +523,8 @@ def _numbers(section: BaseModel, prefix: str = "") -> dict[str, tuple[float, str
     """Value and SI unit of every quantity of a section, by dotted key."""
     out: dict[str, tuple[float, str]] = {}
     for name in type(section).model_fields:
-        value, key = getattr(section, name), f"{prefix}{name}"
+        value = getattr(section, name)
+        key = f"{prefix}{name}"
         unit = "1" if name == "factors" else unit_of(type(section), name)
         for entry, part in value.items() if isinstance(value, dict) else [("", value)]:
             here = f"{key}.{entry}" if entry else key
