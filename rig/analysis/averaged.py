@@ -61,7 +61,8 @@ def _zeros(mean: float, amplitude: complex) -> Array:
     size = abs(amplitude)
     if not abs(mean) < size:
         return np.zeros(0)
-    middle, half = np.pi - np.angle(amplitude), np.arccos(mean / size)
+    middle = np.pi - np.angle(amplitude)
+    half = np.arccos(mean / size)
     return np.sort(np.mod([middle - half, middle + half], 2.0 * np.pi))
 
 
@@ -87,7 +88,8 @@ def fast_motion(
     dynamic = _dynamic_stiffness(system, omega, leading)
     answer = np.zeros(system.n, dtype=np.complex128)
     q = np.linalg.solve(dynamic, push.astype(complex)) if nq else push
-    answer[:nq], answer[nq : 2 * nq] = q, 1j * omega * q
+    answer[:nq] = q
+    answer[nq : 2 * nq] = 1j * omega * q
     answer[shaken[0]] = shaken[1]
     return answer
 
@@ -111,7 +113,8 @@ def not_fast(system: System, sine: int, cosine: int) -> str:
     It can where the generator is far above the natural frequencies that the contacts feel: the slip speed then responds
     to a friction force as inertia alone does, to 1 / (FAR^2 - 1), as at FAR times the natural frequency of one mass.
     """
-    omega, nq = float(system.signals[sine - system.one, cosine]), len(system.coordinates)
+    omega = float(system.signals[sine - system.one, cosine])
+    nq = len(system.coordinates)
     most = 1.0 / (FAR**2 - 1.0)
     if system.remembers:
         names = ", ".join(patch.name for patch in system.patches if patch.memory)

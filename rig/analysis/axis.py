@@ -93,7 +93,8 @@ class Axis:
 
         Raises SceneError with every fault.
         """
-        known, given = numbers(scene, [f"controllers.{controller}"]), tuple(float(value) for value in values)
+        known = numbers(scene, [f"controllers.{controller}"])
+        given = tuple(float(value) for value in values)
         faults = [] if key in known else [unknown(key, known, scene)]
         steps = np.diff(given)
         if not 2 <= len(given) <= MOST:
@@ -176,7 +177,8 @@ def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") ->
 
     `controller`: the controller whose numbers may be swept too.
     """
-    parsed, faults = [], []
+    parsed = []
+    faults = []
     for option, text in given.items():
         if text is None:
             continue
@@ -229,7 +231,8 @@ def unknown(key: str, known: Iterable[str], scene: Scene) -> str:
 def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield (dotted key, unit) of every number of a section and of its subsections, including omitted optional ones."""
     for name, info in type(section).model_fields.items():
-        value, key = getattr(section, name), f"{prefix}.{name}" if prefix else name
+        value = getattr(section, name)
+        key = f"{prefix}.{name}" if prefix else name
         if isinstance(value, BaseModel):
             yield from sweepable(value, key)
         elif isinstance(value, dict):
@@ -262,7 +265,8 @@ def main(scene: Scene) -> dict[str, tuple[str, str]]:
 
     Main are those whose field declares words for them: speed of the drive, load, coefficients of friction.
     """
-    values, shown = scene.values(), {}
+    values = scene.values()
+    shown = {}
     for key, unit in sweepable(scene.parameters):
         words = in_words(key, scene, declared=True)
         if words and values[key][0] is not None:

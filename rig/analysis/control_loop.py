@@ -87,7 +87,8 @@ class Loop(Result):
         rates = (np.log(z[seen].astype(np.complex128)) / self.model.period).astype(np.complex128)
         order = np.lexsort((-rates.imag, -rates.real))
         columns = np.flatnonzero(seen)[order]
-        states, own = self.model.states, self.model.own
+        states = self.model.states
+        own = self.model.own
         nq = sum(f"{name}'" in states for name in states)
         return Spectrum(rates[order], right[:, columns], left[:, columns], states, nq, own, energy=self.energy)
 
@@ -156,7 +157,8 @@ class Loop(Result):
             return {"phase": math.inf, "phase_hertz": math.nan, "delay": math.inf, "delay_hertz": math.nan}
         turn = np.mod(np.angle(self.response(at)) + math.pi, 2.0 * math.pi)  # clockwise to -1
         back = np.minimum(turn, 2.0 * math.pi - turn)
-        phase, delay = int(back.argmin()), int((turn / at).argmin())
+        phase = int(back.argmin())
+        delay = int((turn / at).argmin())
         hertz = at / (2.0 * math.pi)
         return {
             "phase": float(back[phase]),
@@ -303,12 +305,15 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
         raise SceneError(
             scene.name, [f"controllers.{name}: {section.kind} is not a linear feedback: it has no margins{other}"]
         )
-    own, unit = 1.0, "1"
+    own = 1.0
+    unit = "1"
     try:
         if gain := linear_form(feedback).gain:
-            own, unit = getattr(section, gain), unit_of(type(section), gain)
+            own = getattr(section, gain)
+            unit = unit_of(type(section), gain)
             feedback = controllers.build(section.model_copy(update={gain: 1.0}), made)
-        (reads,), (drives,) = feedback.reads, feedback.drives
+        (reads,) = feedback.reads
+        (drives,) = feedback.drives
         sensor = scene.sensors[reads]
         end = sensor.front_end()
         rig = plant(scene)
@@ -376,7 +381,9 @@ def state_space(scene: Scene, delay: float = 0.0, order: int = ORDER) -> StateSp
     import control
 
     p = plant(scene)
-    A, B, D = p.A, p.B, p.D
+    A = p.A
+    B = p.B
+    D = p.D
     if delay > 0.0:
         num, den = control.pade(1.0, order)
         pade = control.tf2ss(control.tf(num, den))
@@ -385,7 +392,8 @@ def state_space(scene: Scene, delay: float = 0.0, order: int = ORDER) -> StateSp
         zero = np.zeros((len(late), len(A)))
         A = np.block([[A, B @ out], [zero, late]])
         C = np.hstack([p.C, D @ out])
-        B, D = np.vstack([B @ through, into]), D @ through
+        B = np.vstack([B @ through, into])
+        D = D @ through
     else:
         C = p.C
     inputs = [name.replace(".", "_") for name in p.inputs]

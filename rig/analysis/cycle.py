@@ -76,7 +76,9 @@ class Rest:
     """
 
     def __init__(self, sliding: Steady, start: Array, begins: str = "a standing start") -> None:
-        self._begins, self._sliding, self._nq = begins, sliding, len(sliding.system.coordinates)
+        self._begins = begins
+        self._sliding = sliding
+        self._nq = len(sliding.system.coordinates)
         self._free = not sliding.load.any()
         """True if no contact is loaded: the structure vibrates freely and comes to rest where it would slide."""
         there = sliding.exists or self._free
@@ -123,8 +125,11 @@ class Rest:
         )
 
     def _distances(self, states: Array) -> Array:
-        d, nq, mass = states - self._sliding.x, self._nq, self._sliding.system.mass
-        q, v = d[:, :nq], d[:, nq : 2 * nq]
+        d = states - self._sliding.x
+        nq = self._nq
+        mass = self._sliding.system.mass
+        q = d[:, :nq]
+        v = d[:, nq : 2 * nq]
         squares = np.sum(v @ mass * v, axis=1) + abs(self.least) ** 2 * np.sum(q @ mass * q, axis=1)
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
@@ -202,17 +207,23 @@ class Search:
         patience: float = 0.0,
         begins: str = "a standing start",
     ) -> None:
-        self.rig, self.sliding, self.every, self.patience = rig, sliding, every, patience
+        self.rig = rig
+        self.sliding = sliding
+        self.every = every
+        self.patience = patience
         self.rest = Rest(sliding, rig.system.start, begins)
-        self.turn, self.slowest = turn_of(sliding), sliding.time_scales()[1]
+        self.turn = turn_of(sliding)
+        self.slowest = sliding.time_scales()[1]
         self.repeat = repeat or (1e-7 if rig.method == "rk4" else max(REPEAT, 10.0 * rig.tolerance))
         self.rough = ROUGH
-        self.motion, self._begun = rig.motion, rig.motion.tick
+        self.motion = rig.motion
+        self._begun = rig.motion.tick
         self.events: list[Event] = []  # the last, as many as are compared
         self.changes = 0
         self.drift = math.inf
         self.quiet = 0.0  # on an uneven surface: time without a change of a contact and without stick [s]
-        self.calm, self.spacing = self.motion.x[None].copy(), rig.step  # the last states since the last event
+        self.calm = self.motion.x[None].copy()
+        self.spacing = rig.step  # the last states since the last event
         turns = max(abs(self.rest.least) / (2.0 * math.pi), 1.0 / self.slowest)  # in a second; nan without sliding
         self.coarsest = max(int(1.0 / (_SEEN * turns * rig.step)), 1) if turns > 0.0 else 1  # ticks between two of them
         self.unstable: ClosedCycle | None = None
@@ -229,7 +240,8 @@ class Search:
         uneven = math.isfinite(self.turn)
         stretch = self.turn if uneven else self.every or _SHORT * self.slowest
         while self.now < longest and self.changes < most:
-            begun, before = self.now, self.changes
+            begun = self.now
+            before = self.changes
             if (left := self._simulated(min(stretch, longest - self.now), most)) is not None:
                 return left
             if uneven:
@@ -251,12 +263,14 @@ class Search:
         origin = motion.tick + max(ticks - apart * _ONCE, 0)
         calm: list[Array] = []
         while ticks > 0 and self.changes < most:
-            count, first = math.ceil(ticks / math.ceil(ticks / _ONCE)), motion.tick
+            count = math.ceil(ticks / math.ceil(ticks / _ONCE))
+            first = motion.tick
             motion.advance(count)
             ticks -= count
             events = motion.events()
             if events and events[-1].tick >= origin:
-                origin, calm = events[-1].tick + 1, []
+                origin = events[-1].tick + 1
+                calm = []
             calm.append(motion.states[max(origin - first, (origin - first) % apart) :: apart].copy())
             self.events = [*self.events, *events][-4 * MOST :]
             self.changes += len(events)
@@ -274,7 +288,8 @@ class Search:
                 modes = [rig.system.modes(key)[:2] for key in (*(event.before for event in events), motion.key)]
                 touched = rig.stuck(motion.key) or any(a != b for a, b in pairwise(modes))
                 self.quiet = 0.0 if touched else self.quiet + count * rig.step
-        self.calm, self.spacing = np.concatenate(calm), apart * rig.step
+        self.calm = np.concatenate(calm)
+        self.spacing = apart * rig.step
         return None
 
     def _looked_at(self, late: bool) -> Settled | None:
@@ -310,7 +325,8 @@ class Search:
 
         Turning points are those of the coordinate with the largest motion in the least stable mode.
         """
-        moving, nq = self.rig.moving, len(self.rig.system.coordinates)
+        moving = self.rig.moving
+        nq = len(self.rig.system.coordinates)
         states = self.calm[:, moving]
         span = np.ptp(states, axis=0)
         shape = self.sliding.eigenvectors()[1][nq : 2 * nq, 0]
@@ -330,7 +346,8 @@ class Search:
         not known.
         """
         motion = self.motion
-        saved, tick = motion.save(), motion.tick
+        saved = motion.save()
+        tick = motion.tick
         driving = np.delete(np.arange(self.rig.system.n), self.rig.moving)
         driven = bool(np.ptp(motion.states[:, driving], axis=0).any())
         if driven and (rates := [rate for *_, rate in self.rig.system.generators]):
@@ -347,11 +364,13 @@ class Search:
         if cycle is None or self.rest.share(cycle.map.state(cycle.u)) <= NEAR:
             return None
         if cycle.multiplier > 1.0 + _GROWS:
-            self.unstable, self.rough = cycle, 0.1 * min(self.drift, self.rough)
+            self.unstable = cycle
+            self.rough = 0.1 * min(self.drift, self.rough)
             return None
         if cycle.multiplier >= 1.0 - _DECAYS:
             return self._settled(why="no limit cycle: nothing damps the vibration, which keeps any amplitude")
-        count, x = len(cycle.end.events), cycle.map.state(cycle.u)
+        count = len(cycle.end.events)
+        x = cycle.map.state(cycle.u)
         return self._settled(period=cycle.period, count=count, x=x, cycle=cycle)
 
     def _over_a_turn(self, begun: float, changes: int) -> Settled | None:
@@ -454,7 +473,9 @@ def limit_cycle(
 
 def _recorded(rig: FreeRig, settled: Settled, method: str, tolerance: float) -> Cycle:
     """Record one period of the cycle in which a motion has settled, and return its properties."""
-    cycle, period, x = settled.cycle, settled.period, settled.x
+    cycle = settled.cycle
+    period = settled.period
+    x = settled.x
     floquet, newton = (Floquet(why=_NOT_SMOOTH), 0) if cycle is None else (cycle.floquet, cycle.map.steps)
     recorder = FreeRig(rig.scene, rig.assembly, x, method=method, tolerance=tolerance, dense=True)
     turn = recorder.recorded(period)

@@ -106,7 +106,8 @@ class Cycle(Result):
         alone = [f"  {self.left_out}"] if self.left_out else []
         if not self.found:
             return "\n".join([f"{self.scene}: {self.why}", *alone])
-        attracts, sticks = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT), any(self.stick_time.values())
+        attracts = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT)
+        sticks = any(self.stick_time.values())
         kind = "limit cycle" if sticks or attracts or self.repels else "periodic motion"
         kind = f"{'unstable ' * self.repels}{kind}{'' if sticks else ' in which nothing sticks'}"
         newton = f", the last of the way by {counted(self.newton, 'step')} of Newton's method" if self.newton else ""

@@ -99,9 +99,12 @@ def sliding(at: Steady, up_to: float = np.inf) -> Spectrum:
     """Return the spectrum of steady sliding up to a frequency [Hz]."""
     rates, right, left = of_matrix(at.A[np.ix_(at.moving, at.moving)])
     kept = np.abs(rates.imag) <= 2.0 * np.pi * up_to
-    rates, right, left = rates[kept], right[:, kept], left[:, kept]
+    rates = rates[kept]
+    right = right[:, kept]
+    left = left[:, kept]
     note = JAMS if at.inertia <= 0.0 else "" if at.exists else OPENS if at.counts and not at.beyond else NOTHING
-    names, nq = tuple(at.system.names[i] for i in at.moving), len(at.system.coordinates)
+    names = tuple(at.system.names[i] for i in at.moving)
+    nq = len(at.system.coordinates)
     why = "" if at.exists else missing(at)
     energy = energy_form(at)[np.ix_(at.moving, at.moving)]
     return Spectrum(rates, right, left, names, nq, len(names), at.exists, at.counts, note, at.inertia, why, energy)
@@ -114,7 +117,8 @@ def pairs(a: Spectrum, b: Spectrum) -> tuple[NDArray[np.int64], bool]:
     from scipy.optimize import linear_sum_assignment
 
     if a.names == b.names:
-        across, back = a.left.T @ b.right, b.left.T @ a.right
+        across = a.left.T @ b.right
+        back = b.left.T @ a.right
         own = np.abs(np.sum(a.left * a.right, axis=0))[:, None] * np.abs(np.sum(b.left * b.right, axis=0))[None, :]
         mac = np.minimum(np.abs(across * back.T) / np.maximum(own, 1e-300), 1.0)
     else:
@@ -301,7 +305,8 @@ def limits(values: Sequence[float], growths: Growths) -> list[tuple[float, bool]
     def look(grid: list[float]) -> list[tuple[float, bool]]:
         found: list[tuple[float, bool]] = []
         for a, b in pairwise(sorted(grid)):
-            below, above = growths(a), growths(b)
+            below = growths(a)
+            above = growths(b)
             if (below is None or above is None) and grows(below) != grows(above):
                 found.append((a if below is None else b, grows(above)))
         for stretch in stretches(grid, growths):
@@ -360,7 +365,9 @@ def stretches(grid: Sequence[float], growths: Growths) -> list[list[float]]:
 
 def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
     """Values to examine between a and b, in their order."""
-    at_a, at_b, middle = growths(a), growths(b), 0.5 * (a + b)
+    at_a = growths(a)
+    at_b = growths(b)
+    middle = 0.5 * (a + b)
     if at_a is None and at_b is not None:
         inside, outside = edge(b, a, lambda value: growths(value) is not None)
         near = _approach(b, inside, growths, depth)[::-1]
@@ -374,7 +381,8 @@ def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
         count = min(len(growth.rates) for growth in (at_a, here, at_b))
         first, half, last = (growth.clear[:count] for growth in (at_a, here, at_b))
         bend = np.abs(half - 0.5 * (first + last))
-        left, right = _could(first, half, bend), _could(half, last, bend)
+        left = _could(first, half, bend)
+        right = _could(half, last, bend)
     return [
         *(_between(a, middle, growths, depth - 1) if left else ()),
         middle,
@@ -437,7 +445,8 @@ def _dip(x: Sequence[float], f: tuple[float, float, float], of: Callable[[float]
 
     The golden section goes on while the bend is one that could reach zero beside the least value, even with a cusp.
     """
-    (a, m, b), (left, here, right) = x, f
+    a, m, b = x
+    left, here, right = f
     close = 1e-6 * abs(b - a)
     while 0.0 < here < _CUSP * (max(left, right) - here) and abs(b - a) > close:
         end = b if abs(b - m) > abs(m - a) else a

@@ -106,11 +106,11 @@ def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
 
 
 def _portrait(axes: Axes, cycle: Cycle, displacement: str, velocity: str) -> None:
-    style, x, v = "--" if cycle.repels else "-", cycle.outputs[displacement], cycle.outputs[velocity]
-    (along, unit), (rate, speed) = (
-        scaled(cycle.units[displacement], largest(x)),
-        scaled(cycle.units[velocity], largest(v)),
-    )
+    style = "--" if cycle.repels else "-"
+    x = cycle.outputs[displacement]
+    v = cycle.outputs[velocity]
+    along, unit = scaled(cycle.units[displacement], largest(x))
+    rate, speed = scaled(cycle.units[velocity], largest(v))
     axes.plot(along * x, rate * v, style, color=BLUE, lw=1.4)
     axes.set(
         xlabel=f"{plain(displacement)} [{unit}]",
@@ -137,8 +137,9 @@ def _multipliers(axes: Axes, cycle: Cycle) -> None:
 @drawn(12.8, 6.6)
 def loop_report_figure(figure: Figure, report: LoopReport) -> None:
     """Draw `report`."""
-    grid = figure.add_gridspec(2, 3, height_ratios=(1, 1.5), left=0.07, right=0.985, top=0.86, bottom=0.09,
-                               hspace=0.5, wspace=0.24)  # fmt: skip
+    grid = figure.add_gridspec(
+        2, 3, height_ratios=(1, 1.5), left=0.07, right=0.985, top=0.86, bottom=0.09, hspace=0.5, wspace=0.24
+    )
     headline(figure, f"{report.scene}: loop of {report.found.controller}")
     _budget(figure.add_subplot(grid[0, :]), report)
     for column, curve in enumerate(report.curves):
@@ -155,7 +156,8 @@ def loop_report_figure(figure: Figure, report: LoopReport) -> None:
 def loop_figure(figure: Figure, loop: Loop) -> None:
     """Draw gain and phase of the open loop over frequency, with the margins."""
     omega = loop.frequencies
-    hertz, response = omega / (2.0 * math.pi), loop.response(omega)
+    hertz = omega / (2.0 * math.pi)
+    response = loop.response(omega)
     state = f"stable, decay rate {-loop.growth:.4g} 1/s" if loop.growth < 0.0 else "unstable"
     headline(figure, f"{loop.scene}: loop of {loop.controller}, {state}")
     size, phase = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, 1.0))
@@ -249,12 +251,15 @@ def _plane(whole: Figure, figure: Figure | SubFigure, modes: Modes) -> None:
 @drawn(12.8, 6.6)
 def sweep_figure(figure: Figure, sweep: Sweep) -> None:
     """Draw growth, frequency and root locus of a sweep into `figure`."""
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1), left=0.07, right=0.985, top=0.855, bottom=0.09,
-                               hspace=0.12, wspace=0.2)  # fmt: skip
+    grid = figure.add_gridspec(
+        2, 2, width_ratios=(1.25, 1), left=0.07, right=0.985, top=0.855, bottom=0.09, hspace=0.12, wspace=0.2
+    )
     growth = figure.add_subplot(grid[0, 0])
     frequency = figure.add_subplot(grid[1, 0], sharex=growth)
     locus = figure.add_subplot(grid[:, 1])
-    x, rates, hertz = sweep.axis.shown_values, sweep.growth, sweep.frequency
+    x = sweep.axis.shown_values
+    rates = sweep.growth
+    hertz = sweep.frequency
     known = np.flatnonzero(np.isfinite(rates).any(axis=0)).tolist()
     colours = {b: _COLOURS[i % len(_COLOURS)] for i, b in enumerate(known)}
     partners = {crossing.branch: sweep.partner(crossing) for crossing in sweep.critical}
@@ -289,7 +294,8 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
     growth.tick_params(labelbottom=False)
     frequency.set(ylabel="frequency [Hz]", xlabel=sweep.axis.title)
     if np.any(seen):
-        low, high = float(np.nanmin(hertz[seen])), float(np.nanmax(hertz[seen]))
+        low = float(np.nanmin(hertz[seen]))
+        high = float(np.nanmax(hertz[seen]))
         # a nearly constant curve must look constant, and two that meet must look apart where they are
         margin = max(0.08 * (high - low), (0.002 if zoomed else 0.02) * high, 1e-9)
         for axes in (frequency, locus):
@@ -308,7 +314,8 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
 
 def _room(values: Array) -> tuple[float, float]:
     """Ends of an axis with a tenth of the range of `values` on both sides."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    low = float(np.nanmin(values))
+    high = float(np.nanmax(values))
     margin = max(0.1 * (high - low), 1e-9)
     return low - margin, high + margin
 
@@ -347,7 +354,8 @@ def _part(rates: Array, grows: bool) -> Array:
 def _critical(sweep: Sweep, growth: Axes, frequency: Axes, locus: Axes) -> None:
     named = len(sweep.critical) if len(sweep.critical) <= _NAMED else _NAMED - 1
     for number, crossing in enumerate(sweep.critical):
-        value, mark = crossing.value / sweep.axis.scale, _MARK[crossing.kind]
+        value = crossing.value / sweep.axis.scale
+        mark = _MARK[crossing.kind]
         label = f"{crossing.kind} at {sweep.axis.text(crossing.value)}"
         if number >= named:
             label = f"and {len(sweep.critical) - named} more" if number == named else "_"

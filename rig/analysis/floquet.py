@@ -166,7 +166,8 @@ def _returning(
         values, vectors = np.linalg.eig(returns.derivative(u, end, over_p=False).P)
     except NotSmooth as error:
         return _unknown(f"{why}, and {error}")
-    rig, x = returns.rig(u), returns.state(u)
+    rig = returns.rig(u)
+    x = returns.state(u)
     left = (np.abs(values) > _ERASED) | (not end.events)
     why = "" if left.any() else "a contact sticks in every period, which ends every disturbance"
     shapes = np.zeros((at.system.n, int(left.sum())), dtype=np.complex128)
@@ -177,10 +178,13 @@ def _returning(
 
 def _means(rig: FreeRig, x: Array, key: int, tau: float) -> tuple[Array, Array, Array, Array]:
     """The means of `Forced` of a motion from x on that stays in one mode set."""
-    modes, system, states = rig.modes(key), rig.system, [x]
+    modes = rig.modes(key)
+    system = rig.system
+    states = [x]
     for _ in range(_POINTS - 1):
         states.append(rig.within(states[-1], key, tau / _POINTS))
-    law, X = own_law(system, modes), np.array(states)
+    law = own_law(system, modes)
+    X = np.array(states)
     T = np.array([linearised(system, modes, state, law)[1] for state in states])
     friction = X @ modes.friction.T + T @ modes.friction_t.T
     load = X @ modes.load.T + T @ modes.load_t.T
@@ -194,7 +198,8 @@ def _least_stable_first(main: Complex, at: Steady, shapes: Complex, motion: Forc
     eigenvalue of sliding without dither counts.
     """
     if tau:
-        still, turn = at.eigenvalues(), 2.0 * math.pi / tau
+        still = at.eigenvalues()
+        turn = 2.0 * math.pi / tau
         most = int(np.abs(still.imag).max(initial=0.0) / turn) + 1
         ways = main[:, None] + 1j * turn * np.arange(-most, most + 1)
         nearest = np.abs(ways[:, :, None] - still).min(axis=2).argmin(axis=1)

@@ -142,7 +142,8 @@ class LawFit:
         return tuple(self._parameter(i, free) for i, free in enumerate(self.law.free))
 
     def _parameter(self, i: int, free: Free) -> Parameter:
-        z, sd = float(self.z[i]), math.sqrt(max(float(self.covariance[i, i]), 0.0))
+        z = float(self.z[i])
+        sd = math.sqrt(max(float(self.covariance[i, i]), 0.0))
         low, high = (float(np.clip(end, *free.ends)) for end in (z - self.reach * sd, z + self.reach * sd))
         value, a, b = free.value(z), free.value(low), free.value(high)
         if min(z - free.ends[0], free.ends[1] - z) < _AT_END:
@@ -184,7 +185,8 @@ class LawFit:
                 continue
             if abs(self.correlation(i, k)) < _ALIKE:
                 continue
-            va, vb = a.value(float(self.z[i])), b.value(float(self.z[k]))
+            va = a.value(float(self.z[i]))
+            vb = b.value(float(self.z[k]))
             C = self.covariance[np.ix_((i, k), (i, k))]
             ways = [(f"{a.key} / {b.key}", va / vb, np.array([1.0, -1.0])), (f"{a.key} * {b.key}", va * vb, np.ones(2))]
             if a.unit == b.unit and va != vb:
@@ -207,8 +209,10 @@ class LawFit:
         """What the data cannot tell, and what would help, a line each."""
         yield from self.notes
         if not self.fits:
-            yield (f"law {self.law.name} does not fit (p = {self.p:.1e}): its parameters have no interval; try another "
-                   "law, or free a fixed value")  # fmt: skip
+            yield (
+                f"law {self.law.name} does not fit (p = {self.p:.1e}): its parameters have no interval; try another "
+                "law, or free a fixed value"
+            )
         if self.told and (flat := [free.key for i, free in enumerate(self.law.free) if self._flat(i)]):
             what = "this parameter" if len(flat) == 1 else "these parameters"
             yield f"{', '.join(flat)}: the fit is flat along {what}; only the range limits the interval"
@@ -233,12 +237,15 @@ class LawFit:
 
     def _alike(self) -> Iterator[str]:
         """Pairs of parameters that act alike, and parameters of friction that act as offsets do."""
-        keys, offsets = [free.key for free in self.law.free], self.offsets.names
+        keys = [free.key for free in self.law.free]
+        offsets = self.offsets.names
         verdicts = [parameter.verdict for parameter in self.parameters]
         for i, k in combinations(range(len(keys)), 2):
             if abs(self.correlation(i, k)) > _ALIKE:
-                yield (f"{keys[i]} and {keys[k]} have the correlation {self.correlation(i, k):.2f}: vary what "
-                       "separates them")  # fmt: skip
+                yield (
+                    f"{keys[i]} and {keys[k]} have the correlation {self.correlation(i, k):.2f}: vary what "
+                    "separates them"
+                )
         levels: dict[tuple[int, ...], list[int]] = {}
         for i in (i for i, key in enumerate(keys) if "friction" in key and verdicts[i] != IDENTIFIED):
             beside = tuple(k for k in range(len(keys), len(self.z)) if abs(self.correlation(i, k)) > _ALIKE)
@@ -249,8 +256,10 @@ class LawFit:
                 named = offsets[beside[0] - len(keys)] if len(beside) == 1 else f"{len(beside)} offsets"
                 act = "act" if len(those) > 1 else "acts"
                 only = "only one level of each record can be told; " if len(beside) == len(self.runs) > 1 else ""
-                yield (f"{' and '.join(keys[i] for i in those)} {act} as {named} (correlation {weakest:.2f}): {only}"
-                       "offset and level: vary the load")  # fmt: skip
+                yield (
+                    f"{' and '.join(keys[i] for i in those)} {act} as {named} (correlation {weakest:.2f}): {only}"
+                    "offset and level: vary the load"
+                )
 
     def help(self) -> str:
         """The fixed value that would help most if it were free; "" if none would."""
@@ -258,8 +267,10 @@ class LawFit:
         if not told or (self.fits and self.repeats):
             return ""
         best = max(told, key=lambda each: each.gain)
-        return (f"freeing {best.key} would help most: it takes away {100.0 * best.gain:.2g} % of the sum of squares, "
-                f"changed by {100.0 * best.change:+.3g} %")  # fmt: skip
+        return (
+            f"freeing {best.key} would help most: it takes away {100.0 * best.gain:.2g} % of the sum of squares, "
+            f"changed by {100.0 * best.change:+.3g} %"
+        )
 
 
 def _alike(each: Influence, identified: Sequence[str]) -> str:
@@ -323,7 +334,8 @@ class Identified(Result):
         ]
         alone = left_out(self.task.scene)
         lines += [f"  {alone}"] if alone else []
-        rows, of_scene = [("", "found", "90 % from", "to", "stated", "", "verdict")], self.task.scene.values()
+        rows = [("", "found", "90 % from", "to", "stated", "", "verdict")]
+        of_scene = self.task.scene.values()
         for p in self.parameters:
             stated = f"{p.stated:.5g}" if p.key in of_scene else "-"  # another law has keys that the scene lacks
             ends = (f"{p.low:.5g}", f"{p.high:.5g}") if math.isfinite(p.low) else ("-", "-")
@@ -360,17 +372,28 @@ class Identified(Result):
             "converged": best.converged,
             "p": best.p,
             "parameters": [vars(p) for p in self.parameters],
-            "offsets": {name: float(best.z[len(best.law.free) + i] * best.offsets.sizes[i])
-                        for i, name in enumerate(best.offsets.names)},
+            "offsets": {
+                name: float(best.z[len(best.law.free) + i] * best.offsets.sizes[i])
+                for i, name in enumerate(best.offsets.names)
+            },
             "together": [dict(zip(("what", "value", "low", "high"), row)) for row in best.together()],
-            "runs": [{"name": r.name, "cycles": r.cycles, "left_out": r.dropped, "rms": r.rms, "p": r.p}
-                     for r in best.runs],
+            "runs": [
+                {"name": r.name, "cycles": r.cycles, "left_out": r.dropped, "rms": r.rms, "p": r.p} for r in best.runs
+            ],
             "predicted": [_prediction_json(run) for run in best.predicted],
-            "laws": [{"law": f.law.name, "size": f.size, "p": f.p, "fits": f.fits,
-                      "verdicts": {p.key: p.verdict for p in f.parameters}} for f in self.fits],
+            "laws": [
+                {
+                    "law": f.law.name,
+                    "size": f.size,
+                    "p": f.p,
+                    "fits": f.fits,
+                    "verdicts": {p.key: p.verdict for p in f.parameters},
+                }
+                for f in self.fits
+            ],
             "notes": [*best.words()],
             "next": [proposal.to_json() for proposal in self.proposals],
-        }  # fmt: skip
+        }
 
     def csv(self) -> str:
         """Return the parameters as CSV."""
@@ -398,10 +421,14 @@ def _prediction(run: RunFit) -> Iterator[str]:
 
 def _prediction_json(run: RunFit) -> dict[str, Any]:
     measures = {
-        name: {"measured": math.exp(run.measures[i]), "predicted": math.exp(run.model[i]),
-               "low": math.exp(run.model[i] - run.band[i]), "high": math.exp(run.model[i] + run.band[i])}
+        name: {
+            "measured": math.exp(run.measures[i]),
+            "predicted": math.exp(run.model[i]),
+            "low": math.exp(run.model[i] - run.band[i]),
+            "high": math.exp(run.model[i] + run.band[i]),
+        }
         for i, name in enumerate(MEASURES[:4])
-    }  # fmt: skip
+    }
     return {"name": run.name, "why": run.why, "measures": measures if run.response is not None else {}}
 
 

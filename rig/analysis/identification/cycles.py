@@ -93,13 +93,15 @@ def slips(v: Reals, rate: float, start: float, slope: float, velocity: bool, n: 
         lower, upper = _LOW, _HIGH
     above = u > lower
     edges = np.diff(above.astype(np.int8))
-    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    begins = np.flatnonzero(edges == 1)
+    ends = np.flatnonzero(edges == -1)
     if begins.size < 3 or not ends.size:
         return None
     ends = ends[ends > begins[0]]
     begins = begins[: ends.size]
     tall = np.array([u[a : b + 2].max() > upper for a, b in zip(begins, ends)], bool)
-    begins, ends = begins[tall], ends[tall]
+    begins = begins[tall]
+    ends = ends[tall]
     if begins.size < 4:
         return None
     t0 = start + (begins + (lower - u[begins]) / (u[begins + 1] - u[begins])) / rate
@@ -107,12 +109,22 @@ def slips(v: Reals, rate: float, start: float, slope: float, velocity: bool, n: 
     up = math.copysign(1.0, slope) if not math.isnan(slope) and not velocity else 1.0
     rows = []
     for j in range(1, begins.size):
-        a, b, before = begins[j], ends[j], ends[j - 1]
+        a = begins[j]
+        b = ends[j]
+        before = ends[j - 1]
         first = before if math.isnan(slope) else max(a - 2, 0)  # the slip alone: what wanders in stick is no drop
         high = _peak(up * smooth[first : b + 2])
         low = -_peak(-up * smooth[a : min(b + n, smooth.size)])
-        rows.append((t0[j] - t0[j - 1], t0[j] - t1[j - 1], t1[j] - t0[j], high - low, up * 0.5 * (high + low),
-                     _peak(u[max(a - 1, 0) : b + 3])))  # fmt: skip
+        rows.append(
+            (
+                t0[j] - t0[j - 1],
+                t0[j] - t1[j - 1],
+                t1[j] - t0[j],
+                high - low,
+                up * 0.5 * (high + low),
+                _peak(u[max(a - 1, 0) : b + 3]),
+            )
+        )
     made = np.array(rows)
     with np.errstate(invalid="ignore", divide="ignore"):
         made[:, [0, 1, 2, 3, 5]] = np.log(made[:, [0, 1, 2, 3, 5]])
@@ -154,7 +166,8 @@ class CycleRun:
     def of(cls, run: Measured, model: Response) -> CycleRun:
         """Find the cycles of a run, for the stick and motion of a model. Raises UsageError for what cannot be used."""
         column = run.columns[0]
-        slope, motion = float(model.slopes[0]), model.period - model.stick
+        slope = float(model.slopes[0])
+        motion = model.period - model.stick
         if motion * column.rate < SAMPLED:
             raise UsageError(
                 f"{run.name}: {column.name} has {motion * column.rate:.3g} samples in a motion of {motion:.3g} s "
@@ -182,14 +195,20 @@ class CycleRun:
                 f"steadily, stays at rest, or ends too early; at least {LEAST} are needed: record longer, choose a "
                 "speed at which the rig vibrates, or leave the run out"
             )
-        kept, count = _usable(detected.measures), len(detected.begins)
+        kept = _usable(detected.measures)
+        count = len(detected.begins)
         for a, b in zip(*_gaps(lost)):
             times = detected.begins
-            before, after = column.start + a / column.rate, column.start + b / column.rate
+            before = column.start + a / column.rate
+            after = column.start + b / column.rate
             kept &= ~((times > before) & (times - np.exp(detected.measures[:, 0]) < after))
-        begins, T = detected.begins, float(np.exp(np.median(detected.measures[kept, 0]))) if kept.any() else 0.0
-        places = [np.rint((begins - _BEFORE * T - each.start) * each.rate).astype(np.int64)[:, None]
-                  + np.arange(int((_BEFORE + _AFTER) * T * each.rate)) for each in run.columns]  # fmt: skip
+        begins = detected.begins
+        T = float(np.exp(np.median(detected.measures[kept, 0]))) if kept.any() else 0.0
+        places = [
+            np.rint((begins - _BEFORE * T - each.start) * each.rate).astype(np.int64)[:, None]
+            + np.arange(int((_BEFORE + _AFTER) * T * each.rate))
+            for each in run.columns
+        ]
         within = [(at[:, :1] >= 0) & (at[:, -1:] < each.v.size) for at, each in zip(places, run.columns)]
         whole = kept & np.all(within, axis=(0, 2))
         samples = [bridge(each.v)[0][at[whole]] for at, each in zip(places, run.columns)]
@@ -201,8 +220,17 @@ class CycleRun:
                 f"at least {LEAST} are needed: record longer, or check its speed, load and scale, or leave the run out"
             )
         sigmas = np.array([noise_of(each.v) for each in run.columns])
-        return cls(run, slope, n, sigmas, begins[whole][fine], detected.measures[whole][fine], count - int(fine.sum()),
-                   tuple(s[fine] for s in samples), tuple(t[fine] for t in times_))  # fmt: skip
+        return cls(
+            run,
+            slope,
+            n,
+            sigmas,
+            begins[whole][fine],
+            detected.measures[whole][fine],
+            count - int(fine.sum()),
+            tuple(s[fine] for s in samples),
+            tuple(t[fine] for t in times_),
+        )
 
     @property
     def period(self) -> float:
@@ -222,7 +250,8 @@ class CycleRun:
 
     def covariance(self, seed: int, block: int = 20, draws: int = 400) -> Reals:
         """Covariance of the medians, by a bootstrap over blocks of consecutive cycles."""
-        chance, count = np.random.default_rng(seed), len(self.measures)
+        chance = np.random.default_rng(seed)
+        count = len(self.measures)
         block = max(1, min(block, count // 5))
         first = chance.integers(0, count - block + 1, (draws, -(-count // block)))
         drawn = (first[..., None] + np.arange(block)).reshape(draws, -1)[:, :count]
@@ -251,14 +280,19 @@ class CycleRun:
 
     def left(self, model: Response, offsets: Reals) -> Reals:
         """What a model leaves of the cycles over the noise, [cycle, samples of all columns], at the best shifts."""
-        rows = [(self.samples[i] - self.fitted(i, model, float(offset))[0]) / self.sigma[i]
-                for i, offset in enumerate(offsets)]  # fmt: skip
+        rows = [
+            (self.samples[i] - self.fitted(i, model, float(offset))[0]) / self.sigma[i]
+            for i, offset in enumerate(offsets)
+        ]
         return np.asarray(np.concatenate(rows, axis=1) - self.expected)
 
     def fitted(self, column: int, model: Response, offset: float) -> tuple[Reals, Reals]:
         """The model at the samples of a column [cycle, sample], and the phases in periods of the model."""
-        y, t, T = self.samples[column], self.times[column], model.period
-        goal, at = y.mean(axis=0) - offset, t.mean(axis=0)
+        y = self.samples[column]
+        t = self.times[column]
+        T = model.period
+        goal = y.mean(axis=0) - offset
+        at = t.mean(axis=0)
         trial = np.arange(96) / 96.0
         apart = model.at(column, at[None, :] / T - trial[:, None]) - goal
         shift = np.full(len(y), float(trial[np.argmin((apart**2).sum(axis=1))]))
@@ -272,7 +306,8 @@ class CycleRun:
 
     def misfit(self, left: Reals) -> float:
         """Hotelling's test of the mean residual in phases: the probability of a larger one, if the model is right."""
-        means, begin = [], 0
+        means = []
+        begin = 0
         for samples in self.samples:
             part = left[:, begin : begin + samples.shape[1]]
             begin += samples.shape[1]
@@ -287,7 +322,8 @@ def hotelling(rows: Reals, share: float = 0.0) -> float:
     n, p = rows.shape
     if n <= p + 2:
         return math.nan
-    mean, S = rows.mean(axis=0), np.cov(rows.T)
+    mean = rows.mean(axis=0)
+    S = np.cov(rows.T)
     T2 = n * float(mean @ np.linalg.pinv(S, rcond=1e-12, hermitian=True) @ mean) / (1.0 + share)
     return float(stats.f.sf((n - p) / (p * (n - 1)) * T2, p, n - p))
 
@@ -340,9 +376,14 @@ def shifted(each: Any, response: Response, offsets: Reals) -> Reals:
 
 
 def measure_blocks(
-    evidence: Sequence[Any], weights: Sequence[Reals], biases: Sequence[Reals], chosen: Sequence[int],
-    i: int, response: Response, offsets: Reals,
-) -> Reals:  # fmt: skip
+    evidence: Sequence[Any],
+    weights: Sequence[Reals],
+    biases: Sequence[Reals],
+    chosen: Sequence[int],
+    i: int,
+    response: Response,
+    offsets: Reals,
+) -> Reals:
     """The residual of the measures of a run, one cluster."""
     if not isinstance(evidence[i], CycleRun):
         return np.asarray(evidence[i].left(response, offsets))

@@ -82,8 +82,14 @@ class FeatureRun:
     @property
     def begins(self) -> Reals:
         """One entry for each cluster or feature."""
-        return np.arange(PARTS - 1 if self.run.input is not None else PARTS if self.run.kind == TRANSIENT
-                         else sum(v.size for v in self.values), dtype=float)  # fmt: skip
+        return np.arange(
+            PARTS - 1
+            if self.run.input is not None
+            else PARTS
+            if self.run.kind == TRANSIENT
+            else sum(v.size for v in self.values),
+            dtype=float,
+        )
 
     @property
     def samples(self) -> tuple[Reals, ...]:
@@ -120,7 +126,9 @@ class FeatureRun:
 
     def _delayed(self, column: int, wave: Reals, offset: float) -> Reals:
         """A simulated column with the delay [samples] that fits best, as of an instrument."""
-        v, at, delay = self.values[column], np.arange(float(wave.size)), 0.0
+        v = self.values[column]
+        at = np.arange(float(wave.size))
+        delay = 0.0
         end = max(int(self.share * v.size), 2)
         for _ in range(_ROUNDS):
             late = np.interp(at - delay, at, wave)
@@ -133,7 +141,8 @@ class FeatureRun:
         """Lines of a model with the delay [s] that fits best, as of an instrument."""
         assert self.run.input is not None
         f, _, _ = lines(self.run.input, self.run.columns[column], self.run.columns[column].v)
-        Z, size = np.ascontiguousarray(self.values[column]).view(complex), self.errors[column][::2]
+        Z = np.ascontiguousarray(self.values[column]).view(complex)
+        size = self.errors[column][::2]
         Y = np.ascontiguousarray(predicted).view(complex)
         for _ in range(_ROUNDS):
             rate = -2j * math.pi * f * Y / size
@@ -142,7 +151,8 @@ class FeatureRun:
         return np.asarray(Y.view(float))
 
     def _predicted(self, column: int, model: Response) -> Reals:
-        v, wave = self.values[column], model.waves[column]
+        v = self.values[column]
+        wave = model.waves[column]
         return _nearest(v, wave) if self.run.kind == "growth" else wave[: v.size]
 
     def misfit(self, left: Reals) -> float:
@@ -215,7 +225,8 @@ def vibration(t: Reals, x: Reals) -> tuple[float, float, Reals]:
     """
     from scipy.optimize import least_squares
 
-    step, count = float(t[1] - t[0]), 8 * len(x)
+    step = float(t[1] - t[0])
+    count = 8 * len(x)
     spectrum = np.abs(np.fft.rfft(x - x.mean(), count))
     first = 2.0 * np.pi * float(np.fft.rfftfreq(count, step)[spectrum.argmax()])
     best = None
@@ -240,7 +251,8 @@ def _rest(t: Reals, x: Reals, s: float, w: float) -> Reals:
 
 def _growth(run: Measured, column: Column) -> tuple[Reals, Reals]:
     known = np.isfinite(column.v)
-    t, x = column.t[known][_SKIP:], column.v[known][_SKIP:]
+    t = column.t[known][_SKIP:]
+    x = column.v[known][_SKIP:]
     if x.size < 20:
         raise UsageError(
             f"{run.name}: {column.name} has {counted(x.size, 'sample')}; a growth or decay needs at least 20"
@@ -266,7 +278,8 @@ def stages(t: Reals, v: Reals, protocol: Sequence[Any], feature: str) -> tuple[R
 
     The error of a mean follows from those of fifths of it, over all holds.
     """
-    values, spreads = [], []
+    values = []
+    spreads = []
     step = float(np.nanmedian(np.abs(np.diff(v))))
     for begin, end in holds(protocol, float(t[-1])):
         late = v[(t >= begin + _SETTLED * (end - begin)) & (t < end)]
@@ -342,7 +355,9 @@ def _driven(scene: Scene, run: Measured) -> Iterator[Reals]:
     place = p.inputs.index(run.input.output)
     into = np.linalg.solve(shapes, p.B[:, place])
     for column in run.columns:
-        row, z, drive = p.outputs.index(column.output), rates / column.rate, run.input.on(column)
+        row = p.outputs.index(column.output)
+        z = rates / column.rate
+        drive = run.input.on(column)
         small = np.abs(z) < 1e-4
         safe = np.where(small, 1.0, z)
         late = np.where(small, 0.5 + z / 6.0, (np.expm1(safe) - safe) / safe**2)

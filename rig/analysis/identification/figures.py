@@ -94,15 +94,23 @@ def _residual(axes: Axes, run: RunFit) -> None:
     pieces = np.array_split(left, BINS, axis=1)
     at = [float(part.mean()) for part in np.array_split(t, BINS)]
     means = np.array([piece.mean(axis=1) for piece in pieces])
-    axes.errorbar(at, means.mean(axis=1), 1.96 * means.std(axis=1, ddof=1) / math.sqrt(len(left)), fmt="o",
-                  color=VERMILION, markersize=4, capsize=3)  # fmt: skip
+    axes.errorbar(
+        at,
+        means.mean(axis=1),
+        1.96 * means.std(axis=1, ddof=1) / math.sqrt(len(left)),
+        fmt="o",
+        color=VERMILION,
+        markersize=4,
+        capsize=3,
+    )
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set(xlabel="phase [1]", ylabel="residual over noise [1]")
 
 
 def _measures(axes: Axes, runs: list[RunFit], identified: Identified) -> None:
     """Measured over modelled measures of each run; with bars of 95 % where a run is predicted or deviates."""
-    names, deviation = MEASURES[:4], identified.best.deviation
+    names = MEASURES[:4]
+    deviation = identified.best.deviation
     marks = "osD^"
     for k, name in enumerate(names):
         for i, run in enumerate(runs):
@@ -110,11 +118,23 @@ def _measures(axes: Axes, runs: list[RunFit], identified: Identified) -> None:
                 continue
             ratio = math.exp(float(run.measures[k] - run.model[k]))
             predicted = i >= len(identified.best.runs)
-            half = float(run.band[k]) if predicted else 1.96 * math.sqrt(
-                float(deviation[k]) ** 2 + float(run.evidence.covariance(identified.task.seed)[k, k]))  # fmt: skip
+            half = (
+                float(run.band[k])
+                if predicted
+                else 1.96
+                * math.sqrt(float(deviation[k]) ** 2 + float(run.evidence.covariance(identified.task.seed)[k, k]))
+            )
             bar = [[ratio - ratio * math.exp(-half)], [ratio * math.exp(half) - ratio]]
-            axes.errorbar([i + 0.15 * (k - 1.5)], [ratio], bar, fmt=marks[k], markersize=4, capsize=2,
-                          color=VERMILION if predicted else BLUE, label=name if i == 0 else None)  # fmt: skip
+            axes.errorbar(
+                [i + 0.15 * (k - 1.5)],
+                [ratio],
+                bar,
+                fmt=marks[k],
+                markersize=4,
+                capsize=2,
+                color=VERMILION if predicted else BLUE,
+                label=name if i == 0 else None,
+            )
     axes.axhline(1.0, color=GREY, lw=0.8)
     labels = [run.name + (" (not fitted)" if i >= len(identified.best.runs) else "") for i, run in enumerate(runs)]
     axes.set_xticks(range(len(runs)), labels, fontsize=8)

@@ -93,7 +93,10 @@ def sandwich(
     `on_the_way`: before a fit has ended. What all cycles of a run miss then counts for nothing, if it is most of the
     residual: it would make deviations so wide that every step seems small.
     """
-    H, B, free, n = np.diag(prior), np.diag(prior), np.zeros((len(prior),) * 2), 0
+    H = np.diag(prior)
+    B = np.diag(prior)
+    free = np.zeros((len(prior),) * 2)
+    n = 0
     for i, (r, J) in enumerate(zip(left, jacobian)):
         information = np.einsum("jik,jil->kl", J, J)
         H = H + information
@@ -130,7 +133,11 @@ class Fit:
         blocks: Blocks,
         known: Sequence[bool] = (),
     ) -> None:
-        self.free, self.evaluator, self.runs, self.offsets, self.blocks = free, evaluator, runs, offsets, blocks
+        self.free = free
+        self.evaluator = evaluator
+        self.runs = runs
+        self.offsets = offsets
+        self.blocks = blocks
         self.known = known
         ends = np.array([parameter.ends for parameter in free])
         self.low, self.high = ends.T
@@ -203,10 +210,13 @@ class Fit:
         [first] = self.responses([z0])
         if isinstance(first, str):
             return first
-        z, p = z0.copy(), len(self.free)
+        z = z0.copy()
+        p = len(self.free)
         responses: list[Response] = first
         left = self.left(z, responses)
-        cost, damping, done = self.cost(left, z), _DAMPING[0], False
+        cost = self.cost(left, z)
+        damping = _DAMPING[0]
+        done = False
         J = self.jacobian(z, left, responses, not screening)
         for _ in range(rounds):
             H = np.diag(self.prior) + sum(np.einsum("jik,jil->kl", j, j) for j in J)
@@ -227,7 +237,8 @@ class Fit:
                 reached = self.responses([to])[0]
                 if not isinstance(reached, str):
                     to = self.levelled(to, reached)
-                    after, there = self.left(to, reached), reached
+                    after = self.left(to, reached)
+                    there = reached
                     new = self.cost(after, to)
                     if new < cost:
                         moved = True
@@ -236,7 +247,10 @@ class Fit:
             if not moved:
                 break
             small = cost - new < gain * cost
-            z, left, responses, cost = to, after, there, new
+            z = to
+            left = after
+            responses = there
+            cost = new
             damping = max(damping / _DAMPING[1] ** 2, 1e-9)
             done |= small
             if small and screening:
@@ -249,7 +263,8 @@ class Fit:
 
     def moved(self, z: Reals, step: Reals) -> Reals:
         """The point after a step from `z` that is straight in the values, within the ranges."""
-        to, p = np.where(self.logs, z + np.log1p(np.maximum(step, _LEAST)), z + step), len(self.free)
+        to = np.where(self.logs, z + np.log1p(np.maximum(step, _LEAST)), z + step)
+        p = len(self.free)
         to[:p] = np.clip(to[:p], self.low, self.high)
         return to
 

@@ -53,7 +53,8 @@ def identify(
     task: Task, folder: Path | None = None, workers: int | None = None, progress: Progress = lambda done: None
 ) -> Identified:
     """Fit every law of a task to its runs. Raises UsageError for runs that cannot be used, WorkerError."""
-    fits, done = [], 0
+    fits = []
+    done = 0
     for law in task.laws:
         fits.append(_law(task, law, folder, workers, lambda count, done=done: progress(done + count)))  # type: ignore[misc]
         done += fits[-1].evaluations
@@ -88,8 +89,10 @@ class _Attempt:
         repeats = all(each.scatter < cycles.REPEATS for each in evidence)
         if not repeats:
             columns = [tuple(replace(column, offset=RUN) for column in each.run.columns) for each in evidence]
-            evidence = [replace(each, run=replace(each.run, columns=own)) if isinstance(each, CycleRun) else each
-                        for each, own in zip(evidence, columns)]  # fmt: skip
+            evidence = [
+                replace(each, run=replace(each.run, columns=own)) if isinstance(each, CycleRun) else each
+                for each, own in zip(evidence, columns)
+            ]
             worst = max(evidence, key=lambda each: each.scatter)
             notes.append(
                 f"the cycles do not repeat (the period scatters by {100.0 * worst.scatter:.2g} % in {worst.run.name}): "
@@ -121,16 +124,31 @@ class _Attempt:
             notes.append(few)
         if not solution.converged:
             notes.append("the fit has not converged: its intervals are not to be trusted; state values nearer to it")
-        reports = [self._report(each, r, response, repeats) for each, r, response
-                   in zip(evidence, solution.left, solution.responses)]  # fmt: skip
+        reports = [
+            self._report(each, r, response, repeats)
+            for each, r, response in zip(evidence, solution.left, solution.responses)
+        ]
         effects = influence(fit, solution, self.evaluator, repeats)
         predicted = self._predicted(fit, solution, posterior)
         deviation = np.zeros(len(MEASURES)) if posterior is None else posterior.deviation
         return LawFit(
-            self.law, solution.z, solution.covariance, offsets, repeats, solution.converged, p, solution.cost,
-            reports, predicted, deviation, effects, tuple(notes), self.evaluator.count, solution.jacobian,
+            self.law,
+            solution.z,
+            solution.covariance,
+            offsets,
+            repeats,
+            solution.converged,
+            p,
+            solution.cost,
+            reports,
+            predicted,
+            deviation,
+            effects,
+            tuple(notes),
+            self.evaluator.count,
+            solution.jacobian,
             density,
-        )  # fmt: skip
+        )
 
     def _starts(self, fitted: Sequence[int], notes: list[str], count: int) -> tuple[list[Reals], list[Response]]:
         """Coordinates of the free parameters at which all runs have a cycle, the values of the scene first if they do,
@@ -198,16 +216,22 @@ class _Attempt:
             ended = fit.run(z)
             if isinstance(ended, str):
                 raise UsageError(f"{self.law.scene.name}: {ended}")
-            solution, z = ended, ended.z
+            solution = ended
+            z = ended.z
         if all(known):
             free = max(sum(r.size for r in solution.left) - len(solution.z), 1)
             solution.covariance = solution.covariance * max(1.0, solution.cost / free)
         return fit, solution, None
 
     def _expecting(
-        self, evidence: list[CycleRun], fit: Fit, solution: Solution, offsets: Offsets, fitted: Sequence[int],
+        self,
+        evidence: list[CycleRun],
+        fit: Fit,
+        solution: Solution,
+        offsets: Offsets,
+        fitted: Sequence[int],
         notes: list[str],
-    ) -> tuple[list[CycleRun], Fit, Solution, float]:  # fmt: skip
+    ) -> tuple[list[CycleRun], Fit, Solution, float]:
         """The fit with what process noise adds to the mean of each cycle, and the density of the noise."""
         density = 0.0
         for seed in range(_NOISY):
@@ -227,9 +251,14 @@ class _Attempt:
         return evidence, fit, solution, density
 
     def _twins(
-        self, evidence: Sequence[CycleRun], values: Sequence[float], fitted: Sequence[int], seed: int,
-        density: float, seconds: Sequence[float],
-    ) -> list[Arrays | str]:  # fmt: skip
+        self,
+        evidence: Sequence[CycleRun],
+        values: Sequence[float],
+        fitted: Sequence[int],
+        seed: int,
+        density: float,
+        seconds: Sequence[float],
+    ) -> list[Arrays | str]:
         """The twins of the runs; see `mean_left`."""
         given = [(density, s, SEED + 100 * seed + i, *each.sigma) for i, (s, each) in enumerate(zip(seconds, evidence))]
         return self.evaluator.twins(fitted, values, given)
@@ -257,14 +286,16 @@ class _Attempt:
         mean = posterior.mean
         [middle] = fit.responses([mean])
         if not isinstance(middle, str):
-            weights = [_weights(each, C + np.diag(posterior.deviation**2), LASTING, EXACT)
-                       for each, C in zip(evidence, own)]  # fmt: skip
+            weights = [
+                _weights(each, C + np.diag(posterior.deviation**2), LASTING, EXACT) for each, C in zip(evidence, own)
+            ]
             fit.blocks = partial(measure_blocks, evidence, weights, biases, LASTING)
             mean = fit.levelled(mean, middle)
             left = fit.left(mean, middle)
             J_mean = fit.jacobian(mean, left, middle, central=True)
             ended = Solution(mean, fit.cost(left, mean), left, J_mean, ended.prior, middle)
-        ended.covariance, ended.converged = posterior.covariance, True
+        ended.covariance = posterior.covariance
+        ended.converged = True
         return fit, ended, posterior
 
     def _report(self, each: CycleRun, left: Reals, response: Response, repeats: bool) -> RunFit:
@@ -283,7 +314,8 @@ class _Attempt:
         made = []
         for i in others:
             assert posterior is not None
-            run, about = self.task.runs[i], posterior.responses[i]
+            run = self.task.runs[i]
+            about = posterior.responses[i]
             [[base]] = self.evaluator.responses([self._si(solution.z[: len(self.law.free)])], [i])
             if isinstance(base, str) or run.kind != "cycles":
                 why = base if isinstance(base, str) else "only runs of cycles are predicted"
@@ -296,8 +328,21 @@ class _Attempt:
                 continue
             middle, square = predicted
             band = 1.96 * np.sqrt(square + posterior.deviation**2 + np.diag(each.covariance(self.task.seed)))
-            made.append(RunFit(each.run.name, len(each.begins), each.dropped, float("nan"), float("nan"), each, base,
-                               each.medians, middle + each.bias(base), np.zeros((0, 0)), band))  # fmt: skip
+            made.append(
+                RunFit(
+                    each.run.name,
+                    len(each.begins),
+                    each.dropped,
+                    float("nan"),
+                    float("nan"),
+                    each,
+                    base,
+                    each.medians,
+                    middle + each.bias(base),
+                    np.zeros((0, 0)),
+                    band,
+                )
+            )
         return made
 
 
@@ -333,14 +378,22 @@ def _weights(each: Any, covariance: Reals, chosen: Sequence[int], floor: float) 
 
 def _without_outliers(evidence: Sequence[Any], solution: Solution) -> list[Any] | None:
     """The evidence without cycles that the model misses far more than others; None if there are none."""
-    made, some = [], False
+    made = []
+    some = False
     for each, left in zip(evidence, solution.left):
         if not isinstance(each, CycleRun):
             return None
         rms = np.sqrt((left**2).mean(axis=1))
         kept = rms < _OUTLIER * float(np.median(rms))
         some |= not kept.all()
-        made.append(replace(each, begins=each.begins[kept], measures=each.measures[kept],
-                            dropped=each.dropped + int((~kept).sum()), samples=tuple(s[kept] for s in each.samples),
-                            times=tuple(t[kept] for t in each.times)))  # fmt: skip
+        made.append(
+            replace(
+                each,
+                begins=each.begins[kept],
+                measures=each.measures[kept],
+                dropped=each.dropped + int((~kept).sum()),
+                samples=tuple(s[kept] for s in each.samples),
+                times=tuple(t[kept] for t in each.times),
+            )
+        )
     return made if some and all(len(each.begins) >= cycles.LEAST for each in made) else None

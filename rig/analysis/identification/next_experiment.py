@@ -54,8 +54,9 @@ class Proposal:
 
     def lines(self) -> Iterator[str]:
         """The proposal as text."""
-        at = ", ".join(f"{key} = {value:.4g}{'' if unit == '1' else f' {unit}'}" for key, (value, unit) in
-                       self.settings.items())  # fmt: skip
+        at = ", ".join(
+            f"{key} = {value:.4g}{'' if unit == '1' else f' {unit}'}" for key, (value, unit) in self.settings.items()
+        )
         yield f"next: {at}, {self.seconds:.3g} s"
         rows = [("half of the interval of 90 %", "now", "predicted")]
         rows += [(key, f"{100.0 * self.now[key]:.3g} %", f"{100.0 * w:.3g} %") for key, w in self.widths.items()]
@@ -78,8 +79,12 @@ def asked(text: str) -> dict[str, str]:
     return made
 
 
-def propose(identified: Identified, over: Mapping[str, Any], workers: int | None = None,
-            progress: Callable[[int, int], object] = lambda done, total: None) -> Identified:  # fmt: skip
+def propose(
+    identified: Identified,
+    over: Mapping[str, Any],
+    workers: int | None = None,
+    progress: Callable[[int, int], object] = lambda done, total: None,
+) -> Identified:
     """The result with proposals, the best first. Raises UsageError for settings that are none, or without a fit."""
     best = identified.best
     if not best.fits:
@@ -96,13 +101,15 @@ def propose(identified: Identified, over: Mapping[str, Any], workers: int | None
     with temporary(work) as store:
         rows = carry_out(work, store, workers, progress)
     made = []
-    p, now = len(best.law.free), widths(best, best.covariance)
+    p = len(best.law.free)
+    now = widths(best, best.covariance)
     for i, point in enumerate(settings):
         if "covariance" in rows[i]:
             C = rows[i]["covariance"]
             D = float(np.linalg.slogdet(C[:p, :p])[1])
-            made.append(Proposal({k: (v, units[k]) for k, v in point.items()}, widths(best, C), now, D,
-                                 prediction.seconds))  # fmt: skip
+            made.append(
+                Proposal({k: (v, units[k]) for k, v in point.items()}, widths(best, C), now, D, prediction.seconds)
+            )
     if not made:
         raise UsageError(f"--next: the rig has no limit cycle at any of these settings: {rows[0]['why']}")
     made.sort(key=lambda proposal: proposal.determinant)
@@ -137,7 +144,8 @@ class Prediction:
         whole = like.run.settings | dict(settings)
         free = {f.key: f.value(c) for f, c in zip(fit.law.free, fit.z.tolist())}
         try:
-            scene, run = varied(fit.law.scene, whole | free), replace(like.run, settings=whole)
+            scene = varied(fit.law.scene, whole | free)
+            run = replace(like.run, settings=whole)
             twin = simulated(on_cycle(scene), run, like.sigma, fit.density, _LONGER * self.seconds, SEED)
             responder = Responder(fit.law, (twin,), cycle_response)
             with Evaluator(responder, None, 1) as evaluator:
@@ -172,7 +180,8 @@ class Prediction:
         wide[..., place] = J
         prior = np.concatenate([problem.prior[:p], np.full(total - p, 1e-12)])
         share = self.seconds / evidence.run.seconds if fit.repeats else 1.0
-        H, B = np.diag(prior), np.diag(prior)
+        H = np.diag(prior)
+        B = np.diag(prior)
         clusters = 0.0
         padded = [np.pad(each, ((0, 0), (0, 0), (0, total - each.shape[-1]))) for each in fit.jacobian]
         fitted = [(run.left, each, 1.0) for run, each in zip(fit.runs, padded)]

@@ -61,7 +61,8 @@ class Posterior:
     @classmethod
     def about(cls, fit: Fit, solution: Solution, others: Sequence[int], seed: int) -> Posterior:
         """Draw from the covariance of a solution, which is the answer already."""
-        space, p = Space.of(fit, solution, ()), len(fit.free)
+        space = Space.of(fit, solution, ())
+        p = len(fit.free)
         points = np.random.default_rng(seed).multivariate_normal(
             solution.z[:p], solution.covariance[:p, :p], 100 * _NEXT, method="cholesky"
         )
@@ -71,23 +72,35 @@ class Posterior:
 
     @classmethod
     def of(
-        cls, fit: Fit, solution: Solution, evidence: Sequence[Any], biases: Sequence[Reals], own: Sequence[Reals],
-        others: Sequence[int], seed: int,
-    ) -> Posterior:  # fmt: skip
+        cls,
+        fit: Fit,
+        solution: Solution,
+        evidence: Sequence[Any],
+        biases: Sequence[Reals],
+        own: Sequence[Reals],
+        others: Sequence[int],
+        seed: int,
+    ) -> Posterior:
         """Draw until the weights count as `ENOUGH` equal ones."""
-        space, p = Space.of(fit, solution), len(fit.free)
+        space = Space.of(fit, solution)
+        p = len(fit.free)
         signs = [_sign(each, response) for each, response in zip(evidence, solution.responses)]
         cycles = [i for i, each in enumerate(evidence) if isinstance(each, CycleRun)]
-        u, apart, cost = np.zeros((0, len(solution.z))), np.zeros((0, len(evidence), len(MEASURES))), np.zeros(0)
+        u = np.zeros((0, len(solution.z)))
+        apart = np.zeros((0, len(evidence), len(MEASURES)))
+        cost = np.zeros(0)
         proposals: list[tuple[int, Proposal]] = []
         weights = deviation = np.zeros(0)
         while not len(u) or (len(u) < _MOST and _worth(weights) < ENOUGH):
             if not len(u):
                 shape = space.covariance(solution)
                 unknown = np.diag(inverse(shape)) * _UNKNOWN**2 < 1.0
-                middle, one = space.straight(solution.z[None])[:, :p], np.ones(1)
-                new = [(_FIRST // 2, Proposal(space, middle, one, _WIDE**2 * shape, np.zeros(p, bool), seed)),
-                       (_FIRST // 2, Proposal(space, middle, one, _WIDE**2 * shape, unknown, seed + 1))]  # fmt: skip
+                middle = space.straight(solution.z[None])[:, :p]
+                one = np.ones(1)
+                new = [
+                    (_FIRST // 2, Proposal(space, middle, one, _WIDE**2 * shape, np.zeros(p, bool), seed)),
+                    (_FIRST // 2, Proposal(space, middle, one, _WIDE**2 * shape, unknown, seed + 1)),
+                ]
             else:
                 width = (4.0 / ((p + 2) * ENOUGH)) ** (1.0 / (p + 4))  # of kernels about so many points
                 flat = _flattened(weights)
@@ -98,7 +111,8 @@ class Posterior:
                 drawn = space.with_offsets(proposal.draws(count), solution.z[p:])
                 proposals.append((len(drawn), proposal))
                 more, left, missed = _left(fit, space, drawn, evidence, biases, signs)
-                u, apart = np.concatenate([u, more]), np.concatenate([apart, left])
+                u = np.concatenate([u, more])
+                apart = np.concatenate([apart, left])
                 cost = np.concatenate([cost, missed])
             density = sum(count * proposal.density(u[:, :p]) for count, proposal in proposals)
             usable = np.isfinite(apart[:, cycles]).all(axis=(1, 2))
@@ -117,7 +131,8 @@ class Posterior:
         """The covariance of the coordinates of the fit, of keys that are drawn as difference and level to first order
         about the mean. An offset follows values rather than their logarithms: its correlations are those with values.
         """
-        p, away = self.space.p, self.u - self.weights @ self.u
+        p = self.space.p
+        away = self.u - self.weights @ self.u
         C = (self.weights * away.T) @ away
         values = np.where(self.space.logs, np.exp(self.space.bent(self.u)[:, :p]), self.u[:, :p])
         values -= self.weights @ values
@@ -144,7 +159,8 @@ class Posterior:
         index = [n for n, made in enumerate(read) if made is not None and self.weights[n] > 0.0]
         if not index:
             return None
-        values, share = np.array([read[n] for n in index], dtype=float), self.weights[index] / self.weights[index].sum()
+        values = np.array([read[n] for n in index], dtype=float)
+        share = self.weights[index] / self.weights[index].sum()
         mean = share @ values
         return mean, share @ (values - mean) ** 2
 
@@ -170,7 +186,9 @@ class Space:
     @classmethod
     def of(cls, fit: Fit, solution: Solution, alike: Sequence[int] | None = None) -> Space:
         """The coordinates for a solution. `alike`: keys among which pairs are looked for, by default all."""
-        C, z, free = solution.covariance, solution.z, fit.free
+        C = solution.covariance
+        z = solution.z
+        free = fit.free
         pairs: list[tuple[int, int]] = []
         for i, k in permutations(range(len(free)) if alike is None else alike, 2):
             near = C[i, k] > _ALIKE * math.sqrt(C[i, i] * C[k, k])
@@ -187,7 +205,8 @@ class Space:
     @property
     def box(self) -> tuple[Reals, Reals]:
         """The ranges of the coordinates."""
-        low, high = self.low.copy(), self.high.copy()
+        low = self.low.copy()
+        high = self.high.copy()
         for i, k in self.pairs:
             high[i] = math.log(math.exp(self.high[i]) - math.exp(self.low[k]))
             low[i] = self.low[i] + math.log(_SMALLEST)
@@ -211,7 +230,8 @@ class Space:
         """Derivatives of the coordinates of draws by those of the fit."""
         made = np.eye(self.p)
         for i, k in self.pairs:
-            made[i, i], made[i, k] = 1.0 / -np.expm1(z[k] - z[i]), -1.0 / np.expm1(z[i] - z[k])
+            made[i, i] = 1.0 / -np.expm1(z[k] - z[i])
+            made[i, k] = -1.0 / np.expm1(z[i] - z[k])
         return made
 
     def covariance(self, solution: Solution) -> Reals:
@@ -221,7 +241,8 @@ class Space:
 
     def inside(self, u: Reals) -> Any:
         """Which points lie in the ranges."""
-        (low, high), z = self.box, self.bent(u)
+        low, high = self.box
+        z = self.bent(u)
         return ((z >= self.low) & (z <= self.high) & (u >= low) & (u <= high)).all(axis=1)
 
     @staticmethod
@@ -255,7 +276,8 @@ class Proposal:
         """Points of a Sobol sequence within the ranges, and their share of all."""
         from scipy.stats import qmc
 
-        p, rest = self.space.p, np.flatnonzero(np.logical_not(self.anywhere))
+        p = self.space.p
+        rest = np.flatnonzero(np.logical_not(self.anywhere))
         shares = qmc.Sobol(p + 2, rng=np.random.default_rng(self.seed)).random(_POINTS)
         shares = np.clip(shares, 1e-9, 1.0 - 1e-9)
         low, high = self.space.box
@@ -274,7 +296,8 @@ class Proposal:
         """The density at points [point, coordinate] within the ranges."""
         from scipy.linalg import solve_triangular
 
-        rest, (low, high) = np.flatnonzero(np.logical_not(self.anywhere)), self.space.box
+        rest = np.flatnonzero(np.logical_not(self.anywhere))
+        low, high = self.space.box
         made = np.full(len(u), np.exp(-np.log(high - low)[self.anywhere].sum()) / max(self._kept[1], 1.0 / _POINTS))
         if not rest.size:
             return made
@@ -314,8 +337,10 @@ def _left(
 
     Not finite where a run has no response.
     """
-    u, p = u.copy(), len(fit.free)
-    apart, cost = np.full((len(u), len(evidence), len(MEASURES)), np.nan), np.zeros(len(u))
+    u = u.copy()
+    p = len(fit.free)
+    apart = np.full((len(u), len(evidence), len(MEASURES)), np.nan)
+    cost = np.zeros(len(u))
     for n, (z, row) in enumerate(zip(space.bent(u), fit.responses(list(space.bent(u))))):
         if isinstance(row, str):
             cost[n] = math.inf
@@ -333,9 +358,11 @@ def _left(
 
 def _weighted(apart: Reals, own: Sequence[Reals], cost: Reals, log: Reals) -> tuple[Reals, Reals]:
     """Weights of draws with residuals `apart` [draw, run, measure], and the deviation of each measure between runs."""
-    square, index = START**2, np.ix_(_TIMES, _TIMES)
+    square = START**2
+    index = np.ix_(_TIMES, _TIMES)
     good = np.isfinite(cost)
-    r, weights = np.where(good[:, None, None], apart, 0.0)[:, :, _TIMES], np.zeros(len(cost))
+    r = np.where(good[:, None, None], apart, 0.0)[:, :, _TIMES]
+    weights = np.zeros(len(cost))
     errors = np.array([np.diag(C) for C in own])[:, _TIMES]
     for _ in range(_ROUNDS):
         fits = np.where(good, -0.5 * cost - log, -math.inf)

@@ -134,8 +134,15 @@ class Responder:
         text = repr((self.law.free, self.seed, data))
         about = {"scene": self.law.scene.name, "law": self.law.name}
         hash_ = digest(self.law.scene, text)
-        return Work(self.compute, range(_MOST), f"{self.law.scene.name}-{self.law.name}", hash_, self.prepare,
-                    self.failed, about)  # fmt: skip
+        return Work(
+            self.compute,
+            range(_MOST),
+            f"{self.law.scene.name}-{self.law.name}",
+            hash_,
+            self.prepare,
+            self.failed,
+            about,
+        )
 
     def failed(self, unit: int, why: str) -> Arrays:
         """The response of an evaluation that ended its worker twice."""
@@ -158,7 +165,8 @@ def sampled(cycle: Cycle, scene: Scene, measured: Measured) -> Response:
     first = cycle.outputs[measured.columns[0].output]
     begin = longest[1] if longest else float(cycle.time[int(np.argmax(first))])
     t = np.arange(POINTS) * (T / POINTS) + begin
-    waves, slopes = [], []
+    waves = []
+    slopes = []
     for column in measured.columns:
         raw = np.interp(np.mod(t, T), cycle.time, cycle.outputs[column.output], period=T)
         slopes.append(_slope(cycle, column.output, cycle.units[column.output], longest))
@@ -172,7 +180,8 @@ def _slope(cycle: Cycle, output: str, unit: str, stick: tuple[float, float] | No
     if stick is None:
         return math.nan
     inside = (cycle.time > stick[0]) & (cycle.time < stick[1])
-    t, y = cycle.time[inside], cycle.outputs[output][inside]
+    t = cycle.time[inside]
+    y = cycle.outputs[output][inside]
     if t.size < 3:
         return math.nan
     return float(y.mean()) if unit.endswith("/s") else float(np.polyfit(t - t[0], y, 1)[0])
@@ -183,7 +192,8 @@ def _filtered(wave: Reals, period: float, scene: Scene, sensor: str) -> Reals:
     if not sensor:
         return wave
     section = scene.sensors[sensor]
-    end, lines = section.front_end(), np.fft.rfft(wave)
+    end = section.front_end()
+    lines = np.fft.rfft(wave)
     conversion = section.conversion or 1.0
     orders = np.arange(1, min(lines.size, 512))
     s = 2j * math.pi * orders / period
@@ -199,7 +209,9 @@ class Evaluator:
     """Evaluates responses in the pool, in an order that repeats, so that a lasting folder continues a fit."""
 
     def __init__(self, responder: Responder, folder: Path | None, workers: int | None) -> None:
-        self.responder, self._folder, self._workers = responder, folder, workers
+        self.responder = responder
+        self._folder = folder
+        self._workers = workers
         self.count = 0
         self._known: dict[tuple[float, ...], Response | str] = {}
         self.progress: Callable[[int], object] = lambda done: None

@@ -209,8 +209,11 @@ def prepared(
     stated = {"free": free, "laws": laws, "per_run": per_run, "starts": starts, "seed": seed}
     raw |= {key: value for key, value in stated.items() if value is not None}
     where = str(runs) if isinstance(runs, str | Path) else "recordings"
-    count, first = whole("starts", raw.get("starts", 4), 0, 1000), whole("seed", raw.get("seed", 1), 0, 2**62)
-    entries, ranges, level = raw["run"], raw.get("free", {}), raw.get("per_run") or []
+    count = whole("starts", raw.get("starts", 4), 0, 1000)
+    first = whole("seed", raw.get("seed", 1), 0, 2**62)
+    entries = raw["run"]
+    ranges = raw.get("free", {})
+    level = raw.get("per_run") or []
     faults = Faults()
     if Path(str(raw.get("scene", scene.name))).stem != scene.name:
         faults.found.append(f"{where}: is for the scene {brief(raw['scene'])}, not for {scene.name}; name that scene")
@@ -256,8 +259,11 @@ def _told_apart(runs: Sequence[Measured], entries: Sequence[Mapping[str, Any]], 
         return
     for (a, of), (b, other) in combinations(zip(runs, entries), 2):
         given, again = (each.get("file", each.get("run")) for each in (of, other))
-        same = given is again or (isinstance(given, str | Path) and isinstance(again, str | Path)
-                                  and Path(given).resolve() == Path(again).resolve())  # fmt: skip
+        same = given is again or (
+            isinstance(given, str | Path)
+            and isinstance(again, str | Path)
+            and Path(given).resolve() == Path(again).resolve()
+        )
         if same and a.columns[0].t[0] < b.columns[0].t[-1] and b.columns[0].t[0] < a.columns[0].t[-1]:
             faults.found.append(
                 f"{a.name}, {b.name}: are the same part of {a.name if isinstance(given, Run) else given}, which would "
@@ -292,7 +298,8 @@ def _law(scene: Scene, name: str, free: Mapping[str, Any], own: Mapping[str, Any
     if name == _law_name(scene):
         known = numbers(scene)
         return Law(name, scene, _free(scene, kept | {k: t for k, t in here.items() if k in known or k in own}))
-    model, values = type(scene.parameters), dict[str, Any](law=name)
+    model = type(scene.parameters)
+    values = dict[str, Any](law=name)
     if (section := class_of(values, laws_of(model))) is None:
         raise UsageError(f"law {name}: unknown; {near(str(name), LAWS)}")
     here = {key: text for key, text in here.items() if key in own or key[9:] in getattr(section, "model_fields", ())}
@@ -334,7 +341,10 @@ def _ends(key: str, given: Any, unit: str) -> tuple[float, float]:
 
 def _free(scene: Scene, ranges: Mapping[str, Any]) -> tuple[Free, ...]:
     """The free parameters. Raises SceneError with every fault."""
-    known, values, made, faults = numbers(scene), scene.values(), [], []
+    known = numbers(scene)
+    values = scene.values()
+    made = []
+    faults = []
     for key, given in ranges.items():
         if key not in known:
             faults.append(unknown(str(key), known, scene))
@@ -371,7 +381,8 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     if kind not in KINDS:
         faults.found.append(f"{name}: kind = {brief(kind)}: known: {', '.join(KINDS)}")
     first, last = (_seconds(entry, name, key, default, faults) for key, default in (("skip", 0.0), ("end", math.inf)))
-    columns, settings_ = entry.get("columns") or {}, entry.get("set") or {}
+    columns = entry.get("columns") or {}
+    settings_ = entry.get("set") or {}
     for key, table in (("columns", columns), ("set", settings_)):
         if not isinstance(table, Mapping):
             raise UsageError(f"{name}: {key} = {brief(table)}: expected a table, {key} = {{...}}")
@@ -389,8 +400,10 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     assert run is not None
     outputs = scene.assemble()
     columns = columns or _of_sensors(run, name, outputs, kind)
-    made: list[Column] = [faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
-            for c, t in columns.items()]  # fmt: skip
+    made: list[Column] = [
+        faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
+        for c, t in columns.items()
+    ]
     faults.raise_found()
     driven = [column for column in made if column.output in outputs.inputs]
     read = tuple(column for column in made if column not in driven)
@@ -414,7 +427,9 @@ def _seconds(entry: Mapping[str, Any], name: str, key: str, default: float, faul
 
 
 def _settings(scene: Scene, given: Mapping[str, Any], name: str) -> dict[str, float]:
-    known, values, faults = numbers(scene), {}, []
+    known = numbers(scene)
+    values = {}
+    faults = []
     for key, value in dict(source.dotted(dict(given))).items() if given else ():
         try:
             if key not in known:
@@ -489,7 +504,8 @@ def _column(
     """One column. Raises UsageError."""
     if wrong := [key for key in table if key not in _COLUMN]:
         raise UsageError(f"{where}: {name}.{wrong[0]}: unknown; {near(wrong[0], _COLUMN)}")
-    output, offset = table["reads"], RUN if level else table.get("offset", NONE)
+    output = table["reads"]
+    offset = RUN if level else table.get("offset", NONE)
     known: dict[str, Any] = {**rig.inputs, **rig.outputs}
     if output not in known:
         raise UsageError(f"{where}: {name}: {output} is no output of the {scene.plant}; {near(output, known)}")
@@ -505,13 +521,15 @@ def _column(
     kept = samples.v[np.isfinite(samples.v)]
     if kept.size < 2 or not np.ptp(kept):
         raise UsageError(f"{where}: {name}: {f'is {kept[0]:g} throughout' if kept.size else 'has no finite sample'}")
-    unit, v = known[output].unit, samples.v
+    unit = known[output].unit
+    v = samples.v
     if not same_unit(samples.unit or "1", unit):
         text = str(table.get("scale", ""))
         number, of = parted(text) if text else ("", "")
         conversion_of = getattr(scene.sensors.get(sensor), "conversion", None)
         if not number and conversion_of and same_unit(samples.unit, scene.sensors[sensor].delivers):
-            number, of = repr(conversion_of), unit
+            number = repr(conversion_of)
+            of = unit
         if not number or not of:
             stated = samples.unit or "no unit"
             per = f"/{samples.unit}" if run.measured and samples.unit not in ("", "1") else ""

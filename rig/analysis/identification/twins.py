@@ -105,7 +105,8 @@ def mean_left(scene: Scene, run: Measured, density: float, seconds: float, seed:
     if abs(math.log(twin.period / period.period)) > REPEATS:
         raise UsageError(f"{run.name}: the twin has a period of {twin.period:.4g} s, not {period.period:.4g} s")
     left = replace(twin, sigma=sigmas).left(period, np.zeros(len(sigmas)))
-    mean, ends = left.mean(axis=0), np.cumsum([samples.shape[1] for samples in twin.samples])[:-1]
+    mean = left.mean(axis=0)
+    ends = np.cumsum([samples.shape[1] for samples in twin.samples])[:-1]
     made = {f"mean{i}": part for i, part in enumerate(np.split(mean, ends))}
     made |= {f"times{i}": times.mean(axis=0) for i, times in enumerate(twin.times)}
     return made | {"scatter": np.array(scatter(left)), "count": np.array(len(left))}
@@ -120,8 +121,12 @@ Twins = Callable[[float, Sequence[float]], list[Arrays | str]]
 """For a density of process noise and a duration of each run: the twins, or why there is none."""
 
 
-def expecting(evidence: Sequence[CycleRun], left: Sequence[Reals], twins: Twins, density: float,
-              ) -> tuple[list[CycleRun], float] | str:  # fmt: skip
+def expecting(
+    evidence: Sequence[CycleRun],
+    left: Sequence[Reals],
+    twins: Twins,
+    density: float,
+) -> tuple[list[CycleRun], float] | str:
     """The evidence with what noise adds to the mean of each cycle, and the density of the noise; why there is none.
 
     `left`: what the fit leaves now. `density`: of a fit before, 0 for none.

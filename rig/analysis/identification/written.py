@@ -44,7 +44,8 @@ def write(identified: Identified, out: Path, based_on: str) -> tuple[Path, Path]
 def scene_text(identified: Identified, based_on: str) -> str:
     """The text of the scene."""
     today = datetime.now(UTC).date().isoformat()
-    scene, runs = identified.task.scene, len(identified.best.runs)
+    scene = identified.task.scene
+    runs = len(identified.best.runs)
     lines = [
         f"# Parameters that rig identify found in {identified.task.where} on {today}: {counted(runs, 'run')}.",
         "# Keys that it could not identify keep the values of the scene that this one is based on.",
@@ -75,7 +76,8 @@ def _line(field: str, value: str, unit: str, origin: str, note: str) -> str:
 
 def _law_keys(identified: Identified) -> list[tuple[str, str | None, str]]:
     """Keys of another law than that of the scene: its name, what it needs, and "none" for those that it lacks."""
-    old, new = identified.task.scene, identified.best.law.scene
+    old = identified.task.scene
+    new = identified.best.law.scene
     if _friction(old).get("law") == _friction(new).get("law"):
         return []
     told = {p.key for p in identified.told}
@@ -105,9 +107,16 @@ def covariance(identified: Identified) -> dict[str, Any]:
         "law": best.law.name,
         "runs": [run.name for run in best.runs],
         "parameters": [
-            {"key": f.key, "unit": f.unit, "value": told[f.key].value, "log": f.log, "size": f.size, "from": f.low,
-             "to": f.high}
+            {
+                "key": f.key,
+                "unit": f.unit,
+                "value": told[f.key].value,
+                "log": f.log,
+                "size": f.size,
+                "from": f.low,
+                "to": f.high,
+            }
             for f in (best.law.free[i] for i in index)
         ],
         "covariance": np.asarray(best.covariance)[np.ix_(index, index)].tolist(),
-    }  # fmt: skip
+    }

@@ -5,7 +5,9 @@ amplitude    amplitude and frequency of every sensor in each stage of a run
 events       vibration events: begin, end, frequency, level, growth rate, conditions; beside eigenvalues of a scene
 growth       growth rate of a tone that rises out of noise, with its interval
 hysteresis   moving RMS of a vibration over the drive speed, up and down
-spectrum     power spectral density and spectrogram; the same over the angle of a disc or the travel of a belt
+spectrum     power spectral density and spectrogram
+orders       the same over the angle of a disc or the travel of a belt
+density      what both compute: averaged density, its course, its lines
 pressure     maps of the pressure of a film at chosen instants
 response     frequency response and coherence between two channels, averaged or from pulses; its resonances
 portrait     phase portrait and Poincare section
@@ -21,11 +23,12 @@ from rig.analysis.recorded.amplitude import Amplitudes, amplitudes
 from rig.analysis.recorded.comparison import Compared, compare
 from rig.analysis.recorded.events import Event, Events, events
 from rig.analysis.recorded.hysteresis import Hysteresis, hysteresis
+from rig.analysis.recorded.orders import Orders, orders
 from rig.analysis.recorded.portrait import Portrait, Section, portrait
 from rig.analysis.recorded.pressure import Pressure, pressure
 from rig.analysis.recorded.response import Resonance, Response, response
 from rig.analysis.recorded.series import Series, series
-from rig.analysis.recorded.spectrum import Orders, Spectrum, orders, spectrum
+from rig.analysis.recorded.spectrum import Spectrum, spectrum
 from rig.analysis.recorded.stick_slip import StickSlip, stick_slip
 
 __all__ = [

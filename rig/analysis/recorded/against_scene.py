@@ -26,8 +26,9 @@ import numpy as np
 
 from rig.analysis.recorded.amplitude import rises
 from rig.analysis.recorded.comparison import Measure
+from rig.analysis.recorded.density import Density
 from rig.analysis.recorded.series import scene_name, series
-from rig.analysis.recorded.spectrum import Density, spectrum
+from rig.analysis.recorded.spectrum import spectrum
 from rig.analysis.recorded.stick_slip import StickSlip, stick_slip
 from rig.bench.run.simulate import simulate
 from rig.errors import Faults, UsageError
@@ -113,12 +114,18 @@ class AgainstScene(Result):
             "constant": {name: value for name, (value, _) in self.constant.items()},
             "pairs": {pair.channel: pair.simulated_as for pair in self.pairs},
             "measures": [
-                {"channel": m.channel, "measure": m.name, "unit": m.unit, "measured": m.first, "simulated": m.second,
-                 "percent": m.percent}
+                {
+                    "channel": m.channel,
+                    "measure": m.name,
+                    "unit": m.unit,
+                    "measured": m.first,
+                    "simulated": m.second,
+                    "percent": m.percent,
+                }
                 for m in self.measures
             ],
             "notes": list(self.notes),
-        }  # fmt: skip
+        }
 
     def text(self) -> str:
         """Return the report as text."""
@@ -164,7 +171,8 @@ def against_scene(
     made = simulate(moved, duration_ns=None if own else max(round((last - start) * 1e9), scene.frame_ns))
     notes = [step.file.about.get("note", "") for step in flat(moved.protocol) if isinstance(step, Follow)]
     notes += [f"the simulation is not complete: {made.fault}"] if made.fault else []
-    begin, end = max(begin, start), min(end, start + (made.span[1] if made.span else 0.0))
+    begin = max(begin, start)
+    end = min(end, start + (made.span[1] if made.span else 0.0))
     if begin >= end:
         raise UsageError(f"the time span is empty; the recording has {start:g} to {last:g} s")
     pairs = _pairs(run, made, pair or {}, set(ways.values()))
@@ -206,7 +214,9 @@ def against_scene(
 
 def _default(run: Run, scene: Scene) -> dict[str, str]:
     """Which actuators follow which channels, by their names."""
-    assembly, known, ways = scene.assemble(), signals(run), dict[str, str]()
+    assembly = scene.assemble()
+    known = signals(run)
+    ways = dict[str, str]()
     roles = {name: output.role for name, output in assembly.outputs.items()}
     outputs = {"drive.speed": [name for name, role in roles.items() if role == "drive"], "load.force": [_LOAD]}
     for actuator, names in outputs.items():
@@ -237,8 +247,10 @@ def _protocol(run: Run, scene: Scene, ways: Mapping[str, str]) -> tuple[Any, ...
 
 def _pairs(run: Run, made: Run, given: Mapping[str, str], used: set[str]) -> dict[str, tuple[str, str, float]]:
     """Measured channel -> text of the pair, simulated channel, factor. Raises UsageError with all faults."""
-    ours, theirs = signals(run), signals(made)
-    pairs, faults = dict[str, tuple[str, str, float]](), Faults()
+    ours = signals(run)
+    theirs = signals(made)
+    pairs = dict[str, tuple[str, str, float]]()
+    faults = Faults()
     texts = given or {name: name for name in ours if name in theirs and name not in used}
     if not texts:
         raise UsageError(
@@ -273,7 +285,8 @@ def _mirrored(
     run: Run, made: Run, pairs: Mapping[str, tuple[str, str, float]], ways: Mapping[str, str], start: float
 ) -> Run:
     """The simulation as a measurement: channels with the names and instants of `run`; followed ones are those of it."""
-    names, units = signals(run), dict[str, str]()
+    names = signals(run)
+    units = dict[str, str]()
     channels = dict[str, Samples]()
     for name in dict.fromkeys((*pairs, *ways.values())):
         measured = samples(run, name, names[name])
@@ -296,7 +309,8 @@ def _evaluated(
     """Both channels with their cycles."""
     both = [series(of, name, begin, end) for of in (run, mirrored)]
     count = min(channel.v.size for channel in both)
-    t, (first, second) = both[0].t[:count], (channel.v[:count] for channel in both)
+    t = both[0].t[:count]
+    first, second = (channel.v[:count] for channel in both)
     made = []
     for i, v in enumerate((first, second)):
         known = np.isfinite(v)
@@ -324,7 +338,8 @@ def _measures(run: Run, mirrored: Run, pair: Pair, begin: float, end: float) -> 
         return Measure(pair.channel, name, unit, *values)
 
     both = pair.measured, pair.simulated
-    means, sizes = [float(np.nanmean(v)) for v in both], [float(np.nanstd(v)) for v in both]
+    means = [float(np.nanmean(v)) for v in both]
+    sizes = [float(np.nanstd(v)) for v in both]
     yield Measure(pair.channel, "mean", pair.unit, means[0], means[1], _STILL * sizes[0])
     yield Measure(pair.channel, "RMS", pair.unit, sizes[0], sizes[1])
     if not all(sizes):
@@ -339,8 +354,10 @@ def _measures(run: Run, mirrored: Run, pair: Pair, begin: float, end: float) -> 
     slowest = 0.5 / pair.cycles[0].period if pair.cycles else 0.0
     strongest = [float(d.f[_line(d, slowest)]) for d in (first, second)]
     yield measure("strongest frequency", "Hz", (strongest[0], strongest[1]))
-    levels = [math.sqrt(float(d.s[(d.f > strongest[0] / _OCTAVE) & (d.f < strongest[0] * _OCTAVE)].sum()) * d.step)
-              for d in (first, second)]  # fmt: skip
+    levels = [
+        math.sqrt(float(d.s[(d.f > strongest[0] / _OCTAVE) & (d.f < strongest[0] * _OCTAVE)].sum()) * d.step)
+        for d in (first, second)
+    ]
     yield measure(f"RMS in the octave about {strongest[0]:.4g} Hz", pair.unit, (levels[0], levels[1]))
 
 
@@ -351,8 +368,11 @@ def _line(density: Density, slowest: float) -> int:
 
 
 def _stick_measures(first: StickSlip, second: StickSlip) -> Iterator[Measure]:
-    rows = [("stick time", "stick", "s"), ("motion time", "motion", "s"),
-            ("largest slip speed", "peak", first.speed_unit)]  # fmt: skip
+    rows = [
+        ("stick time", "stick", "s"),
+        ("motion time", "motion", "s"),
+        ("largest slip speed", "peak", first.speed_unit),
+    ]
     if first.force_unit:
         rows += [("breakaway force", "breakaway", first.force_unit), ("force at the end", "restick", first.force_unit)]
     for told, name, unit in rows:

@@ -50,11 +50,16 @@ class Amplitudes(Result):
     def table(self) -> list[tuple[str, str, str, str, str, str]]:
         """Return a row of texts for each sensor and stage, in the order of COLUMNS."""
         return [
-            (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}",
-             "-" if math.isnan(row.found.half) else f"{row.found.half:.5g} {row.unit}", str(row.found.cycles),
-             f"{row.found.frequency:.5g} Hz" if row.found.cycles else row.why)
+            (
+                row.stage,
+                row.sensor,
+                f"{row.mean:.5g} {row.unit}",
+                "-" if math.isnan(row.found.half) else f"{row.found.half:.5g} {row.unit}",
+                str(row.found.cycles),
+                f"{row.found.frequency:.5g} Hz" if row.found.cycles else row.why,
+            )
             for row in self.rows
-        ]  # fmt: skip
+        ]
 
     def text(self) -> str:
         """Return the report as text."""
@@ -73,8 +78,10 @@ def amplitudes(run: Run, first: float = 0.0, last: float = float("inf")) -> Ampl
     Raises UsageError for a time span outside of the run.
     """
     if run.span and first >= min(last, run.span[1]):
-        raise UsageError(f"--from {first:g} s to {min(last, run.span[1]):g} s: the time span is empty; the recording "
-                         "has {:g} to {:g} s".format(*run.span))  # fmt: skip
+        raise UsageError(
+            f"--from {first:g} s to {min(last, run.span[1]):g} s: the time span is empty; the recording "
+            "has {:g} to {:g} s".format(*run.span)
+        )
     return Amplitudes(scene_name(run), tuple(measured(run, first, last)), stick_speeds.stages(run))
 
 
@@ -109,7 +116,8 @@ def index(t: Array, x: Array) -> Index:
     if len(passages) < 2:
         size = 0.0 if np.ptp(x) == 0.0 else float("nan")
         return Index(size, size, 0, float("nan"))
-    begin, end = passages[:-1], passages[1:]  # a cycle ends on the sample on which the next one begins
+    begin = passages[:-1]
+    end = passages[1:]  # a cycle ends on the sample on which the next one begins
     high = np.maximum(np.maximum.reduceat(x[: end[-1]], begin), x[end])
     low = np.minimum(np.minimum.reduceat(x[: end[-1]], begin), x[end])
     full = np.mean(high - low)
@@ -134,7 +142,8 @@ def growth(t: Array, x: Array) -> float:
 
 def rises(x: Array) -> NDArray[np.int64]:
     """Return the indices at which x has risen through its middle, beyond a hysteresis."""
-    middle, band = 0.5 * (x.max() + x.min()), _BAND * 0.5 * np.ptp(x)
+    middle = 0.5 * (x.max() + x.min())
+    band = _BAND * 0.5 * np.ptp(x)
     if band == 0.0:
         return np.empty(0, np.int64)
     side = np.where(x > middle + band, 1, np.where(x < middle - band, -1, 0))
@@ -187,7 +196,8 @@ def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterat
             t = np.multiply(samples.t_ns, 1e-9, dtype=np.float64)
             here = (t >= stage.begin) & (t <= stage.end) & np.isfinite(samples.v)
             if here.any():
-                v, floor = samples.v[here], floors.get(sensor, 0.0)
+                v = samples.v[here]
+                floor = floors.get(sensor, 0.0)
                 found = index(t[here], v)
                 if found.half <= floor:
                     found = found._replace(cycles=0, frequency=float("nan"))

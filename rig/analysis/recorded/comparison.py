@@ -106,10 +106,8 @@ class Compared(Result):
 
     def _differing(self) -> tuple[str, ...]:
         """The first values that differ, in words, for each of the two."""
-        scene, shown = (
-            read(self.runs[0].scene),
-            sorted(self.values, key=lambda value: value.key.startswith(_LAST))[:_NAMED],
-        )
+        scene = read(self.runs[0].scene)
+        shown = sorted(self.values, key=lambda value: value.key.startswith(_LAST))[:_NAMED]
         units = {key: unit for key, (_, unit) in scene.values().items() if unit != "1"} if scene else {}
         more = [f"and {len(self.values) - len(shown)} more"] if len(self.values) > len(shown) else []
 
@@ -221,7 +219,8 @@ def compare(
     if not 0.0 <= tolerance < math.inf:
         raise UsageError(f"tolerance {tolerance:g}: must be at least 0, a share of the range, e.g. 1e-6")
     spans = [run.span for run in (first, second) if run.span]
-    low, high = max([begin, *(a for a, _ in spans)]), min([end, *(b for _, b in spans)])
+    low = max([begin, *(a for a, _ in spans)])
+    high = min([end, *(b for _, b in spans)])
     if len(spans) < 2 or low > high:
         outputs = ["{:g} to {:g} s".format(*run.span) if run.span else "none" for run in (first, second)]
         asked = f" from {begin:g} s on" if end == math.inf else f" from {begin:g} s to {end:g} s"
@@ -245,7 +244,8 @@ def compare(
 def _values(first: Run, second: Run) -> Iterator[Value]:
     ours, two = (_flat(run) for run in (first, second))
     for key in dict.fromkeys([*ours, *two]):
-        a, b = ours.get(key, ""), two.get(key, "")
+        a = ours.get(key, "")
+        b = two.get(key, "")
         if a != b:
             yield Value(key, a, b)
 
@@ -294,7 +294,8 @@ def _measures(first: Run, second: Run, begin: float, end: float) -> Iterator[Mea
     for name in names:
         if name in two:
             a, b = (_of(series) for series in _alike(ours[name], two[name]))
-            unit, size = first.units.get(name, ""), float(np.nanmax(np.abs(ours[name].values), initial=0.0))
+            unit = first.units.get(name, "")
+            size = float(np.nanmax(np.abs(ours[name].values), initial=0.0))
             zeros = {_RMS: _STILL * size, _GROWTH: _STEADY / (end - begin) if end > begin else 0.0}
             for measure, (of, value) in a.items():
                 yield Measure(name, measure, of.format(unit), value, b[measure][1], zeros.get(measure, 0.0))
@@ -313,7 +314,8 @@ def _alike(ours: Series, two: Series) -> tuple[Series, Series]:
 def _of(channel: Series) -> dict[str, tuple[str, float]]:
     """Measure -> unit and value, of one channel."""
     here = np.isfinite(channel.values)
-    t, v = np.multiply(channel.t_ns[here], 1e-9, dtype=np.float64), channel.values[here]
+    t = np.multiply(channel.t_ns[here], 1e-9, dtype=np.float64)
+    v = channel.values[here]
     if not v.size:
         return {name: (unit, math.nan) for name, unit in _MEASURES.items()}
     cycles = index(t, v)
@@ -342,7 +344,8 @@ def _stuck(run: Run) -> tuple[NDArray[np.bool_] | None, str]:
 
 def _stick(run: Run, begin: float, end: float) -> float:
     """The share of the recorded contact states in which a loaded contact sticks; NaN where it is not known."""
-    sticks, here = _stuck(run)[0], (run.time >= begin) & (run.time <= end)
+    sticks = _stuck(run)[0]
+    here = (run.time >= begin) & (run.time <= end)
     return math.nan if sticks is None or not here.any() else float(np.mean(sticks[here]))
 
 

@@ -116,17 +116,42 @@ class Events(Result):
         lines += [f"  {self.notes}"] if self.notes else []
         if not self.events:
             return "\n".join([*lines, "  no tone rises out of the noise"])
-        rows = [("begin s", "end s", "frequency Hz", f"RMS {self.unit}", "over noise dB", "growth 1/s", "90 %",
-                 "growing Hz", "decay 1/s", *(f"{name} {unit}" for name, unit in self.others.items()),
-                 *(("scene Hz", "scene 1/s") if self.sweep else ()), "")]  # fmt: skip
+        rows = [
+            (
+                "begin s",
+                "end s",
+                "frequency Hz",
+                f"RMS {self.unit}",
+                "over noise dB",
+                "growth 1/s",
+                "90 %",
+                "growing Hz",
+                "decay 1/s",
+                *(f"{name} {unit}" for name, unit in self.others.items()),
+                *(("scene Hz", "scene 1/s") if self.sweep else ()),
+                "",
+            )
+        ]
         for e in self.events:
             interval = f"{e.low:.4g} .. {e.high:.4g}" if math.isfinite(e.low) else ""
             notes = [f"cut at {'begin and end' if e.cut == 'both' else f'the {e.cut}'}"] if e.cut else []
             notes += [counted(e.harmonics, "harmonic")] if e.harmonics else []
-            rows.append((f"{e.begin:.4f}", f"{e.end:.4f}", f"{e.frequency:.2f}", f"{e.rms:.4g}", f"{e.level:.1f}",
-                         _number(e.growth), interval, _number(e.growing, 6), _number(e.decay),
-                         *map(_number, e.at.values()), *(map(_number, self.eigenvalue(e)) if self.sweep else ()),
-                         ", ".join(notes)))  # fmt: skip
+            rows.append(
+                (
+                    f"{e.begin:.4f}",
+                    f"{e.end:.4f}",
+                    f"{e.frequency:.2f}",
+                    f"{e.rms:.4g}",
+                    f"{e.level:.1f}",
+                    _number(e.growth),
+                    interval,
+                    _number(e.growing, 6),
+                    _number(e.decay),
+                    *map(_number, e.at.values()),
+                    *(map(_number, self.eigenvalue(e)) if self.sweep else ()),
+                    ", ".join(notes),
+                )
+            )
         return "\n".join([*lines, *columns(rows, ">" * (len(rows[0]) - 1) + "<")])
 
     def over(self, scene: Scene, key: str = "drive.speed") -> Events:
@@ -149,7 +174,8 @@ class Events(Result):
         values = [value for e in self.events if math.isfinite(value := e.at[beside])]
         if not values:
             raise UsageError(f"{self.name}: no event, so that there is nothing to compare with {scene.name}")
-        low, high = min(values), max(values)
+        low = min(values)
+        high = max(values)
         margin = max(0.25 * (high - low), 0.2 * max(abs(low), abs(high)))
         low = max(low - margin, 0.1 * low) if low > 0.0 else low - margin
         axis = Axis.of(key, np.linspace(low, high + margin, _POINTS), scene)
@@ -169,9 +195,16 @@ class Events(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The events as plain values for JSON."""
-        return {"scene": self.scene, "channel": self.name, "unit": self.unit, "window": self.window,
-                "lowest": self.lowest, "notes": self.notes, "events": [event._asdict() for event in self.events],
-                "over": self.sweep and self.sweep.to_json()}  # fmt: skip
+        return {
+            "scene": self.scene,
+            "channel": self.name,
+            "unit": self.unit,
+            "window": self.window,
+            "lowest": self.lowest,
+            "notes": self.notes,
+            "events": [event._asdict() for event in self.events],
+            "over": self.sweep and self.sweep.to_json(),
+        }
 
     def csv(self) -> str:
         """The events as CSV."""
@@ -245,15 +278,26 @@ def events(
         f"{strongest:.3g} Hz is stronger, but needs windows of {_PERIODS / strongest:.3g} s, and ten times this in all"
     )
     notes = [channel.notes(), slow * (strongest < lowest), _THROUGHOUT * any(event.cut == "both" for event in made)]
-    result = Events(scene_name(run), channel.name, channel.unit, tuple(made), sought.window,
-                    lowest, units, times, frequencies, shown, "; ".join(filter(None, notes))
-    )  # fmt: skip
+    result = Events(
+        scene_name(run),
+        channel.name,
+        channel.unit,
+        tuple(made),
+        sought.window,
+        lowest,
+        units,
+        times,
+        frequencies,
+        shown,
+        "; ".join(filter(None, notes)),
+    )
     return result if over is None else result.over(over, key or "drive.speed")
 
 
 def conditions(run: Run, name: str = "") -> list[str]:
     """Return the channels of speed of the drive, load and temperature of a recording, as far as it has them."""
-    chosen, units = list[str](), known(run)
+    chosen = list[str]()
+    units = known(run)
     try:
         chosen.append(drive(run))
     except (UsageError, Untrusted):
@@ -264,9 +308,10 @@ def conditions(run: Run, name: str = "") -> list[str]:
         (("K", "degC"), ("",)),
     ):
         fitting = [
-            other for other, unit in units.items()
+            other
+            for other, unit in units.items()
             if unit in kinds and other != name and any(word in other.lower() for word in words)
-        ]  # fmt: skip
+        ]
         if fitting and not (chosen and kinds[0] == "m/s"):
             chosen.append(fitting[0])
     return chosen
@@ -322,9 +367,13 @@ def _tracks(power: Floats, floor: Reals) -> Iterator[_Track]:
     for k, line in zip(rows[order], lines[order]):
         if not free[k, line]:
             continue
-        path, ends = [(int(k), int(line))], []
+        path = [(int(k), int(line))]
+        ends = []
         for way in (-1, 1):
-            where, place, missed, last = int(k), int(line), 0, int(k)
+            where = int(k)
+            place = int(line)
+            missed = 0
+            last = int(k)
             while 0 <= where + way < len(over) and missed <= _BRIDGE:
                 where += way
                 if missing[where]:
@@ -332,7 +381,9 @@ def _tracks(power: Floats, floor: Reals) -> Iterator[_Track]:
                 near = slice(max(place - _REACH, 0), place + _REACH + 1)
                 best = near.start + int(np.argmax(np.where(free[where, near], over[where, near], 0.0)))
                 if free[where, best] and over[where, best] > _LOW:
-                    place, missed, last = best, 0, where
+                    place = best
+                    missed = 0
+                    last = where
                     path.append((where, best))
                 else:
                     missed += 1
@@ -380,21 +431,26 @@ class _Search(NamedTuple):
 
     def part(self, a: float, b: float) -> tuple[Reals, float]:
         """The samples from `a` to `b` [s], and the time of the first one."""
-        rate, start = self.channel.rate, self.channel.start
+        rate = self.channel.rate
+        start = self.channel.start
         i, j = (min(max(round((t - start) * rate), 0), self.v.size) for t in (a, b))
         return self.v[i:j], start + i / rate
 
     def tone(self, track: _Track) -> _Tone | None:
         """The tone of a track; None if it is hardly longer than a sample of its amplitude."""
-        f, spacing = float(self.frequencies[track.line]), float(self.frequencies[1])
+        f = float(self.frequencies[track.line])
+        spacing = float(self.frequencies[1])
         near = slice(max(track.line - _LINES // 2, 1), track.line + _LINES // 2 + 1)
         density = float(np.median(self.floor[near]))
-        a, b = self.times[track.first] - 0.5 * self.window, self.times[track.last] + 0.5 * self.window
+        a = self.times[track.first] - 0.5 * self.window
+        b = self.times[track.last] + 0.5 * self.window
         part, begin = self.part(a - 2.0 * self.window, b + 2.0 * self.window)
         reach = 2 + max(abs(line - track.line) for _, line in track.path)
         half = max(min(reach * spacing, 0.6 * f, 0.5 * self.channel.rate - f), spacing)
         z, step, power = mixed(part, self.channel.rate, f, half)
-        t, size, noise = begin + step * np.arange(z.size), np.abs(z) ** 2, density * power
+        t = begin + step * np.arange(z.size)
+        size = np.abs(z) ** 2
+        noise = density * power
         on = np.flatnonzero((size > 4.0 * noise) & (t > a) & (t < b))
         if on.size < 2:
             return None
@@ -410,9 +466,18 @@ class _Search(NamedTuple):
 
     def event(self, tone: _Tone, harmonics: int, tones: list[_Tone], others: dict[str, Series]) -> Event:
         """The event of a tone."""
-        f, begin, end, rate = tone.frequency, tone.begin, tone.end, self.channel.rate
-        aside = min((abs(other.frequency - f) for other in tones
-                     if other is not tone and other.begin <= end and other.end >= begin), default=math.inf)  # fmt: skip
+        f = tone.frequency
+        begin = tone.begin
+        end = tone.end
+        rate = self.channel.rate
+        aside = min(
+            (
+                abs(other.frequency - f)
+                for other in tones
+                if other is not tone and other.begin <= end and other.end >= begin
+            ),
+            default=math.inf,
+        )
         half = max(min(0.6 * f, 0.5 * rate - f, 0.6 * aside), float(self.frequencies[1]))
         lead = 0.5 * (end - begin) + 4.0 * self.window
         near = [other for other in tones if abs(other.frequency - f) < 1.6 * half]
@@ -430,12 +495,23 @@ class _Search(NamedTuple):
         band = tone.density * min(_THIRD * f, 0.5 * rate)
         rise = (*growth[:3], f + growth.offset) if growth else (math.nan,) * 4
         level = 10.0 * math.log10(tone.square / band)
-        return Event(begin, end, f, math.sqrt(tone.square), level, *rise, -decay.rate if decay else math.nan, tone.cut,
-                     harmonics, means)  # fmt: skip
+        return Event(
+            begin,
+            end,
+            f,
+            math.sqrt(tone.square),
+            level,
+            *rise,
+            -decay.rate if decay else math.nan,
+            tone.cut,
+            harmonics,
+            means,
+        )
 
     def cut(self, track: _Track) -> str:
         """Which ends of a tone lie at an end of the recording or at a gap: "", "begin", "end", "both"."""
-        ends, rate = list[bool](), self.channel.rate
+        ends = list[bool]()
+        rate = self.channel.rate
         for at, way in ((track.first, -1), (track.last, 1)):
             centre = (self.times[at] - self.channel.start) * rate
             beyond = round(centre + way * (0.5 + 1.0 / _STEPS) * self.window * rate) + way
@@ -454,7 +530,8 @@ def _families(tones: list[_Tone], rate: float) -> Iterator[tuple[_Tone, int]]:
     bases = dict[int, tuple[int, int]]()
     for i, tone in enumerate(tones):
         for k, base in enumerate(tones):
-            begin, end = max(tone.begin, base.begin), min(tone.end, base.end)
+            begin = max(tone.begin, base.begin)
+            end = min(tone.end, base.end)
             if k == i or k in bases or end - begin < 0.5 * (tone.end - tone.begin):
                 continue
             f = base.between(begin, end)

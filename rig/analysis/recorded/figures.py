@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 
 from rig.analysis.recorded.against_scene import AgainstScene, Pair
 from rig.analysis.recorded.comparison import Compared
+from rig.analysis.recorded.density import Density, Line, Map
 from rig.analysis.recorded.events import Events
 from rig.analysis.recorded.hysteresis import Hysteresis
+from rig.analysis.recorded.orders import Orders
 from rig.analysis.recorded.portrait import Portrait, Section
 from rig.analysis.recorded.pressure import Pressure
 from rig.analysis.recorded.response import Response
 from rig.analysis.recorded.series import scene_name
 from rig.analysis.recorded.sound import Sound
-from rig.analysis.recorded.spectrum import Density, Line, Map, Orders, Spectrum
+from rig.analysis.recorded.spectrum import Spectrum
 from rig.analysis.recorded.stick_slip import StickSlip
 from rig.printable import counted
 from rig.record.compare import series_of
@@ -53,7 +55,8 @@ _ALL = 1e-4  # share of the mean square that may lie above the range of a map
 
 def hysteresis_figure(hysteresis: Hysteresis) -> Figure:
     """Draw the RMS over the speed, and both over time."""
-    over, name = plain(hysteresis.over), plain(hysteresis.name)
+    over = plain(hysteresis.over)
+    name = plain(hysteresis.name)
     size, unit = scaled(hysteresis.unit, largest(*(curve.rms for curve in hysteresis.curves)))
     along, shown = scaled(hysteresis.over_unit, largest(*(curve.speed for curve in hysteresis.curves)))
     with page(12.0, 8.0, f"{hysteresis.scene}: {name} over {over}", layout="constrained") as figure:
@@ -93,7 +96,9 @@ def spectrum_figure(spectrum: Spectrum | Orders) -> Figure:
     what = "spectrum" if isinstance(spectrum, Spectrum) else "orders"
     with page(*size, f"{spectrum.scene}: {what} of {plain(spectrum.name)}", layout="constrained") as figure:
         for (density, over_time), averaged in zip(figure.subplots(2, len(both), squeeze=False).T, both):
-            axis, per, unit = f"{averaged.AXIS} [{averaged.axis_unit}]", averaged.per, averaged.density_unit
+            axis = f"{averaged.AXIS} [{averaged.axis_unit}]"
+            per = averaged.per
+            unit = averaged.density_unit
             over = f", over {plain(averaged.over)}" if isinstance(averaged, Orders) else ""
             _density(density, averaged.density, averaged.lines, unit, averaged.axis_unit)
             windows = counted(averaged.density.windows, "Hann window")
@@ -202,8 +207,9 @@ def response_figure(response: Response) -> Figure:
             size.legend(loc="best")
         for peak in sorted(response.resonances, key=lambda peak: -peak.magnitude)[:_NAMED_PEAKS]:
             text = f"{peak.frequency:.5g} Hz\n{100.0 * peak.damping:.3g} %"
-            size.annotate(text, (peak.at, peak.magnitude), (0, 4), textcoords="offset points", ha="center", fontsize=9,
-                          color=GREY)  # fmt: skip
+            size.annotate(
+                text, (peak.at, peak.magnitude), (0, 4), textcoords="offset points", ha="center", fontsize=9, color=GREY
+            )
         low, high = size.get_ylim()
         size.set_ylim(low, 4.0 * high)
         kind = "Hann windows" if response.tapered else "windows from pulse to pulse"
@@ -257,15 +263,21 @@ def _cut(axes: Axes, portrait: Portrait, section: Section) -> None:
 
 def _points(axes: Axes, portrait: Portrait, section: Section) -> None:
     (factor, unit), other = _portrait_units(portrait)
-    name, values, whole = portrait.x_name, section.x, portrait.x
+    name = portrait.x_name
+    values = section.x
+    whole = portrait.x
     if section.name == portrait.x_name:
-        (factor, unit), name, values, whole = other, portrait.y_name, section.y, portrait.y
+        factor, unit = other
+        name = portrait.y_name
+        values = section.y
+        whole = portrait.y
     axes.plot(section.t, factor * values, "o", ms=3, color=ALARM)
     title = f"{counted(section.t.size, 'point')}"
     if section.returns:
         title += f", repeat after {section.returns}: period {section.period:.6g} s"
     axes.set(title=f"Poincare section, {title}", xlabel="time [s]", ylabel=f"{plain(name)} [{unit}]")
-    low, high = factor * float(np.nanmin(whole)), factor * float(np.nanmax(whole))
+    low = factor * float(np.nanmin(whole))
+    high = factor * float(np.nanmax(whole))
     axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))  # as in the portrait: what repeats is a line
 
 
@@ -327,7 +339,8 @@ def _in_time(axes: Axes, pair: Pair) -> None:
     """A few cycles of both, the first event at time 0; without cycles all of it, as it was."""
     factor, unit = scaled(pair.unit, largest(pair.measured, pair.simulated))
     for i, (v, colour, dashes) in enumerate(((pair.measured, BLUE, "-"), (pair.simulated, AMBER, "--"))):
-        t, here = pair.t, np.ones(v.size, np.bool_)
+        t = pair.t
+        here = np.ones(v.size, np.bool_)
         if pair.cycles:
             t = t - pair.cycles[i].begins[0]
             span = _DRAWN_CYCLES * pair.cycles[0].period
@@ -378,7 +391,8 @@ def sound_figure(sound: Sound) -> Figure:
         every = -(-sound.v.size // _COLUMNS)
         edges = np.arange(0, sound.v.size, every)
         t = sound.start + edges / sound.rate
-        low, high = np.minimum.reduceat(sound.v, edges), np.maximum.reduceat(sound.v, edges)
+        low = np.minimum.reduceat(sound.v, edges)
+        high = np.maximum.reduceat(sound.v, edges)
         signal.fill_between(t, low, high, color=BLUE, lw=0.5)
         signal.set_ylabel(f"{plain(sound.channel)} [{sound.unit}]")
         for span in curves.controlled(sound.run):
@@ -388,7 +402,8 @@ def sound_figure(sound: Sound) -> Figure:
                 signal.annotate(span.text, (span.begin, 1.01), xycoords=("data", "axes fraction"), color=GREEN)
         shown = sound.frequencies <= max(6e3, 1.5 * max((squeal.highest for squeal in sound.squeals), default=0.0))
         top = float(sound.spectrum.max())
-        khz, levels = 1e-3 * sound.frequencies[shown], sound.spectrum[:, shown].T
+        khz = 1e-3 * sound.frequencies[shown]
+        levels = sound.spectrum[:, shown].T
         _levels(spectrum, sound.times, khz, levels, top, f"level [{sound.reference}]")
         spectrum.set_ylabel("frequency [kHz]")
         level.plot(sound.times, sound.level, color=BLUE, label="total")
@@ -406,7 +421,9 @@ def events_figure(events: Events) -> Figure:
     with page(14.0, 9.0, f"{events.scene}: events of {plain(events.name)}", layout="constrained") as figure:
         grid = figure.add_gridspec(2, 3 if sweep else 2)
         heard = figure.add_subplot(grid[0, :])
-        t, f, levels = events.times, events.frequencies, events.spectrum
+        t = events.times
+        f = events.frequencies
+        levels = events.spectrum
         top = max((1.5 * event.frequency for event in events.events), default=float(f[-1]))
         shown = f <= max(top, f[min(40, f.size - 1)])
         rows, every = (max(-(-size // most), 1) for size, most in ((t.size, _COLUMNS // 2), (int(shown.sum()), 500)))
@@ -421,7 +438,8 @@ def events_figure(events: Events) -> Figure:
         rise = np.array([[event.growth, event.low, event.high] for event in events.events]).reshape(-1, 3)
         wide = np.abs(rise[:, 1:].T - rise[:, 0])
         label = f"{plain(beside)} [{events.others[beside]}]" if beside else "time [s]"
-        frequency, growth = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])
+        frequency = figure.add_subplot(grid[1, 0])
+        growth = figure.add_subplot(grid[1, 1])
         mark: dict[str, Any] = {"color": ALARM, "fmt": "o", "ms": 4.5, "lw": 1.0, "capsize": 2.5, "label": "event"}
         panels = [(frequency, x, f_events, None, None), (growth, x, rise[:, 0], wide, None)]
         if sweep:
@@ -485,10 +503,21 @@ def _forces(force: Axes, friction: Axes, contact: StickSlip, every: int) -> None
     force.set(ylabel=f"force [{contact.channel_unit}]", xlabel="time [s]")
     for curve, colour, way in ((contact.up, BLUE, "rising"), (contact.down, ALARM, "falling")):
         if curve is not None and curve.speed.size:
-            friction.errorbar(curve.speed, curve.friction, 2.0 * curve.error, color=colour, marker="o", ms=3.5, lw=1.0,
-                              label=f"{way} speed")  # fmt: skip
+            friction.errorbar(
+                curve.speed,
+                curve.friction,
+                2.0 * curve.error,
+                color=colour,
+                marker="o",
+                ms=3.5,
+                lw=1.0,
+                label=f"{way} speed",
+            )
     what = "friction coefficient" if contact.coefficient else "friction"
-    friction.set(xlabel=f"slip speed [{contact.speed_unit}]", ylabel=f"{what} [{contact.force_unit}]",
-                 title="friction over slip speed, two standard errors")  # fmt: skip
+    friction.set(
+        xlabel=f"slip speed [{contact.speed_unit}]",
+        ylabel=f"{what} [{contact.force_unit}]",
+        title="friction over slip speed, two standard errors",
+    )
     if friction.has_data():
         friction.legend()

@@ -147,7 +147,10 @@ def _powers(
     from scipy.optimize import minimize
 
     def cost(p: Reals) -> float:
-        a, at, level, slope = math.exp(p[0]), p[1], p[2], p[3]
+        a = math.exp(p[0])
+        at = p[1]
+        level = p[2]
+        slope = p[3]
         if not 1e-6 < a * step < 1.3:
             return math.inf
         u = t - at
@@ -172,7 +175,9 @@ class _Corner:
     """
 
     def __init__(self, x: Reals, part: Complex, plain: bool) -> None:
-        self.x, self.part, self.plain = x, part, plain
+        self.x = x
+        self.part = part
+        self.plain = plain
         self.free: list[int] = [0, 2] if plain else [0, 1, 2, 3, 4, 5]
 
     def shape(self, p: Reals) -> Complex:
@@ -243,7 +248,8 @@ class _Corner:
     def drawn(self, p: Reals, covariance: Reals, scale: float) -> tuple[Reals, Reals]:
         """Values [i, 6] and weights [i] of the posterior: importance sampling from distributions that adapt to it."""
         rng = np.random.default_rng(1)
-        middle, spread = p[self.free], covariance * scale
+        middle = p[self.free]
+        spread = covariance * scale
         for count in (1000, 1000, 1000, 4000):
             normal = rng.multivariate_normal(np.zeros(middle.size), 1.5 * spread, count, method="eigh")
             normal *= np.sqrt(5.0 / rng.chisquare(5.0, count))[:, None]
@@ -273,11 +279,13 @@ def _fitted(z: Complex, step: float, noise: float, a: float, knee: float, level:
         plain = [
             fit
             for at in sorted({knee, *(fit.knee for fit in fits)})
-            for fit in _steadier([
-                [_fit(z, step, noise, a, at, (-min(lead, start), end), plain=True) for end in _ENDS]
-                for start in _STARTS
-            ])
-        ]  # fmt: skip
+            for fit in _steadier(
+                [
+                    [_fit(z, step, noise, a, at, (-min(lead, start), end), plain=True) for end in _ENDS]
+                    for start in _STARTS
+                ]
+            )
+        ]
         if not (plain or fits):
             return None
         best = min(plain or fits, key=lambda fit: fit.deviation)
@@ -327,7 +335,8 @@ def _fit(
     p, cost, covariance = min(
         (corner.fit(guess) for guess in (1.0, 0.6, 1.7)[: 1 if plain else 3]), key=lambda fit: fit[1]
     )
-    scale, excess = max(cost / dof, 1.0), cost - dof - 3.0 * math.sqrt(2.0 * dof)
+    scale = max(cost / dof, 1.0)
+    excess = cost - dof - 3.0 * math.sqrt(2.0 * dof)
     if excess > 0.0:  # neighbours depend on each other where the model does not fit: there is less to learn from them
         scale *= corner.dependence(p)
     at = knee if plain else knee + float(p[1]) / a

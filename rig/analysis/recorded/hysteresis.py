@@ -66,7 +66,8 @@ class Branch(NamedTuple):
 def branches(t: Reals, v: Reals) -> list[Branch]:
     """Return the branches of speed `v` at times `t` [s], in order of time; none if the speed does not change."""
     known = np.isfinite(v)
-    t, v = t[known], v[known]
+    t = t[known]
+    v = v[known]
     least = _ROUNDING * np.abs(v).max(initial=0.0)
     v = np.where(np.abs(v) <= least, 0.0, v)  # the rounding of a ramp down to zero
     if v.size < 2 or np.ptp(v) <= least:
@@ -74,7 +75,8 @@ def branches(t: Reals, v: Reals) -> list[Branch]:
     turns = _turns(v, _TURN * float(np.ptp(v)))
     made = []
     for a, b in pairwise(turns):
-        part, near = v[a : b + 1], _HELD * abs(v[b] - v[a])
+        part = v[a : b + 1]
+        near = _HELD * abs(v[b] - v[a])
         leaves = int(np.flatnonzero(np.abs(part - part[0]) <= near)[-1])
         comes = leaves + int(np.flatnonzero(np.abs(part[leaves:] - part[-1]) <= near)[0])
         if comes > leaves:
@@ -130,7 +132,8 @@ def moving_rms(signal: Series, length: float) -> tuple[Reals, Reals, float]:
 def moving_mean(t: Reals, v: Reals, at: Reals, length: float) -> Reals:
     """Return the mean of v over windows of `length` [s] about `at`, from its integral by the trapezium rule."""
     whole = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))))
-    begin, end = np.clip(at - 0.5 * length, t[0], t[-1]), np.clip(at + 0.5 * length, t[0], t[-1])
+    begin = np.clip(at - 0.5 * length, t[0], t[-1])
+    end = np.clip(at + 0.5 * length, t[0], t[-1])
     taken = np.maximum(end - begin, 1e-300)
     return np.asarray((np.interp(end, t, whole) - np.interp(begin, t, whole)) / taken)
 
@@ -244,7 +247,8 @@ class Hysteresis(Result):
 
     def text(self) -> str:
         """Return the report as text."""
-        unit, over = self.unit, self.over_unit
+        unit = self.unit
+        over = self.over_unit
         lines = [
             f"{self.scene}: RMS of {self.name} [{unit}] over {self.over} [{over}]",
             f"  RMS about the mean, in a centred window of {self.window:.4g} s"
@@ -295,10 +299,11 @@ class Hysteresis(Result):
             "down": self.down,
             "gaps": list(self.gaps),
             "windows_left_out": self.lost,
-            "branches": [{**curve.branch._asdict(), "rises": curve.branch.rises, "stick": curve.stick}
-                         for curve in self.curves],
+            "branches": [
+                {**curve.branch._asdict(), "rises": curve.branch.rises, "stick": curve.stick} for curve in self.curves
+            ],
             "rows": [row._asdict() for row in self.rows()],
-        }  # fmt: skip
+        }
 
     def csv(self) -> str:
         """Return every window as a line: branch, direction, time, speed, RMS; empty where it is not known."""
@@ -343,7 +348,8 @@ def hysteresis(
             "protocol of the scene"
         )
     faults.raise_found()
-    signal, shortest = known["signal"], min(branch.end - branch.begin for branch in turned)
+    signal = known["signal"]
+    shortest = min(branch.end - branch.begin for branch in turned)
     hertz = slowest(signal)
     length = window
     if length is None:
@@ -363,12 +369,14 @@ def _over_branches(
 ) -> Hysteresis:
     t, rms, window = moving_rms(signal, length)
     known = np.isfinite(speed.v)
-    fine_t, fine_v = speed.t[known], speed.v[known]
+    fine_t = speed.t[known]
+    fine_v = speed.v[known]
     mean = moving_mean(fine_t, fine_v, t, window)
     sticks = stuck(run) if run.scene else None
     met = bool(run.scene) and any(event["kind"] == "contact" for event in run.plant_events)
     begins, ends = short(run) if met else (np.empty(0), np.empty(0))
-    curves, lost = [], 0
+    curves = []
+    lost = 0
     for branch in turned:
         here = (t >= branch.begin) & (t <= branch.end)
         lost += int(np.count_nonzero(~np.isfinite(rms[here])))
@@ -379,9 +387,19 @@ def _over_branches(
         filter(None, (signal.notes(), replace(speed, note="").notes()))
     )  # a speed is slow: it has no aliasing
     return Hysteresis(
-        scene_name(run), signal.name, signal.unit, speed.name, speed.unit, window, hertz, tuple(curves),
-        0.0 if sticks is None else float(np.median(np.diff(run.time))), met, aliasing, lost,
-    )  # fmt: skip
+        scene_name(run),
+        signal.name,
+        signal.unit,
+        speed.name,
+        speed.unit,
+        window,
+        hertz,
+        tuple(curves),
+        0.0 if sticks is None else float(np.median(np.diff(run.time))),
+        met,
+        aliasing,
+        lost,
+    )
 
 
 def _stick(times: Reals, branch: Branch, t: Reals, v: Reals) -> float:

@@ -62,7 +62,8 @@ class Pressure(Result):
         surfaces = {surface.name: surface for surface in self.points.surfaces}
         sizes = []
         for name, s in surfaces.items():
-            (low_x, low_y), (high_x, high_y) = s.corners.min(axis=(0, 1)), s.corners.max(axis=(0, 1))
+            low_x, low_y = s.corners.min(axis=(0, 1))
+            high_x, high_y = s.corners.max(axis=(0, 1))
             size = f"{1e3 * (high_x - low_x):.4g} x {1e3 * (high_y - low_y):.4g} mm"
             sizes.append(
                 f"{' x '.join(map(str, s.shape))} points on {size}" + (f" ({name})" if len(surfaces) > 1 else "")
@@ -83,8 +84,17 @@ class Pressure(Result):
                 [f"{round(1e3 * float(v), 1) + 0.0:.1f}" if pressed else "-" for v in xy] for xy in (shown.centre, at)
             )
             why = ", ".join(filter(None, (shown.contact if len(surfaces) > 1 else "", shown.why)))
-            rows.append((f"{shown.time:.5f}", f"{100 * shown.fraction:.0f} %", *centre,
-                         f"{shown.force:.1f}", f"{1e-6 * shown.largest:.3f}", *place, why))  # fmt: skip
+            rows.append(
+                (
+                    f"{shown.time:.5f}",
+                    f"{100 * shown.fraction:.0f} %",
+                    *centre,
+                    f"{shown.force:.1f}",
+                    f"{1e-6 * shown.largest:.3f}",
+                    *place,
+                    why,
+                )
+            )
         return "\n".join([*lines, *columns(rows, ">>>>>>>><")])
 
     def to_json(self) -> dict[str, Any]:
@@ -120,9 +130,11 @@ def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
     """
     points = points_of(run.scene)
     if points is None or run.signals.keys().isdisjoint(points.names):
-        raise UsageError(f"{scene_name(run)}: this recording has no contact points with places; rig pressure reads "
-                         f"runs of the plant plate with a slider and film.opens = true, and of the plant structure "
-                         f"with contacts of a mesh")  # fmt: skip
+        raise UsageError(
+            f"{scene_name(run)}: this recording has no contact points with places; rig pressure reads "
+            f"runs of the plant plate with a slider and film.opens = true, and of the plant structure "
+            f"with contacts of a mesh"
+        )
     instants = _asked(run, at) if at else characteristic(run, points)
     rows = [instant.sample for instant in instants]
     picked = {name: run.output(name)[rows] for name in points.names}
@@ -135,12 +147,19 @@ def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
     if lost:
         raise UsageError(f"the recording has lost the pressures at {', '.join(f'{t:g} s' for t in lost)}; name others")
     maps = tuple(
-        Map(surface.name, float(run.time[instant.sample]), instant.why, float((pressed > 0.0).mean()),
-            surface.centre(pressed), float(pressed.ravel() @ surface.area), pressed)
+        Map(
+            surface.name,
+            float(run.time[instant.sample]),
+            instant.why,
+            float((pressed > 0.0).mean()),
+            surface.centre(pressed),
+            float(pressed.ravel() @ surface.area),
+            pressed,
+        )
         for k, instant in enumerate(instants)
         for surface in points.surfaces
         for pressed in (pressures[surface.name][k],)
-    )  # fmt: skip
+    )
     gaps = np.diff(run.time)
     return Pressure(scene_name(run), points, maps, float(np.median(gaps)) if gaps.size else 0.0)
 
@@ -148,7 +167,8 @@ def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
 def _asked(run: Run, at: Sequence[float]) -> list[Instant]:
     if len(at) > MOST:
         raise UsageError(f"--at names {len(at)} times: at most {MOST} maps")
-    begin, end = float(run.time[0]), float(run.time[-1])
+    begin = float(run.time[0])
+    end = float(run.time[-1])
     outside = [t for t in at if not begin <= t <= end]
     if outside:
         raise UsageError(f"--at {', '.join(f'{t:g} s' for t in outside)}: the recording has {begin:g} to {end:g} s")

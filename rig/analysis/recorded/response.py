@@ -44,8 +44,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.recorded.density import FEWEST
 from rig.analysis.recorded.series import Series, aligned, channels, same, scene_name
-from rig.analysis.recorded.spectrum import FEWEST
 from rig.errors import Faults, UsageError
 from rig.printable import columns, counted
 from rig.record.run import Integers, Reals, Run
@@ -108,7 +108,9 @@ def averaged(x: Reals, y: Reals, rate: float, count: int, begins: Integers) -> A
     gaps = np.concatenate(([0], np.cumsum(np.isnan(x) | np.isnan(y))))
     used = places[gaps[places + count] == gaps[places]]
     lines = count // 2 + 1
-    sxx, syy, sxy = np.zeros(lines), np.zeros(lines), np.zeros(lines, np.complex128)
+    sxx = np.zeros(lines)
+    syy = np.zeros(lines)
+    sxy = np.zeros(lines, np.complex128)
     late = whole = 0.0
     rows = max(_CHUNK // count, 1)
     for part in (used[a : a + rows] for a in range(0, used.size, rows)):
@@ -123,11 +125,16 @@ def averaged(x: Reals, y: Reals, rate: float, count: int, begins: Integers) -> A
     scale = 2.0 / (rate * float(weights @ weights) * max(used.size, 1))
     shared = float(weights[hop:] @ weights[: count - hop]) / float(weights @ weights) if tapered else 0.0
     return Averages(
-        np.asarray(np.fft.rfftfreq(count, 1.0 / rate), np.float64), scale * sxx, scale * syy, scale * sxy, used.size,
+        np.asarray(np.fft.rfftfreq(count, 1.0 / rate), np.float64),
+        scale * sxx,
+        scale * syy,
+        scale * sxy,
+        used.size,
         used.size / (1.0 + 2.0 * shared**2 * (1.0 - 1.0 / max(used.size, 1))),
-        (places if tapered else begins).size - used.size, tapered,
+        (places if tapered else begins).size - used.size,
+        tapered,
         np.nan if tapered or not whole else float(np.sqrt(late / whole)),
-    )  # fmt: skip
+    )
 
 
 class Pulses(NamedTuple):
@@ -244,11 +251,13 @@ def _fitted(f: Reals, h: Complex) -> complex | None:
     weight = np.ones(f.size)
     a1 = a0 = 0.0
     for _ in range(_ROUNDS):
-        weighed, right = rows * weight[:, None], h * s * s * weight
+        weighed = rows * weight[:, None]
+        right = h * s * s * weight
         solved = np.linalg.lstsq(
             np.concatenate([weighed.real, weighed.imag]), np.concatenate([right.real, right.imag]), rcond=None
         )[0]
-        before, (a1, a0) = (a1, a0), (float(solved[0]), float(solved[1]))
+        before = (a1, a0)
+        a1, a0 = (float(solved[0]), float(solved[1]))
         if abs(a1 - before[0]) + abs(a0 - before[1]) < 1e-12:
             break
         weight = 1.0 / np.maximum(np.abs(s * s + a1 * s + a0), 1e-9)
@@ -335,10 +344,16 @@ class Response(Result):
             return "\n".join([*lines, none])
         head = ("frequency Hz", "damping ratio", f"magnitude {self.unit}", "at Hz", "coherence", "random error")
         rows = [
-            (f"{r.frequency:.6g}", f"{r.damping:.4g}", f"{r.magnitude:.4g}", f"{r.at:.5g}",
-             "-" if math.isnan(r.coherence) else f"{r.coherence:.4g}", _percent(r.error))
+            (
+                f"{r.frequency:.6g}",
+                f"{r.damping:.4g}",
+                f"{r.magnitude:.4g}",
+                f"{r.at:.5g}",
+                "-" if math.isnan(r.coherence) else f"{r.coherence:.4g}",
+                _percent(r.error),
+            )
             for r in self.resonances
-        ]  # fmt: skip
+        ]
         how = "  resonances: fit of one pole pair to the lines about each peak"
         return "\n".join([*lines, how, "", *columns([head, *rows], ">>>>>>")])
 
@@ -348,19 +363,25 @@ class Response(Result):
             return
         known = np.isfinite(self.coherence)
         share = np.mean(self.coherence[known] > self.certain)
-        yield (f"  coherence: median {np.median(self.coherence[known]):.4g}; {100.0 * share:.3g} % of the lines are "
-               f"above {self.certain:.3g}, which unrelated channels stay below with 95 %")  # fmt: skip
+        yield (
+            f"  coherence: median {np.median(self.coherence[known]):.4g}; {100.0 * share:.3g} % of the lines are "
+            f"above {self.certain:.3g}, which unrelated channels stay below with 95 %"
+        )
         yield f"  random error of the magnitude: median {_percent(float(np.median(self.error[known])))}"
 
     def _doubts(self) -> Iterator[str]:
         narrow = [r for r in self.resonances if r.bandwidth < _NARROW * self.step]
         if narrow and self.tapered:
-            yield ("  the resonances at " + ", ".join(f"{r.frequency:.5g}" for r in narrow) + " Hz are narrower than "
-                   "four lines: magnitude too low, damping too high; take a longer window")  # fmt: skip
+            yield (
+                "  the resonances at " + ", ".join(f"{r.frequency:.5g}" for r in narrow) + " Hz are narrower than "
+                "four lines: magnitude too low, damping too high; take a longer window"
+            )
         if self.rest > _LASTS:
-            yield (f"  at the end of the windows the output has {_percent(self.rest)} of its RMS in them: noise, or a "
-                   "vibration that has\n  not decayed, whose leakage falsifies the response where it is small; leave "
-                   "more time between the pulses")  # fmt: skip
+            yield (
+                f"  at the end of the windows the output has {_percent(self.rest)} of its RMS in them: noise, or a "
+                "vibration that has\n  not decayed, whose leakage falsifies the response where it is small; leave "
+                "more time between the pulses"
+            )
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; the lines are in `csv`."""
@@ -438,12 +459,31 @@ def response(
         )
     lowest = (1.5 if spectra.tapered else 0.5) * x.rate / count  # the removal of the means falsifies lines below
     kept = (spectra.f > lowest) & (spectra.f < highest * (1.0 - 1e-9))
-    f, (h, coherence, error) = spectra.f[kept], _estimates(spectra, kept)
+    f = spectra.f[kept]
+    h, coherence, error = _estimates(spectra, kept)
     return Response(
-        scene_name(run), x.name, x.unit, y.name, y.unit, x.rate, x.start, x.seconds, count / x.rate, spectra.tapered,
-        spectra.windows, spectra.independent, spectra.left_out, spectra.rest, f, h, coherence, error,
-        resonances(f, h, coherence, error), sum(n for _, n in whole), gaps,
-    )  # fmt: skip
+        scene_name(run),
+        x.name,
+        x.unit,
+        y.name,
+        y.unit,
+        x.rate,
+        x.start,
+        x.seconds,
+        count / x.rate,
+        spectra.tapered,
+        spectra.windows,
+        spectra.independent,
+        spectra.left_out,
+        spectra.rest,
+        f,
+        h,
+        coherence,
+        error,
+        resonances(f, h, coherence, error),
+        sum(n for _, n in whole),
+        gaps,
+    )
 
 
 def _still(channel: Series) -> str:
@@ -456,10 +496,12 @@ def _still(channel: Series) -> str:
 
 def _count(x: Series, begins: Integers, window: float | None, span: str) -> int:
     """Samples in a window; `span`: what is evaluated, in words."""
-    longest, what = x.v.size, span
+    longest = x.v.size
+    what = span
     if begins.size:
         ends = begins[1:] if begins.size > 1 else np.array([x.v.size])
-        longest, what = int((ends - begins[: ends.size]).min()), "the time from one pulse to the next"
+        longest = int((ends - begins[: ends.size]).min())
+        what = "the time from one pulse to the next"
     if longest < FEWEST:
         raise UsageError(
             f"{x.name}: {what} has {longest / x.rate:.4g} s at {x.rate:.6g} Hz; at least {FEWEST / x.rate:.4g} s "
@@ -477,7 +519,9 @@ def _count(x: Series, begins: Integers, window: float | None, span: str) -> int:
 
 def _estimates(spectra: Averages, kept: NDArray[np.bool_]) -> tuple[Complex, Reals, Reals]:
     """H1, coherence and random error at the lines `kept`."""
-    sxx, syy, sxy = spectra.sxx[kept], spectra.syy[kept], spectra.sxy[kept]
+    sxx = spectra.sxx[kept]
+    syy = spectra.syy[kept]
+    sxy = spectra.sxy[kept]
     excited = sxx > _FLOOR * sxx.max(initial=0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         h = np.where(excited, sxy / sxx, np.nan)

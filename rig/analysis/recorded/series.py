@@ -130,12 +130,15 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     plain, samples, unit = _samples(run, name)
     t = samples.t_ns * 1e-9
     here = (t >= first) & (t <= last)
-    t_ns, v = samples.t_ns[here], np.where(np.isfinite(samples.v[here]), samples.v[here], np.nan)
+    t_ns = samples.t_ns[here]
+    v = np.where(np.isfinite(samples.v[here]), samples.v[here], np.nan)
     if t_ns.size < 2 or not np.isfinite(v).any():
         end = f"{last:g} s" if last < np.inf else "the end"
         number = int(np.isfinite(v).sum())
-        raise UsageError(f"{plain}: {number} sample{'s' * (number != 1)} from {first:g} s to {end}; "
-                         f"the recording ends at {run.span[1] if run.span else 0.0:g} s")  # fmt: skip
+        raise UsageError(
+            f"{plain}: {number} sample{'s' * (number != 1)} from {first:g} s to {end}; "
+            f"the recording ends at {run.span[1] if run.span else 0.0:g} s"
+        )
     if not increasing(t_ns):
         raise UsageError(f"{plain}: its times do not increase")
     at = places(t_ns)
@@ -145,8 +148,10 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     output = plain in run.signals and (name.startswith(TRUE) or plain not in run.measurements)
     note = ""
     if output and rate * run.step_ns * 1e-9 < _WHOLE:
-        note = (f"{plain} is an output of the plant, recorded at {rate:.4g} Hz and not filtered: vibration above "
-                f"{0.5 * rate:.4g} Hz is aliased; a sensor keeps all of its samples")  # fmt: skip
+        note = (
+            f"{plain} is an output of the plant, recorded at {rate:.4g} Hz and not filtered: vibration above "
+            f"{0.5 * rate:.4g} Hz is aliased; a sensor keeps all of its samples"
+        )
     else:
         note = _folded(run, plain, output, rate)
     return Series(plain, unit, rate, float(t_ns[0] * 1e-9), grid, note)
@@ -233,7 +238,8 @@ def aligned(channels: Sequence[Series]) -> tuple[list[Series], float]:
     """
     grid = min(channels, key=lambda channel: channel.rate)
     spans = [_span(channel, grid) for channel in channels]
-    begin, end = max(low for low, _ in spans), min(high for _, high in spans)
+    begin = max(low for low, _ in spans)
+    end = min(high for _, high in spans)
     if end - begin < 2:
         names = ", ".join(channel.name for channel in channels)
         raise UsageError(f"{names}: the time that they share is too short; take a longer range of time")
@@ -283,7 +289,8 @@ def _filtered(channel: Series, grid: Series, at: Reals) -> Reals:
     from scipy.signal import kaiser_beta
     from scipy.special import i0
 
-    reach, beta = _reach(channel, grid), kaiser_beta(_RIPPLE)
+    reach = _reach(channel, grid)
+    beta = kaiser_beta(_RIPPLE)
     cut = 0.5 * (_PASS + _STOP) * grid.rate / channel.rate  # cycles per sample
     offsets = np.arange(-reach, reach + 1)
     place = (at - channel.start) * channel.rate

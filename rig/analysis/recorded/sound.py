@@ -64,8 +64,10 @@ class Squeal:
     decay: float
 
     def __str__(self) -> str:
-        parts = [f"{self.begin:.2f} to {self.end:.2f} s: {self.frequency:.1f} Hz ({self.lowest:.1f} to "
-                 f"{self.highest:.1f}), {self.level:.1f} dB"]  # fmt: skip
+        parts = [
+            f"{self.begin:.2f} to {self.end:.2f} s: {self.frequency:.1f} Hz ({self.lowest:.1f} to "
+            f"{self.highest:.1f}), {self.level:.1f} dB"
+        ]
         parts += [f"grows with {self.growth:.3g} 1/s"] if math.isfinite(self.growth) else []
         parts += [f"decays with {self.decay:.3g} 1/s"] if math.isfinite(self.decay) else []
         return ", ".join(parts)
@@ -172,7 +174,8 @@ def hear(run: Run, channel: str = "") -> Sound:
     begins = np.arange(0, v.size - length + 1, round(HOP * rate))
     frequencies, sizes, rms = _windows(v, begins, length, rate)
     frequency, tone = _loudest(frequencies, sizes)
-    tone, level = _decibel(tone / math.sqrt(2.0), unit), _decibel(rms, unit)
+    tone = _decibel(tone / math.sqrt(2.0), unit)
+    level = _decibel(rms, unit)
     threshold = LOUD if unit == "Pa" else float(tone.max()) - BELOW
     times = t_ns[0] * 1e-9 + (begins + 0.5 * length) / rate
     return Sound(
@@ -265,7 +268,8 @@ def _squeals(times: Reals, tone: Reals, frequency: Reals, threshold: float) -> I
 
 def _squeal(times: Reals, tone: Reals, frequency: Reals, goes_on: bool) -> Squeal:
     high = np.flatnonzero(tone >= tone.max() - _TOP)
-    first, last = int(high[0]), int(high[-1])
+    first = int(high[0])
+    last = int(high[-1])
     return Squeal(
         begin=float(times[0]),
         end=float(times[-1]),

@@ -119,7 +119,8 @@ class StickSlip(Result):
 
     def text(self) -> str:
         """Return the report as text."""
-        share, size = f"{100.0 * self.share:.3g} % of the time", f"{self.threshold:.4g} {self.speed_unit}"
+        share = f"{100.0 * self.share:.3g} % of the time"
+        size = f"{self.threshold:.4g} {self.speed_unit}"
         lines = [f"{self.scene}: {counted(len(self.slips), 'slip')}, stick {share}; threshold {size}"]
         rows = [("", "median", "quartiles", "unit")]
         kinds = [
@@ -226,7 +227,8 @@ def stick_slip(
     F = trend(F, smooth) if friction and smooth else F
     pulled = channels[drive].v if isinstance(drive, str) and drive else np.full(t.size, float(drive or 0.0))
     if velocity:
-        v, unit = channels[velocity].v, channels[velocity].unit
+        v = channels[velocity].v
+        unit = channels[velocity].unit
         slip = pulled - v if drive else v
     else:
         unit = "rad/s" if isinstance(drive, str) and same_unit(channels[drive].unit, "rad/s") else "m/s"
@@ -300,13 +302,18 @@ def trend(v: Reals, s: float) -> Reals:
     n = v.size - 2
     Dv = np.diff(v, 2)
     bands = np.zeros((3, n))
-    bands[0, 2:], bands[1, 1:], bands[2] = 1.0, -4.0, 6.0
+    bands[0, 2:] = 1.0
+    bands[1, 1:] = -4.0
+    bands[2] = 6.0
 
     def transposed(z: Reals) -> Reals:
         return np.asarray(np.convolve(z, (1.0, -2.0, 1.0)))
 
-    z, low, high = np.zeros(n), np.ones(n), np.ones(n)  # the dual, |z| <= s, and the multipliers of both bounds
-    t, step = 1e-10, math.inf
+    z = np.zeros(n)
+    low = np.ones(n)
+    high = np.ones(n)  # the dual, |z| <= s, and the multipliers of both bounds
+    t = 1e-10
+    step = math.inf
     for _ in range(_ROUNDS):
         back = transposed(z)
         forth = np.diff(back, 2)
@@ -320,7 +327,8 @@ def trend(v: Reals, s: float) -> Reals:
             break
         if step >= 0.2:
             t = max(4.0 * n / gap, 1.2 * t)
-        over, under = z - s, -z - s  # both negative inside
+        over = z - s
+        under = -z - s  # both negative inside
         matrix = bands.copy()
         matrix[2] -= high / over + low / under
         dz = solveh_banded(matrix, -forth + Dv + (1.0 / over - 1.0 / under) / t)
@@ -335,7 +343,9 @@ def trend(v: Reals, s: float) -> Reals:
             if np.max(np.abs(new)) < s:
                 break
             step *= 0.5
-        z, high, low = z + step * dz, high + step * dhigh, low + step * dlow
+        z = z + step * dz
+        high = high + step * dhigh
+        low = low + step * dlow
     return np.asarray(v - transposed(z))
 
 
@@ -352,9 +362,12 @@ def _held(v: Reals, slip: Reals, size: float) -> NDArray[np.bool_]:
 
 def _spans(slip: Reals, size: float) -> tuple[list[tuple[int, int]], int, int]:
     """First and last sample of each whole slip, how many met another one, and how many an end or a gap cuts."""
-    low, high = slip > size, slip >= _EVENT * size
+    low = slip > size
+    high = slip >= _EVENT * size
     edges = np.flatnonzero(np.diff(np.concatenate(([False], low, [False])).astype(np.int8)))
-    spans, joined, cut = list[tuple[int, int]](), 0, 0
+    spans = list[tuple[int, int]]()
+    joined = 0
+    cut = 0
     for begin, end in edges.reshape(-1, 2):  # above the threshold from `begin` to `end` - 1
         events = np.flatnonzero(np.diff(np.concatenate(([False], high[begin:end])).astype(np.int8)) == 1)
         if not events.size:
@@ -372,7 +385,10 @@ def _ways(v: Reals) -> NDArray[np.int8]:
     known = np.flatnonzero(np.isfinite(v))
     x = v[known]
     noise = 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / math.sqrt(6.0) if x.size > 2 else 0.0
-    band, way, turn, extreme = _TURN * noise, 1, 0, 0
+    band = _TURN * noise
+    way = 1
+    turn = 0
+    extreme = 0
     ways = np.ones(x.size, np.int8)
     values = x.tolist()
     for i, value in enumerate(values):
@@ -381,7 +397,9 @@ def _ways(v: Reals) -> NDArray[np.int8]:
             extreme = i
         elif away < -band:
             ways[turn : extreme + 1] = way
-            way, turn, extreme = -way, extreme + 1, i
+            way = -way
+            turn = extreme + 1
+            extreme = i
     ways[turn:] = way
     made = np.zeros(v.size, np.int8)
     made[known] = ways
@@ -397,7 +415,8 @@ def _over_speed(slip: Reals, friction: Reals, size: float) -> tuple[Curve, Curve
         count = min(_BINS, int(here.sum()) // _FEWEST)
         order = np.argsort(slip[here], kind="stable")
         parts = np.array_split(order, count) if count else []
-        v, f = slip[here], friction[here]
+        v = slip[here]
+        f = friction[here]
         made.append(
             Curve(
                 np.array([v[part].mean() for part in parts]),
