@@ -31,6 +31,50 @@ from rig.record.run import Run
 from rig.results import Result
 from rig.view.curves import Span
 
+Array = NDArray[np.float64]
+_NOISE = 4.0  # noise of a cycle reaches this many standard deviations to either side [chosen]
+NOISY = "at noise level"
+_BAND = 0.25  # hysteresis of a passage through the middle, as a share of half the range: noise does not count as cycles
+
+
+class Index(NamedTuple):
+    """The amplitude index of one channel, averaged over `cycles` cycles.
+
+    `half`, `full`: mean of half the peak-to-valley distance, and of the whole distance, in the unit of the channel.
+    `frequency` [Hz]: of these cycles. A channel that rises through its middle less than twice has no whole cycle:
+    `cycles` is 0, the rest nan. The amplitude of a constant is 0.
+    """
+
+    half: float
+    full: float
+    cycles: int
+    frequency: float
+
+    @property
+    def why(self) -> str:
+        """Why values are missing; "" if none is."""
+        return "" if self.cycles else "less than one whole cycle"
+
+
+class Row(NamedTuple):
+    """The amplitude index of one sensor in one stage of a run; `mean` is in the unit of the sensor.
+
+    `noise`: the largest amplitude that noise and resolution of the instrument explain, 0 if they are not known. A
+    smaller one has an amplitude, but no cycles.
+    """
+
+    stage: str
+    sensor: str
+    unit: str
+    mean: float
+    found: Index
+    noise: float = 0.0
+
+    @property
+    def why(self) -> str:
+        """Why cycles and frequency are missing; "" if they are not."""
+        return NOISY if 0.0 < self.found.half <= self.noise else self.found.why
+
 
 @dataclass(frozen=True)
 class Amplitudes(Result):
@@ -85,29 +129,36 @@ def amplitudes(run: Run, first: float = 0.0, last: float = float("inf")) -> Ampl
     return Amplitudes(scene_name(run), tuple(measured(run, first, last)), stick_speeds.stages(run))
 
 
-Array = NDArray[np.float64]
-_NOISE = 4.0  # noise of a cycle reaches this many standard deviations to either side [chosen]
-NOISY = "at noise level"
-_BAND = 0.25  # hysteresis of a passage through the middle, as a share of half the range: noise does not count as cycles
+def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Row]:
+    """Yield the index of every sensor from `first` to `last` [s], for each stage of the run."""
+    floors = _floors(run)
+    for stage in stages(run, first, last):
+        for sensor, samples in run.measurements.items():
+            t = np.multiply(samples.t_ns, 1e-9, dtype=np.float64)
+            inside = (t >= stage.begin) & (t <= stage.end) & np.isfinite(samples.v)
+            if inside.any():
+                v = samples.v[inside]
+                floor = floors.get(sensor, 0.0)
+                amplitude = index(t[inside], v)
+                if amplitude.half <= floor:
+                    amplitude = amplitude._replace(cycles=0, frequency=float("nan"))
+                yield Row(stage.text, sensor, run.units[f"meas/{sensor}"], float(v.mean()), amplitude, floor)
 
 
-class Index(NamedTuple):
-    """The amplitude index of one channel, averaged over `cycles` cycles.
+def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Span]:
+    """Return the spans between two marks of the protocol from `first` to `last` [s], each named by its mark.
 
-    `half`, `full`: mean of half the peak-to-valley distance, and of the whole distance, in the unit of the channel.
-    `frequency` [Hz]: of these cycles. A channel that rises through its middle less than twice has no whole cycle:
-    `cycles` is 0, the rest nan. The amplitude of a constant is 0.
+    Before the first mark the name is "before", in a run without marks "whole". A run without samples has no stages.
     """
-
-    half: float
-    full: float
-    cycles: int
-    frequency: float
-
-    @property
-    def why(self) -> str:
-        """Why values are missing; "" if none is."""
-        return "" if self.cycles else "less than one whole cycle"
+    if not run.span:
+        return []
+    marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.plant_events if event["kind"] == "mark"]
+    end = min(last, run.span[1])
+    begins = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]
+    if not marks or marks[0][0] > first:
+        begins.insert(0, (first, "before" if marks else "whole"))
+    bounds = [(t, text) for t, text in begins if t < end]
+    return [Span(t, then, text) for (t, text), (then, _) in pairwise([*bounds, (end, "")])]
 
 
 def index(t: Array, x: Array) -> Index:
@@ -122,7 +173,8 @@ def index(t: Array, x: Array) -> Index:
     low = np.minimum(np.minimum.reduceat(x[: end[-1]], begin), x[end])
     full = np.mean(high - low)
     cycles = len(passages) - 1
-    return Index(float(0.5 * full), float(full), cycles, float(cycles / (t[passages[-1]] - t[passages[0]])))
+    seconds = t[passages[-1]] - t[passages[0]]
+    return Index(float(0.5 * full), float(full), cycles, float(cycles / seconds))
 
 
 def growth(t: Array, x: Array) -> float:
@@ -148,60 +200,8 @@ def rises(x: Array) -> NDArray[np.int64]:
         return np.empty(0, np.int64)
     side = np.where(x > middle + band, 1, np.where(x < middle - band, -1, 0))
     sided = np.flatnonzero(side)
-    return np.asarray(sided[1:][(side[sided[1:]] > 0) & (side[sided[:-1]] < 0)], np.int64)
-
-
-class Row(NamedTuple):
-    """The amplitude index of one sensor in one stage of a run; `mean` is in the unit of the sensor.
-
-    `noise`: the largest amplitude that noise and resolution of the instrument explain, 0 if they are not known. A
-    smaller one has an amplitude, but no cycles.
-    """
-
-    stage: str
-    sensor: str
-    unit: str
-    mean: float
-    found: Index
-    noise: float = 0.0
-
-    @property
-    def why(self) -> str:
-        """Why cycles and frequency are missing; "" if they are not."""
-        return NOISY if 0.0 < self.found.half <= self.noise else self.found.why
-
-
-def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Span]:
-    """Return the spans between two marks of the protocol from `first` to `last` [s], each named by its mark.
-
-    Before the first mark the name is "before", in a run without marks "whole". A run without samples has no stages.
-    """
-    if not run.span:
-        return []
-    marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.plant_events if event["kind"] == "mark"]
-    end = min(last, run.span[1])
-    begins = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]
-    if not marks or marks[0][0] > first:
-        begins.insert(0, (first, "before" if marks else "whole"))
-    return [
-        Span(t, then, text) for (t, text), (then, _) in pairwise([*((t, s) for t, s in begins if t < end), (end, "")])
-    ]
-
-
-def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Row]:
-    """Yield the index of every sensor from `first` to `last` [s], for each stage of the run."""
-    floors = _floors(run)
-    for stage in stages(run, first, last):
-        for sensor, samples in run.measurements.items():
-            t = np.multiply(samples.t_ns, 1e-9, dtype=np.float64)
-            here = (t >= stage.begin) & (t <= stage.end) & np.isfinite(samples.v)
-            if here.any():
-                v = samples.v[here]
-                floor = floors.get(sensor, 0.0)
-                found = index(t[here], v)
-                if found.half <= floor:
-                    found = found._replace(cycles=0, frequency=float("nan"))
-                yield Row(stage.text, sensor, run.units[f"meas/{sensor}"], float(v.mean()), found, floor)
+    risen = (side[sided[1:]] > 0) & (side[sided[:-1]] < 0)
+    return np.asarray(sided[1:][risen], np.int64)
 
 
 def _floors(run: Run) -> dict[str, float]:

@@ -34,10 +34,11 @@ _SURE = 1.25  # Nyquist order over the highest one
 _TURNS_IN_WINDOW = 4.0  # least, if the stretch has twice as many: order one must be separated from zero
 _MOST = 1 << 24  # interpolated samples
 _EDGE = 40  # samples at either end that the band-limited interpolation falsifies
+_TURN = 1.0 / (2.0 * math.pi)  # revolutions in a radian
 # By unit: its factor, whether it is a speed, and the unit that an order is counted in
 _TURNS = {
-    "rad": (1.0 / (2.0 * math.pi), False, "rev"),
-    "rad/s": (1.0 / (2.0 * math.pi), True, "rev"),
+    "rad": (_TURN, False, "rev"),
+    "rad/s": (_TURN, True, "rev"),
     "m": (1.0, False, "m"),
     "m/s": (1.0, True, "m"),
 }
@@ -114,7 +115,8 @@ def orders(run: Run, name: str = "", over: str = DRIVE, first: float = 0.0, last
     fast = np.abs(np.interp(times, t, speed))
     turns = round(_TURNS_IN_WINDOW / step) if per == "rev" else 0
     half = max(evenly.size // 2, min(evenly.size, FEWEST))
-    count, short = (min(max(evenly.size // parts, turns, FEWEST), half) for parts in (PARTS, _OF_ORDERS))
+    count = min(max(evenly.size // PARTS, turns, FEWEST), half)
+    short = min(max(evenly.size // _OF_ORDERS, turns, FEWEST), half)
     whole = welch(evenly, 1.0 / step, count)
     course = short_time(evenly, 1.0 / step, short, 0.0)
     kept = whole.f <= top

@@ -15,7 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rig.analysis.recorded.series import Series, aligned, channels, same, scene_name
+from rig.analysis.recorded.common_grid import aligned
+from rig.analysis.recorded.series import Series, channels, same, scene_name
 from rig.errors import Faults, UsageError
 from rig.printable import counted
 from rig.record.run import Reals, Run
@@ -26,7 +27,7 @@ from rig.results import Result, csv_text
 SAME = 1e-3
 """Share of the range of a channel: points of a section that are this close count as one."""
 _MOST = 64  # points in a section of a motion that repeats
-_HALVINGS = 60
+_HALVINGS = 60  # of a sample interval: beyond the digits of a double
 
 
 class Section(NamedTuple):
@@ -55,7 +56,7 @@ class Section(NamedTuple):
 class Portrait(Result):
     """The result of `portrait`: samples `x` and `y` [n] at times `t` [s]; NaN where one is missing."""
 
-    FIGURE: ClassVar = "rig.analysis.recorded.figures:portrait_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.channel_figures:portrait_figure"
 
     scene: str
     x_name: str
@@ -70,17 +71,13 @@ class Portrait(Result):
 
     def text(self) -> str:
         """Return the report as text."""
-        lines = [
-            f"{self.scene}: {self.y_name} [{self.y_unit}] over {self.x_name} [{self.x_unit}], {self.t[0]:.5g} to "
-            f"{self.t[-1]:.5g} s, {counted(self.t.size, 'sample')}",
-            *(f"  {gap}" for gap in self.gaps),
-            *(
-                f"  {name}: {np.nanmin(v):.6g} to {np.nanmax(v):.6g} {unit}"
-                for name, unit, v in ((self.x_name, self.x_unit, self.x), (self.y_name, self.y_unit, self.y))
-            ),
-            *self._section(),
-        ]
-        return "\n".join(lines)
+        axes = f"{self.y_name} [{self.y_unit}] over {self.x_name} [{self.x_unit}]"
+        span = f"{self.t[0]:.5g} to {self.t[-1]:.5g} s"
+        lines = [f"{self.scene}: {axes}, {span}, {counted(self.t.size, 'sample')}"]
+        lines += [f"  {gap}" for gap in self.gaps]
+        for name, unit, v in ((self.x_name, self.x_unit, self.x), (self.y_name, self.y_unit, self.y)):
+            lines.append(f"  {name}: {np.nanmin(v):.6g} to {np.nanmax(v):.6g} {unit}")
+        return "\n".join([*lines, *self._section()])
 
     def _section(self) -> Iterator[str]:
         s = self.section
@@ -126,9 +123,9 @@ class Portrait(Result):
 
     def csv(self) -> str:
         """Return a line for each point of the section, or without one for each sample: time [s], x, y."""
-        of = self.section or self
-        head = [f"{self.x_name} [{self.x_unit}]", f"{self.y_name} [{self.y_unit}]"]
-        return csv_text(["time [s]", *head], zip(of.t.tolist(), of.x.tolist(), of.y.tolist()))
+        points = self.section or self
+        head = ["time [s]", f"{self.x_name} [{self.x_unit}]", f"{self.y_name} [{self.y_unit}]"]
+        return csv_text(head, zip(points.t.tolist(), points.x.tolist(), points.y.tolist()))
 
 
 def portrait(
@@ -158,11 +155,15 @@ def portrait(
     known = [*channels(run, names, first, last, faults).values()]
     if not faults.found and same(run, names["x"], names["y"]):
         faults.found.append(f"x and y are both {known[0].name}; name two channels (--x, --y)")
-    if section is not None and not faults.found and not np.nanmin(known[2].v) < section[1] <= np.nanmax(known[2].v):
-        faults.found.append(
-            f"section: {known[2].name} never crosses {section[1]:g} {known[2].unit}; it stays from "
-            f"{np.nanmin(known[2].v):.6g} to {np.nanmax(known[2].v):.6g} {known[2].unit}"
-        )
+    if section is not None and not faults.found:
+        crossing = known[2]
+        low = np.nanmin(crossing.v)
+        high = np.nanmax(crossing.v)
+        if not low < section[1] <= high:
+            faults.found.append(
+                f"section: {crossing.name} never crosses {section[1]:g} {crossing.unit}; it stays from {low:.6g} to "
+                f"{high:.6g} {crossing.unit}"
+            )
     faults.raise_found()
     (horizontal, other, *across), _ = aligned(known)
     crossed = None if section is None else _crossed(horizontal, other, across[0], section[1])
@@ -200,8 +201,8 @@ def _crossed(x: Series, y: Series, over: Series, value: float) -> Section:
     place = 0.5 * (low + high)
     t = over.start + (index[:, 1] + place) / over.rate
     points = np.stack([_cubic(side.v[index], place) for side in (x, y)])
-    ranges = np.array([[max(float(np.nanmax(side.v) - np.nanmin(side.v)), 1e-300)] for side in (x, y)])
-    returns, spread = _returns(points / ranges)
+    ranges = [max(float(np.nanmax(side.v) - np.nanmin(side.v)), 1e-300) for side in (x, y)]
+    returns, spread = _returns(points / np.array(ranges)[:, None])
     times = t[returns:] - t[:-returns] if returns else np.full(1, np.nan)
     return Section(
         over.name,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from rig.analysis.recorded.density import FEWEST, PARTS, Averaged, peaks, short_time, welch
-from rig.analysis.recorded.hysteresis import slowest
+from rig.analysis.recorded.moving_windows import slowest
 from rig.analysis.recorded.orders import Orders, orders
 from rig.analysis.recorded.series import Series, scene_name, series, vibration
 from rig.errors import Faults, UsageError
