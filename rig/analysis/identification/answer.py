@@ -20,11 +20,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rig.analysis.identification.cycles import MEASURES, CycleRun
+from rig.analysis.identification.cycles import CycleRun
 from rig.analysis.identification.fit import NORMAL, Offsets
 from rig.analysis.identification.influence import Influence
 from rig.analysis.identification.responses import Response
 from rig.analysis.identification.runs import Free, Law, Task
+from rig.analysis.identification.slips import MEASURES
 from rig.printable import columns, counted
 from rig.record.run import Reals
 from rig.results import Result, csv_text

@@ -22,13 +22,13 @@ from rig.analysis.identification.cycles import (
     EXACT,
     LASTING,
     LEAST,
-    MEASURES,
     CycleRun,
     measure_blocks,
     measure_weights,
 )
 from rig.analysis.identification.fit import Fit, Offsets, inverse
 from rig.analysis.identification.responses import Evaluator, Responder, Response, cycle_response
+from rig.analysis.identification.slips import MEASURES
 from rig.analysis.identification.twins import SEED, on_cycle, simulated
 from rig.analysis.pool import Arrays, Work, carry_out, temporary
 from rig.analysis.studies.factors import factors
