@@ -272,7 +272,7 @@ class _Attempt:
         seconds: Sequence[float],
     ) -> list[Arrays | str]:
         """The twins of the runs; see `mean_left`."""
-        given = []
+        given: list[tuple[float, ...]] = []
         for i, (duration, each) in enumerate(zip(seconds, evidence)):
             given.append((density, duration, SEED + 100 * seed + i, *each.sigma))
         return self.evaluator.twins(fitted, values, given)

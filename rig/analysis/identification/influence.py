@@ -17,9 +17,10 @@ from rig.analysis.identification.responses import Evaluator
 from rig.analysis.identification.runs import Law, Measured
 from rig.record.run import Reals
 
-_TABLES = ("start", "noise")
-_MOST = 12
-_ALIKE = (0.005, 0.1)  # of the square of an effect: what is left of one that others have too; of one on measures
+_TABLES = ("start", "noise")  # of a scene, which no fit varies
+_MOST = 12  # candidates: each costs a response of every run
+_ALIKE = 0.005  # of the square of an effect: what is left of one that others have too
+_ALIKE_ON_MEASURES = 0.1  # the same of an effect on measures, which are few
 _TAKES = 0.05  # share of a coordinate
 
 
@@ -68,7 +69,7 @@ def influence(fit: Fit, solution: Solution, evaluator: Evaluator, repeats: bool)
     clusters = np.concatenate([np.full(left.size, 1) for left in solution.left])
     H = inverse(J.T @ J + np.diag(solution.prior))
     names = [f.key for f in fit.free] + list(fit.offsets.names)
-    made = []
+    influences = []
     for key, row in zip(keys, rows):
         responses = whole(row)
         if isinstance(responses, str):
@@ -81,25 +82,16 @@ def influence(fit: Fit, solution: Solution, evaluator: Evaluator, repeats: bool)
         by = H @ (J.T @ effect)
         rest = effect - J @ by
         left = float(rest @ rest) / square
-        most = _ALIKE[0 if repeats else 1]
+        most = _ALIKE if repeats else _ALIKE_ON_MEASURES
         if left <= most and not repeats:  # measures are few: many changes explain an effect
             by = _simplest(J, effect, min(1.2 * left, most) * square, len(fit.free))
         alike = tuple((name, float(-c)) for name, c in zip(names, by) if abs(c) > _TAKES and "offset" not in name)
         across = float(rest @ r)
+        gain = across**2 / max(float(rest @ rest) * float(r @ r), 1e-300)
         change = -across / max(float(rest @ rest), 1e-300)
         spread = np.sqrt(max(_spread(rest, r, solution.left), 1e-300))
-        made.append(
-            Influence(
-                key,
-                left,
-                alike,
-                across**2 / max(float(rest @ rest) * float(r @ r), 1e-300),
-                change,
-                abs(across) / spread,
-                left > most,
-            )
-        )
-    return tuple(made)
+        influences.append(Influence(key, left, alike, gain, change, abs(across) / spread, left > most))
+    return tuple(influences)
 
 
 def _simplest(J: Reals, effect: Reals, most: float, free: int) -> Reals:
@@ -108,7 +100,8 @@ def _simplest(J: Reals, effect: Reals, most: float, free: int) -> Reals:
     by = np.zeros(J.shape[1])
     held = np.diag((np.arange(len(information)) < free).astype(float))
     for size in float(np.trace(information[:free, :free])) * 10.0 ** np.arange(0.0, -12.0, -0.5):
-        by = inverse(information + size * held + 1e-12 * np.eye(len(information))) @ (J.T @ effect)
+        damped = information + size * held + 1e-12 * np.eye(len(information))
+        by = inverse(damped) @ (J.T @ effect)
         if float(((effect - J @ by) ** 2).sum()) <= most:
             break
     return np.asarray(by)

@@ -33,7 +33,7 @@ ACCURACY = 1e-8
 """Relative tolerance of adaptive methods in a fit: differences over a thousandth of a parameter need no more."""
 LONGEST_SETTLING = 25.0
 """Time within which a motion settles during a fit [s]."""
-_MOST = 1_000_000
+_MOST = 1_000_000  # evaluations that a work may number
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,12 @@ class Response:
 
     @cached_property
     def _tables(self) -> list[tuple[Reals, Reals, Reals, Reals]]:
-        made = []
+        tables = []
         for wave in self.waves:
             after = np.roll(wave, -1)
             rate = 0.5 * POINTS * (after - np.roll(wave, 1))
-            made.append((wave, after - wave, rate, np.roll(rate, -1) - rate))
-        return made
+            tables.append((wave, after - wave, rate, np.roll(rate, -1) - rate))
+        return tables
 
 
 @dataclass(frozen=True)
@@ -130,24 +130,22 @@ class Responder:
     @property
     def work(self) -> Work:
         """As a work of the pool."""
-        data = [(run, [hashlib.sha256(c.v.tobytes()).hexdigest() for c in run.columns]) for run in self.runs]
+        data = [(run, _hashes(run)) for run in self.runs]
         text = repr((self.law.free, self.seed, data))
-        about = {"scene": self.law.scene.name, "law": self.law.name}
-        hash_ = digest(self.law.scene, text)
-        return Work(
-            self.compute,
-            range(_MOST),
-            f"{self.law.scene.name}-{self.law.name}",
-            hash_,
-            self.prepare,
-            self.failed,
-            about,
-        )
+        scene = self.law.scene
+        law = self.law.name
+        about = {"scene": scene.name, "law": law}
+        items = range(_MOST)
+        return Work(self.compute, items, f"{scene.name}-{law}", digest(scene, text), self.prepare, self.failed, about)
 
     def failed(self, unit: int, why: str) -> Arrays:
         """The response of an evaluation that ended its worker twice."""
         del unit
         return {"why": np.array(why)}
+
+
+def _hashes(run: Measured) -> list[str]:
+    return [hashlib.sha256(column.v.tobytes()).hexdigest() for column in run.columns]
 
 
 def cycle_response(scene: Scene, measured: Measured) -> Response | str:
@@ -238,8 +236,8 @@ class Evaluator:
         asked = [(run, *point) for point in points for run in runs]
         new = [*dict.fromkeys(given for given in asked if given not in self._known)]
         self._known |= zip(new, map(_response, self._computed(new)))
-        made = [self._known[given] for given in asked]
-        return [made[i : i + len(runs)] for i in range(0, len(made), len(runs))]
+        answers = [self._known[given] for given in asked]
+        return [answers[i : i + len(runs)] for i in range(0, len(answers), len(runs))]
 
     def twins(
         self, runs: Sequence[int], values: Sequence[float], given: Sequence[Sequence[float]]
