@@ -30,10 +30,11 @@ from rig.units import parted, si, with_point
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
 Array = NDArray[np.float64]
-MOST, POINTS = 100_000, 10_000_000
-"""Largest number of values of one axis, and of points of all axes together."""
+MOST = 100_000
+"""Largest number of values of one axis."""
+POINTS = 10_000_000
+"""Largest number of points of all axes together."""
 FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
 _LETTERS = 12.0  # letters of the second line in an inch
 
@@ -58,7 +59,8 @@ class Axis:
         Raises SceneError with every fault.
         """
         key, equals, rest = text.partition("=")
-        key, parts = key.strip(), [with_point(part.strip(), key) for part in rest.split(":")]
+        parts = [with_point(part.strip(), key) for part in rest.split(":")]
+        key = key.strip()
         if count and len(parts) == 2:
             parts.append(str(count))
         if not equals or not key or len(parts) != 3 or not all(parts):
@@ -94,16 +96,16 @@ class Axis:
         Raises SceneError with every fault.
         """
         known = numbers(scene, [f"controllers.{controller}"])
-        given = tuple(float(value) for value in values)
+        along = tuple(float(value) for value in values)
         faults = [] if key in known else [unknown(key, known, scene)]
-        steps = np.diff(given)
-        if not 2 <= len(given) <= MOST:
-            faults.append(f"{len(given)} values: must be from 2 to {MOST}")
+        steps = np.diff(along)
+        if not 2 <= len(along) <= MOST:
+            faults.append(f"{len(along)} values: must be from 2 to {MOST}")
         elif not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             faults.append("values must rise or fall throughout")
         if faults:
             raise SceneError(key, faults)
-        return cls(key, known[key], given, known[key], in_words(key, scene)).accepted(key, scene)
+        return cls(key, known[key], along, known[key], in_words(key, scene)).accepted(key, scene)
 
     def accepted(self, text: str, scene: Scene) -> Self:
         """Return the axis. Raises SceneError if the scene refuses one of the values."""
@@ -187,7 +189,8 @@ def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") ->
         except SceneError as error:
             faults += [f"{option} {text}: {fault}" for fault in error.faults]
     keys = [axis.key for axis in parsed]
-    faults += [f"{key}: is on more than one axis" for key in {k for k in keys if keys.count(k) > 1}]
+    repeated = {key for key in keys if keys.count(key) > 1}
+    faults += [f"{key}: is on more than one axis" for key in repeated]
     points = math.prod(len(axis.values) for axis in parsed)
     if points > POINTS:
         faults.append(f"{points} points: must be at most {POINTS}; fewer values on one of the axes")
