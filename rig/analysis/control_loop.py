@@ -286,22 +286,6 @@ class Loop(Result):
             yield f"  its own gain, {self.gain:g}{unit}, {'has the wrong sign' if wrong else 'lies outside'}"
 
 
-def _inside(low: float, high: float) -> float:
-    """A gain between two limits, of which one may be infinite."""
-    if low == -math.inf:
-        return 2.0 * high - 1.0
-    if high == math.inf:
-        return 2.0 * low + 1.0
-    return 0.5 * (low + high)
-
-
-def _gain(end: float) -> str:
-    """An end of a range of gains as text."""
-    if math.isfinite(end):
-        return f"{end:.6g}"
-    return "any positive gain" if end > 0.0 else "any negative gain"
-
-
 def ends(scene: Scene, name: str) -> tuple[str, str]:
     """Sensor and actuator of the loop of controller `name`, which has one of each."""
     section = scene.controllers[name]
@@ -425,3 +409,19 @@ def state_space(scene: Scene, delay: float = 0.0, order: int = ORDER) -> StateSp
         C = p.C
     inputs = [name.replace(".", "_") for name in p.inputs]
     return control.ss(A, B, C, D, inputs=inputs, outputs=list(p.outputs), name=scene.name)
+
+
+def _inside(low: float, high: float) -> float:
+    """A gain between two limits, of which one may be infinite."""
+    if low == -math.inf:
+        return 2.0 * high - 1.0
+    if high == math.inf:
+        return 2.0 * low + 1.0
+    return 0.5 * (low + high)
+
+
+def _gain(end: float) -> str:
+    """An end of a range of gains as text."""
+    if math.isfinite(end):
+        return f"{end:.6g}"
+    return "any positive gain" if end > 0.0 else "any negative gain"

@@ -89,6 +89,52 @@ class Spectrum(NamedTuple):
 Spectra = Callable[[float], Spectrum]
 
 
+@dataclass(frozen=True)
+class Growth:
+    """Growth rates in falling order [1/s], and for each the size that rounding can cause: below it the rate is zero.
+
+    `large`: of a rig with so many states that a spectrum takes long.
+    """
+
+    rates: Array
+    none: Array
+    large: bool = False
+
+    def sign(self, k: int) -> int:
+        """Return the sign of rate number k; 0 if it is zero or does not exist."""
+        return int(np.sign(self.clear[k])) if k < len(self.rates) else 0
+
+    @cached_property
+    def clear(self) -> Array:
+        """The rates, with those below rounding set to zero."""
+        return np.where(np.abs(self.rates) > self.none, self.rates, 0.0)
+
+
+Growths = Callable[[float], Growth | None]
+
+
+class Hole(Exception):
+    """There is no steady sliding at `value`, which lies between two values of a stretch."""
+
+    def __init__(self, value: float) -> None:
+        super().__init__(value)
+        self.value = value
+
+
+class Bracket(NamedTuple):
+    """Rate number `k` changes its sign between `a` and `b`.
+
+    how   passes   it passes zero between them
+          begins   it is zero at one of them: an undamped mode begins to grow, which leaves zero between them
+          ends     it is zero at b, where the stretch ends, and below zero at a
+    """
+
+    k: int
+    a: float
+    b: float
+    how: Literal["passes", "begins", "ends"] = "passes"
+
+
 def of_matrix(A: Array) -> tuple[Complex, Complex, Complex]:
     """Return eigenvalues, least stable first, right and left vectors [state, i] of A."""
     from scipy.linalg import eig
@@ -190,56 +236,10 @@ def absent(note: str, why: str, inertia: float = 1.0) -> Spectrum:
     return Spectrum(none.diagonal(), none, none, (), 0, 0, False, False, note, inertia, why)
 
 
-@dataclass(frozen=True)
-class Growth:
-    """Growth rates in falling order [1/s], and for each the size that rounding can cause: below it the rate is zero.
-
-    `large`: of a rig with so many states that a spectrum takes long.
-    """
-
-    rates: Array
-    none: Array
-    large: bool = False
-
-    def sign(self, k: int) -> int:
-        """Return the sign of rate number k; 0 if it is zero or does not exist."""
-        return int(np.sign(self.clear[k])) if k < len(self.rates) else 0
-
-    @cached_property
-    def clear(self) -> Array:
-        """The rates, with those below rounding set to zero."""
-        return np.where(np.abs(self.rates) > self.none, self.rates, 0.0)
-
-
 def none(rates: NDArray[np.complex128]) -> Array:
     """Return the growth rate [1/s] of each mode below which it is zero: rounding error of an undamped mode."""
     size = np.abs(rates)
     return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
-
-
-Growths = Callable[[float], Growth | None]
-
-
-class Hole(Exception):
-    """There is no steady sliding at `value`, which lies between two values of a stretch."""
-
-    def __init__(self, value: float) -> None:
-        super().__init__(value)
-        self.value = value
-
-
-class Bracket(NamedTuple):
-    """Rate number `k` changes its sign between `a` and `b`.
-
-    how   passes   it passes zero between them
-          begins   it is zero at one of them: an undamped mode begins to grow, which leaves zero between them
-          ends     it is zero at b, where the stretch ends, and below zero at a
-    """
-
-    k: int
-    a: float
-    b: float
-    how: Literal["passes", "begins", "ends"] = "passes"
 
 
 def looked(values: Sequence[float], growths: Growths, look: Callable[[list[float]], Found]) -> Found:

@@ -275,16 +275,6 @@ class LawFit:
         )
 
 
-def _alike(each: Influence, identified: Sequence[str]) -> str:
-    strong = [(name, c) for name, c in each.others if name in identified and abs(abs(c) - 1.0) < 0.25]
-    only = f": only its {'ratio' if strong[0][1] > 0.0 else 'product'} with {strong[0][0]} can" if strong else ""
-    return f"{each.key} cannot be told beside {', '.join(name for name, _ in each.others)}{only}"
-
-
-def _plain(unit: str) -> str:
-    return "" if unit == "1" else unit
-
-
 @dataclass(frozen=True)
 class Identified(Result):
     """The result of `rig.identify`: the fit of each law, the best first."""
@@ -398,6 +388,28 @@ class Identified(Result):
         return {run.name: run for run in self.best.predicted}[name]
 
 
+def phases(run: RunFit) -> Iterator[tuple[Reals, Reals, Reals, Reals]]:
+    """Of each column of a run: phase, mean of the measured cycles, their deviation, and the model there."""
+    evidence: CycleRun = run.evidence
+    ends = np.cumsum([samples.shape[1] for samples in evidence.samples])
+    fine = run.left.shape == (len(evidence.begins), ends[-1])
+    for i, samples in enumerate(evidence.samples):
+        t = evidence.times[i].mean(axis=0) / evidence.period
+        left = run.left[:, ends[i] - samples.shape[1] : ends[i]] if fine else 0.0
+        model = samples - left * evidence.sigma[i]
+        yield t, samples.mean(axis=0), samples.std(axis=0), model.mean(axis=0)
+
+
+def _alike(each: Influence, identified: Sequence[str]) -> str:
+    strong = [(name, c) for name, c in each.others if name in identified and abs(abs(c) - 1.0) < 0.25]
+    only = f": only its {'ratio' if strong[0][1] > 0.0 else 'product'} with {strong[0][0]} can" if strong else ""
+    return f"{each.key} cannot be told beside {', '.join(name for name, _ in each.others)}{only}"
+
+
+def _plain(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
 def _prediction(run: RunFit) -> Iterator[str]:
     """The lines of a run that was not fitted."""
     if run.response is None:
@@ -428,15 +440,3 @@ def _prediction_json(run: RunFit) -> dict[str, Any]:
         for i, name in enumerate(MEASURES[:4])
     }
     return {"name": run.name, "why": run.why, "measures": measures if run.response is not None else {}}
-
-
-def phases(run: RunFit) -> Iterator[tuple[Reals, Reals, Reals, Reals]]:
-    """Of each column of a run: phase, mean of the measured cycles, their deviation, and the model there."""
-    evidence: CycleRun = run.evidence
-    ends = np.cumsum([samples.shape[1] for samples in evidence.samples])
-    fine = run.left.shape == (len(evidence.begins), ends[-1])
-    for i, samples in enumerate(evidence.samples):
-        t = evidence.times[i].mean(axis=0) / evidence.period
-        left = run.left[:, ends[i] - samples.shape[1] : ends[i]] if fine else 0.0
-        model = samples - left * evidence.sigma[i]
-        yield t, samples.mean(axis=0), samples.std(axis=0), model.mean(axis=0)

@@ -34,9 +34,9 @@ SAMPLED = 20
 REPEATS = 0.05
 """Largest scatter (standard deviation of the logarithm) of the periods of cycles that repeat."""
 SCREEN = (1, 2, 3, 4, 5)
+"""Measures that are fitted where cycles repeat. A period is stick and motion."""
 LASTING = (0, 2, 3, 4)
-"""Measures that are fitted: where cycles repeat, and where they do not. A period is stick and motion, and a short stick
-scatters most."""
+"""Measures that are fitted where cycles do not repeat. A short stick scatters most."""
 EXACT = 1e-4
 """Error of a measure that the detector adds."""
 _DOUBLE = 1.8  # medians: a longer period is two

@@ -37,6 +37,7 @@ from rig.scenes.scene import Scene
 from rig.scenes.sections import unrolled
 
 PARTS = 20
+"""Parts of a transient or of a response, which are clusters."""
 WINDOWS = (0.07, 0.15, 0.3, 0.6, 1.0)
 """Shares of a transient that are fitted one after the other."""
 _FIFTHS = 5  # parts of the late half of a hold, whose means scatter by its error

@@ -43,7 +43,6 @@ _BENT = 0.1  # share of a step for its second derivative
 _MOST_BENT = 0.75  # largest bend beside the step
 NORMAL = 1.6448536269514722
 """Half of an interval of 90 %, in standard deviations."""
-
 Blocks = Callable[[int, Response, Reals], Reals]
 """Residuals [cluster, value] of a run for its response and the offsets of its columns."""
 
@@ -93,42 +92,6 @@ class Solution:
     responses: list[Response]
     converged: bool = False
     covariance: Reals = field(default_factory=lambda: np.zeros((0, 0)))
-
-
-def sandwich(
-    left: Sequence[Reals], jacobian: Sequence[Reals], prior: Reals, known: Sequence[bool] = (), on_the_way: bool = False
-) -> Reals:
-    """The covariance of z clustered by cycle. `known`: runs whose residuals have the error one.
-
-    `on_the_way`: before a fit has ended. What all cycles of a run miss then counts for nothing, if it is most of the
-    residual: it would make deviations so wide that every step seems small.
-    """
-    H = np.diag(prior)
-    B = np.diag(prior)
-    free = np.zeros((len(prior),) * 2)
-    n = 0
-    for i, (r, J) in enumerate(zip(left, jacobian)):
-        information = np.einsum("jik,jil->kl", J, J)
-        H = H + information
-        far = on_the_way and len(r) * float((r.mean(axis=0) ** 2).sum()) > 0.5 * float((r**2).sum())
-        if (known and known[i]) or (far and len(r) == 1):
-            B = B + information
-            n += r.size
-            continue
-        g = np.einsum("jik,ji->jk", J, r)
-        g = g - g.mean(axis=0) if far else g
-        free = free + g.T @ g
-        n += len(g)
-    A = inverse(H)
-    return np.asarray(A @ (B + free * (n / max(n - len(prior), 1))) @ A)
-
-
-def inverse(matrix: Reals) -> Reals:
-    """The inverse of a symmetric matrix whose rows may differ in size."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    values = np.maximum(values, 1e-15 * values[-1])
-    return np.asarray((vectors / values) @ vectors.T * np.outer(scale, scale))
 
 
 class Fit:
@@ -332,6 +295,42 @@ class Fit:
         p = len(self.free)
         largest = float(np.abs(step[:p]).max(initial=0.0))
         return step * min(1.0, _LONGEST / largest) if largest > _LONGEST else step
+
+
+def sandwich(
+    left: Sequence[Reals], jacobian: Sequence[Reals], prior: Reals, known: Sequence[bool] = (), on_the_way: bool = False
+) -> Reals:
+    """The covariance of z clustered by cycle. `known`: runs whose residuals have the error one.
+
+    `on_the_way`: before a fit has ended. What all cycles of a run miss then counts for nothing, if it is most of the
+    residual: it would make deviations so wide that every step seems small.
+    """
+    H = np.diag(prior)
+    B = np.diag(prior)
+    free = np.zeros((len(prior),) * 2)
+    n = 0
+    for i, (r, J) in enumerate(zip(left, jacobian)):
+        information = np.einsum("jik,jil->kl", J, J)
+        H = H + information
+        far = on_the_way and len(r) * float((r.mean(axis=0) ** 2).sum()) > 0.5 * float((r**2).sum())
+        if (known and known[i]) or (far and len(r) == 1):
+            B = B + information
+            n += r.size
+            continue
+        g = np.einsum("jik,ji->jk", J, r)
+        g = g - g.mean(axis=0) if far else g
+        free = free + g.T @ g
+        n += len(g)
+    A = inverse(H)
+    return np.asarray(A @ (B + free * (n / max(n - len(prior), 1))) @ A)
+
+
+def inverse(matrix: Reals) -> Reals:
+    """The inverse of a symmetric matrix whose rows may differ in size."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    values = np.maximum(values, 1e-15 * values[-1])
+    return np.asarray((vectors / values) @ vectors.T * np.outer(scale, scale))
 
 
 def whole(row: Sequence[Response | str]) -> list[Response] | str:

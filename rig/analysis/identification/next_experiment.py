@@ -69,66 +69,6 @@ class Proposal:
         return {"settings": settings, "widths": self.widths, "now": self.now, "seconds": self.seconds}
 
 
-def asked(text: str) -> dict[str, str]:
-    """The settings of "drive.speed=0.05 m/s:0.3 m/s:5, load.force=8 N, 16 N": key -> values. Raises UsageError."""
-    settings = {}
-    for part in re.split(r",\s*(?=[A-Za-z_][\w.]*\s*=)", text):
-        key, equals, values = (piece.strip() for piece in part.partition("="))
-        if not equals or not values:
-            raise UsageError(f'--next {part}: expected KEY=VALUES, such as "drive.speed=0.05 m/s:0.3 m/s:5"')
-        settings[key] = values
-    return settings
-
-
-def propose(
-    identified: Identified,
-    over: Mapping[str, Any],
-    workers: int | None = None,
-    progress: Callable[[int, int], object] = lambda done, total: None,
-) -> Identified:
-    """The result with proposals, the best first. Raises UsageError for settings that are none, or without a fit."""
-    best = identified.best
-    if not best.fits:
-        raise UsageError("no next experiment is proposed: no law fits, so that no interval can be predicted")
-    if not all(isinstance(run.evidence, CycleRun) for run in best.runs):
-        raise UsageError("no next experiment is proposed: this is done for runs of cycles only")
-    axes = factors(best.law.scene, over)
-    drawn = [factor.key for factor in axes if factor.distribution is not None]
-    if drawn:
-        raise UsageError(f"--next {drawn[0]}: expected values or FROM:TO:COUNT, no distribution")
-    keys = [factor.key for factor in axes]
-    grid = product(*(factor.axis.values for factor in axes))
-    settings = [dict(zip(keys, values)) for values in grid]
-    units = {factor.key: factor.axis.unit for factor in axes}
-    prediction = Prediction(best)
-    work = Work(prediction.compute, settings, best.law.scene.name)
-    with temporary(work) as store:
-        rows = carry_out(work, store, workers, progress)
-    proposals = []
-    p = len(best.law.free)
-    now = widths(best, best.covariance)
-    for point, row in zip(settings, rows):
-        if "covariance" in row:
-            C = row["covariance"]
-            determinant = float(np.linalg.slogdet(C[:p, :p])[1])
-            with_units = {key: (value, units[key]) for key, value in point.items()}
-            proposals.append(Proposal(with_units, widths(best, C), now, determinant, prediction.seconds))
-    if not proposals:
-        raise UsageError(f"--next: the rig has no limit cycle at any of these settings: {rows[0]['why']}")
-    proposals.sort(key=lambda proposal: proposal.determinant)
-    return replace(identified, proposals=tuple(proposals[:_SHOWN]))
-
-
-def widths(fit: LawFit, covariance: Reals) -> dict[str, float]:
-    """Half of the interval of each parameter over its value."""
-    relative = {}
-    for i, free in enumerate(fit.law.free):
-        half = fit.reach * math.sqrt(max(float(covariance[i, i]), 0.0))
-        size = 1.0 if free.log else free.size / max(abs(free.value(float(fit.z[i]))), 1e-300)
-        relative[free.key] = half * size
-    return relative
-
-
 @dataclass(frozen=True)
 class Prediction:
     """The covariance with a further run at settings, by the method that fits."""
@@ -208,3 +148,63 @@ class Prediction:
         weights = [measure_weights(evidence, C, LASTING, EXACT)]
         blocks = partial(measure_blocks, [evidence], weights, [np.zeros(len(MEASURES))], LASTING)
         return Fit(self.fit.law.free, evaluator, [0], offsets, blocks)
+
+
+def asked(text: str) -> dict[str, str]:
+    """The settings of "drive.speed=0.05 m/s:0.3 m/s:5, load.force=8 N, 16 N": key -> values. Raises UsageError."""
+    settings = {}
+    for part in re.split(r",\s*(?=[A-Za-z_][\w.]*\s*=)", text):
+        key, equals, values = (piece.strip() for piece in part.partition("="))
+        if not equals or not values:
+            raise UsageError(f'--next {part}: expected KEY=VALUES, such as "drive.speed=0.05 m/s:0.3 m/s:5"')
+        settings[key] = values
+    return settings
+
+
+def propose(
+    identified: Identified,
+    over: Mapping[str, Any],
+    workers: int | None = None,
+    progress: Callable[[int, int], object] = lambda done, total: None,
+) -> Identified:
+    """The result with proposals, the best first. Raises UsageError for settings that are none, or without a fit."""
+    best = identified.best
+    if not best.fits:
+        raise UsageError("no next experiment is proposed: no law fits, so that no interval can be predicted")
+    if not all(isinstance(run.evidence, CycleRun) for run in best.runs):
+        raise UsageError("no next experiment is proposed: this is done for runs of cycles only")
+    axes = factors(best.law.scene, over)
+    drawn = [factor.key for factor in axes if factor.distribution is not None]
+    if drawn:
+        raise UsageError(f"--next {drawn[0]}: expected values or FROM:TO:COUNT, no distribution")
+    keys = [factor.key for factor in axes]
+    grid = product(*(factor.axis.values for factor in axes))
+    settings = [dict(zip(keys, values)) for values in grid]
+    units = {factor.key: factor.axis.unit for factor in axes}
+    prediction = Prediction(best)
+    work = Work(prediction.compute, settings, best.law.scene.name)
+    with temporary(work) as store:
+        rows = carry_out(work, store, workers, progress)
+    proposals = []
+    p = len(best.law.free)
+    now = widths(best, best.covariance)
+    for point, row in zip(settings, rows):
+        if "covariance" in row:
+            C = row["covariance"]
+            determinant = float(np.linalg.slogdet(C[:p, :p])[1])
+            with_units = {key: (value, units[key]) for key, value in point.items()}
+            proposals.append(Proposal(with_units, widths(best, C), now, determinant, prediction.seconds))
+    if not proposals:
+        raise UsageError(f"--next: the rig has no limit cycle at any of these settings: {rows[0]['why']}")
+    proposals.sort(key=lambda proposal: proposal.determinant)
+    return replace(identified, proposals=tuple(proposals[:_SHOWN]))
+
+
+def widths(fit: LawFit, covariance: Reals) -> dict[str, float]:
+    """Half of the interval of each parameter over its value."""
+    relative = {}
+    for i, free in enumerate(fit.law.free):
+        half = fit.reach * math.sqrt(max(float(covariance[i, i]), 0.0))
+        size = 1.0 if free.log else free.size / max(abs(free.value(float(fit.z[i]))), 1e-300)
+        relative[free.key] = half * size
+    return relative

@@ -45,9 +45,9 @@ from rig.units import same_unit
 
 _PHASES = 100  # of a cycle, at which cycles are compared
 _FEWEST = 3  # cycles
-_LOAD = "normal_force"
+_LOAD = "normal_force"  # the output of plants with a load
 _LOBE = 2  # lines of a Hann window beside its middle
-_OCTAVE = math.sqrt(2.0)
+_OCTAVE = math.sqrt(2.0)  # from the middle of an octave to its ends
 _STILL = 0.01  # times the RMS: a mean below it is zero
 
 
