@@ -220,7 +220,7 @@ class Fit:
                 if not isinstance(reached, str):
                     to = self.levelled(to, reached)
                     after = self.left(to, reached)
-                    there = reached
+                    responses_after = reached
                     new = self.cost(after, to)
                     if new < cost:
                         moved = True
@@ -231,7 +231,7 @@ class Fit:
             small = cost - new < gain * cost
             z = to
             left = after
-            responses = there
+            responses = responses_after
             cost = new
             damping = max(damping / _DAMPED**2, 1e-9)
             done |= small

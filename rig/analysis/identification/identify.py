@@ -406,16 +406,16 @@ def _weights(each: Any, covariance: Reals, chosen: Sequence[int], floor: float) 
 def _without_outliers(evidence: Sequence[Any], solution: Solution) -> list[Any] | None:
     """The evidence without cycles that the model misses far more than others; None if there are none."""
     rest: list[Any] = []
-    some = False
+    outliers = False
     for each, left in zip(evidence, solution.left):
         if not isinstance(each, CycleRun):
             return None
         rms = np.sqrt((left**2).mean(axis=1))
         kept = rms < _OUTLIER * float(np.median(rms))
-        some |= not kept.all()
+        outliers |= not kept.all()
         rest.append(_of_cycles(each, kept))
     enough = all(len(each.begins) >= cycles.LEAST for each in rest)
-    return rest if some and enough else None
+    return rest if outliers and enough else None
 
 
 def _of_cycles(each: CycleRun, kept: Any) -> CycleRun:

@@ -229,25 +229,26 @@ def prepared(
         faults.found.append(f"{where}: is for the scene {brief(raw['scene'])}, not for {scene.name}; name that scene")
     scene = replace(scene, limits={})
     asked = raw.get("laws", ())
-    given = asked if isinstance(asked, Mapping) else {name: {} for name in asked}
-    if given:
-        made = tuple(faults(lambda n=n, k=k: _law(scene, n, ranges, k), None) for n, k in given.items())  # type: ignore[misc]
+    of_laws = asked if isinstance(asked, Mapping) else {name: {} for name in asked}
+    if of_laws:
+        tried = tuple(faults(lambda n=n, k=k: _law(scene, n, ranges, k), None) for n, k in of_laws.items())  # type: ignore[misc]
     else:
-        made = (faults(lambda: Law(_law_name(scene), scene, _free(scene, ranges)), None),)
-    if given and None not in made:
-        used = {f.key for law in made if law is not None for f in law.free}
-        lost = [key for key in ranges if key.startswith("friction.") and key not in used]
-        faults.found += [f"{key}: none of the laws {', '.join(given)} has it" for key in lost]
+        tried = (faults(lambda: Law(_law_name(scene), scene, _free(scene, ranges)), None),)
+    if of_laws and None not in tried:
+        used = {f.key for law in tried if law is not None for f in law.free}
+        unused = [key for key in ranges if key.startswith("friction.") and key not in used]
+        faults.found += [f"{key}: none of the laws {', '.join(of_laws)} has it" for key in unused]
     if level not in ([], ["level"], ("level",)):
         faults.found.append(f'per_run = {brief(level)}: only ["level"] is known, an offset of each record')
     measured = [faults(lambda i=i, e=e: _measured(scene, i, e, bool(level)), None) for i, e in enumerate(entries)]  # type: ignore[misc]
-    _known_beside_free(made, measured, faults)
+    _known_beside_free(tried, measured, faults)
     _told_apart([run for run in measured if run is not None], entries, faults)
     faults.raise_found()
     known = [run for run in measured if run is not None]
     if not any(run.fitted for run in known):
         raise UsageError("no run is fitted: give at least one [[run]] without fit = false")
-    return Task(scene, tuple(law for law in made if law is not None), tuple(known), where, count, first)
+    laws_to_fit = tuple(law for law in tried if law is not None)
+    return Task(scene, laws_to_fit, tuple(known), where, count, first)
 
 
 def _known_beside_free(laws: Sequence[Law | None], runs: Sequence[Measured | None], faults: Faults) -> None:

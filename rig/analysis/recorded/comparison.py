@@ -357,8 +357,10 @@ def _stuck(run: Run) -> tuple[NDArray[np.bool_] | None, str]:
 def _stick(run: Run, begin: float, end: float) -> float:
     """The share of the recorded contact states in which a loaded contact sticks; NaN where it is not known."""
     sticks = _stuck(run)[0]
-    here = (run.time >= begin) & (run.time <= end)
-    return math.nan if sticks is None or not here.any() else float(np.mean(sticks[here]))
+    inside = (run.time >= begin) & (run.time <= end)
+    if sticks is None or not inside.any():
+        return math.nan
+    return float(np.mean(sticks[inside]))
 
 
 def _events(run: Run, begin: float, end: float) -> float:

@@ -112,7 +112,7 @@ def orders(run: Run, name: str = "", over: str = DRIVE, first: float = 0.0, last
     begin, end = _stretch(signal, v, t, speed)
     per = _TURNS[turn.unit][2]
     evenly, step, times, top = _resampled(signal, v, begin, end, t, place, speed, per)
-    fast = np.abs(np.interp(times, t, speed))
+    speeds = np.abs(np.interp(times, t, speed))
     turns = round(_TURNS_IN_WINDOW / step) if per == "rev" else 0
     half = max(evenly.size // 2, min(evenly.size, FEWEST))
     count = min(max(evenly.size // PARTS, turns, FEWEST), half)
@@ -138,8 +138,8 @@ def orders(run: Run, name: str = "", over: str = DRIVE, first: float = 0.0, last
         per,
         float(times[0]),
         float(times[-1]),
-        float(fast.min()),
-        float(fast.max()),
+        float(speeds.min()),
+        float(speeds.max()),
         top,
     )
 
@@ -160,8 +160,10 @@ def _stretch(signal: Series, v: Reals, t: Reals, speed: Reals) -> tuple[int, int
     """The first sample of the longest usable stretch, and the one after its last. Raises UsageError."""
     at_samples = np.interp(signal.t, t, speed)
     fast = np.abs(at_samples) >= _SLOWEST * np.abs(speed).max(initial=0.0)
-    sign = np.where(fast & np.isfinite(v) & (at_samples != 0.0), np.sign(at_samples), 0.0)
-    cuts = np.concatenate(([0], np.flatnonzero(np.diff(sign)) + 1, [sign.size]))
+    usable = fast & np.isfinite(v) & (at_samples != 0.0)
+    sign = np.where(usable, np.sign(at_samples), 0.0)
+    changes = np.flatnonzero(np.diff(sign)) + 1
+    cuts = np.concatenate(([0], changes, [sign.size]))
     lengths = np.where(sign[cuts[:-1]] != 0.0, np.diff(cuts), 0)
     best = int(np.argmax(lengths))
     if lengths[best] < FEWEST + 2 * _EDGE:

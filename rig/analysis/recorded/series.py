@@ -118,9 +118,10 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     """
     plain, samples, unit = _samples(run, name)
     t = samples.t_ns * 1e-9
-    here = (t >= first) & (t <= last)
-    t_ns = samples.t_ns[here]
-    v = np.where(np.isfinite(samples.v[here]), samples.v[here], np.nan)
+    inside = (t >= first) & (t <= last)
+    t_ns = samples.t_ns[inside]
+    v = samples.v[inside]
+    v = np.where(np.isfinite(v), v, np.nan)
     if t_ns.size < 2 or not np.isfinite(v).any():
         end = f"{last:g} s" if last < np.inf else "the end"
         number = int(np.isfinite(v).sum())
