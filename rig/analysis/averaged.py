@@ -25,6 +25,7 @@ from rig.stability.linearisation import Steady, sliding_key, steady
 
 Array = NDArray[np.float64]
 ORDER = 64
+"""Nodes of the quadrature between two zeros."""
 FAR = 4.0
 """Ratio of the dither to a natural frequency from which on it is fast; the response to it is then inertial to 7 %."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(ORDER)
@@ -34,21 +35,24 @@ def mean_friction(law: Law, w: float, N: float, fast: complex, load: complex = 0
     """Return the mean friction force, its slope over w and its slope over N; `fast`, `load`: complex amplitudes of w
     and N.
     """
-    cuts = np.sort(np.concatenate([_zeros(w, fast), _zeros(N, load)]))
+    reversals = _zeros(w, fast)
+    cuts = np.sort(np.concatenate([reversals, _zeros(N, load)]))
     if not len(cuts):
         cuts = np.array([0.0])
+    ends = np.append(cuts[1:], cuts[0] + 2.0 * np.pi)
     T = by_speed = by_load = 0.0
-    for start, end in zip(cuts, np.append(cuts[1:], cuts[0] + 2.0 * np.pi)):
+    for start, end in zip(cuts, ends):
         theta = 0.5 * (end - start) * (_NODES + 1.0) + start
         weight = 0.5 * (end - start) * _WEIGHTS / (2.0 * np.pi)
         speed = w + (fast * np.exp(1j * theta)).real
         force = N + (load * np.exp(1j * theta)).real
         closed = weight * (force > 0.0)
         mu = np.array([law.mu(abs(v)) for v in speed]) * np.sign(speed)
+        slope = np.array([law.slope(abs(v)) for v in speed])
         T += float(closed @ (mu * force))
         by_load += float(closed @ mu)
-        by_speed += float(closed @ (np.array([law.slope(abs(v)) for v in speed]) * force))
-    for theta in _zeros(w, fast):
+        by_speed += float(closed @ (slope * force))
+    for theta in reversals:
         force = N + (load * np.exp(1j * theta)).real
         steepness = abs((1j * fast * np.exp(1j * theta)).real)
         if steepness > 0.0:
@@ -61,7 +65,8 @@ def _zeros(mean: float, amplitude: complex) -> Array:
     size = abs(amplitude)
     if not abs(mean) < size:
         return np.zeros(0)
-    middle, half = np.pi - np.angle(amplitude), np.arccos(mean / size)
+    middle = np.pi - np.angle(amplitude)
+    half = np.arccos(mean / size)
     return np.sort(np.mod([middle - half, middle + half], 2.0 * np.pi))
 
 
@@ -76,10 +81,10 @@ def fast_motion(
     omega = float(system.signals[sine - system.one, cosine])
     nq = len(system.coordinates)
     unit = amplitude * np.array([-1j, 1.0])  # a sin = Re(-i a exp(i omega t)), a cos = Re(a exp(i omega t))
-    shaken = (np.array([sine, cosine]), unit)
+    generator = np.array([sine, cosine])
 
     def driven(row: Array) -> complex:
-        return complex(row[shaken[0]] @ shaken[1])
+        return complex(row[generator] @ unit)
 
     push = np.array([driven(row) for row in system.force]) if nq else np.zeros(0)
     for k in system.normals:
@@ -87,8 +92,9 @@ def fast_motion(
     dynamic = _dynamic_stiffness(system, omega, leading)
     answer = np.zeros(system.n, dtype=np.complex128)
     q = np.linalg.solve(dynamic, push.astype(complex)) if nq else push
-    answer[:nq], answer[nq : 2 * nq] = q, 1j * omega * q
-    answer[shaken[0]] = shaken[1]
+    answer[:nq] = q
+    answer[nq : 2 * nq] = 1j * omega * q
+    answer[generator] = unit
     return answer
 
 
@@ -111,18 +117,24 @@ def not_fast(system: System, sine: int, cosine: int) -> str:
     It can where the generator is far above the natural frequencies that the contacts feel: the slip speed then responds
     to a friction force as inertia alone does, to 1 / (FAR^2 - 1), as at FAR times the natural frequency of one mass.
     """
-    omega, nq = float(system.signals[sine - system.one, cosine]), len(system.coordinates)
+    omega = float(system.signals[sine - system.one, cosine])
+    nq = len(system.coordinates)
     most = 1.0 / (FAR**2 - 1.0)
     if system.remembers:
         names = ", ".join(patch.name for patch in system.patches if patch.memory)
         return f"the friction law of {names} has memory, and its force is not averaged over the dither"
-    if both := [patch.name for i, patch in enumerate(system.patches) if any(law.backward for law in system.laws(i))]:
-        return f"the friction law of {', '.join(both)} depends on the direction, and its mean is not computed"
+    directed = []
+    for i, patch in enumerate(system.patches):
+        if any(law.backward for law in system.laws(i)):
+            directed.append(patch.name)
+    if directed:
+        return f"the friction law of {', '.join(directed)} depends on the direction, and its mean is not computed"
+    of_inertia = _dynamic_stiffness(system, omega, leading=True)
+    of_all = _dynamic_stiffness(system, omega, leading=False)
     for row, patch in zip(system.slip_rows[:, nq : 2 * nq], system.patches):
-        inertial, actual = (
-            complex(row @ np.linalg.solve(_dynamic_stiffness(system, omega, leading), patch.direction.astype(complex)))
-            for leading in (True, False)
-        )
+        force = patch.direction.astype(complex)
+        inertial = complex(row @ np.linalg.solve(of_inertia, force))
+        actual = complex(row @ np.linalg.solve(of_all, force))
         if not abs(actual - inertial) <= most * abs(inertial):
             hertz = omega / (2.0 * np.pi)
             return (
@@ -145,16 +157,19 @@ def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: 
     q = answer[: len(system.coordinates)]
     fast = [complex(system.slip_rows[p] @ answer) for p in range(len(system.patches))]
     pressed = [(k.patch, k.row @ answer - omega**2 * k.inertia @ q) for k in system.normals]
-    load = [complex(sum(N for patch, N in pressed if patch == p)) for p in range(len(system.patches))]
 
+    def load_of(p: int) -> complex:
+        return complex(sum(N for patch, N in pressed if patch == p))
+
+    load = [load_of(p) for p in range(len(system.patches))]
     start = system.start.copy()
     start[[sine, cosine]] = 0.0
-    patches = [  # with laws in the form that stays outside of the matrices
-        replace(p, law=replace(friction_law.falling(p.law.numbers[0], 0.0, 0.0), static=p.law.static))
-        if p.law.code == COULOMB
-        else p
-        for p in system.patches
-    ]
+    patches = []
+    for patch in system.patches:
+        if patch.law.code == COULOMB:  # in the form that stays outside of the matrices
+            law = friction_law.falling(patch.law.numbers[0], 0.0, 0.0)
+            patch = replace(patch, law=replace(law, static=patch.law.static))
+        patches.append(patch)
     slow = replace(system, patches=tuple(patches), start=start)
 
     def contact(p: int, w: float, N: float) -> tuple[float, float, float]:

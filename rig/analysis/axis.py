@@ -30,10 +30,11 @@ from rig.units import parted, si, with_point
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
 Array = NDArray[np.float64]
-MOST, POINTS = 100_000, 10_000_000
-"""Largest number of values of one axis, and of points of all axes together."""
+MOST = 100_000
+"""Largest number of values of one axis."""
+POINTS = 10_000_000
+"""Largest number of points of all axes together."""
 FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
 _LETTERS = 12.0  # letters of the second line in an inch
 
@@ -58,7 +59,8 @@ class Axis:
         Raises SceneError with every fault.
         """
         key, equals, rest = text.partition("=")
-        key, parts = key.strip(), [with_point(part.strip(), key) for part in rest.split(":")]
+        parts = [with_point(part.strip(), key) for part in rest.split(":")]
+        key = key.strip()
         if count and len(parts) == 2:
             parts.append(str(count))
         if not equals or not key or len(parts) != 3 or not all(parts):
@@ -93,16 +95,17 @@ class Axis:
 
         Raises SceneError with every fault.
         """
-        known, given = numbers(scene, [f"controllers.{controller}"]), tuple(float(value) for value in values)
+        known = numbers(scene, [f"controllers.{controller}"])
+        along = tuple(float(value) for value in values)
         faults = [] if key in known else [unknown(key, known, scene)]
-        steps = np.diff(given)
-        if not 2 <= len(given) <= MOST:
-            faults.append(f"{len(given)} values: must be from 2 to {MOST}")
+        steps = np.diff(along)
+        if not 2 <= len(along) <= MOST:
+            faults.append(f"{len(along)} values: must be from 2 to {MOST}")
         elif not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             faults.append("values must rise or fall throughout")
         if faults:
             raise SceneError(key, faults)
-        return cls(key, known[key], given, known[key], in_words(key, scene)).accepted(key, scene)
+        return cls(key, known[key], along, known[key], in_words(key, scene)).accepted(key, scene)
 
     def accepted(self, text: str, scene: Scene) -> Self:
         """Return the axis. Raises SceneError if the scene refuses one of the values."""
@@ -176,7 +179,8 @@ def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") ->
 
     `controller`: the controller whose numbers may be swept too.
     """
-    parsed, faults = [], []
+    parsed = []
+    faults = []
     for option, text in given.items():
         if text is None:
             continue
@@ -185,7 +189,8 @@ def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") ->
         except SceneError as error:
             faults += [f"{option} {text}: {fault}" for fault in error.faults]
     keys = [axis.key for axis in parsed]
-    faults += [f"{key}: is on more than one axis" for key in {k for k in keys if keys.count(k) > 1}]
+    repeated = {key for key in keys if keys.count(key) > 1}
+    faults += [f"{key}: is on more than one axis" for key in repeated]
     points = math.prod(len(axis.values) for axis in parsed)
     if points > POINTS:
         faults.append(f"{points} points: must be at most {POINTS}; fewer values on one of the axes")
@@ -229,7 +234,8 @@ def unknown(key: str, known: Iterable[str], scene: Scene) -> str:
 def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield (dotted key, unit) of every number of a section and of its subsections, including omitted optional ones."""
     for name, info in type(section).model_fields.items():
-        value, key = getattr(section, name), f"{prefix}.{name}" if prefix else name
+        value = getattr(section, name)
+        key = f"{prefix}.{name}" if prefix else name
         if isinstance(value, BaseModel):
             yield from sweepable(value, key)
         elif isinstance(value, dict):
@@ -262,7 +268,8 @@ def main(scene: Scene) -> dict[str, tuple[str, str]]:
 
     Main are those whose field declares words for them: speed of the drive, load, coefficients of friction.
     """
-    values, shown = scene.values(), {}
+    values = scene.values()
+    shown = {}
     for key, unit in sweepable(scene.parameters):
         words = in_words(key, scene, declared=True)
         if words and values[key][0] is not None:

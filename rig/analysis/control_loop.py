@@ -46,12 +46,13 @@ from rig.scenes.scene import Scene
 if TYPE_CHECKING:
     from control import StateSpace
 
-
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 VANISHED = 1e-8  # |exp(lambda T)| below which a mode has decayed within one period: commands under way
 MOST = 8  # modes listed in the report
-GRID = 400
+GRID = 400  # frequencies between the slowest pole and that of Nyquist, evenly in the logarithm
+ORDER = 8
+"""Of the Pade approximation of a delay."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +88,11 @@ class Loop(Result):
         rates = (np.log(z[seen].astype(np.complex128)) / self.model.period).astype(np.complex128)
         order = np.lexsort((-rates.imag, -rates.real))
         columns = np.flatnonzero(seen)[order]
-        states, own = self.model.states, self.model.own
+        states = self.model.states
         nq = sum(f"{name}'" in states for name in states)
-        return Spectrum(rates[order], right[:, columns], left[:, columns], states, nq, own, energy=self.energy)
+        return Spectrum(
+            rates[order], right[:, columns], left[:, columns], states, nq, self.model.own, energy=self.energy
+        )
 
     @property
     def growth(self) -> float:
@@ -130,12 +133,12 @@ class Loop(Result):
         limits = sorted({0.0, *self._limits()})
         ranges: list[tuple[float, float]] = []
         for low, high in pairwise([-math.inf, *limits, math.inf]):
-            inside = (
-                2.0 * high - 1.0 if low == -math.inf else 2.0 * low + 1.0 if high == math.inf else 0.5 * (low + high)
-            )
-            if np.abs(np.linalg.eigvals(self.model.closed(inside))).max() < 1.0:
-                joined = bool(ranges) and ranges[-1][1] == low
-                ranges = [*ranges[:-1], (ranges[-1][0], high)] if joined else [*ranges, (low, high)]
+            z = np.linalg.eigvals(self.model.closed(_inside(low, high)))
+            if not np.abs(z).max() < 1.0:
+                continue
+            if ranges and ranges[-1][1] == low:
+                low, _ = ranges.pop()
+            ranges.append((low, high))
         return ranges
 
     @cached_property
@@ -156,7 +159,8 @@ class Loop(Result):
             return {"phase": math.inf, "phase_hertz": math.nan, "delay": math.inf, "delay_hertz": math.nan}
         turn = np.mod(np.angle(self.response(at)) + math.pi, 2.0 * math.pi)  # clockwise to -1
         back = np.minimum(turn, 2.0 * math.pi - turn)
-        phase, delay = int(back.argmin()), int((turn / at).argmin())
+        phase = int(back.argmin())
+        delay = int((turn / at).argmin())
         hertz = at / (2.0 * math.pi)
         return {
             "phase": float(back[phase]),
@@ -169,18 +173,22 @@ class Loop(Result):
         """Gains at which an eigenvalue lies on the unit circle."""
         top = math.pi / self.model.period
         turning = [1e-9 * top, *self._roots(lambda w: self._unit_response(w).imag), top]
-        return [float(-1.0 / value) for value in self._unit_response(np.array(turning)).real if value]
+        real = self._unit_response(np.array(turning)).real
+        return [float(-1.0 / value) for value in real if value]
 
     def _roots(self, f: Callable[[Array], Array]) -> list[float]:
         """Frequencies [rad/s] below the Nyquist frequency at which f passes zero."""
         from scipy.optimize import brentq
 
+        def at(omega: float) -> float:
+            return float(f(np.array([omega]))[0])
+
         w = self.frequencies
         values = f(w)
         roots = []
         for i in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0):
-            root = float(brentq(lambda x: float(f(np.array([x]))[0]), w[i], w[i + 1], xtol=1e-14 * w[i + 1]))
-            if abs(f(np.array([root]))[0]) <= abs(values[i]) + abs(values[i + 1]):  # not a pole
+            root = float(brentq(at, w[i], w[i + 1], xtol=1e-14 * w[i + 1]))
+            if abs(at(root)) <= abs(values[i]) + abs(values[i + 1]):  # not a pole
                 roots.append(root)
         return roots
 
@@ -189,10 +197,12 @@ class Loop(Result):
         """Angular frequencies up to that of Nyquist [rad/s], dense where a phase changes fast."""
         top = math.pi / self.model.period
         z = np.concatenate([np.linalg.eigvals(self.model.F), np.linalg.eigvals(self.model.closed(self.gain))])
-        poles = np.log(z[np.abs(z) > VANISHED].astype(np.complex128)) / self.model.period
+        lasting = z[np.abs(z) > VANISHED]
+        poles = np.log(lasting.astype(np.complex128)) / self.model.period
         slowest = max(float(np.abs(poles).min()), 1e-6 * top)
-        around = np.concatenate([p.imag + max(abs(p.real), 1e-9 * abs(p)) * np.linspace(-8.0, 8.0, 49) for p in poles])
-        w = np.concatenate([np.geomspace(1e-2 * slowest, top, GRID), around])
+        widths = np.linspace(-8.0, 8.0, 49)
+        around = [p.imag + max(abs(p.real), 1e-9 * abs(p)) * widths for p in poles]
+        w = np.concatenate([np.geomspace(1e-2 * slowest, top, GRID), *around])
         return np.unique(w[(w > 0.0) & (w < top)])
 
     def to_json(self) -> dict[str, Any]:
@@ -217,7 +227,8 @@ class Loop(Result):
 
     def _closed_modes(self) -> list[tuple[float, float]]:
         """Growth [1/s] and frequency [Hz] of each mode; a complex pair counts once."""
-        return [(float(r.real), float(r.imag) / (2.0 * math.pi)) for r in self.spectrum.rates if r.imag >= 0.0]
+        rates = [rate for rate in self.spectrum.rates if rate.imag >= 0.0]
+        return [(float(rate.real), float(rate.imag) / (2.0 * math.pi)) for rate in rates]
 
     def text(self) -> str:
         """Return the report as text."""
@@ -241,37 +252,37 @@ class Loop(Result):
 
     def margin_lines(self, delay: str) -> Iterator[str]:
         """Lines of text on the margins; `delay`: what follows the delay margin."""
-        if (m := self.margins) is None:
+        margins = self.margins
+        if margins is None:
             yield "  no margins: the loop is unstable with the mean delay of its links"
-        elif math.isinf(m["delay"]):
+        elif math.isinf(margins["delay"]):
             yield "  no phase margin and no delay margin: the loop gain never reaches 1"
         else:
-            yield f"  phase margin {math.degrees(m['phase']):.4g} deg at {m['phase_hertz']:.5g} Hz"
-            yield f"  delay margin {1e3 * m['delay']:.5g} {delay.format_map(m)}"
+            yield f"  phase margin {math.degrees(margins['phase']):.4g} deg at {margins['phase_hertz']:.5g} Hz"
+            yield f"  delay margin {1e3 * margins['delay']:.5g} {delay.format_map(margins)}"
+
+    def _times_its_own(self, low: float, high: float) -> str:
+        """A range of gains over the controller's own; "" where it has another sign, or both."""
+        finite = sum(end for end in (low, high) if math.isfinite(end))
+        of_one_sign = low * high >= 0.0  # also false from zero to infinity
+        if not self.gain or not of_one_sign or self.gain * finite <= 0.0:
+            return ""
+        least, most = sorted((low / self.gain, high / self.gain))
+        return f" ({least:.4g} to {most:.4g} times its own)"
 
     def _ranges(self) -> Iterator[str]:
         """Lines of text on the stable gain ranges, and on the controller's own gain."""
         unit = f" {self.unit}" if self.unit else ""
         for low, high in self.gain_ranges:
-            ends = [low, high]
-            texts = [
-                f"{end:.6g}" if math.isfinite(end) else f"any {'positive' if end > 0.0 else 'negative'} gain"
-                for end in ends
-            ]
-            own = ""
-            if (
-                self.gain
-                and min(ends) * max(ends) >= 0.0
-                and self.gain * sum(e for e in ends if math.isfinite(e)) > 0.0
-            ):
-                least, most = sorted(end / self.gain for end in ends)
-                own = f" ({least:.4g} to {most:.4g} times its own)"
-            yield f"  stable with a gain from {texts[0]} to {texts[1]}{unit if math.isfinite(high) else ''}{own}"
+            first = _gain(low)
+            last = f"{_gain(high)}{unit}" if math.isfinite(high) else _gain(high)
+            yield f"  stable with a gain from {first} to {last}{self._times_its_own(low, high)}"
         if not self.gain_ranges:
             yield "  stable with no gain of either sign"
         elif self.gain_range is None:
             sign = math.copysign(1.0, self.gain)
-            wrong = self.gain and not any(max(sign * low, sign * high) > 0.0 for low, high in self.gain_ranges)
+            reached = any(max(sign * low, sign * high) > 0.0 for low, high in self.gain_ranges)
+            wrong = self.gain and not reached
             yield f"  its own gain, {self.gain:g}{unit}, {'has the wrong sign' if wrong else 'lies outside'}"
 
 
@@ -295,20 +306,25 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
     if name not in scene.controllers:
         raise SceneError(scene.name, [f"controller {name}: unknown; {near(name, scene.controllers)}"])
     section = scene.controllers[name]
-    made = numbers(scene)[name]
-    feedback: Any = controllers.build(section, made)
+    values = numbers(scene)[name]
+    feedback: Any = controllers.build(section, values)
     if not hasattr(feedback, "linear"):
-        known = [n for n, s in scene.controllers.items() if hasattr(controllers.controller_class(s), "linear")]
-        other = f"; {', '.join(known)} is" if known else ""
-        raise SceneError(
-            scene.name, [f"controllers.{name}: {section.kind} is not a linear feedback: it has no margins{other}"]
-        )
-    own, unit = 1.0, "1"
+        linear_ones = []
+        for other, of_other in scene.controllers.items():
+            if hasattr(controllers.controller_class(of_other), "linear"):
+                linear_ones.append(other)
+        which = f"; {', '.join(linear_ones)} is" if linear_ones else ""
+        why = f"{section.kind} is not a linear feedback: it has no margins{which}"
+        raise SceneError(scene.name, [f"controllers.{name}: {why}"])
+    gain = 1.0
+    unit = "1"
     try:
-        if gain := linear_form(feedback).gain:
-            own, unit = getattr(section, gain), unit_of(type(section), gain)
-            feedback = controllers.build(section.model_copy(update={gain: 1.0}), made)
-        (reads,), (drives,) = feedback.reads, feedback.drives
+        if key := linear_form(feedback).gain:
+            gain = getattr(section, key)
+            unit = unit_of(type(section), key)
+            feedback = controllers.build(section.model_copy(update={key: 1.0}), values)
+        (reads,) = feedback.reads
+        (drives,) = feedback.drives
         sensor = scene.sensors[reads]
         end = sensor.front_end()
         rig = plant(scene)
@@ -321,7 +337,7 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
         scene=scene.name,
         controller=name,
         through=f"{reads} to {drives}",
-        gain=own,
+        gain=gain,
         unit="" if unit == "1" else unit,
         delay=(end.delay_ns + section.delay + more_ns) * 1e-9,
         model=model,
@@ -349,9 +365,6 @@ def sweep_loop(scene: Scene, axis: Axis, name: str) -> Sweep:
     return replace(along(scene.name, axis, spectrum, name), belief=belief, left_out=left_out(scene, name))
 
 
-ORDER = 8
-
-
 def plant(scene: Scene) -> Plant:
     """Linearise the rig of `scene`; inputs are the actuators whose command is a value (not a generator's).
 
@@ -376,17 +389,39 @@ def state_space(scene: Scene, delay: float = 0.0, order: int = ORDER) -> StateSp
     import control
 
     p = plant(scene)
-    A, B, D = p.A, p.B, p.D
+    A = p.A
+    B = p.B
+    D = p.D
     if delay > 0.0:
         num, den = control.pade(1.0, order)
         pade = control.tf2ss(control.tf(num, den))
         each = np.eye(len(p.inputs))
-        late, into, out, through = (np.kron(each, m) for m in (pade.A / delay, pade.B / delay, pade.C, pade.D))
+        late = np.kron(each, pade.A / delay)
+        into = np.kron(each, pade.B / delay)
+        out = np.kron(each, pade.C)
+        through = np.kron(each, pade.D)
         zero = np.zeros((len(late), len(A)))
         A = np.block([[A, B @ out], [zero, late]])
         C = np.hstack([p.C, D @ out])
-        B, D = np.vstack([B @ through, into]), D @ through
+        B = np.vstack([B @ through, into])
+        D = D @ through
     else:
         C = p.C
     inputs = [name.replace(".", "_") for name in p.inputs]
     return control.ss(A, B, C, D, inputs=inputs, outputs=list(p.outputs), name=scene.name)
+
+
+def _inside(low: float, high: float) -> float:
+    """A gain between two limits, of which one may be infinite."""
+    if low == -math.inf:
+        return 2.0 * high - 1.0
+    if high == math.inf:
+        return 2.0 * low + 1.0
+    return 0.5 * (low + high)
+
+
+def _gain(end: float) -> str:
+    """An end of a range of gains as text."""
+    if math.isfinite(end):
+        return f"{end:.6g}"
+    return "any positive gain" if end > 0.0 else "any negative gain"

@@ -32,8 +32,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.cycle_report import Cycle
-from rig.analysis.floquet import Floquet
+from rig.analysis.cycle_report import Cycle, Floquet
 from rig.analysis.repetition import MOST, REPEAT, all_round, refuse, repeating, time_of, turn_of
 from rig.analysis.return_map import STEPS, Family, NoCycle, ReturnMap, closed, multipliers, sizes
 from rig.bench.free_rig import TIGHT, Carried, FreeRig
@@ -53,7 +52,8 @@ ROUGH = 1e-2
 LONGEST = 120.0  # s
 CHANGES = 500_000  # mode set changes: over a minute of a squeal at 3.4 kHz
 _FIRST = 7.9  # periods of the slowest mode before the first look at the events
-_DECAY, _SHORT = 2.0, 2.1  # the same without events in which a decay shows, and of the first stretch
+_DECAY = 2.0  # periods of the slowest mode without events, in which a decay shows
+_SHORT = 2.1  # periods of the slowest mode in the first stretch: a decay shows in it
 _ONCE = 16384  # ticks in one call, and states without events that are looked at
 _SEEN = 16  # of these in a period of the least stable mode or of the slowest one, at least
 _TURNS = 4  # most turning points in one cycle
@@ -65,7 +65,8 @@ _DECAYS = 1e-6  # one smaller than one by less than this: nothing damps the vibr
 _LONG = (1e-4, 1e-5, 1e-6)  # steps of the differences where runs are noisy, longest first
 _BESIDE = 1e-8  # of the size of a state: over so little, the return map is straight
 _POINTS = 5  # of each step of the integrator, in the outputs over a period
-_PERIODS, _PIECES = 4, 2000  # in one piece of the simulation of a start; and how many of them
+_PERIODS = 4  # in one piece of the simulation of a start
+_PIECES = 2000  # of such a simulation, at most
 _REPEATS = 1e-7  # of a period: a vibration with stick repeats
 _NOT_SMOOTH = "the return map is not smooth: displaced runs meet other events"
 
@@ -76,11 +77,13 @@ class Rest:
     """
 
     def __init__(self, sliding: Steady, start: Array, begins: str = "a standing start") -> None:
-        self._begins, self._sliding, self._nq = begins, sliding, len(sliding.system.coordinates)
+        self._begins = begins
+        self._sliding = sliding
+        self._nq = len(sliding.system.coordinates)
         self._free = not sliding.load.any()
         """True if no contact is loaded: the structure vibrates freely and comes to rest where it would slide."""
-        there = sliding.exists or self._free
-        rates = sliding.eigenvalues() if there else np.zeros(0, dtype=np.complex128)
+        counts = sliding.exists or self._free
+        rates = sliding.eigenvalues() if counts else np.zeros(0, dtype=np.complex128)
         self.least = complex(rates[0]) if len(rates) else complex(math.nan, math.nan)
         self._scale = float(self._distances(start[None])[0])
         self.stable = self.least.real < 0.0
@@ -108,7 +111,9 @@ class Rest:
         """The growth or decay rate of a motion over that of the least stable mode."""
         half = len(states) // 2
         first, last = (float(self._distances(part).max()) for part in (states[:half], states[half:]))
-        return math.log(last / first) / (self.least.real * half * step) if first > 0.0 < last else 0.0
+        if not first > 0.0 < last:
+            return 0.0
+        return math.log(last / first) / (self.least.real * half * step)
 
     def text(self, more: str = "") -> str:
         """Return why there is no limit cycle, or none is found; `more`: a further observation."""
@@ -123,9 +128,14 @@ class Rest:
         )
 
     def _distances(self, states: Array) -> Array:
-        d, nq, mass = states - self._sliding.x, self._nq, self._sliding.system.mass
-        q, v = d[:, :nq], d[:, nq : 2 * nq]
-        squares = np.sum(v @ mass * v, axis=1) + abs(self.least) ** 2 * np.sum(q @ mass * q, axis=1)
+        d = states - self._sliding.x
+        nq = self._nq
+        mass = self._sliding.system.mass
+        q = d[:, :nq]
+        v = d[:, nq : 2 * nq]
+        kinetic = np.sum(v @ mass * v, axis=1)
+        potential = abs(self.least) ** 2 * np.sum(q @ mass * q, axis=1)
+        squares = kinetic + potential
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
@@ -156,7 +166,8 @@ class ClosedCycle:
     def multiplier(self) -> float:
         """The size of the largest multiplier but for the ones of what the motion conserves; 0 without one."""
         by_distance = sorted(self.floquet.multipliers, key=lambda v: abs(v - 1.0))
-        return max((abs(v) for v in by_distance[len(self.map.conserved(self.u, self.end)) :]), default=0.0)
+        conserved = len(self.map.conserved(self.u, self.end))
+        return max((abs(v) for v in by_distance[conserved:]), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -202,17 +213,23 @@ class Search:
         patience: float = 0.0,
         begins: str = "a standing start",
     ) -> None:
-        self.rig, self.sliding, self.every, self.patience = rig, sliding, every, patience
+        self.rig = rig
+        self.sliding = sliding
+        self.every = every
+        self.patience = patience
         self.rest = Rest(sliding, rig.system.start, begins)
-        self.turn, self.slowest = turn_of(sliding), sliding.time_scales()[1]
+        self.turn = turn_of(sliding)
+        self.slowest = sliding.time_scales()[1]
         self.repeat = repeat or (1e-7 if rig.method == "rk4" else max(REPEAT, 10.0 * rig.tolerance))
         self.rough = ROUGH
-        self.motion, self._begun = rig.motion, rig.motion.tick
+        self.motion = rig.motion
+        self._begun = rig.motion.tick
         self.events: list[Event] = []  # the last, as many as are compared
         self.changes = 0
         self.drift = math.inf
         self.quiet = 0.0  # on an uneven surface: time without a change of a contact and without stick [s]
-        self.calm, self.spacing = self.motion.x[None].copy(), rig.step  # the last states since the last event
+        self.calm = self.motion.x[None].copy()  # the last states since the last event
+        self.spacing = rig.step  # of these states [s]
         turns = max(abs(self.rest.least) / (2.0 * math.pi), 1.0 / self.slowest)  # in a second; nan without sliding
         self.coarsest = max(int(1.0 / (_SEEN * turns * rig.step)), 1) if turns > 0.0 else 1  # ticks between two of them
         self.unstable: ClosedCycle | None = None
@@ -229,8 +246,10 @@ class Search:
         uneven = math.isfinite(self.turn)
         stretch = self.turn if uneven else self.every or _SHORT * self.slowest
         while self.now < longest and self.changes < most:
-            begun, before = self.now, self.changes
-            if (left := self._simulated(min(stretch, longest - self.now), most)) is not None:
+            begun = self.now
+            before = self.changes
+            left = self._simulated(min(stretch, longest - self.now), most)
+            if left is not None:
                 return left
             if uneven:
                 settled = self._over_a_turn(begun, self.changes - before)
@@ -245,37 +264,52 @@ class Search:
 
     def _simulated(self, time: float, most: float) -> Settled | None:
         """Simulate a stretch; return where the motion has left a limit of the scene."""
-        rig, motion, limits = self.rig, self.motion, list(self.rig.scene.limits.items())
+        rig = self.rig
+        motion = self.motion
         ticks = max(round(time / rig.step), 1)
         apart = min(math.ceil(ticks / _ONCE), self.coarsest)
         origin = motion.tick + max(ticks - apart * _ONCE, 0)
         calm: list[Array] = []
         while ticks > 0 and self.changes < most:
-            count, first = math.ceil(ticks / math.ceil(ticks / _ONCE)), motion.tick
+            count = math.ceil(ticks / math.ceil(ticks / _ONCE))
+            first = motion.tick
             motion.advance(count)
             ticks -= count
             events = motion.events()
             if events and events[-1].tick >= origin:
-                origin, calm = events[-1].tick + 1, []
-            calm.append(motion.states[max(origin - first, (origin - first) % apart) :: apart].copy())
+                origin = events[-1].tick + 1
+                calm = []
+            begin = max(origin - first, (origin - first) % apart)
+            calm.append(motion.states[begin::apart].copy())
             self.events = [*self.events, *events][-4 * MOST :]
             self.changes += len(events)
-            if limits:
-                values = np.abs(motion.outputs_at(motion.states, motion.mode_sets_of_states))
-                beyond = np.argwhere(values > [limit for _, limit in limits])
-                if len(beyond):
-                    tick, which = beyond[0].tolist()
-                    name, limit = limits[which]
-                    self.events = [event for event in self.events if event.tick <= first + tick]
-                    at = (first + tick - self._begun) * rig.step
-                    leaves = f"{name} exceeds its limit of {limit:g} {rig.units[name]} at {at:.4g} s"
-                    return self._settled(why=f"no limit cycle: {leaves}", time=at, leaves=leaves)
+            left = self._left_limit(first) if rig.scene.limits else None
+            if left is not None:
+                return left
             if rig.system.sectors:  # changes of contacts, not of their sectors
-                modes = [rig.system.modes(key)[:2] for key in (*(event.before for event in events), motion.key)]
+                keys = [*(event.before for event in events), motion.key]
+                modes = [rig.system.modes(key)[:2] for key in keys]
                 touched = rig.stuck(motion.key) or any(a != b for a, b in pairwise(modes))
                 self.quiet = 0.0 if touched else self.quiet + count * rig.step
-        self.calm, self.spacing = np.concatenate(calm), apart * rig.step
+        self.calm = np.concatenate(calm)
+        self.spacing = apart * rig.step
         return None
+
+    def _left_limit(self, first: int) -> Settled | None:
+        """Where the states from tick `first` on leave a limit of the scene; None if they stay within all."""
+        rig = self.rig
+        motion = self.motion
+        limits = list(rig.scene.limits.items())
+        values = np.abs(motion.outputs_at(motion.states, motion.mode_sets_of_states))
+        beyond = np.argwhere(values > [limit for _, limit in limits])
+        if not len(beyond):
+            return None
+        tick, which = beyond[0].tolist()
+        name, limit = limits[which]
+        self.events = [event for event in self.events if event.tick <= first + tick]
+        at = (first + tick - self._begun) * rig.step
+        leaves = f"{name} exceeds its limit of {limit:g} {rig.units[name]} at {at:.4g} s"
+        return self._settled(why=f"no limit cycle: {leaves}", time=at, leaves=leaves)
 
     def _looked_at(self, late: bool) -> Settled | None:
         """Where the motion has settled; None if it is not known yet. Events may repeat when it is `late`."""
@@ -283,15 +317,17 @@ class Search:
             if self.rest.reached(self.motion.x) or self.rest.decays(self.calm, self.spacing):
                 return self._settled(why=self.rest.text(), rests=True)
             period = 0.0 if self.rest.grows(self.calm, self.spacing) else self._between_turning_points()
-            if period and (settled := self._closed(period)) is not None:
+            settled = self._closed(period) if period else None
+            if settled is not None:
                 return settled
         return self._repeated() if late and self.events else None
 
     def _repeated(self) -> Settled | None:
         """The cycle whose events repeat, if there is one."""
-        if self.now > self.patience and (period := self._round(self.rough)[0]):
-            if (settled := self._closed(period)) is not None:
-                return settled
+        roughly, _ = self._round(self.rough) if self.now > self.patience else (0.0, 0)
+        settled = self._closed(roughly) if roughly else None
+        if settled is not None:
+            return settled
         period, count = self._round(self.repeat)
         return self._settled(period=period, count=count) if period else None
 
@@ -300,7 +336,8 @@ class Search:
         step = self.rig.step
         count, self.drift = repeating(self.events, step, repeat)
         last = self.events[-count - 1 :]
-        period = time_of(last[-1], last[0].tick, step) - time_of(last[0], last[0].tick, step)
+        origin = last[0].tick
+        period = time_of(last[-1], origin, step) - time_of(last[0], origin, step)
         over = -time_of(last[-1], self.motion.tick, step) > 2.0 * period  # the events are those of an earlier motion
         repeats = count and self.drift <= repeat and not over and all_round(period, self.turn)
         return (period, count) if repeats else (0.0, 0)
@@ -310,7 +347,8 @@ class Search:
 
         Turning points are those of the coordinate with the largest motion in the least stable mode.
         """
-        moving, nq = self.rig.moving, len(self.rig.system.coordinates)
+        moving = self.rig.moving
+        nq = len(self.rig.system.coordinates)
         states = self.calm[:, moving]
         span = np.ptp(states, axis=0)
         shape = self.sliding.eigenvectors()[1][nq : 2 * nq, 0]
@@ -330,12 +368,14 @@ class Search:
         not known.
         """
         motion = self.motion
-        saved, tick = motion.save(), motion.tick
+        saved = motion.save()
+        tick = motion.tick
         driving = np.delete(np.arange(self.rig.system.n), self.rig.moving)
         driven = bool(np.ptp(motion.states[:, driving], axis=0).any())
-        if driven and (rates := [rate for *_, rate in self.rig.system.generators]):
-            own = 2.0 * math.pi / min(rates)
-            period = max(round(period / own), 1) * own
+        rates = [rate for *_, rate in self.rig.system.generators]
+        if driven and rates:
+            longest = 2.0 * math.pi / min(rates)
+            period = max(round(period / longest), 1) * longest
         cycle = None
         try:
             cycle = closed_cycle(self.rig, motion.x.copy(), period, driven)
@@ -347,21 +387,24 @@ class Search:
         if cycle is None or self.rest.share(cycle.map.state(cycle.u)) <= NEAR:
             return None
         if cycle.multiplier > 1.0 + _GROWS:
-            self.unstable, self.rough = cycle, 0.1 * min(self.drift, self.rough)
+            self.unstable = cycle
+            self.rough = 0.1 * min(self.drift, self.rough)
             return None
         if cycle.multiplier >= 1.0 - _DECAYS:
             return self._settled(why="no limit cycle: nothing damps the vibration, which keeps any amplitude")
-        count, x = len(cycle.end.events), cycle.map.state(cycle.u)
+        count = len(cycle.end.events)
+        x = cycle.map.state(cycle.u)
         return self._settled(period=cycle.period, count=count, x=x, cycle=cycle)
 
     def _over_a_turn(self, begun: float, changes: int) -> Settled | None:
         """The same on an uneven surface: each sector excites the rig, and sliding must persist through all of them."""
         if begun and changes > MOST:
-            return self._settled(
-                why=f"no limit cycle: the surface is uneven, and one turn of {self.turn:.4g} s has {changes} mode set "
+            why = (
+                f"no limit cycle: the surface is uneven, and one turn of {self.turn:.4g} s has {changes} mode set "
                 "changes. The motion follows the turn and does not repeat within it. An even surface may have a cycle "
                 "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and rig sound"
             )
+            return self._settled(why=why)
         if self.rest.stable and self.quiet >= _CALM * self.turn:
             why = self.rest.text(f"; no contact changes in {_CALM} turns of the surface")
             return self._settled(why=why, rests=True)
@@ -382,8 +425,9 @@ class Search:
 
     def _settled(self, **how: Any) -> Settled:
         last = (self.events[-1].tick - self._begun) * self.rig.step if self.events else 0.0
-        now = Settled(self.now, self.changes, last, self.drift, self.motion.x.copy(), unstable=self.unstable)
-        return replace(now, **how)
+        state = self.motion.x.copy()
+        settled = Settled(self.now, self.changes, last, self.drift, state, unstable=self.unstable)
+        return replace(settled, **how)
 
 
 def closed_cycle(rig: FreeRig, x: Array, period: float, driven: bool) -> ClosedCycle:
@@ -446,15 +490,17 @@ def limit_cycle(
     if settled.why:
         more = f"The motion is slow or irregular. Use --longest {4.0 * settled.time:.3g}, or rig map"
         why = settled.why if settled.decided else f"{settled.why}. {more}"
-        found = Cycle(scene.name, method, False, why, settled.time, decided=settled.decided)
+        cycle = Cycle(scene.name, method, False, why, settled.time, decided=settled.decided)
     else:
-        found = _recorded(rig, settled, method, tolerance)
-    return replace(found, left_out=left_out(scene))
+        cycle = _recorded(rig, settled, method, tolerance)
+    return replace(cycle, left_out=left_out(scene))
 
 
 def _recorded(rig: FreeRig, settled: Settled, method: str, tolerance: float) -> Cycle:
     """Record one period of the cycle in which a motion has settled, and return its properties."""
-    cycle, period, x = settled.cycle, settled.period, settled.x
+    cycle = settled.cycle
+    period = settled.period
+    x = settled.x
     floquet, newton = (Floquet(why=_NOT_SMOOTH), 0) if cycle is None else (cycle.floquet, cycle.map.steps)
     recorder = FreeRig(rig.scene, rig.assembly, x, method=method, tolerance=tolerance, dense=True)
     turn = recorder.recorded(period)
@@ -463,16 +509,20 @@ def _recorded(rig: FreeRig, settled: Settled, method: str, tolerance: float) -> 
     times = [0.0, *(t for t, _ in turn.events), period]
     keys = [*(event.before for _, event in turn.events), recorder.motion.key]
     held = [(a, b, rig.stuck(key)) for a, b, key in zip(times, times[1:], keys) if b > a]
-    first = [0 in stuck for *_, stuck in held]
 
     def at(sticks: bool) -> dict[str, float]:
         """The outputs where the first contact begins to stick, or just before it ends."""
-        changes = [
-            a for (a, *_), before, after in zip(held[1:], first, first[1:]) if (before, after) == (not sticks, sticks)
-        ]
-        return dict(zip(outputs, turn.dense.at(changes[0], after=sticks).tolist())) if changes else {}
+        for (*_, before), (t, _, after) in pairwise(held):
+            if (0 in before) != sticks and (0 in after) == sticks:
+                return dict(zip(outputs, turn.dense.at(t, after=sticks).tolist()))
+        return {}
 
-    closes = np.abs(turn.dense.at(period, after=False)[len(outputs) :] - x)[rig.moving]
+    def stick_time(patch: int) -> float:
+        """How long a contact sticks [s]."""
+        return sum(b - a for a, b, stuck in held if patch in stuck)
+
+    end = turn.dense.at(period, after=False)
+    closes = np.abs(end[len(outputs) :] - x)[rig.moving]
     return Cycle(
         scene=rig.scene.name,
         rig=rig.scene,
@@ -482,9 +532,7 @@ def _recorded(rig: FreeRig, settled: Settled, method: str, tolerance: float) -> 
         after=settled.time,
         period=period,
         repeats=float((closes / sizes(np.ptp(turn.states, axis=0), rig)).max()),
-        stick_time={
-            patch.name: sum(b - a for a, b, stuck in held if p in stuck) for p, patch in enumerate(rig.system.patches)
-        },
+        stick_time={patch.name: stick_time(p) for p, patch in enumerate(rig.system.patches)},
         extremes={name: turn.dense.extremes(i) for i, name in enumerate(outputs)},
         units=rig.units,
         stick_start=at(sticks=True),
@@ -524,9 +572,11 @@ def comes_to_slide(
     """
     for _ in range(_PIECES):
         run = rig.carried(x, _PERIODS * period)
-        if run.events and (ends := known(run.x)) is not None:
-            return ends
-        if not run.events and rest.reached(run.x):
+        if run.events:
+            ends = known(run.x)
+            if ends is not None:
+                return ends
+        elif rest.reached(run.x):
             return True
         count, drift = repeating([event for _, event in run.events], rig.step, _REPEATS)
         if count and drift <= _REPEATS:

@@ -1,4 +1,10 @@
-"""The report of a limit cycle, or the reason why there is none."""
+"""The report of a limit cycle with its Floquet multipliers, or the reason why there is none.
+
+The multipliers are the growth of a small disturbance over one period: the eigenvalues of the derivative of the return
+map (rig.analysis.return_map), without the one that belongs to the shift along the motion. The error estimate for the
+others is its deviation from one, or the noise of runs over the step of the differences if that is larger. A contact
+that sticks erases the disturbance: its multiplier is zero.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +15,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.floquet import Floquet
 from rig.analysis.repetition import REPEAT
 from rig.printable import columns, counted
 from rig.results import Result
@@ -17,6 +22,38 @@ from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-13  # of the largest output of the same unit: smaller values are shown as zero
+_MANY = 10  # multipliers; of more only the largest are shown
+_SHOWN = 6  # of many multipliers
+
+
+@dataclass(frozen=True)
+class Floquet:
+    """Multipliers, the largest first; `error`: the estimate above (NaN: the motion is driven).
+
+    `why`: why the multipliers are not known, "" if they are.
+    """
+
+    multipliers: tuple[complex, ...] = ()
+    error: float = math.nan
+    why: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        return {"multipliers": [[v.real, v.imag] for v in self.multipliers], "error": self.error, "why": self.why}
+
+    def text(self) -> str:
+        """Return the multipliers as text; values below the error are shown as zero."""
+        if self.why:
+            return self.why
+        known = math.isfinite(self.error)
+        small = 10.0 * self.error if known else 0.0
+        most = len(self.multipliers) if len(self.multipliers) <= _MANY else _SHOWN
+        shown = [_multiplier(value, small) for value in self.multipliers[:most]]
+        left = self.multipliers[most:]
+        if left:
+            shown.append(f"{len(left)} more of size {abs(left[0]):.6g} and less")
+        text = ", ".join(shown)
+        return f"{text} (to {self.error:.1e})" if known else text
 
 
 @dataclass(frozen=True)
@@ -106,7 +143,8 @@ class Cycle(Result):
         alone = [f"  {self.left_out}"] if self.left_out else []
         if not self.found:
             return "\n".join([f"{self.scene}: {self.why}", *alone])
-        attracts, sticks = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT), any(self.stick_time.values())
+        attracts = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT)
+        sticks = any(self.stick_time.values())
         kind = "limit cycle" if sticks or attracts or self.repels else "periodic motion"
         kind = f"{'unstable ' * self.repels}{kind}{'' if sticks else ' in which nothing sticks'}"
         newton = f", the last of the way by {counted(self.newton, 'step')} of Newton's method" if self.newton else ""
@@ -128,3 +166,10 @@ class Cycle(Result):
         terms = ", ".join(f"{name} {v:.6g}" for name, v in self.energy.items() if name != "error" and v)
         lines += ["", f"  energy in a cycle [J]: {terms}; residual {abs(self.energy['error']):.1e}"]
         return "\n".join(lines)
+
+
+def _multiplier(value: complex, small: float) -> str:
+    """A multiplier as text; zero up to the size `small`."""
+    if abs(value) <= small:
+        return "0"
+    return f"{value.real:.6g}" if value.imag == 0.0 else f"{value.real:.6g} {value.imag:+.6g}i"

@@ -37,7 +37,10 @@ from rig.stability.linearisation import Steady
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 SURE = 0.7  # MAC of a pair that needs no smaller step
-NOTHING, OPENS, JAMS = "no steady sliding", "the contact would open", "jams"
+# Why eigenvalues are invalid, or there are none
+NOTHING = "no steady sliding"
+OPENS = "the contact would open"
+JAMS = "jams"
 SLOW = "the dither is not fast"
 DEPTH = 8  # most halvings of a step between two values whose pairs are not certain
 Found = TypeVar("Found")
@@ -47,9 +50,9 @@ ROUNDING = 1e-12  # of the largest |lambda|
 EDGE = 1e-9  # of the gap between two values: tolerance of the end of a stretch
 _DEPTH = 6  # most halvings of a gap in which a rate could reach zero
 _SEARCH = 3  # halvings of a gap without steady sliding at both ends
-_GOLDEN = 0.381966
+_GOLDEN = 0.381966  # of the larger part of a bracket: golden section
 _CUSP = 4.0  # a minimum below this multiple of the rise beside it may reach zero: growth has a kink where modes meet
-_LEVEL = 1e-9
+_LEVEL = 1e-9  # of a rate: beside values that differ by less it has no minimum
 LARGE = 64  # states of a rig: beyond, a step far from zero is not examined in its middle
 _SAFE = 4.0  # times the bend that the values around a step show
 _FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
@@ -86,6 +89,52 @@ class Spectrum(NamedTuple):
 Spectra = Callable[[float], Spectrum]
 
 
+@dataclass(frozen=True)
+class Growth:
+    """Growth rates in falling order [1/s], and for each the size that rounding can cause: below it the rate is zero.
+
+    `large`: of a rig with so many states that a spectrum takes long.
+    """
+
+    rates: Array
+    none: Array
+    large: bool = False
+
+    def sign(self, k: int) -> int:
+        """Return the sign of rate number k; 0 if it is zero or does not exist."""
+        return int(np.sign(self.clear[k])) if k < len(self.rates) else 0
+
+    @cached_property
+    def clear(self) -> Array:
+        """The rates, with those below rounding set to zero."""
+        return np.where(np.abs(self.rates) > self.none, self.rates, 0.0)
+
+
+Growths = Callable[[float], Growth | None]
+
+
+class Hole(Exception):
+    """There is no steady sliding at `value`, which lies between two values of a stretch."""
+
+    def __init__(self, value: float) -> None:
+        super().__init__(value)
+        self.value = value
+
+
+class Bracket(NamedTuple):
+    """Rate number `k` changes its sign between `a` and `b`.
+
+    how   passes   it passes zero between them
+          begins   it is zero at one of them: an undamped mode begins to grow, which leaves zero between them
+          ends     it is zero at b, where the stretch ends, and below zero at a
+    """
+
+    k: int
+    a: float
+    b: float
+    how: Literal["passes", "begins", "ends"] = "passes"
+
+
 def of_matrix(A: Array) -> tuple[Complex, Complex, Complex]:
     """Return eigenvalues, least stable first, right and left vectors [state, i] of A."""
     from scipy.linalg import eig
@@ -99,12 +148,24 @@ def sliding(at: Steady, up_to: float = np.inf) -> Spectrum:
     """Return the spectrum of steady sliding up to a frequency [Hz]."""
     rates, right, left = of_matrix(at.A[np.ix_(at.moving, at.moving)])
     kept = np.abs(rates.imag) <= 2.0 * np.pi * up_to
-    rates, right, left = rates[kept], right[:, kept], left[:, kept]
-    note = JAMS if at.inertia <= 0.0 else "" if at.exists else OPENS if at.counts and not at.beyond else NOTHING
-    names, nq = tuple(at.system.names[i] for i in at.moving), len(at.system.coordinates)
+    rates = rates[kept]
+    right = right[:, kept]
+    left = left[:, kept]
+    names = tuple(at.system.names[i] for i in at.moving)
+    nq = len(at.system.coordinates)
     why = "" if at.exists else missing(at)
     energy = energy_form(at)[np.ix_(at.moving, at.moving)]
+    note = _note(at)
     return Spectrum(rates, right, left, names, nq, len(names), at.exists, at.counts, note, at.inertia, why, energy)
+
+
+def _note(at: Steady) -> str:
+    """What makes the eigenvalues of sliding invalid; "" if nothing does."""
+    if at.inertia <= 0.0:
+        return JAMS
+    if at.exists:
+        return ""
+    return OPENS if at.counts and not at.beyond else NOTHING
 
 
 def pairs(a: Spectrum, b: Spectrum) -> tuple[NDArray[np.int64], bool]:
@@ -114,9 +175,12 @@ def pairs(a: Spectrum, b: Spectrum) -> tuple[NDArray[np.int64], bool]:
     from scipy.optimize import linear_sum_assignment
 
     if a.names == b.names:
-        across, back = a.left.T @ b.right, b.left.T @ a.right
-        own = np.abs(np.sum(a.left * a.right, axis=0))[:, None] * np.abs(np.sum(b.left * b.right, axis=0))[None, :]
-        mac = np.minimum(np.abs(across * back.T) / np.maximum(own, 1e-300), 1.0)
+        across = a.left.T @ b.right
+        back = b.left.T @ a.right
+        size_a = np.abs(np.sum(a.left * a.right, axis=0))
+        size_b = np.abs(np.sum(b.left * b.right, axis=0))
+        sizes = size_a[:, None] * size_b[None, :]
+        mac = np.minimum(np.abs(across * back.T) / np.maximum(sizes, 1e-300), 1.0)
     else:
         mac = np.ones((len(a.rates), len(b.rates)))
     far = np.abs(a.rates[:, None] - b.rates[None, :])
@@ -172,56 +236,10 @@ def absent(note: str, why: str, inertia: float = 1.0) -> Spectrum:
     return Spectrum(none.diagonal(), none, none, (), 0, 0, False, False, note, inertia, why)
 
 
-@dataclass(frozen=True)
-class Growth:
-    """Growth rates in falling order [1/s], and for each the size that rounding can cause: below it the rate is zero.
-
-    `large`: of a rig with so many states that a spectrum takes long.
-    """
-
-    rates: Array
-    none: Array
-    large: bool = False
-
-    def sign(self, k: int) -> int:
-        """Return the sign of rate number k; 0 if it is zero or does not exist."""
-        return int(np.sign(self.clear[k])) if k < len(self.rates) else 0
-
-    @cached_property
-    def clear(self) -> Array:
-        """The rates, with those below rounding set to zero."""
-        return np.where(np.abs(self.rates) > self.none, self.rates, 0.0)
-
-
 def none(rates: NDArray[np.complex128]) -> Array:
     """Return the growth rate [1/s] of each mode below which it is zero: rounding error of an undamped mode."""
     size = np.abs(rates)
     return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
-
-
-Growths = Callable[[float], Growth | None]
-
-
-class Hole(Exception):
-    """There is no steady sliding at `value`, which lies between two values of a stretch."""
-
-    def __init__(self, value: float) -> None:
-        super().__init__(value)
-        self.value = value
-
-
-class Bracket(NamedTuple):
-    """Rate number `k` changes its sign between `a` and `b`.
-
-    how   passes   it passes zero between them
-          begins   it is zero at one of them: an undamped mode begins to grow, which leaves zero between them
-          ends     it is zero at b, where the stretch ends, and below zero at a
-    """
-
-    k: int
-    a: float
-    b: float
-    how: Literal["passes", "begins", "ends"] = "passes"
 
 
 def looked(values: Sequence[float], growths: Growths, look: Callable[[list[float]], Found]) -> Found:
@@ -241,8 +259,9 @@ def _cut(grid: Sequence[float], hole: float, growths: Growths) -> list[float]:
     falls = grid[0] > grid[-1]
     i = next(i for i, value in enumerate(grid) if (value < hole if falls else value > hole))
     a, b = grid[i - 1 : i + 1]
-    new = [a, _beside(hole, a, growths), hole, _beside(hole, b, growths), b]
-    return [*grid[: i - 1], *refined(list(dict.fromkeys(new)), growths), *grid[i + 1 :]]
+    edges = [a, _beside(hole, a, growths), hole, _beside(hole, b, growths), b]
+    around = refined(list(dict.fromkeys(edges)), growths)
+    return [*grid[: i - 1], *around, *grid[i + 1 :]]
 
 
 def _beside(hole: float, end: float, growths: Growths) -> float:
@@ -251,9 +270,12 @@ def _beside(hole: float, end: float, growths: Growths) -> float:
     The search for the edge begins close to the hole, because other holes may lie between it and the end.
     """
     share = _FIRST
-    while share < 1.0 and growths(value := hole + share * (end - hole)) is None:
+    while share < 1.0:
+        value = hole + share * (end - hole)
+        if growths(value) is not None:
+            return value
         share *= 2.0
-    return value if share < 1.0 else end
+    return end
 
 
 def there(value: float, growths: Growths) -> Growth:
@@ -299,22 +321,23 @@ def limits(values: Sequence[float], growths: Growths) -> list[tuple[float, bool]
     """
 
     def look(grid: list[float]) -> list[tuple[float, bool]]:
-        found: list[tuple[float, bool]] = []
+        limits: list[tuple[float, bool]] = []
         for a, b in pairwise(sorted(grid)):
-            below, above = growths(a), growths(b)
+            below = growths(a)
+            above = growths(b)
             if (below is None or above is None) and grows(below) != grows(above):
-                found.append((a if below is None else b, grows(above)))
+                limits.append((a if below is None else b, grows(above)))
         for stretch in stretches(grid, growths):
             passed = [bracket for bracket in brackets(stretch, growths) if bracket.how != "ends"]
-            found += [(root(bracket, growths), grows(growths(max(bracket.a, bracket.b)))) for bracket in passed]
-        return sorted(found)
+            limits += [(root(bracket, growths), grows(growths(max(bracket.a, bracket.b)))) for bracket in passed]
+        return sorted(limits)
 
     return list(_wide(looked(values, growths, look), EDGE * abs(values[-1] - values[0])))
 
 
-def _wide(found: list[tuple[float, bool]], least: float) -> Iterator[tuple[float, bool]]:
+def _wide(limits: list[tuple[float, bool]], least: float) -> Iterator[tuple[float, bool]]:
     """The limits without those of bands of growth that are narrower than `least`."""
-    left = iter(found)
+    left = iter(limits)
     for limit in left:
         following = next(left, None) if limit[1] else None
         if following is not None and following[0] - limit[0] <= least:
@@ -328,7 +351,9 @@ def refined(values: Sequence[float], growths: Growths) -> list[float]:
     """Return `values` and the values between them that have to be examined, in their order."""
     grid = [values[0]]
     for i, (a, b) in enumerate(pairwise(values)):
-        grid += [b] if _straight(values[max(i - 1, 0) : i + 3], growths) else [*_between(a, b, growths, _DEPTH), b]
+        if not _straight(values[max(i - 1, 0) : i + 3], growths):
+            grid += _between(a, b, growths, _DEPTH)
+        grid.append(b)
     return grid
 
 
@@ -344,7 +369,8 @@ def _straight(values: Sequence[float], growths: Growths) -> bool:
     count = min(map(len, rates))
     before, a, b, after = (rate[:count] for rate in rates)
     bend = _SAFE / 8.0 * np.maximum(np.abs(before - 2.0 * a + b), np.abs(a - 2.0 * b + after))
-    return bool(np.all((a * b > 0.0) & (np.minimum(np.abs(a), np.abs(b)) > bend)))
+    clear = np.minimum(np.abs(a), np.abs(b)) > bend
+    return bool(np.all((a * b > 0.0) & clear))
 
 
 def stretches(grid: Sequence[float], growths: Growths) -> list[list[float]]:
@@ -360,7 +386,9 @@ def stretches(grid: Sequence[float], growths: Growths) -> list[list[float]]:
 
 def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
     """Values to examine between a and b, in their order."""
-    at_a, at_b, middle = growths(a), growths(b), 0.5 * (a + b)
+    at_a = growths(a)
+    at_b = growths(b)
+    middle = 0.5 * (a + b)
     if at_a is None and at_b is not None:
         inside, outside = edge(b, a, lambda value: growths(value) is not None)
         near = _approach(b, inside, growths, depth)[::-1]
@@ -368,13 +396,14 @@ def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
     if at_a is not None and at_b is None:
         inside, outside = edge(a, b, lambda value: growths(value) is not None)
         return [*_approach(a, inside, growths, depth), inside, outside, *_between(outside, b, growths, depth)]
-    here = growths(middle)
-    left = right = (at_a is None) != (here is None) or (here is None and depth > _DEPTH - _SEARCH)
-    if at_a is not None and at_b is not None and here is not None and depth > 0:
-        count = min(len(growth.rates) for growth in (at_a, here, at_b))
-        first, half, last = (growth.clear[:count] for growth in (at_a, here, at_b))
+    at_middle = growths(middle)
+    left = right = (at_a is None) != (at_middle is None) or (at_middle is None and depth > _DEPTH - _SEARCH)
+    if at_a is not None and at_b is not None and at_middle is not None and depth > 0:
+        count = min(len(growth.rates) for growth in (at_a, at_middle, at_b))
+        first, half, last = (growth.clear[:count] for growth in (at_a, at_middle, at_b))
         bend = np.abs(half - 0.5 * (first + last))
-        left, right = _could(first, half, bend), _could(half, last, bend)
+        left = _could(first, half, bend)
+        right = _could(half, last, bend)
     return [
         *(_between(a, middle, growths, depth - 1) if left else ()),
         middle,
@@ -392,7 +421,8 @@ def _could(a: Array, b: Array, bend: Array) -> bool:
     """Whether a rate of one sign at both ends could change sign between them: a parabola bends a quarter as
     much here.
     """
-    return bool(np.any((a * b > 0.0) & (np.minimum(np.abs(a), np.abs(b)) <= bend)))
+    near = np.minimum(np.abs(a), np.abs(b)) <= bend
+    return bool(np.any((a * b > 0.0) & near))
 
 
 def edge(inside: float, outside: float, holds: Callable[[float], bool], least: float = 0.0) -> tuple[float, float]:
@@ -400,8 +430,14 @@ def edge(inside: float, outside: float, holds: Callable[[float], bool], least: f
     halving. `least`: their distance, by default `EDGE` of the way.
     """
     least = least or EDGE * abs(outside - inside)
-    while abs(outside - inside) > least and (middle := 0.5 * (inside + outside)) not in (inside, outside):
-        inside, outside = (middle, outside) if holds(middle) else (inside, middle)
+    while abs(outside - inside) > least:
+        middle = 0.5 * (inside + outside)
+        if middle in (inside, outside):
+            break
+        if holds(middle):
+            inside = middle
+        else:
+            outside = middle
     return inside, outside
 
 
@@ -425,9 +461,9 @@ def _islands(x: Sequence[float], k: int, growths: Growths) -> Iterator[float]:
     at = [growth(value) for value in x]
     for i in range(1, len(x) - 1):
         sign = 1.0 if at[i] > 0.0 else -1.0
-        left, here, right = (sign * g for g in at[i - 1 : i + 2])
-        if 0.0 < here < min(left, right) * (1.0 - _LEVEL):
-            value = _dip(x[i - 1 : i + 2], (left, here, right), lambda v, s=sign: s * growth(v))  # type: ignore[misc]
+        left, least, right = (sign * g for g in at[i - 1 : i + 2])
+        if 0.0 < least < min(left, right) * (1.0 - _LEVEL):
+            value = _dip(x[i - 1 : i + 2], (left, least, right), lambda v, s=sign: s * growth(v))  # type: ignore[misc]
             if value is not None:
                 yield value
 
@@ -437,20 +473,24 @@ def _dip(x: Sequence[float], f: tuple[float, float, float], of: Callable[[float]
 
     The golden section goes on while the bend is one that could reach zero beside the least value, even with a cusp.
     """
-    (a, m, b), (left, here, right) = x, f
+    a, m, b = x
+    left, least, right = f
     close = 1e-6 * abs(b - a)
-    while 0.0 < here < _CUSP * (max(left, right) - here) and abs(b - a) > close:
-        end = b if abs(b - m) > abs(m - a) else a
-        new = m + _GOLDEN * (end - m)
+    while 0.0 < least < _CUSP * (max(left, right) - least) and abs(b - a) > close:
+        upwards = abs(b - m) > abs(m - a)
+        new = m + _GOLDEN * ((b if upwards else a) - m)
         value = of(new)
-        if value < here:
-            a, left, b, right = (m, here, b, right) if end == b else (a, left, m, here)
-            m, here = new, value
-        elif end == b:
+        if value < least and upwards:
+            a, left = m, least
+            m, least = new, value
+        elif value < least:
+            b, right = m, least
+            m, least = new, value
+        elif upwards:
             b, right = new, value
         else:
             a, left = new, value
-    return m if here < 0.0 else None
+    return m if least < 0.0 else None
 
 
 def _passing(k: int, x: Sequence[float], signs: Sequence[int]) -> Iterator[Bracket]:

@@ -27,6 +27,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
+Array = NDArray[np.float64]
+_PLOTS = 3  # of a cycle over time
+_STICK = "#d9dde3"
+_COLOURS = (*LINES, GREY)
+_MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
+_ROUNDED = 1e-6  # growth rates up to this share of the largest rate are rounding
+_NAMED = 3  # critical values in the legend, one line
+_LIGHT = 0.02  # largest damping ratio of the modes for which the axes of a structure have room
+
 
 def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
     """Return the figure of the amplitudes. Raises UsageError if no sensor has samples."""
@@ -49,9 +58,7 @@ def _bars(axes: Axes, rows: Sequence[Row]) -> None:
     sizes = [row.found.half if row.found.cycles or row.why == NOISY else 0.0 for row in rows]
     factor, unit = scaled(first.unit, max(sizes))
     bars = axes.bar(places, [factor * size for size in sizes], color=BLUE, width=0.6)
-    short = {NOISY: "at noise\nlevel"}
-    labels = [f"{row.found.frequency:.4g} Hz" if row.found.cycles else short.get(row.why, "no cycle") for row in rows]
-    axes.bar_label(bars, labels, fontsize=8, padding=2)
+    axes.bar_label(bars, [_frequency(row) for row in rows], fontsize=8, padding=2)
     axes.margins(y=0.15)
     axes.set_ylim(bottom=0.0)
     axes.set_xticks(places, [row.stage for row in rows], rotation=20 if len(rows) > 3 else 0, fontsize=8)
@@ -60,8 +67,10 @@ def _bars(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set_axisbelow(True)
 
 
-_PLOTS = 3  # over time
-_STICK = "#d9dde3"
+def _frequency(row: Row) -> str:
+    if row.found.cycles:
+        return f"{row.found.frequency:.4g} Hz"
+    return "at noise\nlevel" if row.why == NOISY else "no cycle"
 
 
 @drawn(12.8, 6.6)
@@ -106,17 +115,14 @@ def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
 
 
 def _portrait(axes: Axes, cycle: Cycle, displacement: str, velocity: str) -> None:
-    style, x, v = "--" if cycle.repels else "-", cycle.outputs[displacement], cycle.outputs[velocity]
-    (along, unit), (rate, speed) = (
-        scaled(cycle.units[displacement], largest(x)),
-        scaled(cycle.units[velocity], largest(v)),
-    )
+    style = "--" if cycle.repels else "-"
+    x = cycle.outputs[displacement]
+    v = cycle.outputs[velocity]
+    along, unit = scaled(cycle.units[displacement], largest(x))
+    rate, speed = scaled(cycle.units[velocity], largest(v))
     axes.plot(along * x, rate * v, style, color=BLUE, lw=1.4)
-    axes.set(
-        xlabel=f"{plain(displacement)} [{unit}]",
-        ylabel=f"{plain(velocity)} [{speed}]",
-        title="phase portrait" + "; dashed: the cycle is unstable" * cycle.repels,
-    )
+    title = "phase portrait; dashed: the cycle is unstable" if cycle.repels else "phase portrait"
+    axes.set(xlabel=f"{plain(displacement)} [{unit}]", ylabel=f"{plain(velocity)} [{speed}]", title=title)
 
 
 def _multipliers(axes: Axes, cycle: Cycle) -> None:
@@ -127,18 +133,16 @@ def _multipliers(axes: Axes, cycle: Cycle) -> None:
     axes.plot(values.real[~out], values.imag[~out], "o", color=BLUE, ms=5)
     axes.plot(values.real[out], values.imag[out], "x", color=VERMILION, ms=7, mew=1.6)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set(
-        xlabel="real part",
-        ylabel="imaginary part",
-        title="Floquet multipliers; outside of the circle (x): unstable" if values.size else "no Floquet multipliers",
-    )
+    title = "Floquet multipliers; outside of the circle (x): unstable" if values.size else "no Floquet multipliers"
+    axes.set(xlabel="real part", ylabel="imaginary part", title=title)
 
 
 @drawn(12.8, 6.6)
 def loop_report_figure(figure: Figure, report: LoopReport) -> None:
     """Draw `report`."""
-    grid = figure.add_gridspec(2, 3, height_ratios=(1, 1.5), left=0.07, right=0.985, top=0.86, bottom=0.09,
-                               hspace=0.5, wspace=0.24)  # fmt: skip
+    grid = figure.add_gridspec(
+        2, 3, height_ratios=(1, 1.5), left=0.07, right=0.985, top=0.86, bottom=0.09, hspace=0.5, wspace=0.24
+    )
     headline(figure, f"{report.scene}: loop of {report.found.controller}")
     _budget(figure.add_subplot(grid[0, :]), report)
     for column, curve in enumerate(report.curves):
@@ -155,7 +159,8 @@ def loop_report_figure(figure: Figure, report: LoopReport) -> None:
 def loop_figure(figure: Figure, loop: Loop) -> None:
     """Draw gain and phase of the open loop over frequency, with the margins."""
     omega = loop.frequencies
-    hertz, response = omega / (2.0 * math.pi), loop.response(omega)
+    hertz = omega / (2.0 * math.pi)
+    response = loop.response(omega)
     state = f"stable, decay rate {-loop.growth:.4g} 1/s" if loop.growth < 0.0 else "unstable"
     headline(figure, f"{loop.scene}: loop of {loop.controller}, {state}")
     size, phase = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, 1.0))
@@ -182,7 +187,8 @@ def _budget(axes: Axes, report: LoopReport) -> None:
     """A bar of the delays item after the other, then the margin that is left."""
     at = 0.0
     margin = report.found.margins
-    for i, item in enumerate([item for item in report.items if item.seconds > 0.0]):
+    late = [item for item in report.items if item.seconds > 0.0]
+    for i, item in enumerate(late):
         axes.barh(0.0, 1e3 * item.seconds, left=at, height=0.5, color=LINES[i % len(LINES)], label=item.part)
         at += 1e3 * item.seconds
     if margin is not None and margin["delay"] < 1e3:
@@ -192,13 +198,6 @@ def _budget(axes: Axes, report: LoopReport) -> None:
         at += left
     axes.set(xlim=(0.0, at or 1.0), ylim=(-0.5, 0.5), yticks=[], xlabel="delay [ms]", title="delay budget")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.32), ncols=5, fontsize=8.5)
-
-
-Array = NDArray[np.float64]
-
-
-_COLOURS = (*LINES, GREY)
-_MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
 
 
 def modes_figure(modes: Modes) -> Figure:
@@ -236,10 +235,10 @@ def _plane(whole: Figure, figure: Figure | SubFigure, modes: Modes) -> None:
     axes = figure.add_subplot()
     for sliding, mark, how in groups:
         for grows, colour in ((False, LINES[0]), (True, ALARM)):
-            rates = np.array([(m.growth, m.frequency) for m in (sliding.modes if sliding else ())])
-            if (shown := rates[(rates[:, 0] > 0.0) == grows] if rates.size else rates).size:
+            rates = [(m.growth, m.frequency) for m in sliding.modes if (m.growth > 0.0) == grows] if sliding else []
+            if rates:
                 label = ", ".join(filter(None, ("grows" if grows else "does not grow", how)))
-                axes.plot(*shown.T, mark, color=colour, ms=6, mfc="none" if how else colour, label=label)
+                axes.plot(*np.array(rates).T, mark, color=colour, ms=6, mfc="none" if how else colour, label=label)
     _zero(axes, upright=True)
     axes.set(xlabel="growth rate [1/s]", ylabel="frequency [Hz]")
     axes.set_ylim(-0.03 * axes.get_ylim()[1], 1.05 * axes.get_ylim()[1])
@@ -249,17 +248,21 @@ def _plane(whole: Figure, figure: Figure | SubFigure, modes: Modes) -> None:
 @drawn(12.8, 6.6)
 def sweep_figure(figure: Figure, sweep: Sweep) -> None:
     """Draw growth, frequency and root locus of a sweep into `figure`."""
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1), left=0.07, right=0.985, top=0.855, bottom=0.09,
-                               hspace=0.12, wspace=0.2)  # fmt: skip
+    grid = figure.add_gridspec(
+        2, 2, width_ratios=(1.25, 1), left=0.07, right=0.985, top=0.855, bottom=0.09, hspace=0.12, wspace=0.2
+    )
     growth = figure.add_subplot(grid[0, 0])
     frequency = figure.add_subplot(grid[1, 0], sharex=growth)
     locus = figure.add_subplot(grid[:, 1])
-    x, rates, hertz = sweep.axis.shown_values, sweep.growth, sweep.frequency
+    x = sweep.axis.shown_values
+    rates = sweep.growth
+    hertz = sweep.frequency
     known = np.flatnonzero(np.isfinite(rates).any(axis=0)).tolist()
     colours = {b: _COLOURS[i % len(_COLOURS)] for i, b in enumerate(known)}
     partners = {crossing.branch: sweep.partner(crossing) for crossing in sweep.critical}
     coupled = [b for branch, other in partners.items() if other is not None for b in (branch, other)]
-    growing = np.flatnonzero(np.any(rates > _ROUNDED * np.nanmax(np.abs(rates), initial=0.0), axis=0))
+    rounding = _ROUNDED * np.nanmax(np.abs(rates), initial=0.0)
+    growing = np.flatnonzero(np.any(rates > rounding, axis=0))
     jumps = _jumps(sweep)
     for branch, colour in colours.items():
         for grows, line in ((False, "-"), (True, "--")):
@@ -267,7 +270,8 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
             part = _part(rates[:, branch], grows)
             growth.plot(*apart(x, rates[:, branch] + part, jumps), **style)
             frequency.plot(*apart(x, hertz[:, branch] + part, jumps), **style)
-        locus.plot(*apart(rates[:, branch], hertz[:, branch], jumps), color=colour, lw=1.0, alpha=0.5)
+        path = apart(rates[:, branch], hertz[:, branch], jumps)
+        locus.plot(*path, color=colour, lw=1.0, alpha=0.5)
     shades = np.broadcast_to(x[:, None], rates.shape)
     seen = np.isfinite(rates)
     dots = locus.scatter(rates[seen], hertz[seen], c=shades[seen], s=13, cmap="viridis", zorder=3)
@@ -279,7 +283,8 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
     if sweep.errors.size and light.size:  # else the many damped modes of a structure hide those that begin to grow
         growth.set_ylim(1.1 * light.min(), 1.1 * light.max())
         locus.set_xlim(growth.get_ylim())
-    if zoomed := bool(coupled) and np.isin([*growing, *partners], coupled).all():
+    zoomed = bool(coupled) and np.isin([*growing, *partners], coupled).all()
+    if zoomed:
         growth.set_ylim(*_room(rates[:, coupled]))
         locus.set_xlim(*_room(rates[:, coupled]))
         seen = seen & np.isin(np.arange(rates.shape[1]), coupled)
@@ -289,16 +294,19 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
     growth.tick_params(labelbottom=False)
     frequency.set(ylabel="frequency [Hz]", xlabel=sweep.axis.title)
     if np.any(seen):
-        low, high = float(np.nanmin(hertz[seen])), float(np.nanmax(hertz[seen]))
+        low = float(np.nanmin(hertz[seen]))
+        high = float(np.nanmax(hertz[seen]))
         # a nearly constant curve must look constant, and two that meet must look apart where they are
-        margin = max(0.08 * (high - low), (0.002 if zoomed else 0.02) * high, 1e-9)
+        least = (0.002 if zoomed else 0.02) * high
+        margin = max(0.08 * (high - low), least, 1e-9)
         for axes in (frequency, locus):
             axes.set_ylim(low - margin, high + margin)
     _kinds(sweep, frequency, {b: colour for b, colour in colours.items() if b in coupled})
     locus.set(xlabel="growth [1/s]", ylabel="frequency [Hz]", title="root locus")
     figure.align_ylabels((growth, frequency))
     what = f"loop of {sweep.loop}" if sweep.loop else "steady sliding"
-    what += f", {sweep.friction}" if sweep.friction else ""
+    if sweep.friction:
+        what += f", {sweep.friction}"
     headline(figure, f"{sweep.scene}: {what}")
     pairs = dict.fromkeys(sweep.pair(crossing) for crossing in sweep.critical)
     told = [f"the modes of {pair[0]:.5g} and {pair[1]:.5g} Hz meet" for pair in pairs if pair]
@@ -308,7 +316,8 @@ def sweep_figure(figure: Figure, sweep: Sweep) -> None:
 
 def _room(values: Array) -> tuple[float, float]:
     """Ends of an axis with a tenth of the range of `values` on both sides."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    low = float(np.nanmin(values))
+    high = float(np.nanmax(values))
     margin = max(0.1 * (high - low), 1e-9)
     return low - margin, high + margin
 
@@ -317,22 +326,21 @@ def _kinds(sweep: Sweep, axes: Axes, coupled: Mapping[int, str]) -> None:
     """A legend of the kinds of lines, and of the modes that meet, by their frequencies at the begin of the axis."""
     from matplotlib.lines import Line2D
 
-    first = {branch: next(hertz for hertz in sweep.frequency[:, branch] if hertz == hertz) for branch in coupled}
-    lines = [
-        Line2D([], [], color=colour, lw=2.4, label=f"mode of {first[branch]:.5g} Hz")
-        for branch, colour in coupled.items()
-    ]
-    lines += [
-        Line2D([], [], color=GREY, ls=style, lw=1.6, label=label) for style, label in (("-", "decays"), ("--", "grows"))
-    ]
+    lines = []
+    for branch, colour in coupled.items():
+        first = next(hertz for hertz in sweep.frequency[:, branch] if hertz == hertz)
+        lines.append(Line2D([], [], color=colour, lw=2.4, label=f"mode of {first:.5g} Hz"))
+    for style, label in (("-", "decays"), ("--", "grows")):
+        lines.append(Line2D([], [], color=GREY, ls=style, lw=1.6, label=label))
     axes.legend(handles=lines, loc="best", ncols=2, fontsize=8.5, frameon=True, edgecolor="none", framealpha=0.85)
 
 
 def _jumps(sweep: Sweep) -> Bools:
     """Whether a rate jumps between a value and the next crossing [n - 1]."""
     at = np.array([crossing.value for crossing in sweep.critical if crossing.kind == "jump"])
-    ends = np.sort(np.stack([sweep.axis.values[:-1], sweep.axis.values[1:]]), axis=0)
-    return np.asarray(np.any((ends[0, :, None] <= at) & (at <= ends[1, :, None]), axis=1))
+    low, high = np.sort(np.stack([sweep.axis.values[:-1], sweep.axis.values[1:]]), axis=0)
+    between = (low[:, None] <= at) & (at <= high[:, None])
+    return np.asarray(np.any(between, axis=1))
 
 
 def _part(rates: Array, grows: bool) -> Array:
@@ -347,7 +355,8 @@ def _part(rates: Array, grows: bool) -> Array:
 def _critical(sweep: Sweep, growth: Axes, frequency: Axes, locus: Axes) -> None:
     named = len(sweep.critical) if len(sweep.critical) <= _NAMED else _NAMED - 1
     for number, crossing in enumerate(sweep.critical):
-        value, mark = crossing.value / sweep.axis.scale, _MARK[crossing.kind]
+        value = crossing.value / sweep.axis.scale
+        mark = _MARK[crossing.kind]
         label = f"{crossing.kind} at {sweep.axis.text(crossing.value)}"
         if number >= named:
             label = f"and {len(sweep.critical) - named} more" if number == named else "_"
@@ -363,7 +372,9 @@ def _critical(sweep: Sweep, growth: Axes, frequency: Axes, locus: Axes) -> None:
 def _zero(axes: Axes, upright: bool) -> None:
     """Draw the line of zero growth, with the unstable side shaded."""
     low, high = axes.get_xlim() if upright else axes.get_ylim()
-    low, high = min(low, -0.05 * (high - low)), max(high, 0.05 * (high - low))
+    room = 0.05 * (high - low)
+    low = min(low, -room)
+    high = max(high, room)
     if upright:
         axes.axvline(0.0, color=GREY, lw=1.0)
         axes.axvspan(0.0, high, color=ALARM, alpha=0.06, lw=0)
@@ -372,8 +383,3 @@ def _zero(axes: Axes, upright: bool) -> None:
         axes.axhline(0.0, color=GREY, lw=1.0)
         axes.axhspan(0.0, high, color=ALARM, alpha=0.06, lw=0)
         axes.set_ylim(low, high)
-
-
-_ROUNDED = 1e-6  # growth rates up to this share of the largest rate are rounding
-_NAMED = 3  # critical values in the legend, one line
-_LIGHT = 0.02  # largest damping ratio of the modes for which the axes of a structure have room

@@ -1,10 +1,4 @@
-"""Floquet multipliers of a periodic motion: the growth of a small disturbance over one period.
-
-They are the eigenvalues of the derivative of the return map (rig.analysis.return_map), without the one that belongs to
-the shift along the motion. The error estimate for the others is its deviation from one, or the noise of runs over the
-step of the differences if that is larger. A contact that sticks erases the disturbance: its multiplier is zero.
-
-The forced motion under dither that is not fast, and the growth of a small disturbance of it (Floquet exponents).
+"""The forced motion under dither that is not fast, and the growth of a small disturbance of it (Floquet exponents).
 
     x(t + tau) = x(t) with the period tau of the dither,   dx(t + tau) = P dx(t),   exponents  ln(eigenvalue of P) / tau
 
@@ -21,7 +15,6 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,43 +29,12 @@ from rig.scenes.sections import with_values
 from rig.stability.linearisation import Steady, linearised, own_law, settling
 
 Array = NDArray[np.float64]
-_MANY, _SHOWN = 10, 6  # more multipliers than the first number are cut down to the second
 Complex = NDArray[np.complex128]
 _SLOWEST = 30.0  # oscillations of the rig in a period of the dither: longer ones take minutes
 _ERASED = 1e-6  # a smaller multiplier is zero: a contact sticks, and the rest is the error of the differences
 _HALVINGS = 6  # of a step of Newton's method
 _POINTS = 256  # of a period, at which the contacts are looked at
 _NONE = np.zeros((0, 0), dtype=np.complex128)
-
-
-@dataclass(frozen=True)
-class Floquet:
-    """Multipliers, the largest first; `error`: the estimate above (NaN: the motion is driven).
-
-    `why`: why the multipliers are not known, "" if they are.
-    """
-
-    multipliers: tuple[complex, ...] = ()
-    error: float = math.nan
-    why: str = ""
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
-        return {"multipliers": [[v.real, v.imag] for v in self.multipliers], "error": self.error, "why": self.why}
-
-    def text(self) -> str:
-        """Return the multipliers as text; values below the error are shown as zero."""
-        if self.why:
-            return self.why
-        small = 10.0 * (self.error if math.isfinite(self.error) else 0.0)
-        most = len(self.multipliers) if len(self.multipliers) <= _MANY else _SHOWN
-        shown = [
-            "0" if abs(v) <= small else f"{v.real:.6g}" if v.imag == 0.0 else f"{v.real:.6g} {v.imag:+.6g}i"
-            for v in self.multipliers[:most]
-        ]
-        if left := self.multipliers[most:]:
-            shown.append(f"{len(left)} more of size {abs(left[0]):.6g} and less")
-        return f"{', '.join(shown)} (to {self.error:.1e})" if math.isfinite(self.error) else ", ".join(shown)
 
 
 @dataclass(frozen=True)
@@ -105,20 +67,21 @@ def forced(scene: Scene, assembly: Assembly, at: Steady, sine: int, cosine: int,
     pushed = at.A[np.ix_(moved, np.array([sine, cosine]))] @ unit
     response = np.zeros(at.system.n, dtype=np.complex128)
     response[[sine, cosine]] = unit
-    response[moved] = np.linalg.solve(1j * omega * np.eye(len(moved)) - at.A[np.ix_(moved, moved)], pushed)
+    dynamic = 1j * omega * np.eye(len(moved)) - at.A[np.ix_(moved, moved)]
+    response[moved] = np.linalg.solve(dynamic, pushed)
     turn = np.exp(2j * np.pi * np.arange(_POINTS) / _POINTS)
     states = at.x + np.outer(turn, response).real
     reverses = _reverses(at, states @ at.system.slip_rows.T)
     if not (reverses or at.modes.nonlinear.any() or at.system.products or at.system.remembers):
         why = _pulls(at, states @ at.modes.normal.T + at.modes.normal_t @ at.T)
         rates, shapes = at.eigenvectors()
-        means = at.x, at.T, at.friction, at.load
-        return _least_stable_first(rates, at, shapes, Forced(_NONE.diagonal(), _NONE, not why, True, why, means))
+        means = (at.x, at.T, at.friction, at.load)
+        motion = Forced(_NONE.diagonal(), _NONE, not why, True, why, means)
+        return _least_stable_first(rates, at, shapes, motion)
     slow = [at.x + response.real]
     with suppress(NumericsError, Singular):
-        slow.append(
-            averaged(at.system, sine, cosine, amplitude).x + fast_motion(at.system, sine, cosine, amplitude).real
-        )
+        mean = averaged(at.system, sine, cosine, amplitude).x
+        slow.append(mean + fast_motion(at.system, sine, cosine, amplitude).real)
     why = reverses or "no forced motion is found in which every contact slips in its direction"
     return _returning(scene, assembly, at, slow, 2.0 * np.abs(response), 2.0 * math.pi / omega, why)
 
@@ -166,21 +129,27 @@ def _returning(
         values, vectors = np.linalg.eig(returns.derivative(u, end, over_p=False).P)
     except NotSmooth as error:
         return _unknown(f"{why}, and {error}")
-    rig, x = returns.rig(u), returns.state(u)
+    rig = returns.rig(u)
+    x = returns.state(u)
     left = (np.abs(values) > _ERASED) | (not end.events)
     why = "" if left.any() else "a contact sticks in every period, which ends every disturbance"
     shapes = np.zeros((at.system.n, int(left.sum())), dtype=np.complex128)
     shapes[rig.moving] = returns.size[:, None] * vectors[:, left]
-    motion = Forced(_NONE.diagonal(), _NONE, True, True, why, None if end.events else _means(rig, x, end.first, tau))
-    return _least_stable_first(np.log(values[left].astype(np.complex128)) / tau, at, shapes, motion, tau)
+    means = None if end.events else _means(rig, x, end.first, tau)
+    motion = Forced(_NONE.diagonal(), _NONE, True, True, why, means)
+    exponents = np.log(values[left].astype(np.complex128)) / tau
+    return _least_stable_first(exponents, at, shapes, motion, tau)
 
 
 def _means(rig: FreeRig, x: Array, key: int, tau: float) -> tuple[Array, Array, Array, Array]:
     """The means of `Forced` of a motion from x on that stays in one mode set."""
-    modes, system, states = rig.modes(key), rig.system, [x]
+    modes = rig.modes(key)
+    system = rig.system
+    states = [x]
     for _ in range(_POINTS - 1):
         states.append(rig.within(states[-1], key, tau / _POINTS))
-    law, X = own_law(system, modes), np.array(states)
+    law = own_law(system, modes)
+    X = np.array(states)
     T = np.array([linearised(system, modes, state, law)[1] for state in states])
     friction = X @ modes.friction.T + T @ modes.friction_t.T
     load = X @ modes.load.T + T @ modes.load_t.T
@@ -194,7 +163,8 @@ def _least_stable_first(main: Complex, at: Steady, shapes: Complex, motion: Forc
     eigenvalue of sliding without dither counts.
     """
     if tau:
-        still, turn = at.eigenvalues(), 2.0 * math.pi / tau
+        still = at.eigenvalues()
+        turn = 2.0 * math.pi / tau
         most = int(np.abs(still.imag).max(initial=0.0) / turn) + 1
         ways = main[:, None] + 1j * turn * np.arange(-most, most + 1)
         nearest = np.abs(ways[:, :, None] - still).min(axis=2).argmin(axis=1)

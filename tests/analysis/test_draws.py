@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rig.analysis.identification.fit import Solution
-from rig.analysis.identification.posterior import Proposal, Space
+from rig.analysis.identification.proposals import Proposal, Space
 
 LOW, HIGH = np.log([0.05, 0.05, 0.001]), np.log([2.0, 2.0, 1.0])
 

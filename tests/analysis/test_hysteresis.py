@@ -8,7 +8,8 @@ import pytest
 
 import rig as lab
 from rig.analysis.recorded import hysteresis, series, spectrum
-from rig.analysis.recorded.hysteresis import branches, moving_rms, slowest
+from rig.analysis.recorded.moving_windows import moving_rms, slowest
+from rig.analysis.recorded.speed_branches import branches
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save

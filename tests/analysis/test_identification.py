@@ -10,10 +10,11 @@ import pytest
 
 import rig
 from rig.analysis.identification.answer import IDENTIFIED, UNKNOWN
-from rig.analysis.identification.cycles import CycleRun, noise_of, slips
+from rig.analysis.identification.cycles import CycleRun
 from rig.analysis.identification.next_experiment import propose
 from rig.analysis.identification.responses import cycle_response
 from rig.analysis.identification.runs import prepared
+from rig.analysis.identification.slips import noise_of, slips
 from rig.analysis.identification.written import write
 from rig.errors import RigError, UsageError
 

@@ -20,25 +20,30 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rig.analysis.identification.cycles import MEASURES, CycleRun
+from rig.analysis.identification.cycles import CycleRun
 from rig.analysis.identification.fit import NORMAL, Offsets
 from rig.analysis.identification.influence import Influence
 from rig.analysis.identification.responses import Response
 from rig.analysis.identification.runs import Free, Law, Task
+from rig.analysis.identification.slips import MEASURES
 from rig.printable import columns, counted
 from rig.record.run import Reals
 from rig.results import Result, csv_text
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 
-IDENTIFIED, WEAK, UNKNOWN, BOUND = "identified", "weak", "not identifiable", "at bound"
+IDENTIFIED = "identified"
+WEAK = "weak"
+UNKNOWN = "not identifiable"
+BOUND = "at bound"
 MISFIT = 0.01
 """Probability below which a law does not fit."""
-_WEAK = 0.3
-_FACTOR = 10.0
+_WEAK = 0.3  # of the value: an interval that reaches farther to one side is wide
+_FACTOR = 10.0  # between the ends of an interval that tells nothing
 _ALIKE = 0.9  # correlation that is named; of a wide interval with an offset: both are one number
-_AT_END = 1e-6
+_AT_END = 1e-6  # of a coordinate: the fit clips to the ends of the range
 _HELD = 0.4  # of the deviation that the range alone gives
+_TOGETHER = 0.6  # half of the interval of a logarithm up to which two tell something together: a factor of 1.8
 _CONTRADICTS = 1.96  # standard deviations: 95 %
 
 
@@ -85,8 +90,8 @@ class RunFit:
     @property
     def inside(self) -> dict[str, bool]:
         """Whether each predicted measure lies in its band."""
-        here = np.abs(self.measures - self.model) <= self.band
-        return {name: bool(here[i]) for i, name in enumerate(MEASURES) if name not in ("level", "peak")}
+        within = np.abs(self.measures - self.model) <= self.band
+        return {name: bool(within[i]) for i, name in enumerate(MEASURES) if name not in ("level", "peak")}
 
 
 @dataclass(frozen=True)
@@ -142,18 +147,22 @@ class LawFit:
         return tuple(self._parameter(i, free) for i, free in enumerate(self.law.free))
 
     def _parameter(self, i: int, free: Free) -> Parameter:
-        z, sd = float(self.z[i]), math.sqrt(max(float(self.covariance[i, i]), 0.0))
-        low, high = (float(np.clip(end, *free.ends)) for end in (z - self.reach * sd, z + self.reach * sd))
-        value, a, b = free.value(z), free.value(low), free.value(high)
-        if min(z - free.ends[0], free.ends[1] - z) < _AT_END:
+        z = float(self.z[i])
+        sd = math.sqrt(max(float(self.covariance[i, i]), 0.0))
+        first, last = free.ends
+        value = free.value(z)
+        low = free.value(float(np.clip(z - self.reach * sd, first, last)))
+        high = free.value(float(np.clip(z + self.reach * sd, first, last)))
+        if min(z - first, last - z) < _AT_END:
             verdict = BOUND
-        elif not self.told or b > _FACTOR * max(a, 0.0) or self._flat(i):
+        elif not self.told or high > _FACTOR * max(low, 0.0) or self._flat(i):
             verdict = UNKNOWN
-        elif max(b - value, value - a) > _WEAK * abs(value):
+        elif max(high - value, value - low) > _WEAK * abs(value):
             verdict = UNKNOWN if self._aliased(i) > _ALIKE else WEAK
         else:
             verdict = IDENTIFIED
-        low, high = (a, b) if self.told else (math.nan, math.nan)
+        if not self.told:
+            low = high = math.nan
         return Parameter(free.key, free.unit, value, low, high, free.stated, verdict)
 
     def _flat(self, i: int) -> bool:
@@ -163,7 +172,8 @@ class LawFit:
 
     def _aliased(self, i: int) -> float:
         """The largest correlation of a parameter with an offset, which may take up its effect."""
-        return max((abs(self.correlation(i, k)) for k in range(len(self.law.free), len(self.z))), default=0.0)
+        offsets = range(len(self.law.free), len(self.z))
+        return max((abs(self.correlation(i, k)) for k in offsets), default=0.0)
 
     def correlation(self, i: int, k: int) -> float:
         """The correlation of two entries of z."""
@@ -176,50 +186,49 @@ class LawFit:
         if not self.told:
             return
         for (i, a), (k, b) in combinations(enumerate(self.law.free), 2):
-            if (
-                not (a.log and b.log)
-                or {verdicts[i], verdicts[k]} <= {IDENTIFIED}
-                or BOUND in (verdicts[i], verdicts[k])
-            ):
+            both = {verdicts[i], verdicts[k]}
+            if not (a.log and b.log) or both == {IDENTIFIED} or BOUND in both:
                 continue
             if abs(self.correlation(i, k)) < _ALIKE:
                 continue
-            va, vb = a.value(float(self.z[i])), b.value(float(self.z[k]))
+            va = a.value(float(self.z[i]))
+            vb = b.value(float(self.z[k]))
             C = self.covariance[np.ix_((i, k), (i, k))]
-            ways = [(f"{a.key} / {b.key}", va / vb, np.array([1.0, -1.0])), (f"{a.key} * {b.key}", va * vb, np.ones(2))]
-            if a.unit == b.unit and va != vb:
-                ways.append((f"{a.key} - {b.key}", va - vb, np.array([va, -vb]) / (va - vb)))
+            # text, value, and its derivative by both coordinates
+            ratio = (f"{a.key} / {b.key}", va / vb, np.array([1.0, -1.0]))
+            product = (f"{a.key} * {b.key}", va * vb, np.ones(2))
+            ways = [ratio, product]
             if a.unit == b.unit and va != vb:  # a ratio of two that are nearly equal tells little
-                ways = ways[-1:]
+                ways = [(f"{a.key} - {b.key}", va - vb, np.array([va, -vb]) / (va - vb))]
             deviations = [math.sqrt(max(float(g @ C @ g), 0.0)) for _, _, g in ways]
             best = int(np.argmin(deviations))
             text, value, _ = ways[best]
             sd = self.reach * deviations[best]
-            if sd < 0.6:
-                yield (
-                    text,
-                    value,
-                    min(value * math.exp(sd * s) for s in (-1, 1)),
-                    max(value * math.exp(sd * s) for s in (-1, 1)),
-                )
+            if sd < _TOGETHER:
+                ends = (value * math.exp(-sd), value * math.exp(sd))
+                yield text, value, min(ends), max(ends)
 
     def words(self) -> Iterator[str]:
         """What the data cannot tell, and what would help, a line each."""
         yield from self.notes
         if not self.fits:
-            yield (f"law {self.law.name} does not fit (p = {self.p:.1e}): its parameters have no interval; try another "
-                   "law, or free a fixed value")  # fmt: skip
-        if self.told and (flat := [free.key for i, free in enumerate(self.law.free) if self._flat(i)]):
+            yield (
+                f"law {self.law.name} does not fit (p = {self.p:.1e}): its parameters have no interval; try another "
+                "law, or free a fixed value"
+            )
+        flat = [free.key for i, free in enumerate(self.law.free) if self._flat(i)]
+        if self.told and flat:
             what = "this parameter" if len(flat) == 1 else "these parameters"
             yield f"{', '.join(flat)}: the fit is flat along {what}; only the range limits the interval"
         yield from self._alike()
         for text, value, low, high in self.together():
             yield f"together: {text} = {value:.4g}, 90 % from {low:.4g} to {high:.4g}"
         for i, parameter in enumerate(self.parameters):
+            if parameter.key.startswith("friction."):  # a law is always fitted: nobody measured its scene
+                continue
             sd = math.sqrt(max(float(self.covariance[i, i]), 1e-300))
             apart = abs(self.law.free[i].coordinate(parameter.stated) - float(self.z[i])) if parameter.stated else 0.0
-            known = not parameter.key.startswith("friction.")  # a law is always fitted: nobody measured its scene
-            if known and self.fits and parameter.verdict in (IDENTIFIED, WEAK) and apart > _CONTRADICTS * sd:
+            if self.fits and parameter.verdict in (IDENTIFIED, WEAK) and apart > _CONTRADICTS * sd:
                 stated = f"{parameter.stated:.4g} {_plain(parameter.unit)}".rstrip()
                 yield f"{parameter.key}: the data contradict the stated {stated}"
         for each in self.influence:
@@ -233,24 +242,26 @@ class LawFit:
 
     def _alike(self) -> Iterator[str]:
         """Pairs of parameters that act alike, and parameters of friction that act as offsets do."""
-        keys, offsets = [free.key for free in self.law.free], self.offsets.names
+        keys = [free.key for free in self.law.free]
+        offsets = self.offsets.names
         verdicts = [parameter.verdict for parameter in self.parameters]
         for i, k in combinations(range(len(keys)), 2):
-            if abs(self.correlation(i, k)) > _ALIKE:
-                yield (f"{keys[i]} and {keys[k]} have the correlation {self.correlation(i, k):.2f}: vary what "
-                       "separates them")  # fmt: skip
+            correlation = self.correlation(i, k)
+            if abs(correlation) > _ALIKE:
+                yield f"{keys[i]} and {keys[k]} have the correlation {correlation:.2f}: vary what separates them"
         levels: dict[tuple[int, ...], list[int]] = {}
-        for i in (i for i, key in enumerate(keys) if "friction" in key and verdicts[i] != IDENTIFIED):
-            beside = tuple(k for k in range(len(keys), len(self.z)) if abs(self.correlation(i, k)) > _ALIKE)
-            levels.setdefault(beside, []).append(i)
-        for beside, those in levels.items():
+        for i, key in enumerate(keys):
+            if "friction" in key and verdicts[i] != IDENTIFIED:
+                beside = tuple(k for k in range(len(keys), len(self.z)) if abs(self.correlation(i, k)) > _ALIKE)
+                levels.setdefault(beside, []).append(i)
+        for beside, alike in levels.items():
             if beside:
-                weakest = min((self.correlation(i, k) for i in those for k in beside), key=abs)
+                weakest = min((self.correlation(i, k) for i in alike for k in beside), key=abs)
                 named = offsets[beside[0] - len(keys)] if len(beside) == 1 else f"{len(beside)} offsets"
-                act = "act" if len(those) > 1 else "acts"
+                act = "act" if len(alike) > 1 else "acts"
                 only = "only one level of each record can be told; " if len(beside) == len(self.runs) > 1 else ""
-                yield (f"{' and '.join(keys[i] for i in those)} {act} as {named} (correlation {weakest:.2f}): {only}"
-                       "offset and level: vary the load")  # fmt: skip
+                acting = " and ".join(keys[i] for i in alike)
+                yield (f"{acting} {act} as {named} (correlation {weakest:.2f}): {only}offset and level: vary the load")
 
     def help(self) -> str:
         """The fixed value that would help most if it were free; "" if none would."""
@@ -258,18 +269,10 @@ class LawFit:
         if not told or (self.fits and self.repeats):
             return ""
         best = max(told, key=lambda each: each.gain)
-        return (f"freeing {best.key} would help most: it takes away {100.0 * best.gain:.2g} % of the sum of squares, "
-                f"changed by {100.0 * best.change:+.3g} %")  # fmt: skip
-
-
-def _alike(each: Influence, identified: Sequence[str]) -> str:
-    strong = [(name, c) for name, c in each.others if name in identified and abs(abs(c) - 1.0) < 0.25]
-    only = f": only its {'ratio' if strong[0][1] > 0.0 else 'product'} with {strong[0][0]} can" if strong else ""
-    return f"{each.key} cannot be told beside {', '.join(name for name, _ in each.others)}{only}"
-
-
-def _plain(unit: str) -> str:
-    return "" if unit == "1" else unit
+        return (
+            f"freeing {best.key} would help most: it takes away {100.0 * best.gain:.2g} % of the sum of squares, "
+            f"changed by {100.0 * best.change:+.3g} %"
+        )
 
 
 @dataclass(frozen=True)
@@ -315,15 +318,16 @@ class Identified(Result):
     def text(self) -> str:
         """Return the report as text."""
         best = self.best
-        how = "cycle by cycle" if best.repeats else "by measures of cycles"
-        how = how if any(run.evidence.run.kind == "cycles" for run in best.runs) else "from experiments"
+        how = "from experiments"
+        if any(run.evidence.run.kind == "cycles" for run in best.runs):
+            how = "cycle by cycle" if best.repeats else "by measures of cycles"
         law = f", law {best.law.name}" if best.law.name else ""
-        lines = [
-            f"{self.task.scene.name}: {counted(len(best.runs), 'run')}{law}, {how}; {best.evaluations} evaluations"
-        ]
+        runs_and_law = f"{counted(len(best.runs), 'run')}{law}"
+        lines = [f"{self.task.scene.name}: {runs_and_law}, {how}; {best.evaluations} evaluations"]
         alone = left_out(self.task.scene)
         lines += [f"  {alone}"] if alone else []
-        rows, of_scene = [("", "found", "90 % from", "to", "stated", "", "verdict")], self.task.scene.values()
+        rows = [("", "found", "90 % from", "to", "stated", "", "verdict")]
+        of_scene = self.task.scene.values()
         for p in self.parameters:
             stated = f"{p.stated:.5g}" if p.key in of_scene else "-"  # another law has keys that the scene lacks
             ends = (f"{p.low:.5g}", f"{p.high:.5g}") if math.isfinite(p.low) else ("-", "-")
@@ -331,17 +335,19 @@ class Identified(Result):
         lines += columns(rows, "<>>>><<")
         runs = [("run", "cycles", "left out", "rms / noise", "p of the misfit")]
         for run in best.runs:
-            p_ = f"{run.p:.2g}" if math.isfinite(run.p) else "-"
-            runs.append((run.name, str(run.cycles), str(run.dropped), f"{run.rms:.3g}" if best.repeats else "-", p_))
+            rms = f"{run.rms:.3g}" if best.repeats else "-"
+            misfit = f"{run.p:.2g}" if math.isfinite(run.p) else "-"
+            runs.append((run.name, str(run.cycles), str(run.dropped), rms, misfit))
         lines += ["", *columns(runs, "<>>>>")]
         for run in best.predicted:
             lines += ["", *_prediction(run)]
         if len(self.fits) > 1:
             head = "rms / noise" if best.repeats else "deviation between runs"
             table = [("law", head, "p of the misfit", "", UNKNOWN)]
-            for f in self.fits:
-                unknown = ", ".join(p.key for p in f.parameters if p.verdict == UNKNOWN)
-                table.append((f.law.name, f"{f.size:.3g}", f"{f.p:.2g}", "fits" if f.fits else "does not fit", unknown))
+            for fit in self.fits:
+                unknown = ", ".join(p.key for p in fit.parameters if p.verdict == UNKNOWN)
+                outcome = "fits" if fit.fits else "does not fit"
+                table.append((fit.law.name, f"{fit.size:.3g}", f"{fit.p:.2g}", outcome, unknown))
             lines += ["", *columns(table, "<>><<")]
         words = [*best.words()]
         lines += ["", *(f"  {word}" for word in words)] if words else []
@@ -352,6 +358,7 @@ class Identified(Result):
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
         best = self.best
+        offsets = zip(best.offsets.names, best.z[len(best.law.free) :], best.offsets.sizes)
         return {
             "scene": self.task.scene.name,
             "left_out": left_out(self.task.scene),
@@ -360,17 +367,16 @@ class Identified(Result):
             "converged": best.converged,
             "p": best.p,
             "parameters": [vars(p) for p in self.parameters],
-            "offsets": {name: float(best.z[len(best.law.free) + i] * best.offsets.sizes[i])
-                        for i, name in enumerate(best.offsets.names)},
+            "offsets": {name: float(z * size) for name, z, size in offsets},
             "together": [dict(zip(("what", "value", "low", "high"), row)) for row in best.together()],
-            "runs": [{"name": r.name, "cycles": r.cycles, "left_out": r.dropped, "rms": r.rms, "p": r.p}
-                     for r in best.runs],
+            "runs": [
+                {"name": r.name, "cycles": r.cycles, "left_out": r.dropped, "rms": r.rms, "p": r.p} for r in best.runs
+            ],
             "predicted": [_prediction_json(run) for run in best.predicted],
-            "laws": [{"law": f.law.name, "size": f.size, "p": f.p, "fits": f.fits,
-                      "verdicts": {p.key: p.verdict for p in f.parameters}} for f in self.fits],
+            "laws": [_law_json(fit) for fit in self.fits],
             "notes": [*best.words()],
             "next": [proposal.to_json() for proposal in self.proposals],
-        }  # fmt: skip
+        }
 
     def csv(self) -> str:
         """Return the parameters as CSV."""
@@ -382,29 +388,6 @@ class Identified(Result):
         return {run.name: run for run in self.best.predicted}[name]
 
 
-def _prediction(run: RunFit) -> Iterator[str]:
-    """The lines of a run that was not fitted."""
-    if run.response is None:
-        yield f"{run.name} (not fitted): no prediction: {run.why}"
-        return
-    yield f"{run.name} (not fitted), {counted(run.cycles, 'cycle')}"
-    rows: list[tuple[str, ...]] = [("", "measured", "predicted", "95 % from", "to", "")]
-    for i, (name, inside) in enumerate((name, run.inside[name]) for name in MEASURES[:4]):
-        m, e, b = (float(v[i]) for v in (run.measures, run.model, run.band))
-        values = (f"{math.exp(v):.4g}" for v in (m, e, e - b, e + b))
-        rows.append((name, *values, "inside" if inside else "outside"))
-    yield from columns(rows, "<>>>><")
-
-
-def _prediction_json(run: RunFit) -> dict[str, Any]:
-    measures = {
-        name: {"measured": math.exp(run.measures[i]), "predicted": math.exp(run.model[i]),
-               "low": math.exp(run.model[i] - run.band[i]), "high": math.exp(run.model[i] + run.band[i])}
-        for i, name in enumerate(MEASURES[:4])
-    }  # fmt: skip
-    return {"name": run.name, "why": run.why, "measures": measures if run.response is not None else {}}
-
-
 def phases(run: RunFit) -> Iterator[tuple[Reals, Reals, Reals, Reals]]:
     """Of each column of a run: phase, mean of the measured cycles, their deviation, and the model there."""
     evidence: CycleRun = run.evidence
@@ -413,4 +396,47 @@ def phases(run: RunFit) -> Iterator[tuple[Reals, Reals, Reals, Reals]]:
     for i, samples in enumerate(evidence.samples):
         t = evidence.times[i].mean(axis=0) / evidence.period
         left = run.left[:, ends[i] - samples.shape[1] : ends[i]] if fine else 0.0
-        yield t, samples.mean(axis=0), samples.std(axis=0), (samples - left * evidence.sigma[i]).mean(axis=0)
+        model = samples - left * evidence.sigma[i]
+        yield t, samples.mean(axis=0), samples.std(axis=0), model.mean(axis=0)
+
+
+def _alike(each: Influence, identified: Sequence[str]) -> str:
+    strong = [(name, c) for name, c in each.others if name in identified and abs(abs(c) - 1.0) < 0.25]
+    only = f": only its {'ratio' if strong[0][1] > 0.0 else 'product'} with {strong[0][0]} can" if strong else ""
+    return f"{each.key} cannot be told beside {', '.join(name for name, _ in each.others)}{only}"
+
+
+def _plain(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def _prediction(run: RunFit) -> Iterator[str]:
+    """The lines of a run that was not fitted."""
+    if run.response is None:
+        yield f"{run.name} (not fitted): no prediction: {run.why}"
+        return
+    yield f"{run.name} (not fitted), {counted(run.cycles, 'cycle')}"
+    rows: list[tuple[str, ...]] = [("", "measured", "predicted", "95 % from", "to", "")]
+    for i, name in enumerate(MEASURES[:4]):
+        measured, expected, band = (float(v[i]) for v in (run.measures, run.model, run.band))
+        values = (f"{math.exp(v):.4g}" for v in (measured, expected, expected - band, expected + band))
+        rows.append((name, *values, "inside" if run.inside[name] else "outside"))
+    yield from columns(rows, "<>>>><")
+
+
+def _law_json(fit: LawFit) -> dict[str, Any]:
+    verdicts = {p.key: p.verdict for p in fit.parameters}
+    return {"law": fit.law.name, "size": fit.size, "p": fit.p, "fits": fit.fits, "verdicts": verdicts}
+
+
+def _prediction_json(run: RunFit) -> dict[str, Any]:
+    measures = {
+        name: {
+            "measured": math.exp(run.measures[i]),
+            "predicted": math.exp(run.model[i]),
+            "low": math.exp(run.model[i] - run.band[i]),
+            "high": math.exp(run.model[i] + run.band[i]),
+        }
+        for i, name in enumerate(MEASURES[:4])
+    }
+    return {"name": run.name, "why": run.why, "measures": measures if run.response is not None else {}}

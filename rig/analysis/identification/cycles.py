@@ -1,9 +1,7 @@
-"""Measured cycles: where they begin, their measures, and what a model leaves of each.
+"""Measured cycles: those that can be used, and what a model leaves of each.
 
-The slip signal u = 1 - r / s of a column, r its rate (of a velocity its value), s that in stick, is 0 in stick. A slip
-counts where u exceeds .8; it begins and ends where u passes .3, as in rig.analysis.recorded.stick_slip. Without stick,
-u is how far the column lies below its middle. The same code reads a measurement and the periods of a model, so that its
-filter is a part of both. The bias by instrument noise is measured on the periods of a model.
+The detector (rig.analysis.identification.slips) reads a measurement and the periods of a model. The bias by instrument
+noise is measured on the periods of a model.
 
     r_ij = (y_i - o - w(t_i - s_j)) / sigma       cycle j, w a period of the model, s_j its shift, o an offset
 
@@ -17,12 +15,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from rig.analysis.identification.responses import Response
 from rig.analysis.identification.runs import MOTIONS, Measured
+from rig.analysis.identification.slips import MEASURES, noise_of, slips, window
 from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.run import Reals
@@ -34,99 +33,21 @@ SAMPLED = 20
 """Fewest samples of a motion between two sticks."""
 REPEATS = 0.05
 """Largest scatter (standard deviation of the logarithm) of the periods of cycles that repeat."""
-MEASURES = ("period", "stick", "motion", "drop", "level", "peak")
-SCREEN, LASTING = (1, 2, 3, 4, 5), (0, 2, 3, 4)
-"""Measures that are fitted: where cycles repeat, and where they do not. A period is stick and motion, and a short stick
-scatters most."""
+SCREEN = (1, 2, 3, 4, 5)
+"""Measures that are fitted where cycles repeat. A period is stick and motion."""
+LASTING = (0, 2, 3, 4)
+"""Measures that are fitted where cycles do not repeat. A short stick scatters most."""
 EXACT = 1e-4
 """Error of a measure that the detector adds."""
-_LOW, _HIGH = 0.3, 0.8
 _DOUBLE = 1.8  # medians: a longer period is two
-_BEFORE, _AFTER = 0.35, 0.6  # of a period about the begin of a slip: what is fitted of a cycle
+_BEFORE = 0.35  # of a period before the begin of a slip: what is fitted of a cycle
+_AFTER = 0.6  # of a period after it
 _FAR = 6.0  # times the usual deviation
 _CUT = 2  # cycles of which the ends of a run may cut off a part
-_ROUNDS = 4
+_ROUNDS = 4  # of the fit of the shifts
 _JUMP = 0.1  # of the range of a column, between two points of a period
 BINS = 5
-
-
-class Slips(NamedTuple):
-    """Slips of a column: their begins [s] and the measures of the cycle that each ends, [cycle, MEASURES]."""
-
-    begins: Reals
-    measures: Reals
-
-
-def noise_of(v: Reals) -> float:
-    """Standard deviation of the noise of samples of a smooth signal, at least that of its rounding."""
-    known = v[np.isfinite(v)]
-    third = np.diff(known, 3)
-    spread = 1.4826 * float(np.median(np.abs(third - np.median(third)))) / math.sqrt(20.0) if third.size else 0.0
-    steps = np.abs(np.diff(known))
-    step = float(steps[steps > 0.0].min()) if (steps > 0.0).any() else 0.0
-    rounded = step / math.sqrt(12.0) if np.count_nonzero(steps == 0.0) > 0.02 * steps.size else 0.0
-    return max(spread, rounded, 1e-9 * float(np.ptp(known)), 1e-300)
-
-
-def window(noise: float, rate: float, slope: float, motion: float) -> int:
-    """Samples (odd) over which a derivative is taken: its noise stays below a tenth of the slope, if that fits."""
-    wanted = (12.0 * (noise * rate / (0.1 * abs(slope))) ** 2) ** (1.0 / 3.0) if slope else 5.0
-    return int(np.clip(wanted, 5.0, max(0.33 * motion * rate, 5.0))) | 1
-
-
-def slips(v: Reals, rate: float, start: float, slope: float, velocity: bool, n: int) -> Slips | None:
-    """The slips of samples at `rate` from `start` on; None with less than three.
-
-    `slope`: rate in stick; NaN: the middle of the column. `n`: window of the filter.
-    """
-    from scipy.ndimage import median_filter
-    from scipy.signal import savgol_filter
-
-    calm = median_filter(v, 5, mode="nearest")
-    smooth = savgol_filter(calm, n, 2)
-    if math.isnan(slope):
-        low, high = np.percentile(smooth, (2.0, 98.0))
-        u = (0.5 * (low + high) - smooth) / max(0.5 * (high - low), 1e-300)
-        lower, upper = 0.0, 0.5
-    else:
-        u = 1.0 - (smooth if velocity else savgol_filter(calm, n, 2, deriv=1, delta=1.0 / rate)) / slope
-        lower, upper = _LOW, _HIGH
-    above = u > lower
-    edges = np.diff(above.astype(np.int8))
-    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    if begins.size < 3 or not ends.size:
-        return None
-    ends = ends[ends > begins[0]]
-    begins = begins[: ends.size]
-    tall = np.array([u[a : b + 2].max() > upper for a, b in zip(begins, ends)], bool)
-    begins, ends = begins[tall], ends[tall]
-    if begins.size < 4:
-        return None
-    t0 = start + (begins + (lower - u[begins]) / (u[begins + 1] - u[begins])) / rate
-    t1 = start + (ends + (lower - u[ends]) / (u[ends + 1] - u[ends])) / rate
-    up = math.copysign(1.0, slope) if not math.isnan(slope) and not velocity else 1.0
-    rows = []
-    for j in range(1, begins.size):
-        a, b, before = begins[j], ends[j], ends[j - 1]
-        first = before if math.isnan(slope) else max(a - 2, 0)  # the slip alone: what wanders in stick is no drop
-        high = _peak(up * smooth[first : b + 2])
-        low = -_peak(-up * smooth[a : min(b + n, smooth.size)])
-        rows.append((t0[j] - t0[j - 1], t0[j] - t1[j - 1], t1[j] - t0[j], high - low, up * 0.5 * (high + low),
-                     _peak(u[max(a - 1, 0) : b + 3])))  # fmt: skip
-    made = np.array(rows)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        made[:, [0, 1, 2, 3, 5]] = np.log(made[:, [0, 1, 2, 3, 5]])
-    return Slips(t0[1:], made)
-
-
-def _peak(v: Reals) -> float:
-    """The largest value, by a parabola through three samples."""
-    i = int(np.argmax(v))
-    if 0 < i < v.size - 1:
-        before, here, after = v[i - 1 : i + 2]
-        if (bend := before - 2.0 * here + after) < 0.0:
-            return float(here - (after - before) ** 2 / (8.0 * bend))
-    return float(v[i])
+"""Phases of a cycle in which the mean residual is tested."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +75,8 @@ class CycleRun:
     def of(cls, run: Measured, model: Response) -> CycleRun:
         """Find the cycles of a run, for the stick and motion of a model. Raises UsageError for what cannot be used."""
         column = run.columns[0]
-        slope, motion = float(model.slopes[0]), model.period - model.stick
+        slope = float(model.slopes[0])
+        motion = model.period - model.stick
         if motion * column.rate < SAMPLED:
             raise UsageError(
                 f"{run.name}: {column.name} has {motion * column.rate:.3g} samples in a motion of {motion:.3g} s "
@@ -182,27 +104,46 @@ class CycleRun:
                 f"steadily, stays at rest, or ends too early; at least {LEAST} are needed: record longer, choose a "
                 "speed at which the rig vibrates, or leave the run out"
             )
-        kept, count = _usable(detected.measures), len(detected.begins)
+        begins = detected.begins
+        count = len(begins)
+        kept = _usable(detected.measures)
         for a, b in zip(*_gaps(lost)):
-            times = detected.begins
-            before, after = column.start + a / column.rate, column.start + b / column.rate
-            kept &= ~((times > before) & (times - np.exp(detected.measures[:, 0]) < after))
-        begins, T = detected.begins, float(np.exp(np.median(detected.measures[kept, 0]))) if kept.any() else 0.0
-        places = [np.rint((begins - _BEFORE * T - each.start) * each.rate).astype(np.int64)[:, None]
-                  + np.arange(int((_BEFORE + _AFTER) * T * each.rate)) for each in run.columns]  # fmt: skip
-        within = [(at[:, :1] >= 0) & (at[:, -1:] < each.v.size) for at, each in zip(places, run.columns)]
+            before = column.start + a / column.rate
+            after = column.start + b / column.rate
+            kept &= ~((begins > before) & (begins - np.exp(detected.measures[:, 0]) < after))
+        T = float(np.exp(np.median(detected.measures[kept, 0]))) if kept.any() else 0.0
+        places = []
+        within = []
+        for each in run.columns:
+            first = np.rint((begins - _BEFORE * T - each.start) * each.rate).astype(np.int64)
+            place = first[:, None] + np.arange(int((_BEFORE + _AFTER) * T * each.rate))
+            places.append(place)
+            within.append((place[:, :1] >= 0) & (place[:, -1:] < each.v.size))
         whole = kept & np.all(within, axis=(0, 2))
-        samples = [bridge(each.v)[0][at[whole]] for at, each in zip(places, run.columns)]
-        times_ = [each.start + at[whole] / each.rate - begins[whole, None] for at, each in zip(places, run.columns)]
+        samples = []
+        times = []
+        for each, place in zip(run.columns, places):
+            samples.append(bridge(each.v)[0][place[whole]])
+            times.append(each.start + place[whole] / each.rate - begins[whole, None])
         fine = np.all([np.isfinite(s).all(axis=1) for s in samples], axis=0)
-        if (used := min(int(kept.sum()), int(fine.sum()) + _CUT)) < LEAST:
+        used = min(int(kept.sum()), int(fine.sum()) + _CUT)
+        if used < LEAST:
             raise UsageError(
                 f"{run.name}: {used} of {count} cycles in {run.seconds:.4g} s of {column.name} can be used; "
                 f"at least {LEAST} are needed: record longer, or check its speed, load and scale, or leave the run out"
             )
         sigmas = np.array([noise_of(each.v) for each in run.columns])
-        return cls(run, slope, n, sigmas, begins[whole][fine], detected.measures[whole][fine], count - int(fine.sum()),
-                   tuple(s[fine] for s in samples), tuple(t[fine] for t in times_))  # fmt: skip
+        return cls(
+            run,
+            slope,
+            n,
+            sigmas,
+            begins[whole][fine],
+            detected.measures[whole][fine],
+            count - int(fine.sum()),
+            tuple(s[fine] for s in samples),
+            tuple(t[fine] for t in times),
+        )
 
     @property
     def period(self) -> float:
@@ -222,11 +163,13 @@ class CycleRun:
 
     def covariance(self, seed: int, block: int = 20, draws: int = 400) -> Reals:
         """Covariance of the medians, by a bootstrap over blocks of consecutive cycles."""
-        chance, count = np.random.default_rng(seed), len(self.measures)
+        chance = np.random.default_rng(seed)
+        count = len(self.measures)
         block = max(1, min(block, count // 5))
         first = chance.integers(0, count - block + 1, (draws, -(-count // block)))
         drawn = (first[..., None] + np.arange(block)).reshape(draws, -1)[:, :count]
-        return np.atleast_2d(np.cov(np.median(self.measures[drawn], axis=1).T))
+        medians = np.median(self.measures[drawn], axis=1)
+        return np.atleast_2d(np.cov(medians.T))
 
     def model_measures(self, model: Response, noise: float = 0.0, seed: int = 0, cycles: int = 12) -> Reals | None:
         """The medians of the measures that the detector reads in the periods of a model with instrument noise."""
@@ -240,8 +183,8 @@ class CycleRun:
         detected = slips(v, column.rate, 0.0, self.slope, column.unit.endswith("/s"), self.n)
         if detected is None:
             return None
-        made = np.asarray(np.median(detected.measures, axis=0))
-        return made if np.isfinite(made).all() else None
+        measures = np.asarray(np.median(detected.measures, axis=0))
+        return measures if np.isfinite(measures).all() else None
 
     def bias(self, model: Response, seed: int = 7) -> Reals:
         """What the noise of the instrument adds to the measures: with noise minus without."""
@@ -251,14 +194,19 @@ class CycleRun:
 
     def left(self, model: Response, offsets: Reals) -> Reals:
         """What a model leaves of the cycles over the noise, [cycle, samples of all columns], at the best shifts."""
-        rows = [(self.samples[i] - self.fitted(i, model, float(offset))[0]) / self.sigma[i]
-                for i, offset in enumerate(offsets)]  # fmt: skip
+        rows = []
+        for i, offset in enumerate(offsets):
+            fitted, _ = self.fitted(i, model, float(offset))
+            rows.append((self.samples[i] - fitted) / self.sigma[i])
         return np.asarray(np.concatenate(rows, axis=1) - self.expected)
 
     def fitted(self, column: int, model: Response, offset: float) -> tuple[Reals, Reals]:
         """The model at the samples of a column [cycle, sample], and the phases in periods of the model."""
-        y, t, T = self.samples[column], self.times[column], model.period
-        goal, at = y.mean(axis=0) - offset, t.mean(axis=0)
+        y = self.samples[column]
+        t = self.times[column]
+        T = model.period
+        goal = y.mean(axis=0) - offset
+        at = t.mean(axis=0)
         trial = np.arange(96) / 96.0
         apart = model.at(column, at[None, :] / T - trial[:, None]) - goal
         shift = np.full(len(y), float(trial[np.argmin((apart**2).sum(axis=1))]))
@@ -272,7 +220,8 @@ class CycleRun:
 
     def misfit(self, left: Reals) -> float:
         """Hotelling's test of the mean residual in phases: the probability of a larger one, if the model is right."""
-        means, begin = [], 0
+        means = []
+        begin = 0
         for samples in self.samples:
             part = left[:, begin : begin + samples.shape[1]]
             begin += samples.shape[1]
@@ -287,28 +236,11 @@ def hotelling(rows: Reals, share: float = 0.0) -> float:
     n, p = rows.shape
     if n <= p + 2:
         return math.nan
-    mean, S = rows.mean(axis=0), np.cov(rows.T)
-    T2 = n * float(mean @ np.linalg.pinv(S, rcond=1e-12, hermitian=True) @ mean) / (1.0 + share)
+    mean = rows.mean(axis=0)
+    S = np.cov(rows.T)
+    weights = np.linalg.pinv(S, rcond=1e-12, hermitian=True)
+    T2 = n * float(mean @ weights @ mean) / (1.0 + share)
     return float(stats.f.sf((n - p) / (p * (n - 1)) * T2, p, n - p))
-
-
-def _usable(measures: Reals) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which cycles are one cycle, and no outlier."""
-    kept = np.isfinite(measures).all(axis=1)
-    kept &= measures[:, 0] < np.median(measures[kept, 0]) + math.log(_DOUBLE)
-    middle = np.median(measures[kept], axis=0)
-    if 1.4826 * float(np.median(np.abs(measures[kept, 0] - middle[0]))) > REPEATS:
-        return kept  # their medians are fitted, which outliers hardly move
-    usual = 1.4826 * np.median(np.abs(measures[kept] - middle), axis=0) + 1e-6 * np.abs(middle) + 1e-12
-    far = np.abs(measures - middle) > np.maximum(_FAR * usual, 0.02)
-    kept &= ~far[:, [0, 1, 2, 3]].any(axis=1)
-    return kept
-
-
-def _gaps(lost: Any) -> tuple[Any, Any]:
-    """Begins and ends of the gaps [sample]."""
-    edges = np.diff(np.concatenate(([0], lost.astype(np.int8), [0])))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
 def combined(p: list[float]) -> float:
@@ -324,27 +256,53 @@ def measure_weights(each: CycleRun, covariance: Reals, chosen: Sequence[int], fl
     least = np.full(len(MEASURES), floor)
     least[4] = floor * float(np.exp(each.medians[3]))
     index = np.ix_(chosen, chosen)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance[index] + np.diag(least**2)[index])))
+    root = np.linalg.cholesky(covariance[index] + np.diag(least**2)[index])
+    return np.asarray(np.linalg.inv(root))
 
 
 def shifted(each: Any, response: Response, offsets: Reals) -> Reals:
     """The measures of a model with its offset; far off, if the detector reads no slips in it."""
     if not isinstance(each, CycleRun):
         return np.zeros(len(MEASURES))
-    made = each.model_measures(response)
-    if made is None:
+    measures = each.model_measures(response)
+    if measures is None:
         return np.full(len(MEASURES), 1e3)
-    column = each.run.columns[0]
-    made[4] += offsets[0] * (-1.0 if each.slope < 0.0 and not column.unit.endswith("/s") else 1.0)
-    return made
+    falls = each.slope < 0.0 and not each.run.columns[0].unit.endswith("/s")
+    measures[4] += offsets[0] * (-1.0 if falls else 1.0)
+    return measures
 
 
 def measure_blocks(
-    evidence: Sequence[Any], weights: Sequence[Reals], biases: Sequence[Reals], chosen: Sequence[int],
-    i: int, response: Response, offsets: Reals,
-) -> Reals:  # fmt: skip
+    evidence: Sequence[Any],
+    weights: Sequence[Reals],
+    biases: Sequence[Reals],
+    chosen: Sequence[int],
+    i: int,
+    response: Response,
+    offsets: Reals,
+) -> Reals:
     """The residual of the measures of a run, one cluster."""
     if not isinstance(evidence[i], CycleRun):
         return np.asarray(evidence[i].left(response, offsets))
     apart = evidence[i].medians - biases[i] - shifted(evidence[i], response, offsets)
     return np.asarray(weights[i] @ apart[list(chosen)])[None]
+
+
+def _usable(measures: Reals) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which cycles are one cycle, and no outlier."""
+    kept = np.isfinite(measures).all(axis=1)
+    kept &= measures[:, 0] < np.median(measures[kept, 0]) + math.log(_DOUBLE)
+    middle = np.median(measures[kept], axis=0)
+    spread = 1.4826 * np.median(np.abs(measures[kept] - middle), axis=0)
+    if float(spread[0]) > REPEATS:
+        return kept  # their medians are fitted, which outliers hardly move
+    usual = spread + 1e-6 * np.abs(middle) + 1e-12
+    far = np.abs(measures - middle) > np.maximum(_FAR * usual, 0.02)
+    kept &= ~far[:, [0, 1, 2, 3]].any(axis=1)
+    return kept
+
+
+def _gaps(lost: Any) -> tuple[Any, Any]:
+    """Begins and ends of the gaps [sample]."""
+    edges = np.diff(np.concatenate(([0], lost.astype(np.int8), [0])))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

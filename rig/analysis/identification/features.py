@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 
 from rig.analysis.control_loop import plant
-from rig.analysis.identification.cycles import LEAST, MEASURES, hotelling, noise_of
+from rig.analysis.identification.cycles import LEAST, hotelling
 from rig.analysis.identification.responses import Response, cycle_response
 from rig.analysis.identification.runs import LARGEST, TRANSIENT, Column, Measured
+from rig.analysis.identification.slips import MEASURES, noise_of
 from rig.analysis.modes import at_rest
 from rig.bench.run.simulate import simulate
 from rig.errors import Singular, UsageError
@@ -36,15 +37,17 @@ from rig.scenes.scene import Scene
 from rig.scenes.sections import unrolled
 
 PARTS = 20
+"""Parts of a transient or of a response, which are clusters."""
 WINDOWS = (0.07, 0.15, 0.3, 0.6, 1.0)
 """Shares of a transient that are fitted one after the other."""
-_FIFTHS, _ROUNDS = 5, 4
+_FIFTHS = 5  # parts of the late half of a hold, whose means scatter by its error
+_ROUNDS = 4  # of the fit of a delay
 _ROUGH = 2.0  # times the noise: largest rms of a transient that fits
 _SETTLED = 0.5  # share of a hold after which its mean is taken
 _SKIP = 3  # samples that are left out of a vibration: the instrument does not yet read it alone
 _BANDS = 3  # of lines, in which the rest of a response is tested
 _STRONG = 1e-3  # of the largest power of an input: lines that are used
-_NEIGHBOURS = 11
+_NEIGHBOURS = 11  # lines over which the power of what does not follow the input is averaged
 _NONE = np.full(len(MEASURES), np.nan)
 
 
@@ -69,21 +72,26 @@ class FeatureRun:
             values = tuple(column.v for column in run.columns)
             return cls(run, values, tuple(np.full(v.size, noise_of(v)) for v in values), False)
         if run.input is not None:
-            series = [lines(run.input, column, column.on(column)) for column in run.columns]
-            return cls(
-                run, tuple(Z.view(float) for _, _, Z in series), tuple(_unexplained(*of[1:]) for of in series), False
-            )
-        pairs = [
-            _growth(run, column) if run.kind == "growth" else _stages(run, column, scene) for column in run.columns
-        ]
+            of_columns = [lines(run.input, column, column.on(column)) for column in run.columns]
+            values = tuple(Z.view(float) for _, _, Z in of_columns)
+            return cls(run, values, tuple(_unexplained(U, Z) for _, U, Z in of_columns), False)
+        if run.kind == "growth":
+            pairs = [_growth(run, column) for column in run.columns]
+        else:
+            pairs = [_stages(run, column, scene) for column in run.columns]
         known = run.kind != "stages" or pairs[0][0].size < LEAST  # holds scatter by more than their noise: drift
         return cls(run, tuple(v for v, _ in pairs), tuple(e for _, e in pairs), known)
 
     @property
     def begins(self) -> Reals:
         """One entry for each cluster or feature."""
-        return np.arange(PARTS - 1 if self.run.input is not None else PARTS if self.run.kind == TRANSIENT
-                         else sum(v.size for v in self.values), dtype=float)  # fmt: skip
+        if self.run.input is not None:
+            count = PARTS - 1
+        elif self.run.kind == TRANSIENT:
+            count = PARTS
+        else:
+            count = sum(v.size for v in self.values)
+        return np.arange(count, dtype=float)
 
     @property
     def samples(self) -> tuple[Reals, ...]:
@@ -116,33 +124,40 @@ class FeatureRun:
 
     def fitted(self, column: int, model: Response, offset: float) -> tuple[Reals, Reals]:
         """The model of the features of a column, one row, and their numbers."""
-        return self._predicted(column, model)[None] + offset, np.arange(float(self.values[column].size))[None]
+        numbers = np.arange(float(self.values[column].size))
+        return self._predicted(column, model)[None] + offset, numbers[None]
 
     def _delayed(self, column: int, wave: Reals, offset: float) -> Reals:
         """A simulated column with the delay [samples] that fits best, as of an instrument."""
-        v, at, delay = self.values[column], np.arange(float(wave.size)), 0.0
+        v = self.values[column]
+        at = np.arange(float(wave.size))
+        delay = 0.0
         end = max(int(self.share * v.size), 2)
         for _ in range(_ROUNDS):
             late = np.interp(at - delay, at, wave)
             rate = np.gradient(late)[:end]
             miss = np.nan_to_num(v - offset - late)[:end]
-            delay -= float(np.clip(rate @ miss / max(float(rate @ rate), 1e-300), -2.0, 2.0))
+            by = rate @ miss / max(float(rate @ rate), 1e-300)
+            delay -= float(np.clip(by, -2.0, 2.0))
         return np.interp(at - delay, at, wave)
 
     def _turned(self, column: int, predicted: Reals) -> Reals:
         """Lines of a model with the delay [s] that fits best, as of an instrument."""
         assert self.run.input is not None
         f, _, _ = lines(self.run.input, self.run.columns[column], self.run.columns[column].v)
-        Z, size = np.ascontiguousarray(self.values[column]).view(complex), self.errors[column][::2]
+        Z = np.ascontiguousarray(self.values[column]).view(complex)
+        size = self.errors[column][::2]
         Y = np.ascontiguousarray(predicted).view(complex)
         for _ in range(_ROUNDS):
             rate = -2j * math.pi * f * Y / size
-            delay = (np.conj(rate) * (Z - Y) / size).sum().real / max((np.abs(rate) ** 2).sum(), 1e-300)
+            along = (np.conj(rate) * (Z - Y) / size).sum().real
+            delay = along / max((np.abs(rate) ** 2).sum(), 1e-300)
             Y = Y * np.exp(-2j * math.pi * f * delay)
         return np.asarray(Y.view(float))
 
     def _predicted(self, column: int, model: Response) -> Reals:
-        v, wave = self.values[column], model.waves[column]
+        v = self.values[column]
+        wave = model.waves[column]
         return _nearest(v, wave) if self.run.kind == "growth" else wave[: v.size]
 
     def misfit(self, left: Reals) -> float:
@@ -153,7 +168,8 @@ class FeatureRun:
             return float(stats.chi2.sf(float((left**2).sum()), left.size))
         if self.run.input is not None:
             _, U, Z = lines(self.run.input, self.run.columns[0], self.run.columns[0].v)
-            across = np.conj(U) * np.ascontiguousarray(left[:, : 2 * Z.shape[1]]).view(complex)
+            left_lines = np.ascontiguousarray(left[:, : 2 * Z.shape[1]]).view(complex)
+            across = np.conj(U) * left_lines
             sums = np.array([part.sum(axis=1) for part in np.array_split(across, _BANDS, axis=1)])
             return hotelling(np.concatenate([sums.real, sums.imag]).T)
         if self.run.kind == TRANSIENT and float((left**2).mean()) > _ROUGH**2:
@@ -175,7 +191,8 @@ class FeatureRun:
 
 def lines(drive: Column, column: Column, v: Reals) -> tuple[Reals, Any, Any]:
     """Frequencies [Hz] where the input `drive` of a response has power, and the lines [part, line] of it and of `v`."""
-    U, Z = (_lines(each) for each in (drive.on(column), v))
+    U = _lines(drive.on(column))
+    Z = _lines(v)
     power = (np.abs(U) ** 2).mean(axis=0)
     strong = power > _STRONG * power.max()
     f = (1.0 + np.flatnonzero(strong)) * column.rate / (v.size // PARTS)
@@ -197,8 +214,10 @@ def _unexplained(U: Any, Z: Any) -> Reals:
     """The errors of real and imaginary parts of lines, from what does not follow the input, over neighbours."""
     from scipy.ndimage import uniform_filter1d
 
-    power = (np.abs(Z - responses(U, Z) * U) ** 2).sum(axis=0) / (len(Z) - 1)
-    return np.asarray(np.repeat(np.sqrt(0.5 * uniform_filter1d(power, _NEIGHBOURS)), 2))
+    unexplained = Z - responses(U, Z) * U
+    power = (np.abs(unexplained) ** 2).sum(axis=0) / (len(Z) - 1)
+    errors = np.sqrt(0.5 * uniform_filter1d(power, _NEIGHBOURS))
+    return np.asarray(np.repeat(errors, 2))
 
 
 def _nearest(v: Reals, rates: Reals) -> Reals:
@@ -215,32 +234,36 @@ def vibration(t: Reals, x: Reals) -> tuple[float, float, Reals]:
     """
     from scipy.optimize import least_squares
 
-    step, count = float(t[1] - t[0]), 8 * len(x)
+    step = float(t[1] - t[0])
+    count = 8 * len(x)
     spectrum = np.abs(np.fft.rfft(x - x.mean(), count))
     first = 2.0 * np.pi * float(np.fft.rfftfreq(count, step)[spectrum.argmax()])
     best = None
     for sign in (-1.0, 1.0):
         guess = np.array([sign * 0.05 * first, first])
-        ended = least_squares(
-            lambda p: _rest(t, x, *p), guess, x_scale=np.abs(guess), ftol=1e-14, xtol=1e-14, gtol=1e-14
-        )
+        size = np.abs(guess)
+        ended = least_squares(lambda p: _rest(t, x, *p), guess, x_scale=size, ftol=1e-14, xtol=1e-14, gtol=1e-14)
         best = ended if best is None or ended.cost < best.cost else best
     assert best is not None
     variance = 2.0 * best.cost / max(x.size - 5, 1)
-    errors = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)) * variance)
+    covariance = np.linalg.inv(best.jac.T @ best.jac)
+    errors = np.sqrt(np.diag(covariance) * variance)
     return float(best.x[0]), float(best.x[1]), errors
 
 
 def _rest(t: Reals, x: Reals, s: float, w: float) -> Reals:
     rings = t - t[0]
-    size = np.exp(s * (rings - (rings[-1] if s > 0.0 else 0.0)))
+    largest = rings[-1] if s > 0.0 else 0.0
+    size = np.exp(s * (rings - largest))
     shapes = np.stack((size * np.cos(w * rings), size * np.sin(w * rings), np.ones_like(rings)), axis=1)
-    return np.asarray(x - shapes @ np.linalg.lstsq(shapes, x, rcond=None)[0])
+    factors = np.linalg.lstsq(shapes, x, rcond=None)[0]
+    return np.asarray(x - shapes @ factors)
 
 
 def _growth(run: Measured, column: Column) -> tuple[Reals, Reals]:
     known = np.isfinite(column.v)
-    t, x = column.t[known][_SKIP:], column.v[known][_SKIP:]
+    t = column.t[known][_SKIP:]
+    x = column.v[known][_SKIP:]
     if x.size < 20:
         raise UsageError(
             f"{run.name}: {column.name} has {counted(x.size, 'sample')}; a growth or decay needs at least 20"
@@ -266,25 +289,28 @@ def stages(t: Reals, v: Reals, protocol: Sequence[Any], feature: str) -> tuple[R
 
     The error of a mean follows from those of fifths of it, over all holds.
     """
-    values, spreads = [], []
+    values = []
+    spreads = []
     step = float(np.nanmedian(np.abs(np.diff(v))))
     for begin, end in holds(protocol, float(t[-1])):
         late = v[(t >= begin + _SETTLED * (end - begin)) & (t < end)]
-        here = v[(t >= begin) & (t < end)]
+        held = v[(t >= begin) & (t < end)]
         if late.size < 2 * _FIFTHS:
             continue
         if feature == LARGEST:
-            values.append(float(np.nanmax(here) - v[0]))
+            values.append(float(np.nanmax(held) - v[0]))
             spreads.append(2.0 * noise_of(v) + step)
         else:
             values.append(float(np.nanmean(late)))
-            spreads.append(float(np.std([np.nanmean(part) for part in np.array_split(late, _FIFTHS)], ddof=1)))
-    spread = float(np.sqrt(np.mean(np.square(spreads or [0.0])))) / (1.0 if feature == LARGEST else math.sqrt(_FIFTHS))
+            means = [np.nanmean(part) for part in np.array_split(late, _FIFTHS)]
+            spreads.append(float(np.std(means, ddof=1)))
+    averaged = 1.0 if feature == LARGEST else math.sqrt(_FIFTHS)
+    spread = float(np.sqrt(np.mean(np.square(spreads or [0.0])))) / averaged
     steps = np.abs(np.diff(v))
-    rounded = float(steps[steps > 0.0].min(initial=0.5 * float(np.ptp(v)))) / math.sqrt(
-        12.0
-    )  # no mean helps against it
-    return np.array(values), np.full(len(values), math.hypot(spread, rounded) + 1e-9 * float(np.ptp(v)))
+    smallest = float(steps[steps > 0.0].min(initial=0.5 * float(np.ptp(v))))
+    rounded = smallest / math.sqrt(12.0)  # no mean helps against it
+    error = math.hypot(spread, rounded) + 1e-9 * float(np.ptp(v))
+    return np.array(values), np.full(len(values), error)
 
 
 def _stages(run: Measured, column: Column, scene: Scene) -> tuple[Reals, Reals]:
@@ -323,9 +349,9 @@ def _simulated(scene: Scene, run: Measured) -> Iterator[Reals]:
         parameters = parameters.model_copy(update={"noise": None})
     bare = replace(scene, parameters=parameters, sensors={}, controllers={})
     last = max(float(column.t[-1]) for column in run.columns)
-    made = simulate(bare, duration_ns=round((last + 0.01) * 1e9))
+    simulated = simulate(bare, duration_ns=round((last + 0.01) * 1e9))
     for column in run.columns:
-        v = np.interp(column.t, made.time, made.signals[column.output])
+        v = np.interp(column.t, simulated.time, simulated.signals[column.output])
         yield stages(column.t, v, scene.protocol, column.feature)[0] if run.kind == "stages" else v
 
 
@@ -342,12 +368,16 @@ def _driven(scene: Scene, run: Measured) -> Iterator[Reals]:
     place = p.inputs.index(run.input.output)
     into = np.linalg.solve(shapes, p.B[:, place])
     for column in run.columns:
-        row, z, drive = p.outputs.index(column.output), rates / column.rate, run.input.on(column)
+        row = p.outputs.index(column.output)
+        z = rates / column.rate
+        drive = run.input.on(column)
         small = np.abs(z) < 1e-4
         safe = np.where(small, 1.0, z)
         late = np.where(small, 0.5 + z / 6.0, (np.expm1(safe) - safe) / safe**2)
         early = np.where(small, 1.0 + 0.5 * z, np.expm1(safe) / safe) - late
-        made = p.D[row, place] * drive
-        for gain, a, b, end in zip(into * (p.C[row] @ shapes) / column.rate, late, early, np.exp(z)):
-            made = made + (gain * lfilter([a, b], [1.0, -end], drive)).real
-        yield lines(run.input, column, made)[2].view(float).ravel()
+        v = p.D[row, place] * drive
+        gains = into * (p.C[row] @ shapes) / column.rate
+        for gain, a, b, end in zip(gains, late, early, np.exp(z)):
+            v = v + (gain * lfilter([a, b], [1.0, -end], drive)).real
+        _, _, Z = lines(run.input, column, v)
+        yield Z.view(float).ravel()

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.analysis.identification.answer import Identified, RunFit, phases
-from rig.analysis.identification.cycles import BINS, MEASURES, CycleRun
+from rig.analysis.identification.cycles import BINS, CycleRun
 from rig.analysis.identification.features import lines, responses
+from rig.analysis.identification.slips import MEASURES
 from rig.printable import counted
 from rig.view.palette import BLUE, GREY, VERMILION, headline, page
 
@@ -48,7 +49,6 @@ def _mean(axes: Axes, run: RunFit, repeats: bool) -> None:
         (_features if run.evidence.run.input is None else _response)(axes, run)
         return
     t, mean, spread, model = next(phases(run))
-
     axes.fill_between(t, mean - spread, mean + spread, color=BLUE, alpha=0.25, lw=0)
     axes.plot(t, mean, color=BLUE, lw=1.2, label="measured")
     if repeats:
@@ -64,9 +64,8 @@ def _features(axes: Axes, run: RunFit) -> None:
     errors = np.concatenate(run.evidence.errors)
     left = run.left.ravel()[: measured.size]
     size = np.maximum(np.abs(measured), 1e-300)
-    axes.errorbar(
-        range(measured.size), 100.0 * left * errors / size, 196.0 * errors / size, fmt="o", color=BLUE, markersize=3
-    )
+    percent = 100.0 * left * errors / size
+    axes.errorbar(range(measured.size), percent, 196.0 * errors / size, fmt="o", color=BLUE, markersize=3)
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set_xticks(range(measured.size) if measured.size < 10 else range(0, measured.size, measured.size // 5))
     axes.set(title=run.name, xlabel="number of the feature [1]", ylabel="measured - model [%]")
@@ -74,12 +73,14 @@ def _features(axes: Axes, run: RunFit) -> None:
 
 def _response(axes: Axes, run: RunFit) -> None:
     """The frequency response of the first column, measured and of the model."""
-    evidence, column = run.evidence, run.evidence.run.columns[0]
+    evidence = run.evidence
+    column = evidence.run.columns[0]
     f, drive, _ = lines(evidence.run.input, column, column.v)
     measured = evidence.values[0]
     model = measured - run.left[:, : measured.shape[1]] * evidence.errors[0]
     for v, colour, label in ((measured, BLUE, "measured"), (model, VERMILION, "model")):
-        axes.loglog(f, np.abs(responses(drive, np.ascontiguousarray(v).view(complex))), color=colour, lw=1, label=label)
+        Z = np.ascontiguousarray(v).view(complex)
+        axes.loglog(f, np.abs(responses(drive, Z)), color=colour, lw=1, label=label)
     unit = f"{column.unit} over {evidence.run.input.unit}"
     axes.set(title=run.name, xlabel="frequency [Hz]", ylabel=f"{column.output.replace('_', ' ')} [{unit}]")
     axes.legend(fontsize=7)
@@ -94,15 +95,16 @@ def _residual(axes: Axes, run: RunFit) -> None:
     pieces = np.array_split(left, BINS, axis=1)
     at = [float(part.mean()) for part in np.array_split(t, BINS)]
     means = np.array([piece.mean(axis=1) for piece in pieces])
-    axes.errorbar(at, means.mean(axis=1), 1.96 * means.std(axis=1, ddof=1) / math.sqrt(len(left)), fmt="o",
-                  color=VERMILION, markersize=4, capsize=3)  # fmt: skip
+    bar = 1.96 * means.std(axis=1, ddof=1) / math.sqrt(len(left))
+    axes.errorbar(at, means.mean(axis=1), bar, fmt="o", color=VERMILION, markersize=4, capsize=3)
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set(xlabel="phase [1]", ylabel="residual over noise [1]")
 
 
 def _measures(axes: Axes, runs: list[RunFit], identified: Identified) -> None:
     """Measured over modelled measures of each run; with bars of 95 % where a run is predicted or deviates."""
-    names, deviation = MEASURES[:4], identified.best.deviation
+    names = MEASURES[:4]
+    deviation = identified.best.deviation
     marks = "osD^"
     for k, name in enumerate(names):
         for i, run in enumerate(runs):
@@ -110,11 +112,21 @@ def _measures(axes: Axes, runs: list[RunFit], identified: Identified) -> None:
                 continue
             ratio = math.exp(float(run.measures[k] - run.model[k]))
             predicted = i >= len(identified.best.runs)
-            half = float(run.band[k]) if predicted else 1.96 * math.sqrt(
-                float(deviation[k]) ** 2 + float(run.evidence.covariance(identified.task.seed)[k, k]))  # fmt: skip
+            half = float(run.band[k])
+            if not predicted:
+                error = float(run.evidence.covariance(identified.task.seed)[k, k])
+                half = 1.96 * math.sqrt(float(deviation[k]) ** 2 + error)
             bar = [[ratio - ratio * math.exp(-half)], [ratio * math.exp(half) - ratio]]
-            axes.errorbar([i + 0.15 * (k - 1.5)], [ratio], bar, fmt=marks[k], markersize=4, capsize=2,
-                          color=VERMILION if predicted else BLUE, label=name if i == 0 else None)  # fmt: skip
+            axes.errorbar(
+                [i + 0.15 * (k - 1.5)],
+                [ratio],
+                bar,
+                fmt=marks[k],
+                markersize=4,
+                capsize=2,
+                color=VERMILION if predicted else BLUE,
+                label=name if i == 0 else None,
+            )
     axes.axhline(1.0, color=GREY, lw=0.8)
     labels = [run.name + (" (not fitted)" if i >= len(identified.best.runs) else "") for i, run in enumerate(runs)]
     axes.set_xticks(range(len(runs)), labels, fontsize=8)

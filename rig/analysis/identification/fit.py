@@ -31,13 +31,18 @@ STEP = 5e-3
 A shorter one makes their errors a slope along flat directions, which then seem to be told.
 """
 ROUNDS = 40
-_DAMPING = (1e-3, 10.0, 1e6)  # first, factor, and where no step helps
-_SETTLED, _CONVERGED = 0.05, 0.2  # of a standard deviation, step without damping: where a fit ends; that converged
+"""Of a fit, at most."""
+_DAMPING = 1e-3  # at the begin
+_DAMPED = 10.0  # factor of the damping after a step that does not help
+_OVERDAMPED = 1e6  # where no step helps
+_SETTLED = 0.05  # of a standard deviation: step without damping at which a fit ends
+_CONVERGED = 0.2  # of a standard deviation: step without damping of a fit that has converged
+_LONGEST = 0.7  # of a coordinate that a step changes at most: a factor of two
 _LEAST = -0.8  # of a value that a step takes away at most
-_BENT = (0.1, 0.75)  # share of a step for its second derivative; largest bend beside the step
+_BENT = 0.1  # share of a step for its second derivative
+_MOST_BENT = 0.75  # largest bend beside the step
 NORMAL = 1.6448536269514722
 """Half of an interval of 90 %, in standard deviations."""
-
 Blocks = Callable[[int, Response, Reals], Reals]
 """Residuals [cluster, value] of a run for its response and the offsets of its columns."""
 
@@ -55,13 +60,17 @@ class Offsets:
         """The offsets of runs; `sizes` [run][column]: what is fitted is in this unit."""
         names: dict[str, float] = {}
         place = []
-        for run, own in zip(runs, sizes):
+        for run, of_run in zip(runs, sizes):
             row = []
-            for column, size in zip(run.columns, own):
-                name = f"offset of {column.name}" + (f" in {run.name}" if column.offset != FREE else "")
-                row.append(-1 if column.offset == NONE else [*names].index(name) if name in names else len(names))
-                if column.offset != NONE:
-                    names.setdefault(name, float(size))
+            for column, size in zip(run.columns, of_run):
+                if column.offset == NONE:
+                    row.append(-1)
+                    continue
+                name = f"offset of {column.name}"
+                if column.offset != FREE:
+                    name = f"{name} in {run.name}"
+                names.setdefault(name, float(size))
+                row.append([*names].index(name))
             place.append(tuple(row))
         return cls(tuple(place), tuple(names), tuple(names.values()))
 
@@ -85,39 +94,6 @@ class Solution:
     covariance: Reals = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def sandwich(
-    left: Sequence[Reals], jacobian: Sequence[Reals], prior: Reals, known: Sequence[bool] = (), on_the_way: bool = False
-) -> Reals:
-    """The covariance of z clustered by cycle. `known`: runs whose residuals have the error one.
-
-    `on_the_way`: before a fit has ended. What all cycles of a run miss then counts for nothing, if it is most of the
-    residual: it would make deviations so wide that every step seems small.
-    """
-    H, B, free, n = np.diag(prior), np.diag(prior), np.zeros((len(prior),) * 2), 0
-    for i, (r, J) in enumerate(zip(left, jacobian)):
-        information = np.einsum("jik,jil->kl", J, J)
-        H = H + information
-        far = on_the_way and len(r) * float((r.mean(axis=0) ** 2).sum()) > 0.5 * float((r**2).sum())
-        if (known and known[i]) or (far and len(r) == 1):
-            B = B + information
-            n += r.size
-            continue
-        g = np.einsum("jik,ji->jk", J, r)
-        g = g - g.mean(axis=0) if far else g
-        free = free + g.T @ g
-        n += len(g)
-    A = inverse(H)
-    return np.asarray(A @ (B + free * (n / max(n - len(prior), 1))) @ A)
-
-
-def inverse(matrix: Reals) -> Reals:
-    """The inverse of a symmetric matrix whose rows may differ in size."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    values = np.maximum(values, 1e-15 * values[-1])
-    return np.asarray((vectors / values) @ vectors.T * np.outer(scale, scale))
-
-
 class Fit:
     """One least squares problem: the free parameters, runs by number, their offsets and residuals."""
 
@@ -130,7 +106,11 @@ class Fit:
         blocks: Blocks,
         known: Sequence[bool] = (),
     ) -> None:
-        self.free, self.evaluator, self.runs, self.offsets, self.blocks = free, evaluator, runs, offsets, blocks
+        self.free = free
+        self.evaluator = evaluator
+        self.runs = runs
+        self.offsets = offsets
+        self.blocks = blocks
         self.known = known
         ends = np.array([parameter.ends for parameter in free])
         self.low, self.high = ends.T
@@ -180,20 +160,26 @@ class Fit:
             if isinstance(row, str):
                 columns.append([np.zeros_like(r) for r in left])
                 continue
-            here = self.left(points[k], row)
-            if central:
-                other = z - (points[k] - z)
-                if np.all((other[:p] >= self.low) & (other[:p] <= self.high)):
-                    [back] = self.responses([other])
-                    if not isinstance(back, str):
-                        columns.append([0.5 * (a - b) / steps[k] for a, b in zip(here, self.left(other, back))])
-                        continue
-            columns.append([(a - b) / steps[k] for a, b in zip(here, left)])
+            ahead = self.left(points[k], row)
+            back = self._back(z, points[k]) if central else None
+            if back is not None:
+                columns.append([0.5 * (a - b) / steps[k] for a, b in zip(ahead, back)])
+            else:
+                columns.append([(a - b) / steps[k] for a, b in zip(ahead, left)])
         for k in range(p, len(z)):
             moved = z.copy()
             moved[k] += STEP
             columns.append([(a - b) / STEP for a, b in zip(self.left(moved, responses), left)])
-        return [np.stack([column[i] for column in columns], axis=-1) for i in range(len(left))]
+        return [np.stack(of_run, axis=-1) for of_run in zip(*columns, strict=True)]
+
+    def _back(self, z: Reals, point: Reals) -> list[Reals] | None:
+        """The residuals at the other side of `z` than `point`; None outside of the ranges, or without a response."""
+        p = len(self.free)
+        other = z - (point - z)
+        if not np.all((other[:p] >= self.low) & (other[:p] <= self.high)):
+            return None
+        [responses] = self.responses([other])
+        return None if isinstance(responses, str) else self.left(other, responses)
 
     def run(self, z0: Reals, rounds: int = ROUNDS, gain: float = 0.0, screening: bool = False) -> Solution | str:
         """Fit from `z0`, also until a round gains less than the share `gain`; the reason why it cannot begin.
@@ -203,23 +189,29 @@ class Fit:
         [first] = self.responses([z0])
         if isinstance(first, str):
             return first
-        z, p = z0.copy(), len(self.free)
+        z = z0.copy()
+        p = len(self.free)
         responses: list[Response] = first
         left = self.left(z, responses)
-        cost, damping, done = self.cost(left, z), _DAMPING[0], False
+        cost = self.cost(left, z)
+        damping = _DAMPING
+        done = False
         J = self.jacobian(z, left, responses, not screening)
         for _ in range(rounds):
             H = np.diag(self.prior) + sum(np.einsum("jik,jil->kl", j, j) for j in J)
             g = self._slope(J, left) + self.prior * (z - self.stated)
             held = np.zeros(len(z), bool)
-            held[:p] = ((z[:p] >= self.high) & (g[:p] < 0.0)) | ((z[:p] <= self.low) & (g[:p] > 0.0))
-            sd = np.sqrt(np.maximum(np.diag(sandwich(left, J, self.prior, self.known, True)), 1e-300))
+            at_high = (z[:p] >= self.high) & (g[:p] < 0.0)
+            at_low = (z[:p] <= self.low) & (g[:p] > 0.0)
+            held[:p] = at_high | at_low
+            C = sandwich(left, J, self.prior, self.known, True)
+            sd = np.sqrt(np.maximum(np.diag(C), 1e-300))
             apart = float(np.max(np.abs(self._step(H, g, 0.0, held)) / sd))
             done = apart < _CONVERGED
             if apart < _SETTLED:
                 break
             moved = False
-            while damping < _DAMPING[2]:
+            while damping < _OVERDAMPED:
                 step = self._step(H, g, damping, held)
                 if apart > 1.0:
                     step = self._bent(z, step, J, left, H, damping, held)
@@ -227,17 +219,21 @@ class Fit:
                 reached = self.responses([to])[0]
                 if not isinstance(reached, str):
                     to = self.levelled(to, reached)
-                    after, there = self.left(to, reached), reached
+                    after = self.left(to, reached)
+                    responses_after = reached
                     new = self.cost(after, to)
                     if new < cost:
                         moved = True
                         break
-                damping *= _DAMPING[1]
+                damping *= _DAMPED
             if not moved:
                 break
             small = cost - new < gain * cost
-            z, left, responses, cost = to, after, there, new
-            damping = max(damping / _DAMPING[1] ** 2, 1e-9)
+            z = to
+            left = after
+            responses = responses_after
+            cost = new
+            damping = max(damping / _DAMPED**2, 1e-9)
             done |= small
             if small and screening:
                 break
@@ -249,7 +245,8 @@ class Fit:
 
     def moved(self, z: Reals, step: Reals) -> Reals:
         """The point after a step from `z` that is straight in the values, within the ranges."""
-        to, p = np.where(self.logs, z + np.log1p(np.maximum(step, _LEAST)), z + step), len(self.free)
+        to = np.where(self.logs, z + np.log1p(np.maximum(step, _LEAST)), z + step)
+        p = len(self.free)
         to[:p] = np.clip(to[:p], self.low, self.high)
         return to
 
@@ -262,16 +259,15 @@ class Fit:
         self, z: Reals, step: Reals, J: Sequence[Reals], left: Sequence[Reals], H: Reals, damping: float, held: Reals
     ) -> Reals:
         """A step that follows the bend of the valley: its second derivative, by one response on the way."""
-        share, most = _BENT
-        to = self.moved(z, share * step)
+        to = self.moved(z, _BENT * step)
         [way] = self.responses([to])
         if isinstance(way, str):
             return step
-        there = self.left(to, way)
-        bend = [2.0 / share * ((a - b) / share - j @ step) for a, b, j in zip(there, left, J)]
+        on_the_way = self.left(to, way)
+        bend = [2.0 / _BENT * ((a - b) / _BENT - j @ step) for a, b, j in zip(on_the_way, left, J)]
         more = self._step(H, self._slope(J, bend), damping, held)
         size = np.sqrt(np.diag(H))
-        small = np.linalg.norm(size * more) < most * np.linalg.norm(size * step)
+        small = np.linalg.norm(size * more) < _MOST_BENT * np.linalg.norm(size * step)
         return step + 0.5 * more if small else step
 
     def levelled(self, z: Reals, responses: Sequence[Response]) -> Reals:
@@ -283,10 +279,11 @@ class Fit:
         columns = []
         for k in range(p, len(z)):
             moved = z + STEP * (np.arange(len(z)) == k)
-            columns.append((np.concatenate([r.ravel() for r in self.left(moved, responses)]) - left) / STEP)
-        made = z.copy()
-        made[p:] -= np.linalg.lstsq(np.stack(columns, axis=1), left, rcond=None)[0]
-        return made
+            left_there = np.concatenate([r.ravel() for r in self.left(moved, responses)])
+            columns.append((left_there - left) / STEP)
+        levelled = z.copy()
+        levelled[p:] -= np.linalg.lstsq(np.stack(columns, axis=1), left, rcond=None)[0]
+        return levelled
 
     def _step(self, H: Reals, g: Reals, damping: float, held: Reals) -> Reals:
         """The step of the method; parameters that are `held` at an end of their range stay."""
@@ -297,10 +294,48 @@ class Fit:
         step[moving] = -inverse(M) @ g[moving]
         p = len(self.free)
         largest = float(np.abs(step[:p]).max(initial=0.0))
-        return step * min(1.0, 0.7 / largest) if largest > 0.7 else step
+        return step * min(1.0, _LONGEST / largest) if largest > _LONGEST else step
+
+
+def sandwich(
+    left: Sequence[Reals], jacobian: Sequence[Reals], prior: Reals, known: Sequence[bool] = (), on_the_way: bool = False
+) -> Reals:
+    """The covariance of z clustered by cycle. `known`: runs whose residuals have the error one.
+
+    `on_the_way`: before a fit has ended. What all cycles of a run miss then counts for nothing, if it is most of the
+    residual: it would make deviations so wide that every step seems small.
+    """
+    H = np.diag(prior)
+    B = np.diag(prior)
+    free = np.zeros((len(prior),) * 2)
+    n = 0
+    for i, (r, J) in enumerate(zip(left, jacobian)):
+        information = np.einsum("jik,jil->kl", J, J)
+        H = H + information
+        far = on_the_way and len(r) * float((r.mean(axis=0) ** 2).sum()) > 0.5 * float((r**2).sum())
+        if (known and known[i]) or (far and len(r) == 1):
+            B = B + information
+            n += r.size
+            continue
+        g = np.einsum("jik,ji->jk", J, r)
+        g = g - g.mean(axis=0) if far else g
+        free = free + g.T @ g
+        n += len(g)
+    A = inverse(H)
+    return np.asarray(A @ (B + free * (n / max(n - len(prior), 1))) @ A)
+
+
+def inverse(matrix: Reals) -> Reals:
+    """The inverse of a symmetric matrix whose rows may differ in size."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    values = np.maximum(values, 1e-15 * values[-1])
+    return np.asarray((vectors / values) @ vectors.T * np.outer(scale, scale))
 
 
 def whole(row: Sequence[Response | str]) -> list[Response] | str:
     """The responses of all runs, or the first reason why one has none."""
-    made = [response for response in row if not isinstance(response, str)]
-    return made if len(made) == len(row) else next(why for why in row if isinstance(why, str))
+    for why in row:
+        if isinstance(why, str):
+            return why
+    return [response for response in row if not isinstance(response, str)]

@@ -21,7 +21,6 @@ from rig.analysis.identification.answer import MISFIT, Identified, LawFit, RunFi
 from rig.analysis.identification.cycles import (
     EXACT,
     LASTING,
-    MEASURES,
     SCREEN,
     CycleRun,
     combined,
@@ -34,6 +33,7 @@ from rig.analysis.identification.influence import candidates, influence
 from rig.analysis.identification.posterior import START, Posterior
 from rig.analysis.identification.responses import Evaluator, Responder, Response
 from rig.analysis.identification.runs import RUN, TRANSIENT, Law, Task
+from rig.analysis.identification.slips import MEASURES
 from rig.analysis.identification.twins import SEED, expecting, mean_left
 from rig.analysis.pool import Arrays
 from rig.errors import UsageError
@@ -41,10 +41,13 @@ from rig.record.run import Reals
 
 _SCREENED = 0.01  # of a measure: what the screening may miss, since a fit of the cycles follows
 _NEAR = 2.0  # factor about the values of the scene in which other starts lie
-_WIDELY, _VALLEYS, _SAME = 24, 3, 0.1  # starts after a misfit, those that are fitted; coordinates of one valley
+_WIDELY = 24  # starts after a misfit
+_VALLEYS = 3  # of them that are fitted
+_SAME = 0.1  # coordinates up to which two starts are in one valley
 _OUTLIER = 5.0  # times the median of the rms of the cycles
-_ROUNDS = 6
-_NOISY, _MOVED = 2, 0.5  # fits with what noise adds at the end of the one before; standard deviations that need another
+_ROUNDS = 6  # of a fit of measures, from which cycles are fitted or draws are made
+_NOISY = 2  # fits with what noise adds at the end of the one before
+_MOVED = 0.5  # standard deviations by which such a fit moves and needs another
 _FLAT = 3e-3  # of the sum of squares of measures: a smaller gain ends a fit
 Progress = Callable[[int], object]
 
@@ -53,7 +56,8 @@ def identify(
     task: Task, folder: Path | None = None, workers: int | None = None, progress: Progress = lambda done: None
 ) -> Identified:
     """Fit every law of a task to its runs. Raises UsageError for runs that cannot be used, WorkerError."""
-    fits, done = [], 0
+    fits = []
+    done = 0
     for law in task.laws:
         fits.append(_law(task, law, folder, workers, lambda count, done=done: progress(done + count)))  # type: ignore[misc]
         done += fits[-1].evaluations
@@ -87,16 +91,14 @@ class _Attempt:
         ]
         repeats = all(each.scatter < cycles.REPEATS for each in evidence)
         if not repeats:
-            columns = [tuple(replace(column, offset=RUN) for column in each.run.columns) for each in evidence]
-            evidence = [replace(each, run=replace(each.run, columns=own)) if isinstance(each, CycleRun) else each
-                        for each, own in zip(evidence, columns)]  # fmt: skip
+            evidence = [_with_offsets(each) if isinstance(each, CycleRun) else each for each in evidence]
             worst = max(evidence, key=lambda each: each.scatter)
             notes.append(
                 f"the cycles do not repeat (the period scatters by {100.0 * worst.scatter:.2g} % in {worst.run.name}): "
                 "their measures are fitted, with an offset of each record and a deviation between runs"
             )
         runs = [each.run for each in evidence]
-        offsets = Offsets.of(runs, [[0.01 * float(np.ptp(s.mean(axis=0))) for s in each.samples] for each in evidence])
+        offsets = Offsets.of(runs, [_sizes(each) for each in evidence])
         fitting = self._cycles if repeats else self._measures
         [z] = self._screen(starts, evidence, offsets, fitted, 1)
         fit, solution, posterior = fitting(z, evidence, offsets, fitted)
@@ -105,32 +107,49 @@ class _Attempt:
             for z in self._screen(starts, evidence, offsets, fitted, _VALLEYS):
                 if np.all(np.abs(z - solution.z)[: len(self.law.free)] < _SAME):
                     continue
-                other = fitting(z, evidence, offsets, fitted)
-                if other[1].cost < solution.cost:
-                    fit, solution, posterior = other
+                other_fit, other, other_posterior = fitting(z, evidence, offsets, fitted)
+                if other.cost < solution.cost:
+                    fit = other_fit
+                    solution = other
+                    posterior = other_posterior
                 if _p(evidence, solution, repeats) >= MISFIT:
                     break
-        if repeats and (kept := _without_outliers(evidence, solution)) is not None:
+        kept = _without_outliers(evidence, solution) if repeats else None
+        if kept is not None:
             evidence = kept
             fit, solution, posterior = self._cycles(solution.z, evidence, offsets, fitted)
         density = 0.0
         if repeats and all(isinstance(each, CycleRun) for each in evidence):
             evidence, fit, solution, density = self._expecting(evidence, fit, solution, offsets, fitted, notes)
         p = _p(evidence, solution, repeats)
-        if posterior is not None and (few := posterior.words()):
-            notes.append(few)
+        too_few = "" if posterior is None else posterior.words()
+        if too_few:
+            notes.append(too_few)
         if not solution.converged:
             notes.append("the fit has not converged: its intervals are not to be trusted; state values nearer to it")
-        reports = [self._report(each, r, response, repeats) for each, r, response
-                   in zip(evidence, solution.left, solution.responses)]  # fmt: skip
+        of_runs = zip(evidence, solution.left, solution.responses)
+        reports = [self._report(each, left, response, repeats) for each, left, response in of_runs]
         effects = influence(fit, solution, self.evaluator, repeats)
         predicted = self._predicted(fit, solution, posterior)
         deviation = np.zeros(len(MEASURES)) if posterior is None else posterior.deviation
         return LawFit(
-            self.law, solution.z, solution.covariance, offsets, repeats, solution.converged, p, solution.cost,
-            reports, predicted, deviation, effects, tuple(notes), self.evaluator.count, solution.jacobian,
+            self.law,
+            solution.z,
+            solution.covariance,
+            offsets,
+            repeats,
+            solution.converged,
+            p,
+            solution.cost,
+            reports,
+            predicted,
+            deviation,
+            effects,
+            tuple(notes),
+            self.evaluator.count,
+            solution.jacobian,
             density,
-        )  # fmt: skip
+        )
 
     def _starts(self, fitted: Sequence[int], notes: list[str], count: int) -> tuple[list[Reals], list[Response]]:
         """Coordinates of the free parameters at which all runs have a cycle, the values of the scene first if they do,
@@ -141,14 +160,21 @@ class _Attempt:
         free = self.law.free
         ends = np.array([f.ends for f in free])
         at = np.array([f.coordinate(f.stated) for f in free])
-        shares = qmc.LatinHypercube(len(free), rng=np.random.default_rng(self.task.seed)).random(count)
+        hypercube = qmc.LatinHypercube(len(free), rng=np.random.default_rng(self.task.seed))
+        shares = hypercube.random(count)
         reach = np.array([np.log(_NEAR) if f.log else 0.5 for f in free])
         near = np.clip(at + reach * (2.0 * shares - 1.0), ends[:, 0], ends[:, 1])
         points = [at, *near]
         rows = self.evaluator.responses([self._si(z) for z in points], fitted)
-        good = [(z, made) for z, row in zip(points, rows) if not isinstance(made := whole(row), str)]
-        if isinstance(why := whole(rows[0]), str):
-            run = self.task.runs[next(i for i, r in zip(fitted, rows[0]) if isinstance(r, str))]
+        good: list[tuple[Reals, list[Response]]] = []
+        for z, row in zip(points, rows):
+            responses = whole(row)
+            if not isinstance(responses, str):
+                good.append((z, responses))
+        why = whole(rows[0])
+        if isinstance(why, str):
+            without = next(i for i, response in zip(fitted, rows[0]) if isinstance(response, str))
+            run = self.task.runs[without]
             text = f"{run.name}: no limit cycle at the values of the scene ({why})"
             if not good:
                 raise UsageError(
@@ -169,7 +195,7 @@ class _Attempt:
         screened = [replace(each, share=WINDOWS[0]) if isinstance(each, FeatureRun) else each for each in evidence]
         weights = [_weights(each, each.covariance(self.task.seed), SCREEN, _SCREENED) for each in evidence]
         rows = self.evaluator.responses([self._si(z) for z in starts], fitted)
-        made: list[tuple[float, int, Reals, Fit]] = []
+        begun: list[tuple[float, int, Reals, Fit]] = []
         for z, row in zip(starts, rows):
             responses = whole(row)
             if isinstance(responses, str):
@@ -178,13 +204,15 @@ class _Attempt:
             blocks = partial(measure_blocks, screened, weights, biases, SCREEN)
             fit = Fit(self.law.free, self.evaluator, fitted, offsets, blocks)
             z_all = np.concatenate([z, _first_offsets(evidence, responses, offsets)])
-            made.append((fit.cost(fit.left(z_all, responses), z_all), len(made), z_all, fit))
-        made.sort(key=lambda row: row[:2])
+            cost = fit.cost(fit.left(z_all, responses), z_all)
+            begun.append((cost, len(begun), z_all, fit))
+        begun.sort(key=lambda row: row[:2])
         ranked = []
-        for cost, number, z_all, fit in made[:most]:
+        for cost, number, z_all, fit in begun[:most]:
             solution = fit.run(z_all, _ROUNDS, _FLAT, screening=True)
             ranked.append((cost, number, z_all) if isinstance(solution, str) else (solution.cost, number, solution.z))
-        return [z for *_, z in sorted(ranked, key=lambda row: row[:2])]
+        ranked.sort(key=lambda row: row[:2])
+        return [z for _, _, z in ranked]
 
     def _cycles(
         self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int]
@@ -198,48 +226,63 @@ class _Attempt:
             ended = fit.run(z)
             if isinstance(ended, str):
                 raise UsageError(f"{self.law.scene.name}: {ended}")
-            solution, z = ended, ended.z
+            solution = ended
+            z = ended.z
         if all(known):
             free = max(sum(r.size for r in solution.left) - len(solution.z), 1)
             solution.covariance = solution.covariance * max(1.0, solution.cost / free)
         return fit, solution, None
 
     def _expecting(
-        self, evidence: list[CycleRun], fit: Fit, solution: Solution, offsets: Offsets, fitted: Sequence[int],
+        self,
+        evidence: list[CycleRun],
+        fit: Fit,
+        solution: Solution,
+        offsets: Offsets,
+        fitted: Sequence[int],
         notes: list[str],
-    ) -> tuple[list[CycleRun], Fit, Solution, float]:  # fmt: skip
+    ) -> tuple[list[CycleRun], Fit, Solution, float]:
         """The fit with what process noise adds to the mean of each cycle, and the density of the noise."""
         density = 0.0
         for seed in range(_NOISY):
-            twins = partial(self._twins, evidence, self._si(solution.z[: len(self.law.free)]), fitted, seed)
-            made = expecting(evidence, solution.left, twins, density)
-            if isinstance(made, str):
-                notes.append(f"what process noise adds to the mean cycle is not taken into account: {made}")
+            values = self._si(solution.z[: len(self.law.free)])
+            twins = partial(self._twins, evidence, values, fitted, seed)
+            expected = expecting(evidence, solution.left, twins, density)
+            if isinstance(expected, str):
+                notes.append(f"what process noise adds to the mean cycle is not taken into account: {expected}")
                 break
-            evidence, density = made
+            evidence, density = expected
             if not density:
                 break
             before = solution.z
             fit, solution, _ = self._cycles(before, evidence, offsets, fitted)
             solution.covariance = solution.covariance * (1.0 + max(each.share for each in evidence))
-            if np.all(np.abs(solution.z - before) < _MOVED * np.sqrt(np.diag(solution.covariance))):
+            deviation = np.sqrt(np.diag(solution.covariance))
+            if np.all(np.abs(solution.z - before) < _MOVED * deviation):
                 break
         return evidence, fit, solution, density
 
     def _twins(
-        self, evidence: Sequence[CycleRun], values: Sequence[float], fitted: Sequence[int], seed: int,
-        density: float, seconds: Sequence[float],
-    ) -> list[Arrays | str]:  # fmt: skip
+        self,
+        evidence: Sequence[CycleRun],
+        values: Sequence[float],
+        fitted: Sequence[int],
+        seed: int,
+        density: float,
+        seconds: Sequence[float],
+    ) -> list[Arrays | str]:
         """The twins of the runs; see `mean_left`."""
-        given = [(density, s, SEED + 100 * seed + i, *each.sigma) for i, (s, each) in enumerate(zip(seconds, evidence))]
+        given: list[tuple[float, ...]] = []
+        for i, (duration, each) in enumerate(zip(seconds, evidence)):
+            given.append((density, duration, SEED + 100 * seed + i, *each.sigma))
         return self.evaluator.twins(fitted, values, given)
 
     def _measures(
         self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int]
     ) -> tuple[Fit, Solution, Posterior]:
         """The fit of measures, and what draws about it tell: mean, covariance, and deviation between runs."""
-        own = [each.covariance(self.task.seed) for each in evidence]
-        weights = [_weights(each, C + np.diag(START**2), LASTING, EXACT) for each, C in zip(evidence, own)]
+        errors = [each.covariance(self.task.seed) for each in evidence]
+        weights = [_weights(each, C + np.diag(START**2), LASTING, EXACT) for each, C in zip(evidence, errors)]
         [row] = self.evaluator.responses([self._si(z[: len(self.law.free)])], fitted)
         responses = whole(row)
         if isinstance(responses, str):
@@ -253,18 +296,19 @@ class _Attempt:
         J = np.concatenate([j.reshape(-1, j.shape[-1]) for j in ended.jacobian])
         ended.covariance = inverse(J.T @ J + np.diag(ended.prior))
         others = [i for i in range(len(self.task.runs)) if i not in fitted]
-        posterior = Posterior.of(fit, ended, evidence, biases, own, others, self.task.seed)
+        posterior = Posterior.of(fit, ended, evidence, biases, errors, others, self.task.seed)
         mean = posterior.mean
         [middle] = fit.responses([mean])
         if not isinstance(middle, str):
-            weights = [_weights(each, C + np.diag(posterior.deviation**2), LASTING, EXACT)
-                       for each, C in zip(evidence, own)]  # fmt: skip
+            between = np.diag(posterior.deviation**2)
+            weights = [_weights(each, C + between, LASTING, EXACT) for each, C in zip(evidence, errors)]
             fit.blocks = partial(measure_blocks, evidence, weights, biases, LASTING)
             mean = fit.levelled(mean, middle)
             left = fit.left(mean, middle)
             J_mean = fit.jacobian(mean, left, middle, central=True)
             ended = Solution(mean, fit.cost(left, mean), left, J_mean, ended.prior, middle)
-        ended.covariance, ended.converged = posterior.covariance, True
+        ended.covariance = posterior.covariance
+        ended.converged = True
         return fit, ended, posterior
 
     def _report(self, each: CycleRun, left: Reals, response: Response, repeats: bool) -> RunFit:
@@ -280,25 +324,50 @@ class _Attempt:
         others = [i for i, run in enumerate(self.task.runs) if not run.fitted]
         if posterior is None and others:
             posterior = Posterior.about(fit, solution, others, self.task.seed)
-        made = []
+        reports = []
         for i in others:
             assert posterior is not None
-            run, about = self.task.runs[i], posterior.responses[i]
+            run = self.task.runs[i]
+            about = posterior.responses[i]
             [[base]] = self.evaluator.responses([self._si(solution.z[: len(self.law.free)])], [i])
             if isinstance(base, str) or run.kind != "cycles":
                 why = base if isinstance(base, str) else "only runs of cycles are predicted"
-                made.append(RunFit.without(run.name, why))
+                reports.append(RunFit.without(run.name, why))
                 continue
             each = CycleRun.of(run, base)
             predicted = posterior.predicted(about, each)
             if predicted is None:
-                made.append(RunFit.without(each.run.name, "the detector reads no slips in the model"))
+                reports.append(RunFit.without(each.run.name, "the detector reads no slips in the model"))
                 continue
             middle, square = predicted
-            band = 1.96 * np.sqrt(square + posterior.deviation**2 + np.diag(each.covariance(self.task.seed)))
-            made.append(RunFit(each.run.name, len(each.begins), each.dropped, float("nan"), float("nan"), each, base,
-                               each.medians, middle + each.bias(base), np.zeros((0, 0)), band))  # fmt: skip
-        return made
+            error = np.diag(each.covariance(self.task.seed))
+            band = 1.96 * np.sqrt(square + posterior.deviation**2 + error)
+            report = RunFit(
+                each.run.name,
+                len(each.begins),
+                each.dropped,
+                float("nan"),
+                float("nan"),
+                each,
+                base,
+                each.medians,
+                middle + each.bias(base),
+                np.zeros((0, 0)),
+                band,
+            )
+            reports.append(report)
+        return reports
+
+
+def _with_offsets(each: CycleRun) -> CycleRun:
+    """A run whose columns have an offset of their own."""
+    columns = tuple(replace(column, offset=RUN) for column in each.run.columns)
+    return replace(each, run=replace(each.run, columns=columns))
+
+
+def _sizes(each: Any) -> list[float]:
+    """The unit of the offset of each column: a hundredth of the range of its mean cycle."""
+    return [0.01 * float(np.ptp(samples.mean(axis=0))) for samples in each.samples]
 
 
 def _first_offsets(evidence: Sequence[Any], responses: Sequence[Response], offsets: Offsets) -> Reals:
@@ -308,7 +377,8 @@ def _first_offsets(evidence: Sequence[Any], responses: Sequence[Response], offse
         for column, place in enumerate(offsets.place[i]):
             if place >= 0:
                 fitted, _ = each.fitted(column, response, 0.0)
-                sums[:, place] += float((each.samples[column] - fitted).mean()), 1.0
+                sums[0, place] += float((each.samples[column] - fitted).mean())
+                sums[1, place] += 1.0
     return np.asarray(sums[0] / np.maximum(sums[1], 1.0) / np.array(offsets.sizes))
 
 
@@ -317,8 +387,10 @@ def _p(evidence: Sequence[Any], solution: Solution, repeats: bool) -> float:
     if repeats:
         return combined([each.misfit(left) for each, left in zip(evidence, solution.left)])
     count = sum(r.size for r in solution.left)
-    free = max(count - int(np.sum(np.diag(solution.covariance) < 0.2 / np.maximum(solution.prior, 1e-300))), 1)
-    return float(stats.chi2.sf(sum((r**2).sum() for r in solution.left), free))
+    told = np.diag(solution.covariance) < 0.2 / np.maximum(solution.prior, 1e-300)
+    free = max(count - int(np.sum(told)), 1)
+    squares = sum((r**2).sum() for r in solution.left)
+    return float(stats.chi2.sf(squares, free))
 
 
 def _left_of(evidence: Sequence[Any], i: int, response: Response, offsets: Reals) -> Reals:
@@ -333,14 +405,26 @@ def _weights(each: Any, covariance: Reals, chosen: Sequence[int], floor: float) 
 
 def _without_outliers(evidence: Sequence[Any], solution: Solution) -> list[Any] | None:
     """The evidence without cycles that the model misses far more than others; None if there are none."""
-    made, some = [], False
+    rest: list[Any] = []
+    outliers = False
     for each, left in zip(evidence, solution.left):
         if not isinstance(each, CycleRun):
             return None
         rms = np.sqrt((left**2).mean(axis=1))
         kept = rms < _OUTLIER * float(np.median(rms))
-        some |= not kept.all()
-        made.append(replace(each, begins=each.begins[kept], measures=each.measures[kept],
-                            dropped=each.dropped + int((~kept).sum()), samples=tuple(s[kept] for s in each.samples),
-                            times=tuple(t[kept] for t in each.times)))  # fmt: skip
-    return made if some and all(len(each.begins) >= cycles.LEAST for each in made) else None
+        outliers |= not kept.all()
+        rest.append(_of_cycles(each, kept))
+    enough = all(len(each.begins) >= cycles.LEAST for each in rest)
+    return rest if outliers and enough else None
+
+
+def _of_cycles(each: CycleRun, kept: Any) -> CycleRun:
+    """A run with some of its cycles."""
+    return replace(
+        each,
+        begins=each.begins[kept],
+        measures=each.measures[kept],
+        dropped=each.dropped + int((~kept).sum()),
+        samples=tuple(s[kept] for s in each.samples),
+        times=tuple(t[kept] for t in each.times),
+    )

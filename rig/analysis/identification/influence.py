@@ -17,9 +17,10 @@ from rig.analysis.identification.responses import Evaluator
 from rig.analysis.identification.runs import Law, Measured
 from rig.record.run import Reals
 
-_TABLES = ("start", "noise")
-_MOST = 12
-_ALIKE = (0.005, 0.1)  # of the square of an effect: what is left of one that others have too; of one on measures
+_TABLES = ("start", "noise")  # of a scene, which no fit varies
+_MOST = 12  # candidates: each costs a response of every run
+_ALIKE = 0.005  # of the square of an effect: what is left of one that others have too
+_ALIKE_ON_MEASURES = 0.1  # the same of an effect on measures, which are few
 _TAKES = 0.05  # share of a coordinate
 
 
@@ -44,7 +45,8 @@ class Influence:
 
 def candidates(law: Law, runs: Sequence[Measured]) -> tuple[str, ...]:
     """The fixed numbers of the rig that may be varied: not zero, not free, of no start and no noise."""
-    values, free = law.scene.values(), {f.key for f in law.free}
+    values = law.scene.values()
+    free = {f.key for f in law.free}
     kept = []
     for key, _ in sweepable(law.scene.parameters):
         value = runs[0].settings.get(key, values.get(key, (None, ""))[0])
@@ -58,7 +60,8 @@ def candidates(law: Law, runs: Sequence[Measured]) -> tuple[str, ...]:
 def influence(fit: Fit, solution: Solution, evaluator: Evaluator, repeats: bool) -> tuple[Influence, ...]:
     """The influence of each candidate on a solution."""
     keys = evaluator.responder.candidates
-    values, count = fit.values(solution.z), len(keys)
+    values = fit.values(solution.z)
+    count = len(keys)
     points = [[*values, *(1.0 + STEP * (np.arange(count) == k))] for k in range(count)]
     rows = evaluator.responses(points, fit.runs)
     r = np.concatenate([left.ravel() for left in solution.left])
@@ -66,7 +69,7 @@ def influence(fit: Fit, solution: Solution, evaluator: Evaluator, repeats: bool)
     clusters = np.concatenate([np.full(left.size, 1) for left in solution.left])
     H = inverse(J.T @ J + np.diag(solution.prior))
     names = [f.key for f in fit.free] + list(fit.offsets.names)
-    made = []
+    influences = []
     for key, row in zip(keys, rows):
         responses = whole(row)
         if isinstance(responses, str):
@@ -78,24 +81,27 @@ def influence(fit: Fit, solution: Solution, evaluator: Evaluator, repeats: bool)
             continue  # of no influence at all
         by = H @ (J.T @ effect)
         rest = effect - J @ by
-        left, most = float(rest @ rest) / square, _ALIKE[0 if repeats else 1]
+        left = float(rest @ rest) / square
+        most = _ALIKE if repeats else _ALIKE_ON_MEASURES
         if left <= most and not repeats:  # measures are few: many changes explain an effect
             by = _simplest(J, effect, min(1.2 * left, most) * square, len(fit.free))
         alike = tuple((name, float(-c)) for name, c in zip(names, by) if abs(c) > _TAKES and "offset" not in name)
         across = float(rest @ r)
+        gain = across**2 / max(float(rest @ rest) * float(r @ r), 1e-300)
         change = -across / max(float(rest @ rest), 1e-300)
         spread = np.sqrt(max(_spread(rest, r, solution.left), 1e-300))
-        made.append(Influence(key, left, alike, across**2 / max(float(rest @ rest) * float(r @ r), 1e-300), change,
-                              abs(across) / spread, left > most))  # fmt: skip
-    return tuple(made)
+        influences.append(Influence(key, left, alike, gain, change, abs(across) / spread, left > most))
+    return tuple(influences)
 
 
 def _simplest(J: Reals, effect: Reals, most: float, free: int) -> Reals:
     """The smallest changes of the `free` parameters that leave at most the square `most` of an effect."""
-    information, by = J.T @ J, np.zeros(J.shape[1])
+    information = J.T @ J
+    by = np.zeros(J.shape[1])
     held = np.diag((np.arange(len(information)) < free).astype(float))
     for size in float(np.trace(information[:free, :free])) * 10.0 ** np.arange(0.0, -12.0, -0.5):
-        by = inverse(information + size * held + 1e-12 * np.eye(len(information))) @ (J.T @ effect)
+        damped = information + size * held + 1e-12 * np.eye(len(information))
+        by = inverse(damped) @ (J.T @ effect)
         if float(((effect - J @ by) ** 2).sum()) <= most:
             break
     return np.asarray(by)
@@ -103,7 +109,8 @@ def _simplest(J: Reals, effect: Reals, most: float, free: int) -> Reals:
 
 def _spread(rest: Reals, r: Reals, left: Sequence[Reals]) -> float:
     """The variance of a score, from its sums over cycles."""
-    total, begin = 0.0, 0
+    total = 0.0
+    begin = 0
     for block in left:
         end = begin + block.size
         sums = (rest[begin:end] * r[begin:end]).reshape(block.shape).sum(axis=1)

@@ -20,7 +20,7 @@ from rig.plants.lever import Parameters
 from rig.record.run import Run
 from rig.scenes.scene import Scene
 
-_RANGE = 20.0
+_RANGE = 20.0  # factor to both sides of the value of the scene in which a parameter is sought
 SCENES = ("lever_free_cylinder", "lever_free_lever", "lever_static_friction", "lever_kinetic_friction")
 
 

@@ -33,7 +33,7 @@ ACCURACY = 1e-8
 """Relative tolerance of adaptive methods in a fit: differences over a thousandth of a parameter need no more."""
 LONGEST_SETTLING = 25.0
 """Time within which a motion settles during a fit [s]."""
-_MOST = 1_000_000
+_MOST = 1_000_000  # evaluations that a work may number
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,12 @@ class Response:
 
     @cached_property
     def _tables(self) -> list[tuple[Reals, Reals, Reals, Reals]]:
-        made = []
+        tables = []
         for wave in self.waves:
             after = np.roll(wave, -1)
             rate = 0.5 * POINTS * (after - np.roll(wave, 1))
-            made.append((wave, after - wave, rate, np.roll(rate, -1) - rate))
-        return made
+            tables.append((wave, after - wave, rate, np.roll(rate, -1) - rate))
+        return tables
 
 
 @dataclass(frozen=True)
@@ -130,12 +130,13 @@ class Responder:
     @property
     def work(self) -> Work:
         """As a work of the pool."""
-        data = [(run, [hashlib.sha256(c.v.tobytes()).hexdigest() for c in run.columns]) for run in self.runs]
+        data = [(run, _hashes(run)) for run in self.runs]
         text = repr((self.law.free, self.seed, data))
-        about = {"scene": self.law.scene.name, "law": self.law.name}
-        hash_ = digest(self.law.scene, text)
-        return Work(self.compute, range(_MOST), f"{self.law.scene.name}-{self.law.name}", hash_, self.prepare,
-                    self.failed, about)  # fmt: skip
+        scene = self.law.scene
+        law = self.law.name
+        about = {"scene": scene.name, "law": law}
+        items = range(_MOST)
+        return Work(self.compute, items, f"{scene.name}-{law}", digest(scene, text), self.prepare, self.failed, about)
 
     def failed(self, unit: int, why: str) -> Arrays:
         """The response of an evaluation that ended its worker twice."""
@@ -143,63 +144,13 @@ class Responder:
         return {"why": np.array(why)}
 
 
-def cycle_response(scene: Scene, measured: Measured) -> Response | str:
-    """The limit cycle of `scene` as the columns see it; the reason, if there is none."""
-    cycle = limit_cycle(scene, ACCURACY, LONGEST_SETTLING)
-    if not cycle.found:
-        return cycle.why
-    return sampled(cycle, scene, measured)
-
-
-def sampled(cycle: Cycle, scene: Scene, measured: Measured) -> Response:
-    """A cycle on the grid of a response."""
-    T = cycle.period
-    longest = max(cycle.sticking, key=lambda span: span[1] - span[0], default=None)
-    first = cycle.outputs[measured.columns[0].output]
-    begin = longest[1] if longest else float(cycle.time[int(np.argmax(first))])
-    t = np.arange(POINTS) * (T / POINTS) + begin
-    waves, slopes = [], []
-    for column in measured.columns:
-        raw = np.interp(np.mod(t, T), cycle.time, cycle.outputs[column.output], period=T)
-        slopes.append(_slope(cycle, column.output, cycle.units[column.output], longest))
-        waves.append(_filtered(raw, T, scene, column.sensor))
-    stick = longest[1] - longest[0] if longest else 0.0
-    return Response(T, stick, np.array(slopes), np.array(waves))
-
-
-def _slope(cycle: Cycle, output: str, unit: str, stick: tuple[float, float] | None) -> float:
-    """The rate of an output in stick, of a velocity its mean."""
-    if stick is None:
-        return math.nan
-    inside = (cycle.time > stick[0]) & (cycle.time < stick[1])
-    t, y = cycle.time[inside], cycle.outputs[output][inside]
-    if t.size < 3:
-        return math.nan
-    return float(y.mean()) if unit.endswith("/s") else float(np.polyfit(t - t[0], y, 1)[0])
-
-
-def _filtered(wave: Reals, period: float, scene: Scene, sensor: str) -> Reals:
-    """The steady answer of an instrument to a period: its filter without delay, which is free."""
-    if not sensor:
-        return wave
-    section = scene.sensors[sensor]
-    end, lines = section.front_end(), np.fft.rfft(wave)
-    conversion = section.conversion or 1.0
-    orders = np.arange(1, min(lines.size, 512))
-    s = 2j * math.pi * orders / period
-    gains = np.array([end.response(value) for value in s]) * conversion * np.exp(s * 1e-9 * end.delay_ns)
-    lines[orders] *= gains
-    lines[orders.size + 1 :] = 0.0 if abs(gains[-1]) < 0.5 else lines[orders.size + 1 :]
-    steady = complex(end.response(1e-9 + 0j)).real * conversion
-    lines[0] = lines[0] * steady + end.offset * conversion * wave.size
-    return np.asarray(np.fft.irfft(lines, wave.size))
-
-
 class Evaluator:
     """Evaluates responses in the pool, in an order that repeats, so that a lasting folder continues a fit."""
 
     def __init__(self, responder: Responder, folder: Path | None, workers: int | None) -> None:
-        self.responder, self._folder, self._workers = responder, folder, workers
+        self.responder = responder
+        self._folder = folder
+        self._workers = workers
         self.count = 0
         self._known: dict[tuple[float, ...], Response | str] = {}
         self.progress: Callable[[int], object] = lambda done: None
@@ -226,8 +177,8 @@ class Evaluator:
         asked = [(run, *point) for point in points for run in runs]
         new = [*dict.fromkeys(given for given in asked if given not in self._known)]
         self._known |= zip(new, map(_response, self._computed(new)))
-        made = [self._known[given] for given in asked]
-        return [made[i : i + len(runs)] for i in range(0, len(made), len(runs))]
+        answers = [self._known[given] for given in asked]
+        return [answers[i : i + len(runs)] for i in range(0, len(answers), len(runs))]
 
     def twins(
         self, runs: Sequence[int], values: Sequence[float], given: Sequence[Sequence[float]]
@@ -246,6 +197,65 @@ class Evaluator:
         self.count += len(asked)
         self.progress(self.count)
         return [self._rows.pop(u) for u in units]
+
+
+def cycle_response(scene: Scene, measured: Measured) -> Response | str:
+    """The limit cycle of `scene` as the columns see it; the reason, if there is none."""
+    cycle = limit_cycle(scene, ACCURACY, LONGEST_SETTLING)
+    if not cycle.found:
+        return cycle.why
+    return sampled(cycle, scene, measured)
+
+
+def sampled(cycle: Cycle, scene: Scene, measured: Measured) -> Response:
+    """A cycle on the grid of a response."""
+    T = cycle.period
+    longest = max(cycle.sticking, key=lambda span: span[1] - span[0], default=None)
+    first = cycle.outputs[measured.columns[0].output]
+    begin = longest[1] if longest else float(cycle.time[int(np.argmax(first))])
+    t = np.arange(POINTS) * (T / POINTS) + begin
+    waves = []
+    slopes = []
+    for column in measured.columns:
+        raw = np.interp(np.mod(t, T), cycle.time, cycle.outputs[column.output], period=T)
+        slopes.append(_slope(cycle, column.output, cycle.units[column.output], longest))
+        waves.append(_filtered(raw, T, scene, column.sensor))
+    stick = longest[1] - longest[0] if longest else 0.0
+    return Response(T, stick, np.array(slopes), np.array(waves))
+
+
+def _hashes(run: Measured) -> list[str]:
+    return [hashlib.sha256(column.v.tobytes()).hexdigest() for column in run.columns]
+
+
+def _slope(cycle: Cycle, output: str, unit: str, stick: tuple[float, float] | None) -> float:
+    """The rate of an output in stick, of a velocity its mean."""
+    if stick is None:
+        return math.nan
+    inside = (cycle.time > stick[0]) & (cycle.time < stick[1])
+    t = cycle.time[inside]
+    y = cycle.outputs[output][inside]
+    if t.size < 3:
+        return math.nan
+    return float(y.mean()) if unit.endswith("/s") else float(np.polyfit(t - t[0], y, 1)[0])
+
+
+def _filtered(wave: Reals, period: float, scene: Scene, sensor: str) -> Reals:
+    """The steady answer of an instrument to a period: its filter without delay, which is free."""
+    if not sensor:
+        return wave
+    section = scene.sensors[sensor]
+    end = section.front_end()
+    lines = np.fft.rfft(wave)
+    conversion = section.conversion or 1.0
+    orders = np.arange(1, min(lines.size, 512))
+    s = 2j * math.pi * orders / period
+    gains = np.array([end.response(value) for value in s]) * conversion * np.exp(s * 1e-9 * end.delay_ns)
+    lines[orders] *= gains
+    lines[orders.size + 1 :] = 0.0 if abs(gains[-1]) < 0.5 else lines[orders.size + 1 :]
+    steady = complex(end.response(1e-9 + 0j)).real * conversion
+    lines[0] = lines[0] * steady + end.offset * conversion * wave.size
+    return np.asarray(np.fft.irfft(lines, wave.size))
 
 
 def _response(row: Arrays) -> Response | str:

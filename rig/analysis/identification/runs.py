@@ -50,9 +50,16 @@ from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 from rig.units import brief, conversion, parted, same_unit, si, si_unit, with_units
 
-NONE, FREE, RUN = "none", "free", "run"
-MEAN, LARGEST = "mean", "largest"
-TRANSIENT, RESPONSE = "transient", "response"
+# Offset of a column
+NONE = "none"
+FREE = "free"
+RUN = "run"
+# What is read of a hold
+MEAN = "mean"
+LARGEST = "largest"
+# Kinds of runs
+TRANSIENT = "transient"
+RESPONSE = "response"
 MOTIONS = ("m", "m/s", "rad", "rad/s")
 """Units of outputs without jumps: an acceleration or a force may jump where a motion ends."""
 KINDS = ("cycles", TRANSIENT, RESPONSE, "growth", "stages")
@@ -177,18 +184,16 @@ def read(path: Path) -> dict[str, Any]:
     laws = raw.get("laws", {})
     if not isinstance(raw.get("free", {}), dict):
         faults.append(f'{path}: free: expected a table [free] with "KEY" = "FROM:TO"')
-    if not isinstance(laws, dict | list) or (
-        isinstance(laws, dict) and not all(isinstance(k, dict) for k in laws.values())
-    ):
+    tables = isinstance(laws, dict) and all(isinstance(law, dict) for law in laws.values())
+    if not tables and not isinstance(laws, list):
         faults.append(f'{path}: laws: expected names, ["coulomb", "stribeck"], or tables [laws.NAME] "KEY" = "FROM:TO"')
-    for entry in raw["run"] if not faults else []:
-        if isinstance(entry.get("file"), str) and not Path(entry["file"]).is_absolute():
-            entry["file"] = str(path.parent / entry["file"])
-    if not faults:
-        raw["free"] = dict(source.dotted(raw.get("free", {})))
-        raw["laws"] = {k: dict(source.dotted(v)) for k, v in laws.items()} if isinstance(laws, dict) else laws
     if faults:
         raise UsageError("\n".join(faults))
+    for entry in raw["run"]:
+        if isinstance(entry.get("file"), str) and not Path(entry["file"]).is_absolute():
+            entry["file"] = str(path.parent / entry["file"])
+    raw["free"] = dict(source.dotted(raw.get("free", {})))
+    raw["laws"] = {name: dict(source.dotted(law)) for name, law in laws.items()} if tables else laws
     return raw
 
 
@@ -205,36 +210,45 @@ def prepared(
 
     What is given counts before what the file says. Raises SceneError, UsageError with every fault.
     """
-    raw: dict[str, Any] = read(Path(runs)) if isinstance(runs, str | Path) else {"run": list(runs)}
+    raw: dict[str, Any] = {}
+    where = "recordings"
+    if isinstance(runs, str | Path):
+        raw |= read(Path(runs))
+        where = str(runs)
+    else:
+        raw["run"] = list(runs)
     stated = {"free": free, "laws": laws, "per_run": per_run, "starts": starts, "seed": seed}
     raw |= {key: value for key, value in stated.items() if value is not None}
-    where = str(runs) if isinstance(runs, str | Path) else "recordings"
-    count, first = whole("starts", raw.get("starts", 4), 0, 1000), whole("seed", raw.get("seed", 1), 0, 2**62)
-    entries, ranges, level = raw["run"], raw.get("free", {}), raw.get("per_run") or []
+    count = whole("starts", raw.get("starts", 4), 0, 1000)
+    first = whole("seed", raw.get("seed", 1), 0, 2**62)
+    entries = raw["run"]
+    ranges = raw.get("free", {})
+    level = raw.get("per_run") or []
     faults = Faults()
     if Path(str(raw.get("scene", scene.name))).stem != scene.name:
         faults.found.append(f"{where}: is for the scene {brief(raw['scene'])}, not for {scene.name}; name that scene")
     scene = replace(scene, limits={})
     asked = raw.get("laws", ())
-    given = asked if isinstance(asked, Mapping) else {name: {} for name in asked}
-    if given:
-        made = tuple(faults(lambda n=n, k=k: _law(scene, n, ranges, k), None) for n, k in given.items())  # type: ignore[misc]
+    of_laws = asked if isinstance(asked, Mapping) else {name: {} for name in asked}
+    if of_laws:
+        tried = tuple(faults(lambda n=n, k=k: _law(scene, n, ranges, k), None) for n, k in of_laws.items())  # type: ignore[misc]
     else:
-        made = (faults(lambda: Law(_law_name(scene), scene, _free(scene, ranges)), None),)
-    if given and None not in made:
-        used = {f.key for law in made if law is not None for f in law.free}
-        lost = [key for key in ranges if key.startswith("friction.") and key not in used]
-        faults.found += [f"{key}: none of the laws {', '.join(given)} has it" for key in lost]
+        tried = (faults(lambda: Law(_law_name(scene), scene, _free(scene, ranges)), None),)
+    if of_laws and None not in tried:
+        used = {f.key for law in tried if law is not None for f in law.free}
+        unused = [key for key in ranges if key.startswith("friction.") and key not in used]
+        faults.found += [f"{key}: none of the laws {', '.join(of_laws)} has it" for key in unused]
     if level not in ([], ["level"], ("level",)):
         faults.found.append(f'per_run = {brief(level)}: only ["level"] is known, an offset of each record')
     measured = [faults(lambda i=i, e=e: _measured(scene, i, e, bool(level)), None) for i, e in enumerate(entries)]  # type: ignore[misc]
-    _known_beside_free(made, measured, faults)
+    _known_beside_free(tried, measured, faults)
     _told_apart([run for run in measured if run is not None], entries, faults)
     faults.raise_found()
     known = [run for run in measured if run is not None]
     if not any(run.fitted for run in known):
         raise UsageError("no run is fitted: give at least one [[run]] without fit = false")
-    return Task(scene, tuple(law for law in made if law is not None), tuple(known), where, count, first)
+    laws_to_fit = tuple(law for law in tried if law is not None)
+    return Task(scene, laws_to_fit, tuple(known), where, count, first)
 
 
 def _known_beside_free(laws: Sequence[Law | None], runs: Sequence[Measured | None], faults: Faults) -> None:
@@ -255,10 +269,12 @@ def _told_apart(runs: Sequence[Measured], entries: Sequence[Mapping[str, Any]], 
     if len(runs) < len(entries):
         return
     for (a, of), (b, other) in combinations(zip(runs, entries), 2):
-        given, again = (each.get("file", each.get("run")) for each in (of, other))
-        same = given is again or (isinstance(given, str | Path) and isinstance(again, str | Path)
-                                  and Path(given).resolve() == Path(again).resolve())  # fmt: skip
-        if same and a.columns[0].t[0] < b.columns[0].t[-1] and b.columns[0].t[0] < a.columns[0].t[-1]:
+        given = of.get("file", of.get("run"))
+        again = other.get("file", other.get("run"))
+        same = given is again
+        if isinstance(given, str | Path) and isinstance(again, str | Path):
+            same = same or Path(given).resolve() == Path(again).resolve()
+        if same and _overlap(a.columns[0], b.columns[0]):
             faults.found.append(
                 f"{a.name}, {b.name}: are the same part of {a.name if isinstance(given, Run) else given}, which would "
                 "count twice; leave one out, or use other parts of it (skip, end)"
@@ -270,6 +286,11 @@ def _told_apart(runs: Sequence[Measured], entries: Sequence[Mapping[str, Any]], 
             )
         elif a.name == b.name:
             faults.found.append(f'{a.name}: is the name of two runs; give each its own, name = "..."')
+
+
+def _overlap(a: Column, b: Column) -> bool:
+    """Whether two columns have common times."""
+    return bool(a.t[0] < b.t[-1] and b.t[0] < a.t[-1])
 
 
 def _copied(a: Column, b: Column) -> bool:
@@ -288,15 +309,19 @@ def _law(scene: Scene, name: str, free: Mapping[str, Any], own: Mapping[str, Any
     """A law of the scene's plant. Keys of another law in `free` are left out; those of `own` are given for it."""
     ranges = {**free, **own}
     kept = {key: text for key, text in ranges.items() if not key.startswith("friction.")}
-    here = {key: text for key, text in ranges.items() if key.startswith("friction.")}
+    of_law = {key: text for key, text in ranges.items() if key.startswith("friction.")}
     if name == _law_name(scene):
         known = numbers(scene)
-        return Law(name, scene, _free(scene, kept | {k: t for k, t in here.items() if k in known or k in own}))
-    model, values = type(scene.parameters), dict[str, Any](law=name)
-    if (section := class_of(values, laws_of(model))) is None:
+        of_law = {key: text for key, text in of_law.items() if key in known or key in own}
+        return Law(name, scene, _free(scene, kept | of_law))
+    model = type(scene.parameters)
+    values = dict[str, Any](law=name)
+    section = class_of(values, laws_of(model))
+    if section is None:
         raise UsageError(f"law {name}: unknown; {near(str(name), LAWS)}")
-    here = {key: text for key, text in here.items() if key in own or key[9:] in getattr(section, "model_fields", ())}
-    for key, text in here.items():
+    fields = getattr(section, "model_fields", ())
+    of_law = {key: text for key, text in of_law.items() if key in own or key[9:] in fields}
+    for key, text in of_law.items():
         low, high = _ends(key, text, "")
         stated = scene.values().get(key, (None, ""))[0]
         middle = math.sqrt(low * high) if low > 0.0 else 0.5 * (low + high)
@@ -311,13 +336,17 @@ def _law(scene: Scene, name: str, free: Mapping[str, Any], own: Mapping[str, Any
             f'law {name}: {what}; give the ranges of its keys, [laws.{name}] "friction.KEY" = "FROM:TO"'
         ) from None
     other = replace(scene, parameters=parameters)
-    return Law(name, other, _free(other, kept | here))
+    return Law(name, other, _free(other, kept | of_law))
 
 
 def _ends(key: str, given: Any, unit: str) -> tuple[float, float]:
     """The ends of a range "FROM:TO" or (from, to) in `unit`; "" for the SI unit that the text has."""
     try:
-        parts = given.split(":") if isinstance(given, str) else list(given) if isinstance(given, list | tuple) else []
+        parts: list[Any] = []
+        if isinstance(given, str):
+            parts = given.split(":")
+        elif isinstance(given, list | tuple):
+            parts = list(given)
         if len(parts) != 2:
             raise ValueError('expected a range FROM:TO, such as "0.1:1"')
         if isinstance(given, str):
@@ -334,7 +363,10 @@ def _ends(key: str, given: Any, unit: str) -> tuple[float, float]:
 
 def _free(scene: Scene, ranges: Mapping[str, Any]) -> tuple[Free, ...]:
     """The free parameters. Raises SceneError with every fault."""
-    known, values, made, faults = numbers(scene), scene.values(), [], []
+    known = numbers(scene)
+    values = scene.values()
+    free = []
+    faults = []
     for key, given in ranges.items():
         if key not in known:
             faults.append(unknown(str(key), known, scene))
@@ -346,9 +378,10 @@ def _free(scene: Scene, ranges: Mapping[str, Any]) -> tuple[Free, ...]:
                 raise UsageError(
                     f"{key} = {brief(given)}: the value of the scene, {stated:g}, where the fit begins, is outside"
                 )
-            for end in (low, high):  # of what the rig allows
-                varied(scene, {key: end}) if key.partition(".")[0] != "friction" else None
-            made.append(Free(key, known[key], low, high, stated))
+            if key.partition(".")[0] != "friction":
+                for end in (low, high):  # of what the rig allows
+                    varied(scene, {key: end})
+            free.append(Free(key, known[key], low, high, stated))
         except UsageError as fault:
             faults.append(str(fault))
         except SceneError as error:
@@ -357,7 +390,7 @@ def _free(scene: Scene, ranges: Mapping[str, Any]) -> tuple[Free, ...]:
         faults.append('nothing is free: [free] "friction.mu_static" = "0.1:1"')
     if faults:
         raise SceneError(scene.name, faults)
-    return tuple(made)
+    return tuple(free)
 
 
 def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) -> Measured:
@@ -370,8 +403,10 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     kind = entry.get("kind", "cycles")
     if kind not in KINDS:
         faults.found.append(f"{name}: kind = {brief(kind)}: known: {', '.join(KINDS)}")
-    first, last = (_seconds(entry, name, key, default, faults) for key, default in (("skip", 0.0), ("end", math.inf)))
-    columns, settings_ = entry.get("columns") or {}, entry.get("set") or {}
+    first = _seconds(entry, name, "skip", 0.0, faults)
+    last = _seconds(entry, name, "end", math.inf, faults)
+    columns = entry.get("columns") or {}
+    settings_ = entry.get("set") or {}
     for key, table in (("columns", columns), ("set", settings_)):
         if not isinstance(table, Mapping):
             raise UsageError(f"{name}: {key} = {brief(table)}: expected a table, {key} = {{...}}")
@@ -389,8 +424,10 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
     assert run is not None
     outputs = scene.assemble()
     columns = columns or _of_sensors(run, name, outputs, kind)
-    made: list[Column] = [faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
-            for c, t in columns.items()]  # fmt: skip
+    made: list[Column] = [
+        faults(lambda c=c, t=t: _column(run, c, t, outputs, scene, name, first, last, level), None)  # type: ignore[misc]
+        for c, t in columns.items()
+    ]
     faults.raise_found()
     driven = [column for column in made if column.output in outputs.inputs]
     read = tuple(column for column in made if column not in driven)
@@ -404,7 +441,8 @@ def _measured(scene: Scene, number: int, entry: Mapping[str, Any], level: bool) 
 
 def _seconds(entry: Mapping[str, Any], name: str, key: str, default: float, faults: Faults) -> float:
     try:
-        if (value := si(entry.get(key, default), "s")) >= 0.0:
+        value = si(entry.get(key, default), "s")
+        if value >= 0.0:
             return value
         fault: Any = f"is {entry[key]}; expected 0 s or more"
     except ValueError as wrong:
@@ -414,7 +452,9 @@ def _seconds(entry: Mapping[str, Any], name: str, key: str, default: float, faul
 
 
 def _settings(scene: Scene, given: Mapping[str, Any], name: str) -> dict[str, float]:
-    known, values, faults = numbers(scene), {}, []
+    known = numbers(scene)
+    values = {}
+    faults = []
     for key, value in dict(source.dotted(dict(given))).items() if given else ():
         try:
             if key not in known:
@@ -489,7 +529,8 @@ def _column(
     """One column. Raises UsageError."""
     if wrong := [key for key in table if key not in _COLUMN]:
         raise UsageError(f"{where}: {name}.{wrong[0]}: unknown; {near(wrong[0], _COLUMN)}")
-    output, offset = table["reads"], RUN if level else table.get("offset", NONE)
+    output = table["reads"]
+    offset = RUN if level else table.get("offset", NONE)
     known: dict[str, Any] = {**rig.inputs, **rig.outputs}
     if output not in known:
         raise UsageError(f"{where}: {name}: {output} is no output of the {scene.plant}; {near(output, known)}")
@@ -505,13 +546,15 @@ def _column(
     kept = samples.v[np.isfinite(samples.v)]
     if kept.size < 2 or not np.ptp(kept):
         raise UsageError(f"{where}: {name}: {f'is {kept[0]:g} throughout' if kept.size else 'has no finite sample'}")
-    unit, v = known[output].unit, samples.v
+    unit = known[output].unit
+    v = samples.v
     if not same_unit(samples.unit or "1", unit):
         text = str(table.get("scale", ""))
         number, of = parted(text) if text else ("", "")
         conversion_of = getattr(scene.sensors.get(sensor), "conversion", None)
         if not number and conversion_of and same_unit(samples.unit, scene.sensors[sensor].delivers):
-            number, of = repr(conversion_of), unit
+            number = repr(conversion_of)
+            of = unit
         if not number or not of:
             stated = samples.unit or "no unit"
             per = f"/{samples.unit}" if run.measured and samples.unit not in ("", "1") else ""

@@ -28,15 +28,20 @@ from rig.record.run import Reals
 from rig.scenes.belief import varied
 from rig.scenes.scene import Scene
 
-SEED = 4711
+SEED = 4711  # chosen: any will do; fixed, so that a fit repeats
 _SETTLES = 0.3  # of the duration of a twin: what is left out before it
 _STATED = 1e-4  # of a value of the start, SI: states are linear in them
-_SHORT, _LONG = (4.0, 100.0), (24.0, 500.0)  # duration of a twin over that of its run; at most so many periods
+# Duration of a twin over that of its run; at most so many periods
+_SHORT = (4.0, 100.0)
+_LONG = (24.0, 500.0)
 _TRIAL = 1e-3  # of the load: a first density of process noise [N/Hz^0.5]
-_TRIALS, _AGREES = 8, 0.2
+_TRIALS = 8  # of the density, at most
+_AGREES = 0.2  # logarithm of the ratio of two densities that are the same
 _SAMPLES = 2_000_000
 """Most samples of a twin."""
 _NONE = 0.05  # of the variance of the noise of a column: a smaller scatter beyond it is no process noise
+Twins = Callable[[float, Sequence[float]], list[Arrays | str]]
+"""For a density of process noise and a duration of each run: the twins, or why there is none."""
 
 
 def simulated(scene: Scene, run: Measured, sigma: Reals, density: float, seconds: float, seed: int) -> Measured:
@@ -45,12 +50,12 @@ def simulated(scene: Scene, run: Measured, sigma: Reals, density: float, seconds
     noise = {"noise": {"force": density}} if density else {}
     parameters = type(scene.parameters).model_validate({**scene.parameters.model_dump(exclude_none=True), **noise})
     bare = replace(_fine(scene, rate), parameters=parameters, controllers={}, protocol=(), seed=seed)
-    made = simulate(bare, duration_ns=round((1.0 + _SETTLES) * seconds * 1e9), audited=False)
+    twin = simulate(bare, duration_ns=round((1.0 + _SETTLES) * seconds * 1e9), audited=False)
     chance = np.random.default_rng(seed)
     columns = []
     for column, s in zip(run.columns, sigma):
-        t = np.arange(_SETTLES * seconds, float(made.time[-1]), 1.0 / column.rate)
-        v = np.interp(t, made.time, made.signals[column.output]) + s * chance.standard_normal(t.size)
+        t = np.arange(_SETTLES * seconds, float(twin.time[-1]), 1.0 / column.rate)
+        v = np.interp(t, twin.time, twin.signals[column.output]) + s * chance.standard_normal(t.size)
         columns.append(replace(column, start=float(t[0]), v=v))
     return replace(run, name=f"twin of {run.name}", columns=tuple(columns))
 
@@ -61,30 +66,32 @@ def _fine(scene: Scene, rate: float) -> Scene:
         frame = 1e9 / scene.frame_ns
         dense = {f"sensors.{name}.rate": frame * math.ceil(rate / frame - 1e-9)}
         try:
-            made = varied(replace(scene, sensors={name: sensor}), dense)
+            fine = varied(replace(scene, sensors={name: sensor}), dense)
         except SceneError:
             continue
-        if made.step_ns <= 1.001e9 / rate:
-            return made
+        if fine.step_ns <= 1.001e9 / rate:
+            return fine
     return replace(scene, sensors={})
 
 
 def on_cycle(scene: Scene, cycle: Cycle | None = None) -> Scene:
     """The scene with a start on its limit cycle, as far as its start can be stated: beside it sliding may be stable."""
     cycle = limit_cycle(scene, ACCURACY, LONGEST_SETTLING) if cycle is None else cycle
-    keys = [key for key, (value, _) in scene.values().items() if key.startswith("start.") and isinstance(value, float)]
+    values = scene.values()
+    keys = [key for key, (value, _) in values.items() if key.startswith("start.") and isinstance(value, float)]
     if not keys or not cycle.found:
         return scene
-    stated = np.array([float(scene.values()[key][0]) for key in keys])
+    stated = np.array([float(values[key][0]) for key in keys])
 
     def start(values: Reals) -> Reals:
         begun = varied(scene, dict(zip(keys, values.tolist()))).assemble().start
         return np.array([begun.get(name, 0.0) for name in cycle.state])
 
     try:
-        here = start(stated)
-        slopes = np.stack([(start(stated + _STATED * row) - here) / _STATED for row in np.eye(len(keys))], axis=1)
-        step, *_ = np.linalg.lstsq(slopes, np.array([*cycle.state.values()]) - here, rcond=None)
+        begun = start(stated)
+        slopes = np.stack([(start(stated + _STATED * row) - begun) / _STATED for row in np.eye(len(keys))], axis=1)
+        on_cycle = np.array([*cycle.state.values()])
+        step, *_ = np.linalg.lstsq(slopes, on_cycle - begun, rcond=None)
         return varied(scene, dict(zip(keys, (stated + step).tolist())))
     except SceneError:
         return scene
@@ -101,14 +108,16 @@ def mean_left(scene: Scene, run: Measured, density: float, seconds: float, seed:
         raise UsageError(cycle.why)
     period = sampled(cycle, scene, run)
     sigmas = np.array(sigma)
-    twin = CycleRun.of(simulated(on_cycle(scene, cycle), run, sigmas, density, seconds, int(seed)), period)
+    measured = simulated(on_cycle(scene, cycle), run, sigmas, density, seconds, int(seed))
+    twin = CycleRun.of(measured, period)
     if abs(math.log(twin.period / period.period)) > REPEATS:
         raise UsageError(f"{run.name}: the twin has a period of {twin.period:.4g} s, not {period.period:.4g} s")
     left = replace(twin, sigma=sigmas).left(period, np.zeros(len(sigmas)))
-    mean, ends = left.mean(axis=0), np.cumsum([samples.shape[1] for samples in twin.samples])[:-1]
-    made = {f"mean{i}": part for i, part in enumerate(np.split(mean, ends))}
-    made |= {f"times{i}": times.mean(axis=0) for i, times in enumerate(twin.times)}
-    return made | {"scatter": np.array(scatter(left)), "count": np.array(len(left))}
+    mean = left.mean(axis=0)
+    ends = np.cumsum([samples.shape[1] for samples in twin.samples])[:-1]
+    means = {f"mean{i}": part for i, part in enumerate(np.split(mean, ends))}
+    times = {f"times{i}": of_column.mean(axis=0) for i, of_column in enumerate(twin.times)}
+    return means | times | {"scatter": np.array(scatter(left)), "count": np.array(len(left))}
 
 
 def scatter(left: Reals) -> float:
@@ -116,12 +125,12 @@ def scatter(left: Reals) -> float:
     return float(((left - left.mean(axis=0)) ** 2).sum() / max((len(left) - 1) * left.shape[1], 1))
 
 
-Twins = Callable[[float, Sequence[float]], list[Arrays | str]]
-"""For a density of process noise and a duration of each run: the twins, or why there is none."""
-
-
-def expecting(evidence: Sequence[CycleRun], left: Sequence[Reals], twins: Twins, density: float,
-              ) -> tuple[list[CycleRun], float] | str:  # fmt: skip
+def expecting(
+    evidence: Sequence[CycleRun],
+    left: Sequence[Reals],
+    twins: Twins,
+    density: float,
+) -> tuple[list[CycleRun], float] | str:
     """The evidence with what noise adds to the mean of each cycle, and the density of the noise; why there is none.
 
     `left`: what the fit leaves now. `density`: of a fit before, 0 for none.
@@ -131,16 +140,19 @@ def expecting(evidence: Sequence[CycleRun], left: Sequence[Reals], twins: Twins,
         return [*evidence], 0.0
 
     def asked(length: tuple[float, float], density: float) -> list[Arrays] | str:
-        seconds = []
+        times, periods = length
+        durations = []
         for each in evidence:
             most = _SAMPLES / max(column.rate for column in each.run.columns)
-            seconds.append(min(max(min(length[0] * each.run.seconds, length[1] * each.period), each.run.seconds), most))
-        made = twins(density, seconds)
-        rows = [row for row in made if not isinstance(row, str)]
-        return rows if len(rows) == len(made) else next(row for row in made if isinstance(row, str))
+            wanted = min(times * each.run.seconds, periods * each.period)
+            durations.append(min(max(wanted, each.run.seconds), most))
+        answers = twins(density, durations)
+        rows = [row for row in answers if not isinstance(row, str)]
+        return rows if len(rows) == len(answers) else next(row for row in answers if isinstance(row, str))
 
     if not density:
-        density = _TRIAL * max(each.run.settings.get("load.force", 0.0) for each in evidence) or _TRIAL
+        load = max(each.run.settings.get("load.force", 0.0) for each in evidence)
+        density = _TRIAL * load or _TRIAL
         for _ in range(_TRIALS):
             rows = asked(_SHORT, density)
             if isinstance(rows, str):  # too much noise for the cycle
@@ -153,14 +165,16 @@ def expecting(evidence: Sequence[CycleRun], left: Sequence[Reals], twins: Twins,
     rows = asked(_LONG, density)
     if isinstance(rows, str):
         return rows
-    made = []
+    expecting_noise = []
     for each, row in zip(evidence, rows):
         parts = [np.interp(times.mean(axis=0), row[f"times{i}"], row[f"mean{i}"]) for i, times in enumerate(each.times)]
-        made.append(replace(each, expected=np.concatenate(parts), share=len(each.begins) / float(row["count"])))
-    return made, density * _ratio(excess, rows)
+        share = len(each.begins) / float(row["count"])
+        expecting_noise.append(replace(each, expected=np.concatenate(parts), share=share))
+    return expecting_noise, density * _ratio(excess, rows)
 
 
 def _ratio(excess: Reals, rows: Sequence[Any]) -> float:
     """By which factor the density of the noise of twins is too small, within a factor of ten."""
-    there = np.array([float(row["scatter"]) - 1.0 for row in rows])
-    return float(np.clip(math.sqrt(float(np.median(np.maximum(excess, 0.0) / np.maximum(there, 1e-3)))), 0.1, 10.0))
+    of_twins = np.array([float(row["scatter"]) - 1.0 for row in rows])
+    ratios = np.maximum(excess, 0.0) / np.maximum(of_twins, 1e-3)
+    return float(np.clip(math.sqrt(float(np.median(ratios))), 0.1, 10.0))

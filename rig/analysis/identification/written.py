@@ -7,6 +7,7 @@ logarithms of the parameters, or the parameters over their unit where the range 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from rig.analysis.identification.answer import Identified, Parameter
+from rig.analysis.identification.runs import Free
 from rig.errors import UsageError
 from rig.machine.files import write_file
 from rig.printable import counted
@@ -30,11 +32,12 @@ def write(identified: Identified, out: Path, based_on: str) -> tuple[Path, Path]
     """
     if not identified.told:
         raise UsageError(f"{out} is not written: no parameter is identified")
-    base = Path(based_on)
     if based_on.endswith(".toml"):
         folder = out.parent.resolve()
-        near = base.resolve().is_relative_to(folder)
-        based_on = base.resolve().relative_to(folder).as_posix() if near else base.resolve().as_posix()
+        base = Path(based_on).resolve()
+        if base.is_relative_to(folder):
+            base = base.relative_to(folder)
+        based_on = base.as_posix()
     beside = out.with_name(f"{out.stem}{ENDING}")
     write_file(out, scene_text(identified, based_on).encode())
     write_file(beside, (json.dumps(covariance(identified), indent=1) + "\n").encode())
@@ -44,7 +47,8 @@ def write(identified: Identified, out: Path, based_on: str) -> tuple[Path, Path]
 def scene_text(identified: Identified, based_on: str) -> str:
     """The text of the scene."""
     today = datetime.now(UTC).date().isoformat()
-    scene, runs = identified.task.scene, len(identified.best.runs)
+    scene = identified.task.scene
+    runs = len(identified.best.runs)
     lines = [
         f"# Parameters that rig identify found in {identified.task.where} on {today}: {counted(runs, 'run')}.",
         "# Keys that it could not identify keep the values of the scene that this one is based on.",
@@ -55,44 +59,18 @@ def scene_text(identified: Identified, based_on: str) -> str:
     tables: dict[str, list[str]] = {}
     for key, unit, value in _law_keys(identified):
         table, _, field = key.rpartition(".")
-        needed = (
-            f"{field} = {value}" if unit is None else _line(field, value, unit, "chosen", "of the law, not identified")
-        )
-        tables.setdefault(table, []).append(needed)
+        line = f"{field} = {value}"
+        if unit is not None:
+            line = _line(field, value, unit, "chosen", "of the law, not identified")
+        tables.setdefault(table, []).append(line)
+    where = Path(identified.task.where).name
     for p in identified.told:
         table, _, field = p.key.rpartition(".")
-        note = f"{Path(identified.task.where).name}, {today}, {counted(runs, 'run')}, 90 % {p.low:.6g} to {p.high:.6g}"
+        note = f"{where}, {today}, {counted(runs, 'run')}, 90 % {p.low:.6g} to {p.high:.6g}"
         tables.setdefault(table, []).append(_line(field, f"{p.value:.9g}", p.unit, "identified", note))
     for table, rows in tables.items():
         lines += ["", f"[{table}]", *rows]
     return "\n".join([*lines, ""])
-
-
-def _line(field: str, value: str, unit: str, origin: str, note: str) -> str:
-    text = json.dumps(value if unit == "1" else f"{value} {unit}")
-    return f"{field} = [{text}, {json.dumps(origin)}, {json.dumps(note)}]"
-
-
-def _law_keys(identified: Identified) -> list[tuple[str, str | None, str]]:
-    """Keys of another law than that of the scene: its name, what it needs, and "none" for those that it lacks."""
-    old, new = identified.task.scene, identified.best.law.scene
-    if _friction(old).get("law") == _friction(new).get("law"):
-        return []
-    told = {p.key for p in identified.told}
-    made: list[tuple[str, str | None, str]] = [("friction.law", None, json.dumps(identified.best.law.name))]
-    values = {p.key: p for p in identified.parameters}
-    made += [(f"friction.{key}", None, '"none"') for key in _friction(old) if key not in _friction(new)]
-    for key, value in _friction(new).items():
-        whole = f"friction.{key}"
-        if key != "law" and whole not in told and isinstance(value, float):
-            p: Parameter | None = values.get(whole)
-            made.append((whole, "1" if p is None else p.unit, f"{value if p is None else p.value:.9g}"))
-    return made
-
-
-def _friction(scene: Scene) -> dict[str, Any]:
-    friction = getattr(scene.parameters, "friction", None)
-    return dict(friction.model_dump(exclude_none=True)) if friction is not None else {}
 
 
 def covariance(identified: Identified) -> dict[str, Any]:
@@ -104,10 +82,48 @@ def covariance(identified: Identified) -> dict[str, Any]:
         "scene": identified.task.scene.name,
         "law": best.law.name,
         "runs": [run.name for run in best.runs],
-        "parameters": [
-            {"key": f.key, "unit": f.unit, "value": told[f.key].value, "log": f.log, "size": f.size, "from": f.low,
-             "to": f.high}
-            for f in (best.law.free[i] for i in index)
-        ],
+        "parameters": [_as_json(best.law.free[i], told) for i in index],
         "covariance": np.asarray(best.covariance)[np.ix_(index, index)].tolist(),
-    }  # fmt: skip
+    }
+
+
+def _line(field: str, value: str, unit: str, origin: str, note: str) -> str:
+    text = json.dumps(value if unit == "1" else f"{value} {unit}")
+    return f"{field} = [{text}, {json.dumps(origin)}, {json.dumps(note)}]"
+
+
+def _law_keys(identified: Identified) -> list[tuple[str, str | None, str]]:
+    """Keys of another law than that of the scene: its name, what it needs, and "none" for those that it lacks."""
+    old = _friction(identified.task.scene)
+    new = _friction(identified.best.law.scene)
+    if old.get("law") == new.get("law"):
+        return []
+    told = {p.key for p in identified.told}
+    keys: list[tuple[str, str | None, str]] = [("friction.law", None, json.dumps(identified.best.law.name))]
+    keys += [(f"friction.{key}", None, '"none"') for key in old if key not in new]
+    fitted = {p.key: p for p in identified.parameters}
+    for field, value in new.items():
+        key = f"friction.{field}"
+        if field == "law" or key in told or not isinstance(value, float):
+            continue
+        p = fitted.get(key)
+        keys.append((key, "1", f"{value:.9g}") if p is None else (key, p.unit, f"{p.value:.9g}"))
+    return keys
+
+
+def _friction(scene: Scene) -> dict[str, Any]:
+    friction = getattr(scene.parameters, "friction", None)
+    return dict(friction.model_dump(exclude_none=True)) if friction is not None else {}
+
+
+def _as_json(free: Free, told: Mapping[str, Parameter]) -> dict[str, Any]:
+    """A parameter with its coordinate: logarithm, or value over `size`."""
+    return {
+        "key": free.key,
+        "unit": free.unit,
+        "value": told[free.key].value,
+        "log": free.log,
+        "size": free.size,
+        "from": free.low,
+        "to": free.high,
+    }

@@ -26,8 +26,9 @@ import numpy as np
 
 from rig.analysis.recorded.amplitude import rises
 from rig.analysis.recorded.comparison import Measure
+from rig.analysis.recorded.density import Density
 from rig.analysis.recorded.series import scene_name, series
-from rig.analysis.recorded.spectrum import Density, spectrum
+from rig.analysis.recorded.spectrum import spectrum
 from rig.analysis.recorded.stick_slip import StickSlip, stick_slip
 from rig.bench.run.simulate import simulate
 from rig.errors import Faults, UsageError
@@ -42,10 +43,11 @@ from rig.scenes.protocol import STEPS, Follow, Track, flat
 from rig.scenes.scene import Scene
 from rig.units import same_unit
 
-_PHASES, _FEWEST = 100, 3
-_LOAD = "normal_force"
+_PHASES = 100  # of a cycle, at which cycles are compared
+_FEWEST = 3  # cycles
+_LOAD = "normal_force"  # the output of plants with a load
 _LOBE = 2  # lines of a Hann window beside its middle
-_OCTAVE = math.sqrt(2.0)
+_OCTAVE = math.sqrt(2.0)  # from the middle of an octave to its ends
 _STILL = 0.01  # times the RMS: a mean below it is zero
 
 
@@ -81,7 +83,7 @@ class Pair(NamedTuple):
 class AgainstScene(Result):
     """The result of `against_scene`. Deviations are of the simulation from the measurement."""
 
-    FIGURE: ClassVar = "rig.analysis.recorded.figures:against_scene_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.comparison_figures:against_scene_figure"
 
     recording: str
     scene: str
@@ -112,13 +114,9 @@ class AgainstScene(Result):
             "follows": dict(self.followed),
             "constant": {name: value for name, (value, _) in self.constant.items()},
             "pairs": {pair.channel: pair.simulated_as for pair in self.pairs},
-            "measures": [
-                {"channel": m.channel, "measure": m.name, "unit": m.unit, "measured": m.first, "simulated": m.second,
-                 "percent": m.percent}
-                for m in self.measures
-            ],
+            "measures": [_as_json(measure) for measure in self.measures],
             "notes": list(self.notes),
-        }  # fmt: skip
+        }
 
     def text(self) -> str:
         """Return the report as text."""
@@ -156,63 +154,71 @@ def against_scene(
     if run.span is None:
         raise UsageError("the recording has no samples")
     start, last = run.span
-    own = any(isinstance(step, Follow) for step in flat(scene.protocol))
-    ways = {} if own else dict(follow) if follow else _default(run, scene)
-    moved = replace(scene, protocol=_protocol(run, scene, ways)) if ways else scene
-    if not ways and not own:
-        moved = replace(scene, protocol=())
-    made = simulate(moved, duration_ns=None if own else max(round((last - start) * 1e9), scene.frame_ns))
+    follows = any(isinstance(step, Follow) for step in flat(scene.protocol))
+    ways: dict[str, str] = {}
+    moved = scene
+    duration_ns = None
+    if not follows:
+        ways = dict(follow) if follow else _default(run, scene)
+        moved = replace(scene, protocol=_protocol(run, scene, ways) if ways else ())
+        duration_ns = max(round((last - start) * 1e9), scene.frame_ns)
+    simulated = simulate(moved, duration_ns=duration_ns)
     notes = [step.file.about.get("note", "") for step in flat(moved.protocol) if isinstance(step, Follow)]
-    notes += [f"the simulation is not complete: {made.fault}"] if made.fault else []
-    begin, end = max(begin, start), min(end, start + (made.span[1] if made.span else 0.0))
+    notes += [f"the simulation is not complete: {simulated.fault}"] if simulated.fault else []
+    begin = max(begin, start)
+    end = min(end, start + (simulated.span[1] if simulated.span else 0.0))
     if begin >= end:
         raise UsageError(f"the time span is empty; the recording has {start:g} to {last:g} s")
-    pairs = _pairs(run, made, pair or {}, set(ways.values()))
+    pairs = _pairs(run, simulated, pair or {}, set(ways.values()))
     named = [stick.get(role, "") for role in ("velocity", "friction", "drive", "load")] if stick else []
-    if lost := [name for name in named if isinstance(name, str) and name and name not in {*pairs, *ways.values()}]:
+    known = {*pairs, *ways.values(), ""}
+    lost = [name for name in named if isinstance(name, str) and name not in known]
+    if lost:
         raise UsageError(
             f'{", ".join(lost)}: the simulation has no such channel; pair it: --pair "{lost[0]} = SIMULATED"'
         )
-    mirrored = _mirrored(run, made, pairs, ways, start)
+    mirrored = _mirrored(run, simulated, pairs, ways, start)
     slips: tuple[StickSlip, StickSlip] | None = None
     if stick:
         first, second = (stick_slip(of, **stick, first=begin, last=end) for of in (run, mirrored))
-        slips = first, second
-        spiky = [
-            f"{count} samples of the {which} force are replaced (spikes)"
-            for which, count in (("measured", first.spikes), ("simulated", second.spikes))
-            if count
-        ]
-        notes += spiky
+        slips = (first, second)
+        for which, count in (("measured", first.spikes), ("simulated", second.spikes)):
+            if count:
+                notes.append(f"{count} samples of the {which} force are replaced (spikes)")
     evaluated = [_evaluated(run, mirrored, name, told, begin, end, slips) for name, (told, _, _) in pairs.items()]
     constant = {name: (i.value, i.unit) for name, i in scene.assemble().inputs.items() if name not in ways}
-    if own:
-        constant = {}
     measures = [measure for result in evaluated for measure in _measures(run, mirrored, result, begin, end)]
+    if slips:
+        measures += _stick_measures(*slips)
     return AgainstScene(
         scene_name(run),
         scene.name,
         begin,
         end,
         ways,
-        constant,
-        (*measures, *(_stick_measures(*slips) if slips else ())),
+        {} if follows else constant,
+        tuple(measures),
         tuple(evaluated),
         slips,
         tuple(filter(None, notes)),
-        made,
+        simulated,
     )
 
 
 def _default(run: Run, scene: Scene) -> dict[str, str]:
     """Which actuators follow which channels, by their names."""
-    assembly, known, ways = scene.assemble(), signals(run), dict[str, str]()
+    assembly = scene.assemble()
+    known = signals(run)
+    ways = dict[str, str]()
     roles = {name: output.role for name, output in assembly.outputs.items()}
     outputs = {"drive.speed": [name for name, role in roles.items() if role == "drive"], "load.force": [_LOAD]}
     for actuator, names in outputs.items():
         sensors = [name for name, sensor in scene.sensors.items() if sensor.reads in names]
+        if actuator not in assembly.inputs:
+            continue
+        unit = assembly.inputs[actuator].unit
         for name in (actuator.replace(".", "_"), *sensors, *names):
-            if actuator in assembly.inputs and name in known and same_unit(known[name], assembly.inputs[actuator].unit):
+            if name in known and same_unit(known[name], unit):
                 ways.setdefault(actuator, name)
     return ways
 
@@ -237,8 +243,10 @@ def _protocol(run: Run, scene: Scene, ways: Mapping[str, str]) -> tuple[Any, ...
 
 def _pairs(run: Run, made: Run, given: Mapping[str, str], used: set[str]) -> dict[str, tuple[str, str, float]]:
     """Measured channel -> text of the pair, simulated channel, factor. Raises UsageError with all faults."""
-    ours, theirs = signals(run), signals(made)
-    pairs, faults = dict[str, tuple[str, str, float]](), Faults()
+    ours = signals(run)
+    theirs = signals(made)
+    pairs = dict[str, tuple[str, str, float]]()
+    faults = Faults()
     texts = given or {name: name for name in ours if name in theirs and name not in used}
     if not texts:
         raise UsageError(
@@ -273,7 +281,8 @@ def _mirrored(
     run: Run, made: Run, pairs: Mapping[str, tuple[str, str, float]], ways: Mapping[str, str], start: float
 ) -> Run:
     """The simulation as a measurement: channels with the names and instants of `run`; followed ones are those of it."""
-    names, units = signals(run), dict[str, str]()
+    names = signals(run)
+    units = dict[str, str]()
     channels = dict[str, Samples]()
     for name in dict.fromkeys((*pairs, *ways.values())):
         measured = samples(run, name, names[name])
@@ -284,9 +293,9 @@ def _mirrored(
         _, other, factor = pairs[name]
         simulated = samples(made, other, signals(made)[other])
         t_ns = measured.t_ns - round(start * 1e9)
-        here = t_ns <= simulated.t_ns[-1]
-        values = factor * np.interp(t_ns[here], simulated.t_ns, simulated.v)
-        channels[name] = Samples(measured.t_ns[here], values)
+        inside = t_ns <= simulated.t_ns[-1]
+        values = factor * np.interp(t_ns[inside], simulated.t_ns, simulated.v)
+        channels[name] = Samples(measured.t_ns[inside], values)
     return Run("", made.step_ns, made.frame_ns, np.empty(0), {}, units, channels, name=scene_name(made), measured=True)
 
 
@@ -296,14 +305,15 @@ def _evaluated(
     """Both channels with their cycles."""
     both = [series(of, name, begin, end) for of in (run, mirrored)]
     count = min(channel.v.size for channel in both)
-    t, (first, second) = both[0].t[:count], (channel.v[:count] for channel in both)
-    made = []
+    t = both[0].t[:count]
+    first, second = (channel.v[:count] for channel in both)
+    of_both = []
     for i, v in enumerate((first, second)):
         known = np.isfinite(v)
         x = np.interp(t, t[known], v[known])
         begins = np.array([slip.begin for slip in stick[i].slips]) if stick else t[rises(x)]
-        made.append(_cycles(t, x, begins))
-    measured, simulated = made
+        of_both.append(_cycles(t, x, begins))
+    measured, simulated = of_both
     cycles = (measured, simulated) if measured is not None and simulated is not None else None
     return Pair(name, told, both[0].unit, t, first, second, cycles)
 
@@ -324,7 +334,8 @@ def _measures(run: Run, mirrored: Run, pair: Pair, begin: float, end: float) -> 
         return Measure(pair.channel, name, unit, *values)
 
     both = pair.measured, pair.simulated
-    means, sizes = [float(np.nanmean(v)) for v in both], [float(np.nanstd(v)) for v in both]
+    means = [float(np.nanmean(v)) for v in both]
+    sizes = [float(np.nanstd(v)) for v in both]
     yield Measure(pair.channel, "mean", pair.unit, means[0], means[1], _STILL * sizes[0])
     yield Measure(pair.channel, "RMS", pair.unit, sizes[0], sizes[1])
     if not all(sizes):
@@ -337,11 +348,10 @@ def _measures(run: Run, mirrored: Run, pair: Pair, begin: float, end: float) -> 
     except UsageError:  # too short, or a gap in every window
         return
     slowest = 0.5 / pair.cycles[0].period if pair.cycles else 0.0
-    strongest = [float(d.f[_line(d, slowest)]) for d in (first, second)]
-    yield measure("strongest frequency", "Hz", (strongest[0], strongest[1]))
-    levels = [math.sqrt(float(d.s[(d.f > strongest[0] / _OCTAVE) & (d.f < strongest[0] * _OCTAVE)].sum()) * d.step)
-              for d in (first, second)]  # fmt: skip
-    yield measure(f"RMS in the octave about {strongest[0]:.4g} Hz", pair.unit, (levels[0], levels[1]))
+    strongest = (float(first.f[_line(first, slowest)]), float(second.f[_line(second, slowest)]))
+    yield measure("strongest frequency", "Hz", strongest)
+    levels = (_octave(first, strongest[0]), _octave(second, strongest[0]))
+    yield measure(f"RMS in the octave about {strongest[0]:.4g} Hz", pair.unit, levels)
 
 
 def _line(density: Density, slowest: float) -> int:
@@ -350,12 +360,32 @@ def _line(density: Density, slowest: float) -> int:
     return int(np.argmax(np.where(allowed, density.s, -1.0)))
 
 
+def _octave(density: Density, middle: float) -> float:
+    """RMS in the octave about a frequency [Hz]."""
+    inside = (density.f > middle / _OCTAVE) & (density.f < middle * _OCTAVE)
+    return math.sqrt(float(density.s[inside].sum()) * density.step)
+
+
 def _stick_measures(first: StickSlip, second: StickSlip) -> Iterator[Measure]:
-    rows = [("stick time", "stick", "s"), ("motion time", "motion", "s"),
-            ("largest slip speed", "peak", first.speed_unit)]  # fmt: skip
+    rows = [
+        ("stick time", "stick", "s"),
+        ("motion time", "motion", "s"),
+        ("largest slip speed", "peak", first.speed_unit),
+    ]
     if first.force_unit:
         rows += [("breakaway force", "breakaway", first.force_unit), ("force at the end", "restick", first.force_unit)]
     for told, name, unit in rows:
         yield Measure("contact", told, unit, first.median(name)[0], second.median(name)[0])
     yield Measure("contact", "stick share", "1", first.share, second.share)
     yield Measure("contact", "slips", "1", float(len(first.slips)), float(len(second.slips)))
+
+
+def _as_json(measure: Measure) -> dict[str, Any]:
+    return {
+        "channel": measure.channel,
+        "measure": measure.name,
+        "unit": measure.unit,
+        "measured": measure.first,
+        "simulated": measure.second,
+        "percent": measure.percent,
+    }

@@ -31,53 +31,6 @@ from rig.record.run import Run
 from rig.results import Result
 from rig.view.curves import Span
 
-
-@dataclass(frozen=True)
-class Amplitudes(Result):
-    """The amplitude index of every sensor of a run in each of its stages.
-
-    `sticks`: speeds of the last and the first stick, if the run accelerates and decelerates.
-    """
-
-    FIGURE: ClassVar = "rig.analysis.figures:amplitudes_figure"
-    TITLE: ClassVar = "amplitude: half of peak to valley, mean over the cycles"
-    COLUMNS: ClassVar = ("stage", "sensor", "mean", "amplitude", "cycles", "frequency")
-
-    scene: str
-    rows: tuple[Row, ...]
-    sticks: stick_speeds.Stages | None
-
-    def table(self) -> list[tuple[str, str, str, str, str, str]]:
-        """Return a row of texts for each sensor and stage, in the order of COLUMNS."""
-        return [
-            (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}",
-             "-" if math.isnan(row.found.half) else f"{row.found.half:.5g} {row.unit}", str(row.found.cycles),
-             f"{row.found.frequency:.5g} Hz" if row.found.cycles else row.why)
-            for row in self.rows
-        ]  # fmt: skip
-
-    def text(self) -> str:
-        """Return the report as text."""
-        lines = [f"{self.scene}: {self.TITLE}", "", *columns([self.COLUMNS, *self.table()], "<<<<><")]
-        return "\n".join([*lines, *([self.sticks.text()] if self.sticks else [])])
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
-        rows = [{**row._asdict(), "found": {**row.found._asdict(), "why": row.why}} for row in self.rows]
-        return {"rows": rows, "stages": self.sticks._asdict() if self.sticks else None}
-
-
-def amplitudes(run: Run, first: float = 0.0, last: float = float("inf")) -> Amplitudes:
-    """Compute the amplitude index of every sensor from `first` to `last` [s], for each stage of the run.
-
-    Raises UsageError for a time span outside of the run.
-    """
-    if run.span and first >= min(last, run.span[1]):
-        raise UsageError(f"--from {first:g} s to {min(last, run.span[1]):g} s: the time span is empty; the recording "
-                         "has {:g} to {:g} s".format(*run.span))  # fmt: skip
-    return Amplitudes(scene_name(run), tuple(measured(run, first, last)), stick_speeds.stages(run))
-
-
 Array = NDArray[np.float64]
 _NOISE = 4.0  # noise of a cycle reaches this many standard deviations to either side [chosen]
 NOISY = "at noise level"
@@ -103,45 +56,6 @@ class Index(NamedTuple):
         return "" if self.cycles else "less than one whole cycle"
 
 
-def index(t: Array, x: Array) -> Index:
-    """Compute the amplitude index of channel x at times t [s] over its whole cycles. Leave out the transient first."""
-    passages = rises(x)
-    if len(passages) < 2:
-        size = 0.0 if np.ptp(x) == 0.0 else float("nan")
-        return Index(size, size, 0, float("nan"))
-    begin, end = passages[:-1], passages[1:]  # a cycle ends on the sample on which the next one begins
-    high = np.maximum(np.maximum.reduceat(x[: end[-1]], begin), x[end])
-    low = np.minimum(np.minimum.reduceat(x[: end[-1]], begin), x[end])
-    full = np.mean(high - low)
-    cycles = len(passages) - 1
-    return Index(float(0.5 * full), float(full), cycles, float(cycles / (t[passages[-1]] - t[passages[0]])))
-
-
-def growth(t: Array, x: Array) -> float:
-    """Growth rate [1/s] of a vibration x at times t [s]: slope of ln(peak - valley) over the time of the peak.
-
-    The slope is fitted to all cycles by least squares. Cycles smaller than a quarter of the largest are not seen. NaN
-    with less than three cycles.
-    """
-    passages = rises(x)
-    if len(passages) < 4:
-        return float("nan")
-    cycles = [(t[a : b + 1], x[a : b + 1]) for a, b in pairwise(passages)]
-    sizes = np.array([np.ptp(v) for _, v in cycles])
-    peaks = np.array([at[v.argmax()] for at, v in cycles])
-    return float(np.polyfit(peaks - peaks.mean(), np.log(sizes), 1)[0])
-
-
-def rises(x: Array) -> NDArray[np.int64]:
-    """Return the indices at which x has risen through its middle, beyond a hysteresis."""
-    middle, band = 0.5 * (x.max() + x.min()), _BAND * 0.5 * np.ptp(x)
-    if band == 0.0:
-        return np.empty(0, np.int64)
-    side = np.where(x > middle + band, 1, np.where(x < middle - band, -1, 0))
-    sided = np.flatnonzero(side)
-    return np.asarray(sided[1:][(side[sided[1:]] > 0) & (side[sided[:-1]] < 0)], np.int64)
-
-
 class Row(NamedTuple):
     """The amplitude index of one sensor in one stage of a run; `mean` is in the unit of the sensor.
 
@@ -162,6 +76,75 @@ class Row(NamedTuple):
         return NOISY if 0.0 < self.found.half <= self.noise else self.found.why
 
 
+@dataclass(frozen=True)
+class Amplitudes(Result):
+    """The amplitude index of every sensor of a run in each of its stages.
+
+    `sticks`: speeds of the last and the first stick, if the run accelerates and decelerates.
+    """
+
+    FIGURE: ClassVar = "rig.analysis.figures:amplitudes_figure"
+    TITLE: ClassVar = "amplitude: half of peak to valley, mean over the cycles"
+    COLUMNS: ClassVar = ("stage", "sensor", "mean", "amplitude", "cycles", "frequency")
+
+    scene: str
+    rows: tuple[Row, ...]
+    sticks: stick_speeds.Stages | None
+
+    def table(self) -> list[tuple[str, str, str, str, str, str]]:
+        """Return a row of texts for each sensor and stage, in the order of COLUMNS."""
+        return [
+            (
+                row.stage,
+                row.sensor,
+                f"{row.mean:.5g} {row.unit}",
+                "-" if math.isnan(row.found.half) else f"{row.found.half:.5g} {row.unit}",
+                str(row.found.cycles),
+                f"{row.found.frequency:.5g} Hz" if row.found.cycles else row.why,
+            )
+            for row in self.rows
+        ]
+
+    def text(self) -> str:
+        """Return the report as text."""
+        lines = [f"{self.scene}: {self.TITLE}", "", *columns([self.COLUMNS, *self.table()], "<<<<><")]
+        return "\n".join([*lines, *([self.sticks.text()] if self.sticks else [])])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        rows = [{**row._asdict(), "found": {**row.found._asdict(), "why": row.why}} for row in self.rows]
+        return {"rows": rows, "stages": self.sticks._asdict() if self.sticks else None}
+
+
+def amplitudes(run: Run, first: float = 0.0, last: float = float("inf")) -> Amplitudes:
+    """Compute the amplitude index of every sensor from `first` to `last` [s], for each stage of the run.
+
+    Raises UsageError for a time span outside of the run.
+    """
+    if run.span and first >= min(last, run.span[1]):
+        raise UsageError(
+            f"--from {first:g} s to {min(last, run.span[1]):g} s: the time span is empty; the recording "
+            "has {:g} to {:g} s".format(*run.span)
+        )
+    return Amplitudes(scene_name(run), tuple(measured(run, first, last)), stick_speeds.stages(run))
+
+
+def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Row]:
+    """Yield the index of every sensor from `first` to `last` [s], for each stage of the run."""
+    floors = _floors(run)
+    for stage in stages(run, first, last):
+        for sensor, samples in run.measurements.items():
+            t = np.multiply(samples.t_ns, 1e-9, dtype=np.float64)
+            inside = (t >= stage.begin) & (t <= stage.end) & np.isfinite(samples.v)
+            if inside.any():
+                v = samples.v[inside]
+                floor = floors.get(sensor, 0.0)
+                amplitude = index(t[inside], v)
+                if amplitude.half <= floor:
+                    amplitude = amplitude._replace(cycles=0, frequency=float("nan"))
+                yield Row(stage.text, sensor, run.units[f"meas/{sensor}"], float(v.mean()), amplitude, floor)
+
+
 def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Span]:
     """Return the spans between two marks of the protocol from `first` to `last` [s], each named by its mark.
 
@@ -174,24 +157,51 @@ def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Spa
     begins = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]
     if not marks or marks[0][0] > first:
         begins.insert(0, (first, "before" if marks else "whole"))
-    return [
-        Span(t, then, text) for (t, text), (then, _) in pairwise([*((t, s) for t, s in begins if t < end), (end, "")])
-    ]
+    bounds = [(t, text) for t, text in begins if t < end]
+    return [Span(t, then, text) for (t, text), (then, _) in pairwise([*bounds, (end, "")])]
 
 
-def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Row]:
-    """Yield the index of every sensor from `first` to `last` [s], for each stage of the run."""
-    floors = _floors(run)
-    for stage in stages(run, first, last):
-        for sensor, samples in run.measurements.items():
-            t = np.multiply(samples.t_ns, 1e-9, dtype=np.float64)
-            here = (t >= stage.begin) & (t <= stage.end) & np.isfinite(samples.v)
-            if here.any():
-                v, floor = samples.v[here], floors.get(sensor, 0.0)
-                found = index(t[here], v)
-                if found.half <= floor:
-                    found = found._replace(cycles=0, frequency=float("nan"))
-                yield Row(stage.text, sensor, run.units[f"meas/{sensor}"], float(v.mean()), found, floor)
+def index(t: Array, x: Array) -> Index:
+    """Compute the amplitude index of channel x at times t [s] over its whole cycles. Leave out the transient first."""
+    passages = rises(x)
+    if len(passages) < 2:
+        size = 0.0 if np.ptp(x) == 0.0 else float("nan")
+        return Index(size, size, 0, float("nan"))
+    begin = passages[:-1]
+    end = passages[1:]  # a cycle ends on the sample on which the next one begins
+    high = np.maximum(np.maximum.reduceat(x[: end[-1]], begin), x[end])
+    low = np.minimum(np.minimum.reduceat(x[: end[-1]], begin), x[end])
+    full = np.mean(high - low)
+    cycles = len(passages) - 1
+    seconds = t[passages[-1]] - t[passages[0]]
+    return Index(float(0.5 * full), float(full), cycles, float(cycles / seconds))
+
+
+def growth(t: Array, x: Array) -> float:
+    """Growth rate [1/s] of a vibration x at times t [s]: slope of ln(peak - valley) over the time of the peak.
+
+    The slope is fitted to all cycles by least squares. Cycles smaller than a quarter of the largest are not seen. NaN
+    with less than three cycles.
+    """
+    passages = rises(x)
+    if len(passages) < 4:
+        return float("nan")
+    cycles = [(t[a : b + 1], x[a : b + 1]) for a, b in pairwise(passages)]
+    sizes = np.array([np.ptp(v) for _, v in cycles])
+    peaks = np.array([at[v.argmax()] for at, v in cycles])
+    return float(np.polyfit(peaks - peaks.mean(), np.log(sizes), 1)[0])
+
+
+def rises(x: Array) -> NDArray[np.int64]:
+    """Return the indices at which x has risen through its middle, beyond a hysteresis."""
+    middle = 0.5 * (x.max() + x.min())
+    band = _BAND * 0.5 * np.ptp(x)
+    if band == 0.0:
+        return np.empty(0, np.int64)
+    side = np.where(x > middle + band, 1, np.where(x < middle - band, -1, 0))
+    sided = np.flatnonzero(side)
+    risen = (side[sided[1:]] > 0) & (side[sided[:-1]] < 0)
+    return np.asarray(sided[1:][risen], np.int64)
 
 
 def _floors(run: Run) -> dict[str, float]:

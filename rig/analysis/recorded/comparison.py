@@ -37,7 +37,10 @@ _OPERATOR = "operator"
 _LISTED = 20  # most values of the scenes that the text lists
 _NAMED = 2  # most values that a label names
 _LAST = ("sensors.", "clock.", "seed", "limits.", "protocol")  # named where nothing else differs
-_RMS, _GROWTH = "RMS", "growth rate"
+_RMS = "RMS"
+_GROWTH = "growth rate"
+# Measure of a channel -> its unit, in terms of that of the channel
+_MEASURES = {"mean": "{}", _RMS: "{}", "amplitude": "{}", "period": "s", _GROWTH: "1/s"}
 _STILL = 1e-12  # an RMS below this share of the largest value is the rounding error of a constant. [chosen]
 # A vibration whose size changes by less than this share over the time span has no growth rate to compare. [chosen]
 _STEADY = 0.01
@@ -78,7 +81,7 @@ class Measure(NamedTuple):
 class Compared(Result):
     """The comparison of two recordings over a time span [s]; `tolerance`: a share of the range of each channel."""
 
-    FIGURE: ClassVar = "rig.analysis.recorded.figures:comparison_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.comparison_figures:comparison_figure"
 
     begin: float
     end: float
@@ -98,20 +101,26 @@ class Compared(Result):
     @property
     def labels(self) -> tuple[str, str]:
         """What tells the two from each other: their scenes, values that differ, or their names; "A" and "B" if none."""
-        scenes = tuple(scene_name(run) for run in self.runs)
-        differ = self._differing() if len({*scenes}) == 1 and self.values else ("", "")
-        told = scenes if len({*scenes}) == 2 else differ if any(differ) else self.names
-        first, second = told if len({*told}) == 2 else ("", "")
+        names = self._telling_names()
+        first, second = names if len({*names}) == 2 else ("", "")
         return f"A: {first}" if first else "A", f"B: {second}" if second else "B"
+
+    def _telling_names(self) -> tuple[str, ...]:
+        """Names of the two by their scenes, else by values of these that differ, else those of their files."""
+        scenes = tuple(scene_name(run) for run in self.runs)
+        if len({*scenes}) == 2:
+            return scenes
+        differ = self._differing() if len({*scenes}) == 1 and self.values else ()
+        return differ if any(differ) else self.names
 
     def _differing(self) -> tuple[str, ...]:
         """The first values that differ, in words, for each of the two."""
-        scene, shown = (
-            read(self.runs[0].scene),
-            sorted(self.values, key=lambda value: value.key.startswith(_LAST))[:_NAMED],
-        )
-        units = {key: unit for key, (_, unit) in scene.values().items() if unit != "1"} if scene else {}
-        more = [f"and {len(self.values) - len(shown)} more"] if len(self.values) > len(shown) else []
+        scene = read(self.runs[0].scene)
+        shown = sorted(self.values, key=lambda value: value.key.startswith(_LAST))[:_NAMED]
+        values = scene.values() if scene else {}
+        units = {key: unit for key, (_, unit) in values.items() if unit != "1"}
+        others = len(self.values) - len(shown)
+        more = [f"and {others} more"] if others > 0 else []
 
         def words(value: Value, text: str) -> str:
             return f"{value.key} {text or 'none'} {units.get(value.key, '')}".strip()
@@ -129,7 +138,9 @@ class Compared(Result):
         """The outcome of one channel: equal, within tolerance, differs; other length if only the time span differs."""
         if channel.beyond and channel.deviation <= self.tolerance:
             return "other length"
-        return "equal" if channel.equal else "within tolerance" if channel.within(self.tolerance) else "differs"
+        if channel.equal:
+            return "equal"
+        return "within tolerance" if channel.within(self.tolerance) else "differs"
 
     def to_json(self) -> dict[str, Any]:
         """The comparison as plain values."""
@@ -179,30 +190,25 @@ class Compared(Result):
         other = [measure for measure in self.measures if not measure.same]
         if other:
             yield f"measures from {self.begin:g} s to {self.end:g} s that differ"
-            rows = [
-                (
-                    measure.channel,
-                    measure.name,
-                    _number(measure.first),
-                    _number(measure.second),
-                    measure.unit,
-                    _percent(measure.percent),
-                )
-                for measure in other
-            ]
-            yield from columns((("channel", "measure", "A", "B", "unit", "B - A"), *rows), "<<>><>")
+            rows = [("channel", "measure", "A", "B", "unit", "B - A")]
+            for m in other:
+                values = (_number(m.first), _number(m.second), m.unit, _percent(m.percent))
+                rows.append((m.channel, m.name, *values))
+            yield from columns(rows, "<<>><>")
         if self.measures and len(other) < len(self.measures):
             yield f"{len(self.measures) - len(other)} measures are equal"
 
     def _signals(self) -> Iterator[tuple[str, str, str, str]]:
         yield "channel", "outcome", "largest deviation", "first difference"
         for channel in self.signals.signals:
-            worst = f"{channel.deviation:.3g} of the range, t = {channel.worst:.6g} s" if channel.differing else ""
-            first = f"t = {channel.time:.9g} s: {channel.first!r} and {channel.second!r}" if channel.differing else ""
-            alone = (
-                f"samples in one only: {channel.alone[0]} in A, {channel.alone[1]} in B" if any(channel.alone) else ""
-            )
-            yield channel.topic, self.outcome(channel), worst, "; ".join(filter(None, (first, alone)))
+            worst = ""
+            notes = []
+            if channel.differing:
+                worst = f"{channel.deviation:.3g} of the range, t = {channel.worst:.6g} s"
+                notes.append(f"t = {channel.time:.9g} s: {channel.first!r} and {channel.second!r}")
+            if any(channel.alone):
+                notes.append(f"samples in one only: {channel.alone[0]} in A, {channel.alone[1]} in B")
+            yield channel.topic, self.outcome(channel), worst, "; ".join(notes)
 
 
 def compare(
@@ -221,7 +227,8 @@ def compare(
     if not 0.0 <= tolerance < math.inf:
         raise UsageError(f"tolerance {tolerance:g}: must be at least 0, a share of the range, e.g. 1e-6")
     spans = [run.span for run in (first, second) if run.span]
-    low, high = max([begin, *(a for a, _ in spans)]), min([end, *(b for _, b in spans)])
+    low = max([begin, *(span[0] for span in spans)])
+    high = min([end, *(span[1] for span in spans)])
     if len(spans) < 2 or low > high:
         outputs = ["{:g} to {:g} s".format(*run.span) if run.span else "none" for run in (first, second)]
         asked = f" from {begin:g} s on" if end == math.inf else f" from {begin:g} s to {end:g} s"
@@ -245,7 +252,8 @@ def compare(
 def _values(first: Run, second: Run) -> Iterator[Value]:
     ours, two = (_flat(run) for run in (first, second))
     for key in dict.fromkeys([*ours, *two]):
-        a, b = ours.get(key, ""), two.get(key, "")
+        a = ours.get(key, "")
+        b = two.get(key, "")
         if a != b:
             yield Value(key, a, b)
 
@@ -268,11 +276,11 @@ def _flat(run: Run) -> dict[str, str]:
     """Dotted key -> value as text, of a recorded scene, and the hash of each part from a file; empty if it is lost."""
     told = described(run.scene)
     values = flattened({name: value for name, value in told.items() if name not in _PLAIN})
-    texts = {
-        key.removeprefix("parameters."): f"{value:.9g}" if isinstance(value, float) else str(value)
-        for key, value in values
-        if value is not None
-    }
+    texts = {}
+    for key, value in values:
+        if value is not None:
+            text = f"{value:.9g}" if isinstance(value, float) else str(value)
+            texts[key.removeprefix("parameters.")] = text
     parts = told.get("parts")
     files = [part for part in parts if isinstance(part, dict)] if isinstance(parts, list) else []
     return texts | {f"source of {part.get('name')}": f"SHA-256 {part.get('sha256')!s:.12}..." for part in files}
@@ -280,12 +288,17 @@ def _flat(run: Run) -> dict[str, str]:
 
 def _actions(first: Run, second: Run) -> Iterator[str]:
     """Actions of operators that only one run has, in words."""
-    ours, two = (
-        [(e["t_ns"], e["text"]) for e in run.plant_events if e["data"].get("by") == _OPERATOR]
-        for run in (first, second)
-    )
-    for which, mine, other in (("A", ours, two), ("B", two, ours)):
-        yield from (f"{which}: t = {t_ns * 1e-9:g} s: {text}" for t_ns, text in mine if (t_ns, text) not in other)
+    ours = _by_operators(first)
+    two = _by_operators(second)
+    for which, actions, other in (("A", ours, two), ("B", two, ours)):
+        for t_ns, text in actions:
+            if (t_ns, text) not in other:
+                yield f"{which}: t = {t_ns * 1e-9:g} s: {text}"
+
+
+def _by_operators(run: Run) -> list[tuple[int, str]]:
+    """Time [ns] and text of each action of an operator."""
+    return [(e["t_ns"], e["text"]) for e in run.plant_events if e["data"].get("by") == _OPERATOR]
 
 
 def _measures(first: Run, second: Run, begin: float, end: float) -> Iterator[Measure]:
@@ -294,10 +307,13 @@ def _measures(first: Run, second: Run, begin: float, end: float) -> Iterator[Mea
     for name in names:
         if name in two:
             a, b = (_of(series) for series in _alike(ours[name], two[name]))
-            unit, size = first.units.get(name, ""), float(np.nanmax(np.abs(ours[name].values), initial=0.0))
-            zeros = {_RMS: _STILL * size, _GROWTH: _STEADY / (end - begin) if end > begin else 0.0}
-            for measure, (of, value) in a.items():
-                yield Measure(name, measure, of.format(unit), value, b[measure][1], zeros.get(measure, 0.0))
+            unit = first.units.get(name, "")
+            size = float(np.nanmax(np.abs(ours[name].values), initial=0.0))
+            steady = _STEADY / (end - begin) if end > begin else 0.0
+            zeros = {_RMS: _STILL * size, _GROWTH: steady}
+            for measure, value in a.items():
+                unit_of_measure = _MEASURES[measure].format(unit)
+                yield Measure(name, measure, unit_of_measure, value, b[measure], zeros.get(measure, 0.0))
     yield Measure("contact", "stick share", "1", *(_stick(run, begin, end) for run in (first, second)))
     yield Measure("contact", "events", "1/s", *(_events(run, begin, end) for run in (first, second)))
 
@@ -310,19 +326,17 @@ def _alike(ours: Series, two: Series) -> tuple[Series, Series]:
     return Series(shared, ours.values[at_one]), Series(shared, two.values[at_two])
 
 
-def _of(channel: Series) -> dict[str, tuple[str, float]]:
-    """Measure -> unit and value, of one channel."""
-    here = np.isfinite(channel.values)
-    t, v = np.multiply(channel.t_ns[here], 1e-9, dtype=np.float64), channel.values[here]
+def _of(channel: Series) -> dict[str, float]:
+    """The measures of one channel."""
+    known = np.isfinite(channel.values)
+    t = np.multiply(channel.t_ns[known], 1e-9, dtype=np.float64)
+    v = channel.values[known]
     if not v.size:
-        return {name: (unit, math.nan) for name, unit in _MEASURES.items()}
+        return dict.fromkeys(_MEASURES, math.nan)
     cycles = index(t, v)
     size, period = (cycles.half, 1.0 / cycles.frequency) if cycles.cycles else (math.nan, math.nan)
-    values = float(v.mean()), float(v.std()), size, period, growth(t, v)
-    return {name: (unit, value) for (name, unit), value in zip(_MEASURES.items(), values)}
-
-
-_MEASURES = {"mean": "{}", _RMS: "{}", "amplitude": "{}", "period": "s", _GROWTH: "1/s"}
+    values = (float(v.mean()), float(v.std()), size, period, growth(t, v))
+    return dict(zip(_MEASURES, values))
 
 
 def _notes(run: Run) -> Iterator[str]:
@@ -342,8 +356,11 @@ def _stuck(run: Run) -> tuple[NDArray[np.bool_] | None, str]:
 
 def _stick(run: Run, begin: float, end: float) -> float:
     """The share of the recorded contact states in which a loaded contact sticks; NaN where it is not known."""
-    sticks, here = _stuck(run)[0], (run.time >= begin) & (run.time <= end)
-    return math.nan if sticks is None or not here.any() else float(np.mean(sticks[here]))
+    sticks = _stuck(run)[0]
+    inside = (run.time >= begin) & (run.time <= end)
+    if sticks is None or not inside.any():
+        return math.nan
+    return float(np.mean(sticks[inside]))
 
 
 def _events(run: Run, begin: float, end: float) -> float:

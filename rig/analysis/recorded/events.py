@@ -31,19 +31,27 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 Floats = NDArray[np.float32]
-_QUIET, _LINES = 0.2, 25  # share of the windows that count as quiet; lines around one whose middle is its noise
-_ONCE, _LOW = 0.01, 10.0**0.5  # times that noise begins an event in a recording; ratio below which one ends
+_QUIET = 0.2  # share of the windows that count as quiet
+_LINES = 25  # lines around one whose middle is its noise
+_ONCE = 0.01  # times that noise begins an event in a recording
+_LOW = 10.0**0.5  # power over the noise below which an event ends: 5 dB
 _DEPTH = 1e-7  # of the largest power: less is not examined
-_WINDOW, _PERIODS, _STEPS = 0.040, 8.0, 4  # s; periods of the tone in a window; steps in its length
+_WINDOW = 0.040  # s, at least
+_PERIODS = 8.0  # of the strongest tone in a window
+_STEPS = 4  # in the length of a window
 _LOWEST = 3  # line of the lowest tone
-_REACH, _BRIDGE = 2, 3  # lines by which a tone may move in a step; steps without it that do not end an event
+_REACH = 2  # lines by which a tone may move in a step
+_BRIDGE = 3  # steps without a tone that do not end its event
 _CHUNK = 1 << 22  # samples transformed at once
 _POINTS = 41  # of the eigenvalues over speed or load
-_HARMONICS, _HIDDEN = 6, 1e-4  # highest order of a stronger harmonic; power beside a stronger tone, less is hidden
+_HARMONICS = 6  # highest order of a stronger harmonic
+_HIDDEN = 1e-4  # power over that of a stronger tone: less beside it is hidden
 _JITTER = 2e-3  # of the frequency: how exactly those of harmonics are known; five times as much for weak ones
 _THIRD = 2.0 ** (1.0 / 6.0) - 2.0 ** (-1.0 / 6.0)  # of the frequency: width of a third of an octave
-
-
+# Units of a condition, and words one of which is in the name of its channel
+_SPEEDS = (("m/s", "rad/s", "Hz"), ("speed", "rpm", "drive"))
+_LOADS = (("N", "Pa"), ("load", "normal", "preload", "pressure"))
+_TEMPERATURES = (("K", "degC"), ("",))
 _THROUGHOUT = "a tone without quiet time before and after it is compared with the lines beside it"
 
 
@@ -77,15 +85,6 @@ class Event(NamedTuple):
         return self.growing if math.isfinite(self.growing) else self.frequency
 
 
-class _Track(NamedTuple):
-    """A tone in the windows `first` to `last`, strongest in `line`; `path`: window and line of each step."""
-
-    first: int
-    last: int
-    line: int
-    path: tuple[tuple[int, int], ...]
-
-
 @dataclass(frozen=True)
 class Events(Result):
     """The result of `events`. `window` [s]; `lowest`: lowest frequency of a tone [Hz]; `others`: name -> unit of the
@@ -116,18 +115,45 @@ class Events(Result):
         lines += [f"  {self.notes}"] if self.notes else []
         if not self.events:
             return "\n".join([*lines, "  no tone rises out of the noise"])
-        rows = [("begin s", "end s", "frequency Hz", f"RMS {self.unit}", "over noise dB", "growth 1/s", "90 %",
-                 "growing Hz", "decay 1/s", *(f"{name} {unit}" for name, unit in self.others.items()),
-                 *(("scene Hz", "scene 1/s") if self.sweep else ()), "")]  # fmt: skip
-        for e in self.events:
-            interval = f"{e.low:.4g} .. {e.high:.4g}" if math.isfinite(e.low) else ""
-            notes = [f"cut at {'begin and end' if e.cut == 'both' else f'the {e.cut}'}"] if e.cut else []
-            notes += [counted(e.harmonics, "harmonic")] if e.harmonics else []
-            rows.append((f"{e.begin:.4f}", f"{e.end:.4f}", f"{e.frequency:.2f}", f"{e.rms:.4g}", f"{e.level:.1f}",
-                         _number(e.growth), interval, _number(e.growing, 6), _number(e.decay),
-                         *map(_number, e.at.values()), *(map(_number, self.eigenvalue(e)) if self.sweep else ()),
-                         ", ".join(notes)))  # fmt: skip
-        return "\n".join([*lines, *columns(rows, ">" * (len(rows[0]) - 1) + "<")])
+        titles = (
+            "begin s",
+            "end s",
+            "frequency Hz",
+            f"RMS {self.unit}",
+            "over noise dB",
+            "growth 1/s",
+            "90 %",
+            "growing Hz",
+            "decay 1/s",
+            *(f"{name} {unit}" for name, unit in self.others.items()),
+            *(("scene Hz", "scene 1/s") if self.sweep else ()),
+            "",
+        )
+        rows = [titles, *(self._row(event) for event in self.events)]
+        return "\n".join([*lines, *columns(rows, ">" * (len(titles) - 1) + "<")])
+
+    def _row(self, e: Event) -> tuple[str, ...]:
+        """An event in the columns of the report."""
+        interval = f"{e.low:.4g} .. {e.high:.4g}" if math.isfinite(e.low) else ""
+        notes = []
+        if e.cut:
+            notes.append("cut at begin and end" if e.cut == "both" else f"cut at the {e.cut}")
+        if e.harmonics:
+            notes.append(counted(e.harmonics, "harmonic"))
+        return (
+            f"{e.begin:.4f}",
+            f"{e.end:.4f}",
+            f"{e.frequency:.2f}",
+            f"{e.rms:.4g}",
+            f"{e.level:.1f}",
+            _number(e.growth),
+            interval,
+            _number(e.growing, 6),
+            _number(e.decay),
+            *map(_number, e.at.values()),
+            *(map(_number, self.eigenvalue(e)) if self.sweep else ()),
+            ", ".join(notes),
+        )
 
     def over(self, scene: Scene, key: str = "drive.speed") -> Events:
         """Return the events with the eigenvalues of a scene over `key`, whose values are a channel of `Event.at`.
@@ -146,10 +172,11 @@ class Events(Result):
             raise UsageError(
                 f"{key} [{keys[key]}]: no channel beside the events has this unit ({told}); name it (--at)"
             )
-        values = [value for e in self.events if math.isfinite(value := e.at[beside])]
+        values = [*filter(math.isfinite, (event.at[beside] for event in self.events))]
         if not values:
             raise UsageError(f"{self.name}: no event, so that there is nothing to compare with {scene.name}")
-        low, high = min(values), max(values)
+        low = min(values)
+        high = max(values)
         margin = max(0.25 * (high - low), 0.2 * max(abs(low), abs(high)))
         low = max(low - margin, 0.1 * low) if low > 0.0 else low - margin
         axis = Axis.of(key, np.linspace(low, high + margin, _POINTS), scene)
@@ -157,7 +184,10 @@ class Events(Result):
 
     def eigenvalue(self, event: Event) -> tuple[float, float]:
         """Frequency [Hz] and growth [1/s] of the scene at an event, of the mode next in frequency; NaN without."""
-        if self.sweep is None or not math.isfinite(x := event.at[self.beside]):
+        if self.sweep is None:
+            return math.nan, math.nan
+        x = event.at[self.beside]
+        if not math.isfinite(x):
             return math.nan, math.nan
         values = np.array(self.sweep.axis.values)
         modes = [
@@ -169,9 +199,16 @@ class Events(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The events as plain values for JSON."""
-        return {"scene": self.scene, "channel": self.name, "unit": self.unit, "window": self.window,
-                "lowest": self.lowest, "notes": self.notes, "events": [event._asdict() for event in self.events],
-                "over": self.sweep and self.sweep.to_json()}  # fmt: skip
+        return {
+            "scene": self.scene,
+            "channel": self.name,
+            "unit": self.unit,
+            "window": self.window,
+            "lowest": self.lowest,
+            "notes": self.notes,
+            "events": [event._asdict() for event in self.events],
+            "over": self.sweep and self.sweep.to_json(),
+        }
 
     def csv(self) -> str:
         """The events as CSV."""
@@ -181,8 +218,35 @@ class Events(Result):
         return csv_text(head, ([*event[:-1], *event.at.values()] for event in self.events))
 
 
-def _number(value: float, digits: int = 4) -> str:
-    return f"{value:.{digits}g}" if math.isfinite(value) else "-"
+class _Track(NamedTuple):
+    """A tone in the windows `first` to `last`, strongest in `line`; `path`: window and line of each step."""
+
+    first: int
+    last: int
+    line: int
+    path: tuple[tuple[int, int], ...]
+
+
+class _Tone(NamedTuple):
+    """A track with `begin` and `end` [s], frequency [Hz], mean square, and density of the noise beside it.
+
+    `course` [2, n]: times and the frequency then.
+    """
+
+    track: _Track
+    begin: float
+    end: float
+    frequency: float
+    square: float
+    density: float
+    cut: str
+    course: Reals
+
+    def between(self, begin: float, end: float) -> float:
+        """The median frequency from `begin` to `end` [s]."""
+        t, f = self.course
+        f = f[(t >= begin) & (t <= end)]
+        return float(np.nanmedian(f)) if np.isfinite(f).any() else self.frequency
 
 
 def events(
@@ -206,7 +270,8 @@ def events(
         raise UsageError(f"key {key}: name the scene whose eigenvalues are compared with the events (--over SCENE)")
     channel = series(run, name or vibration(run), first, last)
     named = conditions(run, channel.name) if at is None else at
-    others = {other.name: other for other in (series(run, beside, first, last) for beside in named)}
+    beside = [series(run, other, first, last) for other in named]
+    others = {other.name: other for other in beside}
     if channel.v.size < 8 * 16:
         raise UsageError(
             f"{channel.name}: {counted(channel.v.size, 'sample')} at {channel.rate:g} Hz are too few for eight windows "
@@ -214,7 +279,8 @@ def events(
         )
     v = channel.v - np.nanmean(channel.v)
     strongest = _strongest(v, channel.rate)
-    length = round((window or max(_WINDOW, min(_PERIODS / strongest, v.size / channel.rate / 12.0))) * channel.rate)
+    seconds = window or max(_WINDOW, min(_PERIODS / strongest, v.size / channel.rate / 12.0))
+    length = round(seconds * channel.rate)
     if length < 16 or v.size < 8 * length:
         raise UsageError(
             f"{channel.name}: {counted(v.size, 'sample')} at {channel.rate:g} Hz are too few for windows of "
@@ -229,47 +295,58 @@ def events(
             f"{channel.name}: {channel.notes()}; fewer than eight windows of {length / channel.rate:.3g} s are "
             "complete; give a shorter --window"
         )
-    times = np.asarray(channel.start + (0.5 * length + hop * np.arange(len(power))) / channel.rate, np.float64)
+    middles = 0.5 * length + hop * np.arange(len(power))
+    times = np.asarray(channel.start + middles / channel.rate, np.float64)
     frequencies = np.arange(power.shape[1], dtype=np.float64) * (channel.rate / length)
     floor = np.maximum(_floor(power[heard]), np.finfo(np.float32).tiny)  # 0 of a constant channel
     shown = 10.0 * np.log10(np.maximum(power / floor, 1e-3)).astype(np.float32)
-    sought = _Search(channel, v, times, frequencies, floor, length / channel.rate)
-    tones = [tone for track in _tracks(power, floor) if (tone := sought.tone(track)) is not None]
-    made = sorted(
-        (sought.event(tone, count, tones, others) for tone, count in _families(tones, channel.rate)),
-        key=lambda event: event.begin,
-    )
+    search = _Search(channel, v, times, frequencies, floor, length / channel.rate)
+    tones = [tone for tone in map(search.tone, _tracks(power, floor)) if tone is not None]
+    heard_events = [search.event(tone, count, tones, others) for tone, count in _families(tones, channel.rate)]
+    heard_events.sort(key=lambda event: event.begin)
     units = {key: other.unit for key, other in others.items()}
     lowest = float(frequencies[_LOWEST])
-    slow = (
-        f"{strongest:.3g} Hz is stronger, but needs windows of {_PERIODS / strongest:.3g} s, and ten times this in all"
+    notes = [channel.notes()]
+    if strongest < lowest:
+        needed = f"windows of {_PERIODS / strongest:.3g} s, and ten times this in all"
+        notes.append(f"{strongest:.3g} Hz is stronger, but needs {needed}")
+    if any(event.cut == "both" for event in heard_events):
+        notes.append(_THROUGHOUT)
+    result = Events(
+        scene_name(run),
+        channel.name,
+        channel.unit,
+        tuple(heard_events),
+        search.window,
+        lowest,
+        units,
+        times,
+        frequencies,
+        shown,
+        "; ".join(filter(None, notes)),
     )
-    notes = [channel.notes(), slow * (strongest < lowest), _THROUGHOUT * any(event.cut == "both" for event in made)]
-    result = Events(scene_name(run), channel.name, channel.unit, tuple(made), sought.window,
-                    lowest, units, times, frequencies, shown, "; ".join(filter(None, notes))
-    )  # fmt: skip
     return result if over is None else result.over(over, key or "drive.speed")
 
 
 def conditions(run: Run, name: str = "") -> list[str]:
     """Return the channels of speed of the drive, load and temperature of a recording, as far as it has them."""
-    chosen, units = list[str](), known(run)
+    chosen = list[str]()
+    units = known(run)
     try:
         chosen.append(drive(run))
     except (UsageError, Untrusted):
         pass
-    for kinds, words in (
-        (("m/s", "rad/s", "Hz"), ("speed", "rpm", "drive")),
-        (("N", "Pa"), ("load", "normal", "preload", "pressure")),
-        (("K", "degC"), ("",)),
-    ):
-        fitting = [
-            other for other, unit in units.items()
-            if unit in kinds and other != name and any(word in other.lower() for word in words)
-        ]  # fmt: skip
-        if fitting and not (chosen and kinds[0] == "m/s"):
-            chosen.append(fitting[0])
-    return chosen
+
+    def fitting(kinds: tuple[str, ...], words: tuple[str, ...]) -> list[str]:
+        """The first channel in one of these units with one of these words in its name."""
+        for other, unit in units.items():
+            if unit in kinds and other != name and any(word in other.lower() for word in words):
+                return [other]
+        return []
+
+    if not chosen:
+        chosen += fitting(*_SPEEDS)
+    return [*chosen, *fitting(*_LOADS), *fitting(*_TEMPERATURES)]
 
 
 def _strongest(v: Reals, rate: float) -> float:
@@ -277,17 +354,20 @@ def _strongest(v: Reals, rate: float) -> float:
     from scipy.signal import welch
 
     f, density = welch(np.nan_to_num(v), rate, nperseg=min(v.size // 2, 1 << 14))
-    return float(f[_LOWEST + int(np.argmax((f * density)[_LOWEST:]))])
+    power = f * density  # of bands of equal ratio
+    return float(f[_LOWEST + int(np.argmax(power[_LOWEST:]))])
 
 
 def _spectra(v: Reals, rate: float, length: int, hop: int) -> Floats:
     """Power density [window, line] of windows of that length; NaN where samples are missing."""
     frames = np.lib.stride_tricks.sliding_window_view(v, length)[::hop]
     weights = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    scale = 2.0 / (rate * float(weights @ weights))
     power = np.empty((len(frames), length // 2 + 1), np.float32)
-    for a in range(0, len(frames), rows := max(_CHUNK // length, 1)):
+    rows = max(_CHUNK // length, 1)
+    for a in range(0, len(frames), rows):
         spectra = np.abs(np.fft.rfft(frames[a : a + rows] * weights)) ** 2
-        power[a : a + rows] = spectra * (2.0 / (rate * float(weights @ weights)))
+        power[a : a + rows] = spectra * scale
     return power
 
 
@@ -303,8 +383,8 @@ def _floor(power: Floats) -> Reals:
         bends = np.abs(quiet[: -2 * _STEPS] - 2.0 * quiet[_STEPS:-_STEPS] + quiet[2 * _STEPS :])
         calm = power[_STEPS:-_STEPS] <= np.median(power, axis=0)
         noisy = np.nanmedian(np.where(calm, bends, np.nan), axis=0) > 1.0
-        own = np.quantile(power, 0.05, axis=0) / -math.log(0.95)
-        floor = np.where(noisy, np.maximum(floor, own), floor)
+        of_line = np.quantile(power, 0.05, axis=0) / -math.log(0.95)
+        floor = np.where(noisy, np.maximum(floor, of_line), floor)
     return floor
 
 
@@ -322,9 +402,13 @@ def _tracks(power: Floats, floor: Reals) -> Iterator[_Track]:
     for k, line in zip(rows[order], lines[order]):
         if not free[k, line]:
             continue
-        path, ends = [(int(k), int(line))], []
+        path = [(int(k), int(line))]
+        ends = []
         for way in (-1, 1):
-            where, place, missed, last = int(k), int(line), 0, int(k)
+            where = int(k)
+            place = int(line)
+            missed = 0
+            last = int(k)
             while 0 <= where + way < len(over) and missed <= _BRIDGE:
                 where += way
                 if missing[where]:
@@ -332,7 +416,9 @@ def _tracks(power: Floats, floor: Reals) -> Iterator[_Track]:
                 near = slice(max(place - _REACH, 0), place + _REACH + 1)
                 best = near.start + int(np.argmax(np.where(free[where, near], over[where, near], 0.0)))
                 if free[where, best] and over[where, best] > _LOW:
-                    place, missed, last = best, 0, where
+                    place = best
+                    missed = 0
+                    last = where
                     path.append((where, best))
                 else:
                     missed += 1
@@ -342,30 +428,9 @@ def _tracks(power: Floats, floor: Reals) -> Iterator[_Track]:
             near = slice(max(where - _STEPS, 0), where + _STEPS + 1)
             away = np.abs(every - place)
             spread = 4.0 * float(power[where, place]) / np.maximum(math.pi * away, 1.0) ** 2
-            free[near] &= ~((away <= 2 * _REACH + 1) | (power[near] < spread))
+            covered = (away <= 2 * _REACH + 1) | (power[near] < spread)
+            free[near] &= ~covered
         yield _Track(ends[0], ends[1], int(line), tuple(path))
-
-
-class _Tone(NamedTuple):
-    """A track with `begin` and `end` [s], frequency [Hz], mean square, and density of the noise beside it.
-
-    `course` [2, n]: times and the frequency then.
-    """
-
-    track: _Track
-    begin: float
-    end: float
-    frequency: float
-    square: float
-    density: float
-    cut: str
-    course: Reals
-
-    def between(self, begin: float, end: float) -> float:
-        """The median frequency from `begin` to `end` [s]."""
-        t, f = self.course
-        here = f[(t >= begin) & (t <= end)]
-        return float(np.nanmedian(here)) if np.isfinite(here).any() else self.frequency
 
 
 class _Search(NamedTuple):
@@ -380,68 +445,96 @@ class _Search(NamedTuple):
 
     def part(self, a: float, b: float) -> tuple[Reals, float]:
         """The samples from `a` to `b` [s], and the time of the first one."""
-        rate, start = self.channel.rate, self.channel.start
+        rate = self.channel.rate
+        start = self.channel.start
         i, j = (min(max(round((t - start) * rate), 0), self.v.size) for t in (a, b))
         return self.v[i:j], start + i / rate
 
     def tone(self, track: _Track) -> _Tone | None:
         """The tone of a track; None if it is hardly longer than a sample of its amplitude."""
-        f, spacing = float(self.frequencies[track.line]), float(self.frequencies[1])
+        f = float(self.frequencies[track.line])
+        spacing = float(self.frequencies[1])
         near = slice(max(track.line - _LINES // 2, 1), track.line + _LINES // 2 + 1)
         density = float(np.median(self.floor[near]))
-        a, b = self.times[track.first] - 0.5 * self.window, self.times[track.last] + 0.5 * self.window
+        a = self.times[track.first] - 0.5 * self.window
+        b = self.times[track.last] + 0.5 * self.window
         part, begin = self.part(a - 2.0 * self.window, b + 2.0 * self.window)
         reach = 2 + max(abs(line - track.line) for _, line in track.path)
         half = max(min(reach * spacing, 0.6 * f, 0.5 * self.channel.rate - f), spacing)
         z, step, power = mixed(part, self.channel.rate, f, half)
-        t, size, noise = begin + step * np.arange(z.size), np.abs(z) ** 2, density * power
+        t = begin + step * np.arange(z.size)
+        size = np.abs(z) ** 2
+        noise = density * power
         on = np.flatnonzero((size > 4.0 * noise) & (t > a) & (t < b))
         if on.size < 2:
             return None
         inside = slice(on[0], on[-1] + 1)
-        course = f + np.angle(z[inside][1:] * z[inside][:-1].conj()) / (2.0 * math.pi * step)
+        heard = z[inside]
+        course = f + np.angle(heard[1:] * heard[:-1].conj()) / (2.0 * math.pi * step)
         square = max(0.5 * (float(np.nanmean(size[inside])) - noise), np.finfo(float).tiny)
         cut = self.cut(track)  # there the amplitude is not known to the end
         begin = max(a, self.channel.start) if cut in ("begin", "both") else float(t[on[0]])
         end = min(b, float(self.channel.t[-1])) if cut in ("end", "both") else float(t[on[-1]])
-        return _Tone(
-            track, begin, end, float(np.nanmedian(course)), square, density, cut, np.array([t[inside][1:], course])
-        )
+        over_time = np.array([t[inside][1:], course])
+        return _Tone(track, begin, end, float(np.nanmedian(course)), square, density, cut, over_time)
 
     def event(self, tone: _Tone, harmonics: int, tones: list[_Tone], others: dict[str, Series]) -> Event:
         """The event of a tone."""
-        f, begin, end, rate = tone.frequency, tone.begin, tone.end, self.channel.rate
-        aside = min((abs(other.frequency - f) for other in tones
-                     if other is not tone and other.begin <= end and other.end >= begin), default=math.inf)  # fmt: skip
+        f = tone.frequency
+        begin = tone.begin
+        end = tone.end
+        rate = self.channel.rate
+        meanwhile = [other for other in tones if other is not tone and other.begin <= end and other.end >= begin]
+        aside = min((abs(other.frequency - f) for other in meanwhile), default=math.inf)
         half = max(min(0.6 * f, 0.5 * rate - f, 0.6 * aside), float(self.frequencies[1]))
         lead = 0.5 * (end - begin) + 4.0 * self.window
         near = [other for other in tones if abs(other.frequency - f) < 1.6 * half]
         before = max((other.end for other in near if other.end < begin), default=-math.inf)
         after = min((other.begin for other in near if other.begin > end), default=math.inf)
-        part, start = self.part(max(begin - lead, 0.5 * (before + begin)), min(end + lead, 0.5 * (end + after)))
+        first = max(begin - lead, 0.5 * (before + begin))
+        last = min(end + lead, 0.5 * (end + after))
+        part, start = self.part(first, last)
         seconds = part.size / rate
         growth = grown(part, rate, f, tone.density, begin - start, end - start, half)
         decay = grown(part[::-1], rate, f, tone.density, seconds - (end - start), seconds - (begin - start), half)
         until = max(start + growth.knee if growth else end, begin + 2.0 * self.window)
         means = {}
         for key, other in others.items():
-            here = other.v[(other.t >= begin) & (other.t <= until)]
-            means[key] = float(np.nanmean(here)) if np.isfinite(here).any() else math.nan
+            growing = other.v[(other.t >= begin) & (other.t <= until)]
+            means[key] = float(np.nanmean(growing)) if np.isfinite(growing).any() else math.nan
         band = tone.density * min(_THIRD * f, 0.5 * rate)
         rise = (*growth[:3], f + growth.offset) if growth else (math.nan,) * 4
         level = 10.0 * math.log10(tone.square / band)
-        return Event(begin, end, f, math.sqrt(tone.square), level, *rise, -decay.rate if decay else math.nan, tone.cut,
-                     harmonics, means)  # fmt: skip
+        return Event(
+            begin,
+            end,
+            f,
+            math.sqrt(tone.square),
+            level,
+            *rise,
+            -decay.rate if decay else math.nan,
+            tone.cut,
+            harmonics,
+            means,
+        )
 
     def cut(self, track: _Track) -> str:
         """Which ends of a tone lie at an end of the recording or at a gap: "", "begin", "end", "both"."""
-        ends, rate = list[bool](), self.channel.rate
-        for at, way in ((track.first, -1), (track.last, 1)):
-            centre = (self.times[at] - self.channel.start) * rate
+        rate = self.channel.rate
+
+        def is_cut(window: int, way: int) -> bool:
+            centre = (self.times[window] - self.channel.start) * rate
             beyond = round(centre + way * (0.5 + 1.0 / _STEPS) * self.window * rate) + way
             near = self.v[max(min(round(centre), beyond), 0) : max(round(centre), beyond)]
-            ends.append(not 0 <= beyond <= self.v.size or not np.isfinite(near).all())
-        return "both" if all(ends) else "begin" if ends[0] else "end" if ends[1] else ""
+            return not 0 <= beyond <= self.v.size or not np.isfinite(near).all()
+
+        begins = is_cut(track.first, -1)
+        ends = is_cut(track.last, 1)
+        if begins and ends:
+            return "both"
+        if begins:
+            return "begin"
+        return "end" if ends else ""
 
 
 def _families(tones: list[_Tone], rate: float) -> Iterator[tuple[_Tone, int]]:
@@ -454,13 +547,15 @@ def _families(tones: list[_Tone], rate: float) -> Iterator[tuple[_Tone, int]]:
     bases = dict[int, tuple[int, int]]()
     for i, tone in enumerate(tones):
         for k, base in enumerate(tones):
-            begin, end = max(tone.begin, base.begin), min(tone.end, base.end)
+            begin = max(tone.begin, base.begin)
+            end = min(tone.end, base.end)
             if k == i or k in bases or end - begin < 0.5 * (tone.end - tone.begin):
                 continue
             f = base.between(begin, end)
             jitter = _JITTER * (5.0 if tone.square < 0.01 * base.square else 1.0)
             folded = np.abs((orders * f + 0.5 * rate) % rate - 0.5 * rate)
-            near = np.abs(folded - tone.between(begin, end)) < orders * max(2.0 / (end - begin), jitter * f)
+            away = np.abs(folded - tone.between(begin, end))
+            near = away < orders * max(2.0 / (end - begin), jitter * f)
             near &= (orders <= _HARMONICS) | (tone.square < base.square)
             if near.any() and (tone.frequency > base.frequency or tone.square < 0.1 * base.square):
                 bases[i] = k, int(orders[np.argmax(near)])
@@ -471,3 +566,7 @@ def _families(tones: list[_Tone], rate: float) -> Iterator[tuple[_Tone, int]]:
     for i, tone in enumerate(tones):
         if i not in bases:
             yield tone, len({order for k, order in bases.values() if k == i and order > 1})
+
+
+def _number(value: float, digits: int = 4) -> str:
+    return f"{value:.{digits}g}" if math.isfinite(value) else "-"

@@ -4,167 +4,35 @@
 
 A window smears a transition over the change of speed within it; the report states both. Therefore the critical speeds
 come from the contact state and not from the RMS: the last stick of a run-up and the first one of a run-down.
-
-The branches of a run-up and run-down: where a speed rises and where it falls, without the holds between.
-
-Centred moving windows over the samples of a recording with gaps, and the longest period in the samples.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from rig.analysis.recorded.moving_windows import FEWEST, PARTS, moving_mean, moving_rms, slowest
 from rig.analysis.recorded.series import Series, channels, drive, scene_name, vibration
+from rig.analysis.recorded.speed_branches import Branch, branches
 from rig.analysis.stick_speeds import short, stuck
 from rig.errors import Faults, UsageError
 from rig.printable import columns, counted
 from rig.record.run import Reals, Run
 from rig.results import Result, csv_text
 
-_TURN = 0.05  # share of the whole range: a smaller reversal does not end a branch
-_HELD = 0.01  # share of the range of a branch: the speed counts as held within this distance of its ends
-_ROUNDING = 1e-9  # share of the largest speed: a smaller change counts as none
-PARTS, _MOST_PARTS = 16, 40
-"""Successive windows are offset by about this fraction of their length, a whole number of samples."""
-FEWEST = 4
-"""Fewest samples in a window."""
-_KNOWN = 0.5  # share of the samples of a window that must exist
-_DRIFT = 3  # lines of a spectrum
-_STRONG = 0.1  # of the mean square
 _PERIODS = 5.0  # default window, in periods of the slowest strong vibration
 _LONGEST = 0.25  # share of the shortest branch: a longer window blurs all of it
 _USUAL = 0.05  # share of the shortest branch: the longest default window
 _WHOLE = 0.95  # periods that count as one
-_BINS = 20
+_BINS = 20  # ranges of the speed in the report
 _POINTS = 20_000  # samples of the speed that its branches are found from
 
 
-class Branch(NamedTuple):
-    """From `begin` to `end` [s] the speed changes from `first` to `last`, in its unit."""
-
-    begin: float
-    end: float
-    first: float
-    last: float
-
-    @property
-    def rises(self) -> bool:
-        """Whether it is a run-up."""
-        return self.last > self.first
-
-    @property
-    def rate(self) -> float:
-        """Rate of change of the speed [unit/s]; positive."""
-        return (1.0 - 2.0 * _HELD) * abs(self.last - self.first) / (self.end - self.begin)
-
-
-def branches(t: Reals, v: Reals) -> list[Branch]:
-    """Return the branches of speed `v` at times `t` [s], in order of time; none if the speed does not change."""
-    known = np.isfinite(v)
-    t, v = t[known], v[known]
-    least = _ROUNDING * np.abs(v).max(initial=0.0)
-    v = np.where(np.abs(v) <= least, 0.0, v)  # the rounding of a ramp down to zero
-    if v.size < 2 or np.ptp(v) <= least:
-        return []
-    turns = _turns(v, _TURN * float(np.ptp(v)))
-    made = []
-    for a, b in pairwise(turns):
-        part, near = v[a : b + 1], _HELD * abs(v[b] - v[a])
-        leaves = int(np.flatnonzero(np.abs(part - part[0]) <= near)[-1])
-        comes = leaves + int(np.flatnonzero(np.abs(part[leaves:] - part[-1]) <= near)[0])
-        if comes > leaves:
-            made.append(Branch(float(t[a + leaves]), float(t[a + comes]), float(v[a]), float(v[b])))
-    return made
-
-
-def _turns(v: Reals, least: float) -> list[int]:
-    """Indices of the turning points of `v` that are more than `least` apart in value; first and last sample
-    included.
-    """
-    turns: list[int] = []
-    top = bottom = way = 0
-    for i, here in enumerate(v.tolist()):
-        top = i if here > v[top] else top
-        bottom = i if here < v[bottom] else bottom
-        if way >= 0 and v[top] - here > least:
-            turns.append(top)
-            way, bottom = -1, i
-        elif way <= 0 and here - v[bottom] > least:
-            turns.append(bottom)
-            way, top = 1, i
-        if way > 0:
-            bottom = i
-        elif way < 0:
-            top = i
-    return [*turns, top if way > 0 else bottom]
-
-
-def moving_rms(signal: Series, length: float) -> tuple[Reals, Reals, float]:
-    """Return middles [s] of windows of about `length` [s], the RMS about the mean in each, and their true length [s].
-
-    NaN where less than half of the samples of a window exist.
-    """
-    parts, hop = _divided(max(round(length * signal.rate), FEWEST))
-    ok = np.isfinite(signal.v)
-    if not ok.any() or ok.size < parts * hop:
-        return np.empty(0), np.empty(0), parts * hop / signal.rate
-    v = np.where(ok, signal.v - np.nanmean(signal.v), 0.0)  # subtract the mean: a large one costs digits
-    cuts = np.arange(0, v.size - hop + 1, hop)
-    whole = cuts.size * hop
-    n, first, second = (
-        np.convolve(values[:whole].reshape(-1, hop).sum(axis=1), np.ones(parts), "valid")
-        for values in (ok * 1.0, v, v * v)
-    )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        square = np.maximum(second / n - (first / n) ** 2, 0.0)
-    rms = np.asarray(np.where(n >= _KNOWN * parts * hop, np.sqrt(square), np.nan), np.float64)
-    middles = signal.start + (np.arange(n.size) * hop + 0.5 * (parts * hop - 1)) / signal.rate
-    return np.asarray(middles, np.float64), rms, parts * hop / signal.rate
-
-
-def moving_mean(t: Reals, v: Reals, at: Reals, length: float) -> Reals:
-    """Return the mean of v over windows of `length` [s] about `at`, from its integral by the trapezium rule."""
-    whole = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))))
-    begin, end = np.clip(at - 0.5 * length, t[0], t[-1]), np.clip(at + 0.5 * length, t[0], t[-1])
-    taken = np.maximum(end - begin, 1e-300)
-    return np.asarray((np.interp(end, t, whole) - np.interp(begin, t, whole)) / taken)
-
-
-def slowest(signal: Series) -> float:
-    """Return the lowest frequency [Hz] of a strong vibration, 0 if nothing vibrates: a tenth of the mean square lies
-    below it.
-
-    The drift over the whole recording does not count. Gaps are filled with the mean.
-    """
-    from scipy.signal import periodogram
-
-    ok = np.isfinite(signal.v)
-    v = np.where(ok, signal.v - np.nanmean(signal.v), 0.0)
-    frequencies, power = periodogram(v, signal.rate, window="hann", detrend="linear")
-    power[:_DRIFT] = 0.0
-    if not power.any():
-        return 0.0
-    below = np.cumsum(power)
-    return float(frequencies[np.searchsorted(below, _STRONG * below[-1])])
-
-
-def _divided(count: int) -> tuple[int, int]:
-    """Number of parts of a window of about `count` samples, and the samples in each part."""
-    if count <= _MOST_PARTS:
-        return count, 1
-    near = (count + sign * shift for shift in range(count) for sign in (1, -1))
-    return next((parts, n // parts) for n in near for parts in range(PARTS, _MOST_PARTS + 1) if n % parts == 0)
-
-
 class Row(NamedTuple):
-    """One of `_BINS` ranges of the speed: its middle, and the RMS in it as the speed rises and falls; NaN if
-    unknown.
-    """
+    """One of the ranges of the speed: its middle, and the RMS in it as the speed rises and falls; NaN if unknown."""
 
     speed: float
     up: float
@@ -217,25 +85,31 @@ class Hysteresis(Result):
     @property
     def up(self) -> float:
         """The highest speed with stick as the speed rose; NaN without stick."""
-        return max((c.stick for c in self.curves if c.branch.rises and math.isfinite(c.stick)), default=math.nan)
+        return self._fastest_stick(True)
 
     @property
     def down(self) -> float:
         """The highest speed at which the contact stuck again as the speed fell; NaN without stick."""
-        return max((c.stick for c in self.curves if not c.branch.rises and math.isfinite(c.stick)), default=math.nan)
+        return self._fastest_stick(False)
+
+    def _fastest_stick(self, rises: bool) -> float:
+        """The highest speed with stick in the run-ups, or in the run-downs; NaN without stick."""
+        sticks = (curve.stick for curve in self.curves if curve.branch.rises == rises)
+        return max(filter(math.isfinite, sticks), default=math.nan)
 
     def rows(self) -> list[Row]:
         """Return the RMS over the speed, in even steps of the speed."""
         ends = [end for curve in self.curves for end in (curve.branch.first, curve.branch.last)]
         edges = np.linspace(min(ends), max(ends), _BINS + 1)
-        sides = [self._binned(edges, rises) for rises in (True, False)]
-        return [Row(*map(float, row)) for row in zip(0.5 * (edges[1:] + edges[:-1]), *sides)]
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        up, down = (self._binned(edges, rises) for rises in (True, False))
+        return [Row(*map(float, row)) for row in zip(middles, up, down)]
 
     def _binned(self, edges: Reals, rises: bool) -> Reals:
         """Root mean square of all windows of a bin."""
-        mine = [curve for curve in self.curves if curve.branch.rises == rises]
-        speed = np.concatenate([np.empty(0), *(curve.speed for curve in mine)])
-        square = np.concatenate([np.empty(0), *(curve.rms for curve in mine)]) ** 2
+        curves = [curve for curve in self.curves if curve.branch.rises == rises]
+        speed = np.concatenate([np.empty(0), *(curve.speed for curve in curves)])
+        square = np.concatenate([np.empty(0), *(curve.rms for curve in curves)]) ** 2
         known = np.isfinite(square)
         where = np.digitize(speed[known], edges[1:-1])
         count = np.bincount(where, minlength=_BINS)
@@ -244,25 +118,28 @@ class Hysteresis(Result):
 
     def text(self) -> str:
         """Return the report as text."""
-        unit, over = self.unit, self.over_unit
+        unit = self.unit
+        over = self.over_unit
+        periods = self.window * self.frequency
+        window = f"{self.window:.4g} s"
+        if self.frequency:
+            window += f" ({periods:.3g} periods of {self.frequency:.4g} Hz)"
+        smear = f"{self.over} changes by up to {self.smear:.3g} {over} in it"
         lines = [
             f"{self.scene}: RMS of {self.name} [{unit}] over {self.over} [{over}]",
-            f"  RMS about the mean, in a centred window of {self.window:.4g} s"
-            + (f" ({self.window * self.frequency:.3g} periods of {self.frequency:.4g} Hz)" if self.frequency else "")
-            + f"; {self.over} changes by up to {self.smear:.3g} {over} in it",
+            f"  RMS about the mean, in a centred window of {window}; {smear}",
             *(f"  {gap}" for gap in self.gaps),
         ]
-        if 0.0 < self.window * self.frequency < _WHOLE:
+        if 0.0 < periods < _WHOLE:
             lines.append("  the window is shorter than a period: the RMS follows the vibration itself")
         if self.lost:
             lines.append(f"  {counted(self.lost, 'window')} left out: less than half of the samples are there")
-        stick = {True: "last stick", False: "first stick"}
         for curve in self.curves:
             branch = curve.branch
             stuck = ""
             if self.modes or self.events:
                 at = f"at {curve.stick:.5g} {over}" if math.isfinite(curve.stick) else "none"
-                stuck = f", {stick[branch.rises]} {at}"
+                stuck = f", {'last' if branch.rises else 'first'} stick {at}"
             way = f"run-{'up' if branch.rises else 'down'} {branch.begin:.5g} to {branch.end:.5g} s"
             lines.append(f"  {way}, {branch.first:.5g} to {branch.last:.5g} {over}{stuck}")
         if not self.modes and not self.events:
@@ -275,7 +152,7 @@ class Hysteresis(Result):
                 f"  between {self.down:.5g} and {self.up:.5g} {over} it sticks and slips only while the speed rises"
             )
         head = (f"{self.over} {over}", f"rising {unit}", f"falling {unit}")
-        rows = [tuple("-" if math.isnan(v) else f"{v:.5g}" for v in row) for row in self.rows()]
+        rows = [tuple(map(_number, row)) for row in self.rows()]
         return "\n".join([*lines, "", *columns([head, *rows], ">>>")])
 
     def to_json(self) -> dict[str, Any]:
@@ -295,10 +172,11 @@ class Hysteresis(Result):
             "down": self.down,
             "gaps": list(self.gaps),
             "windows_left_out": self.lost,
-            "branches": [{**curve.branch._asdict(), "rises": curve.branch.rises, "stick": curve.stick}
-                         for curve in self.curves],
+            "branches": [
+                {**curve.branch._asdict(), "rises": curve.branch.rises, "stick": curve.stick} for curve in self.curves
+            ],
             "rows": [row._asdict() for row in self.rows()],
-        }  # fmt: skip
+        }
 
     def csv(self) -> str:
         """Return every window as a line: branch, direction, time, speed, RMS; empty where it is not known."""
@@ -343,7 +221,8 @@ def hysteresis(
             "protocol of the scene"
         )
     faults.raise_found()
-    signal, shortest = known["signal"], min(branch.end - branch.begin for branch in turned)
+    signal = known["signal"]
+    shortest = min(branch.end - branch.begin for branch in turned)
     hertz = slowest(signal)
     length = window
     if length is None:
@@ -363,29 +242,47 @@ def _over_branches(
 ) -> Hysteresis:
     t, rms, window = moving_rms(signal, length)
     known = np.isfinite(speed.v)
-    fine_t, fine_v = speed.t[known], speed.v[known]
+    fine_t = speed.t[known]
+    fine_v = speed.v[known]
     mean = moving_mean(fine_t, fine_v, t, window)
     sticks = stuck(run) if run.scene else None
     met = bool(run.scene) and any(event["kind"] == "contact" for event in run.plant_events)
     begins, ends = short(run) if met else (np.empty(0), np.empty(0))
-    curves, lost = [], 0
+    curves = []
+    lost = 0
+    stuck_at = run.time[sticks] if sticks is not None else np.empty(0)
     for branch in turned:
-        here = (t >= branch.begin) & (t <= branch.end)
-        lost += int(np.count_nonzero(~np.isfinite(rms[here])))
-        times = np.concatenate([run.time[sticks] if sticks is not None else [], ends if branch.rises else begins])
+        inside = (t >= branch.begin) & (t <= branch.end)
+        lost += int(np.count_nonzero(~np.isfinite(rms[inside])))
+        times = np.concatenate([stuck_at, ends if branch.rises else begins])
         stick = _stick(times, branch, fine_t, fine_v)
-        curves.append(Curve(branch, t[here], mean[here], rms[here], stick))
-    aliasing = tuple(
-        filter(None, (signal.notes(), replace(speed, note="").notes()))
-    )  # a speed is slow: it has no aliasing
+        curves.append(Curve(branch, t[inside], mean[inside], rms[inside], stick))
+    slow = replace(speed, note="")  # a speed has no aliasing
+    gaps = tuple(filter(None, (signal.notes(), slow.notes())))
     return Hysteresis(
-        scene_name(run), signal.name, signal.unit, speed.name, speed.unit, window, hertz, tuple(curves),
-        0.0 if sticks is None else float(np.median(np.diff(run.time))), met, aliasing, lost,
-    )  # fmt: skip
+        scene_name(run),
+        signal.name,
+        signal.unit,
+        speed.name,
+        speed.unit,
+        window,
+        hertz,
+        tuple(curves),
+        0.0 if sticks is None else float(np.median(np.diff(run.time))),
+        met,
+        gaps,
+        lost,
+    )
 
 
 def _stick(times: Reals, branch: Branch, t: Reals, v: Reals) -> float:
     """The speed v at t of the last of `times` in a run-up and of the first one in a run-down; NaN without any."""
-    here = times[(times >= branch.begin) & (times <= branch.end)]
-    here = here[np.interp(here, t, v) != 0.0]  # before the drive moves everything sticks
-    return float(np.interp(here.max() if branch.rises else here.min(), t, v)) if here.size else math.nan
+    sticks = times[(times >= branch.begin) & (times <= branch.end)]
+    sticks = sticks[np.interp(sticks, t, v) != 0.0]  # before the drive moves everything sticks
+    if not sticks.size:
+        return math.nan
+    return float(np.interp(sticks.max() if branch.rises else sticks.min(), t, v))
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.5g}"

@@ -15,7 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rig.analysis.recorded.series import Series, aligned, channels, same, scene_name
+from rig.analysis.recorded.common_grid import aligned
+from rig.analysis.recorded.series import Series, channels, same, scene_name
 from rig.errors import Faults, UsageError
 from rig.printable import counted
 from rig.record.run import Reals, Run
@@ -26,7 +27,7 @@ from rig.results import Result, csv_text
 SAME = 1e-3
 """Share of the range of a channel: points of a section that are this close count as one."""
 _MOST = 64  # points in a section of a motion that repeats
-_HALVINGS = 60
+_HALVINGS = 60  # of a sample interval: beyond the digits of a double
 
 
 class Section(NamedTuple):
@@ -55,7 +56,7 @@ class Section(NamedTuple):
 class Portrait(Result):
     """The result of `portrait`: samples `x` and `y` [n] at times `t` [s]; NaN where one is missing."""
 
-    FIGURE: ClassVar = "rig.analysis.recorded.figures:portrait_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.channel_figures:portrait_figure"
 
     scene: str
     x_name: str
@@ -70,17 +71,13 @@ class Portrait(Result):
 
     def text(self) -> str:
         """Return the report as text."""
-        lines = [
-            f"{self.scene}: {self.y_name} [{self.y_unit}] over {self.x_name} [{self.x_unit}], {self.t[0]:.5g} to "
-            f"{self.t[-1]:.5g} s, {counted(self.t.size, 'sample')}",
-            *(f"  {gap}" for gap in self.gaps),
-            *(
-                f"  {name}: {np.nanmin(v):.6g} to {np.nanmax(v):.6g} {unit}"
-                for name, unit, v in ((self.x_name, self.x_unit, self.x), (self.y_name, self.y_unit, self.y))
-            ),
-            *self._section(),
-        ]
-        return "\n".join(lines)
+        axes = f"{self.y_name} [{self.y_unit}] over {self.x_name} [{self.x_unit}]"
+        span = f"{self.t[0]:.5g} to {self.t[-1]:.5g} s"
+        lines = [f"{self.scene}: {axes}, {span}, {counted(self.t.size, 'sample')}"]
+        lines += [f"  {gap}" for gap in self.gaps]
+        for name, unit, v in ((self.x_name, self.x_unit, self.x), (self.y_name, self.y_unit, self.y)):
+            lines.append(f"  {name}: {np.nanmin(v):.6g} to {np.nanmax(v):.6g} {unit}")
+        return "\n".join([*lines, *self._section()])
 
     def _section(self) -> Iterator[str]:
         s = self.section
@@ -92,13 +89,17 @@ class Portrait(Result):
             yield f"  {s.lost} crossings beside a missing sample or an end could not be located"
         if s.returns:
             after = "every crossing" if s.returns == 1 else f"{s.returns} crossings"
-            yield (f"  the motion repeats after {after}: period {s.period:.9g} s (standard deviation {s.deviation:.2g} "
-                   f"s), {1.0 / s.period:.6g} Hz; a point returns to {s.spread:.2g} of the range")  # fmt: skip
+            yield (
+                f"  the motion repeats after {after}: period {s.period:.9g} s (standard deviation {s.deviation:.2g} "
+                f"s), {1.0 / s.period:.6g} Hz; a point returns to {s.spread:.2g} of the range"
+            )
         elif s.t.size > 2:
             within = counted(min(_MOST, s.t.size // 2), "crossing")
-            yield (f"  no repetition to {SAME:g} of the range within {within}: a "
-                   "transient (choose a later --from), a section where the contact begins to stick (choose another "
-                   "value), or a motion that is not periodic")  # fmt: skip
+            yield (
+                f"  no repetition to {SAME:g} of the range within {within}: a "
+                "transient (choose a later --from), a section where the contact begins to stick (choose another "
+                "value), or a motion that is not periodic"
+            )
         else:
             yield "  at least three crossings are needed to find a repetition"
 
@@ -122,8 +123,9 @@ class Portrait(Result):
 
     def csv(self) -> str:
         """Return a line for each point of the section, or without one for each sample: time [s], x, y."""
-        of, head = self.section or self, [f"{self.x_name} [{self.x_unit}]", f"{self.y_name} [{self.y_unit}]"]
-        return csv_text(["time [s]", *head], zip(of.t.tolist(), of.x.tolist(), of.y.tolist()))
+        points = self.section or self
+        head = ["time [s]", f"{self.x_name} [{self.x_unit}]", f"{self.y_name} [{self.y_unit}]"]
+        return csv_text(head, zip(points.t.tolist(), points.x.tolist(), points.y.tolist()))
 
 
 def portrait(
@@ -153,17 +155,31 @@ def portrait(
     known = [*channels(run, names, first, last, faults).values()]
     if not faults.found and same(run, names["x"], names["y"]):
         faults.found.append(f"x and y are both {known[0].name}; name two channels (--x, --y)")
-    if section is not None and not faults.found and not np.nanmin(known[2].v) < section[1] <= np.nanmax(known[2].v):
-        faults.found.append(f"section: {known[2].name} never crosses {section[1]:g} {known[2].unit}; it stays from "
-                      f"{np.nanmin(known[2].v):.6g} to {np.nanmax(known[2].v):.6g} {known[2].unit}")  # fmt: skip
+    if section is not None and not faults.found:
+        crossing = known[2]
+        low = np.nanmin(crossing.v)
+        high = np.nanmax(crossing.v)
+        if not low < section[1] <= high:
+            faults.found.append(
+                f"section: {crossing.name} never crosses {section[1]:g} {crossing.unit}; it stays from {low:.6g} to "
+                f"{high:.6g} {crossing.unit}"
+            )
     faults.raise_found()
     (horizontal, other, *across), _ = aligned(known)
     crossed = None if section is None else _crossed(horizontal, other, across[0], section[1])
     gaps = tuple(dict.fromkeys(filter(None, (channel.notes() for channel in known))))
     return Portrait(
-        scene_name(run), horizontal.name, horizontal.unit, other.name, other.unit, horizontal.t, horizontal.v,
-        other.v, crossed, gaps,
-    )  # fmt: skip
+        scene_name(run),
+        horizontal.name,
+        horizontal.unit,
+        other.name,
+        other.unit,
+        horizontal.t,
+        horizontal.v,
+        other.v,
+        crossed,
+        gaps,
+    )
 
 
 def _crossed(x: Series, y: Series, over: Series, value: float) -> Section:
@@ -175,28 +191,43 @@ def _crossed(x: Series, y: Series, over: Series, value: float) -> Section:
     index = inside[:, None] + np.arange(-1, 3)
     whole = np.isfinite(v[index] + x.v[index] + y.v[index]).all(axis=1)
     index = index[whole]
-    low, high = np.zeros(len(index)), np.ones(len(index))
+    low = np.zeros(len(index))
+    high = np.ones(len(index))
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         below = _cubic(v[index], middle) < value
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
+        low = np.where(below, middle, low)
+        high = np.where(below, high, middle)
     place = 0.5 * (low + high)
     t = over.start + (index[:, 1] + place) / over.rate
     points = np.stack([_cubic(side.v[index], place) for side in (x, y)])
-    ranges = np.array([[max(float(np.nanmax(side.v) - np.nanmin(side.v)), 1e-300)] for side in (x, y)])
-    returns, spread = _returns(points / ranges)
+    ranges = [max(float(np.nanmax(side.v) - np.nanmin(side.v)), 1e-300) for side in (x, y)]
+    returns, spread = _returns(points / np.array(ranges)[:, None])
     times = t[returns:] - t[:-returns] if returns else np.full(1, np.nan)
     return Section(
-        over.name, over.unit, value, t, points[0], points[1], before.size - len(index), returns, float(times.mean()),
-        float(times.std()), spread,
-    )  # fmt: skip
+        over.name,
+        over.unit,
+        value,
+        t,
+        points[0],
+        points[1],
+        before.size - len(index),
+        returns,
+        float(times.mean()),
+        float(times.std()),
+        spread,
+    )
 
 
 def _cubic(v: Reals, place: Reals) -> Reals:
     """The cubic through samples `v` [n, 4] at -1, 0, 1, 2, at `place` [n] (Lagrange)."""
     p = place
-    weights = (-p * (p - 1) * (p - 2) / 6, (p + 1) * (p - 1) * (p - 2) / 2, -(p + 1) * p * (p - 2) / 2,
-               (p + 1) * p * (p - 1) / 6)  # fmt: skip
+    weights = (
+        -p * (p - 1) * (p - 2) / 6,
+        (p + 1) * (p - 1) * (p - 2) / 2,
+        -(p + 1) * p * (p - 2) / 2,
+        (p + 1) * p * (p - 1) / 6,
+    )
     return np.asarray((v * np.stack(weights, axis=1)).sum(axis=1))
 
 

@@ -6,7 +6,7 @@ recording 200 per second. The vibration is faster, so that a map shows one insta
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -62,11 +62,11 @@ class Pressure(Result):
         surfaces = {surface.name: surface for surface in self.points.surfaces}
         sizes = []
         for name, s in surfaces.items():
-            (low_x, low_y), (high_x, high_y) = s.corners.min(axis=(0, 1)), s.corners.max(axis=(0, 1))
-            size = f"{1e3 * (high_x - low_x):.4g} x {1e3 * (high_y - low_y):.4g} mm"
-            sizes.append(
-                f"{' x '.join(map(str, s.shape))} points on {size}" + (f" ({name})" if len(surfaces) > 1 else "")
-            )
+            low_x, low_y = s.corners.min(axis=(0, 1))
+            high_x, high_y = s.corners.max(axis=(0, 1))
+            points = " x ".join(map(str, s.shape))
+            size = f"{points} points on {1e3 * (high_x - low_x):.4g} x {1e3 * (high_y - low_y):.4g} mm"
+            sizes.append(f"{size} ({name})" if len(surfaces) > 1 else size)
         lines = [
             f"{self.scene}: contact pressure, {', '.join(sizes)}, recorded every {1e3 * self.spacing:.3g} ms",
             f"  {WHERE if 'film' in surfaces else 'coordinates of the mesh'}; a map is one instant, not a mean",
@@ -77,14 +77,19 @@ class Pressure(Result):
             ("time s", "in contact", f"centre {x}", y, "force N", "largest MPa", f"at {x}", y, "")
         ]
         for shown in self.maps:
-            at = surfaces[shown.contact].places[int(np.nanargmax(shown.pressures))]
+            place = surfaces[shown.contact].places[int(np.nanargmax(shown.pressures))]
             pressed = shown.largest > 0.0
-            centre, place = (
-                [f"{round(1e3 * float(v), 1) + 0.0:.1f}" if pressed else "-" for v in xy] for xy in (shown.centre, at)
+            contact = shown.contact if len(surfaces) > 1 else ""
+            row = (
+                f"{shown.time:.5f}",
+                f"{100 * shown.fraction:.0f} %",
+                *_millimetres(shown.centre, pressed),
+                f"{shown.force:.1f}",
+                f"{1e-6 * shown.largest:.3f}",
+                *_millimetres(place, pressed),
+                ", ".join(filter(None, (contact, shown.why))),
             )
-            why = ", ".join(filter(None, (shown.contact if len(surfaces) > 1 else "", shown.why)))
-            rows.append((f"{shown.time:.5f}", f"{100 * shown.fraction:.0f} %", *centre,
-                         f"{shown.force:.1f}", f"{1e-6 * shown.largest:.3f}", *place, why))  # fmt: skip
+            rows.append(row)
         return "\n".join([*lines, *columns(rows, ">>>>>>>><")])
 
     def to_json(self) -> dict[str, Any]:
@@ -92,11 +97,10 @@ class Pressure(Result):
         maps = [
             {**shown._asdict(), "pressures": shown.pressures.tolist(), "largest": shown.largest} for shown in self.maps
         ]
-        contacts = {
-            surface.name: {axis: v.tolist() for axis, v in zip(surface.axes, (surface.x, surface.y))}
-            | {"area": surface.area.reshape(surface.shape).tolist()}
-            for surface in self.points.surfaces
-        }
+        contacts = {}
+        for surface in self.points.surfaces:
+            lines = {axis: v.tolist() for axis, v in zip(surface.axes, (surface.x, surface.y))}
+            contacts[surface.name] = lines | {"area": surface.area.reshape(surface.shape).tolist()}
         return {"scene": self.scene, "contacts": contacts, "spacing": self.spacing, "maps": maps}
 
     def csv(self) -> str:
@@ -120,36 +124,50 @@ def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
     """
     points = points_of(run.scene)
     if points is None or run.signals.keys().isdisjoint(points.names):
-        raise UsageError(f"{scene_name(run)}: this recording has no contact points with places; rig pressure reads "
-                         f"runs of the plant plate with a slider and film.opens = true, and of the plant structure "
-                         f"with contacts of a mesh")  # fmt: skip
+        raise UsageError(
+            f"{scene_name(run)}: this recording has no contact points with places; rig pressure reads "
+            f"runs of the plant plate with a slider and film.opens = true, and of the plant structure "
+            f"with contacts of a mesh"
+        )
     instants = _asked(run, at) if at else characteristic(run, points)
     rows = [instant.sample for instant in instants]
     picked = {name: run.output(name)[rows] for name in points.names}
     pressures = {surface.name: surface.maps(picked) for surface in points.surfaces}
-    lost = [
-        float(run.time[row])
-        for k, row in enumerate(rows)
-        if any(np.isnan(pressed[k]).any() for pressed in pressures.values())
-    ]
+    lost: list[float] = []
+    for k, row in enumerate(rows):
+        if any(np.isnan(pressed[k]).any() for pressed in pressures.values()):
+            lost.append(float(run.time[row]))
     if lost:
-        raise UsageError(f"the recording has lost the pressures at {', '.join(f'{t:g} s' for t in lost)}; name others")
-    maps = tuple(
-        Map(surface.name, float(run.time[instant.sample]), instant.why, float((pressed > 0.0).mean()),
-            surface.centre(pressed), float(pressed.ravel() @ surface.area), pressed)
-        for k, instant in enumerate(instants)
-        for surface in points.surfaces
-        for pressed in (pressures[surface.name][k],)
-    )  # fmt: skip
-    gaps = np.diff(run.time)
-    return Pressure(scene_name(run), points, maps, float(np.median(gaps)) if gaps.size else 0.0)
+        raise UsageError(f"the recording has lost the pressures at {_seconds(lost)}; name others")
+    maps = []
+    for k, instant in enumerate(instants):
+        for surface in points.surfaces:
+            pressed = pressures[surface.name][k]
+            fraction = float((pressed > 0.0).mean())
+            centre = surface.centre(pressed)
+            force = float(pressed.ravel() @ surface.area)
+            time = float(run.time[instant.sample])
+            maps.append(Map(surface.name, time, instant.why, fraction, centre, force, pressed))
+    steps = np.diff(run.time)
+    return Pressure(scene_name(run), points, tuple(maps), float(np.median(steps)) if steps.size else 0.0)
 
 
 def _asked(run: Run, at: Sequence[float]) -> list[Instant]:
     if len(at) > MOST:
         raise UsageError(f"--at names {len(at)} times: at most {MOST} maps")
-    begin, end = float(run.time[0]), float(run.time[-1])
+    begin = float(run.time[0])
+    end = float(run.time[-1])
     outside = [t for t in at if not begin <= t <= end]
     if outside:
-        raise UsageError(f"--at {', '.join(f'{t:g} s' for t in outside)}: the recording has {begin:g} to {end:g} s")
+        raise UsageError(f"--at {_seconds(outside)}: the recording has {begin:g} to {end:g} s")
     return [Instant(int(np.abs(run.time - t).argmin()), "") for t in at]
+
+
+def _seconds(times: list[float]) -> str:
+    """Times [s] as a list in words."""
+    return ", ".join(f"{t:g} s" for t in times)
+
+
+def _millimetres(place: Iterable[float], pressed: bool) -> list[str]:
+    """Coordinates [m] in mm; "-" if nothing presses."""
+    return [f"{round(1e3 * float(v), 1) + 0.0:.1f}" if pressed else "-" for v in place]

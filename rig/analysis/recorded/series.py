@@ -1,20 +1,12 @@
 """One channel of a recording on an even grid of times: a measurement, a plant output, or the commands to an actuator.
 
 Samples that were lost or dropped out are NaN and counted.
-
-Channels of different rates on one grid of times.
-
-The grid is that of the slowest channel. A faster channel passes a low-pass filter without phase (a sinc under a Kaiser
-window) and is evaluated at the instants of the grid, with any offset. With r, the rate of the grid, the filter passes
-up to 0.4 r and stops from 0.6 r on, both to 1e-4. What is left above 0.5 r is folded into 0.4 r to 0.5 r. So numbers
-hold up to 0.4 r. Channels that are sampled at the same instants stay as they are and hold up to 0.5 r.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,9 +22,6 @@ from rig.view.curves import described
 
 _VIBRATION = ("m/s^2", "m/s", "Pa", "m")  # units of a vibration, the most informative first
 _WHOLE = 0.99  # share of the plant's steps: an output with fewer recorded steps counts as decimated
-_PASS, _STOP, _RIPPLE = 0.4, 0.6, 80.0  # shares of the rate of the grid; decibels
-_SAME = 1e-3  # of a sample: instants that are this close are the same
-_CHUNK = 1 << 21
 
 
 @dataclass(frozen=True)
@@ -129,13 +118,17 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     """
     plain, samples, unit = _samples(run, name)
     t = samples.t_ns * 1e-9
-    here = (t >= first) & (t <= last)
-    t_ns, v = samples.t_ns[here], np.where(np.isfinite(samples.v[here]), samples.v[here], np.nan)
+    inside = (t >= first) & (t <= last)
+    t_ns = samples.t_ns[inside]
+    v = samples.v[inside]
+    v = np.where(np.isfinite(v), v, np.nan)
     if t_ns.size < 2 or not np.isfinite(v).any():
         end = f"{last:g} s" if last < np.inf else "the end"
         number = int(np.isfinite(v).sum())
-        raise UsageError(f"{plain}: {number} sample{'s' * (number != 1)} from {first:g} s to {end}; "
-                         f"the recording ends at {run.span[1] if run.span else 0.0:g} s")  # fmt: skip
+        raise UsageError(
+            f"{plain}: {number} sample{'s' * (number != 1)} from {first:g} s to {end}; "
+            f"the recording ends at {run.span[1] if run.span else 0.0:g} s"
+        )
     if not increasing(t_ns):
         raise UsageError(f"{plain}: its times do not increase")
     at = places(t_ns)
@@ -145,8 +138,10 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     output = plain in run.signals and (name.startswith(TRUE) or plain not in run.measurements)
     note = ""
     if output and rate * run.step_ns * 1e-9 < _WHOLE:
-        note = (f"{plain} is an output of the plant, recorded at {rate:.4g} Hz and not filtered: vibration above "
-                f"{0.5 * rate:.4g} Hz is aliased; a sensor keeps all of its samples")  # fmt: skip
+        note = (
+            f"{plain} is an output of the plant, recorded at {rate:.4g} Hz and not filtered: vibration above "
+            f"{0.5 * rate:.4g} Hz is aliased; a sensor keeps all of its samples"
+        )
     else:
         note = _folded(run, plain, output, rate)
     return Series(plain, unit, rate, float(t_ns[0] * 1e-9), grid, note)
@@ -173,6 +168,17 @@ def same(run: Run, name: str, other: str) -> bool:
     for an unknown name.
     """
     return name == other or _samples(run, name)[1].v is _samples(run, other)[1].v
+
+
+def squared(unit: str) -> str:
+    """The unit of the square of a quantity."""
+    return f"({unit})^2" if set(unit) & set("/*^") else f"{unit}^2"
+
+
+def scene_name(run: Run) -> str:
+    """Return name or title of the scene; "recording" if damage removed the scene."""
+    told = described(run.scene)
+    return str(told.get("name") or told.get("title") or told.get("plant") or (run.measured and run.name) or "recording")
 
 
 def _samples(run: Run, name: str) -> tuple[str, Samples, str]:
@@ -207,93 +213,8 @@ def _listed(run: Run) -> str:
     return ", ".join(listed(known(run))) or "none"
 
 
-def squared(unit: str) -> str:
-    """The unit of the square of a quantity."""
-    return f"({unit})^2" if set(unit) & set("/*^") else f"{unit}^2"
-
-
-def scene_name(run: Run) -> str:
-    """Return name or title of the scene; "recording" if damage removed the scene."""
-    told = described(run.scene)
-    return str(told.get("name") or told.get("title") or told.get("plant") or (run.measured and run.name) or "recording")
-
-
 def _reads(run: Run) -> dict[str, str]:
     """The quantity that each sensor of the scene reads; empty if the recording has lost its scene."""
     sections = described(run.scene).get("sensors")
     tables = sections.items() if isinstance(sections, dict) else ()
     return {name: str(section.get("reads", "")) for name, section in tables if isinstance(section, dict)}
-
-
-def aligned(channels: Sequence[Series]) -> tuple[list[Series], float]:
-    """Return the channels at common instants, and the frequency [Hz] up to which their spectra hold.
-
-    A sample that depends on a missing one is missing (NaN). Raises UsageError if the channels share less than two
-    instants.
-    """
-    grid = min(channels, key=lambda channel: channel.rate)
-    spans = [_span(channel, grid) for channel in channels]
-    begin, end = max(low for low, _ in spans), min(high for _, high in spans)
-    if end - begin < 2:
-        names = ", ".join(channel.name for channel in channels)
-        raise UsageError(f"{names}: the time that they share is too short; take a longer range of time")
-    whole = all(_in_step(channel, grid) for channel in channels)
-    evened = [_on(channel, grid, begin, end) for channel in channels]
-    return evened, (0.5 if whole else _PASS) * grid.rate
-
-
-def _in_step(channel: Series, grid: Series) -> bool:
-    """Whether a channel is sampled at the instants of `grid`."""
-    drift = abs(channel.rate / grid.rate - 1.0) * max(channel.v.size, grid.v.size)
-    offset = (channel.start - grid.start) * grid.rate
-    return drift < _SAME and abs(offset - round(offset)) < _SAME
-
-
-def _span(channel: Series, grid: Series) -> tuple[int, int]:
-    """The instants of `grid` at which a channel can be evaluated: the first, and the one after the last."""
-    first = (channel.start - grid.start) * grid.rate
-    if _in_step(channel, grid):
-        return round(first), round(first) + channel.v.size
-    reach = _reach(channel, grid)
-    last = first + (channel.v.size - 1 - reach) * grid.rate / channel.rate
-    return math.ceil(first + reach * grid.rate / channel.rate), math.floor(last) + 1
-
-
-def _on(channel: Series, grid: Series, begin: int, end: int) -> Series:
-    """A channel at the instants `begin` to `end` of `grid`."""
-    start = grid.start + begin / grid.rate
-    if _in_step(channel, grid):
-        first = begin - round((channel.start - grid.start) * grid.rate)
-        return replace(channel, start=start, v=channel.v[first : first + end - begin])
-    return replace(
-        channel, rate=grid.rate, start=start, v=_filtered(channel, grid, start + np.arange(end - begin) / grid.rate)
-    )
-
-
-def _reach(channel: Series, grid: Series) -> int:
-    """Half the length of the filter [samples of the channel]."""
-    from scipy.signal import kaiserord
-
-    taps, _ = kaiserord(_RIPPLE, (_STOP - _PASS) * grid.rate / (0.5 * channel.rate))
-    return int(taps) // 2 + 1
-
-
-def _filtered(channel: Series, grid: Series, at: Reals) -> Reals:
-    """The channel behind the low-pass filter at the times `at` [s]."""
-    from scipy.signal import kaiser_beta
-    from scipy.special import i0
-
-    reach, beta = _reach(channel, grid), kaiser_beta(_RIPPLE)
-    cut = 0.5 * (_PASS + _STOP) * grid.rate / channel.rate  # cycles per sample
-    offsets = np.arange(-reach, reach + 1)
-    place = (at - channel.start) * channel.rate
-    middle = np.rint(place).astype(np.int64)
-    made = np.empty(at.size)
-    rows = max(_CHUNK // offsets.size, 1)
-    for a in range(0, at.size, rows):
-        part = slice(a, a + rows)
-        index = middle[part, None] + offsets
-        away = index - place[part, None]
-        weights = np.sinc(2.0 * cut * away) * i0(beta * np.sqrt(np.maximum(1.0 - (away / (reach + 0.5)) ** 2, 0.0)))
-        made[part] = (channel.v[index] * weights).sum(axis=1) / weights.sum(axis=1)
-    return made

@@ -1,9 +1,4 @@
-"""The sound at a microphone: level, spectrum and squeals, as numbers and a picture.
-
-hearing    level, short-time spectrum, squeals
-figure     a picture
-
-Level, short-time spectrum and squeals of a sensor that samples fast.
+"""Level, short-time spectrum and squeals of the sound at a microphone, or of another sensor that samples fast.
 
     level = 20 dB lg(rms / reference)      20 uPa for sound pressure, ISO 1683 for motion
 
@@ -36,7 +31,8 @@ Reals = NDArray[np.float64]
 REFERENCE = {"Pa": 20e-6, "m/s": 1e-9, "m/s^2": 1e-6, "m": 1e-12}
 """By unit: the reference value of 0 dB."""
 _SHOWN = {"Pa": "20 uPa", "m/s": "1 nm/s", "m/s^2": "1 um/s^2", "m": "1 pm"}
-WINDOW, HOP = 0.040, 0.010  # s
+WINDOW = 0.040  # s: tones 50 Hz apart are told from each other
+HOP = 0.010  # s from window to window: a quarter of its length
 LOWEST = 1000.0  # Hz
 LOUD = 60.0  # dB, of sound pressure
 BELOW = 20.0  # dB
@@ -64,8 +60,10 @@ class Squeal:
     decay: float
 
     def __str__(self) -> str:
-        parts = [f"{self.begin:.2f} to {self.end:.2f} s: {self.frequency:.1f} Hz ({self.lowest:.1f} to "
-                 f"{self.highest:.1f}), {self.level:.1f} dB"]  # fmt: skip
+        parts = [
+            f"{self.begin:.2f} to {self.end:.2f} s: {self.frequency:.1f} Hz ({self.lowest:.1f} to "
+            f"{self.highest:.1f}), {self.level:.1f} dB"
+        ]
         parts += [f"grows with {self.growth:.3g} 1/s"] if math.isfinite(self.growth) else []
         parts += [f"decays with {self.decay:.3g} 1/s"] if math.isfinite(self.decay) else []
         return ", ".join(parts)
@@ -117,10 +115,10 @@ class Sound(Result):
 
     def text(self) -> str:
         """Return the report as text."""
+        windows = f"in {1e3 * WINDOW:g} ms from {self.level.min():.1f} to {self.level.max():.1f} dB"
         lines = [
             f"{self.scene}: {self.channel}, {len(self.v) / self.rate:.2f} s at {self.rate:g} Hz",
-            f"  level {self.overall:.1f} {self.reference}, in {1e3 * WINDOW:g} ms from {self.level.min():.1f} to "
-            f"{self.level.max():.1f} dB; peak {self.peak:.3g} {self.unit}",
+            f"  level {self.overall:.1f} {self.reference}, {windows}; peak {self.peak:.3g} {self.unit}",
         ]
         lines += [f"  missing, counted as silence: {counted(self.missing, 'sample')}"] if self.missing else []
         lines += [f"  squeal {squeal}" for squeal in self.squeals]
@@ -172,7 +170,8 @@ def hear(run: Run, channel: str = "") -> Sound:
     begins = np.arange(0, v.size - length + 1, round(HOP * rate))
     frequencies, sizes, rms = _windows(v, begins, length, rate)
     frequency, tone = _loudest(frequencies, sizes)
-    tone, level = _decibel(tone / math.sqrt(2.0), unit), _decibel(rms, unit)
+    tone = _decibel(tone / math.sqrt(2.0), unit)
+    level = _decibel(rms, unit)
     threshold = LOUD if unit == "Pa" else float(tone.max()) - BELOW
     times = t_ns[0] * 1e-9 + (begins + 0.5 * length) / rate
     return Sound(
@@ -246,10 +245,11 @@ def _loudest(frequencies: Reals, sizes: NDArray[np.float32]) -> tuple[Reals, Rea
     first = int(np.searchsorted(frequencies, LOWEST))
     top = np.clip(first + sizes[:, first:-1].argmax(axis=1), 1, frequencies.size - 2)
     rows = np.arange(len(sizes))
-    before, here, after = (np.log(np.maximum(sizes[rows, top + d].astype(float), 1e-300)) for d in (-1, 0, 1))
-    bend = before - 2.0 * here + after
-    aside = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, -1.0), 0.0)
-    return frequencies[top] + aside * frequencies[1], np.exp(here - 0.25 * (before - after) * aside)
+    before, middle, after = (np.log(np.maximum(sizes[rows, top + d].astype(float), 1e-300)) for d in (-1, 0, 1))
+    bend = before - 2.0 * middle + after
+    peaked = bend < 0.0
+    aside = np.where(peaked, 0.5 * (before - after) / np.where(peaked, bend, -1.0), 0.0)
+    return frequencies[top] + aside * frequencies[1], np.exp(middle - 0.25 * (before - after) * aside)
 
 
 def _squeals(times: Reals, tone: Reals, frequency: Reals, threshold: float) -> Iterator[Squeal]:
@@ -265,7 +265,8 @@ def _squeals(times: Reals, tone: Reals, frequency: Reals, threshold: float) -> I
 
 def _squeal(times: Reals, tone: Reals, frequency: Reals, goes_on: bool) -> Squeal:
     high = np.flatnonzero(tone >= tone.max() - _TOP)
-    first, last = int(high[0]), int(high[-1])
+    first = int(high[0])
+    last = int(high[-1])
     return Squeal(
         begin=float(times[0]),
         end=float(times[-1]),

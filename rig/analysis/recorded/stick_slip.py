@@ -26,7 +26,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.recorded.series import Series, aligned, scene_name, series
+from rig.analysis.recorded.common_grid import aligned
+from rig.analysis.recorded.series import Series, scene_name, series
 from rig.errors import UsageError
 from rig.printable import columns, counted
 from rig.record.run import Reals, Run
@@ -37,8 +38,10 @@ from rig.units import same_unit
 _EVENT = 10.0  # times the threshold: speed above which a slip counts
 _SHARE = 0.04  # threshold as a share of the mean speed of the drive, if none is given
 _SPIKE = 8.0  # times the usual deviation from the median of five
-_GAP, _ROUNDS = 1e-9, 80
-_BINS, _FEWEST = 12, 20
+_GAP = 1e-9  # of the objective: duality gap at which the smoothing ends
+_ROUNDS = 80  # of the smoothing, at most
+_BINS = 12  # of the slip speed, at most
+_FEWEST = 20  # samples in a bin
 _TURN = 6.0  # times the noise: what a turn of the speed exceeds
 
 
@@ -73,7 +76,7 @@ class Curve(NamedTuple):
 class StickSlip(Result):
     """The result of `stick_slip`. `t`, `speed`, `force` [n]: what the slips were found in."""
 
-    FIGURE: ClassVar = "rig.analysis.recorded.figures:stick_slip_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.channel_figures:stick_slip_figure"
 
     scene: str
     speed_unit: str
@@ -119,7 +122,8 @@ class StickSlip(Result):
 
     def text(self) -> str:
         """Return the report as text."""
-        share, size = f"{100.0 * self.share:.3g} % of the time", f"{self.threshold:.4g} {self.speed_unit}"
+        share = f"{100.0 * self.share:.3g} % of the time"
+        size = f"{self.threshold:.4g} {self.speed_unit}"
         lines = [f"{self.scene}: {counted(len(self.slips), 'slip')}, stick {share}; threshold {size}"]
         rows = [("", "median", "quartiles", "unit")]
         kinds = [
@@ -158,8 +162,8 @@ class StickSlip(Result):
         curves = {way: curve._asdict() if curve else None for way, curve in (("up", self.up), ("down", self.down))}
         slips = [{**slip._asdict(), "motion": slip.motion} for slip in self.slips]
         counts = ("spikes", "held", "bridged", "missing", "cut", "joined")
-        made = {"scene": self.scene, "threshold": self.threshold, "share": self.share, "slips": slips, **curves}
-        return made | {name: getattr(self, name) for name in counts}
+        fields = {"scene": self.scene, "threshold": self.threshold, "share": self.share, "slips": slips, **curves}
+        return fields | {name: getattr(self, name) for name in counts}
 
     def csv(self) -> str:
         """The slips as CSV."""
@@ -182,8 +186,9 @@ class StickSlip(Result):
         curve = self.down if falling else self.up
         v, mu = (curve.speed, curve.friction) if curve is not None else (np.empty(0), np.empty(0))
         if self.spring and self.up is not None and self.down is not None and self.down.speed.size:
-            here = (v >= self.down.speed[0]) & (v <= self.down.speed[-1])
-            v, mu = v[here], 0.5 * (mu[here] + np.interp(v[here], self.down.speed, self.down.friction))
+            shared = (v >= self.down.speed[0]) & (v <= self.down.speed[-1])
+            v = v[shared]
+            mu = 0.5 * (mu[shared] + np.interp(v, self.down.speed, self.down.friction))
         if not self.coefficient or v.size < 2:
             raise UsageError("a law needs a coefficient over at least two speeds: name the force and the load")
         speeds = ["0.0", *(f"{speed:.6g}" for speed in v)]
@@ -226,7 +231,8 @@ def stick_slip(
     F = trend(F, smooth) if friction and smooth else F
     pulled = channels[drive].v if isinstance(drive, str) and drive else np.full(t.size, float(drive or 0.0))
     if velocity:
-        v, unit = channels[velocity].v, channels[velocity].unit
+        v = channels[velocity].v
+        unit = channels[velocity].unit
         slip = pulled - v if drive else v
     else:
         unit = "rad/s" if isinstance(drive, str) and same_unit(channels[drive].unit, "rad/s") else "m/s"
@@ -243,8 +249,9 @@ def stick_slip(
         before = spans[i - 1][1] if i else 0
         stick = t[a] - t[before] if i and not lost[before:a].any() else math.nan
         slips.append(Slip(t[a], t[b], stick, F[a], F[b], float(np.max(way * slip[a : b + 1]))))
-    whole = [(s.motion, s.stick) for s in slips if math.isfinite(s.stick)]
-    share = sum(s for _, s in whole) / total if (total := sum(m + s for m, s in whole)) else float(not spans)
+    whole = [s for s in slips if math.isfinite(s.stick)]
+    total = sum(s.motion + s.stick for s in whole)
+    share = sum(s.stick for s in whole) / total if total else float(not spans)
     if not spans and float(np.mean(way * slip > size)) > 0.5:
         share = 0.0
     N = channels[load].v if isinstance(load, str) and load else np.full(t.size, float(load or 1.0))
@@ -252,7 +259,8 @@ def stick_slip(
     if load:
         loads = [float(N[a]) for a, _ in spans]
         slips = [s._replace(breakaway=s.breakaway / n, restick=s.restick / n) for s, n in zip(slips, loads)]
-    force_unit = ("1" if load else channels[friction].unit) if friction else ""
+    channel_unit = channels[friction].unit if friction else ""
+    force_unit = "1" if friction and load else channel_unit
     return StickSlip(
         scene_name(run),
         unit,
@@ -272,7 +280,7 @@ def stick_slip(
         t,
         slip,
         F,
-        channels[friction].unit if friction else "",
+        channel_unit,
         not velocity,
     )
 
@@ -282,7 +290,8 @@ def _despiked(v: Reals) -> tuple[Reals, int]:
     from scipy.ndimage import median_filter
 
     known = np.isfinite(v)
-    middle = median_filter(np.interp(np.arange(v.size), np.flatnonzero(known), v[known]), 5, mode="nearest")
+    filled = np.interp(np.arange(v.size), np.flatnonzero(known), v[known])
+    middle = median_filter(filled, 5, mode="nearest")
     away = np.abs(v - middle)
     usual = float(np.median(away[away > 0.0])) if (away > 0.0).any() else 0.0  # comparisons with NaN are false
     spiky = away > max(_SPIKE * usual, 0.05 * float(np.nanmax(v) - np.nanmin(v)))
@@ -300,27 +309,32 @@ def trend(v: Reals, s: float) -> Reals:
     n = v.size - 2
     Dv = np.diff(v, 2)
     bands = np.zeros((3, n))
-    bands[0, 2:], bands[1, 1:], bands[2] = 1.0, -4.0, 6.0
+    bands[0, 2:] = 1.0
+    bands[1, 1:] = -4.0
+    bands[2] = 6.0
 
     def transposed(z: Reals) -> Reals:
         return np.asarray(np.convolve(z, (1.0, -2.0, 1.0)))
 
-    z, low, high = np.zeros(n), np.ones(n), np.ones(n)  # the dual, |z| <= s, and the multipliers of both bounds
-    t, step = 1e-10, math.inf
+    z = np.zeros(n)  # the dual, |z| <= s
+    low = np.ones(n)  # the multipliers of both bounds
+    high = np.ones(n)
+    t = 1e-10
+    step = math.inf
     for _ in range(_ROUNDS):
         back = transposed(z)
         forth = np.diff(back, 2)
         w = Dv - (high - low)
-        primal = min(
-            0.5 * float(w @ solveh_banded(bands, w)) + s * float(np.sum(high + low)),
-            0.5 * float(back @ back) + s * float(np.abs(Dv - forth).sum()),
-        )
+        by_multipliers = 0.5 * float(w @ solveh_banded(bands, w)) + s * float(np.sum(high + low))
+        by_dual = 0.5 * float(back @ back) + s * float(np.abs(Dv - forth).sum())
+        primal = min(by_multipliers, by_dual)
         gap = primal + 0.5 * float(back @ back) - float(Dv @ z)
         if gap <= _GAP * max(abs(primal), np.finfo(float).tiny):
             break
         if step >= 0.2:
             t = max(4.0 * n / gap, 1.2 * t)
-        over, under = z - s, -z - s  # both negative inside
+        over = z - s  # negative inside, as the next
+        under = -z - s
         matrix = bands.copy()
         matrix[2] -= high / over + low / under
         dz = solveh_banded(matrix, -forth + Dv + (1.0 / over - 1.0 / under) / t)
@@ -335,7 +349,9 @@ def trend(v: Reals, s: float) -> Reals:
             if np.max(np.abs(new)) < s:
                 break
             step *= 0.5
-        z, high, low = z + step * dz, high + step * dhigh, low + step * dlow
+        z = z + step * dz
+        high = high + step * dhigh
+        low = low + step * dlow
     return np.asarray(v - transposed(z))
 
 
@@ -352,9 +368,12 @@ def _held(v: Reals, slip: Reals, size: float) -> NDArray[np.bool_]:
 
 def _spans(slip: Reals, size: float) -> tuple[list[tuple[int, int]], int, int]:
     """First and last sample of each whole slip, how many met another one, and how many an end or a gap cuts."""
-    low, high = slip > size, slip >= _EVENT * size
+    low = slip > size
+    high = slip >= _EVENT * size
     edges = np.flatnonzero(np.diff(np.concatenate(([False], low, [False])).astype(np.int8)))
-    spans, joined, cut = list[tuple[int, int]](), 0, 0
+    spans = list[tuple[int, int]]()
+    joined = 0
+    cut = 0
     for begin, end in edges.reshape(-1, 2):  # above the threshold from `begin` to `end` - 1
         events = np.flatnonzero(np.diff(np.concatenate(([False], high[begin:end])).astype(np.int8)) == 1)
         if not events.size:
@@ -372,7 +391,10 @@ def _ways(v: Reals) -> NDArray[np.int8]:
     known = np.flatnonzero(np.isfinite(v))
     x = v[known]
     noise = 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / math.sqrt(6.0) if x.size > 2 else 0.0
-    band, way, turn, extreme = _TURN * noise, 1, 0, 0
+    band = _TURN * noise
+    way = 1
+    turn = 0
+    extreme = 0
     ways = np.ones(x.size, np.int8)
     values = x.tolist()
     for i, value in enumerate(values):
@@ -381,29 +403,32 @@ def _ways(v: Reals) -> NDArray[np.int8]:
             extreme = i
         elif away < -band:
             ways[turn : extreme + 1] = way
-            way, turn, extreme = -way, extreme + 1, i
+            way = -way
+            turn = extreme + 1
+            extreme = i
     ways[turn:] = way
-    made = np.zeros(v.size, np.int8)
-    made[known] = ways
-    return made
+    of_all = np.zeros(v.size, np.int8)
+    of_all[known] = ways
+    return of_all
 
 
 def _over_speed(slip: Reals, friction: Reals, size: float) -> tuple[Curve, Curve]:
     """Friction over rising and over falling slip speed, in bins of equally many samples."""
     ways = _ways(slip)
-    made = []
-    for here in ((ways > 0.0), (ways < 0.0)):
-        here = here & (slip > size) & np.isfinite(friction)
-        count = min(_BINS, int(here.sum()) // _FEWEST)
-        order = np.argsort(slip[here], kind="stable")
-        parts = np.array_split(order, count) if count else []
-        v, f = slip[here], friction[here]
-        made.append(
-            Curve(
-                np.array([v[part].mean() for part in parts]),
-                np.array([f[part].mean() for part in parts]),
-                np.array([f[part].std(ddof=1) / math.sqrt(part.size) for part in parts]),
-                np.array([float(part.size) for part in parts]),
-            )
-        )
-    return made[0], made[1]
+    known = (slip > size) & np.isfinite(friction)
+    rising = (ways > 0.0) & known
+    falling = (ways < 0.0) & known
+    return _binned(slip[rising], friction[rising]), _binned(slip[falling], friction[falling])
+
+
+def _binned(v: Reals, friction: Reals) -> Curve:
+    """The friction over the speed v, in bins of equally many samples."""
+    count = min(_BINS, v.size // _FEWEST)
+    order = np.argsort(v, kind="stable")
+    bins = np.array_split(order, count) if count else []
+    return Curve(
+        np.array([v[part].mean() for part in bins]),
+        np.array([friction[part].mean() for part in bins]),
+        np.array([friction[part].std(ddof=1) / math.sqrt(part.size) for part in bins]),
+        np.array([float(part.size) for part in bins]),
+    )
