@@ -79,7 +79,7 @@ class Floquet:
 class Forced:
     """A forced motion. `exponents` [i], the least stable first; `shapes` [state, i] at the phase of the start.
 
-    `exists`, `counts`, `why`: as of `rig.analysis.modes.Sliding`. `means`: over a period, of the states, the
+    `exists`, `counts`, `why`: as of `rig.analysis.modes_report.Sliding`. `means`: over a period, of the states, the
     inputs T, and the friction and normal force of each patch [N]; None where they are not known.
     """
 

@@ -21,7 +21,8 @@ from threadpoolctl import threadpool_limits
 
 from rig.analysis import eigenvalue_curves as curves
 from rig.analysis.axis import Axis, fixed
-from rig.analysis.modes import dithers, motion, shape_text
+from rig.analysis.modes import dithers, motion
+from rig.analysis.modes_report import shape_text
 from rig.printable import columns
 from rig.results import Result
 from rig.scenes.left_out import left_out

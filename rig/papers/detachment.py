@@ -27,7 +27,8 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 import rig
-from rig.analysis.modes import Mode, at_rest
+from rig.analysis.modes import at_rest
+from rig.analysis.modes_report import Mode
 from rig.papers.entry import Compared, Comparison, Entry, load, numbered, quiet, tops
 from rig.plants.plate import Parameters
 from rig.plants.structures.plate_model import Reduced
