@@ -200,7 +200,7 @@ class Modes(Result):
                 span = f"{min(values):.6g} to {max(values):.6g} {unit}"
                 yield f"  {common.removesuffix('_of')} of {len(names)} points: {span}"
 
-    def _table_lines(self) -> list[str]:
+    def _table_lines(self) -> Iterator[str]:
         """The table of modes; with a column of estimated errors if any is known."""
         rows = [self.COLUMNS]
         for kind, growth, frequency, damping, shape in self.table():
