@@ -5,7 +5,8 @@ row            runs along a row, carried up and down, from near and far starts; 
                moved along the x axis and simulated until it settles; the units as a work (rig.analysis.pool)
 steady_state   the states in which a motion settles, and its measures
 dither         the boundary of dither over frequency and amplitude: averaged and simulated
-result         the finished map, and its picture
+result         the finished map
+figure         its picture
 """
 
 from __future__ import annotations

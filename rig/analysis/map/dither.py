@@ -60,7 +60,7 @@ class Boundary(Result):
     simulated   [frequency, 2]: largest amplitude at which sliding was lost, smallest one above it at which it was kept
     """
 
-    FIGURE: ClassVar = "rig.analysis.map.result:figure"
+    FIGURE: ClassVar = "rig.analysis.map.figure:figure"
 
     job: Job
     averaged: Array
