@@ -47,10 +47,14 @@ def prepared(
     faults = Faults()
     names = [measure] if isinstance(measure, str) or callable(measure) else measure
     wanted: tuple[Measure, ...] = faults(lambda: measures(scene, names), ())
-    points = faults(lambda: plan(scene, over, samples, sampling, repeat, seed), Plan((), 1, sampling, 1, 0))
-    taken = {*COLUMNS, *points.dimensions, *(factor.key for factor in points.factors)}
-    faults.found += [f"measure {name}: a column of the results has this name; rename the function"
-                     for name in (each.name for each in wanted) if name in taken]  # fmt: skip
+    nothing = Plan((), 1, sampling, 1, 0)
+    points = faults(lambda: plan(scene, over, samples, sampling, repeat, seed), nothing)
+    keys = [factor.key for factor in points.factors]
+    taken = {*COLUMNS, *points.dimensions, *keys}
+    for each in wanted:
+        if each.name in taken:
+            fault = f"measure {each.name}: a column of the results has this name; rename the function"
+            faults.found.append(fault)
     if wanted and keep is not None:
         faults(lambda: condition(keep, wanted), None)
     work = StudyRuns(scene, points, wanted, duration)
@@ -94,6 +98,6 @@ def study(
         return result
     number, holds = condition(keep, work.measures)
     chosen = [k for k, value in enumerate(result.values[:, number].tolist()) if holds(value)]
-    return replace(
-        result, recordings=keep_recordings(work, chosen, store.folder / "runs", None if cluster else workers)
-    )
+    processes = None if cluster else workers
+    recordings = keep_recordings(work, chosen, store.folder / "runs", processes)
+    return replace(result, recordings=recordings)
