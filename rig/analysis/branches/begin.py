@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from rig.analysis.axis import Axis
-from rig.analysis.branches.trace import VIRTUAL, Place, Special, follow, place
+from rig.analysis.branches.places import Place, place
+from rig.analysis.branches.trace import VIRTUAL, Special, follow
 from rig.analysis.repetition import repeating
 from rig.analysis.return_map import Array, Family, NoCycle, ReturnMap, closed, driven, parameter, sizes
 from rig.bench.free_rig import FreeRig

@@ -23,17 +23,9 @@ from rig.analysis import eigenvalue_curves as curves
 from rig.analysis.axis import Axis
 from rig.analysis.branches import begin
 from rig.analysis.branches.begin import HOPF, SIMULATION, Start
+from rig.analysis.branches.places import FAILURES, Place, missed, place
 from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, Branch, Branches, Point, SpecialPoint
-from rig.analysis.branches.trace import (
-    FAILURES,
-    LONGEST,
-    Place,
-    Segment,
-    Special,
-    follow,
-    missed,
-    place,
-)
+from rig.analysis.branches.trace import LONGEST, Segment, Special, follow
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.modes import at_rest
 from rig.analysis.pool import Store, Work, digest, packed, unpacked

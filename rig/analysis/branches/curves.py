@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from rig.analysis.axis import Axis
 from rig.analysis.branches.compute import ROOT, SAVE, Computation, Job, driven_by, raw_of, rebuilt
+from rig.analysis.branches.places import FAILURES, Place, place, solved, stepped
 from rig.analysis.branches.result import TURNS, named
-from rig.analysis.branches.trace import FAILURES, SPECIAL, Measure, Place, of_distance, place, solved, stepped, zero
+from rig.analysis.branches.trace import SPECIAL, Measure, of_distance, zero
 from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
 from rig.analysis.return_map import FLAT, Family
 from rig.analysis.sweep import sweep

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.branches.begin import Start, from_start
+from rig.analysis.branches.places import Place
 from rig.analysis.branches.result import CYCLES, Branch, Branches
-from rig.analysis.branches.trace import Place, follow
+from rig.analysis.branches.trace import follow
 from rig.analysis.cycle import Rest, comes_to_slide, stuck
 from rig.analysis.return_map import Family
 from rig.bench.free_rig import TIGHT, FreeRig
