@@ -2,7 +2,8 @@
 
 factors    the varied parameters: values, or distributions in Python or as text; conditions; a study as a TOML file
 runs       the points of a study, each computed for itself; recordings of chosen points
-measures   of cycle, motion and run, and own functions
+measures   of cycle, motion, modes and run
+functions  own measures: Python functions of a Run
 result     values, units, reasons; as text, figure, CSV, xarray
 search     a global search
 """
@@ -18,7 +19,8 @@ from typing import Any
 from rig.analysis.pool import Progress, Store, carry_out
 from rig.analysis.pool.work import this_processor
 from rig.analysis.studies.factors import condition
-from rig.analysis.studies.measures import Measure, check_not_loading, measures
+from rig.analysis.studies.functions import check_not_loading
+from rig.analysis.studies.measures import Measure, measures
 from rig.analysis.studies.result import COLUMNS, StudyResult, gathered
 from rig.analysis.studies.runs import Plan, StudyRuns, check_length, check_random, plan, random_parts
 from rig.analysis.studies.runs import keep as keep_recordings

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from rig.analysis.axis import with_unit
 from rig.analysis.pool import Arrays, Progress, Store, pool
 from rig.analysis.studies.factors import Factor, factors
-from rig.analysis.studies.measures import Measure, check_not_loading, measures, one_unit
+from rig.analysis.studies.functions import check_not_loading
+from rig.analysis.studies.measures import Measure, measures, one_unit
 from rig.analysis.studies.runs import MOST, Plan, StudyRuns, check_length, first_seed
 from rig.errors import Faults
 from rig.machine.files import csv_table
