@@ -4,7 +4,8 @@ factors    the varied parameters: values, or distributions in Python or as text;
 runs       the points of a study, each computed for itself; recordings of chosen points
 measures   of cycle, motion, modes and run
 functions  own measures: Python functions of a Run
-result     values, units, reasons; as text, figure, CSV, xarray
+result     values, units, reasons; as text, CSV, xarray
+figures    their figures, and that of a search
 search     a global search
 """
 

@@ -51,7 +51,7 @@ class SearchResult(Result):
     search; nan with a reason where there is none. `settled`: whether the points have converged.
     """
 
-    FIGURE: ClassVar = "rig.analysis.studies.result:search_figure"
+    FIGURE: ClassVar = "rig.analysis.studies.figures:search_figure"
 
     scene: Scene
     factors: tuple[Factor, ...]
