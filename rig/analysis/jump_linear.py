@@ -80,7 +80,7 @@ def ages(link: Link, frame_ns: int) -> Ages:
 
     def arrived(age: int) -> float:
         """The probability that a message of this age has arrived, or is lost."""
-        return link.loss + kept * sum(p for d, p in under_way.items() if d <= age)
+        return float(link.loss + kept * sum(p for d, p in under_way.items() if d <= age))
 
     before = 0.0
     for m in range(least, most + 1):

@@ -377,9 +377,7 @@ class ReturnMap:
     def residual(self, u: Array, end: Carried, reference: Array, along: Array) -> Array:
         """Return how far the motion is from closing [i], and the phase condition."""
         n = len(self.size)
-        phase = 0.0
-        if self.period is None:
-            phase = along @ (u - reference)[-2 - n : -2]
+        phase = along @ (u - reference)[-2 - n : -2] if self.period is None else 0.0
         begins = np.roll(u[:-2].reshape(-1, n), -1, axis=0)
         return np.append(self.ends(u, end) - begins, phase)
 

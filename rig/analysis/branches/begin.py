@@ -138,8 +138,8 @@ def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
     known = [name for name, output in outputs.items() if name in run.signals and output.row.keys() <= column.keys()]
     rows = np.zeros((len(known), len(column)))
     for row, name in zip(rows, known):
-        for state, weight in outputs[name].row.items():
-            row[column[state]] = weight
+        for of_state, weight in outputs[name].row.items():
+            row[column[of_state]] = weight
     driving = rig.settled.copy()
     driving[moving] = 0.0
     measured = np.array([float(run.signals[name][-1]) for name in known]) - rows @ driving

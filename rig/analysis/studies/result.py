@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 from rig.analysis.axis import with_unit
 from rig.analysis.branches.threshold import Share
 from rig.analysis.pool import Arrays
-from rig.analysis.studies.figures import suiting
 from rig.analysis.studies.measures import one_unit
 from rig.analysis.studies.runs import REPEAT, SAMPLE, StudyRuns
 from rig.errors import OutputError, UsageError
@@ -272,6 +272,7 @@ class StudyResult(Result):
 
     def draw(self, folder: Path | str) -> list[Path]:
         """Draw the figures that suit the plan into a folder (PNG), and return them."""
+        suiting = importlib.import_module("rig.analysis.studies.figures").suiting
         paths = []
         for name, make in suiting(self).items():
             paths.append(Path(folder) / name)

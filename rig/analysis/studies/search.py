@@ -223,7 +223,8 @@ def search(
 
     workers = work.usable_workers(workers, cluster)
     units = work.work
-    store, say = Store.of(units, root), progress or (lambda done, total: None)
+    store = Store.of(units, root)
+    say = progress or (lambda done, total: None)
     low, high = np.array([factor.axis.values for factor in work.plan.factors]).T
     points: list[list[float]] = []
     with store.open(units), pool(units, store, workers, work.population, cluster=cluster) as processes:
