@@ -34,7 +34,7 @@ from rig.printable import counted
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 
-FRAMES = 3
+FRAMES = 3  # of a brief run: they call every kernel that a run calls
 TYPICAL = 9.0  # s for one shape on one core, measured; the first estimate only
 
 

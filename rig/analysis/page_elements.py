@@ -14,6 +14,7 @@ from rig.record.run import Integers, Reals
 COLUMNS = 480
 """Columns of a curve: in each of them it reaches from its lowest to its highest sample."""
 HEIGHT = 100
+"""Height of a curve, in the units of its columns."""
 _GAP = 1.5  # longest distance of neighbouring samples without a gap, in median distances
 _EMPTY = frozenset({"img", "meta"})
 # What UTF-8 or HTML cannot contain, and what changes the direction of the text after it

@@ -34,7 +34,7 @@ from rig.record.run import Run
 from rig.record.run_list import drives
 from rig.scenes.scene import Scene
 
-_HALF = 0.5
+_HALF = 0.5  # of the largest speed: a run that accelerates and decelerates begins and ends below it
 _SCAN = 1.05  # ratio of neighbouring trial speeds
 _LEAST = 1e-4  # smallest trial speed over the largest
 

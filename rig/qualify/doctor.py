@@ -53,6 +53,7 @@ Times = NDArray[np.int64]
 Clock = Callable[[], int]
 Say = Callable[[str], object]
 FRAME_NS = 1_000_000
+"""The frame whose waits are measured: that of most scenes."""
 LEAST = 2000
 """Fewest measured frames: the cost at p99 is then exceeded by twenty of them."""
 RESERVE = 1.5
@@ -61,8 +62,8 @@ ALONE = "measured in processor time: no other program interrupts a plant that is
 AMONG = "measured by the wall clock: other programs interrupt a plant that is not scheduled in real time"
 _ROW = 100  # consecutive measured frames: the lateness of one carries over to the next
 _ENDLESS_NS = 10_000_000_000  # measured part of a protocol without an end
-_PAUSE_S = 0.0005
-_EACH_S = 0.001
+_PAUSE_S = 0.0005  # before a round trip, as between the frames of a paced run
+_EACH_S = 0.001  # for a round trip with its pause: decides on their number
 
 
 def round_trips(seconds: float, *, paced: bool = True) -> tuple[Times, Times, str]:

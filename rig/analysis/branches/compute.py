@@ -211,7 +211,8 @@ class Computation:
         self.watch = watch
         self.axis = job.axis
         self.family = Family(job.scene, [job.axis], [job.output])
-        self.low, self.high = job.axis.values[0], job.axis.values[-1]
+        self.low = job.axis.values[0]
+        self.high = job.axis.values[-1]
         self.saved = {unit: unpacked(arrays) for unit, arrays in store.load().items()} if store else {}
         self.branches: list[Branch] = []
         self.specials: list[Special] = []

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
-THIN = 1.1
-THICK = 2.0
+THIN = 1.1  # pt, of equilibria
+THICK = 2.0  # pt, of cycles
 DASHED = ((0, (2.2, 1.8)), "unstable")
 _LISTED = 3  # values of a kind of special point that fit into a line of the legend
 SYMBOLS = {

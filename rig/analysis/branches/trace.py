@@ -462,12 +462,14 @@ def _last(at: Place) -> Place:
     outside = SHORTEST
     while outside < LONGEST and holds(outside):
         outside = 2.0 * outside + SHORTEST
-    return reached[edge(max(reached), outside, holds, _EDGE)[0]]
+    last, _ = edge(max(reached), outside, holds, _EDGE)
+    return reached[last]
 
 
 def _switched(at: Place, other: Carried) -> Place | None:
     """The first place beyond a boundary, found from states beside the last one before it that meet other events."""
-    map, n = at.map, len(at.u) - 2
+    map = at.map
+    n = len(at.u) - 2
     f = map.along(at.u)
     directions = [at.t]
     for d in np.vstack([np.eye(n + 2)[:n], np.eye(n + 2)[-1:]]):

@@ -71,7 +71,8 @@ def chart(
     Raises UsageError if the folder cannot be used, WorkerError if a worker is lost. Finished results stay after an
     error or an interruption, and the same call continues from there.
     """
-    work, store = units(job), store_of(job, root)
+    work = units(job)
+    store = store_of(job, root)
     with store.open(work):
         rows = carry_out(work, store, workers, progress)
     if job.settings.eigenvalues:

@@ -46,7 +46,7 @@ MOST = 10_000_000
 """Largest number of points, of samples, and of repeated runs."""
 MOST_SEED = 2**62
 """Largest seed; those of all points then fit in 64 bits."""
-_EDGE = 1e-12
+_EDGE = 1e-12  # the nearest that a drawn share comes to 0 and 1
 SAMPLE = "sample"
 """The dimension of drawn points in the results."""
 REPEAT = "repeat"

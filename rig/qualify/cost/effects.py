@@ -33,6 +33,7 @@ from rig.scenes.variants import SWITCHED, declared, dropped, opened, without
 
 Array = NDArray[np.float64]
 ROUNDS = 9
+"""Default number of rounds in a batch: in each of them all plants alternate."""
 NO_CHANCE = "is random: compared runs leave it out; run other seeds to see its influence"
 KINDS = {"cycle": "a limit cycle", "vibration": "a vibration that does not repeat", "smooth": "no events"}
 _UNITS = {
@@ -43,7 +44,7 @@ _UNITS = {
     "friction power": "W",
 }
 _NUDGE = 1e-9  # relative change of a start that reveals an irregular motion
-_LEAST_NUDGE = 1e-12
+_LEAST_NUDGE = 1e-12  # added to it: a start may be zero
 _LEAST = 1e-9  # share of a measure that no run resolves
 _SIGNIFICANT = 2.0  # a change counts above this multiple of the difference between two runs of an irregular motion
 _DRAWS = 100  # of the rounds, for an interval

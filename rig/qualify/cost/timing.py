@@ -33,6 +33,7 @@ from rig.machine.process import no_garbage
 
 Array = NDArray[np.float64]
 ROUNDS = 7
+"""Default number of rounds: in each of them all settings alternate."""
 QUIET = 0.25  # quantile of the wall times of the plant alone
 _ROUND_NS = 150_000_000  # wall time of the frames of one setting in one round
 _PIECES = 30  # fewest pieces in one round

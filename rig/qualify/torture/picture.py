@@ -18,12 +18,12 @@ SPEED = "real time"
 """Heading of the column with the real-time factors of the default, which are no test results and have no colour."""
 NOTE = "Steps are side by side, the coarsest first. Blank: not run. Real time: real-time factor of the default."
 _STYLE: dict[str, Any] = {"font.size": 8.5, "axes.titlelocation": "left"}
-_ROW = 0.19  # inches, as all below
-_COLUMN = 0.76
-_NAMES = 2.35
-_ABOVE = 1.05
-_BELOW = 0.45
-_LEAST = 6.5  # width of a picture: its title fits
+_ROW = 0.19  # inches, height of a case
+_COLUMN = 0.76  # inches, width of a method
+_NAMES = 2.35  # inches, for the names of cases
+_ABOVE = 1.05  # inches, for titles and methods
+_BELOW = 0.45  # inches, for the machine
+_LEAST = 6.5  # inches, width of a picture: its title fits
 
 
 def draw(cells: Sequence[Cell], path: Path, machine: str) -> None:

@@ -310,7 +310,9 @@ class Trial:
         if not system.patches[p].law.presliding:  # bristles give back what they stored
             outcome.negative_power = max(outcome.negative_power, -float(power.min()) / max(friction * speed, _TINY))
         laws = [system.law(p, key) for key in keys]
-        static = [max(way.static for way in law.directions) for law in laws]
+        static = []
+        for law in laws:
+            static.append(max(way.static for way in law.directions))
         most = np.array(static)[mode_sets]
         for mode_set, (mode, law) in enumerate(zip(modes, laws)):
             if law.formula is not None and law.states:
