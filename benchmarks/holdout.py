@@ -18,7 +18,8 @@ import numpy as np
 
 from rig.analysis.motion_measures import errors, observe, problem
 from rig.errors import UsageError
-from rig.qualify.cost.measuring import cost, references, timed
+from rig.qualify.cost.measuring import cost, timed
+from rig.qualify.cost.references import references
 from rig.qualify.cost.table import WORST, recommended
 from rig.scenes.loader import load
 from rig.scenes.scene import Scene

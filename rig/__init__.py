@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from rig.analysis.cycle_report import Cycle
     from rig.analysis.identification.answer import Identified
     from rig.analysis.map import Boundary, Map
-    from rig.analysis.modes import Modes
+    from rig.analysis.modes_report import Modes
     from rig.analysis.recorded.against_scene import AgainstScene
     from rig.analysis.recorded.comparison import Compared
     from rig.analysis.recorded.events import Events

@@ -36,7 +36,8 @@ KNOWN = {
     "rig/analysis/identification/lever.py": {"lever"},  # the experiments that identify this rig
     "rig/analysis/map/dither.py": {"dither"},  # friction averaged over dither, an analysis of its own
     "rig/analysis/map/job.py": {"dither"},
-    "rig/analysis/modes.py": {"dither"},  # a key of its JSON
+    "rig/analysis/modes.py": {"dither"},
+    "rig/analysis/modes_report.py": {"dither"},  # a key of its JSON
     "rig/analysis/regions.py": {"dither"},
     "rig/structure/full.py": {"piezo"},  # the places of a stack on a mesh, as the scene names them
     "rig/view/lever.py": {"lever"},  # drawers that a plant names

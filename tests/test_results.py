@@ -41,10 +41,11 @@ def regions(folder):
 
 
 def loop_report(folder):
+    from rig.analysis import loop_check
     from rig.analysis import loop_report as room
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(room, "RUNS", 1)
+        patch.setattr(loop_check, "RUNS", 1)
         patch.setattr(room, "POINTS", 3)
         return room.report(rig.load("belt_normal_force"), "nf")
 

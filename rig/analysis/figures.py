@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rig.analysis.control_loop import Loop
 from rig.analysis.cycle_report import Cycle
 from rig.analysis.loop_report import LoopReport
-from rig.analysis.modes import Modes
+from rig.analysis.modes_report import Modes
 from rig.analysis.recorded.amplitude import NOISY, Amplitudes, Row
 from rig.analysis.sweep import Sweep
 from rig.errors import UsageError

@@ -41,7 +41,7 @@ _NONE = np.zeros((0, 0), dtype=np.complex128)
 class Forced:
     """A forced motion. `exponents` [i], the least stable first; `shapes` [state, i] at the phase of the start.
 
-    `exists`, `counts`, `why`: as of `rig.analysis.modes.Sliding`. `means`: over a period, of the states, the
+    `exists`, `counts`, `why`: as of `rig.analysis.modes_report.Sliding`. `means`: over a period, of the states, the
     inputs T, and the friction and normal force of each patch [N]; None where they are not known.
     """
 

@@ -11,7 +11,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
@@ -34,7 +34,7 @@ from rig.printable import counted
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 
-FRAMES = 3
+FRAMES = 3  # of a brief run: they call every kernel that a run calls
 TYPICAL = 9.0  # s for one shape on one core, measured; the first estimate only
 
 
@@ -52,16 +52,25 @@ class Shape(NamedTuple):
 
 FILM = Shape(0, curved=False, fixed=True, products=False, kicks=True)
 """The kernels of a film, for any number of states."""
-VARIANTS = tuple(
-    one
-    for states in range(UNROLLED + 1)
-    for one in (Shape(states, *flags) for flags in product((False, True), repeat=6))
-    if one.curved or not one.products  # products of states are never linear
-    if not one.kicks or one == FILM
-    if not one.implicit
-    or (one.curved and not one.fixed)  # implicit steps are for what is not linear, and of any length
-    if not one.long or (one.curved and not one.fixed and not one.implicit)  # so are the long steps of dop853
-)
+
+
+def _variants() -> Iterator[Shape]:
+    for states in range(UNROLLED + 1):
+        for flags in product((False, True), repeat=6):
+            kind = Shape(states, *flags)
+            if kind.products and not kind.curved:  # products of states are never linear
+                continue
+            if kind.kicks and kind != FILM:
+                continue
+            adaptive = kind.curved and not kind.fixed
+            if kind.implicit and not adaptive:  # implicit steps are for what is not linear, and of any length
+                continue
+            if kind.long and (kind.implicit or not adaptive):  # so are the long steps of dop853
+                continue
+            yield kind
+
+
+VARIANTS = tuple(_variants())
 """Every possible shape: the number of compiled kernels does not grow with the number of effects."""
 
 
@@ -72,12 +81,18 @@ def shape(scene: Scene) -> Shape:
 
 def shape_of(system: System, method: str, tolerance: float = math.inf) -> Shape:
     """Return the kernel shape of a system and an integration method, for an analysis with its own `tolerance`."""
-    how, states = chosen(method, system, tolerance), system.n if system.n <= UNROLLED else 0
+    how = chosen(method, system, tolerance)
     if how == "kick":
         return FILM
     curved = not system.linear or how == "smooth"
-    products, implicit = bool(system.products) or system.remembers, how == "rosenbrock" and curved
-    return Shape(states, curved, how == "rk4", products, False, implicit, how == "dop853" and curved)
+    return Shape(
+        states=system.n if system.n <= UNROLLED else 0,
+        curved=curved,
+        fixed=how == "rk4",
+        products=bool(system.products) or system.remembers,
+        implicit=how == "rosenbrock" and curved,
+        long=how == "dop853" and curved,
+    )
 
 
 def prepare(
@@ -195,7 +210,8 @@ def notes() -> Path:
 
 def note(kind: Shape) -> None:
     """Note that the kernels of a shape have been compiled."""
-    noted, place = sorted(ready() | {kind}), notes()
+    noted = sorted(ready() | {kind})
+    place = notes()
     draft = place.with_suffix(f".{os.getpid()}")
     with suppress(OSError):  # a read-only cache: the next start compiles again
         draft.write_text(json.dumps(noted))

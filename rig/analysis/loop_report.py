@@ -1,31 +1,7 @@
 """The report of `rig loop`: delay budget, margins, and decay over delay, jitter and loss with one point simulated.
 
-The delay budget of a control loop: what delays it at the frequency of its least stable mode, and who states that.
-
-A filter delays by phase / frequency; a lag of first order by atan(w T) / w; a value held over a period by half of it.
-
-The decay of a loop at small motions, read off an ensemble of simulations with the links of a scene.
-
-Each run begins at steady sliding, moved along the least stable mode of the closed loop by a thousandth of the rig's own
-deflection, and has a network seed of its own; sensors have neither noise nor limits. The mean square of the output that
-the sensor reads, over all runs and over each period of the vibration, is fitted by an exponential: its rate is twice
-the growth rate of the mean square.
-
-A control loop over impaired links as a jump linear system: growth of the mean and of the mean square.
-
-At every tick a link delivers a message of some age, or none, and then the last one is held. The loop z(k+1) = A_j z(k)
-has a matrix for each case j, which occurs with probability p_j. For cases that are independent from tick to tick
-
-    mean          E z(k+1) = (sum_j p_j A_j) E z(k)
-    mean square   S(k+1) = sum_j p_j A_j S(k) A_j^T,    S = E z z^T
-
-and the loop is stable in the mean square exactly if the spectral radius of the second map is below one (Costa, Fragoso,
-Marques (2005), "Discrete-Time Markov Jump Linear Systems", theorem 3.9 with independent cases). Growth rates are
-ln(radius) / T and ln(radius) / (2 T). Decay in the mean square implies decay of almost every single run.
-
-Loss with a constant delay is exactly of this kind. With jitter the age of successive messages is not independent; the
-model draws it from its stationary distribution at each tick, as Nilsson (1998), "Real-Time Control Systems with
-Delays", does for random delays. Duplicates are left out: without reordering a second copy brings nothing new.
+The delay budget of a control loop: what delays it at the frequency of its least stable mode, and who states that. A
+filter delays by phase / frequency; a lag of first order by atan(w T) / w; a value held over a period by half of it.
 """
 
 from __future__ import annotations
@@ -33,37 +9,26 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from itertools import pairwise
+from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig import design
-from rig.analysis.control_loop import Loop, ends, loop, plant
-from rig.bench.run.experiment import Experiment
-from rig.bench.run.simulate import begun, carry_on
-from rig.controllers import restored
-from rig.errors import NumericsError, SceneError
+from rig.analysis.control_loop import Loop, ends, loop
+from rig.analysis.jump_linear import Growth, fits, jump_growth, mean_age, worst_case
+from rig.analysis.loop_check import Checked, simulated
+from rig.errors import SceneError
 from rig.printable import columns, counted
 from rig.results import Result
 from rig.scenes.explain import explain
 from rig.scenes.network import Link, Network, described
 from rig.scenes.scene import Scene
 from rig.scenes.sections import dump
-from rig.sensors.chain.front_end import FrontEnd
 
-_ROUNDED = 1e-12  # rad
-Array = NDArray[np.float64]
-RUNS = 8
-"""Runs of an ensemble. # chosen"""
-_SHARE = 1e-3
-_DECADES = 8.0  # change of ln(amplitude) that a run should reach, and the least number of periods that it has. [chosen]
-_PERIODS = (12, 400)
 POINTS = 9
 """Values of each curve. # chosen"""
-_MOST_LOSS = 0.9
+_ROUNDED = 1e-12  # rad: a smaller phase is rounding error
+_MOST_LOSS = 0.9  # the end of the curve over loss: a loop without messages is none
 _FREE = 20  # frames of delay that the curve covers if the loop has no delay margin. [chosen]
 
 
@@ -88,8 +53,11 @@ def budget(scene: Scene, closed: Loop, bus: float | None = None) -> Iterator[Ite
     `bus`: measured time [s] from a step to its answer over the bus; None: it was not measured.
     """
     name = closed.controller
-    section, omega = scene.controllers[name], abs(closed.spectrum.rates[0].imag)
-    (sensor, drive), (meas, act), frame = ends(scene, name), links(scene, name), scene.frame_ns
+    section = scene.controllers[name]
+    omega = abs(closed.spectrum.rates[0].imag)
+    sensor, drive = ends(scene, name)
+    meas, act = links(scene, name)
+    frame = scene.frame_ns
     origins = {value.key: f"{value.key} ({value.origin.origin})" for value in explain(scene).values}
     end = scene.sensors[sensor].front_end()
 
@@ -118,92 +86,6 @@ def budget(scene: Scene, closed: Loop, bus: float | None = None) -> Iterator[Ite
         origin = "rig run --pace: not measured (--measure does)" if bus is None else f"{1e3 * bus:.2g} ms, measured"
         frames = 1 if bus is None else max(math.ceil(bus * 1e9 / frame), 1)
         yield Item("bus of a paced run", frames * frame * 1e-9, f"{origin}: {counted(frames, 'frame')}")
-
-
-@dataclass(frozen=True)
-class Checked:
-    """Growth rate of the mean square [1/s] in `runs` simulations of `seconds` each."""
-
-    growth: float
-    runs: int
-    seconds: float
-
-
-def simulated(scene: Scene, name: str, network: Network, expected: float, of: Growth) -> Checked:
-    """Simulate the loop of controller `name` over the links of `network`, from the shape that grows as computed.
-
-    `expected`: computed growth rate [1/s]; it and the frequency decide on the length of the runs. Raises SceneError if
-    the vibration is not small (a contact sticks or opens) or the integration stops.
-    """
-    hertz = of.hertz
-    section = scene.controllers[name]
-    if "enable_at" in type(section).model_fields:
-        section = section.model_copy(update={"enable_at": 0})
-    sensors: dict[str, Any] = {key: _Linear(sensor) for key, sensor in scene.sensors.items()}
-    described = design.described(replace(scene, controllers={name: section}))[name]  # with the noise of its sensor
-    alone = replace(scene, controllers={name: section}, sensors=sensors, believed={}, protocol=(), faults={}, limits={})
-    long = min(max(_DECADES / max(abs(expected), 1e-9), _PERIODS[0] / hertz), _PERIODS[1] / hertz)
-    if expected > 0.0:
-        long = min(long, 3.0 / expected)
-    output = scene.sensors[ends(scene, name)[0]].reads
-    seeded = (replace(alone, network=network.model_copy(update={"seed": seed})) for seed in range(1, RUNS + 1))
-    runs = np.array([_run(scene, name, described, output, long, of.shape) for scene in seeded])
-    steps = 1e9 / hertz / alone.step_ns
-    ends_of = np.rint(np.arange(int(runs.shape[1] / steps) + 1) * steps).astype(int)  # of periods
-    square = np.array([runs[:, a:b].var(axis=1).mean() for a, b in pairwise(ends_of.tolist())])
-    kept = square > 1e-20 * square.max()
-    bins = np.flatnonzero(kept)[1:]  # after the first period: the links are still empty at the beginning
-    if len(bins) < 3:
-        raise SceneError(scene.name, [f"the vibration has too few periods of {1 / hertz:.3g} s to fit a decay"])
-    rate = float(np.polyfit(bins / hertz, np.log(square[bins]), 1)[0])
-    return Checked(0.5 * rate, RUNS, long)
-
-
-class _Linear:
-    """An instrument without noise, resolution and limits: only its linear response, so that small motions are seen."""
-
-    def __init__(self, instrument: Any) -> None:
-        self._instrument = instrument
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._instrument, name)
-
-    def front_end(self) -> FrontEnd:
-        """Its front end."""
-        end: FrontEnd = self._instrument.front_end()
-        unlimited = replace(end, low=-math.inf, high=math.inf, slew=math.inf)
-        return replace(unlimited, offset=0.0, slope=0.0, warmth=0.0, noise=0.0, resolution=0.0, dropout_rate=0.0)
-
-
-def _run(scene: Scene, name: str, described: dict[str, Any], output: str, seconds: float, shape: Array) -> Array:
-    """The values of `output` at every sample step, from a small motion along `shape`.
-
-    `described`: the description of controller `name`.
-    """
-    at = plant(scene)
-    # by displacements: a fast mode has much larger velocities
-    places = [i for i, state in enumerate(at.states) if not state.endswith("'")]
-    shape = shape * _SHARE * (np.abs(at.equilibrium[places]).max() or 1e-3) / np.abs(shape[places]).max()
-
-    def move(experiment: Experiment) -> None:
-        motion = experiment.runner.motion
-        for state, value in zip(at.states, at.equilibrium + shape):
-            motion.write(motion.system.names.index(state), float(value))
-
-    ticks = round(seconds * 1e9) // scene.frame_ns
-    experiment, working = begun(scene, {name: restored(described)}, ticks * scene.frame_ns, before=move)
-    runner = experiment.runner
-    try:
-        while experiment.begin():
-            carry_on(experiment, working, experiment.until())
-    except NumericsError as fault:
-        raise SceneError(scene.name, [f"the simulation stopped: {fault.what}"]) from None
-    if runner.statistics()["events"]:
-        raise SceneError(scene.name, ["a contact sticks or opens even at a small vibration: its decay is not defined"])
-    assert runner.truth is not None
-    runner.hand_over(runner.truth)
-    values, _ = runner.truth.outputs()
-    return np.asarray(values[runner.outputs.index(output)])
 
 
 @dataclass(frozen=True)
@@ -266,17 +148,22 @@ class LoopReport(Result):
         hertz = abs(self.found.spectrum.rates[0].imag) / (2.0 * math.pi)
         total = sum(item.seconds for item in self.items)
         rows = [("delay budget", f"ms at {hertz:.4g} Hz", "deg", "origin")]
-        rows += [(o.part, f"{1e3 * o.seconds:.4g}", f"{360 * o.seconds * hertz:.3g}", o.origin) for o in self.items]
-        rows += [("sum", f"{1e3 * total:.4g}", f"{360 * total * hertz:.3g}", "")]
+        for item in self.items:
+            phase = f"{360 * item.seconds * hertz:.3g}"
+            rows.append((item.part, f"{1e3 * item.seconds:.4g}", phase, item.origin))
+        rows.append(("sum", f"{1e3 * total:.4g}", f"{360 * total * hertz:.3g}", ""))
         lines = [f"{self.scene}: loop of {self.found.controller} ({self.found.through})"]
-        told = (self.found.left_out, *self.found.belief)
-        lines += [*(f"  {line}" for line in told if line), "", *columns(rows, "<>><")]
+        for remark in (self.found.left_out, *self.found.belief):
+            if remark:
+                lines.append(f"  {remark}")
+        lines += ["", *columns(rows, "<>><")]
         return "\n".join([*lines, "", *self._margins(), "", *self._curves(), "", *self._check()])
 
     def _margins(self) -> Iterator[str]:
         yield f"  decay rate at steady sliding {-self.growth:.6g} 1/s, with its links in the mean square"
         yield from self.found.margin_lines("ms more than the budget without the bus")
-        if (ends := self.found.gain_range) is not None and self.found.gain:
+        ends = self.found.gain_range
+        if ends is not None and self.found.gain:
             least, most = sorted(end / self.found.gain for end in ends)
             low = f"from {least:.4g}" if math.isfinite(least) else "from any negative multiple"
             high = f"to {most:.4g} times" if math.isfinite(most) else "to any multiple of"
@@ -294,10 +181,11 @@ class LoopReport(Result):
         yield f"  one point checked by simulation: {self.point}"
         if (checked := self.checked) is not None:
             rates = f"decay rate computed {-self.computed:.6g}, simulated {-checked.growth:.6g} 1/s"
-            means = "that of the mean against that of the mean square, which grows at least as fast"
-            told = means if self.error is None else f"relative error {self.error:.2g}"
-            yield f"  {rates} ({counted(checked.runs, 'run')} of {checked.seconds:.3g} s); {told}"
-        yield from (f"  {checked}" for checked in self.notes)
+            comparison = "that of the mean against that of the mean square, which grows at least as fast"
+            if self.error is not None:
+                comparison = f"relative error {self.error:.2g}"
+            yield f"  {rates} ({counted(checked.runs, 'run')} of {checked.seconds:.3g} s); {comparison}"
+        yield from (f"  {note}" for note in self.notes)
 
 
 def report(
@@ -313,42 +201,60 @@ def report(
     delayed = loop(scene, name, sum(map(round, late)) * frame)
     rates = _Rates(scene, name)
     growth, _ = rates.of(meas, act)
-    frames = (
-        _FREE if margin is None or math.isinf(margin["delay"]) else max(math.ceil(1.3e9 * margin["delay"] / frame), 4)
-    )
+    frames = _FREE
+    if margin is not None and not math.isinf(margin["delay"]):
+        frames = max(math.ceil(1.3e9 * margin["delay"] / frame), 4)
     half = max(frames // 3, 1) * frame
-    steps = np.linspace(0.0, 1.0, POINTS)
-    delays = sorted({round(frames * share) * frame for share in steps})
-    about = meas if meas.delay else meas.model_copy(update={"delay": half})
-    jitters = sorted({round(about.delay * share) for share in steps})
-    asked: list[tuple[str, float, Link]] = [("delay", d * 1e-9, Link().model_copy(update={"delay": d})) for d in delays]
-    asked += [("jitter", j * 1e-9, about.model_copy(update={"jitter": j, "loss": 0.0})) for j in jitters]
-    losses = np.round(steps * _MOST_LOSS, 4).tolist() if rates.jumps else []
-    asked += [("loss", p, meas.model_copy(update={"loss": p})) for p in losses]
-    drawn: dict[str, list[tuple[float, float]]] = {}
-    for done, (key, value, link) in enumerate(asked):
-        progress(done, len(asked))
-        drawn.setdefault(key, []).append((value, rates.of(link, act)[0]))
-    curves = [Curve(key, [v for v, _ in points], [g for _, g in points]) for key, points in drawn.items()]
-    point, own = (meas, act), scene.network.links.keys() & {f"meas/{ends(scene, name)[0]}", f"act/{name}"}
-    if not own:
-        chosen = {"delay": half, "jitter": half // 2, "loss": 0.2} if rates.jumps else {"delay": half}
-        point = Link().model_copy(update=chosen), Link()
+    varied = list(_varied(meas, frames, half, frame, rates.jumps))
+    points: dict[str, list[tuple[float, float]]] = {}
+    for done, (key, value, link) in enumerate(varied):
+        progress(done, len(varied))
+        rate, _ = rates.of(link, act)
+        points.setdefault(key, []).append((value, rate))
+    curves = []
+    for key, pairs in points.items():
+        values, growths = zip(*pairs)
+        curves.append(Curve(key, [*values], [*growths]))
+    point = (meas, act)
+    sensor, _ = ends(scene, name)
+    if not scene.network.links.keys() & {f"meas/{sensor}", f"act/{name}"}:
+        impaired = {"delay": half, "jitter": half // 2, "loss": 0.2} if rates.jumps else {"delay": half}
+        point = (Link().model_copy(update=impaired), Link())
     result = LoopReport(scene.name, delayed, [*budget(scene, delayed, bus)], growth, curves, "", math.nan)
     _simulate(result, scene, rates, *point)
     result.notes += rates.notes
-    progress(len(asked), len(asked))
+    progress(len(varied), len(varied))
     return result
+
+
+def _varied(meas: Link, frames: int, half: int, frame: int, jumps: bool) -> Iterator[tuple[str, float, Link]]:
+    """The links of the curves: property, its value, and the link of the sensor `meas` with it.
+
+    Delay goes up to `frames`; jitter is about the delay of the link, or about `half` [ns]; loss only if the loop
+    `jumps`.
+    """
+    steps = np.linspace(0.0, 1.0, POINTS)
+    for delay in sorted({round(frames * share) * frame for share in steps}):
+        yield "delay", delay * 1e-9, Link().model_copy(update={"delay": delay})
+    about = meas if meas.delay else meas.model_copy(update={"delay": half})
+    for jitter in sorted({round(about.delay * share) for share in steps}):
+        yield "jitter", jitter * 1e-9, about.model_copy(update={"jitter": jitter, "loss": 0.0})
+    if jumps:
+        for loss in np.round(steps * _MOST_LOSS, 4).tolist():
+            yield "loss", loss, meas.model_copy(update={"loss": loss})
 
 
 class _Rates:
     """Growth rates of the loop of a controller over links. `notes`: how they were found, where it is not as usual."""
 
     def __init__(self, scene: Scene, name: str) -> None:
-        self.scene, self.name = scene, name
+        self.scene = scene
+        self.name = name
         self.jumps = fits(scene, name)
-        why = "the loop does not work once in every frame: rates are those of the longest constant delay, and losses"
-        self.notes = [] if self.jumps else [f"{why} are left out"]
+        self.notes: list[str] = []
+        if not self.jumps:
+            why = "the loop does not work once in every frame"
+            self.notes.append(f"{why}: rates are those of the longest constant delay, and losses are left out")
 
     def of(self, meas: Link, act: Link) -> tuple[float, Growth]:
         """Growth rate [1/s] over a link of the sensor and one of the commands, and what it is of."""
@@ -356,7 +262,8 @@ class _Rates:
         if math.isfinite(decay.mean_square):
             return decay.mean_square, decay
         note = "some rates are those of the mean: the mean square of a loop of many modes was not found"
-        self.notes += [note] if note not in self.notes else []
+        if note not in self.notes:
+            self.notes.append(note)
         return decay.mean, decay
 
 
@@ -376,151 +283,3 @@ def _simulate(result: LoopReport, scene: Scene, rates: _Rates, meas: Link, act: 
         result.checked = simulated(scene, name, network, result.computed, of)
     except SceneError as fault:
         result.notes += [f"not checked: {text}" for text in fault.faults]
-
-
-Ages = Sequence[tuple[int | None, float]]
-"""Age of the message that arrives at a tick [frames], None for none, with its probability."""
-DENSE = 10
-"""Largest number of states for which the map of S is written out as a matrix."""
-_RESTARTS = 40
-_SEARCHED = 150  # most states for which its radius is searched, in about a second; 316 would take minutes [chosen]
-
-
-@dataclass(frozen=True)
-class Growth:
-    """Growth rates [1/s] of a loop over impaired links: of the mean, and of the root of the mean square.
-
-    The latter is NaN where its eigenvalue was not found: rigs of many modes with little damping.
-    """
-
-    mean: float
-    mean_square: float
-    hertz: float
-    """Frequency of the mean [Hz]."""
-    shape: Array
-    """Of the mean, over the states of the plant."""
-
-
-def latencies(link: Link, frame_ns: int) -> dict[int, float]:
-    """Time under way of a message [frames] -> probability, as rig.bus.impaired_link rounds it up."""
-    low, count = link.delay - link.jitter, 2 * link.jitter + 1
-    least, most = link.ticks(frame_ns)
-    ends = [min(max(d * frame_ns - low + 1, 0), count) for d in range(least - 1, most + 1)]
-    return {d: (b - a) / count for d, (a, b) in zip(range(least, most + 1), pairwise(ends))}
-
-
-def ages(link: Link, frame_ns: int) -> Ages:
-    """The stationary distribution of what a link delivers at a tick."""
-    under_way, kept = latencies(link, frame_ns), 1.0 - link.loss
-    least, most = min(under_way), max(under_way)
-    arrivals: list[tuple[int | None, float]] = []
-    if link.reorder:  # of the messages that arrive at this tick the last one sent counts
-        left = 1.0
-        for d in range(least, most + 1):
-            arrives = kept * under_way.get(d, 0.0)
-            arrivals.append((d, left * arrives))
-            left *= 1.0 - arrives
-        return [*arrivals, (None, left)]
-    before = 0.0
-    for m in range(least, most + 1):  # every message of age m and above has arrived, or is lost
-        there = math.prod(
-            link.loss + kept * sum(p for d, p in under_way.items() if d <= age) for age in range(m, most + 1)
-        )
-        arrivals.append((m, kept * (there - before)))
-        before = there
-    return [*arrivals, (None, link.loss)]
-
-
-def mean_age(link: Link, frame_ns: int) -> float:
-    """Mean age of the samples that a controller has [frames]; a tick without a message adds one frame."""
-    arriving = [(age, p) for age, p in ages(link, frame_ns) if age is not None]
-    share = sum(p for _, p in arriving)
-    return sum(age * p for age, p in arriving) / share + (1.0 - share) / share if share else math.inf
-
-
-def fits(scene: Scene, name: str) -> bool:
-    """Whether the loop of controller `name` works once in every frame, as `jump_growth` needs."""
-    return round(loop(scene, name).model.period * 1e9) == scene.frame_ns
-
-
-def worst_case(scene: Scene, name: str, meas: Link, act: Link) -> Growth:
-    """The growth of a loop if every message takes the longest time that its links allow.
-
-    The age of a sample at an update is a multiple of the shorter period, that of the controller or that of its sensor.
-    """
-    frame, section = scene.frame_ns, scene.controllers[name]
-    period = min(section.period, scene.sensors[ends(scene, name)[0]].period_ns)
-    heard = -(-meas.ticks(frame)[1] * frame // period) * period
-    closed = loop(scene, name, heard + act.ticks(frame)[1] * frame)
-    rate, shape = complex(closed.spectrum.rates[0]), closed.spectrum.right[: closed.model.own, 0].real
-    return Growth(rate.real, rate.real, abs(rate.imag) / (2.0 * math.pi), shape)
-
-
-def jump_growth(scene: Scene, name: str, meas: Link, act: Link) -> Growth:
-    """The growth of the loop of controller `name` over a link of its sensor and one of its commands.
-
-    For a loop that `fits`. Raises SceneError as `rig.analysis.control_loop.loop` does.
-    """
-    frame = scene.frame_ns
-    heard, commanded = ages(meas, frame), ages(act, frame)
-    longest = max((age for age, _ in commanded if age is not None), default=0)
-    loops = {
-        age: loop(scene, name, longest * frame, None if age is None else longest - age)
-        for age, p in commanded
-        if p > 0.0
-    }
-    cases = [(p * q, _case(loops[a], age, heard)) for a, p in commanded if p > 0.0 for age, q in heard if q > 0.0]
-    period = frame * 1e-9
-    z, shapes = np.linalg.eig(sum(p * A for p, A in cases))
-    fastest = np.abs(z).argmax()
-    mean, shape = complex(z[fastest]), shapes[: next(iter(loops.values())).model.own, fastest].real
-    hertz = abs(cmath.phase(mean)) / (2.0 * math.pi * period)
-    return Growth(math.log(abs(mean)) / period, 0.5 * math.log(_radius(cases)) / period, hertz, shape)
-
-
-def _case(cut: Loop, age: int | None, heard: Ages) -> Array:
-    """The matrix over [z, measurements under way (the newest first), the measurement heard last]."""
-    m, gain = cut.model, cut.gain
-    n, under_way = len(m.F), max((a for a, _ in heard if a is not None), default=0)
-    size = n + under_way + 1
-    reads = np.zeros(size)
-    if age is None:
-        reads[-1] = 1.0
-    elif age:
-        reads[n + age - 1] = 1.0
-    else:
-        reads[:n] = m.H
-    A = np.zeros((size, size))
-    A[:n, :n] = m.F
-    A[:n] += gain * np.outer(m.G, reads)
-    if under_way:
-        A[n, :n] = m.H
-        A[n + 1 : n + under_way, n : n + under_way - 1] = np.eye(under_way - 1)
-    A[-1] = reads
-    return A
-
-
-def _radius(cases: Sequence[tuple[float, Array]]) -> float:
-    """The spectral radius of S -> sum p A S A^T."""
-    size = len(cases[0][1])
-    if len(cases) == 1:
-        return float(np.abs(np.linalg.eigvals(cases[0][1])).max()) ** 2
-    scale = np.maximum(np.max([np.abs(A).max(axis=1) for _, A in cases], axis=0), 1e-300)
-    scaled = [(p, A / scale[:, None] * scale) for p, A in cases]  # states of similar size: the same eigenvalues
-    if size <= DENSE:
-        return float(np.abs(np.linalg.eigvals(sum(p * np.kron(A, A) for p, A in scaled))).max())
-    if size > _SEARCHED:
-        return math.nan
-    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
-
-    def after(s: Array) -> Array:
-        S = s.reshape(size, size)
-        return np.asarray(sum(p * (A @ S @ A.T) for p, A in scaled)).ravel()
-
-    operator = LinearOperator((size * size, size * size), matvec=after, dtype=np.float64)  # type: ignore[call-arg]
-    start = np.eye(size).ravel()
-    try:
-        largest = eigs(operator, k=4, ncv=40, v0=start, tol=1e-10, maxiter=_RESTARTS, return_eigenvectors=False)
-    except ArpackNoConvergence:
-        return math.nan
-    return float(np.abs(largest).max())

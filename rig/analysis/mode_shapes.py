@@ -24,13 +24,17 @@ from rig.view.palette import drawn, headline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
-    from rig.analysis.modes import Mode, Modes
+    from rig.analysis.modes_report import Mode, Modes
 
 Array = NDArray[np.float64]
 SUFFIXES = (".gif", ".rrd")
-SHOWN, MOST = 4, 8
-"""Mode shapes in a moving picture, and in a recording for rerun, the least stable first."""
-_FRAMES, _FRAME_S, _PERIODS = 24, 0.06, 2  # of a period of the moving picture; periods in a recording
+SHOWN = 4
+"""Mode shapes in a moving picture, the least stable first."""
+MOST = 8
+"""Mode shapes in a recording for rerun, the least stable first."""
+_FRAMES = 24  # of a period of the moving picture
+_FRAME_S = 0.06  # each
+_PERIODS = 2  # in a recording for rerun
 _MOVED = 0.12  # largest displacement in the picture, of the largest extent
 _FLAT = 0.25  # least side of the box around a structure, over its largest
 _OPAQUE = 0.8  # of a surface in a figure
@@ -70,7 +74,8 @@ def _shape(modes: Modes, mode: Mode) -> Shape:
 def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[float], None]:
     """Draw the least stable modes, one in each panel; returns a function that moves them to a phase."""
     assert modes.nodes is not None
-    xyz, faces = modes.nodes.xyz, modes.nodes.faces
+    xyz = modes.nodes.xyz
+    faces = modes.nodes.faces
     extent = float(np.ptp(xyz, axis=0).max()) or 1.0
     movers: list[tuple[Shape, Callable[[Array, Array], None]]] = []
     shown = shapes(modes, most)
@@ -161,7 +166,8 @@ def _gif(modes: Modes) -> bytes:
         movers.append(panels(figure, modes, SHOWN))
         figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=0.88, wspace=0.0, hspace=0.08)
 
-    figure, frames = page(), []
+    figure = page()
+    frames = []
     for frame in range(_FRAMES):
         movers[0](2.0 * math.pi * frame / _FRAMES)
         content = io.BytesIO()
@@ -179,7 +185,8 @@ def _rerun(modes: Modes, path: Path) -> None:
 
     assert modes.nodes is not None
     extent = float(np.ptp(modes.nodes.xyz, axis=0).max()) or 1.0
-    xyz, faces = modes.nodes.xyz / extent, modes.nodes.faces
+    xyz = modes.nodes.xyz / extent
+    faces = modes.nodes.faces
     triangles = np.vstack([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
     triangles = triangles[(np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)]
     shown = shapes(modes, MOST)

@@ -59,18 +59,18 @@ from rig.solve.film_steps import GROUP
 from rig.stability.linearisation import Steady, sliding_key, steady
 from rig.stability.report import RK4_LIMIT
 
+Array = NDArray[np.float64]
 TIGHTEST = 1e-12  # tolerance
 THEORY = {"dopri5": 5, "rosenbrock": 5, "rk4": 4, "kick": 2}  # order of the error in the step
 _MANY_TO_SOLVE = 64
 """Number of states beyond which rosenbrock is not measured: the time of a step grows as its third power."""
 _FINE = 2e-3  # |lambda| h of the finest rk4 step of a series
 _RUNG = 2.0  # smallest ratio of two steps of a series
-Array = NDArray[np.float64]
 ROUNDS = 4  # simulated cycles after repetition
 _REPEATS = 1e-6  # of a period: the last difference of a cycle that is simulated until it repeats
-_CERTAIN = 1e-9  # of a multiplier
+_CERTAIN = 1e-9  # of a multiplier: its error
 _LONGEST = 60.0  # s, simulated
-_EVENTS = 4000
+_EVENTS = 4000  # most mode set changes in which the motion is to settle
 _WORK = 1.2e10  # sample steps of a run times the square of its states
 _TURNS = 3.1  # of an uneven surface: the last third of so many is a whole one
 _TIMED = 2000  # fewest sample steps in one timed run
@@ -206,7 +206,7 @@ class Problem:
         """Names of the compared outputs."""
         outputs = self.assembly.outputs
         first, _ = portrait(outputs) or (next(iter(outputs)), "")
-        read = [name for section in self.scene.sensors.values() for name in [section.reads] if name in outputs]
+        read = [section.reads for section in self.scene.sensors.values() if section.reads in outputs]
         return list(dict.fromkeys([first, *read]))
 
     @property
@@ -222,13 +222,12 @@ class Problem:
     def orbit(self, setting: Setting, framed: bool = True) -> FreeRig:
         """Return the plant at its start with `setting`; `framed`: step by step as in a run with this setting."""
         scene = setting.applied(self.scene)
-        tolerance, start = scene.clock.tolerance, self.system.start
         return FreeRig(
             scene,
             self.assembly,
-            start,
+            self.system.start,
             method=setting.method,
-            tolerance=tolerance,
+            tolerance=scene.clock.tolerance,
             read=self.quantities,
             dense=True,
             framed=framed,
@@ -236,7 +235,8 @@ class Problem:
 
     def later(self, setting: Setting) -> Array:
         """Return the state where the window begins."""
-        orbit, begin = self.orbit(setting), self.length - self.window
+        orbit = self.orbit(setting)
+        begin = self.length - self.window
         while orbit.motion.tick < begin:
             orbit.block(begin - orbit.motion.tick)
         return orbit.motion.x.copy()
@@ -274,6 +274,7 @@ def _own_sources() -> str:
     rooms = Path(__file__).parents[1]
     names = (
         "qualify/cost/measuring",
+        "qualify/cost/references",
         "analysis/motion_measures",
         "analysis/cycle",
         "analysis/return_map",
@@ -309,8 +310,9 @@ def problem(scene: Scene, values: Mapping[str, float] | None = None, work: float
 
 def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
     """Return the actuator values that the protocol holds for the longest, those that differ from the start."""
-    now = {name: actuator.value for name, actuator in assembly.inputs.items()}
-    start, times = dict(now), {tuple(now.values()): 0}
+    start = {name: actuator.value for name, actuator in assembly.inputs.items()}
+    now = dict(start)
+    times = {tuple(now.values()): 0}
     for step in flat(scene.protocol):
         if isinstance(step, Load):
             now[step.target] = step.force
@@ -325,9 +327,11 @@ def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
 
 def _planned(first: Problem, work: float) -> Problem:
     """The problem with the kind of motion and the duration."""
-    scene, step = first.scene, first.step
+    scene = first.scene
+    step = first.step
     sliding = steady(first.system, sliding_key(first.system))
-    turns = 0.0 if math.isinf(turn := turn_of(sliding)) else _TURNS * turn
+    turn = turn_of(sliding)
+    turns = 0.0 if math.isinf(turn) else _TURNS * turn
     longest = min(max((scene.duration_ns or 10**10) * 1e-9, turns), _LONGEST, work * step / first.system.n**2)
     settled = _settled(first, sliding, longest)
     stops = settled.leaves or settled.changes >= _EVENTS
@@ -357,10 +361,11 @@ def _planned(first: Problem, work: float) -> Problem:
 
 def _settled(first: Problem, sliding: Steady, longest: float) -> Settled:
     """Where the motion settles; nowhere for a film of points, and without vibration and decay."""
-    scene, start = first.scene, first.system.start
+    start = first.system.start
     if first.assembly.film is None:
         standing = stuck(first.system, sliding.x)
-        rig = FreeRig(scene, first.assembly, standing, tolerance=TIGHT, read=tuple(scene.limits))
+        limits = tuple(first.scene.limits)
+        rig = FreeRig(first.scene, first.assembly, standing, tolerance=TIGHT, read=limits)
         rig.motion.restart(start)
         try:
             return Search(rig, sliding, begins="the start of the scene").run(longest, _EVENTS)
@@ -410,7 +415,8 @@ def _observed(problem: Problem, setting: Setting, framed: bool) -> Seen:
     until = problem.length - (0 if problem.kind == "cycle" else problem.window)
     while orbit.motion.tick < until:
         events += orbit.block(until - orbit.motion.tick)
-    step, count = problem.step, problem.count
+    step = problem.step
+    count = problem.count
     values: dict[str, float] = {}
     if problem.kind != "cycle":
         values, more = _over(orbit, problem.window * step, problem.quantities)
@@ -491,7 +497,10 @@ def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
         if name == "growth rate":
             largest = max(largest, SLOW * 2.0 * math.pi * truth.values.get("frequency", 0.0))
         away = abs(seen.values.get(name, math.inf) - value)
-        differences[name] = away / largest if largest > 0.0 else (0.0 if away == 0.0 else math.inf)
+        if largest > 0.0:
+            differences[name] = away / largest
+        else:
+            differences[name] = 0.0 if away == 0.0 else math.inf
     if truth.events:
         enough = abs(seen.count - truth.count) <= 1 + truth.count // 50
         differences["event times"] = _apart(seen, truth, _at_once(problem)) / truth.mean if enough else math.inf
@@ -517,7 +526,8 @@ def _apart(seen: Seen, truth: Seen, at_once: int) -> float:
     Only simultaneous events may have another order. If there are more events than those kept, the last `at_once` may
     have their counterpart among the others.
     """
-    ours, theirs = numbered(seen.events), numbered(truth.events)
+    ours = numbered(seen.events)
+    theirs = numbered(truth.events)
     for run, events, others in ((seen, ours, theirs), (truth, theirs, ours)):
         certain = len(events) - (at_once if run.count > len(events) else 0)
         times = [others[key] for key in events if key in others]
@@ -549,7 +559,8 @@ def crossings(dense: Dense, output: int, level: float) -> list[float]:
     from scipy.optimize import brentq
 
     start, length, coef = dense.segments(output)
-    begins, ends = coef[:, 0] - level, coef.sum(axis=1) - level
+    begins = coef[:, 0] - level
+    ends = coef.sum(axis=1) - level
     times = []
     for i in np.flatnonzero((begins < 0.0) & (ends >= 0.0)):
         polynomial = coef[i].copy()

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _GREY = "#b9b9b9"
+_LINEAR = 20.0  # the colours are linear in growth below this part of the largest growth, and logarithmic above
 
 
 @dataclass(frozen=True)
@@ -61,33 +62,43 @@ class Regions(Result):
     def text(self) -> str:
         """Return the report as text: a line for each y."""
         lines = [f"{self.scene.name}: where sliding grows into vibration, over {self.x.label}"]
-        alone = left_out(self.scene)
-        lines += [f"  {alone}", ""] if alone else [""]
+        if alone := left_out(self.scene):
+            lines.append(f"  {alone}")
+        lines.append("")
         rows = [(self.y.label, "largest growth 1/s", "unstable")]
         for i, value in enumerate(self.y.values):
-            there = self.growth[i][np.isfinite(self.growth[i])]
-            bands = ", ".join(f"{start} to {end}" for start, end in self._bands(i)) or "nowhere"
-            rows.append((self.y.text(value), *((f"{there.max():.6g}", bands) if there.size else ("", NOTHING))))
+            known = self.growth[i][np.isfinite(self.growth[i])]
+            if known.size:
+                bands = ", ".join(f"{start} to {end}" for start, end in self._bands(i))
+                rows.append((self.y.text(value), f"{known.max():.6g}", bands or "nowhere"))
+            else:
+                rows.append((self.y.text(value), "", NOTHING))
         lines += columns(rows, "<><")
         absent = ~self.exists & np.isfinite(self.growth)
         if absent.any():
             share = 100.0 * absent.mean()
             why = "the contact would pull, or an output exceed its limit"
             lines += ["", f"  at {share:.2g} % of the points nothing slides steadily: {why}"]
-        for row, column in np.argwhere(np.isnan(self.growth))[:1]:
-            x, y = self.x.values[column], self.y.values[row]
+        without = np.argwhere(np.isnan(self.growth))
+        if len(without):
+            row, column = without[0]
+            x = self.x.values[column]
+            y = self.y.values[row]
             at = f"{self.x.key} = {self.x.text(x)}, {self.y.key} = {self.y.text(y)}"
-            try:
-                why = missing(sliding(self.scene, {self.y.key: y, self.x.key: x}))
-            except Singular as error:
-                why = error.why
-            except Slow as error:
-                why = f"the dither of {error}"
-            count = int(np.isnan(self.growth).sum())
-            lines += ["", f"  no steady sliding at {count} of {self.growth.size} points; first at {at}: {why}"]
+            why = self._missing({self.y.key: y, self.x.key: x})
+            lines += ["", f"  no steady sliding at {len(without)} of {self.growth.size} points; first at {at}: {why}"]
         apart = self.x.text(float(np.abs(np.diff(self.x.values)).max()), 3)
         lines += ["", f"  sampled every {apart} of {self.x.key}; bands closer together may be missed"]
         return "\n".join(lines)
+
+    def _missing(self, values: dict[str, float]) -> str:
+        """The reason why there is no steady sliding at these values."""
+        try:
+            return missing(sliding(self.scene, values))
+        except Singular as error:
+            return error.why
+        except Slow as error:
+            return f"the dither of {error}"
 
     def _bands(self, row: int) -> Iterator[tuple[str, str]]:
         edges = sorted(self.edges[row])
@@ -105,25 +116,28 @@ class Regions(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values in SI units."""
+        edges = []
+        for row in self.edges:
+            edges.append([{"x": x, "becomes": "unstable" if unstable else "stable"} for x, unstable in row])
         return {
             "scene": self.scene.name,
             "left_out": left_out(self.scene),
-            **{
-                name: {"key": axis.key, "unit": axis.unit, "values": list(axis.values)}
-                for name, axis in (("x", self.x), ("y", self.y))
-            },
+            "x": {"key": self.x.key, "unit": self.x.unit, "values": list(self.x.values)},
+            "y": {"key": self.y.key, "unit": self.y.unit, "values": list(self.y.values)},
             "growth": self.growth.tolist(),
             "frequency": self.frequency.tolist(),
             "exists": self.exists.tolist(),
-            "edges": [[{"x": x, "becomes": "unstable" if u else "stable"} for x, u in row] for row in self.edges],
+            "edges": edges,
         }
 
     def csv(self) -> str:
         """Return a line for each point; the head names the units."""
-        head = [self.x.si_label, self.y.si_label, "growth [1/s]", "frequency [Hz]", "exists"]
-        places = np.tile(self.x.values, len(self.y.values)), np.repeat(self.y.values, len(self.x.values))
-        tables = self.growth.ravel(), self.frequency.ravel(), self.exists.ravel().astype(int)
-        return csv_table([head, *zip(*(column.tolist() for column in (*places, *tables)))]).decode()
+        rows: list[list[Any]] = [[self.x.si_label, self.y.si_label, "growth [1/s]", "frequency [Hz]", "exists"]]
+        for j, y in enumerate(self.y.values):
+            for i, x in enumerate(self.x.values):
+                exists = int(self.exists[j, i])
+                rows.append([x, y, float(self.growth[j, i]), float(self.frequency[j, i]), exists])
+        return csv_table(rows).decode()
 
 
 def regions(scene: Scene, x: Axis, y: Axis) -> Regions:
@@ -133,11 +147,14 @@ def regions(scene: Scene, x: Axis, y: Axis) -> Regions:
 
 def put_together(scene: Scene, x: Axis, y: Axis, rows: Mapping[int, Mapping[str, NDArray[Any]]]) -> Regions:
     """Assemble regions from the rows of `along`, by number."""
-    growth, frequency, exists = (
-        np.array([rows[j][name] for j in sorted(rows)]) for name in ("growth", "frequency", "exists")
-    )
-    edges = tuple(tuple((float(at), bool(up)) for at, up in rows[j]["edges"]) for j in sorted(rows))
-    return Regions(scene, x, y, growth, frequency, exists, edges)
+    in_order = [rows[j] for j in sorted(rows)]
+    growth = np.array([row["growth"] for row in in_order])
+    frequency = np.array([row["frequency"] for row in in_order])
+    exists = np.array([row["exists"] for row in in_order])
+    edges = []
+    for row in in_order:
+        edges.append(tuple((float(value), bool(unstable)) for value, unstable in row["edges"]))
+    return Regions(scene, x, y, growth, frequency, exists, tuple(edges))
 
 
 def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
@@ -180,38 +197,43 @@ def sliding(scene: Scene, values: dict[str, float]) -> Steady:
     if GENERATOR[0] not in system.names:
         return steady(system, sliding_key(system))
     sine, cosine = (system.names.index(name) for name in GENERATOR)
-    on = assembly.inputs["dither.amplitude"].value * assembly.inputs["dither.enable"].value
-    if on and (why := not_fast(system, sine, cosine)):
+    amplitude = assembly.inputs["dither.amplitude"].value * assembly.inputs["dither.enable"].value
+    why = not_fast(system, sine, cosine) if amplitude else ""
+    if why:
         raise Slow(why)
-    return averaged(system, sine, cosine, on, leading=True)
+    return averaged(system, sine, cosine, amplitude, leading=True)
 
 
 def figure(result: Regions) -> Figure:
     """Return the figure of the regions."""
     from matplotlib.colors import ListedColormap, SymLogNorm
 
-    x, y = result.x.shown_values, result.y.shown_values
+    x = result.x.shown_values
+    y = result.y.shown_values
     with page(9.6, 5.4, layout="constrained") as figure:
         axes = figure.add_subplot()
         axes.grid(visible=False)
         most = float(np.nanmax(np.abs(result.growth), initial=0.0)) or 1.0
-        norm = SymLogNorm(linthresh=most / 20.0, vmin=-most, vmax=most)
+        norm = SymLogNorm(linthresh=most / _LINEAR, vmin=-most, vmax=most)
         mesh = axes.pcolormesh(x, y, result.growth, cmap="RdBu_r", norm=norm, shading="nearest")
         mesh.set_rasterized(True)
         if not result.exists.all():
             absent = np.where(result.exists, np.nan, 1.0)
             axes.pcolormesh(x, y, absent, cmap=ListedColormap([_GREY]), shading="nearest")
             axes.plot([], [], "s", color=_GREY, label="no steady sliding")
-        scale = result.x.scale
-        points = np.array([(value / scale, y[j]) for j, row in enumerate(result.edges) for value, _ in row])
-        if len(points):
-            axes.plot(points[:, 0], points[:, 1], ".", color="black", ms=3.0, label="sliding loses or gains stability")
+        edges = []
+        for up, row in zip(y, result.edges):
+            edges += [(value / result.x.scale, up) for value, _ in row]
+        if edges:
+            along, up = np.array(edges).T
+            axes.plot(along, up, ".", color="black", ms=3.0, label="sliding loses or gains stability")
         axes.set(xlabel=result.x.title, ylabel=result.y.title)
         axes.margins(0.0)
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=2)
         bar = figure.colorbar(mesh, ax=axes, label="growth rate of the least stable mode [1/s]")
-        ticks = [-most, -most / 20.0, 0.0, most / 20.0, most]
+        small = most / _LINEAR
+        ticks = [-most, -small, 0.0, small, most]
         bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
         bar.outline.set_visible(False)  # type: ignore[operator]
         heading(figure, result.scene, (result.x, result.y), "where sliding grows into vibration")

@@ -16,9 +16,10 @@ from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady
 
 REPEAT = 1e-9
+"""Largest difference of the times of changes that repeat, over the period."""
 MOST = 24
 """Most mode set changes in one cycle."""
-_BETTER = 1e-2
+_BETTER = 1e-2  # of the smallest difference so far: what a larger number of changes must reach
 _TURN = 0.999  # of a turn of the surface: the shortest period on an uneven surface
 
 
@@ -53,14 +54,18 @@ def _in_order(events: list[Event], step: float, repeat: float) -> list[Event]:
         return events
     times = [time_of(event, events[0].tick, step) for event in events]
     close = repeat * times[-1] / len(times)
-    moments = itertools.accumulate((b - a > close for a, b in itertools.pairwise(times)), initial=0)
-    return [event for _, event in sorted(zip(moments, events), key=lambda pair: (pair[0], pair[1].what))]
+    apart = (b - a > close for a, b in itertools.pairwise(times))
+    moments = itertools.accumulate(apart, initial=0)
+    in_order = sorted(zip(moments, events), key=lambda pair: (pair[0], pair[1].what))
+    return [event for _, event in in_order]
 
 
 def turn_of(sliding: Steady) -> float:
     """Return the time [s] of one turn of an uneven surface; infinite for an even one."""
     rates = [sector.row @ sliding.modes.A @ sliding.x / sector.period for sector in sliding.system.sectors]
-    return 1.0 / max((abs(float(rate)) for rate in rates), default=0.0) if any(rates) else math.inf
+    if not any(rates):
+        return math.inf
+    return 1.0 / max(abs(float(rate)) for rate in rates)
 
 
 def all_round(period: float, turn: float) -> bool:

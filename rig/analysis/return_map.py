@@ -39,8 +39,13 @@ from rig.solve.records import STICK
 
 Array = NDArray[np.float64]
 STEPS = (1e-5, 1e-6, 1e-4)  # of the differences, of the size of each state: the first that is smooth counts
-_STRAIGHT, _SMALLEST = 3e-3, 1e-8  # largest bend over the slope in a difference; and the smallest step that it takes
-_CENTRAL, _AFTER, _BEFORE = ((-1.0, -0.5), (1.0, 0.5)), ((1.0, 2.0), (2.0, -0.5)), ((-1.0, -2.0), (-2.0, 0.5))
+_STRAIGHT = 3e-3  # largest bend over the slope in a difference
+_SMALLEST = 1e-8  # and the smallest step that it takes
+_FORMULAS = (  # of differences of second order, (step, weight): central, after and before the point
+    ((-1.0, -0.5), (1.0, 0.5)),
+    ((1.0, 2.0), (2.0, -0.5)),
+    ((-1.0, -2.0), (-2.0, 0.5)),
+)
 CLOSE = 1e-10
 """Residual of a converged cycle, of the size of each state."""
 CLOSEST = 1e-12
@@ -48,11 +53,12 @@ CLOSEST = 1e-12
 CLOSED_TO = 1e-9
 """The same where rounding limits it: no point is accepted beyond."""
 _KEPT = 48  # rigs of a family
-_ITERATIONS = 12
+_ITERATIONS = 12  # most steps of Newton's method
 _HALVINGS = 6  # of a step from a guess that may be far away
 _INSIDE = 0.25  # of the longest slip: the base is no closer to an event
 _BESIDE = 0.33  # of a period without events: the base is no closer to where the slip is slowest
 FLAT = 1e-13
+"""Singular values below this part of the largest one are zero but for rounding."""
 
 
 class NoCycle(RigError):
@@ -91,7 +97,9 @@ class Family:
     """
 
     def __init__(self, scene: Scene, axes: Sequence[Axis] = (), read: Sequence[str] = ()) -> None:
-        self.scene, self.axes, self.read = scene, tuple(axes), tuple(read)
+        self.scene = scene
+        self.axes = tuple(axes)
+        self.read = tuple(read)
         self._kept: OrderedDict[tuple[float, ...], FreeRig] = OrderedDict()
         self._commanded = self._with_commands()
         self._only: FreeRig | None = None
@@ -124,11 +132,12 @@ class Family:
             return frozenset()
         keys = {axis.key for axis in self.axes}
         assembly = self.assembled(self.scene, keys)
-        given = {key: assembly.inputs[key] for key in keys if key in assembly.inputs}
-        commands = frozenset(key for key, actuator in given.items() if actuator.state and not actuator.slope)
+        actuators = {key: assembly.inputs[key] for key in keys if key in assembly.inputs}
+        commands = frozenset(key for key, actuator in actuators.items() if actuator.state and not actuator.slope)
         for axis in self.axes:
             if axis.key in commands:
-                other = self.assembled(axis.at(self.scene, 0.5 * (axis.values[0] + axis.values[-1])), keys).sliding()
+                middle = axis.at(self.scene, 0.5 * (axis.values[0] + axis.values[-1]))
+                other = self.assembled(middle, keys).sliding()
                 if not same(assembly.sliding(), other):
                     commands -= {axis.key}
         return commands
@@ -139,19 +148,21 @@ class Family:
         return assembled_rig(scene.parameters, scene.frame_ns, held, random=False, limits=scene.limits)
 
     def _made(self, values: tuple[float, ...]) -> FreeRig:
-        fixed = tuple(v for axis, v in zip(self.axes, values) if axis.key not in self._commanded)
         for known, rig in self._kept.items():
-            if self._commanded and fixed == tuple(
-                v for axis, v in zip(self.axes, known) if axis.key not in self._commanded
-            ):
+            if self._commanded and self._fixed(known) == self._fixed(values):
                 start = rig.system.start.copy()
                 for axis, value in zip(self.axes, values):
                     if axis.key in self._commanded:
-                        given = rig.assembly.inputs[axis.key]
-                        start[[rig.system.names.index(name) for name in (given.state, given.lagging) if name]] = value
+                        actuator = rig.assembly.inputs[axis.key]
+                        states = [name for name in (actuator.state, actuator.lagging) if name]
+                        start[[rig.system.names.index(name) for name in states]] = value
                 return rig.commanded(start)
         scene = self.scene_at(values)
         return FreeRig(scene, self.assembled(scene, self._commanded), tolerance=TIGHT, read=self.read)
+
+    def _fixed(self, values: tuple[float, ...]) -> tuple[float, ...]:
+        """The values that are no commands: they are part of the matrices."""
+        return tuple(value for axis, value in zip(self.axes, values) if axis.key not in self._commanded)
 
 
 def same(a: System, b: System) -> bool:
@@ -208,9 +219,16 @@ class ReturnMap:
         phase: float = 0.0,
         begins: tuple[tuple[int, int | None], ...] = ((0, None),),
     ) -> None:
-        self.family, self.size, self.T0, self.P0, self.others = family, size, T0, P0, others
-        self.period, self.phase, self.begins = period, phase, begins
-        self.runs = self.steps = 0  # of the map, of Newton's method
+        self.family = family
+        self.size = size
+        self.T0 = T0
+        self.P0 = P0
+        self.others = others
+        self.period = period
+        self.phase = phase
+        self.begins = begins
+        self.runs = 0  # of the map
+        self.steps = 0  # of Newton's method
 
     def rig(self, u: Array) -> FreeRig:
         """Return the rig at the parameter of u."""
@@ -237,7 +255,10 @@ class ReturnMap:
         """Return the run of one period from u."""
         self.runs += 1
         parts = [self.part(u, i, keep) for i in range(len(self.begins))]
-        return _joined(parts, [tick * self.rig(u).step for tick in self.ticks]) if self.cut else parts[0]
+        if not self.cut:
+            return parts[0]
+        step = self.rig(u).step
+        return _joined(parts, [tick * step for tick in self.ticks])
 
     @property
     def ticks(self) -> list[int]:
@@ -251,7 +272,9 @@ class ReturnMap:
 
     def part(self, u: Array, number: int, keep: bool = False) -> Carried:
         """Return the run of one part of the period from u."""
-        rig, ticks, x = self.rig(u), self.ticks, self.state(u, number)
+        rig = self.rig(u)
+        ticks = self.ticks
+        x = self.state(u, number)
         if number + 1 < len(ticks):
             return rig.carried(x, 0.0, keep, ticks[number + 1] - ticks[number])
         return rig.carried(x, float(u[-2] * self.T0) - ticks[number] * rig.step, keep)
@@ -264,7 +287,9 @@ class ReturnMap:
     def scaled(self, size: Array, T0: float, P0: float) -> ReturnMap:
         """Return the same map in other scales."""
         other = copy(self)
-        other.size, other.T0, other.P0 = size, T0, P0
+        other.size = size
+        other.T0 = T0
+        other.P0 = P0
         return other
 
     def at(self, *others: float) -> ReturnMap:
@@ -283,9 +308,11 @@ class ReturnMap:
     ) -> Derivative:
         """Return the derivatives at u. Raises NotSmooth where displaced runs meet other events on both sides."""
         end = self.end(u) if end is None else end
-        n, parts = len(self.size), []
+        n = len(self.size)
+        parts = []
         for number, part in enumerate(end.parts or (end,)):
-            f0, f1 = self.rate(u, self.state(u, number), part.first), self.rate(u, part.x, part.key)
+            f0 = self.rate(u, self.state(u, number), part.first)
+            f1 = self.rate(u, part.x, part.key)
             across = np.eye(n)
             if self.period is None:
                 across = np.linalg.qr(np.column_stack([f0, across]))[0][:, 1:n]
@@ -299,7 +326,8 @@ class ReturnMap:
             parts.append(columns)
         slope = np.zeros((len(parts), n))
         if over_p:
-            slope = self._column(u, np.append(np.zeros(len(u) - 1), 1.0), end, steps)
+            of_parameter = np.append(np.zeros(len(u) - 1), 1.0)
+            slope = self._column(u, of_parameter, end, steps)
         return Derivative(end, np.array(parts), slope, f1)
 
     def _column(
@@ -315,7 +343,7 @@ class ReturnMap:
         left = list(steps)
         while left:
             step = left.pop(0)
-            for formula in (_CENTRAL, _AFTER, _BEFORE):
+            for formula in _FORMULAS:
                 ways: list[Array] = []
                 for share, _ in formula:
                     beside = self.shifted(u, share * step * direction)
@@ -328,10 +356,13 @@ class ReturnMap:
                         break
                     ways.append(self.ends(u, displaced) - base)
                 else:
-                    slope = sum((weight * way for (_, weight), way in zip(formula, ways)), np.zeros_like(base)) / step
+                    weighed = (weight * way for (_, weight), way in zip(formula, ways))
+                    slope = sum(weighed, np.zeros_like(base)) / step
+                    steepest = float(np.abs(slope).max())
                     bend = float(np.abs(formula[1][0] * ways[0] - formula[0][0] * ways[1]).max())
-                    if bend > _STRAIGHT * step * float(np.abs(slope).max()) and step > _SMALLEST:  # too long a step
-                        left = [max(0.5 * _STRAIGHT * step**2 * float(np.abs(slope).max()) / bend, _SMALLEST), *left]
+                    if bend > _STRAIGHT * step * steepest and step > _SMALLEST:  # too long a step
+                        shorter = max(0.5 * _STRAIGHT * step**2 * steepest / bend, _SMALLEST)
+                        left = [shorter, *left]
                         break
                     return slope
         raise NotSmooth("displaced runs meet other events", other)
@@ -355,7 +386,8 @@ class ReturnMap:
 
         A conserved quantity closes by itself: its equation states that it keeps its value.
         """
-        n, count = len(along), len(d.parts)
+        n = len(along)
+        count = len(d.parts)
         A = np.zeros((count * n + 1, count * n + 2))
         for i, P in enumerate(d.parts):
             A[i * n : (i + 1) * n, i * n : (i + 1) * n] = P
@@ -364,7 +396,8 @@ class ReturnMap:
         A[:-1, :-2] += kept @ kept.T
         A[:-1, -1] = d.over_p.ravel()
         if self.period is None:
-            A[-1 - n : -1, -2], A[-1, -2 - n : -2] = d.end_rate, along
+            A[-1 - n : -1, -2] = d.end_rate
+            A[-1, -2 - n : -2] = along
         else:
             A[-1, -2] = 1.0
         return A
@@ -376,10 +409,13 @@ class ReturnMap:
 
     def along(self, u: Array) -> Array:
         """Return the direction of the flow at the begin of the last part, of length one."""
-        rig, x, (_, key) = self.rig(u), self.state(u, -1), self.begins[-1]
+        rig = self.rig(u)
+        x = self.state(u, -1)
+        _, key = self.begins[-1]
         if key is None:
             rig.motion.restart(x)
-        f = self.rate(u, x, rig.motion.key if key is None else key)
+            key = rig.motion.key
+        f = self.rate(u, x, key)
         return np.asarray(f / max(float(np.linalg.norm(f)), 1e-300))
 
     def better_base(self, u: Array, run: Carried) -> float | None:
@@ -387,15 +423,16 @@ class ReturnMap:
 
         `run`: over a period from u, with its states.
         """
-        rig, T = self.rig(u), float(u[-2] * self.T0)
+        rig = self.rig(u)
+        T = float(u[-2] * self.T0)
         if not run.events:
             rows = zip(rig.modes(run.key).sigma, rig.system.slip_rows)
             slowest = np.min([sigma * (run.states @ row) for sigma, row in rows], axis=0)
             away = abs(int(slowest.argmin()) / len(slowest) - 0.5)
             return float(slowest.argmax()) * rig.step if away > _BESIDE else None
-        parts = run.intervals(rig.step, T)
-        first, last = parts[0], parts[-1]
-        spans = [(part.begin, part.end, part.key) for part in parts[1:-1]] + [(last.begin, T + first.end, last.key)]
+        first, *inner, last = run.intervals(rig.step, T)
+        spans = [(part.begin, part.end, part.key) for part in inner]
+        spans.append((last.begin, T + first.end, last.key))
         a, b, _ = min(spans, key=lambda span: (len(rig.stuck(span[2])), span[0] - span[1]))
         base = T if b > T else 0.0
         inside = min(base - a, b - base) if a <= base <= b else 0.0
@@ -419,7 +456,9 @@ class ReturnMap:
         that may be far away. `close`: the residual that is small enough. Raises NotSmooth and NoCycle.
         """
         along = self.along(reference)
-        M, last, left = first, math.inf, halvings
+        M = first
+        last = math.inf
+        left = halvings
         before: tuple[Array, Array] | None = None
         for _ in range(_ITERATIONS + 2 * halvings):
             end = self.end(u)
@@ -430,18 +469,24 @@ class ReturnMap:
             R = np.append(self.residual(u, end, reference, along), value)
             size = float(np.linalg.norm(R))
             if before is not None and left and (other or size >= max(last, CLOSED_TO)):
-                u, left = self.shifted(before[0], 0.5 * (u - before[0])), left - 1
+                u = self.shifted(before[0], 0.5 * (u - before[0]))
+                left -= 1
                 continue
-            left, self.steps = halvings, self.steps + 1
+            left = halvings
+            self.steps += 1
             if size <= close or (size <= CLOSED_TO and size > 0.3 * last):
                 return u, end
             if before is not None and M is not None and size <= 0.5 * last:
-                du, dR = u - before[0], R - before[1]
+                du = u - before[0]
+                dR = R - before[1]
                 M = M + np.outer(dR - M @ du, du) / (du @ du)  # Broyden
             elif before is not None or M is None:
-                M = np.vstack([self.matrix(u, self.derivative(u, end, over_p), along), gradient])
-            last, before = size, (u, R)
-            u = self.shifted(u, -np.linalg.lstsq(M, R, rcond=FLAT)[0])
+                derivative = self.derivative(u, end, over_p)
+                M = np.vstack([self.matrix(u, derivative, along), gradient])
+            last = size
+            before = (u, R)
+            step, *_ = np.linalg.lstsq(M, R, rcond=FLAT)
+            u = self.shifted(u, -step)
             if not (math.isfinite(size) and 0.05 < u[-2] / reference[-2] < 5.0):
                 raise NoCycle("Newton's method leaves the branch")
         raise NoCycle(f"Newton's method does not converge: {last:.1e}")
@@ -455,21 +500,24 @@ def closed(
     Returns the map with its base in the longest slip, the unknowns, and the run over a period. `forced`: the period of
     the driving states, which are those of the rig at x. Raises NoCycle, NotSmooth.
     """
-    rig, p = family.rig(values), values[0] if values else 0.0
+    rig = family.rig(values)
+    p = values[0] if values else 0.0
     run = _up_to(rig, x, period)
     size = sizes(np.ptp(run.states, axis=0), rig)
     map = ReturnMap(family, size, period, abs(p) or 1.0, values[1:], forced, begins=((0, run.first),))
     u = map.unknowns(x, period, p)
-    if (later := map.better_base(u, run)) is not None:
+    later = map.better_base(u, run)
+    if later is not None:
         base = rig.carried(x, 0.0, ticks=round(later / rig.step))
         map.begins = ((0, base.key),)
         if forced is not None:
             map.family = Family.of(rig.driven_by(base.x))
         u = map.unknowns(base.x, period, p)
-    u, end = map.newton(
-        u, parameter(p / map.P0, len(u)), u, map.end(u).met, over_p=False, halvings=_HALVINGS, close=CLOSEST
-    )
-    if len(_up_to(rig, map.state(u), float(u[-2] * map.T0)).events) != len(end.events):
+    closing = parameter(p / map.P0, len(u))
+    met = map.end(u).met
+    u, end = map.newton(u, closing, u, met, over_p=False, halvings=_HALVINGS, close=CLOSEST)
+    whole_ticks = _up_to(rig, map.state(u), float(u[-2] * map.T0))
+    if len(whole_ticks.events) != len(end.events):
         raise NoCycle("an event lies in the last part of a tick")
     return map, u, end
 
@@ -487,16 +535,20 @@ def _up_to(rig: FreeRig, x: Array, time: float) -> Carried:
 
 def driven(rig: FreeRig, later: float) -> Array:
     """Return the driving states at the start, with generators `later` s on."""
-    x, start = rig.settled.copy(), rig.system.start
+    x = rig.settled.copy()
+    start = rig.system.start
     for a, b, rate in rig.system.generators:
-        s, c = math.sin(rate * later), math.cos(rate * later)
-        x[a], x[b] = c * start[a] + s * start[b], c * start[b] - s * start[a]
+        s = math.sin(rate * later)
+        c = math.cos(rate * later)
+        x[a] = c * start[a] + s * start[b]
+        x[b] = c * start[b] - s * start[a]
     return x
 
 
 def sizes(span: Array, rig: FreeRig) -> Array:
     """The unit of each moving state: its range `span`, or a small part of the largest range of its kind."""
-    out, nq = span.copy(), len(rig.system.coordinates)
+    out = span.copy()
+    nq = len(rig.system.coordinates)
     for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):  # metres, metres per second, volts and the like
         if span[kind].size:
             out[kind] = np.maximum(span[kind], 1e-3 * span[kind].max())
@@ -514,12 +566,14 @@ def multipliers(P: Array, driven: bool) -> tuple[tuple[complex, ...], float]:
 
     Those of parts are powers of the eigenvalues of the cyclic matrix of all parts: no product mixes large and small.
     """
-    n, count = P.shape[-1], P.size // P.shape[-1] ** 2
+    n = P.shape[-1]
+    count = P.size // n**2
     cyclic = np.zeros((count * n, count * n))
     for i, part in enumerate(P.reshape(count, n, n)):
         to = (i + 1) % count
         cyclic[to * n : (to + 1) * n, i * n : (i + 1) * n] = part
-    left, order = [complex(v) for v in np.linalg.eigvals(cyclic) ** count], []
+    left = [complex(v) for v in np.linalg.eigvals(cyclic) ** count]
+    order = []
     while left:  # each of them `count` times
         left.sort(key=lambda v: (-abs(v), -v.imag))
         if count > 1:
@@ -528,6 +582,6 @@ def multipliers(P: Array, driven: bool) -> tuple[tuple[complex, ...], float]:
         left = left[count:]
     if driven:
         return tuple(order), math.nan
-    own = min(order, key=lambda v: abs(v - 1.0))
-    order.remove(own)
-    return tuple(order), abs(own - 1.0)
+    of_shift = min(order, key=lambda v: abs(v - 1.0))
+    order.remove(of_shift)
+    return tuple(order), abs(of_shift - 1.0)

@@ -34,7 +34,7 @@ from rig.record.run import Run
 from rig.record.run_list import drives
 from rig.scenes.scene import Scene
 
-_HALF = 0.5
+_HALF = 0.5  # of the largest speed: a run that accelerates and decelerates begins and ends below it
 _SCAN = 1.05  # ratio of neighbouring trial speeds
 _LEAST = 1e-4  # smallest trial speed over the largest
 
@@ -65,22 +65,23 @@ def stages(run: Run) -> Stages | None:
         return None
     # A cut recording may hold less of one output than of another, or of the contact states.
     known = np.isfinite(run.signals[speed]) & (run.mode >= 0)
-    v, sticks, time = run.signals[speed][known], sticks[known], run.time[known]
+    v = run.signals[speed][known]
+    sticks = sticks[known]
+    time = run.time[known]
     if not v.size:
         return None
     top = np.flatnonzero(v >= v.max() * (1.0 - 1e-9))
     if max(v[0], v[-1]) > _HALF * v.max():
         return None
     moving = v > 0.0
+    first, last = top[0], top[-1]
+    held = sticks & moving
     begins, ends = short(run)
-    up, down = time[: top[0]][(sticks & moving)[: top[0]]], time[top[-1] :][(sticks & moving)[top[-1] :]]
-    up = np.concatenate([up, ends[ends < time[top[0]]]])
-    down = np.concatenate([down, begins[begins > time[top[-1]]]])
-    return Stages(
-        float(np.interp(up.max(), time, v)) if len(up) else math.nan,
-        float(np.interp(down.min(), time, v)) if len(down) else math.nan,
-        run.units[speed],
-    )
+    up = np.concatenate([time[:first][held[:first]], ends[ends < time[first]]])
+    down = np.concatenate([time[last:][held[last:]], begins[begins > time[last]]])
+    last_stick = float(np.interp(up.max(), time, v)) if len(up) else math.nan
+    first_stick = float(np.interp(down.min(), time, v)) if len(down) else math.nan
+    return Stages(last_stick, first_stick, run.units[speed])
 
 
 def short(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -88,7 +89,8 @@ def short(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     system = Scene.from_json(run.scene_text()).assemble().system()
     met = [event for event in run.events if event.get("kind") == "contact" and "before" in event.get("data", {})]
     known: dict[str, bool] = {}
-    began, ended = [], []
+    began = []
+    ended = []
     for last, event in pairwise(met):
         before = str(event["data"]["before"])
         if before not in known:
@@ -130,11 +132,15 @@ def upper_speed(p: Parameters) -> float:
     law = p.friction.friction()
     if not law.constant:
         raise UsageError(f"friction.law = {p.friction.law!r}: the closed form needs coulomb or constant")
-    tip, force, static, kinetic = p.at_fixed_height, p.load.force, law.static, law.numbers[0]
+    static = law.static
+    kinetic = law.numbers[0]
+    tip = p.at_fixed_height
+    force = p.load.force
     material = tip.retardation * tip.stiffness
     stiffness = (1.0 + kinetic * tip.relief) * tip.stiffness
     damping = tip.damping + (1.0 + kinetic * tip.relief) * material
-    rate, decay = math.sqrt(stiffness / tip.mass), 0.5 * damping / tip.mass
+    rate = math.sqrt(stiffness / tip.mass)
+    decay = 0.5 * damping / tip.mass
     if decay >= rate or static <= kinetic:  # overdamped, or no drop of friction
         return 0.0
     swing = math.sqrt(rate**2 - decay**2)

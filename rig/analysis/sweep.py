@@ -21,19 +21,21 @@ from threadpoolctl import threadpool_limits
 
 from rig.analysis import eigenvalue_curves as curves
 from rig.analysis.axis import Axis, fixed
-from rig.analysis.modes import dithers, motion, shape_text
+from rig.analysis.modes import dithers, motion
+from rig.analysis.modes_report import shape_text
 from rig.printable import columns
 from rig.results import Result
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.structure.eigenvalues import DAMPED
 
+Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Kind = Literal["flutter", "divergence", "jump", "jamming"]
 JUMP = 1e-3  # of the growth beside it: the residual at a root of a continuous function is far smaller
 _SAME = 1e-9  # of the axis: critical values of one kind this close belong to one mode, a pair of eigenvalues
 _MEETS = 0.25  # two frequencies meet at less than this share of their largest distance on the axis, [chosen]
 _NEAR = 0.03  # and at less than this share of the frequency [chosen]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Critical:
     """
 
     value: float
-    kind: Literal["flutter", "divergence", "jump", "jamming"]
+    kind: Kind
     becomes: Literal["unstable", "stable"]
     frequency: float
     branch: int
@@ -100,8 +102,10 @@ def search(values: Sequence[float], rates: Complex, spectra: curves.Spectra) -> 
     @lru_cache(maxsize=4096)
     def growths(value: float) -> curves.Growth | None:
         spectrum = spectra(value)
+        if not spectrum.counts:
+            return None
         large = len(spectrum.names) > curves.LARGE
-        return curves.Growth(spectrum.rates.real, curves.none(spectrum.rates), large) if spectrum.counts else None
+        return curves.Growth(spectrum.rates.real, curves.none(spectrum.rates), large)
 
     def look(grid: list[float]) -> Found:
         known: list[Critical] = list(_jamming(grid, spectra))
@@ -123,9 +127,12 @@ def _with_sides(known: list[Critical], grid: Sequence[float], spectra: curves.Sp
     places = sorted({*grid, *(critical.value for critical in known)})
     for critical in known:
         at = places.index(critical.value)
-        below, above = places[:at][-1:], places[at + 1 :][:1]
-        sides = [_beside(critical.value, near[0], spectra) if near else None for near in (below, above)]
-        yield replace(critical, below=sides[0], above=sides[1])
+        below = above = None
+        if at > 0:
+            below = _beside(critical.value, places[at - 1], spectra)
+        if at + 1 < len(places):
+            above = _beside(critical.value, places[at + 1], spectra)
+        yield replace(critical, below=below, above=above)
 
 
 def _beside(value: float, near: float, spectra: curves.Spectra) -> int | None:
@@ -144,18 +151,24 @@ def _beside(value: float, near: float, spectra: curves.Spectra) -> int | None:
 
 def _gaps(grid: Sequence[float], spectra: curves.Spectra) -> Iterator[Gap]:
     """Ranges without steady sliding, and why."""
-    notes, least = [spectra(value).note for value in grid], curves.EDGE * abs(grid[-1] - grid[0])
+    notes = [spectra(value).note for value in grid]
+    least = curves.EDGE * abs(grid[-1] - grid[0])
     starts = [i for i in range(len(grid)) if i == 0 or notes[i] != notes[i - 1]]
     for first, beyond in pairwise([*starts, len(grid)]):
-        if not (note := notes[first]):
+        note = notes[first]
+        if not note:
             continue
 
         def holds(value: float, note: str = note) -> bool:
             return spectra(value).note == note
 
         last = beyond - 1
-        start = curves.edge(grid[first], grid[first - 1], holds, least)[0] if first else grid[first]
-        end = curves.edge(grid[last], grid[beyond], holds, least)[0] if beyond < len(grid) else grid[last]
+        start = grid[first]
+        if first:
+            start, _ = curves.edge(start, grid[first - 1], holds, least)
+        end = grid[last]
+        if beyond < len(grid):
+            end, _ = curves.edge(end, grid[beyond], holds, least)
         yield Gap(start, end, note, spectra(grid[(first + last) // 2]).why)
 
 
@@ -163,12 +176,16 @@ def _jamming(grid: Sequence[float], spectra: curves.Spectra) -> Iterator[Critica
     """Values at which the determinant of the mass matrix with friction changes its sign."""
     from scipy.optimize import brentq
 
+    def inertia(value: float) -> float:
+        return spectra(value).inertia
+
     for a, b in pairwise(grid):
-        first, other = spectra(a), spectra(b)
-        if first.inertia * other.inertia < 0.0 or (first.inertia and not other.inertia):
-            ends = sorted((a, b))
-            root = float(brentq(lambda value: spectra(value).inertia, *ends, xtol=1e-300, rtol=curves.RELATIVE))
-            rises = (other.inertia > first.inertia) == (b > a)
+        first = inertia(a)
+        other = inertia(b)
+        if first * other < 0.0 or (first and not other):
+            low, high = sorted((a, b))
+            root = float(brentq(inertia, low, high, xtol=1e-300, rtol=curves.RELATIVE))
+            rises = (other > first) == (b > a)
             yield Critical(root, "jamming", "stable" if rises else "unstable", 0.0, -1, {}, {})
 
 
@@ -178,21 +195,31 @@ def _at(
     """The critical value at the root of a bracket."""
     k, a, b, how = bracket
     low, high = sorted((a, b))
-    at, sides = spectra(root), [float(spectra(value).rates[k].real) for value in (low, high)]
-    jumps = how == "passes" and abs(at.rates[k].real) > JUMP * min(map(abs, sides))
-    grown = spectra(high if sides[1] > 0.0 else low) if jumps else at
-    i = k if grown.rates[k].imag >= 0.0 else int(np.abs(grown.rates - grown.rates[k].conj()).argmin())
-    rate, vector = grown.rates[i], grown.right[: grown.own, i]
-    near = int(np.abs(np.array(values) - root).argmin())
-    here = np.where(np.isfinite(rates[near]), np.abs(rates[near] - rate), np.inf)
-    rests = not jumps and not rate.imag  # a divergence: its rate at the root is rounding error
+    at = spectra(root)
+    below = float(spectra(low).rates[k].real)
+    above = float(spectra(high).rates[k].real)
+    jumps = how == "passes" and abs(at.rates[k].real) > JUMP * min(abs(below), abs(above))
+    grown = at
+    if jumps:
+        grown = spectra(high if above > 0.0 else low)
+    upper = k  # of the pair
+    if not grown.rates[k].imag >= 0.0:
+        upper = int(np.abs(grown.rates - grown.rates[k].conj()).argmin())
+    rate = grown.rates[upper]
+    vector = grown.right[: grown.own, upper]
+    kind: Kind = "flutter" if rate.imag else "divergence"
+    if jumps:
+        kind = "jump"
+    rests = kind == "divergence"  # its rate at the root is rounding error
     shape, energy = motion(grown.names[: grown.own], vector, grown.energy, 0.0 if rests else rate, grown.coordinates)
+    near = int(np.abs(np.array(values) - root).argmin())
+    distance = np.where(np.isfinite(rates[near]), np.abs(rates[near] - rate), np.inf)
     return Critical(
         value=root,
-        kind="jump" if jumps else "flutter" if rate.imag else "divergence",
-        becomes="unstable" if sides[1] > sides[0] else "stable",
+        kind=kind,
+        becomes="unstable" if above > below else "stable",
         frequency=float(rate.imag / (2.0 * np.pi)),
-        branch=int(here.argmin()),
+        branch=int(distance.argmin()),
         shape=shape,
         energy=energy,
     )
@@ -262,11 +289,13 @@ class Sweep(Result):
         hertz = np.where(self.frequency > 0.0, self.frequency, np.nan)
         gaps = np.abs(hertz - hertz[:, [critical.branch]])
         gaps[:, critical.branch] = np.nan
-        near = np.abs(np.array(self.axis.values) - critical.value).argsort()[:2]
-        here = np.min(np.where(np.isfinite(gaps), gaps, np.inf)[near], axis=0)
+        beside = np.abs(np.array(self.axis.values) - critical.value).argsort()[:2]
+        least = np.min(np.where(np.isfinite(gaps), gaps, np.inf)[beside], axis=0)
         most = np.max(np.where(np.isfinite(gaps), gaps, 0.0), axis=0)
-        meets = (here < _MEETS * most) & (here < _NEAR * critical.frequency)
-        return int(np.where(meets, here, np.inf).argmin()) if meets.any() else None
+        meets = (least < _MEETS * most) & (least < _NEAR * critical.frequency)
+        if not meets.any():
+            return None
+        return int(np.where(meets, least, np.inf).argmin())
 
     def pair(self, critical: Critical) -> tuple[float, ...]:
         """Return the frequencies [Hz], at the begin of the axis, of the two modes that meet; () if none does."""
@@ -279,8 +308,18 @@ class Sweep(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; a number that is not there is null."""
-        growth, frequency, errors = self.growth, self.frequency, self.errors.T.tolist()
-        return {
+        branches = []
+        for k, (growth, frequency) in enumerate(zip(self.growth.T, self.frequency.T)):
+            if np.isfinite(growth).any():
+                branch = {"growth": growth.tolist(), "frequency": frequency.tolist()}
+                if self.errors.size:
+                    branch["error"] = self.errors[:, k].tolist()
+                branches.append(branch)
+        critical_values = []
+        for critical in self.critical:
+            shape = {name: [v.real, v.imag] for name, v in critical.shape.items()}
+            critical_values.append({**vars(critical), "shape": shape, "pair": list(self.pair(critical))})
+        content = {
             "scene": self.scene,
             "loop": self.loop or None,
             "friction": self.friction or None,
@@ -290,69 +329,81 @@ class Sweep(Result):
             "exists": self.exists.tolist(),
             "notes": list(self.notes),
             "largest": self.largest.tolist(),
-            "branches": [
-                {"growth": g.tolist(), "frequency": f.tolist(), **({"error": errors[k]} if errors else {})}
-                for k, (g, f) in enumerate(zip(growth.T, frequency.T))
-                if np.isfinite(g).any()
-            ],
-            "critical": [
-                {
-                    **vars(critical),
-                    "shape": {name: [v.real, v.imag] for name, v in critical.shape.items()},
-                    "pair": list(self.pair(critical)),
-                }
-                for critical in self.critical
-            ],
+            "branches": branches,
+            "critical": critical_values,
             "gaps": [gap._asdict() for gap in self.gaps],
             "resolution": self.resolution,
             "belief": list(self.belief),
             "left_out": self.left_out,
-            **({"outside": list(self.outside)} if any(self.outside) else {}),
         }
+        if any(self.outside):
+            content["outside"] = list(self.outside)
+        return content
 
     def text(self) -> str:
         """Return the report as text."""
         axis = self.axis
         what = f"the loop of {self.loop}" if self.loop else "steady sliding"
-        what += f", {self.friction}," if self.friction else ""
+        if self.friction:
+            what += f", {self.friction},"
         lines = [f"{self.scene}: {what} over {axis.label}", *(f"  {line}" for line in self.belief)]
-        lines += [f"  {self.left_out}"] if self.left_out else []
+        if self.left_out:
+            lines.append(f"  {self.left_out}")
         for critical in self.critical:
-            at = f" at {critical.frequency:.6g} Hz" if critical.frequency else ""
-            what = critical.sides if critical.kind == "jamming" else f"{critical.kind}{at}, {critical.sides}"
-            lines += [f"  {axis.text(critical.value, 12)}: {what}"]
-            if pair := self.pair(critical):
-                both = " and ".join(f"{hertz:.5g}" for hertz in pair)
-                lines += [f"    the modes of {both} Hz meet (frequencies at {axis.text(axis.values[0])})"]
-            if critical.energy:
-                lines += [f"    {shape_text(critical.shape, critical.energy)} (share of the energy)"]
+            lines += self._critical_lines(critical)
         if not self.critical:
-            lines += [f"  no critical value {'where the rig slides steadily' if self.gaps else 'between these ends'}"]
-        lines += [f"  {gap.note} {self._span(gap)}{f': {gap.why}' * bool(gap.why)}" for gap in self.gaps]
+            where = "where the rig slides steadily" if self.gaps else "between these ends"
+            lines.append(f"  no critical value {where}")
+        for gap in self.gaps:
+            line = f"  {gap.note} {self._span(gap)}"
+            lines.append(f"{line}: {gap.why}" if gap.why else line)
         lines += self._estimated()
         lines += [f"  sampled every {axis.text(self.resolution, 3)}; critical values closer together may be missed"]
-        rows = [(axis.label, "largest growth 1/s", "frequency Hz", "growing modes", "largest error", "")]
-        for i, (value, row, note) in enumerate(zip(axis.values, self.rates, self.notes)):
-            note = ", ".join(filter(None, (note, "outside of the trained range" * any(self.outside[i : i + 1]))))
-            if not np.isfinite(row).any():
-                rows += [(axis.text(value), "", "", "", "", note)]
-                continue
-            top = row[int(np.nanargmax(row.real))]
-            there = row[np.isfinite(row)]
-            count = int(np.count_nonzero((there.real > curves.none(there)) & (there.imag >= 0.0)))
-            hertz = abs(top.imag) / (2.0 * math.pi)
-            error = max(self.errors[i][np.isfinite(self.errors[i])], default=math.nan) if self.errors.size else math.nan
-            cells = f"{top.real:.6g}", f"{hertz:.6g}", f"{count or ''}", "" if math.isnan(error) else f"{error:.1e}"
-            rows += [(axis.text(value), *cells, note)]
-        shown = [0, 1, 2, 3, *([4] if self.errors.size else []), 5]
-        lines += ["", *columns([[row[i] for i in shown] for row in rows], "<>>>" + ">" * (len(shown) - 5) + "<")]
+        lines += ["", *self._table_lines()]
         return "\n".join(lines)
+
+    def _critical_lines(self, critical: Critical) -> Iterator[str]:
+        """A critical value, the modes that meet there, and the shape of the mode."""
+        what = critical.sides
+        if critical.kind != "jamming":
+            at = f" at {critical.frequency:.6g} Hz" if critical.frequency else ""
+            what = f"{critical.kind}{at}, {critical.sides}"
+        yield f"  {self.axis.text(critical.value, 12)}: {what}"
+        if pair := self.pair(critical):
+            both = " and ".join(f"{hertz:.5g}" for hertz in pair)
+            yield f"    the modes of {both} Hz meet (frequencies at {self.axis.text(self.axis.values[0])})"
+        if critical.energy:
+            yield f"    {shape_text(critical.shape, critical.energy)} (share of the energy)"
+
+    def _table_lines(self) -> Iterator[str]:
+        """The table over the axis; with a column of estimated errors if they are known."""
+        estimated = bool(self.errors.size)
+        head = [self.axis.label, "largest growth 1/s", "frequency Hz", "growing modes"]
+        rows = [[*head, *["largest error"] * estimated, ""]]
+        for i, (value, rates, note) in enumerate(zip(self.axis.values, self.rates, self.notes)):
+            remarks = [note] if note else []
+            if any(self.outside[i : i + 1]):
+                remarks.append("outside of the trained range")
+            cells = ["", "", ""]
+            error = ""
+            known = rates[np.isfinite(rates)]
+            if known.size:
+                top = rates[int(np.nanargmax(rates.real))]
+                hertz = abs(top.imag) / (2.0 * math.pi)
+                growing = int(np.count_nonzero((known.real > curves.none(known)) & (known.imag >= 0.0)))
+                cells = [f"{top.real:.6g}", f"{hertz:.6g}", f"{growing or ''}"]
+                if estimated:
+                    errors = self.errors[i][np.isfinite(self.errors[i])]
+                    error = f"{max(errors):.1e}" if errors.size else ""
+            rows.append([self.axis.text(value), *cells, *[error] * estimated, ", ".join(remarks)])
+        return columns(rows, "<>>>" + ">" * estimated + "<")
 
     def _estimated(self) -> Iterator[str]:
         """The largest estimated error with its place, and what lies outside of the trained range."""
         if np.isfinite(self.errors).any():
             i, k = np.unravel_index(int(np.nanargmax(self.errors)), self.errors.shape)
-            hertz, at = abs(self.rates[i, k].imag) / (2.0 * math.pi), self.axis.text(self.axis.values[int(i)])
+            hertz = abs(self.rates[i, k].imag) / (2.0 * math.pi)
+            at = self.axis.text(self.axis.values[int(i)])
             yield f"  largest estimated error of an eigenvalue: {self.errors[i, k]:.1e} at {at}, {hertz:.6g} Hz"
         elif self.errors.size:
             yield "  warning: errors of the eigenvalues are not estimated: the files of the matrices are not there"
@@ -385,15 +436,12 @@ def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fi
     rates, order = _branches(axis.values, spectra_at, spectra)
     critical = search(axis.values, rates, spectra)
     states = tuple(dict.fromkeys(name for spectrum in spectra_at for name in spectrum.names))
-    at, shapes = {state: i for i, state in enumerate(states)}, np.zeros((*rates.shape, len(states)), np.complex128)
+    column = {state: i for i, state in enumerate(states)}
+    shapes = np.zeros((*rates.shape, len(states)), np.complex128)
     for row, spectrum, places in zip(shapes, spectra_at, order):
-        columns = [at[state] for state in spectrum.names]
+        columns = [column[state] for state in spectrum.names]
         row[np.ix_(list(places.values()), columns)] = spectrum.right[:, list(places)].T
-    errors = np.full(rates.shape if any(s.errors for s in spectra_at) else (0, 0), math.nan)
-    for row, spectrum, places in zip(errors, spectra_at, order):
-        known = spectrum.errors() if spectrum.errors is not None and places else ()
-        for i, place in places.items() if len(known) else ():
-            row[place] = known[i]
+    errors = _errors(spectra_at, order, rates.shape)
     if errors.size:  # a reduction does not hold for heavily damped modes
         rates[(rates.real < 0.0) & (np.abs(rates.real) > DAMPED * np.abs(rates.imag))] = complex(math.nan, math.nan)
     return Sweep(
@@ -414,6 +462,19 @@ def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fi
     )
 
 
+def _errors(spectra_at: list[curves.Spectrum], order: list[dict[int, int]], shape: tuple[int, ...]) -> Array:
+    """Estimated errors [value, branch], NaN where there is none; empty if no spectrum estimates them."""
+    if not any(spectrum.errors for spectrum in spectra_at):
+        return np.full((0, 0), math.nan)
+    errors = np.full(shape, math.nan)
+    for row, spectrum, places in zip(errors, spectra_at, order):
+        known = spectrum.errors() if spectrum.errors is not None and places else ()
+        if len(known):
+            for i, place in places.items():
+                row[place] = known[i]
+    return errors
+
+
 def _branches(
     values: tuple[float, ...], spectra_at: list[curves.Spectrum], spectra: curves.Spectra
 ) -> tuple[Complex, list[dict[int, int]]]:
@@ -421,15 +482,15 @@ def _branches(
     order: list[dict[int, int]] = []
     count = 0
     for k, spectrum in enumerate(spectra_at):
-        here: dict[int, int] = {}
+        places: dict[int, int] = {}
         if k and spectrum.counts and spectra_at[k - 1].counts:
             on = curves.follow(spectra, values[k - 1], spectra_at[k - 1], values[k], spectrum)
-            here = {int(on[i]): place for i, place in order[-1].items() if on[i] >= 0}
+            places = {int(on[i]): place for i, place in order[-1].items() if on[i] >= 0}
         for i in range(len(spectrum.rates) if spectrum.counts else 0):
-            if i not in here:
-                here[i] = count
+            if i not in places:
+                places[i] = count
                 count += 1
-        order.append(here)
+        order.append(places)
     rates = np.full((len(spectra_at), count), complex(math.nan, math.nan))
     for row, spectrum, places in zip(rates, spectra_at, order):
         for i, place in places.items():

@@ -37,7 +37,7 @@ from rig.printable import counted
 if TYPE_CHECKING:
     from rig.analysis.axis import Axis
     from rig.analysis.control_loop import Loop
-    from rig.analysis.modes import Modes
+    from rig.analysis.modes_report import Modes
     from rig.analysis.sweep import Sweep
     from rig.model.system import Finding
     from rig.results import Result

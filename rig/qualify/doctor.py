@@ -53,6 +53,7 @@ Times = NDArray[np.int64]
 Clock = Callable[[], int]
 Say = Callable[[str], object]
 FRAME_NS = 1_000_000
+"""The frame whose waits are measured: that of most scenes."""
 LEAST = 2000
 """Fewest measured frames: the cost at p99 is then exceeded by twenty of them."""
 RESERVE = 1.5
@@ -61,8 +62,8 @@ ALONE = "measured in processor time: no other program interrupts a plant that is
 AMONG = "measured by the wall clock: other programs interrupt a plant that is not scheduled in real time"
 _ROW = 100  # consecutive measured frames: the lateness of one carries over to the next
 _ENDLESS_NS = 10_000_000_000  # measured part of a protocol without an end
-_PAUSE_S = 0.0005
-_EACH_S = 0.001
+_PAUSE_S = 0.0005  # before a round trip, as between the frames of a paced run
+_EACH_S = 0.001  # for a round trip with its pause: decides on their number
 
 
 def round_trips(seconds: float, *, paced: bool = True) -> tuple[Times, Times, str]:
@@ -71,20 +72,28 @@ def round_trips(seconds: float, *, paced: bool = True) -> tuple[Times, Times, st
     `paced`: with real-time scheduling and a pause before each, as in a paced run; else one after the other, as in
     lockstep. The processes use the same cores as in such a run.
     """
-    name, none = f"doctor-{os.getpid()}", np.zeros(0, dtype=np.int64)
-    latest, fresh = np.zeros(2), np.ones(2, dtype=np.int64)
-    trips, puts = [], []
+    name = f"doctor-{os.getpid()}"
+    none = np.zeros(0, dtype=np.int64)
+    latest = np.zeros(2)
+    fresh = np.ones(2, dtype=np.int64)
+    trips = []
+    puts = []
     try:
         with bus.host(name, "doctor") as session:
-            answers, present = session.subscribe("act/*"), session.watch("controller/*")
+            answers = session.subscribe("act/*")
+            present = session.watch("controller/*")
             step = session.publisher("step")
             session.announce()
-            own, of_bus = choose()
-            child = Child("echo", ["rig.qualify.doctor", name, str(of_bus), *(["paced"] if paced else [])])
+            of_plant, of_bus = choose()
+            arguments = [name, str(of_bus)]
+            if paced:
+                arguments.append("paced")
+            child = Child("echo", ["rig.qualify.doctor", *arguments])
             try:
                 if not present.wait_for("controller", "echo", 8.0):
                     return none, none, "the other process did not start"
-                with placed(own if paced else of_bus, of_bus), ahead(PLANT) if paced else contextlib.nullcontext():
+                core = of_plant if paced else of_bus
+                with placed(core, of_bus), ahead(PLANT) if paced else contextlib.nullcontext():
                     for number in range(max(int(seconds / _EACH_S), 50)):
                         payload = encode.step(number, number, latest, fresh)
                         begin = time.perf_counter_ns()
@@ -105,7 +114,8 @@ def round_trips(seconds: float, *, paced: bool = True) -> tuple[Times, Times, st
 def echo(run: str, core: str, paced: str = "") -> None:
     """Run the other process on a core: answer every step until none has come for two seconds; `paced`: in real time."""
     with bus.join(run, role="controller", name="echo", wait=5.0) as session:
-        steps, act = session.subscribe("step"), session.publisher("act/echo")
+        steps = session.subscribe("step")
+        act = session.publisher("act/echo")
         session.announce()
         with placed(int(core), int(core)), ahead(CONTROLLER) if paced else contextlib.nullcontext():
             while (step := steps.get(timeout=2.0)) is not None:
@@ -120,8 +130,9 @@ def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns)
     sets before. A short protocol is repeated. In a long one the frames between the measured rows run without
     interruption. `clock`: of the measurement [ns].
     """
-    job = Job(scene.to_json())
-    sets, frame_times, count = visited(scene, job), list[int](), -1
+    sets = visited(scene, Job(scene.to_json()))
+    frame_times: list[int] = []
+    count = -1
     while count < len(frame_times) < least:
         count = len(frame_times)
         frame_times += _carried_through(scene, sets, least, clock)
@@ -138,12 +149,11 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
         experiment.prepared_rigs()
 
     experiment, answering = begun(scene, working, duration_ns, before=prepare)
-    runner, truth = experiment.runner, experiment.runner.truth
+    runner = experiment.runner
+    truth = runner.truth
     assert truth is not None
-    inside, outside = (
-        [controller for controller in answering if (controller.name in scene.in_plant) is here]
-        for here in (True, False)
-    )
+    inside = [controller for controller in answering if controller.name in scene.in_plant]
+    outside = [controller for controller in answering if controller.name not in scene.in_plant]
     apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)
     frame_times: list[int] = []
     try:
@@ -276,7 +286,8 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     come_first()
     with ahead(PLANT) as scheduled:
         waiting, slept, spun = _waits(0.6 * seconds)
-        scheduling, alone = scheduled.account, not scheduled.why
+        scheduling = scheduled.account
+        alone = not scheduled.why
     late = spun if waiting.spin_ns else slept
     say("a round trip over the bus, between two processes")
     trips, puts, fault = round_trips(0.3 * seconds)
@@ -333,11 +344,11 @@ def judge(scene: Scene, frame_times: Times | None, late: Times, put: Spread | No
     each = length(scene, pace)
     wall = each * scene.frame_ns / pace
     puts = 2 + sum(s.period_ns >= FRAME_NS for s in scene.sensors.values())
-    whole = RESERVE * np.add.reduceat(frame_times, np.arange(0, frame_times.size, each)) + round(
-        1e3 * (put.p50 if put is not None else 0.0) * puts
-    )
+    publishing = round(1e3 * (put.p50 if put is not None else 0.0) * puts)
+    whole = RESERVE * np.add.reduceat(frame_times, np.arange(0, frame_times.size, each)) + publishing
     share = min(float(np.mean(late > wall) + np.mean(behind(whole, wall) > wall)), 1.0)
-    mean, p99 = float(np.mean(whole)) / wall, float(np.quantile(whole, 0.99)) / wall
+    mean = float(np.mean(whole)) / wall
+    p99 = float(np.quantile(whole, 0.99)) / wall
     what = "frame" if each == 1 else "piece"
     text = f"{100.0 * mean:.2g} % of a {what} busy, {100.0 * p99:.2g} % at p99; {100.0 * share:.2g} % of {what}s late"
     if share <= clock.late_share_valid:
@@ -355,8 +366,10 @@ def _waits(seconds: float) -> tuple[pace.Waiting, Times, Times]:
     """The choice between sleep and hybrid, and the lateness of both [ns], measured alternately."""
     waiting = pace.choose(FRAME_NS)
     spin = waiting.spin_ns or int(min(1.5 * waiting.sleep_p95, FRAME_NS / 5))
-    sleep, hybrid = pace.WallClock(), pace.WallClock(spin)
-    slept, spun = [], []
+    sleep = pace.WallClock()
+    hybrid = pace.WallClock(spin)
+    slept = []
+    spun = []
     with no_garbage():
         for _ in range(max(int(seconds * 1e9 / FRAME_NS / 200), 1)):
             slept.append(pace.lateness(sleep, FRAME_NS, 100))

@@ -31,6 +31,8 @@ from rig.view.palette import BLUE, put
 
 BLOCKS = 50.0  # sample blocks per second, from sensors faster than 1 kHz
 MEMORY = "memory of friction"
+ON = BLUE  # colours of effects in the figure
+ABSENT = "#9aa5b1"
 _SAME = 1e-3  # of the largest coefficient: curves of contacts under different loads that count as one
 _SPEEDS = np.geomspace(1e-6, 10.0, 141).tolist()  # m/s, at which a law with memory is looked up in steady slip
 STATES = 200.0  # most state messages per second
@@ -38,9 +40,11 @@ STATES = 200.0  # most state messages per second
 
 def parts(scene: Scene, rounds: int = ROUNDS, report: Progress | None = None) -> list[Paired]:
     """Return every effect that the plant of `scene` can have; active ones first."""
-    lacking, about = absent(scene), declared(scene.parameters)
+    lacking = absent(scene)
+    about = declared(scene.parameters)
     all_parts = effects(scene, rounds)
-    base, values = bare(scene), held(scene, scene.assemble())
+    base = bare(scene)
+    values = held(scene, scene.assemble())
     if base.assemble().system().remembers:
         try:
             all_parts += compared(base, {MEMORY: _without_memory(base)}, values, rounds)
@@ -56,10 +60,12 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Progress | None = None) ->
                 also = [key for other in about[name].needs for key in lacking.get(other, [])]
                 more, like = added(scene, [*also, *keys], of_others=True)
                 [paired] = compared(bare(more), {name: base}, values, rounds)
-                own = (
-                    "with limits at twice the value" if name.endswith(" limits") else "as it is, for it has no numbers"
-                )
-                source = f"as in {like}" if like else own
+                if like:
+                    source = f"as in {like}"
+                elif name.endswith(" limits"):
+                    source = "with limits at twice the value"
+                else:
+                    source = "as it is, for it has no numbers"
                 all_parts.append(replace(paired, on=False, why=f"{why}; measured {source}"))
                 continue
             except RigError as error:
@@ -142,9 +148,6 @@ def topics(scene: Scene) -> Iterator[Rate]:
         yield Rate(f"applied/{name}", min(1e9 / section.period, batches), "the recorder")
 
 
-ON, ABSENT = BLUE, "#9aa5b1"
-
-
 def drawn(parts: Sequence[Paired]) -> list[Paired]:
     """Return what a figure shows of effects: those with a cost, closed if they were measured so."""
     return [replace(shown, on=paired.on) for paired in parts if (shown := paired.closed or paired).timed]
@@ -159,7 +162,8 @@ def draw(parts: Sequence[Paired], title: str, machine: dict[str, str], path: Pat
         left, right = figure.subplots(1, 2, sharey=True)
         left.set_axisbelow(True)
         for place, paired in enumerate(shown):
-            colour, tick = (ON if paired.on else ABSENT), paired.shown_cost
+            colour = ON if paired.on else ABSENT
+            tick = paired.shown_cost
             left.barh(place, tick.value, color=colour)
             spread = [[max(tick.value - tick.low, 0.0)], [max(tick.high - tick.value, 0.0)]]
             left.errorbar(tick.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
@@ -167,11 +171,12 @@ def draw(parts: Sequence[Paired], title: str, machine: dict[str, str], path: Pat
             right.plot(sizes, [place] * len(sizes), "o", ms=5, color=colour)
             worst = paired.worst
             if worst is not None:
-                text, at = worst.measure.replace("_", " "), (worst.size, place)
+                text = worst.measure.replace("_", " ")
+                at = (worst.size, place)
                 right.annotate(text, at, (0, 8), textcoords="offset points", ha="right", fontsize=8.5)
             else:
-                at, axes_then_data = (0.02, place), ("axes fraction", "data")
-                right.annotate("no change", at, xycoords=axes_then_data, va="center", fontsize=8.5)
+                axes_then_data = ("axes fraction", "data")
+                right.annotate("no change", (0.02, place), xycoords=axes_then_data, va="center", fontsize=8.5)
         handles = [left.barh(0, 0, color=colour) for colour in (ON, ABSENT)]
         figure.legend(handles, ["on: if it is dropped", "absent: if it is added"], loc="outside lower left", ncols=2)
         labels = [f"{paired.name.replace('_', ' ')}\n{'on' if paired.on else 'absent'}" for paired in shown]

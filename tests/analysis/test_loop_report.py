@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
-from rig.analysis import loop_report
+from rig.analysis import jump_linear, loop_check, loop_report
 from rig.analysis.control_loop import loop
-from rig.analysis.loop_report import ages, jump_growth, mean_age, report
+from rig.analysis.jump_linear import ages, jump_growth, mean_age
+from rig.analysis.loop_report import report
 from rig.bus.impaired_link import HeardSensor
 from rig.cli.app import program
 from rig.errors import SceneError
@@ -69,9 +70,9 @@ def test_a_held_command_is_a_held_measurement_for_a_controller_without_memory(be
 
 def test_the_operator_has_the_eigenvalue_of_its_matrix(belt, monkeypatch):
     about = link(delay=3 * MS, jitter=2 * MS, loss=0.3), link(loss=0.2)
-    monkeypatch.setattr(loop_report, "DENSE", 12)
+    monkeypatch.setattr(jump_linear, "DENSE", 12)
     found = jump_growth(belt, "nf", *about).mean_square
-    monkeypatch.setattr(loop_report, "DENSE", 0)
+    monkeypatch.setattr(jump_linear, "DENSE", 0)
     assert jump_growth(belt, "nf", *about).mean_square == pytest.approx(found, rel=1e-7)
 
 
@@ -80,16 +81,16 @@ def test_the_operator_has_the_eigenvalue_of_its_matrix(belt, monkeypatch):
     [({"delay": 12 * MS}, 1, 1e-3), ({"delay": 20 * MS, "jitter": 8 * MS, "loss": 0.3}, 4, 0.05)],
 )
 def test_computed_decay_is_that_of_simulations(belt, monkeypatch, about, runs, error):
-    monkeypatch.setattr(loop_report, "RUNS", runs)
+    monkeypatch.setattr(loop_check, "RUNS", runs)
     one = link(**about)
     computed = jump_growth(belt, "nf", one, Link())
     network = Network(meas={"vibrometer": one})
-    found = loop_report.simulated(belt, "nf", network, computed.mean_square, computed)
+    found = loop_check.simulated(belt, "nf", network, computed.mean_square, computed)
     assert found.growth == pytest.approx(computed.mean_square, rel=error)
 
 
 def test_the_report_of_a_scene_with_links(monkeypatch, tmp_path):
-    monkeypatch.setattr(loop_report, "RUNS", 2)
+    monkeypatch.setattr(loop_check, "RUNS", 2)
     monkeypatch.setattr(loop_report, "POINTS", 3)
     about = {"load.lag": "5 ms", "network.meas.vibrometer.delay": "6 ms", "network.meas.vibrometer.jitter": "2 ms"}
     scene = rig.load("belt_poor_network", about)
@@ -110,7 +111,7 @@ def test_the_report_of_a_scene_with_links(monkeypatch, tmp_path):
 
 def test_a_loop_of_a_longer_period_has_the_longest_delay(monkeypatch):
     monkeypatch.setattr(loop_report, "POINTS", 3)
-    monkeypatch.setattr(loop_report, "RUNS", 1)
+    monkeypatch.setattr(loop_check, "RUNS", 1)
     found = report(rig.load("belt_normal_force", {"controllers.nf.period": "5 ms"}), "nf")
     assert [curve.key for curve in found.curves] == ["delay", "jitter"]
     assert "longest constant delay" in found.notes[-1]

@@ -14,7 +14,8 @@ import rig
 from rig.analysis import map as maps
 from rig.analysis.averaged import mean_friction
 from rig.analysis.axis import Axis, axes
-from rig.analysis.modes import Mode, modes
+from rig.analysis.modes import modes
+from rig.analysis.modes_report import Mode
 from rig.analysis.regions import regions
 from rig.bench.free_rig import TIGHT, FreeRig
 from rig.errors import SceneError, UsageError

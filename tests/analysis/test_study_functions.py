@@ -6,7 +6,8 @@ from full_disk import largest_file
 
 import rig as lab
 from rig.analysis.studies import prepared, study
-from rig.analysis.studies.measures import evaluate, function_of
+from rig.analysis.studies.functions import function_of
+from rig.analysis.studies.measures import evaluate
 from rig.errors import OutputError, SceneError, UsageError
 
 

@@ -2,7 +2,7 @@
 peer.
 
 The error is the largest difference of a mode change's time from the reference, as a share of the period; infinite if
-changes were missed or invented. Our own methods are compared with another of our methods (rig.qualify.cost.measuring),
+changes were missed or invented. Our own methods are compared with another of our methods (rig.qualify.cost.references),
 the peers with our best. For each setting the best of the rounds counts, because other work on the machine only makes a
 run longer.
 """

@@ -13,7 +13,7 @@ import rig
 from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
 from rig.errors import UsageError
 from rig.model import assembly
-from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended
+from rig.qualify.cost import Row, Table, cost, folder_of, recommended, references
 from rig.qualify.cost.measuring import steps_of_film, trials
 from rig.qualify.cost.report import CostReport, heads, lines, notes
 from rig.qualify.cost.table import front, runs_needed
@@ -177,12 +177,12 @@ def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
 
 
 def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypatch, tmp_path):
-    observe = measuring.observe
+    observe = references.observe
 
     def stopped(asked, setting, framed=True):  # a reference has no frames
         return observe(asked, setting) if framed else Seen({}, fault=f"{setting} stopped")
 
-    monkeypatch.setattr(measuring, "observe", stopped)
+    monkeypatch.setattr(references, "observe", stopped)
     found = cost(rig.load("belt_c"), None, rounds=1)
     assert all("no reference" in one.fault and one.timed for one in found.rows)
     assert notes(found, "worst")[0].endswith("one of the references stops")

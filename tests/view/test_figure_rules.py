@@ -8,10 +8,10 @@ from colour_vision import nearest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from rig.analysis.map.result import COLOURS as REGIONS
+from rig.analysis.map.figure import COLOURS as REGIONS
 from rig.papers import pick
 from rig.qualify.cost.report import COLOURS as METHODS
-from rig.qualify.torture.report import COLOURS as RESULTS
+from rig.qualify.torture.picture import COLOURS as RESULTS
 from rig.view import contact
 from rig.view.curves import apart
 from rig.view.palette import GREY, LINES, encoded, printed

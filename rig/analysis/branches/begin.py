@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from rig.analysis.axis import Axis
-from rig.analysis.branches.trace import VIRTUAL, Place, Special, follow, place
+from rig.analysis.branches.places import Place, place
+from rig.analysis.branches.trace import VIRTUAL, Special, follow
 from rig.analysis.repetition import repeating
 from rig.analysis.return_map import Array, Family, NoCycle, ReturnMap, closed, driven, parameter, sizes
 from rig.bench.free_rig import FreeRig
@@ -27,13 +28,14 @@ from rig.scenes.scene import Scene
 from rig.stability.linearisation import steady
 from rig.units import si
 
-HOPF, SIMULATION = "hopf", "simulation"
+HOPF = "hopf"
+SIMULATION = "simulation"
 _FOLLOWED = 300  # places of a branch whose end is wanted
 _PERIODS = 2000  # of the dither, at most, that the start is simulated
-_DECAYS = 1e-4
-_INSIDE = 0.05
+_DECAYS = 1e-4  # of its size: a motion that changes by less in a period is close enough for Newton's method
+_INSIDE = 0.05  # of a period: the base of a forced motion is no closer to an event
 _WATCHED = 60.0  # periods of the slowest mode in which a recorded motion has to repeat
-_REPEATS = 1e-2
+_REPEATS = 1e-2  # of a period: a recorded motion repeats if its drift is smaller
 _VIBRATES = ("stick-slip", "vibration")
 _MAY_DIFFER = ("start", "clock", "sensors", "controllers", "faults", "network", "limits")
 
@@ -78,7 +80,8 @@ def starts(given: object, scene: Scene, axis: Axis) -> Iterator[str | float | St
 
 
 def _inside(value: float, axis: Axis) -> float:
-    low, high = min(axis.values), max(axis.values)
+    low = min(axis.values)
+    high = max(axis.values)
     if not low <= value <= high:
         raise UsageError(f"start {axis.text(value)}: is outside of the range {axis.text(low)} to {axis.text(high)}")
     return value
@@ -90,8 +93,10 @@ def _of_folder(folder: Path, axis: Axis) -> Iterator[float]:
     table = folder / "map.csv"
     if not table.is_file():
         raise UsageError(f"start {folder}: holds no finished map (map.csv); compute one with the command rig map")
+    rows = []
     with table.open() as file:
-        rows = [{key.split(" [")[0]: value for key, value in row.items()} for row in csv.DictReader(file)]
+        for row in csv.DictReader(file):
+            rows.append({key.split(" [")[0]: value for key, value in row.items()})
     yield from _of_records(rows, axis, str(folder))
 
 
@@ -102,13 +107,15 @@ def _of_records(rows: Any, axis: Axis, what: str) -> Iterator[float]:
         raise UsageError(f"start {what}: is no map over {axis.key}")
     stretch: list[float] = []
     chosen: list[float] = []
-    low, high = min(axis.values), max(axis.values)
+    low = min(axis.values)
+    high = max(axis.values)
     for record in [*records, {}]:
         if any(str(record.get(name)) in _VIBRATES for name in record if name.endswith("_state")):
             value = float(record[axis.key])
-            stretch += [value] if low <= value <= high else []
+            if low <= value <= high:
+                stretch.append(value)
         elif stretch:
-            chosen += stretch[len(stretch) // 2], stretch[0], stretch[-1]
+            chosen += [stretch[len(stretch) // 2], stretch[0], stretch[-1]]
             stretch = []
     if not chosen:
         raise UsageError(f"start {what}: shows no vibration from {axis.text(low)} to {axis.text(high)}")
@@ -120,13 +127,19 @@ def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
     recorded = Scene.from_json(run.scene_text())
     _alike(recorded, scene, axis)
     speed = next(iter(drives(run)), "")
-    value = float(recorded.values()[axis.key][0]) if axis.key in recorded.values() else math.nan
+    values = recorded.values()
+    value = float(values[axis.key][0]) if axis.key in values else math.nan
     if axis.key == "drive.speed" and speed:
         value = float(run.signals[speed][-1])
     rig = Family(scene, [axis]).rig((_inside(value, axis),))
-    names, moving = rig.system.names, rig.moving
-    known = {n: o.row for n, o in rig.assembly.outputs.items() if n in run.signals and o.row.keys() <= {*names}}
-    rows = np.array([[row.get(name, 0.0) for name in names] for row in known.values()]).reshape(-1, len(names))
+    moving = rig.moving
+    column = {name: i for i, name in enumerate(rig.system.names)}
+    outputs = rig.assembly.outputs
+    known = [name for name, output in outputs.items() if name in run.signals and output.row.keys() <= column.keys()]
+    rows = np.zeros((len(known), len(column)))
+    for row, name in zip(rows, known):
+        for of_state, weight in outputs[name].row.items():
+            row[column[of_state]] = weight
     driving = rig.settled.copy()
     driving[moving] = 0.0
     measured = np.array([float(run.signals[name][-1]) for name in known]) - rows @ driving
@@ -134,8 +147,8 @@ def _of_run(run: Run, scene: Scene, axis: Axis) -> Start:
         raise UsageError(
             "the outputs of the recording do not determine its state; start from simulation, or from a value"
         )
-    state = np.linalg.lstsq(rows[:, moving], measured, rcond=None)[0]
-    return Start(value, dict(zip([names[i] for i in moving], state.tolist())))
+    state, *_ = np.linalg.lstsq(rows[:, moving], measured, rcond=None)
+    return Start(value, dict(zip([rig.system.names[i] for i in moving], state.tolist())))
 
 
 def values_of(scene: Scene) -> dict[str, Any]:
@@ -149,10 +162,11 @@ def _alike(recorded: Scene, scene: Scene, axis: Axis) -> None:
         raise UsageError(
             f"the recording is of {recorded.name} with the plant {recorded.plant}, and {scene.name} has {scene.plant}"
         )
-    was, now = values_of(recorded), values_of(scene)
-    differ = sorted(k for k in was.keys() | now.keys() if k != axis.key and was.get(k) != now.get(k))
+    before = values_of(recorded)
+    now = values_of(scene)
+    differ = sorted(k for k in before.keys() | now.keys() if k != axis.key and before.get(k) != now.get(k))
     if differ:
-        what = "; ".join(f"{k} = {was.get(k, 'none')} there, {now.get(k, 'none')} here" for k in differ[:3])
+        what = "; ".join(f"{k} = {before.get(k, 'none')} there, {now.get(k, 'none')} here" for k in differ[:3])
         more = f", and {len(differ) - 3} more" if len(differ) > 3 else ""
         raise UsageError(f"the recording is of a rig with other values (SI): {what}{more}; set them alike with -p")
 
@@ -172,7 +186,8 @@ def from_start(family: Family, start: Start, others: tuple[float, ...] = ()) -> 
         if not count or drift > _REPEATS:
             raise NoCycle("the recorded motion does not repeat")
         times = [time for time, _ in run.events]
-        period, x = times[-1] - times[-1 - count], run.x
+        period = times[-1] - times[-1 - count]
+        x = run.x
     return from_motion(family, values, x, period)
 
 
@@ -184,7 +199,8 @@ def ends(family: Family, start: Start, to: float, others: tuple[float, ...] = ()
     at = from_start(family, start, others)
     at = replace(at, t=-at.t) if to < start.value else at
     for segment in follow(at, min(start.value, to), max(start.value, to), _FOLLOWED, sought=("fold",)):
-        for special in (*segment.specials, *([segment.end] if segment.end else [])):
+        end = [segment.end] if segment.end else []
+        for special in (*segment.specials, *end):
             if special.turns or special.kind in ("jump", "hopf"):
                 return special
             if special.kind in ("unresolved", "most"):
@@ -195,17 +211,20 @@ def ends(family: Family, start: Start, to: float, others: tuple[float, ...] = ()
 def from_hopf(family: Family, p: float, others: tuple[float, ...] = ()) -> Place:
     """The first place of the cycles that begin at a Hopf point p, in the shape of the undamped mode."""
     rig = family.rig((p, *others))
-    system, moving = rig.system, rig.moving
-    at = steady(system, rig.key)
-    x, (rates, shapes) = at.x, at.eigenvectors()
+    moving = rig.moving
+    at = steady(rig.system, rig.key)
+    x = at.x
+    rates, shapes = at.eigenvectors()
     undamped = int(np.where(rates.imag > 0.0, np.abs(rates.real), np.inf).argmin())
-    rate, shape = complex(rates[undamped]), shapes[:, undamped]
-    rows, speeds = system.slip_rows @ shape, np.abs(system.slip_rows @ x)
-    scale = max((abs(row) / speed for row, speed in zip(rows, speeds) if speed > 0.0), default=0.0)
+    shape = shapes[:, undamped]
+    swings = rig.system.slip_rows @ shape
+    speeds = np.abs(rig.system.slip_rows @ x)
+    scale = max((abs(swing) / speed for swing, speed in zip(swings, speeds) if speed > 0.0), default=0.0)
     shape = shape / (scale or float(np.abs(shape).max()))
-    shape = shape / np.exp(1j * np.angle(shape[moving[np.abs(shape[moving]).argmax()]]))
+    largest = moving[np.abs(shape[moving]).argmax()]
+    shape = shape / np.exp(1j * np.angle(shape[largest]))
     size = sizes(np.abs(shape), rig)
-    T = 2.0 * math.pi / rate.imag
+    T = 2.0 * math.pi / complex(rates[undamped]).imag
     map = ReturnMap(family, size, T, abs(p) or 1.0, others)
     t = np.append(shape.real[moving] / size, [0.0, 0.0])
     t /= np.linalg.norm(t)
@@ -234,21 +253,22 @@ def from_forced(family: Family, value: float) -> Place:
     """Return the place of the motion with the period of the generator that the rig reaches. Raises NoCycle."""
     rig = family.rig((value,))
     T = period_of(rig)
-    x = driven(rig, 0.0)
-    last, run = x, rig.carried(x, T, keep=True)
+    last = driven(rig, 0.0)
+    run = rig.carried(last, T, keep=True)
     for _ in range(_PERIODS):
         generator = driven(rig, 0.0)
         x = generator.copy()
         x[rig.moving] = run.x[rig.moving]
         run = rig.carried(x, T, keep=True)
         size = sizes(np.ptp(run.states, axis=0), rig)
-        if repeats := bool(np.abs((x - last)[rig.moving] / size).max() < _DECAYS):
+        repeats = bool(np.abs((x - last)[rig.moving] / size).max() < _DECAYS)
+        if repeats:
             break
         last = x
     times = [0.0, *(t for t, _ in run.events), T]
-    widest = max(range(len(times) - 1), key=lambda i: times[i + 1] - times[i])
     phase = 0.0
     if run.events and min(times[1], T - times[-2]) < _INSIDE * T:  # the base lies beside an event
+        widest = max(range(len(times) - 1), key=lambda i: times[i + 1] - times[i])
         phase = 0.5 * (times[widest] + times[widest + 1]) / T
         x = rig.carried(x, phase * T).x
     size = np.maximum(size, np.abs(run.states[:, rig.moving]).max(axis=0))  # its mean moves by more than it vibrates
@@ -258,8 +278,9 @@ def from_forced(family: Family, value: float) -> Place:
     try:
         u, end = map.newton(u, closing, u, map.end(u).met)
     except NoCycle as error:
+        if repeats:
+            raise error from None
         how = f"within {_PERIODS} periods: it is quasi-periodic, chaotic or of a longer period"
-        raise (
-            error if repeats else NoCycle(f"the motion does not repeat with the period of its generator {how}")
-        ) from None
-    return place(map, u, end, closing(u, end)[1], held=True)
+        raise NoCycle(f"the motion does not repeat with the period of its generator {how}") from None
+    _, gradient = closing(u, end)
+    return place(map, u, end, gradient, held=True)

@@ -23,17 +23,9 @@ from rig.analysis import eigenvalue_curves as curves
 from rig.analysis.axis import Axis
 from rig.analysis.branches import begin
 from rig.analysis.branches.begin import HOPF, SIMULATION, Start
+from rig.analysis.branches.places import FAILURES, Place, missed, place
 from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, Branch, Branches, Point, SpecialPoint
-from rig.analysis.branches.trace import (
-    FAILURES,
-    LONGEST,
-    Place,
-    Segment,
-    Special,
-    follow,
-    missed,
-    place,
-)
+from rig.analysis.branches.trace import LONGEST, Segment, Special, follow
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.modes import at_rest
 from rig.analysis.pool import Store, Work, digest, packed, unpacked
@@ -65,7 +57,8 @@ POINTS = 400
 """Most points of a family of cycles."""
 SAVE = 2.0
 """Seconds between two savings: an interruption loses at most so much."""
-_SAME_PERIOD, _SAME_SIZE = 1e-3, 2e-2  # of two motions at one value, one of them interpolated: they are one branch
+_SAME_PERIOD = 1e-3  # relative, of two motions at one value, one of them interpolated: they are one branch
+_SAME_SIZE = 2e-2  # relative: the same of their size
 _SMALL = 1e-9  # of the largest speed of a surface: it rests
 _NEAR = 1e-7  # of a critical value: growth is straight up to there
 
@@ -116,9 +109,10 @@ def job(
     faults += _unfit(scene, axis)
     if faults:
         raise UsageError("\n".join(f"{scene.name}: {fault}" for fault in faults))
-    return Job(
-        scene, axis, watched, tuple(start for given in starts for start in begin.starts(given, scene, axis)), most
-    )
+    motions: list[str | float | Start] = []
+    for start in starts:
+        motions += begin.starts(start, scene, axis)
+    return Job(scene, axis, watched, tuple(motions), most)
 
 
 def _unfit(scene: Scene, axis: Axis) -> Iterator[str]:
@@ -140,7 +134,7 @@ def _unfit(scene: Scene, axis: Axis) -> Iterator[str]:
         )
     if same(first, last) and np.array_equal(settled(first, first.start), settled(last, last.start)):
         yield f"{axis.key} acts on no steady motion of the rig"
-    if (why := _changed(first, last)) or (why := _turned(axis, first, last)):
+    if why := _changed(first, last) or _turned(axis, first, last):
         yield why
 
 
@@ -154,26 +148,28 @@ def _running(system: System) -> str:
 
 
 def _changed(first: System, last: System) -> str:
-    parts = [
-        [[p.name for p in s.patches], [k.name for k in s.normals], list(s.coordinates), s.n] for s in (first, last)
-    ]
-    return (
-        "" if parts[0] == parts[1] else "the parameter changes the contacts or the coordinates of the rig in this range"
-    )
+    def names(system: System) -> tuple[object, ...]:
+        patches = [patch.name for patch in system.patches]
+        normals = [normal.name for normal in system.normals]
+        return patches, normals, list(system.coordinates), system.n
+
+    if names(first) == names(last):
+        return ""
+    return "the parameter changes the contacts or the coordinates of the rig in this range"
 
 
 def _turned(axis: Axis, first: System, last: System) -> str:
     """Whether a surface changes its direction over the range."""
-    speeds = [[float(p.surface @ _driven(s)) for p in s.patches] for s in (first, last)]
-    if any(a * b < 0.0 for a, b in zip(*speeds)):
+    if any(a * b < 0.0 for a, b in zip(_surface_speeds(first), _surface_speeds(last))):
         return f"{axis.key}: a surface changes its direction in this range; compute each side of 0 on its own"
     return ""
 
 
-def _driven(system: System) -> Array:
+def _surface_speeds(system: System) -> list[float]:
+    """The speed of each surface as it is driven at the start, without the motion of the rig."""
     x = system.start.copy()
     x[: system.one] = 0.0
-    return x
+    return [float(patch.surface @ x) for patch in system.patches]
 
 
 def branches(job: Job, root: Path = ROOT, watch: Watch = lambda text: None) -> Branches:
@@ -186,8 +182,8 @@ def branches(job: Job, root: Path = ROOT, watch: Watch = lambda text: None) -> B
     store = Store.of(work, root)
     with store.open(work):
         result = Computation(job, store, watch).run()
-        told = result.to_json() | {"plant": job.scene.plant, "values": begin.values_of(job.scene)}
-        write_file(store.folder / FILE, json.dumps(told).encode())
+        content = result.to_json() | {"plant": job.scene.plant, "values": begin.values_of(job.scene)}
+        write_file(store.folder / FILE, json.dumps(content).encode())
         return result
 
 
@@ -210,10 +206,13 @@ class Computation:
     """
 
     def __init__(self, job: Job, store: Store | None = None, watch: Watch = lambda text: None) -> None:
-        self.job, self.store, self.watch = job, store, watch
+        self.job = job
+        self.store = store
+        self.watch = watch
         self.axis = job.axis
         self.family = Family(job.scene, [job.axis], [job.output])
-        self.low, self.high = job.axis.values[0], job.axis.values[-1]
+        self.low = job.axis.values[0]
+        self.high = job.axis.values[-1]
         self.saved = {unit: unpacked(arrays) for unit, arrays in store.load().items()} if store else {}
         self.branches: list[Branch] = []
         self.specials: list[Special] = []
@@ -222,21 +221,16 @@ class Computation:
 
     def run(self) -> Branches:
         """Compute everything."""
-        self.notes += filter(None, [left_out(self.job.scene)])
+        if alone := left_out(self.job.scene):
+            self.notes.append(alone)
         if forcing := driven_by(self.job):
             self._forced(forcing)
         else:
             self._sliding_and_cycles()
         unit = self.job.scene.assemble().outputs[self.job.output].unit
-        return Branches(
-            self.job.scene,
-            self.axis,
-            self.job.output,
-            unit,
-            tuple(self.branches),
-            tuple(dict.fromkeys(self.notes)),
-            self.store.folder if self.store else None,
-        )
+        notes = tuple(dict.fromkeys(self.notes))
+        folder = self.store.folder if self.store else None
+        return Branches(self.job.scene, self.axis, self.job.output, unit, tuple(self.branches), notes, folder)
 
     def _sliding_and_cycles(self) -> None:
         self.watch("sliding")
@@ -315,7 +309,9 @@ class Computation:
         self.notes.append(f"{forcing} is on: motions with its period are followed, and no steady sliding exists")
         simulated = [0.5 * (self.low + self.high), self.low, self.high]
         wanted = [s.value if isinstance(s, Start) else s for s in self.job.starts if s != HOPF]
-        values = [value for s in wanted for value in (simulated if isinstance(s, str) else [s])]
+        values: list[float] = []
+        for start in wanted:
+            values += simulated if isinstance(start, str) else [start]
         if not values:
             self.notes.append("such a motion begins at no Hopf point: --start simulation, or a value")
         for value in values:
@@ -365,7 +361,8 @@ class Computation:
             segment = Segment([at])
             if not points or not continued or len(last):
                 points.append(_point(at))
-            last[:], events[:] = [at], [segment.names]
+            last[:] = [at]
+            events[:] = [segment.names]
             self.watch(self._progress(made, points[-1]))
             if time.monotonic() - saved_at > SAVE:
                 self._save([*made, Branch(kind, self.unit, segment.names, tuple(points))], at, False, notes)
@@ -419,7 +416,8 @@ def _equilibria(job: Job, swept: Sweep) -> Iterator[Branch]:
         except RigError:
             at = None
         if at is not None and not at.speed.any():
-            if (ends := _interval(at, dict(assembly.outputs[job.output].row))) is not None:
+            ends = _interval(at, dict(assembly.outputs[job.output].row))
+            if ends is not None:
                 rest.append(Point(value, *ends, stable=True, stick=1.0))
         elif at is not None and at.exists:
             rates = at.eigenvalues()
@@ -429,20 +427,27 @@ def _equilibria(job: Job, swept: Sweep) -> Iterator[Branch]:
             continue
         if parts[-1]:
             parts.append([])
-    hopf = [(c.value, c) for c in swept.critical]
     for part in parts:
         if part:
-            specials = []
-            for value, critical in hopf:
-                if part[0].value <= value <= part[-1].value:
-                    here = min(part, key=lambda point: abs(point.value - value))
-                    kind = "hopf" if critical.kind == "flutter" else critical.kind
-                    period = 1.0 / critical.frequency if critical.frequency else math.nan
-                    accuracy = _rounding(job, critical) if period == period else curves.RELATIVE * abs(value)
-                    specials.append(SpecialPoint(kind, value, accuracy, here.low, here.high, period))
+            within = [critical for critical in swept.critical if part[0].value <= critical.value <= part[-1].value]
+            specials = [_critical(job, critical, part) for critical in within]
             yield Branch(SLIDING, -1, (), tuple(part), tuple(specials))
     if rest:
         yield Branch(REST, -1, (), tuple(rest))
+
+
+def _critical(job: Job, critical: Critical, part: Sequence[Point]) -> SpecialPoint:
+    """The special point of a critical value within a part of steady sliding."""
+    value = critical.value
+    nearest = min(part, key=lambda point: abs(point.value - value))
+    kind = "hopf" if critical.kind == "flutter" else critical.kind
+    if critical.frequency:
+        period = 1.0 / critical.frequency
+        accuracy = _rounding(job, critical)
+    else:
+        period = math.nan
+        accuracy = curves.RELATIVE * abs(value)
+    return SpecialPoint(kind, value, accuracy, nearest.low, nearest.high, period)
 
 
 def _rounding(job: Job, critical: Critical) -> float:
@@ -460,11 +465,17 @@ def _rounding(job: Job, critical: Critical) -> float:
         angle = lengths / max(float(np.abs(left[:, i] @ right[:, i])), _SMALL)
         return float(rates[i].real), curves.RELATIVE * float(np.linalg.norm(A, 2)) * angle
 
-    value, low, high = critical.value, *sorted(job.axis.values[:: len(job.axis.values) - 1])
-    (a, x), (b, y) = (
-        (mode(p)[0], p) for p in (max(value - _NEAR * abs(value), low), min(value + _NEAR * abs(value), high))
-    )
-    return max(curves.RELATIVE * abs(value), mode(value)[1] * abs(y - x) / abs(b - a) if b != a else 0.0)
+    value = critical.value
+    low, high = sorted((job.axis.values[0], job.axis.values[-1]))
+    below = max(value - _NEAR * abs(value), low)
+    above = min(value + _NEAR * abs(value), high)
+    growth_below, _ = mode(below)
+    growth_above, _ = mode(above)
+    least = curves.RELATIVE * abs(value)
+    if growth_above == growth_below:
+        return least
+    _, error = mode(value)
+    return max(least, error * abs(above - below) / abs(growth_above - growth_below))
 
 
 def _output(at: Steady, row: dict[str, float]) -> float:
@@ -491,14 +502,13 @@ def _interval(at: Steady, row: dict[str, float]) -> tuple[float, float] | None:
 
 def _point(at: Place) -> Point:
     """The point of a place."""
-    rig, run = at.rig, at.run
-    (values,) = run.values
-    low, high = -_highest(-values, rig.step, at.period), _highest(values, rig.step, at.period)
-    stick = sum(part.end - part.begin for part in run.intervals(rig.step, at.period) if rig.stuck(part.key))
+    rig = at.rig
+    (values,) = at.run.values
+    stick = sum(part.end - part.begin for part in at.run.intervals(rig.step, at.period) if rig.stuck(part.key))
     return Point(
         at.p,
-        low,
-        high,
+        low=-_highest(-values, rig.step, at.period),
+        high=_highest(values, rig.step, at.period),
         stable=not at.unstable,
         period=at.period,
         stick=stick / at.period,
@@ -511,19 +521,30 @@ def _point(at: Place) -> Point:
 def _highest(values: Array, step: float, period: float) -> float:
     """The maximum of a periodic series, by a parabola through its largest values."""
     values = values[: math.ceil(period / step - 0.5)]
-    k, times = int(values.argmax()), step * np.arange(len(values))
+    times = step * np.arange(len(values))
+    k = int(values.argmax())
     x, y = (np.roll(series, 1 - k)[:3] for series in (times, values))
     if len(y) < 3 or max(y[0], y[2]) >= y[1]:
         return float(values[k])
     x = (x - times[k] + 0.5 * period) % period - 0.5 * period
     bend, slope, top = np.polyfit(x / step, y - values[k], 2).tolist()
-    return float(values[k] + (top - 0.25 * slope**2 / bend if bend < 0.0 else 0.0))
+    above = top - 0.25 * slope**2 / bend if bend < 0.0 else 0.0
+    return float(values[k] + above)
 
 
 def _special(special: Special) -> SpecialPoint:
     point = _point(special.at)
-    return SpecialPoint(special.kind, special.p, special.accuracy, point.low, point.high, point.period, special.contact,
-                        special.turns, special.why)  # fmt: skip
+    return SpecialPoint(
+        kind=special.kind,
+        value=special.p,
+        accuracy=special.accuracy,
+        low=point.low,
+        high=point.high,
+        period=point.period,
+        contact=special.contact,
+        turns=special.turns,
+        why=special.why,
+    )
 
 
 def raw_of(at: Place) -> dict[str, Any]:
@@ -545,7 +566,9 @@ def raw_of(at: Place) -> dict[str, Any]:
 def rebuilt(family: Family, raw: Mapping[str, Any]) -> Place:
     """Return the place of `raw_of`."""
     period = begin.period_of if raw["forced"] else None
-    others, begins = tuple(raw["others"]), tuple((tick, key) for tick, key in raw["begins"])
+    others = tuple(raw["others"])
+    begins = tuple((tick, key) for tick, key in raw["begins"])
     map = ReturnMap(family, np.array(raw["size"]), raw["T0"], raw["P0"], others, period, raw["phase"], begins)
     u = np.array(raw["u"])
-    return replace(place(map, u, map.end(u), t=np.array(raw["t"])), step=raw["step"])
+    at = place(map, u, map.end(u), t=np.array(raw["t"]))
+    return replace(at, step=raw["step"])

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from rig.analysis.axis import Axis
 from rig.analysis.branches.compute import ROOT, SAVE, Computation, Job, driven_by, raw_of, rebuilt
+from rig.analysis.branches.places import FAILURES, Place, place, solved, stepped
 from rig.analysis.branches.result import TURNS, named
-from rig.analysis.branches.trace import FAILURES, SPECIAL, Measure, Place, of_distance, place, solved, stepped, zero
+from rig.analysis.branches.trace import SPECIAL, Measure, of_distance, zero
 from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
 from rig.analysis.return_map import FLAT, Family
 from rig.analysis.sweep import sweep
@@ -36,11 +37,13 @@ if TYPE_CHECKING:
 
 
 Array = NDArray[np.float64]
-_BEFORE, _AHEAD = 0.03, 0.003  # along the branch: where a cycle is carried from, and the first step back
+_BEFORE = 0.03  # along the branch, before a special point: where a cycle is carried from
+_AHEAD = 0.003  # along the branch: the first step back to it
 _SMALL = 1e-4  # of a step: difference for the tangent
 _LEAST = 1e-3  # of the whole way: the shortest step
 _SAME = 1e-6  # of the parameter: special points that are closer together are one
-_TRACK, _NEARLY = 4, 0.999  # cycles from which the next is extrapolated; of the way to a value: no step for the rest
+_TRACK = 4  # cycles from which the next is extrapolated
+_NEARLY = 0.999  # of the way to a value: no step for the rest
 
 
 @dataclass(frozen=True)
@@ -95,15 +98,19 @@ class Curves(Result):
     def text(self) -> str:
         """Return the report as text."""
         lines = [f"{self.scene.name}: special points over {self.axis.label} and {self.second.label}"]
-        alone = left_out(self.scene)
-        lines += [f"  {alone}", ""] if alone else [""]
+        if alone := left_out(self.scene):
+            lines.append(f"  {alone}")
+        lines.append("")
         rows: list[tuple[str, ...]] = [(self.second.label, *(curve.name for curve in self.curves))]
         known = [dict(zip(curve.second, curve.first)) for curve in self.curves]
         for value in self.second.values:
             cells = (self.axis.text(k[value], 10) if value in k else "" for k in known)
             rows.append((self.second.text(value), *cells))
         lines += columns(rows, "<" + ">" * len(self.curves))
-        return "\n".join([*lines, *(f"  {curve.name}: {curve.why}" for curve in self.curves if curve.why)])
+        for curve in self.curves:
+            if curve.why:
+                lines.append(f"  {curve.name}: {curve.why}")
+        return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; parameters in SI."""
@@ -128,30 +135,31 @@ def curves(job: Job, second: Axis, root: Path = ROOT, progress: Progress = lambd
             f"{job.scene.name}: {forcing} is on; curves over two parameters of forced motions are not computed"
         )
     store = curves_store(job, second, root)
-    work, family = _work(job, second), Family(job.scene, [job.axis, second])
-    with store.open(work):
+    family = Family(job.scene, [job.axis, second])
+    with store.open(_work(job, second)):
         saved = {unit: unpacked(arrays) for unit, arrays in store.load().items()}
-        own = float(np.clip(job.scene.values()[second.key][0], min(second.values), max(second.values)))
+        value_of_scene = job.scene.values()[second.key][0]
+        start = float(np.clip(value_of_scene, min(second.values), max(second.values)))
         if 0 not in saved:
-            saved[0] = {
-                "hopf": _hopf_points(job, second),
-                "specials": list(_specials(job, second, own)),
-            }
+            hopf = _hopf_points(job, second)
+            saved[0] = {"hopf": hopf, "specials": list(_specials(job, second, start))}
             store.save({0: packed(saved[0])})
         out = [Curve.of("hopf", "", points) for points in saved[0]["hopf"]]
-        specials, done = saved[0]["specials"], 0
+        specials = saved[0]["specials"]
+        above = sorted(v for v in second.values if v >= start)
+        below = sorted(v for v in second.values if v < start)
+        done = 0
         for number, special in enumerate(specials):
             if special["last"] is None:
-                here = [(own, special["p"])] if own in second.values else []
-                why = f"not followed from {own:.6g}: {special['why']}"
-                out.append(Curve.of(special["kind"], special["contact"], here, why))
+                known = [(start, special["p"])] if start in second.values else []
+                why = f"not followed from {start:.6g}: {special['why']}"
+                out.append(Curve.of(special["kind"], special["contact"], known, why))
                 continue
             parts: dict[float, float] = {}
             whys: list[str] = []
-            above = sorted(v for v in second.values if v >= own)
-            for way, values in enumerate((above, sorted(v for v in second.values if v < own)[::-1])):
+            for way, values in enumerate((above, below[::-1])):
                 unit = 1 + 2 * number + way
-                follower = _Follower(special, family, own, values, saved.get(unit))
+                follower = _Follower(special, family, start, values, saved.get(unit))
                 last_saved = time.monotonic()
                 try:
                     for _ in follower.run():
@@ -163,7 +171,8 @@ def curves(job: Job, second: Axis, root: Path = ROOT, progress: Progress = lambd
                     store.save({unit: packed(follower.raw())})
                 done += len(values)
                 parts |= follower.points
-                whys += [follower.why] if follower.why else []
+                if follower.why:
+                    whys.append(follower.why)
             out.append(Curve.of(special["kind"], special["contact"], parts.items(), "; ".join(whys)))
     if not out:
         raise UsageError(f"{job.scene.name}: no special point lies in this range of {job.axis.key}")
@@ -186,25 +195,32 @@ def _work(job: Job, second: Axis) -> Work:
 
 def _hopf_points(job: Job, second: Axis) -> list[list[tuple[float, float]]]:
     """The Hopf points (second, first parameter): the first of each value, the second of each value, and so on."""
-    swept = [sweep(second.at(job.scene, q), job.axis).critical for q in second.values]
-    rows = [[critical.value for critical in found if critical.kind == "flutter"] for found in swept]
-    most = max(map(len, rows))
-    return [[(q, row[k]) for q, row in zip(second.values, rows) if len(row) > k] for k in range(most)]
+    by_number: list[list[tuple[float, float]]] = []
+    for q in second.values:
+        swept = sweep(second.at(job.scene, q), job.axis)
+        values = [critical.value for critical in swept.critical if critical.kind == "flutter"]
+        for number, value in enumerate(values):
+            if number == len(by_number):
+                by_number.append([])
+            by_number[number].append((q, value))
+    return by_number
 
 
 def _specials(job: Job, second: Axis, q: float) -> Iterator[dict[str, Any]]:
     """The special points of the cycles at a value of the second parameter, each once, as JSON values: with the cycle a
     little before it, or why it cannot be followed.
     """
-    computed, seen = Computation(replace(job, scene=second.at(job.scene, q))), list[float]()
+    computed = Computation(replace(job, scene=second.at(job.scene, q)))
     computed.run()
+    seen: list[float] = []
     for special in computed.specials:
         usable = special.kind in ("fold", "canard") or special.name is not None
         if not usable or any(abs(special.p - p) <= _SAME * abs(p) for p in seen):
             continue
         seen.append(special.p)
         kind = TURNS.get(special.kind, special.kind) if special.turns else special.kind
-        last, why = None, special.why
+        last = None
+        why = special.why
         if not special.at.map.cut:
             try:
                 last = raw_of(stepped(special.at, -_BEFORE)) | {"others": [q]}
@@ -217,12 +233,13 @@ class _Follower:
     """A special point followed over values of the second parameter in one direction; `why` it ends before the last."""
 
     def __init__(
-        self, special: dict[str, Any], family: Family, own: float, values: list[float], saved: dict[str, Any] | None
+        self, special: dict[str, Any], family: Family, start: float, values: list[float], saved: dict[str, Any] | None
     ) -> None:
         name = special["name"]
         self.measure = SPECIAL["fold"] if name is None else of_distance((name[0], name[1], name[2]))
-        self.values, self.least = values, _LEAST * abs((values or [own])[-1] - own)
-        saved = saved or {"points": [], "q": own, "last": special["last"], "why": ""}
+        self.values = values
+        self.least = _LEAST * abs((values or [start])[-1] - start)
+        saved = saved or {"points": [], "q": start, "last": special["last"], "why": ""}
         self.points: dict[float, float] = dict(saved["points"])
         self.q: float = saved["q"]
         self.why: str = saved["why"]
@@ -250,8 +267,10 @@ class _Follower:
         try:
             at = _carried(self.last, self.track, target, self.measure) if target != self.q else self.last
             best, p, _ = zero(stepped(at, _AHEAD), _AHEAD, at, self.measure)
-            self.last, self.q = stepped(best, -_BEFORE), target
-            self.track += [(target, self.last.u)] if target != self.track[-1][0] else []
+            self.last = stepped(best, -_BEFORE)
+            self.q = target
+            if target != self.track[-1][0]:
+                self.track.append((target, self.last.u))
         except (*FAILURES, KeyError):
             if abs(step) < 2.0 * self.least:
                 raise
@@ -270,8 +289,11 @@ def _carried(at: Place, track: Sequence[tuple[float, Array]], value: float, meas
     q = track[-1][0]
     if len(track) > 1:
         known = track[-_TRACK:]
-        weights = [math.prod((value - b) / (a - b) for b, _ in known if b != a) for a, _ in known]
-        guess = np.sum([weight * u for weight, (_, u) in zip(weights, known)], axis=0)
+        terms = []
+        for a, u in known:
+            weight = math.prod((value - b) / (a - b) for b, _ in known if b != a)
+            terms.append(weight * u)
+        guess = np.sum(terms, axis=0)
     else:
         small = _SMALL * (value - q)
         beside = at.map.at(q + small).end(at.u)

@@ -24,8 +24,10 @@ from rig.bench.free_rig import Carried, FreeRig, Interval
 from rig.solve.records import CLOSED, OPEN
 
 Array = NDArray[np.float64]
-_ROUNDS = 12
+_ROUNDS = 12  # most steps of the secant method
 _SAME = 1e-7  # of the length of a tick: an extremum is located, and its value to rounding
+_BESIDE = 0.1  # of a tick: half the width of the difference that tells the second derivative
+_STATES = 8  # states of an interval that tell the largest rate of its slip speed
 
 
 class Distance(NamedTuple):
@@ -64,24 +66,28 @@ def distances(rig: FreeRig, run: Carried, period: float, what: str = "", only: i
 
 
 def _of_slip(rig: FreeRig, part: Interval, number: int) -> Iterator[Distance]:
-    modes, system = rig.modes(part.key), rig.system
-    for p, patch in enumerate(system.patches):
+    modes = rig.modes(part.key)
+    for p, patch in enumerate(rig.system.patches):
         sigma = float(modes.sigma[p])
         if sigma and rig.closed(part.key, p):
-            row = sigma * system.slip_rows[p]
-            if (least := _minimum(rig, part, row)) is not None:
+            row = sigma * rig.system.slip_rows[p]
+            least = _minimum(rig, part, row)
+            if least is not None:
                 scale = float(np.abs(part.states @ row).max())
                 yield Distance("slip", patch.name, number, least / scale)
 
 
 def _of_normals(rig: FreeRig, part: Interval, number: int) -> Iterator[Distance]:
-    modes, system = rig.modes(part.key), rig.system
-    for k, (normal, mode) in enumerate(zip(system.normals, system.modes(part.key)[1])):
+    modes = rig.modes(part.key)
+    normals = rig.system.normals
+    for k, (normal, mode) in enumerate(zip(normals, rig.system.modes(part.key)[1])):
         if not normal.opens or modes.normal_t[k].any() or normal.inertia.any():
             continue
         what, row = {CLOSED: ("closed", modes.normal[k]), OPEN: ("open", -normal.row)}[mode]
-        if (least := _minimum(rig, part, row)) is not None:
-            yield Distance(what, normal.name, number, least / float(np.abs(part.states @ row).max()))
+        least = _minimum(rig, part, row)
+        if least is not None:
+            scale = float(np.abs(part.states @ row).max())
+            yield Distance(what, normal.name, number, least / scale)
 
 
 def _of_touches(rig: FreeRig, part: Interval, before: Interval, number: int) -> Iterator[Distance]:
@@ -90,32 +96,45 @@ def _of_touches(rig: FreeRig, part: Interval, before: Interval, number: int) -> 
     for p, patch in enumerate(rig.system.patches):
         closes = rig.closed(part.key, p) and not rig.closed(before.key, p)
         if closes and modes.sigma[p] and len(part.states):
+            row = rig.system.slip_rows[p]
             x = rig.within(part.states[0], part.key, part.begin - part.first * rig.step)
-            speeds = part.states @ rig.system.slip_rows[p]
-            value = float(modes.sigma[p] * rig.system.slip_rows[p] @ x)
-            yield Distance("touch", patch.name, number, value / float(np.abs(speeds).max()))
+            scale = float(np.abs(part.states @ row).max())
+            value = float(modes.sigma[p] * row @ x)
+            yield Distance("touch", patch.name, number, value / scale)
 
 
 def _of_sticks(rig: FreeRig, part: Interval, before: Interval, number: int) -> Iterator[Distance]:
     """Of contacts that begin or end to stick at the begin of `part`."""
     for p, patch in enumerate(rig.system.patches):
-        row = rig.system.slip_rows[p]
-        was, sticks = p in rig.stuck(before.key), p in rig.stuck(part.key)
-        if was and not sticks and rig.closed(part.key, p) and len(part.states):
-            x = rig.within(part.states[0], part.key, part.begin - part.first * rig.step)
-            h = 0.1 * rig.step
-            ahead, behind = (row @ rig.rate(rig.within(x, part.key, s * h), part.key) for s in (1.0, -1.0))
-            tau = before.end - before.begin
-            speed = abs(float(rig.system.patches[p].surface @ x)) or 1.0
-            yield Distance("stick", patch.name, number, -0.25 * abs(float(ahead - behind)) / h * tau**2 / speed)
-        if sticks and not was and rig.closed(before.key, p) and len(before.states):
-            tick = before.first + len(before.states) - 1
-            x = rig.within(before.states[-1], before.key, before.end - tick * rig.step)
-            rates = np.abs(
-                [row @ rig.rate(state, before.key) for state in before.states[:: max(len(before.states) // 8, 1)]]
-            )
-            rate = float(row @ rig.rate(x, before.key)) / (float(rates.max()) or 1.0)
+        stuck = p in rig.stuck(before.key)
+        sticks = p in rig.stuck(part.key)
+        if stuck and not sticks and rig.closed(part.key, p) and len(part.states):
+            yield Distance("stick", patch.name, number, _overshoot(rig, part, before, p))
+        if sticks and not stuck and rig.closed(before.key, p) and len(before.states):
+            rate = _landing_rate(rig, before, p)
             yield Distance("landing", patch.name, number, rate**2)
+
+
+def _overshoot(rig: FreeRig, part: Interval, before: Interval, p: int) -> float:
+    """The depth to which the slip would have gone on without the stick `before` `part`, over the surface speed."""
+    row = rig.system.slip_rows[p]
+    x = rig.within(part.states[0], part.key, part.begin - part.first * rig.step)
+    h = _BESIDE * rig.step
+    ahead = row @ rig.rate(rig.within(x, part.key, h), part.key)
+    behind = row @ rig.rate(rig.within(x, part.key, -h), part.key)
+    tau = before.end - before.begin
+    speed = abs(float(rig.system.patches[p].surface @ x)) or 1.0
+    return -0.25 * abs(float(ahead - behind)) / h * tau**2 / speed
+
+
+def _landing_rate(rig: FreeRig, before: Interval, p: int) -> float:
+    """The rate of the slip speed at the end of `before`, over its largest rate."""
+    row = rig.system.slip_rows[p]
+    tick = before.first + len(before.states) - 1
+    x = rig.within(before.states[-1], before.key, before.end - tick * rig.step)
+    some_states = before.states[:: max(len(before.states) // _STATES, 1)]
+    rates = np.abs([row @ rig.rate(state, before.key) for state in some_states])
+    return float(row @ rig.rate(x, before.key)) / (float(rates.max()) or 1.0)
 
 
 def _minimum(rig: FreeRig, part: Interval, row: Array) -> float | None:
@@ -125,7 +144,8 @@ def _minimum(rig: FreeRig, part: Interval, row: Array) -> float | None:
     if not len(inner):
         return None
     k = int(inner[values[inner].argmin()])
-    x, t = part.states[k], 0.0
+    x = part.states[k]
+    t = 0.0
     a, b, c = values[k - 1 : k + 2].tolist()
     bend = (a - 2.0 * b + c) / rig.step**2
     slope = float(row @ rig.rate(x, part.key))
@@ -138,5 +158,6 @@ def _minimum(rig: FreeRig, part: Interval, row: Array) -> float | None:
         new = float(row @ rig.rate(x, part.key))
         if abs(step) <= _SAME * rig.step or new == slope:
             break
-        bend, slope = (new - slope) / step, new
+        bend = (new - slope) / step
+        slope = new
     return float(row @ x)

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
-THIN, THICK = 1.1, 2.0
+THIN = 1.1  # pt, of equilibria
+THICK = 2.0  # pt, of cycles
 DASHED = ((0, (2.2, 1.8)), "unstable")
+_LISTED = 3  # values of a kind of special point that fit into a line of the legend
 SYMBOLS = {
     "hopf": ("o", "Hopf point", ALARM),
     "fold": ("D", "fold", BLUE),
@@ -51,8 +53,9 @@ def curves_figure(result: Curves) -> Figure:
     with page(9.6, 6.4, style=BARE, layout="constrained") as figure:
         axes = figure.add_subplot()
         for (name, along, up), colour in zip(result.lines(), LINES * len(result.curves)):
-            axes.plot(along / result.axis.scale, up / result.second.scale, "-o", ms=3.5, color=colour, label=name,
-                      clip_on=False)  # fmt: skip
+            x = along / result.axis.scale
+            y = up / result.second.scale
+            axes.plot(x, y, "-o", ms=3.5, color=colour, label=name, clip_on=False)
         ends = result.second.shown_values[[0, -1]]
         axes.set(xlabel=result.axis.title, ylabel=result.second.title, ylim=sorted(ends))
         axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
@@ -65,32 +68,21 @@ def _draw(figure: Figure, result: Branches) -> None:
     from matplotlib.colors import Normalize
     from matplotlib.lines import Line2D
 
-    axes, scale, kinds = figure.add_subplot(), result.axis.scale, {branch.kind for branch in result.branches}
-    most = max((p.stick for b in result.branches if b.kind != REST for p in b.points), default=0.0)
+    axes = figure.add_subplot()
+    kinds = {branch.kind for branch in result.branches}
+    most = max((point.stick for _, branch, point in result.points() if branch.kind != REST), default=0.0)
     colours: Any = ScalarMappable(Normalize(0.0, most or 1.0), _colours())
     for branch in result.branches:
-        _curve(axes, branch, scale, colours)
+        _curve(axes, branch, result.axis.scale, colours)
     axes.autoscale_view()
-    handles: list[Any] = [
-        Line2D([], [], color=GREY, ls=style, label=label) for style, label in (("-", "stable"), DASHED)
-    ]
+    handles: list[Any] = []
+    for style, label in (("-", "stable"), DASHED):
+        handles.append(Line2D([], [], color=GREY, ls=style, label=label))
     if SLIDING in kinds:
         handles.append(Line2D([], [], color="black", lw=THIN, label="steady sliding"))
-    if any(p.stick == 0.0 for b in result.branches if b.kind in (CYCLES, FORCED) for p in b.points):
+    if any(point.stick == 0.0 for _, branch, point in result.points() if branch.kind in (CYCLES, FORCED)):
         handles.append(Line2D([], [], color=colours.to_rgba(0.0), lw=THICK, label="cycle without stick"))
-    values: dict[str, list[float]] = {}
-    for special in result.specials:
-        marker, label, colour = SYMBOLS.get(special.kind, ("*", special.kind, GREY))
-        label = f"{label} fold" if special.turns and special.kind in TURNS else label
-        style: dict[str, Any] = {"marker": marker, "color": colour, "mfc": "white", "mew": 1.4, "ls": ""}
-        axes.plot([special.value / scale] * 2, [special.low, special.high], ms=7.0, zorder=5, **style)
-        if label not in values:
-            handles.append(Line2D([], [], label=label, **style))
-        values.setdefault(label, []).append(special.value)
-    for handle in handles:
-        if 0 < len(at := values.get(str(handle.get_label()), [])) <= 3:
-            texts = [result.axis.text(value, 5) for value in at]
-            handle.set_label(f"{handle.get_label()}: {', '.join(dict.fromkeys(texts))}")
+    handles += _special_points(axes, result)
     if REST in kinds:
         handles.append(axes.collections[0])
     unit = read_in(axes.yaxis, result.unit, max(map(abs, axes.get_ylim())))
@@ -99,6 +91,29 @@ def _draw(figure: Figure, result: Branches) -> None:
     if most:
         figure.colorbar(colours, ax=axes, label="share of the period in stick", pad=0.02)
     heading(figure, result.scene, [result.axis], "stable and unstable motions")
+
+
+def _special_points(axes: Axes, result: Branches) -> list[Any]:
+    """Draw the special points; return a handle of each kind for the legend, with the values of the kind if few."""
+    from matplotlib.lines import Line2D
+
+    handles: dict[str, Any] = {}
+    values: dict[str, list[float]] = {}
+    for special in result.specials:
+        marker, label, colour = SYMBOLS.get(special.kind, ("*", special.kind, GREY))
+        if special.turns and special.kind in TURNS:
+            label = f"{label} fold"
+        style: dict[str, Any] = {"marker": marker, "color": colour, "mfc": "white", "mew": 1.4, "ls": ""}
+        both = [special.value / result.axis.scale] * 2
+        axes.plot(both, [special.low, special.high], ms=7.0, zorder=5, **style)
+        if label not in handles:
+            handles[label] = Line2D([], [], label=label, **style)
+        values.setdefault(label, []).append(special.value)
+    for label, handle in handles.items():
+        if len(values[label]) <= _LISTED:
+            texts = dict.fromkeys(result.axis.text(value, 5) for value in values[label])
+            handle.set_label(f"{label}: {', '.join(texts)}")
+    return list(handles.values())
 
 
 def _colours() -> Colormap:
@@ -114,18 +129,22 @@ def _curve(axes: Axes, branch: Branch, scale: float, colours: Any) -> None:
 
     points = branch.points
     if branch.kind == REST:
-        axes.fill_between([p.value / scale for p in points], [p.low for p in points], [p.high for p in points],
-                          color=GREY, alpha=0.3, lw=0, label=REST)  # fmt: skip
+        x = [point.value / scale for point in points]
+        low = [point.low for point in points]
+        high = [point.high for point in points]
+        axes.fill_between(x, low, high, color=GREY, alpha=0.3, lw=0, label=REST)
         return
-    width, equilibrium = (THIN, True) if branch.kind == SLIDING else (THICK, False)
+    equilibrium = branch.kind == SLIDING
+    width = THIN if equilibrium else THICK
     for begin, last, stable in _runs(points):
         part = points[begin : last + 1]
         share = np.array([0.5 * (a.stick + b.stick) for a, b in pairwise(part)])
+        colour: Any = "black" if equilibrium else colours.to_rgba(share)
+        order = 3 if stable else 2
         for name in ("low",) if equilibrium else ("low", "high"):
             xy = np.array([(point.value / scale, getattr(point, name)) for point in part])
-            colour: Any = "black" if equilibrium else colours.to_rgba(share)
-            lines = LineCollection(list(np.stack([xy[:-1], xy[1:]], axis=1)), linewidths=width, colors=colour,
-                                   capstyle="round", zorder=3 if stable else 2)  # fmt: skip
+            pieces = list(np.stack([xy[:-1], xy[1:]], axis=1))
+            lines = LineCollection(pieces, linewidths=width, colors=colour, capstyle="round", zorder=order)
             axes.add_collection(lines)
             if not stable:  # gaps over the line, which keeps its colours
                 axes.plot(*xy.T, color="white", lw=width + 0.8, ls=DASHED[0], dash_capstyle="butt", zorder=2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -19,10 +19,14 @@ from rig.scenes.scene import Scene
 if TYPE_CHECKING:
     from xarray import Dataset
 
-SLIDING, REST, CYCLES, FORCED = "sliding", "rest in stick", "cycles", "forced motion"
+SLIDING = "sliding"
+REST = "rest in stick"
+CYCLES = "cycles"
+FORCED = "forced motion"
 TURNS = {kind: f"{kind} fold" for kind in ("grazing", "lift-off", "landing")}
-_ROUNDED = 1e-12
 WORDS = {"unresolved": "not followed further", "hopf": "Hopf point"}
+_ROUNDED = 1e-12  # relative: the values of points are rounded
+_ENDS = {"range": "end of the range", "most": "largest number of points"}  # of a branch that are no special points
 
 
 def named(kind: str, contact: str) -> str:
@@ -50,6 +54,11 @@ class Point:
     multipliers: tuple[complex, ...] = ()
     residual: float = 0.0
     state: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def largest_multiplier(self) -> float:
+        """Size of the largest multiplier; NaN without one."""
+        return max(map(abs, self.multipliers), default=math.nan)
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
@@ -101,13 +110,18 @@ class Branch:
         """The motion in words."""
         if self.kind in (SLIDING, REST):
             return self.kind
+        if not self.events:
+            return "slip"
         opened = dict.fromkeys(event[: -len(" opens")] for event in self.events if event.endswith(" opens"))
         turned = (event for event in self.events if event.endswith((" slip ends", " releases +", " releases -")))
         stuck = dict.fromkeys(event.rsplit(" ", 2)[0] for event in turned)
-        how = "stick-slip" if any(p.stick for p in self.points) else "reversal"
-        parts = [f"{how}: {', '.join(stuck)}"] if stuck else []
-        parts += [f"lift-off: {', '.join(opened)}"] if opened else []
-        return "; ".join(parts) or ("slip" if not self.events else ", ".join(self.events))
+        parts = []
+        if stuck:
+            how = "stick-slip" if any(point.stick for point in self.points) else "reversal"
+            parts.append(f"{how}: {', '.join(stuck)}")
+        if opened:
+            parts.append(f"lift-off: {', '.join(opened)}")
+        return "; ".join(parts) or ", ".join(self.events)
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
@@ -124,14 +138,10 @@ class Branch:
     @classmethod
     def of(cls, raw: dict[str, Any]) -> Branch:
         """Return the branch of `to_json`."""
-        return cls(
-            raw["kind"],
-            raw["family"],
-            tuple(raw["events"]),
-            tuple(Point.of(point) for point in raw["points"]),
-            tuple(SpecialPoint(**special) for special in raw["specials"]),
-            raw["end"] and SpecialPoint(**raw["end"]),
-        )
+        points = tuple(Point.of(point) for point in raw["points"])
+        specials = tuple(SpecialPoint(**special) for special in raw["specials"])
+        end = raw["end"] and SpecialPoint(**raw["end"])
+        return cls(raw["kind"], raw["family"], tuple(raw["events"]), points, specials, end)
 
 
 @dataclass(frozen=True)
@@ -151,11 +161,12 @@ class Branches(Result):
     @property
     def specials(self) -> tuple[SpecialPoint, ...]:
         """All special points, ends of the range left out, by value."""
-        every = [s for branch in self.branches for s in (*branch.specials, *([branch.end] if branch.end else []))]
         kept: dict[tuple[str, float], SpecialPoint] = {}
-        for special in every:
-            if special.kind not in ("range", "most"):
-                kept.setdefault((special.name, float(f"{special.value:.9g}")), special)
+        for branch in self.branches:
+            ends = [branch.end] if branch.end else []
+            for special in (*branch.specials, *ends):
+                if special.kind not in _ENDS:
+                    kept.setdefault((special.name, float(f"{special.value:.9g}")), special)
         return tuple(sorted(kept.values(), key=lambda special: special.value))
 
     def special(self, kind: str) -> list[float]:
@@ -165,31 +176,29 @@ class Branches(Result):
     def text(self) -> str:
         """Return the report as text."""
         axis = self.axis
-        low, high = axis.text(min(axis.values)), axis.text(max(axis.values))
+        low = axis.text(min(axis.values))
+        high = axis.text(max(axis.values))
         lines = [f"{self.scene.name}: branches over {axis.label} from {low} to {high}, output {self.output}", ""]
         rows: list[tuple[str, ...]] = [("special point", axis.label, "accuracy", "period s", "")]
         for special in self.specials:
-            period = f"{special.period:.8g}" if special.period == special.period else ""
             at = f"{special.value / axis.scale:.12g}"
             accuracy = f"{special.accuracy / axis.scale:.0e}" if math.isfinite(special.accuracy) else ""
+            period = f"{special.period:.8g}" if special.period == special.period else ""
             rows.append((special.name, at, accuracy, period, special.why))
         lines += columns(rows, "<>>><") if len(rows) > 1 else ["  no special point"]
         rows = [("branch", "points", "from", "to", "stability", "ends at")]
         for branch in self.branches:
             if branch.points:
-                first, last = (axis.text(branch.points[i].value, 8) for i in (0, -1))
-                stable = {point.stable for point in branch.points}
-                how = "stable and unstable" if len(stable) > 1 else "stable" if True in stable else "unstable"
+                begin, last = (axis.text(branch.points[i].value, 8) for i in (0, -1))
                 end = "" if branch.end is None else self._end(branch.end)
-                rows.append((branch.name, str(len(branch.points)), first, last, how, end))
+                rows.append((branch.name, str(len(branch.points)), begin, last, _stability(branch.points), end))
         lines += ["", *columns(rows, "<>>><<")]
-        worst = max((p.residual for b in self.branches for p in b.points), default=0.0)
+        worst = max((point.residual for *_, point in self.points()), default=0.0)
         lines += ["", f"  largest residual of a return map: {worst:.1e} of the range of each state"]
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
 
     def _end(self, end: SpecialPoint) -> str:
-        words = {"range": "end of the range", "most": "largest number of points"}
-        return words.get(end.kind, end.name)
+        return _ENDS.get(end.kind, end.name)
 
     def _last(self, branch: Branch) -> str:
         """Where a branch ends, with the value in SI."""
@@ -221,54 +230,77 @@ class Branches(Result):
         from rig.extras import needed
 
         xarray: Any = needed("xarray", "data")
-        every, specials = list(self.points()), self.specials
-        unit = {"units": self.unit}
-        made: Dataset = xarray.Dataset(
-            {
-                "low": ("point", [p.low for *_, p in every], unit),
-                "high": ("point", [p.high for *_, p in every], unit),
-                "period": ("point", [p.period for *_, p in every], {"units": "s"}),
-                "stick_share": ("point", [p.stick for *_, p in every]),
-                "stable": ("point", [p.stable for *_, p in every]),
-                "multiplier": ("point", [max(map(abs, p.multipliers), default=math.nan) for *_, p in every]),
-                "motion": ("point", [b.name for _, b, _ in every]),
-                "special_kind": ("special", [s.name for s in specials]),
-                "special_accuracy": ("special", [s.accuracy for s in specials], {"units": self.axis.unit}),
-                "special_why": ("special", [s.why for s in specials]),
-                "special_period": ("special", [s.period for s in specials], {"units": "s"}),
-            },
-            {
-                "branch": ("point", [n for n, *_ in every]),
-                self.axis.key: ("point", [p.value for *_, p in every], {"units": self.axis.unit}),
-                "special_value": ("special", [s.value for s in specials], {"units": self.axis.unit}),
-            },
-            {"scene": self.scene.name},
-        )
-        return made
+        branch_of = []
+        numbers = []
+        points = []
+        for number, branch, point in self.points():
+            numbers.append(number)
+            branch_of.append(branch.name)
+            points.append(point)
+        specials = self.specials
+        of_output = {"units": self.unit}
+        of_axis = {"units": self.axis.unit}
+        seconds = {"units": "s"}
+        variables = {
+            "low": ("point", [point.low for point in points], of_output),
+            "high": ("point", [point.high for point in points], of_output),
+            "period": ("point", [point.period for point in points], seconds),
+            "stick_share": ("point", [point.stick for point in points]),
+            "stable": ("point", [point.stable for point in points]),
+            "multiplier": ("point", [point.largest_multiplier for point in points]),
+            "motion": ("point", branch_of),
+            "special_kind": ("special", [special.name for special in specials]),
+            "special_accuracy": ("special", [special.accuracy for special in specials], of_axis),
+            "special_why": ("special", [special.why for special in specials]),
+            "special_period": ("special", [special.period for special in specials], seconds),
+        }
+        coordinates = {
+            "branch": ("point", numbers),
+            self.axis.key: ("point", [point.value for point in points], of_axis),
+            "special_value": ("special", [special.value for special in specials], of_axis),
+        }
+        dataset: Dataset = xarray.Dataset(variables, coordinates, {"scene": self.scene.name})
+        return dataset
 
     def csv(self) -> str:
         """Return every point as a line of a CSV file; the head names the units."""
         head = ["branch", "motion", self.axis.si_label, with_unit("low", self.unit), with_unit("high", self.unit)]
         head += ["period [s]", "stick share", "stable", "largest multiplier", "branch ends at"]
-        rows = [
-            [number, b.name, p.value, p.low, p.high, p.period, p.stick, int(p.stable),
-             max(map(abs, p.multipliers), default=math.nan), self._last(b) if p is b.points[-1] else ""]
-            for number, b, p in self.points()
-        ]  # fmt: skip
-        return csv_table([head, *rows]).decode()
+        rows: list[list[Any]] = [head]
+        for number, branch, point in self.points():
+            end = self._last(branch) if point is branch.points[-1] else ""
+            row = [number, branch.name, point.value, point.low, point.high, point.period, point.stick]
+            rows.append([*row, int(point.stable), point.largest_multiplier, end])
+        return csv_table(rows).decode()
 
     def at(self, value: float) -> list[tuple[Branch, Point]]:
         """Return the motions at a value (SI) of the parameter, interpolated between neighbouring points."""
         out = []
         for branch in self.branches:
             for a, b in zip(branch.points, branch.points[1:]):
-                low, high = sorted((a.value, b.value))  # which are rounded
+                low, high = sorted((a.value, b.value))
                 if low - _ROUNDED * abs(low) <= value <= high + _ROUNDED * abs(high) and low != high:
-                    share = (value - a.value) / (b.value - a.value)
-                    low, high, period, stick = (
-                        float(np.interp(share, [0.0, 1.0], [x, y]))
-                        for x, y in ((a.low, b.low), (a.high, b.high), (a.period, b.period), (a.stick, b.stick))
-                    )
-                    near = a if share < 0.5 else b
-                    out.append((branch, Point(value, low, high, near.stable, period, stick, near.multipliers)))
+                    out.append((branch, _between(a, b, value)))
         return out
+
+
+def _stability(points: Sequence[Point]) -> str:
+    stable = {point.stable for point in points}
+    if len(stable) > 1:
+        return "stable and unstable"
+    return "stable" if True in stable else "unstable"
+
+
+def _between(a: Point, b: Point, value: float) -> Point:
+    """The motion at a value between two points, interpolated; its stability and multipliers are those of the nearer."""
+    share = (value - a.value) / (b.value - a.value)
+
+    def interpolated(x: float, y: float) -> float:
+        return float(np.interp(share, [0.0, 1.0], [x, y]))
+
+    low = interpolated(a.low, b.low)
+    high = interpolated(a.high, b.high)
+    period = interpolated(a.period, b.period)
+    stick = interpolated(a.stick, b.stick)
+    near = a if share < 0.5 else b
+    return Point(value, low, high, near.stable, period, stick, near.multipliers)

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.branches.begin import Start, from_start
+from rig.analysis.branches.places import Place
 from rig.analysis.branches.result import CYCLES, Branch, Branches
-from rig.analysis.branches.trace import Place, follow
+from rig.analysis.branches.trace import follow
 from rig.analysis.cycle import Rest, comes_to_slide, stuck
 from rig.analysis.return_map import Family
 from rig.bench.free_rig import TIGHT, FreeRig
@@ -37,8 +38,10 @@ _CLOSE = 1e-9  # of the value: reached
 _CURVE = 20000  # points of the closed curve, at least: its chords are then 1e-8 of it away
 _STEPS = 50  # along the branch to a value
 _NEVER = 1e-3  # of the largest: a knock in another direction than the motion
-_PHASES, _SIMULATED = 400, 12  # of a stable cycle at which a knock is tried, on the closed curve and by simulation
-_FINEST, _SIZES = 1.0 / 128.0, 15  # share of the largest knock that is tried, and how many up to it
+_PHASES = 400  # of a stable cycle at which a knock is tried on the closed curve,
+_SIMULATED = 12  # and by simulation
+_FINEST = 1.0 / 128.0  # share of the largest knock: the smallest that is tried,
+_SIZES = 15  # and how many up to the largest
 _BEYOND = 32.0  # ranges of the unstable cycle that an impulse may lead away
 _LONGEST = 100  # periods of the unstable cycle that a pulse may last
 
@@ -108,24 +111,26 @@ class Threshold:
     def __init__(self, branches: Branches, value: float, knock: str = "", plant_alone: bool = False) -> None:
         refuse_controllers(branches.scene, plant_alone)
         axis = branches.axis
-        self.value, self.text_of_value, self.knock = value, axis.text(value), knock
+        self.value = value
+        self.text_of_value = axis.text(value)
+        self.knock = knock
         self.ranges: dict[str, tuple[float | str, float | str]] = {}
         self.family = Family(branches.scene, [axis], [branches.output])
         self.rig, self.pulse = self._pulsed(knock)
         self.sliding: Steady = steady(self.rig.system, self.rig.key)
-        candidates = [(branch, point) for branch, point in branches.at(value) if branch.kind == CYCLES]
-        unstable = [entry for entry in candidates if not entry[1].stable]
+        cycles = [(branch, point.stable) for branch, point in branches.at(value) if branch.kind == CYCLES]
+        unstable = [branch for branch, attracts in cycles if not attracts]
+        stable = [branch for branch, attracts in cycles if attracts]
         self.rest = Rest(self.sliding, stuck(self.rig.system, self.sliding.x))
         if not unstable or not self.rest.stable:
             raise UsageError(
                 f"{branches.scene.name}: there is no unstable cycle at {axis.key} = {self.text_of_value} beside stable "
                 "sliding; branches with dashed lines show where there is one"
             )
-        self.unstable = self._place(unstable[0][0])
+        self.unstable = self._place(unstable[0])
         if self.pulse and self.pulse.duration > _LONGEST * self.unstable.period:
             raise UsageError(f"knock {knock}: is too long; at most {_LONGEST} periods of the unstable cycle")
-        stable = [entry for entry in candidates if entry[1].stable]
-        self.stable = self._place(stable[0][0]) if stable else None
+        self.stable = self._place(stable[0]) if stable else None
 
     def _place(self, branch: Branch) -> Place:
         """The cycle at the value, from its neighbours on the branch."""
@@ -175,11 +180,14 @@ class Threshold:
     def distance(self, starts: Array) -> Array:
         """Return the distance of starts [n, 2] from the closed curve, over its range in each state."""
         size = np.ptp(self.curve, axis=0)
-        a, b = self.curve[:-1] / size, self.curve[1:] / size
+        a = self.curve[:-1] / size
+        b = self.curve[1:] / size
+        chords = b - a
         out = np.empty(len(starts))
         for i, start in enumerate(starts / size):
-            share = np.clip(np.sum((start - a) * (b - a), axis=1) / np.sum((b - a) ** 2, axis=1), 0.0, 1.0)
-            out[i] = np.sqrt(np.sum((a + share[:, None] * (b - a) - start) ** 2, axis=1).min())
+            share = np.clip(np.sum((start - a) * chords, axis=1) / np.sum(chords**2, axis=1), 0.0, 1.0)
+            nearest = a + share[:, None] * chords
+            out[i] = np.sqrt(np.sum((nearest - start) ** 2, axis=1).min())
         return out
 
     def slides(self, moving: Array) -> bool:
@@ -193,7 +201,9 @@ class Threshold:
 
     def _slides(self, x: Array) -> bool:
         def known(x: Array) -> bool | None:  # outside of the curve for good
-            return self.rest.reached(x) or bool(self.inside(x[self.rig.moving][None])[0]) if self.planar else None
+            if not self.planar:
+                return None
+            return self.rest.reached(x) or bool(self.inside(x[self.rig.moving][None])[0])
 
         ends = comes_to_slide(self.rig, self.rest, x, self.unstable.period, known)
         return bool(self.rest.share(x) < self.rest.share(self.rig.settled)) if ends is None else ends
@@ -220,7 +230,9 @@ class Threshold:
 
     def struck(self, x: Array, size: float) -> Array:
         """Return the state after a knock in state x: an impulse [N s], or the pulse of the actuator."""
-        after, rig, pulse = x.copy(), self.rig, self.pulse
+        rig = self.rig
+        pulse = self.pulse
+        after = x.copy()
         if pulse is None:
             nq = len(rig.system.coordinates)
             after[nq : 2 * nq] += size * np.linalg.solve(rig.system.mass, rig.system.strike)
@@ -245,42 +257,50 @@ class Threshold:
 
     def _least(self, starts: Sequence[tuple[Array, float]], back: bool) -> list[Knock]:
         """The least knock in one of the states, which occur at times [s], that leads to the other motion."""
-        way = self._crossings if self.planar and self.pulse is None else self._simulated
-        ways = way(starts, back)
+        if self.planar and self.pulse is None:
+            ways = self._crossings(starts)
+        else:
+            ways = self._simulated(starts, back)
         if not ways:
             return []
         size, (x, phase) = min(ways, key=lambda way: abs(way[0]))
-        short, beyond = (self._slides(self.struck(x, (1.0 + s * BESIDE) * size)) for s in (-1.0, 1.0))
+        short = self._slides(self.struck(x, (1.0 - BESIDE) * size))
+        beyond = self._slides(self.struck(x, (1.0 + BESIDE) * size))
+        confirmed = short != back and beyond == back
         unit = self.pulse.unit if self.pulse else "N s"
-        return [Knock(size, unit, back, phase, (short, beyond) == ((False, True) if back else (True, False)))]
+        return [Knock(size, unit, back, phase, confirmed)]
 
-    def _crossings(self, starts: Sequence[tuple[Array, float]], back: bool) -> list[tuple[float, tuple[Array, float]]]:
+    def _crossings(self, starts: Sequence[tuple[Array, float]]) -> list[tuple[float, tuple[Array, float]]]:
         """The impulses that lead to the closed curve."""
         moving = self.rig.moving
         out = []
-        for start in starts:
-            direction = (self.struck(start[0], 1.0) - start[0])[moving]
-            sizes = [(sign, self._crossing(start[0][moving], sign * direction)) for sign in (1.0, -1.0)]
-            out += [(sign * size, start) for sign, size in sizes if size is not None]
+        for x, phase in starts:
+            direction = (self.struck(x, 1.0) - x)[moving]
+            for sign in (1.0, -1.0):
+                size = self._crossing(x[moving], sign * direction)
+                if size is not None:
+                    out.append((sign * size, (x, phase)))
         return out
 
     def _simulated(self, starts: Sequence[tuple[Array, float]], back: bool) -> list[tuple[float, tuple[Array, float]]]:
         """The same by simulation: of sizes that grow step by step up to the first that leads to the other motion."""
         if self.pulse is None:
-            unit = (self.struck(starts[0][0], 1.0) - starts[0][0])[self.rig.moving]
+            first, _ = starts[0]
+            unit = (self.struck(first, 1.0) - first)[self.rig.moving]
             span = np.ptp(self.unstable.run.states, axis=0)[self.unstable.rig.moving]
             moved = np.abs(unit) > _NEVER * np.abs(unit).max()
-            rooms = (_BEYOND * float((span[moved] / np.abs(unit[moved])).min()),) * 2
+            room = _BEYOND * float((span[moved] / np.abs(unit[moved])).min())
+            rooms = (room, room)
         else:
             rooms = self.pulse.room
         before = 0.0
         for share in np.geomspace(_FINEST, 1.0, _SIZES):
             out = []
-            for start in starts:
+            for x, phase in starts:
                 for sign, room in zip((1.0, -1.0), rooms):
-                    if self._slides(self.struck(start[0], sign * share * room)) == back:
-                        size = self._halved(start[0], sign * before * room, sign * share * room, back)
-                        out.append((size, start))
+                    if self._slides(self.struck(x, sign * share * room)) == back:
+                        size = self._halved(x, sign * before * room, sign * share * room, back)
+                        out.append((size, (x, phase)))
             if out:
                 return out
             before = float(share)
@@ -308,8 +328,9 @@ class Threshold:
     def drawn(self, ranges: Mapping[str, tuple[float | str, float | str]], count: int, seed: int = 1) -> Array:
         """Draw starts [count, moving state], uniform in `ranges` (state -> ends); other states are those of sliding."""
         names = [self.rig.system.names[i] for i in self.rig.moving]
-        if unknown := [name for name in ranges if name not in names]:
-            raise UsageError(f"start {unknown[0]}: is no state of the rig; known: {', '.join(names)}")
+        for name in ranges:
+            if name not in names:
+                raise UsageError(f"start {name}: is no state of the rig; known: {', '.join(names)}")
         starts = np.tile(self.sliding.x[self.rig.moving], (count, 1))
         draw = np.random.default_rng(seed)
         for name, ends in ranges.items():
@@ -334,7 +355,7 @@ class Threshold:
             at = si(value, branches.axis.unit)
         except ValueError as fault:
             raise UsageError(f"--threshold {value}: {fault}") from None
-        made = cls(branches, at, knock, plant_alone)
+        threshold = cls(branches, at, knock, plant_alone)
         for part in (starts or "").split(","):
             if part.strip():
                 name, _, ends = part.partition("=")
@@ -342,34 +363,42 @@ class Threshold:
                     low, high = (float(end) for end in ends.split(":"))
                 except ValueError:
                     raise UsageError(f'--starts {part.strip()}: expected STATE=FROM:TO, e.g. "x=-2:2"') from None
-                made.ranges[name.strip()] = (low, high)
-        return made
+                threshold.ranges[name.strip()] = (low, high)
+        return threshold
 
     @cached_property
-    def _found(self) -> tuple[list[Knock], Share | None]:
-        return self.knocks(), self.share(self.ranges) if self.ranges else None
+    def _results(self) -> tuple[list[Knock], Share | None]:
+        knocks = self.knocks()
+        return knocks, self.share(self.ranges) if self.ranges else None
 
     def to_json(self) -> dict[str, Any]:
         """Return knocks and share of starts as JSON values."""
-        knocks, share = self._found
-        return {"value": self.value, "planar": self.planar, "knock": self.knock, "knocks": [asdict(k) for k in knocks],
-                "share": share and asdict(share)}  # fmt: skip
+        knocks, share = self._results
+        return {
+            "value": self.value,
+            "planar": self.planar,
+            "knock": self.knock,
+            "knocks": [asdict(knock) for knock in knocks],
+            "share": share and asdict(share),
+        }
 
     def text(self) -> str:
         """Return the least knocks, and the share of starts, as text."""
-        knocks, share = self._found
+        knocks, share = self._results
         what = f"change of {self.knock}" if self.pulse else "impulse"
         rows = [(f"least knock at {self.text_of_value}", what, "", "confirmed by simulation from both sides")]
         for knock in knocks:
             what = "from stick-slip to sliding" if knock.back else "from sliding to stick-slip"
             at = f"{knock.phase:.4g} s into the period" if knock.back else ""
             rows.append((what, f"{knock.size:.8g} {knock.unit}", at, "yes" if knock.confirmed else "no"))
-        near = "no stable cycle was followed at this value, which may lie beside its end: no knock back is computed"
-        lines = [*columns(rows, "<><<"), *([near] if self.stable is None else [])]
+        lines = [*columns(rows, "<><<")]
+        if self.stable is None:
+            lines.append(
+                "no stable cycle was followed at this value, which may lie beside its end: no knock back is computed"
+            )
         if share is not None:
             how = "by simulation" if share.simulated else "by the threshold"
             interval = f"{100.0 * share.low:.4g} to {100.0 * share.high:.4g} % with 90 %"
-            lines.append(
-                f"{100.0 * share.slides:.4g} % of {counted(share.count, 'start')} come to slide ({interval}; {how})"
-            )
+            starts = f"{100.0 * share.slides:.4g} % of {counted(share.count, 'start')}"
+            lines.append(f"{starts} come to slide ({interval}; {how})")
         return "\n".join(lines)

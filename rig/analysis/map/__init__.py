@@ -5,7 +5,8 @@ row            runs along a row, carried up and down, from near and far starts; 
                moved along the x axis and simulated until it settles; the units as a work (rig.analysis.pool)
 steady_state   the states in which a motion settles, and its measures
 dither         the boundary of dither over frequency and amplitude: averaged and simulated
-result         the finished map, and its picture
+result         the finished map
+figure         its picture
 """
 
 from __future__ import annotations
@@ -70,7 +71,8 @@ def chart(
     Raises UsageError if the folder cannot be used, WorkerError if a worker is lost. Finished results stay after an
     error or an interruption, and the same call continues from there.
     """
-    work, store = units(job), store_of(job, root)
+    work = units(job)
+    store = store_of(job, root)
     with store.open(work):
         rows = carry_out(work, store, workers, progress)
     if job.settings.eigenvalues:

@@ -47,8 +47,9 @@ SLOW = 60.0
 """Default length of a run, in slow periods."""
 _SAMPLES = 64  # of a period of the dither
 _CLOSE = 1e-3  # relative: smallest gap of the amplitude that is bisected
-_ABOVE = (0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08)  # relative
+_ABOVE = (0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08)  # relative: the finer grid above a reversal of the slip speed
 _LOST = 10.0  # initial displacements: a slow motion of this size has left sliding
+_STILL = 1e-6  # of the largest rate: smaller ones are zero but for rounding
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Boundary(Result):
     simulated   [frequency, 2]: largest amplitude at which sliding was lost, smallest one above it at which it was kept
     """
 
-    FIGURE: ClassVar = "rig.analysis.map.result:figure"
+    FIGURE: ClassVar = "rig.analysis.map.figure:figure"
 
     job: Job
     averaged: Array
@@ -79,23 +80,30 @@ class Boundary(Result):
         x, y = self.job.x, self.job.y
         assert y is not None
         lines = [f"{self.job.scene.name}: smallest amplitude of dither that keeps the rig sliding"]
-        alone = left_out(self.job.scene)
-        lines += [f"  {alone}", ""] if alone else [""]
+        if alone := left_out(self.job.scene):
+            lines.append(f"  {alone}")
+        lines.append("")
         rows: list[tuple[str, ...]] = [(x.label, "leading order", "averaged", "simulated", "to averaged")]
         for i, frequency in enumerate(x.values):
             low, high = self.simulated[i] / y.scale
             deviation = self.deviation[i]
             text = f"{100.0 * deviation:+.2f} %" if np.isfinite(deviation) else ""
-            theory = (_least(values[i] / y.scale) for values in (self.leading, self.averaged))
+            leading = _least(self.leading[i] / y.scale)
+            average = _least(self.averaged[i] / y.scale)
             simulated = f"{low:.6g} to {high:.6g}" if 0.0 < high < math.inf else _least(high)
-            rows.append((x.text(frequency), *theory, simulated, text))
+            rows.append((x.text(frequency), leading, average, simulated, text))
         lines += columns(rows, "<>>>>")
-        least, most = (y.text(value) for value in (min(y.values), max(y.values)))
+        least = y.text(min(y.values))
+        most = y.text(max(y.values))
         lines += ["", f"  amplitudes in {y.shown}; any: the rig slides from the smallest on, {least}"]
         lines += [f"  none: it does not slide even at the largest, {most}"]
-        shaken = [(f, _Shaken(x.at(self.job.scene, f), None)) for f in x.values]
-        slow = [x.text(f) for f, rig in shaken if not_fast(rig.system, rig.sine, rig.cosine)]
-        lines += [f"  too slow for an average: {', '.join(slow)}"] if slow else []
+        slow = []
+        for frequency in x.values:
+            rig = _Shaken(x.at(self.job.scene, frequency), None)
+            if not_fast(rig.system, rig.sine, rig.cosine):
+                slow.append(x.text(frequency))
+        if slow:
+            lines.append(f"  too slow for an average: {', '.join(slow)}")
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
@@ -118,8 +126,9 @@ class Boundary(Result):
         """Return a line for each frequency; the head names the units."""
         unit = self.job.y.unit if self.job.y else ""
         names = ("leading", "averaged", "simulated_lost", "simulated_kept")
+        head = [self.job.x.si_label, *(f"{name} [{unit}]" for name in names)]
         rows = zip(self.job.x.values, self.leading, self.averaged, *self.simulated.T)
-        return csv_table([[self.job.x.si_label, *(f"{name} [{unit}]" for name in names)], *rows]).decode()
+        return csv_table([head, *rows]).decode()
 
 
 def _least(amplitude: float) -> str:
@@ -131,7 +140,9 @@ def _least(amplitude: float) -> str:
 
 def put_together(job: Job, rows: dict[int, Arrays], folder: Path) -> Boundary:
     """Assemble the boundary of a job from its frequencies."""
-    tables = {name: np.array([rows[i][name] for i in range(len(job.units))]) for name in rows[0]}
+    tables = {}
+    for name in rows[0]:
+        tables[name] = np.array([rows[i][name] for i in range(len(job.units))])
     return Boundary(job, folder=folder, **tables)
 
 
@@ -146,8 +157,10 @@ def boundary(job: Job, column: int) -> Arrays:
 
 def _last(lost: Callable[[float], bool], amplitudes: Sequence[float]) -> tuple[float, float]:
     """The largest of the amplitudes at which sliding is lost, and the one above it, inf without one; 0 if at none."""
-    falling = pairwise([math.inf, *amplitudes[::-1]])
-    return next(((amplitude, kept) for kept, amplitude in falling if lost(amplitude)), (0.0, 0.0))
+    for kept, amplitude in pairwise([math.inf, *amplitudes[::-1]]):
+        if lost(amplitude):
+            return amplitude, kept
+    return 0.0, 0.0
 
 
 class _Shaken:
@@ -167,12 +180,13 @@ class _Shaken:
         still = self.system.start.copy()
         still[[self.sine, self.cosine]] = 0.0
         fast = np.abs(self.system.slip_rows @ fast_motion(self.system, self.sine, self.cosine, 1.0, leading))
-        more = [
-            float(abs(patch.surface @ still) / shake * (1.0 + share))
-            for patch, shake in zip(self.system.patches, fast)
-            for share in (_ABOVE if shake else ())
-        ]
-        return sorted({*amplitudes, *(a for a in more if amplitudes[0] < a < amplitudes[-1])})
+        every = {*amplitudes}
+        for patch, shake in zip(self.system.patches, fast):
+            for share in _ABOVE if shake else ():
+                above = float(abs(patch.surface @ still) / shake * (1.0 + share))
+                if amplitudes[0] < above < amplitudes[-1]:
+                    every.add(above)
+        return sorted(every)
 
     def averaged(self, amplitudes: Sequence[float], leading: bool) -> float:
         """Return the amplitude from which on averaged sliding is stable; 0 if it is at all, inf if it is at none."""
@@ -184,7 +198,10 @@ class _Shaken:
             return Growth(rates[:1].real, none(rates)[:1]) if at.exists else None
 
         lost, kept = _last(lambda amplitude: grows(growths(amplitude)), self._closely(amplitudes, leading))
-        return limits([lost, kept], growths)[-1][0] if lost < kept < math.inf else kept
+        if not lost < kept < math.inf:
+            return kept
+        boundary, _ = limits([lost, kept], growths)[-1]
+        return boundary
 
     def simulated(self, amplitudes: Sequence[float]) -> tuple[float, float]:
         """Return the largest amplitude at which sliding is lost, and the smallest one above it at which it is kept."""
@@ -197,13 +214,16 @@ class _Shaken:
         rates, shapes = at.eigenvectors()
         nq = len(self.system.coordinates)
         shape = shapes[:, 0]
-        size = OFFSET * float(np.linalg.norm(at.x[:nq])) / float(np.linalg.norm(shape[:nq]))
-        start = at.x + fast_motion(self.system, self.sine, self.cosine, amplitude).real + size * shape.real
+        length = float(np.linalg.norm(shape[:nq]))
+        size = OFFSET * float(np.linalg.norm(at.x[:nq])) / length
+        fast = fast_motion(self.system, self.sine, self.cosine, amplitude).real
+        start = at.x + fast + size * shape.real
         step_ns = round(2.0 * math.pi / self.omega / _SAMPLES * 1e9)
-        slowest = 2.0 * math.pi / float(np.abs(rates[np.abs(rates) > 1e-6 * np.abs(rates).max()]).min())
+        speeds = np.abs(rates)
+        slowest = 2.0 * math.pi / float(speeds[speeds > _STILL * speeds.max()].min())
         third = round((self.longest or SLOW * slowest) / 3.0 / (step_ns * 1e-9) / _SAMPLES) * _SAMPLES
         motion = self.rig.in_motion(start, step_ns, longest=third)
-        along = shape[:nq].conj() / float(np.linalg.norm(shape[:nq])) ** 2 / size
+        along = shape[:nq].conj() / length**2 / size
         swings = []
         try:
             for _ in range(3):

@@ -72,7 +72,8 @@ class Job:
     @cached_property
     def units(self) -> tuple[Unit, ...]:
         """The units of work, which do not depend on each other."""
-        count, runs = len(self.x.values), self.settings.runs
+        count = len(self.x.values)
+        runs = self.settings.runs
         if self.dithered:
             return tuple(Unit(0, i, i + 1) for i in range(count))
         carried = tuple(run for run in runs if run in CARRIED)
@@ -94,8 +95,10 @@ class Job:
     def text(self, unit: Unit) -> str:
         """Return the part of the map that a unit covers, as text."""
         x, y = self.x, self.y
-        ends = f"{x.key} from {x.text(x.values[unit.first])} to {x.text(x.values[unit.last - 1])}"
-        return ends + (f", {y.key} = {y.text(y.values[unit.row])}" if y else "")
+        text = f"{x.key} from {x.text(x.values[unit.first])} to {x.text(x.values[unit.last - 1])}"
+        if y is not None:
+            text += f", {y.key} = {y.text(y.values[unit.row])}"
+        return text
 
     @cached_property
     def digest(self) -> str:

@@ -75,9 +75,10 @@ _LATEST = 20  # turns over sectors
 _ROUNDS = 4  # of simulating on, each for twice as long
 _ROOM = 200_000  # ticks in a window: a turn of a surface that creeps is simulated in parts
 _FINE = 40  # values of a row: then they show without values between them where no growth rate reaches zero
+_LONG = 160  # characters of the reason why a run had to stop
+_STANDS = 1e-9  # of the largest part of a shape: what is smaller is zero but for rounding
 ALIVE = (STICK_SLIP, VIBRATION)
 OF_WINDOW = ("low", "high", "rms", "share", "period")
-_LONG = 160  # characters of the reason why a run had to stop
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,9 @@ class Track:
     """
 
     def __init__(self, scene: Scene, axis: Axis, settings: Settings) -> None:
-        self.scene, self.axis, self.settings = scene, axis, settings
+        self.scene = scene
+        self.axis = axis
+        self.settings = settings
         self._sliding: dict[float, Steady] = {}
         first = axis.at(scene, axis.values[0]).parameters
         moved = self._assembled(first, {axis.key: "ramped"}).inputs.get(axis.key)
@@ -107,15 +110,15 @@ class Track:
         self._moved = {axis.key: "ramped"} if self._slope else {}
         self._system = self._assembled(first, self._moved).system()
         self.value, typical = self._typical()
-        (fastest, self.slowest), frame = typical.time_scales(), scene.frame_ns
-        steps = math.ceil(frame * 1e-9 * _SAMPLES / fastest)  # in a frame
+        fastest, self.slowest = typical.time_scales()
+        steps = math.ceil(scene.frame_ns * 1e-9 * _SAMPLES / fastest)  # in a frame
         events = math.ceil(scene.clock.events_per_frame * steps / max(steps, 10))  # as many in ten ticks as in a frame
         clock = scene.clock.model_copy(update={"events_per_frame": events})
         self.rig = FreeRig(
             replace(scene, clock=clock, limits={}),  # a motion may settle beyond limits
             self._assembly(self.value),
             self.system(self.value).start,
-            step_ns=frame // steps,
+            step_ns=scene.frame_ns // steps,
             tolerance=min(scene.clock.tolerance, TOLERANCE),
             read=[settings.output],
         )
@@ -129,10 +132,12 @@ class Track:
         """Value and steady sliding nearest to the middle of the axis; the middle itself if no value has steady
         sliding.
         """
-        values, middle = self.axis.values, len(self.axis.values) // 2
+        values = self.axis.values
+        middle = len(values) // 2
         for i in sorted(range(len(values)), key=lambda i: abs(i - middle)):
             with suppress(Singular):
-                if (at := self.sliding(values[i])).counts:
+                at = self.sliding(values[i])
+                if at.counts:
                     return values[i], at
         return values[middle], self.sliding(values[middle])
 
@@ -157,8 +162,10 @@ class Track:
     def sliding(self, value: float) -> Steady:
         """Return steady sliding at `value`, with the matrix of small motions about it. Raises rig.errors.Singular."""
         if value not in self._sliding:
-            system, near = self.system(value), next(reversed(self._sliding.values()), None)
-            beside = near if near is not None and near.exists and self._slope else None
+            system = self.system(value)
+            beside = next(reversed(self._sliding.values()), None)
+            if beside is not None and not (beside.exists and self._slope):
+                beside = None
             self._sliding[value] = steady(system, sliding_key(system), beside=beside)
         return self._sliding[value]
 
@@ -173,10 +180,9 @@ class Track:
             slidings = [at]
             if at.system.sectors:
                 patches, normals, limiters, _, thrown = at.system.modes(at.modes.key)
-                paths = product(*(range(len(sector.edges)) for sector in at.system.sectors))
-                slidings = [
-                    steady(at.system, at.system.key(patches, normals, limiters, path, thrown)) for path in paths
-                ]
+                numbers = [range(len(sector.edges)) for sector in at.system.sectors]
+                keys = [at.system.key(patches, normals, limiters, path, thrown) for path in product(*numbers)]
+                slidings = [steady(at.system, key) for key in keys]
         except Singular:
             return complex(math.nan, math.nan), 0.0
         rates = [sliding.eigenvalues() for sliding in slidings if sliding.exists]
@@ -190,9 +196,10 @@ class Track:
         shape = at.eigenvectors()[1][:, 0]
         swing = at.system.slip_rows @ shape
         p = int(np.abs(swing).argmax())
-        if abs(swing[p]) <= 1e-9 * np.abs(shape).max():  # a mode that moves no contact: give it the same speed
+        if abs(swing[p]) <= _STANDS * np.abs(shape).max():  # a mode that moves no contact: give it the same speed
             nq = len(at.system.coordinates)
-            swing, p = shape[nq : 2 * nq], int(np.abs(shape[nq : 2 * nq]).argmax())
+            swing = shape[nq : 2 * nq]
+            p = int(np.abs(swing).argmax())
         speed = float(np.abs(at.speed).max())
         return np.asarray(at.x + (shape * (self.settings.kick * speed / swing[p])).real, dtype=np.float64)
 
@@ -204,7 +211,8 @@ class Track:
         """Restart at `value` from state `x`, without memory of the run before."""
         self._go(value)
         self.rig.motion.restart(x)
-        self.period, self.cycles = 0.0, ()
+        self.period = 0.0
+        self.cycles = ()
 
     def _go(self, value: float) -> None:
         if not self._slope and value != self.value:
@@ -221,20 +229,24 @@ class Track:
         """Return to a saved state."""
         self._go(place.value)
         self.rig.motion.go_back(place.state)
-        self.period, self.cycles = place.period, place.cycles
+        self.period = place.period
+        self.cycles = place.cycles
 
     def start(self) -> Start | None:
         """Return the cycle that the motion is as the start of a branch; None if it is none."""
-        x = self.rig.motion.x.tolist()
-        return Start(self.value, dict(zip(self.rig.system.names, x)), self.period) if self.period else None
+        if not self.period:
+            return None
+        state = dict(zip(self.rig.system.names, self.rig.motion.x.tolist()))
+        return Start(self.value, state, self.period)
 
     def move(self, value: float) -> None:
         """Move the running rig to `value`. Raises rig.errors.NumericsError if the simulation has to stop."""
         ticks = max(1, round(RAMP * self.slowest / self.rig.step))
         self.period = 0.0
         if self._slope:
-            motion, names = self.rig.motion, self._system.names
-            command, slope = names.index(self._command), names.index(self._slope)
+            motion = self.rig.motion
+            command = self._system.names.index(self._command)
+            slope = self._system.names.index(self._slope)
             motion.write(slope, (value - float(motion.x[command])) / (ticks * self.rig.step))
             motion.advance(ticks)
             motion.write(slope, 0.0)
@@ -251,17 +263,16 @@ class Track:
 
         `last`: the present point. A cycle from which one was predicted that is the present one is known.
         """
-        start, place = self.value, self.here()
-        if (known := self._led.get((start, value))) is not None and known[0].alike(last):
-            self.back(known[2])
-            return known[1]
+        start = self.value
+        place = self.here()
+        if (start, value) in self._led:
+            predicted_there, known, known_place = self._led[start, value]
+            if predicted_there.alike(last):
+                self.back(known_place)
+                return known
         if not self.period or len(self.cycles) < _KEPT:
             return None
-        values = [v for v, _ in self.cycles]
-        weights = [math.prod((value - b) / (a - b) for b in values if b != a) for a in values]
-        x = np.array(weights) @ np.array([state for _, state in self.cycles])
-        if self._slope:
-            x[[self._system.names.index(name) for name in (self._command, self._slope)]] = value, 0.0
+        x = self._extrapolated(value)
         try:
             self._go(value)
             self.rig.motion.restart(x)
@@ -273,13 +284,26 @@ class Track:
         self._led[value, start] = point, last, place
         return point
 
+    def _extrapolated(self, value: float) -> Array:
+        """The state at `value` of the polynomial through the last cycles (Lagrange)."""
+        values = [at for at, _ in self.cycles]
+        weights = []
+        for a in values:
+            weights.append(math.prod((value - b) / (a - b) for b in values if b != a))
+        x = np.array(weights) @ np.array([state for _, state in self.cycles])
+        if self._slope:
+            x[self._system.names.index(self._command)] = value
+            x[self._system.names.index(self._slope)] = 0.0
+        return np.asarray(x)
+
     def settle(self) -> Point:
         """Simulate until the motion has settled, or until the longest time is over.
 
         If no longest time is stated, a motion that still drifts is simulated for twice as long.
         """
-        turn, spent = self._turn(), 0.0
+        turn = self._turn()
         longest = self.settings.longest or max(PERIODS * self.slowest, _LATEST * turn * self.rig.step)
+        spent = 0.0
         try:
             for _ in range(1 if self.settings.longest else _ROUNDS):
                 point = self._settled(longest, turn)
@@ -307,13 +331,17 @@ class Track:
 
     def _searched(self, longest: float, every: float = 0.0) -> Point:
         """Where the motion settles within `longest` s: in a cycle or in sliding. `every` [s]: see Search."""
-        rig, at = self._standing(), self.sliding(self.value)
+        rig = self._standing()
+        at = self.sliding(self.value)
         settled = Search(rig, at, every, _REPEATS, _PATIENCE * self.slowest).run(longest, math.inf)
         self.period = settled.period
         if self.period:
             window, middle = steady_state.of_cycle(rig, settled.x, self.period)
-            others = [(value, state) for value, state in self.cycles if value != self.value]
-            self.cycles = () if middle is None else (*others, (self.value, middle))[-_KEPT:]
+            if middle is None:
+                self.cycles = ()
+            else:
+                others = [(value, state) for value, state in self.cycles if value != self.value]
+                self.cycles = (*others, (self.value, middle))[-_KEPT:]
             return Point(STICK_SLIP if window.share else VIBRATION, window, settled.time)
         self.cycles = ()
         if not settled.rests:
@@ -324,7 +352,8 @@ class Track:
     def _watched(self, ticks: int, longest: float, judge: Callable[[Sequence[Window], bool], int]) -> Point:
         """The state of a motion from its windows. `judge`: of the windows, and whether the time is over."""
         windows: list[Window] = []
-        state, most = UNDECIDED, math.ceil(longest / (ticks * self.rig.step))
+        most = math.ceil(longest / (ticks * self.rig.step))
+        state = UNDECIDED
         while state == UNDECIDED and len(windows) < most:
             windows.append(steady_state.of_window(self.rig, ticks))
             state = judge(windows, len(windows) == most)
@@ -342,27 +371,32 @@ class Track:
             return 0
         at = self.sliding(self.value)
         rates = [abs(float(sector.row @ (at.modes.A @ at.x))) / sector.period for sector in self._system.sectors]
-        return min(_ROOM, math.ceil(1.0 / (min(rates) * self.rig.step))) if min(rates) > 0.0 else 1
+        slowest = min(rates)
+        if not slowest > 0.0:
+            return 1
+        return min(_ROOM, math.ceil(1.0 / (slowest * self.rig.step)))
 
 
 class Row:
     """The runs over the values of a unit. `tables` holds their results."""
 
     def __init__(self, track: Track, unit: Unit) -> None:
-        self.track, self.settings = track, track.settings
-        self._runs, self._curve = unit.runs, unit.curve
+        self.track = track
+        self.settings = track.settings
+        self._runs = unit.runs
+        self._curve = unit.curve
         self.x = track.axis.values[unit.first : unit.last]
         self._next = track.axis.values[unit.first : unit.last + unit.curve]  # with the first value of the next part
         self._singular: dict[int, Singular] = {}
         self._sliding = [self._steady(i, value) for i, value in enumerate(self._next)]
         self._near: dict[int, tuple[Point, Place | None]] = {}
         self.branch: Family | None = None  # on which lost vibrations are followed
-        count, runs = len(self.x), len(RUNS)
+        shape = (len(RUNS), len(self.x))
         self.tables: Arrays = {
-            "state": np.full((runs, count), NONE, dtype=np.int8),
-            **{name: np.full((runs, count), np.nan) for name in (*OF_WINDOW, "spent")},
-            "why": np.full((runs, count), "", dtype=f"<U{_LONG}"),
-            "section": np.full((runs, count, self.settings.section), np.nan),
+            "state": np.full(shape, NONE, dtype=np.int8),
+            **{name: np.full(shape, np.nan) for name in (*OF_WINDOW, "spent")},
+            "why": np.full(shape, "", dtype=f"<U{_LONG}"),
+            "section": np.full((*shape, self.settings.section), np.nan),
             "end": np.full((2, 2), np.nan),
         }
 
@@ -445,11 +479,12 @@ class Row:
         """One carried run over the points, which begins with `start` of the first one; return where it ends."""
         point = NOTHING
         for i in numbers:
+            sliding = self._sliding[i]
             if point is NOTHING:
                 point = start(i)
-            elif point.state in (SLIDING, STOPPED) and (at := self._sliding[i]) is not None and at.exists:
+            elif point.state in (SLIDING, STOPPED) and sliding is not None and sliding.exists:
                 point = self._at_near(i)
-            elif point.state == STOPPED or self._sliding[i] is None:  # nothing is left to be carried on
+            elif point.state == STOPPED or sliding is None:  # nothing is left to be carried on
                 point = self._standing(i)
             else:
                 point = self._step(name, self.x[i], point)
@@ -462,27 +497,32 @@ class Row:
         Where that cannot be followed, the vibration is carried there again in ever smaller steps: it may be lost
         because the step was too large, and not because it ends.
         """
-        place, dead = self.track.here(), to
+        place = self.track.here()
         first = self._moved(place, last, to)
         if last.state not in ALIVE or first.state in ALIVE or first.state == STOPPED:
             return first
         lost = self.track.here()
-        if (end := self._followed(place, to)) is not None:
+        end = self._followed(place, to)
+        if end is not None:
             self.tables["end"][RUNS.index(name)] = end
             self.track.back(lost)
             return first
-        gap, least = 0.5 * (to - place.value), abs(to - place.value) * 0.5**self.settings.refine
+        dead = to
+        gap = 0.5 * (to - place.value)
+        least = abs(to - place.value) * 0.5**self.settings.refine
         while abs(gap) > 0.75 * least:
             value = place.value + gap
             if abs(to - value) < 0.5 * least:
                 value = to
             point = self._moved(place, last, value)
             if point.state not in ALIVE:
-                dead, gap = value, 0.5 * gap
+                dead = value
+                gap *= 0.5
             elif value == to:
                 return point
             else:
-                place, last = self.track.here(), point
+                place = self.track.here()
+                last = point
         self.tables["end"][RUNS.index(name)] = place.value, dead
         self.track.back(lost)
         return first
@@ -510,14 +550,15 @@ class Row:
         return None if end is None else (end.p - end.accuracy, end.p + end.accuracy)
 
     def _write(self, name: str, i: int, point: Point) -> None:
-        run, t = RUNS.index(name), self.tables
-        t["state"][run, i] = point.state
-        t["spent"][run, i] = point.spent
-        t["why"][run, i] = point.why
-        maxima = point.window.maxima[-self.settings.section :] if self.settings.section else np.zeros(0)
-        t["section"][run, i, : len(maxima)] = maxima
+        at = RUNS.index(name), i
+        self.tables["state"][at] = point.state
+        self.tables["spent"][at] = point.spent
+        self.tables["why"][at] = point.why
+        if self.settings.section:
+            maxima = point.window.maxima[-self.settings.section :]
+            self.tables["section"][*at, : len(maxima)] = maxima
         for column in OF_WINDOW:
-            t[column][run, i] = getattr(point.window, column)
+            self.tables[column][at] = getattr(point.window, column)
 
     def _onsets(self, least: list[tuple[complex, float]]) -> list[float]:
         """Values at which the growth rate of sliding passes through zero, one in every gap in which its sign changes.
@@ -538,7 +579,8 @@ class Row:
 
 def units(job: Job) -> Work:
     """Return the units of `job` as a work (rig.analysis.pool)."""
-    prepare, given_up = partial(_prepare, job), partial(failed, job)
+    prepare = partial(_prepare, job)
+    given_up = partial(failed, job)
     return Work(partial(compute, job), job.units, job.scene.name, job.digest, prepare, given_up, job.about)
 
 

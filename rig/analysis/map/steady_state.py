@@ -76,7 +76,8 @@ class Point(NamedTuple):
 
     def alike(self, other: Point) -> bool:
         """Whether two points at one value are the same cycle."""
-        a, b = self.window, other.window
+        a = self.window
+        b = other.window
         return bool(np.allclose((a.period, a.share, a.low, a.high), (b.period, b.share, b.low, b.high), _ALIKE, 0.0))
 
 
@@ -101,58 +102,71 @@ def of_cycle(rig: FreeRig, x: Array, period: float) -> tuple[Window, Array | Non
     """
     step = rig.step
     run = rig.carried(x, 0.0, keep=True, ticks=math.ceil(period / step) + _BEYOND)
-    y, within = run.values[0], int(period / step)
+    within = int(period / step)
     weights = np.ones(within)
     weights[[0, -1]] = 0.5 * (period / step - within + 2.0)  # from the last tick to the first one of the next period
     times = np.array([time for time, _ in run.events if time <= period])
-    keys = [*(event.before for _, event in run.events), run.key][: len(times) + 1]
-    held = np.array([bool(rig.stuck(key)) for key in keys])
-    window = _measured(y, weights, np.array([0.0, *times, period]), held)._replace(period=period)
-    begins, ends = times[~held[:-1] & held[1:]], times[held[:-1] & ~held[1:]]
+    keys = [*(event.before for _, event in run.events), run.key]
+    held = np.array([bool(rig.stuck(key)) for key in keys[: len(times) + 1]])
+    edges = np.array([0.0, *times, period])
+    window = _measured(run.values[0], weights, edges, held)._replace(period=period)
+    begins = times[~held[:-1] & held[1:]]
+    ends = times[held[:-1] & ~held[1:]]
     if not (len(begins) and len(ends)):
         return window, None
-    lasts = (ends[np.searchsorted(ends, begins) % len(ends)] - begins) % period
+    next_ends = ends[np.searchsorted(ends, begins) % len(ends)]
+    lasts = (next_ends - begins) % period
     middle = (begins[lasts.argmax()] + 0.5 * lasts.max()) % period / step
-    a, b = run.states[int(middle)], run.states[int(middle) + 1]
+    a = run.states[int(middle)]
+    b = run.states[int(middle) + 1]
     return window, a + middle % 1.0 * (b - a)
 
 
 def of_window(rig: FreeRig, ticks: int) -> Window:
     """Simulate a window and return its measures."""
-    motion, system = rig.motion, rig.system
+    motion = rig.motion
     motion.advance(ticks)
     y = motion.outputs_at(motion.states, motion.mode_sets_of_states)[:, 0]
     _, events, places = motion.met()
     edges = np.array([0.0, *((events[:, 0] + places) * rig.step), ticks * rig.step])
     held = np.array([bool(rig.stuck(key)) for key in (*events[:, 3].tolist(), motion.key)])
     lasting = np.diff(edges) > _INSTANT * edges[-1]
-    sticks, begins = held[lasting], edges[:-1][lasting]
-    begins = begins[1:][sticks[1:] & ~sticks[:-1]]
-    period = float(begins[-1] - begins[0]) / (len(begins) - 1) if len(begins) > 1 else _NO
-    surfaces = np.abs(motion.states @ np.array([patch.surface for patch in system.patches]).T).mean(axis=0)
-    swings = 0.5 * np.ptp(motion.states @ system.slip_rows.T, axis=0)
-    slip = float(np.max(np.divide(swings, surfaces, out=np.full(len(swings), np.inf), where=surfaces > 0.0)))
+    sticks = held[lasting]
+    begins = edges[:-1][lasting][1:][sticks[1:] & ~sticks[:-1]]  # of stick
+    period = _NO
+    if len(begins) > 1:
+        period = float(begins[-1] - begins[0]) / (len(begins) - 1)
+    surfaces = np.array([patch.surface for patch in rig.system.patches]).T
+    speeds = np.abs(motion.states @ surfaces).mean(axis=0)
+    swings = 0.5 * np.ptp(motion.states @ rig.system.slip_rows.T, axis=0)
+    standing_still = np.full(len(swings), np.inf)
+    slip = float(np.max(np.divide(swings, speeds, out=standing_still, where=speeds > 0.0)))
     return _measured(y, np.ones(ticks), edges, held)._replace(period=period, slip=slip)
 
 
 def _measured(y: Array, weights: Array, edges: Array, held: NDArray[np.bool_]) -> Window:
     """Measures of the output at ticks, of which the first ones have weights, and of stick between events [s]."""
-    low, high = -_top(-y), _top(y)
+    low = -_top(-y)
+    high = _top(y)
     within = y[: len(weights)]
     away = within - weights @ within / weights.sum()
     rms = math.sqrt(float(weights @ away**2 / weights.sum()))
     share = float(np.diff(edges) @ held) / float(edges[-1])
-    return Window(low, high, rms, share, _NO, y[1:-1][(y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])])
+    inner = y[1:-1]
+    maxima = inner[(inner > y[:-2]) & (inner >= y[2:])]
+    return Window(low, high, rms, share, _NO, maxima)
 
 
 def _top(y: Array) -> float:
     """The highest of evenly spaced samples; where they are smooth, by a parabola through three of them."""
     i = int(y.argmax())
-    if 2 <= i < len(y) - 2:
-        a, b, c, d, e = y[i - 2 : i + 3].tolist()
-        left, here, right = a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e
-        if max(left, here, right) < 0.5 * min(left, here, right) < 0.0:  # not beside a corner
-            return float(c - (d - b) ** 2 / (8.0 * here))
+    if not 2 <= i < len(y) - 2:
+        return float(y[i])
+    a, b, c, d, e = y[i - 2 : i + 3].tolist()
+    bend = b - 2.0 * c + d
+    bends = (a - 2.0 * b + c, bend, c - 2.0 * d + e)
+    if max(bends) < 0.5 * min(bends) < 0.0:  # not beside a corner
+        return float(c - (d - b) ** 2 / (8.0 * bend))
     return float(y[i])
 
 

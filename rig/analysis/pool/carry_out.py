@@ -43,7 +43,8 @@ class _Member:
 
     def give(self, batch: list[int], units: Mapping[int, tuple[float, ...]]) -> None:
         """Let the worker compute a batch."""
-        self.batch, self.at = batch, 0
+        self.batch = batch
+        self.at = 0
         self.child.feed(json.dumps([[unit, *units[unit]] for unit in batch]))
 
     def hear(self, schedule: Schedule) -> None:
@@ -55,7 +56,8 @@ class _Member:
                 self.at = value
             elif what == "done":
                 schedule.done(self.batch, value)
-                self.batch, self.at = [], 0
+                self.batch = []
+                self.at = 0
 
 
 class WorkerProcesses:
@@ -65,7 +67,8 @@ class WorkerProcesses:
     """
 
     def __init__(self, work: Work, store: Store, count: int) -> None:
-        self._store, self._count = store, count
+        self._store = store
+        self._count = count
         self._work = base64.b64encode(pickle.dumps(work)).decode()
         self._heard = threading.Event()
         self._members: list[_Member] = []
@@ -119,7 +122,8 @@ class WorkerProcesses:
             raise WorkerError(f"{what}{self._store.kept}")
         for unit in schedule.lost(member.batch):
             self.failed[unit] = f"ended its worker twice: {ending}"
-        member.batch, member.at = [], 0
+        member.batch = []
+        member.at = 0
 
 
 def carry_out(
@@ -174,15 +178,17 @@ class Here:
     """A pool of one worker: this process."""
 
     def __init__(self, work: Work, store: Store) -> None:
-        self._work, self._store = work, store
+        self._work = work
+        self._store = store
         self.failed: dict[int, str] = {}
 
     def compute(self, units: Mapping[int, tuple[float, ...]], progress: Callable[[int], object]) -> None:
         """Compute units and save them, batch by batch; on an interruption also what is finished."""
         schedule = Schedule(units, 1, SPAN)
         while batch := schedule.batch():
-            begin, given = time.perf_counter(), [(unit, *units[unit]) for unit in batch]
-            self._store.compute(self._work, given, {}, lambda done: progress(len(units) - schedule.left + done))
+            begin = time.perf_counter()
+            with_values = [(unit, *units[unit]) for unit in batch]
+            self._store.compute(self._work, with_values, {}, lambda done: progress(len(units) - schedule.left + done))
             schedule.done(batch, time.perf_counter() - begin)
 
 

@@ -45,7 +45,9 @@ class Cluster:
     """
 
     def __init__(self, work: Work, store: Store, where: str, client: Any) -> None:
-        self._store, self._where, self._client = store, where, client
+        self._store = store
+        self._where = where
+        self._client = client
         self._pickled = pickle.dumps(work)
         self.failed: dict[int, str] = {}
 
@@ -57,7 +59,8 @@ class Cluster:
         schedule = Schedule(units, max(self._threads(), 1), SPAN)
         ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         out: dict[Any, list[int]] = {}
-        joined, alone = time.monotonic(), False
+        joined = time.monotonic()
+        alone = False
         try:
             while schedule.left:
                 threads = self._threads()
@@ -168,7 +171,8 @@ def joined(work: Work, store: Store, where: str) -> Iterator[Cluster]:
 
 def compare_sources(client: Any, where: str) -> None:
     """Raise UsageError if a worker has other sources, or none; one that is lost before it answers is no such worker."""
-    mine, wrong = sources(), []
+    mine = sources()
+    wrong = []
     for address, theirs in client.run(sources, on_error="return").items():
         if isinstance(theirs, OSError | TimeoutError):  # its connection has ended: dask starts another, or has others
             continue
@@ -244,6 +248,9 @@ def _keep_memory() -> None:
     dask starts workers with MALLOC_TRIM_THRESHOLD_, which makes glibc return every large array to the system. A run of
     100 000 samples then takes 3000 page faults, a tenth of its time.
     """
-    if sys.platform == "linux" and (mallopt := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:
+    if sys.platform != "linux":
+        return
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
         for parameter, size in _KEPT.items():
             mallopt(parameter, size)

@@ -45,7 +45,27 @@ Progress = Callable[[int, int], object]
 """(units done, all units)."""
 MOST_WORKERS = 256
 """Largest number of worker processes."""
-_ATTEMPTS = 2
+_ROOT = Path(__file__).resolve().parents[2]
+_ROOMS = (  # whose sources decide numbers
+    "analysis",
+    "bench",
+    "controllers",
+    "design",
+    "effects",
+    "laws",
+    "model",
+    "motion",
+    "plants",
+    "record",
+    "sensors",
+    "solve",
+    "stability",
+)
+_JOB = "job.json"
+_LOCK = "lock"
+_UNITS = "#units"  # no array has this name,
+_PROCESSOR = "#processor"  # and none this
+_ATTEMPTS = 2  # of a unit that ends its worker: the first time another one may be the cause
 _SHARE = 2  # batches for each worker that the waiting units make at least: near the end the batches become small
 
 
@@ -105,10 +125,13 @@ class Schedule:
     """
 
     def __init__(self, units: Iterable[int], workers: int, span: float) -> None:
-        self._waiting, self._again = deque(units), deque[int]()
-        self._workers, self._span = workers, span
+        self._waiting = deque(units)
+        self._again = deque[int]()
+        self._workers = workers
+        self._span = span
         self._out = 0
-        self._done, self._seconds = 0, 0.0
+        self._done = 0
+        self._seconds = 0.0
         self._lost = Counter[int]()
 
     @property
@@ -154,13 +177,6 @@ class Schedule:
         return given_up
 
 
-_ROOT = Path(__file__).resolve().parents[2]
-_ROOMS = ("analysis", "bench", "controllers", "design", "effects", "laws", "model", "motion", "plants", "record",
-          "sensors", "solve", "stability")  # fmt: skip
-_JOB, _LOCK = "job.json", "lock"
-_UNITS, _PROCESSOR = "#units", "#processor"
-
-
 @cache
 def sources() -> str:
     """Return version and hash (12 hex digits) of all sources and of what the kernels depend on."""
@@ -177,7 +193,10 @@ def sources() -> str:
 def digest(scene: Scene, text: str) -> str:
     """Return a hash (12 hex digits) of a scene, of a description, and of the sources that decide their numbers."""
     decides = hashlib.sha256(f"{kernel.source_key()} {np.__version__} {scene.digest} {text}".encode())
-    for path in sorted(path for room in _ROOMS for path in (_ROOT / room).rglob("*.py")):
+    paths: list[Path] = []
+    for room in _ROOMS:
+        paths += (_ROOT / room).rglob("*.py")
+    for path in sorted(paths):
         decides.update(path.name.encode() + path.read_bytes())
     return decides.hexdigest()[:12]
 

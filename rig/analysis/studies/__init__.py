@@ -2,8 +2,10 @@
 
 factors    the varied parameters: values, or distributions in Python or as text; conditions; a study as a TOML file
 runs       the points of a study, each computed for itself; recordings of chosen points
-measures   of cycle, motion and run, and own functions
-result     values, units, reasons; as text, figure, CSV, xarray
+measures   of cycle, motion, modes and run
+functions  own measures: Python functions of a Run
+result     values, units, reasons; as text, CSV, xarray
+figures    their figures, and that of a search
 search     a global search
 """
 
@@ -18,7 +20,8 @@ from typing import Any
 from rig.analysis.pool import Progress, Store, carry_out
 from rig.analysis.pool.work import this_processor
 from rig.analysis.studies.factors import condition
-from rig.analysis.studies.measures import Measure, check_not_loading, measures
+from rig.analysis.studies.functions import check_not_loading
+from rig.analysis.studies.measures import Measure, measures
 from rig.analysis.studies.result import COLUMNS, StudyResult, gathered
 from rig.analysis.studies.runs import Plan, StudyRuns, check_length, check_random, plan, random_parts
 from rig.analysis.studies.runs import keep as keep_recordings
@@ -47,10 +50,14 @@ def prepared(
     faults = Faults()
     names = [measure] if isinstance(measure, str) or callable(measure) else measure
     wanted: tuple[Measure, ...] = faults(lambda: measures(scene, names), ())
-    points = faults(lambda: plan(scene, over, samples, sampling, repeat, seed), Plan((), 1, sampling, 1, 0))
-    taken = {*COLUMNS, *points.dimensions, *(factor.key for factor in points.factors)}
-    faults.found += [f"measure {name}: a column of the results has this name; rename the function"
-                     for name in (each.name for each in wanted) if name in taken]  # fmt: skip
+    nothing = Plan((), 1, sampling, 1, 0)
+    points = faults(lambda: plan(scene, over, samples, sampling, repeat, seed), nothing)
+    keys = [factor.key for factor in points.factors]
+    taken = {*COLUMNS, *points.dimensions, *keys}
+    for each in wanted:
+        if each.name in taken:
+            fault = f"measure {each.name}: a column of the results has this name; rename the function"
+            faults.found.append(fault)
     if wanted and keep is not None:
         faults(lambda: condition(keep, wanted), None)
     work = StudyRuns(scene, points, wanted, duration)
@@ -94,6 +101,6 @@ def study(
         return result
     number, holds = condition(keep, work.measures)
     chosen = [k for k, value in enumerate(result.values[:, number].tolist()) if holds(value)]
-    return replace(
-        result, recordings=keep_recordings(work, chosen, store.folder / "runs", None if cluster else workers)
-    )
+    processes = None if cluster else workers
+    recordings = keep_recordings(work, chosen, store.folder / "runs", processes)
+    return replace(result, recordings=recordings)

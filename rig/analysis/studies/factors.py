@@ -36,6 +36,7 @@ _CUT = ("normal", "lognormal")  # these reach to infinity and may be cut off at 
 _OF_LOGARITHM = ("lognormal", "deviation")  # without a unit
 _FARTHEST = 37.0  # deviations: beyond, a normal distribution has no share that a double holds
 _TEXT = re.compile(r"\s*(?P<kind>\w+)\s*\((?P<values>[^()]*)\)\s*")
+IDENTIFIED = "identified"
 FORM = 'expected values such as [10, 20], "10 N:30 N:5", "10 N, 20 N" or "normal(20 N, 2 N)"'
 
 
@@ -58,7 +59,8 @@ class Distribution:
         for part in filter(None, (part.strip() for part in form["values"].split(","))):
             name, equals, value = (text.strip() for text in part.partition("="))
             if not equals:
-                name, value = names.pop(0) if names else "", part
+                name = names.pop(0) if names else ""
+                value = part
             if name in given and name:
                 raise UsageError(f"{text.strip()}: {name} is given twice")
             given[name] = value
@@ -163,9 +165,6 @@ def _check(text: str, kind: str, v: dict[str, float]) -> None:
         raise ValueError(f"{text}: mode must lie between low and high")
 
 
-IDENTIFIED = "identified"
-
-
 @dataclass(frozen=True)
 class Identified:
     """One parameter of the joint distribution that `rig identify` wrote into a file (NAME.covariance.json).
@@ -243,7 +242,9 @@ def factors(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
         raise SceneError(
             scene.name, [f'over = {brief(over)}: expected keys with values, such as {{"load.force": [10, 20]}}']
         )
-    known, varied, faults = numbers(scene), [], []
+    known = numbers(scene)
+    varied = []
+    faults = []
     for key, given in over.items():
         if key not in known:
             faults.append(unknown(str(key), known, scene))

@@ -13,26 +13,15 @@ run.NAME        rms, mean, lowest, highest, final, amplitude, frequency of an ou
 FILE.py:NAME    a function of the Run: returns a number, or a number and its unit
 
 An output or contact is added with a dot, cycle.amplitude.velocity; without one it is the first of the rig.
-
-Measures of one's own: Python functions of a Run, which worker processes run from the source text of their file.
 """
 
 from __future__ import annotations
 
-import ast
-import hashlib
-import inspect
 import math
-import secrets
-import sys
-import traceback
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.util import decode_source
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -44,9 +33,9 @@ from rig.analysis.modes import dithers
 from rig.analysis.motion_measures import observe, of, of_cycle, problem
 from rig.analysis.pool import Arrays
 from rig.analysis.recorded.amplitude import index
+from rig.analysis.studies.functions import Function, function_of
 from rig.bench.run.simulate import simulate
-from rig.errors import NumericsError, RigError, SceneError, UsageError, kind_and_text
-from rig.machine.files import contents
+from rig.errors import NumericsError, RigError, SceneError
 from rig.model.assembly import portrait
 from rig.quantities import run_length_ns
 from rig.record.run import Run
@@ -105,8 +94,10 @@ def measures(scene: Scene, given: Iterable[str | Callable[[Run], Any]]) -> tuple
     """
     if not isinstance(given, Iterable):
         raise SceneError(scene.name, [f"measure = {brief(given)}: expected a list of names and functions"])
-    known, given = {each.name: each for each in _known(scene)}, list(given)
-    wanted, faults = [], []
+    known = {each.name: each for each in _known(scene)}
+    given = list(given)
+    wanted = []
+    faults = []
     for measure in given:
         if not (callable(measure) or isinstance(measure, str)):
             faults.append(f"measure {measure!r:.60}: expected a name, FILE.py:FUNCTION or a function of a Run")
@@ -120,14 +111,17 @@ def measures(scene: Scene, given: Iterable[str | Callable[[Run], Any]]) -> tuple
             wanted.append(known[measure])
         else:
             faults.append(f"measure {shortened(measure)}: unknown; {near(measure, known, 'docs/studies.md')}")
-    names = [each.name for each in wanted]
-    faults += [f"measure {name}: is given twice" for name in sorted({n for n in names if names.count(n) > 1})]
+    for name, count in sorted(Counter(each.name for each in wanted).items()):
+        if count > 1:
+            faults.append(f"measure {name}: is given twice")
     if not given:
         faults.append("no measure is given; such as cycle.amplitude, run.rms, or a function of a Run")
     if faults:
         raise SceneError(scene.name, faults)
-    beside = [f"modes.{kind}" for kind in _REDUCED if any(each.source == "modes" for each in wanted)]
-    return tuple(dict.fromkeys([*wanted, *(known[name] for name in beside if name in known)]))
+    if any(each.source == "modes" for each in wanted):
+        beside = [f"modes.{kind}" for kind in _REDUCED]
+        wanted += [known[name] for name in beside if name in known]
+    return tuple(dict.fromkeys(wanted))
 
 
 def _known(scene: Scene) -> Iterator[Measure]:
@@ -172,16 +166,23 @@ def evaluate(scene: Scene, wanted: Sequence[Measure], duration: float | None) ->
     sources = {"cycle": _of_cycle, "motion": _of_motion, "modes": _of_modes, "run": partial(_of_run, duration)}
     for source, compute in sources.items():
         some = [measure for measure in wanted if (measure.source or "run") == source]
+        if not some:
+            continue
         try:
-            rows |= {measure.name: row for measure, row in zip(some, compute(scene, some))} if some else {}
+            rows |= {measure.name: row for measure, row in zip(some, compute(scene, some))}
         except RigError as fault:
             why = fault.what if isinstance(fault, NumericsError) else " ".join(str(fault).split())
             rows |= {measure.name: (math.nan, measure.unit, why) for measure in some}
-    values, units, _ = zip(*(rows[measure.name] for measure in wanted))
-    reasons = dict.fromkeys(why or f"{name} is {value}" for name, (value, _, why) in
-                            ((measure.name, rows[measure.name]) for measure in wanted)
-                            if not math.isfinite(value))  # fmt: skip
-    return as_point(values, units, "; ".join(reasons)[:_LONG])
+    values = []
+    units = []
+    reasons = []
+    for measure in wanted:
+        value, unit, why = rows[measure.name]
+        values.append(value)
+        units.append(unit)
+        if not math.isfinite(value):
+            reasons.append(why or f"{measure.name} is {value}")
+    return as_point(values, units, "; ".join(dict.fromkeys(reasons))[:_LONG])
 
 
 def as_point(values: Sequence[float], units: Sequence[str], reason: str) -> Arrays:
@@ -222,14 +223,18 @@ def _of_cycle(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, st
 
 
 def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
-    values, fault, without = dict[str, float](), "", ""
+    values: dict[str, float] = {}
+    fault = ""
+    without = ""
     if any(measure.kind != SLIDES for measure in some):
         asked = problem(scene, work=math.inf)
         if asked.period:
             values = of_cycle(asked)
         else:
             seen = observe(asked, of(asked.scene, asked.system))
-            values, fault, without = seen.values, seen.fault, f", which is a motion of kind {asked.kind}: {asked.why}"
+            values = seen.values
+            fault = seen.fault
+            without = f", which is a motion of kind {asked.kind}: {asked.why}"
     for measure in some:
         if measure.kind == SLIDES:
             ends, why = slides(scene)
@@ -242,13 +247,18 @@ def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, s
 
 def _of_modes(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
     spectrum = equilibrium(scene, bool(dithers(scene, "")))
-    rates, values, why = spectrum.rates, dict[str, float](), spectrum.why or spectrum.note
+    values: dict[str, float] = {}
+    why = spectrum.why or spectrum.note
     if spectrum.counts:
+        rates = spectrum.rates
         grow = (rates.real > none(rates)) & (rates.imag >= 0.0)
-        values = {"growth": rates[0].real, "frequency": abs(rates[0].imag) / (2.0 * math.pi), "growing": grow.sum()}
-        errors = spectrum.errors() if spectrum.errors and any(each.kind == "error" for each in some) else np.zeros(0)
-        if np.isfinite(errors).any():
-            values["error"] = np.nanmax(errors)
+        values["growth"] = rates[0].real
+        values["frequency"] = abs(rates[0].imag) / (2.0 * math.pi)
+        values["growing"] = grow.sum()
+        if spectrum.errors and any(each.kind == "error" for each in some):
+            errors = spectrum.errors()
+            if np.isfinite(errors).any():
+                values["error"] = np.nanmax(errors)
         values["outside"] = bool(spectrum.outside)
         why = "errors of the eigenvalues are not estimated: the files of the matrices are not there"
     for measure in some:
@@ -267,7 +277,10 @@ def _of_run(duration: float | None, scene: Scene, some: Sequence[Measure]) -> It
             yield measure.function.value(run if len(some) == 1 else _copied(run))
         elif measure.kind == "first_opening":
             opened = first_opening(run)
-            yield (math.nan if opened is None else opened), measure.unit, "" if opened is not None else "no point opens"
+            if opened is None:
+                yield math.nan, measure.unit, "no point opens"
+            else:
+                yield opened, measure.unit, ""
         else:
             value, why = _number(run, measure)
             yield value, measure.unit, f"{measure.name}: {why}" if why else ""
@@ -289,167 +302,7 @@ def _number(run: Run, measure: Measure) -> tuple[float, str]:
         cycles = index(t, v)
         value = cycles.half if measure.kind == "amplitude" else cycles.frequency
         return value, cycles.why if math.isnan(value) else ""
-    here = v[np.isfinite(v)]
-    return (float(_HOW[measure.kind](here)), "") if here.size else (math.nan, "no finite sample")
-
-
-_OWN: dict[str, Callable[[Run], Any]] = {}
-"""Functions of this process that no file holds, by a random text: what else they use (globals, closures) may differ
-although their code is the same, so that no other process finds results of theirs."""
-_LOADING: list[str] = []  # files that this process runs at the moment, because they define a measure
-
-
-@dataclass(frozen=True)
-class Function:
-    """A function `name` of the file `file` with the source `text`; `beside`: hash of what it imports from its folder.
-
-    Without a file it exists in this process only, and `text` is a random one.
-    """
-
-    name: str
-    file: str = ""
-    text: str = ""
-    beside: str = ""
-
-    @property
-    def portable(self) -> bool:
-        """Whether other processes can run it."""
-        return bool(self.file)
-
-    def value(self, run: Run) -> tuple[float, str, str]:
-        """Return its value, the unit and, for a value that is missing, the reason."""
-        try:
-            returned = (self._loaded() if self.portable else _OWN[self.text])(run)
-        except UsageError as fault:
-            return math.nan, "", str(fault)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as fault:
-            return math.nan, "", f"{self.name}: {kind_and_text(fault)}{self._line(fault)}"
-        value, unit = returned if isinstance(returned, tuple) and len(returned) == 2 else (returned, "")
-        number = None if isinstance(value, str) or not isinstance(unit, str) else _as_number(value)
-        if number is None:
-            return math.nan, "", f"{self.name} returned {_shown(returned)}: expected a number, or number and unit"
-        return (number, unit, "") if math.isfinite(number) else (math.nan, unit, f"{self.name} is {number}")
-
-    def _line(self, fault: BaseException) -> str:
-        """The last line of the function's own file that led to a fault."""
-        frames = traceback.extract_tb(fault.__traceback__)[1:]  # without the call above
-        own = [at for at in frames if at.filename == (self.file or frames[0].filename)]
-        return f" (line {own[-1].lineno})" if own else ""
-
-    def _loaded(self) -> Callable[[Run], Any]:
-        module = _module(self.file, self.text)
-        function: Callable[[Run], Any] | None = getattr(module, self.name, None)
-        if not callable(function):
-            raise UsageError(f"{self.file}: defines no function {self.name}")
-        return function
-
-
-def _as_number(value: Any) -> float | None:
-    """A value as a float; None for one that is no number."""
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
-    except Exception:  # of a class of the user
-        return None
-
-
-def _shown(returned: Any) -> str:
-    try:
-        return shortened(" ".join(repr(returned).split()))
-    except Exception:  # of a class of the user
-        return f"a {type(returned).__name__}"
-
-
-def function_of(given: str | Callable[[Run], Any]) -> Function:
-    """Return a measure of a Python function, or of "FILE.py:NAME". Raises UsageError."""
-    if isinstance(given, str):
-        file, _, name = given.rpartition(":")
-        try:
-            function = Function(name, str(Path(file).resolve()), decode_source(contents(Path(file))))
-        except (OSError, SyntaxError, UnicodeDecodeError) as fault:
-            raise UsageError(f"{given}: {getattr(fault, 'strerror', None) or fault}") from None
-        function._loaded()  # noqa: SLF001 (its own kind)
-        return replace(function, beside=_beside(function.file, function.text))
-    name = getattr(given, "__name__", type(given).__name__)
-    try:
-        file = inspect.getsourcefile(given) or ""
-        text = decode_source(contents(Path(file)))
-        at_top = getattr(given, "__qualname__", "") == name  # a local function may also have a global name, in a loop
-        here = at_top and getattr(inspect.getmodule(given), name, None) is given
-    except (OSError, SyntaxError, TypeError, UnicodeDecodeError):
-        here = False
-    if here:
-        function = Function(name, str(Path(file).resolve()), text)
-        if hasattr(
-            _module(function.file, text), name
-        ):  # as worker processes load it: not under if __name__ == "__main__"
-            return replace(function, beside=_beside(file, text))
-    known = next((text for text, known_function in _OWN.items() if known_function is given), None) or secrets.token_hex(
-        8
-    )
-    _OWN[known] = given
-    return Function(name, text=known)
-
-
-def _beside(file: str, text: str) -> str:
-    """Hash of the modules that a file imports from its folder, and of those that these import; "" if there are none."""
-    folder, texts, todo = Path(file).resolve().parent, dict[str, str](), [text]
-    while todo:
-        for name in _imports(todo.pop()):
-            whole = folder.joinpath(*name.split("."))
-            for path in (whole.with_suffix(".py"), whole / "__init__.py"):
-                if str(path) not in texts and path.is_file():
-                    texts[str(path)] = path.read_bytes().decode(errors="replace")
-                    todo.append(texts[str(path)])
-    return hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest()[:12] if texts else ""
-
-
-def _imports(text: str) -> Iterator[str]:
-    """The names of all modules that a source text may import, but for those of this project."""
-    try:
-        tree = ast.parse(text)
-    except (SyntaxError, ValueError):  # of a module that may never be imported
-        return
-    for node in ast.walk(tree):
-        names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
-        if isinstance(node, ast.ImportFrom):
-            head = [node.module] if node.module else []
-            names = [*head, *(".".join([*head, name]) for name in names)]
-        yield from (name for name in names if name.partition(".")[0] != "rig" and "*" not in name)
-
-
-def check_not_loading() -> None:
-    """Raise UsageError if a file that defines a measure begins a study while it is loaded for that measure."""
-    if _LOADING:
-        raise UsageError(
-            f"{_LOADING[-1]} starts a study when it is loaded for its measure; "
-            'write the call under if __name__ == "__main__":'
-        )
-
-
-def _module(file: str, text: str) -> ModuleType:
-    """The module of a source text, run once in this process. Raises UsageError for one that fails."""
-    name = f"rig_measures_{hashlib.sha256(f'{file}{text}'.encode()).hexdigest()[:12]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    module = ModuleType(name)
-    module.__file__ = file
-    sys.modules[name] = module
-    folder = str(Path(file).parent)
-    if folder not in sys.path:
-        sys.path.append(folder)
-    _LOADING.append(file)
-    try:
-        with redirect_stdout(sys.stderr):  # standard output may be a report in JSON
-            exec(compile(text, file, "exec"), module.__dict__)
-    except BaseException as fault:
-        del sys.modules[name]
-        if isinstance(fault, UsageError | KeyboardInterrupt):
-            raise
-        raise UsageError(f"{file}: {kind_and_text(fault)}") from None
-    finally:
-        _LOADING.pop()
-    return module
+    known = v[np.isfinite(v)]
+    if not known.size:
+        return math.nan, "no finite sample"
+    return float(_HOW[measure.kind](known)), ""

@@ -46,9 +46,11 @@ MOST = 10_000_000
 """Largest number of points, of samples, and of repeated runs."""
 MOST_SEED = 2**62
 """Largest seed; those of all points then fit in 64 bits."""
-_EDGE = 1e-12
-SAMPLE, REPEAT = "sample", "repeat"
-"""Dimensions of the results beside those of the grid."""
+_EDGE = 1e-12  # the nearest that a drawn share comes to 0 and 1
+SAMPLE = "sample"
+"""The dimension of drawn points in the results."""
+REPEAT = "repeat"
+"""The dimension of repeated runs in the results."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,8 @@ class Plan:
         """The drawn shares, [sample, drawn parameter], between 0 and 1."""
         from scipy.stats import qmc
 
-        count, chance = len(self.drawn), np.random.default_rng(self.seed)
+        count = len(self.drawn)
+        chance = np.random.default_rng(self.seed)
         spread = {"latin": qmc.LatinHypercube, "sobol": qmc.Sobol}.get(self.sampling)
         if spread is not None:
             return np.asarray(spread(count, rng=chance).random(self.samples))

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from rig.analysis.axis import with_unit
 from rig.analysis.pool import Arrays, Progress, Store, pool
 from rig.analysis.studies.factors import Factor, factors
-from rig.analysis.studies.measures import Measure, check_not_loading, measures, one_unit
+from rig.analysis.studies.functions import check_not_loading
+from rig.analysis.studies.measures import Measure, measures, one_unit
 from rig.analysis.studies.runs import MOST, Plan, StudyRuns, check_length, first_seed
 from rig.errors import Faults
 from rig.machine.files import csv_table
@@ -50,7 +51,7 @@ class SearchResult(Result):
     search; nan with a reason where there is none. `settled`: whether the points have converged.
     """
 
-    FIGURE: ClassVar = "rig.analysis.studies.result:search_figure"
+    FIGURE: ClassVar = "rig.analysis.studies.figures:search_figure"
 
     scene: Scene
     factors: tuple[Factor, ...]
@@ -96,13 +97,16 @@ class SearchResult(Result):
             return "\n".join([f"{self.scene.name}: no point has a value of {self.measure}", *missing])
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
         lines = [f"{self.scene.name}: {what} {self.value:.6g}{unit}, point {self.best + 1} of {len(self.values)}"]
-        lines += [f"  {line}" for line in (*self.belief, self.left_out) if line]
-        lines += [""]
+        for remark in (*self.belief, self.left_out):
+            if remark:
+                lines.append(f"  {remark}")
+        lines.append("")
         rows: list[tuple[str, ...]] = [("parameter", "best", "from", "to", "")]
         for factor, value in zip(self.factors, self.points[self.best].tolist()):
             low, high = factor.axis.values
-            near = min(value - low, high - value) < _CLOSE * (high - low)
-            note = "at the end of its range: a wider one may hold a better point" if near else ""
+            note = ""
+            if min(value - low, high - value) < _CLOSE * (high - low):
+                note = "at the end of its range: a wider one may hold a better point"
             rows.append((factor.key, *(factor.axis.text(v) for v in (value, low, high)), note))
         lines += [*columns(rows, "<>>><"), ""]
         lines += [f"  the points have {'converged' if self.settled else _APART}"]
@@ -128,8 +132,10 @@ class SearchResult(Result):
     def csv(self) -> str:
         """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
         head = [*(factor.axis.si_label for factor in self.factors), with_unit(self.measure, self.unit), "reason"]
-        rows = zip(self.points.tolist(), self.values.tolist(), self.reasons)
-        return csv_table([head, *([*point, value, why] for point, value, why in rows)]).decode()
+        rows: list[list[Any]] = [head]
+        for point, value, why in zip(self.points.tolist(), self.values.tolist(), self.reasons):
+            rows.append([*point, value, why])
+        return csv_table(rows).decode()
 
 
 @dataclass(frozen=True)
@@ -200,7 +206,9 @@ def _range(given: Any) -> Any:
     """The two ends of a range as the values of a parameter; None for what is no range."""
     if isinstance(given, str):
         parts = [part.strip() for part in given.split(":")]
-        return ", ".join(parts) if len(parts) == 2 and all(parts) and "," not in given else None
+        if len(parts) != 2 or not all(parts) or "," in given:
+            return None
+        return ", ".join(parts)
     if not isinstance(given, Sequence | np.ndarray) or len(given) != 2 or "" in map(str, given):
         return None
     return list(given)
@@ -222,7 +230,8 @@ def search(
 
     workers = work.usable_workers(workers, cluster)
     units = work.work
-    store, say = Store.of(units, root), progress or (lambda done, total: None)
+    store = Store.of(units, root)
+    say = progress or (lambda done, total: None)
     low, high = np.array([factor.axis.values for factor in work.plan.factors]).T
     points: list[list[float]] = []
     with store.open(units), pool(units, store, workers, work.population, cluster=cluster) as processes:
@@ -239,10 +248,12 @@ def search(
                 rows.update(store.load())
                 rows.update({unit: work.failed(unit, why) for unit, why in processes.failed.items() if unit in todo})
             say(len(points), work.evaluations)
-            made = (-1.0 if work.largest else 1.0) * _values(rows, len(points))[0][begin:]
-            return np.where(np.isfinite(made), made, _WORST)
+            every, _ = _values(rows, len(points))
+            to_be_small = (-1.0 if work.largest else 1.0) * every[begin:]
+            return np.where(np.isfinite(to_be_small), to_be_small, _WORST)
 
-        shares = qmc.LatinHypercube(len(low), rng=np.random.default_rng(work.plan.seed)).random(work.population)
+        sampler = qmc.LatinHypercube(len(low), rng=np.random.default_rng(work.plan.seed))
+        shares = sampler.random(work.population)
         ended = differential_evolution(
             values,
             [*zip(low.tolist(), high.tolist())],
@@ -253,7 +264,8 @@ def search(
             updating="deferred",
             vectorized=True,
         )
-    made, unit = _values(rows, len(points))
+    measured, unit = _values(rows, len(points))
+    reasons = tuple(str(rows[number]["reason"]) for number in range(len(points)))
     return SearchResult(
         scene=work.scene,
         factors=work.plan.factors,
@@ -261,8 +273,8 @@ def search(
         unit=unit,
         largest=work.largest,
         points=np.array(points),
-        values=made,
-        reasons=tuple(str(rows[unit]["reason"]) for unit in range(len(points))),
+        values=measured,
+        reasons=reasons,
         settled=bool(ended.success),
         provenance=provenance(work.plan.seed),
         folder=store.folder,

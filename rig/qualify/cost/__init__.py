@@ -2,9 +2,9 @@
 
 The simulation problem, its measures and the settings are in rig.analysis.motion_measures.
 
-measuring  reference solutions, measures of each setting
-timing     the compute time of a setting            table      rows, kept as CSV and Parquet; recommended setting
-report     the table as text and figure             effects    cost of each effect, change without it
+references  reference solutions                      measuring  measures of each setting
+timing      the compute time of a setting            table      rows, kept as CSV and Parquet; recommended setting
+report      the table as text and figure             effects    cost of each effect, change without it
 """
 
 from rig.qualify.cost.measuring import FOLDER, chosen, cost, folder_of

@@ -33,6 +33,7 @@ from rig.scenes.variants import SWITCHED, declared, dropped, opened, without
 
 Array = NDArray[np.float64]
 ROUNDS = 9
+"""Default number of rounds in a batch: in each of them all plants alternate."""
 NO_CHANCE = "is random: compared runs leave it out; run other seeds to see its influence"
 KINDS = {"cycle": "a limit cycle", "vibration": "a vibration that does not repeat", "smooth": "no events"}
 _UNITS = {
@@ -43,7 +44,7 @@ _UNITS = {
     "friction power": "W",
 }
 _NUDGE = 1e-9  # relative change of a start that reveals an irregular motion
-_LEAST_NUDGE = 1e-12
+_LEAST_NUDGE = 1e-12  # added to it: a start may be zero
 _LEAST = 1e-9  # share of a measure that no run resolves
 _SIGNIFICANT = 2.0  # a change counts above this multiple of the difference between two runs of an irregular motion
 _DRAWS = 100  # of the rounds, for an interval
@@ -111,8 +112,16 @@ def changed(whole: Problem, less: Problem) -> tuple[tuple[Change, ...], str]:
         output = name.partition(" ")[2]
         if output not in gone:
             unit = _UNITS[name] if name in _UNITS else getattr(whole.assembly.outputs.get(output), "unit", "1")
-            values, size = (truth.values.get(name), seen.values.get(name)), _apart(name, truth, seen)
-            changes.append(Change(name, unit, *values, size if size > resolved else 0.0, floors.get(name, 0.0)))
+            size = _apart(name, truth, seen)
+            change = Change(
+                measure=name,
+                unit=unit,
+                whole=truth.values.get(name),
+                less=seen.values.get(name),
+                size=size if size > resolved else 0.0,
+                floor=floors.get(name, 0.0),
+            )
+            changes.append(change)
     return tuple(changes), "; ".join(notes)
 
 
@@ -126,7 +135,8 @@ def _alike(whole: Problem, less: Problem) -> tuple[Problem, Problem]:
 
 def _apart(name: str, seen: Seen, other: Seen) -> float:
     """Difference of a measure between two runs (see `Change`)."""
-    a, b = seen.values.get(name), other.values.get(name)
+    a = seen.values.get(name)
+    b = other.values.get(name)
     if a is None or b is None:
         return 1.0
     larger = max(abs(a), abs(b))
@@ -255,7 +265,8 @@ def effects(scene: Scene, rounds: int = ROUNDS, report: Progress | None = None) 
     """Measure every effect that `scene` names and that its plant can do without."""
     values = held(scene, scene.assemble())
     base = bare(scene)
-    names, about = dropped(base), declared(scene.parameters)
+    names = dropped(base)
+    about = declared(scene.parameters)
     others: dict[str, Scene] = {}
     by_effect: dict[str, Paired] = {}
     for name, keys in names.items():
@@ -354,9 +365,14 @@ def _difference(rounds: Array) -> Spread:
 
     Quantiles of few resampled rounds are biased, so the interval is extended to the difference itself if necessary.
     """
+
+    def difference(times: Array) -> float:
+        return float(-np.diff(_quiet(times))[0])
+
+    value = difference(rounds)
     draws = np.random.default_rng(0).integers(len(rounds), size=(_DRAWS, len(rounds)))
-    value, *drawn = (float(-np.diff(_quiet(times))[0]) for times in (rounds, *(rounds[draw] for draw in draws)))
-    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    resampled = [difference(rounds[draw]) for draw in draws]
+    low, high = np.quantile(resampled, (0.025, 0.975)).tolist()
     return Spread(value, min(low, value), max(high, value))
 
 

@@ -23,9 +23,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
+COLOURS = {"exact": BLUE, "dopri5": VERMILION, "rosenbrock": SKY, "rk4": GREEN, "kick": AMBER, "smooth": PURPLE}
+MARKS = {"exact": "D", "dopri5": "o", "rosenbrock": "P", "rk4": "s", "kick": "^", "smooth": "v"}
+STYLE = palette.STYLE | {"axes.titlesize": "large", "lines.linewidth": 1.5}
+LEAST = 1e-16  # errors of zero are drawn at this value
 _COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "rt factor", "")
 _OF_STATISTICS = "by statistics"
+_SHORT = 100.0  # ratio of the ends of an axis up to which labels of minor ticks have room beside those of the decades
+_FEW = 3.0  # ratio up to which there may be no tick at 2, at 5 or at a decade, and all minor ticks have labels
 
 
 @dataclass(frozen=True)
@@ -42,11 +47,10 @@ class CostReport(Result):
     def text(self) -> str:
         """Return the table and the notes on it as text."""
         table = self.table
-        rows = columns(
-            [heads(table), *lines(table, self.metric, self.pick)], "<<>><>>>>><" if table.statistical else "<<><>>>>><"
-        )
-        told = (f"  {note}" for note in notes(table, self.metric))
-        return "\n".join([f"{table.scene}: error and compute time on this machine", "", *rows, "", *told])
+        align = "<<>><>>>>><" if table.statistical else "<<><>>>>><"
+        rows = columns([heads(table), *lines(table, self.metric, self.pick)], align)
+        remarks = (f"  {note}" for note in notes(table, self.metric))
+        return "\n".join([f"{table.scene}: error and compute time on this machine", "", *rows, "", *remarks])
 
 
 def heads(table: Table) -> tuple[str, ...]:
@@ -63,13 +67,20 @@ def lines(table: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
         if row.fault:
             rows.append((method, dial, row.fault, *[""] * (len(heads(table)) - 3)))
             continue
-        p50, p99, factor = row.cost.p50.value, row.cost.p99, row.cost.factor.value
-        mark = "recommended" if row is pick else "front" if row in best else ""
         name = row.worst if metric == WORST else metric
-        part = (f"{row.floor(name):.1e}",) if table.statistical else ()
-        rows.append((method, dial, _error(row.error(metric)), *part, name, f"{p50:.3g}",
-                     f"{p99.value:.3g}", f"{p99.low:.3g} .. {p99.high:.3g}", f"{row.share:.2%}",
-                     f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}", mark))  # fmt: skip
+        cells = [method, dial, _error(row.error(metric))]
+        if table.statistical:
+            cells.append(f"{row.floor(name):.1e}")
+        p99 = row.cost.p99
+        cells += [name, f"{row.cost.p50.value:.3g}", f"{p99.value:.3g}", f"{p99.low:.3g} .. {p99.high:.3g}"]
+        factor = row.cost.factor.value
+        cells += [f"{row.share:.2%}", f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}"]
+        mark = ""
+        if row is pick:
+            mark = "recommended"
+        elif row in best:
+            mark = "front"
+        rows.append((*cells, mark))
     return rows
 
 
@@ -101,19 +112,15 @@ def notes(table: Table, metric: str) -> list[str]:
     return out + [f"{method} left out: {why}" for method, why in table.left_out.items()]
 
 
-COLOURS = {"exact": BLUE, "dopri5": VERMILION, "rosenbrock": SKY, "rk4": GREEN, "kick": AMBER, "smooth": PURPLE}
-MARKS = {"exact": "D", "dopri5": "o", "rosenbrock": "P", "rk4": "s", "kick": "^", "smooth": "v"}
-STYLE = palette.STYLE | {"axes.titlesize": "large", "lines.linewidth": 1.5}
-LEAST = 1e-16  # errors of zero are drawn at this value
-
-
 def figure(report: CostReport) -> Figure:
     """Return error over compute time, with Pareto front, budget and recommended setting.
 
     Left: frames as in a run. Right: the plant alone, without interruption. Raises UsageError if no setting has both an
     error and a cost.
     """
-    table, metric, pick = report.table, report.metric, report.pick
+    table = report.table
+    metric = report.metric
+    pick = report.pick
     if not front(table.rows, metric):
         raise UsageError("nothing to draw: no setting has both an error and a cost")
     with sheet(f"{table.scene}: error against compute time", table.machine) as figure:
@@ -134,7 +141,8 @@ def figure(report: CostReport) -> Figure:
         for row in table.rows:
             y = _shown(row, metric)
             if row.p99 > 0.0 and np.isfinite(y) and not 0.5 < y / last < 2.0:
-                at, dial = (_of_plant(row).value, y), str(row.setting).partition(" at ")[2]
+                _, _, dial = str(row.setting).partition(" at ")
+                at = (_of_plant(row).value, y)
                 right.annotate(printed(dial), at, (12, 6), textcoords="offset points", fontsize=7.5)
                 last = y
         left.set_xlabel("frames as in a run: compute in 1 ms of simulated time, p99 [us]")
@@ -151,8 +159,7 @@ def sheet(title: str, machine: dict[str, str]) -> Iterator[Figure]:
     """Yield an empty figure with a title and the machine."""
     with page(10.8, 6.4, style=STYLE, layout="constrained") as figure:
         yield figure
-        first, second = "{processor}, {cores} cores", "Python {python}, numba {numba}, {date:.10}"
-        machine_text = f"{first}\n{second}".format_map(machine)
+        machine_text = "{processor}, {cores} cores\nPython {python}, numba {numba}, {date:.10}".format_map(machine)
         headline(figure, title)
         figure.text(0.99, 0.015, machine_text, ha="right", va="bottom", fontsize=8.5, color="#666666")
 
@@ -179,7 +186,8 @@ def _curves(axes: Axes, table: Table, metric: str, of: Callable[[Row], Spread]) 
             order = f": order {table.orders[method]:.1f}, theory {THEORY[method]}" if method in table.orders else ""
             style: dict[str, Any] = {"color": COLOURS[method], "marker": MARKS[method], "label": f"{method}{order}"}
             style |= {"ms": 5.5, "lw": 1.2, "elinewidth": 0.8, "capsize": 2}
-            x, y = [spread.value for spread in spreads], [_shown(row, metric) for row in rows]
+            x = [spread.value for spread in spreads]
+            y = [_shown(row, metric) for row in rows]
             axes.errorbar(x, y, xerr=(low, high), **style)
     floor = max((row.floor(metric) for row in table.rows), default=0.0)
     if LEAST < floor < math.inf:
@@ -187,11 +195,6 @@ def _curves(axes: Axes, table: Table, metric: str, of: Callable[[Row], Spread]) 
     shown = [_shown(row, metric) for row in known]
     top = 5.0 * max([10.0 * LEAST, *shown])
     axes.set_ylim(min(max(0.2 * min([floor, *shown]), LEAST), 0.1 * top), top)
-
-
-_SHORT = 100.0
-"""Ratio of the ends of an axis up to which the labels of its minor ticks have room beside those of the decades."""
-_FEW = 3.0  # ratio up to which there may be no tick at 2, at 5 or at a decade, and all minor ticks have labels
 
 
 def second_axis(axes: Axes, converted: Callable[[float], float], label: str) -> None:
@@ -208,7 +211,11 @@ def tick_labels(axes: Axes) -> None:
     """Label a logarithmic horizontal axis so that its labels stay apart."""
     low, high = sorted(axes.get_xlim())
     axes.xaxis.set_major_formatter("{x:g}")
-    digits = "" if high >= _SHORT * low else "25" if high >= _FEW * low else "23456789"
+    digits = "23456789"
+    if high >= _SHORT * low:
+        digits = ""
+    elif high >= _FEW * low:
+        digits = "25"
     axes.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in digits else "")
 
 

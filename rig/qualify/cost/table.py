@@ -29,10 +29,12 @@ from rig.qualify.cost.timing import Cost, Spread
 
 WORST = "worst"
 _CLEAR = 30.0  # multiple of the resolution above which an error is used
-_LARGEST = 0.1
+_LARGEST = 0.1  # the largest error that is used: beyond, it is not yet proportional to a power of the step
+_POINTS = 4  # most of them, the finest ones
 SAME = 1.1  # ratio of costs that count as equal
 _RESOLVED = 2.0  # an error below this multiple of the difference between the references is not resolved
 _SPREADS = ("p50", "p99", "factor", "tick")
+_UNITS = {"p50": "us", "p99": "us", "tick": "ns"}
 _NORMAL = 1.95  # below the limit of `student` for many runs
 _RANGE = 1.5  # smallest ratio of steps: similar steps, as where frames cut them all, give no order
 
@@ -45,12 +47,9 @@ def orders(rows: Sequence[Row], seconds: float) -> dict[str, float]:
     """
     slopes = {}
     for method in THEORY:
-        clear = [
-            row for row in rows
-            if row.setting.method == method and (row.setting.step_ns or row.steps)
-            and _CLEAR * row.floor(WORST) < row.error(WORST) < _LARGEST
-        ]  # fmt: skip
-        points = sorted((math.log(step(row, seconds)), math.log(row.error(WORST))) for row in clear)[:4]
+        stepping = [row for row in rows if row.setting.method == method and (row.setting.step_ns or row.steps)]
+        clear = [row for row in stepping if _CLEAR * row.floor(WORST) < row.error(WORST) < _LARGEST]
+        points = sorted((math.log(step(row, seconds)), math.log(row.error(WORST))) for row in clear)[:_POINTS]
         if len(points) > 1 and points[-1][0] - points[0][0] > math.log(_RANGE):
             steps, errors = np.array(points).T
             slopes[method] = float(np.polyfit(steps, errors, 1)[0])
@@ -64,7 +63,8 @@ def step(row: Row, seconds: float) -> float:
 
 def front(rows: Sequence[Row], metric: str) -> list[Row]:
     """Return the settings that no other beats in both error and cost, cheapest first."""
-    best, pareto = math.inf, []
+    best = math.inf
+    pareto = []
     timed = [row for row in rows if row.p99 > 0.0]
     for row in sorted(timed, key=lambda row: (row.p99, row.error(metric))):
         if row.error(metric) < best:
@@ -106,7 +106,8 @@ def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None,
     best = min(fitting, key=lambda row: row.error(metric))
     within = "" if budget is None else f" within {_percent(budget)} of a frame"
     name = best.worst if metric == WORST else metric
-    error, floor = best.error(metric), best.floor(name)
+    error = best.error(metric)
+    floor = best.floor(name)
     if best.repeats and target is not None:
         parts = f"{error - floor:.1e} by the step and {floor:.1e} by statistics"
         provably = "provably " if floor > target else ""
@@ -213,11 +214,17 @@ class Row:
             named = {name.removeprefix(prefix): value for name, value in raw.items() if name.startswith(prefix)}
             return {name: value for name, value in named.items() if value is not None}
 
-        spreads = (Spread(*(raw[f"{name}{end}"] for end in ("", "_low", "_high"))) for name in _SPREADS)
         setting = Setting(raw["method"], raw["tolerance"], raw["step_ns"])
-        errors, floors = under("error "), under("floor ")
+        spreads = [Spread(raw[name], raw[f"{name}_low"], raw[f"{name}_high"]) for name in _SPREADS]
         return cls(
-            setting, errors, floors, Cost(*spreads), raw["share_p99"], raw["steps"], raw["fault"], raw["repeats"]
+            setting=setting,
+            errors=under("error "),
+            floors=under("floor "),
+            cost=Cost(*spreads),
+            share=raw["share_p99"],
+            steps=raw["steps"],
+            fault=raw["fault"],
+            repeats=raw["repeats"],
         )
 
 
@@ -251,17 +258,19 @@ class Table:
     def metric(self, asked: str) -> str:
         """Return a measure by its name or the begin of it. Raises UsageError with the existing ones."""
         known = (WORST, *self.metrics)
-        measure = asked if asked in known else next((name for name in known if asked and name.startswith(asked)), None)
-        if measure is None:
-            raise UsageError(f"--metric {asked}: no such measure of {self.scene}; {', '.join(known)}")
-        return measure
+        if asked in known:
+            return asked
+        for name in known:
+            if asked and name.startswith(asked):
+                return name
+        raise UsageError(f"--metric {asked}: no such measure of {self.scene}; {', '.join(known)}")
 
     def write(self, folder: Path) -> None:
         """Write cost.csv, cost.parquet and machine.json, each completely or not at all. Raises OutputError."""
         rows = [row.flat() for row in self.rows]
-        columns = {
-            name: [row.get(name) for row in rows] for name in dict.fromkeys(name for row in rows for name in row)
-        }
+        columns = {}
+        for name in dict.fromkeys(name for row in rows for name in row):
+            columns[name] = [row.get(name) for row in rows]
         write_file(folder / "cost.csv", csv_table([map(_head, columns), *zip(*columns.values())]))
         with draft_of(folder / "cost.parquet") as draft:
             parquet.write_table(pa.table(columns), draft)
@@ -277,9 +286,6 @@ class Table:
             return cls(**about, rows=[Row.of_flat(row) for row in flat])
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise UsageError(f"{folder}: no readable cost table ({error})") from None
-
-
-_UNITS = {"p50": "us", "p99": "us", "tick": "ns"}
 
 
 def _head(column: str) -> str:

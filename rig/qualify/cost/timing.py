@@ -33,6 +33,7 @@ from rig.machine.process import no_garbage
 
 Array = NDArray[np.float64]
 ROUNDS = 7
+"""Default number of rounds: in each of them all settings alternate."""
 QUIET = 0.25  # quantile of the wall times of the plant alone
 _ROUND_NS = 150_000_000  # wall time of the frames of one setting in one round
 _PIECES = 30  # fewest pieces in one round
@@ -69,10 +70,17 @@ class Contender:
     """One setting, ready to run repeatedly from state `x`, over `ticks` sample steps."""
 
     def __init__(self, problem: Problem, setting: Setting, x: Array) -> None:
-        self._x, self.ticks = x, problem.timed
+        self._x = x
+        self.ticks = problem.timed
         scene = setting.applied(problem.scene)
-        tolerance, adapts = scene.clock.tolerance, setting.adapts
-        rig = FreeRig(scene, problem.assembly, x, method=setting.method, tolerance=tolerance, framed=adapts)
+        rig = FreeRig(
+            scene,
+            problem.assembly,
+            x,
+            method=setting.method,
+            tolerance=scene.clock.tolerance,
+            framed=setting.adapts,
+        )
         self._motion = rig.in_motion(longest=self.ticks)
         self._step = rig.step_ns
         # the frames may go on where the motion leaves a limit of the scene
@@ -90,7 +98,8 @@ class Contender:
 
     def _piece(self) -> None:
         """Carry the runner through the frames of one piece, as a run does between its waits."""
-        experiment, runner = self._experiment, self.runner
+        experiment = self._experiment
+        runner = self.runner
         end = runner.tick + self._each
         while runner.tick < end and experiment.begin():
             carry_on(experiment, (), min(end, experiment.until()), self._inside)
@@ -136,13 +145,10 @@ class Contender:
         """Return the cost from the results of `round`."""
         frames = np.concatenate([times for times, _ in rounds])
         wall = spread([times for _, times in rounds], QUIET)
-        span, ticks = self.ticks * self._step * 1e-9, self.ticks
-        return Cost(
-            spread(frames, 0.5),
-            spread(frames, 0.99),
-            Spread(span / wall.value, span / wall.high, span / wall.low),
-            Spread(*(value / ticks * 1e9 for value in (wall.value, wall.low, wall.high))),
-        )
+        span = self.ticks * self._step * 1e-9
+        factor = Spread(span / wall.value, span / wall.high, span / wall.low)
+        tick = Spread(*(value / self.ticks * 1e9 for value in (wall.value, wall.low, wall.high)))
+        return Cost(spread(frames, 0.5), spread(frames, 0.99), factor, tick)
 
 
 def spread(samples: ArrayLike, share: float) -> Spread:
@@ -155,7 +161,9 @@ def spread(samples: ArrayLike, share: float) -> Spread:
 
     values = np.sort(np.asarray(samples, dtype=np.float64))
     count = len(values)
-    places = math.ceil(share * count), int(binom.ppf(0.025, count, share)), int(binom.ppf(0.975, count, share)) + 1
+    low = int(binom.ppf(0.025, count, share))
+    high = int(binom.ppf(0.975, count, share)) + 1
+    places = (math.ceil(share * count), low, high)
     return Spread(*(float(values[min(max(place, 1), count) - 1]) for place in places))
 
 

@@ -4,7 +4,8 @@ case            a case: a TOML file in `cases`; small rigs that no scene has; th
 trial           one run with a check of every step; a run as a user makes it: recorded and verified, and as processes
 results         the outcome of a run; green, amber or red
 cells           the cells and their results, of all cases in worker processes
-report          JSON and JUnit, and the matrix as a picture
+report          JSON and JUnit
+picture         the matrix as a picture
 search          random search over the boxes of the cases
 """
 

@@ -134,9 +134,11 @@ def read(path: Path) -> Case:
     if {"plant", "based_on"} & raw.keys():
         example = f'a case names one, scene = "{path.name}", with title, about and duration (docs/torture.md)'
         raise SceneError(str(path), [f"is a scene; {example}"])
-    raw["places"], changes = {}, raw.get("set")
+    raw["places"] = {}
+    changes = raw.get("set")
     if isinstance(changes, dict) and "scene" in raw:
-        raw["set"], lines = dict(source.dotted(changes)), places.lines(text)
+        raw["set"] = dict(source.dotted(changes))
+        lines = places.lines(text)
         raw["places"] = {key: Place(str(path), lines[f"set.{key}"]) for key in raw["set"]}
     raw["acts"] = raw.pop("act", [])
     try:
@@ -385,8 +387,11 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
             drives[act.target] = "ramped" if act.over else drives.get(act.target, "held")
     parameters: Any
     sensors: dict[str, Any]
+    limits: dict[str, Any]
     if case.rig:
-        parameters, sensors, limits = _own_parameters(case), {"ideal": RIGS[case.rig].instrument}, {}
+        parameters = _own_parameters(case)
+        sensors = {"ideal": RIGS[case.rig].instrument}
+        limits = {}
     else:
         scene = changed(case)
         if scene.assemble().film is not None:  # a tick has its own steps
@@ -395,7 +400,8 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
             clock["tolerance"] = Clock.model_fields["tolerance"].default
         clock = scene.clock.model_dump(mode="json") | clock
         # the noise would be another one in frames of another length
-        parameters, sensors = scene.parameters.model_copy(update={"noise": None}), scene.sensors
+        parameters = scene.parameters.model_copy(update={"noise": None})
+        sensors = scene.sensors
         limits = scene.limits if case.limited else {}
     return Watched(
         name=case.name,

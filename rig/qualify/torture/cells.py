@@ -141,7 +141,8 @@ def _alone(case: Case, kind: str, result: Callable[[], CellResult]) -> Cell:
 
 def _named(case: Case) -> CellResult:
     """The result of a case that physics or its step makes unstable: green if the stability report names the reason."""
-    expect, scene = case.expect, watched(case, "auto", case.steps[0])
+    expect = case.expect
+    scene = watched(case, "auto", case.steps[0])
     system = scene.assemble().system()
     report = stability_report(system, chosen("auto", system), scene.step_ns * 1e-9)
     errors = [finding for finding in report if finding.level == "error"]
@@ -149,7 +150,11 @@ def _named(case: Case) -> CellResult:
         return red("missed event", "this is physically unstable, and the stability report does not say so")
     named = expect.refused or ("jam" if expect.jams else "")
     for finding in errors:
-        if named in finding.what if named else abs(finding.number / (expect.growth or 1.0) - 1.0) < NEAR:
+        if named:
+            expected = named in finding.what
+        else:
+            expected = abs(finding.number / (expect.growth or 1.0) - 1.0) < NEAR
+        if expected:
             return CellResult("green", "", f"named: {finding.what}")
     wanted = expect.refused or ("jamming" if expect.jams else f"a growth of {expect.growth:g} 1/s")
     return red("refused", f"{errors[0].what}; expected {wanted}")
@@ -183,7 +188,9 @@ def _reference(case: Case, until: int, seconds: float) -> Found | CellResult:
 
 def _cell(case: Case, method: str, scene: Watched, until: int, seconds: float, reference: Found | CellResult) -> Cell:
     default = scene.clock.method == cases.own_method(case)
-    spent, speed, counts = 0.0, None, dict[str, float]()
+    spent = 0.0
+    speed = None
+    counts: dict[str, float] = {}
     try:
         if isinstance(reference, CellResult):
             result = reference
@@ -192,11 +199,14 @@ def _cell(case: Case, method: str, scene: Watched, until: int, seconds: float, r
             result = judge(case, outcome, reference, scene.step_ns * 1e-9)
             if default and result.colour == "green":
                 result = recording(case, scene, until) or result
-            spent, simulated = outcome.seconds, outcome.ticks * scene.step_ns * 1e-9
+            spent = outcome.seconds
+            simulated = outcome.ticks * scene.step_ns * 1e-9
             speed = simulated / outcome.carrying if simulated else None
             counts = {"events": outcome.count} | {name: getattr(outcome, name) for name in COUNTED}
     except FAULTS as error:
-        result, spent = fault(error), seconds if isinstance(error, OutOfTime) else spent
+        result = fault(error)
+        if isinstance(error, OutOfTime):
+            spent = seconds
         if result.reason == "refused" and not default:
             result = replace(result, colour="amber")
     return Cell(case.name, method, scene.step_ns * 1e-9, default, result, spent, counts, speed)
@@ -214,8 +224,11 @@ def matrix(
     Missing kernels are compiled before the first cell; `report` gets a line for each. `progress` counts cases.
     `workers`: processes, one for each core by default.
     """
-    work = Work(partial(_cells, quick), [variant for name in names for variant in cases.each(cases.load(name), quick)])
-    prepare((scene for case in work.items for scene in kernel_scenes(case, quick)), report)
+    variants: list[Case] = []
+    for name in names:
+        variants += cases.each(cases.load(name), quick)
+    work = Work(partial(_cells, quick), variants)
+    prepare((scene for case in variants for scene in kernel_scenes(case, quick)), report)
     with temporary(work) as store:
         by_unit = carry_out(work, store, workers, progress)
     return [Cell.of(raw) for unit in sorted(by_unit) for raw in unpacked(by_unit[unit])]

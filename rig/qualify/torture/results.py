@@ -16,6 +16,33 @@ from rig.printable import counted
 from rig.qualify.torture.case import Case
 
 Array = NDArray[np.float64]
+Colour = Literal["green", "amber", "red"]
+Reason = Literal[
+    "",
+    "NaN",
+    "energy",
+    "creep",
+    "chatter",
+    "iteration cap",
+    "missed event",
+    "order lost",
+    "refused",
+    "overrun",
+    "cost",
+    "recording",
+]
+SMOOTH = 1e-9
+"""Largest residual of the energy balance, relative to its largest term, without events,"""
+WITH_EVENTS = 1e-6
+"""with events,"""
+WITH_FILM = 1e-2
+"""and of a film of points."""
+ROUND = 1e-9
+"""Relative size below which forces, powers and the slip of a stuck contact count as rounding."""
+LATE = 1e-3
+"""Largest delay of an event, over the mean distance of events."""
+_TOGETHER = 1e-9  # s: events that are simultaneous
+_TINY = 1e-30  # least scale of a relative number, where everything is zero
 
 
 class OutOfTime(Exception):
@@ -66,29 +93,6 @@ class Found:
     """For methods without a mode for stick: the largest slip speed of any contact at every step."""
 
 
-Colour = Literal["green", "amber", "red"]
-Reason = Literal[
-    "",
-    "NaN",
-    "energy",
-    "creep",
-    "chatter",
-    "iteration cap",
-    "missed event",
-    "order lost",
-    "refused",
-    "overrun",
-    "cost",
-    "recording",
-]
-SMOOTH, WITH_EVENTS, WITH_FILM = 1e-9, 1e-6, 1e-2
-"""Largest residual of the energy balance, relative to its largest term; the last for a film of points."""
-ROUND = 1e-9
-"""Relative size below which forces, powers and the slip of a stuck contact count as rounding."""
-LATE = 1e-3
-"""Largest delay of an event, over the mean distance of events."""
-
-
 @dataclass(frozen=True)
 class CellResult:
     """A colour, a reason ("" if green), and a line of text with the number that decided."""
@@ -118,14 +122,15 @@ def fault(error: Exception) -> CellResult:
         return (amber if isinstance(error, UsageError) else red)("refused", text)
     finite = isinstance(error, Diverged) and all(np.isfinite(list(error.state.values())))
     kinds: dict[type[NumericsError], Reason] = {Chatter: "chatter", Jammed: "iteration cap"}
-    return red(kinds.get(type(error), "energy" if finite else "NaN"), f"at {error.time:.6g} s: {text}")
+    kind = kinds.get(type(error), "energy" if finite else "NaN")
+    return red(kind, f"at {error.time:.6g} s: {text}")
 
 
 def judge(case: Case, outcome: Found, reference: Found | None, step: float = 1e-3) -> CellResult:
     """Return the result of a run in steps of `step` [s] that completed: its first fault."""
+    checks = (_physical(case, outcome, reference), _expected(case, outcome, reference), _on_time(outcome, step))
     green = CellResult("green", "", ", ".join(outcome.notes))
-    return next(itertools.chain(_physical(case, outcome, reference), _expected(case, outcome, reference),
-                                _on_time(outcome, step)), green)  # fmt: skip
+    return next(itertools.chain(*checks), green)
 
 
 def _physical(case: Case, outcome: Found, reference: Found | None) -> Iterator[CellResult]:
@@ -137,9 +142,10 @@ def _physical(case: Case, outcome: Found, reference: Found | None) -> Iterator[C
     if outcome.pulling > ROUND:
         yield red("missed event", f"a contact pulls with {outcome.pulling:.2g} of its load")
     if outcome.slips and reference is not None and reference.stuck > 1e-3:
-        slips, share = np.concatenate(outcome.slips), 100.0 * reference.stuck
+        slips = np.concatenate(outcome.slips)
         creeping = float(np.quantile(slips, 0.5 * reference.stuck))
-        if creeping > ROUND * max(float(slips.max()), 1e-30):
+        if creeping > ROUND * max(float(slips.max()), _TINY):
+            share = 100.0 * reference.stuck
             text = f"never sticks; slips by {creeping:.2g} m/s where it should stick {share:.0f} % of the time"
             yield red("creep", text)
     if outcome.creep > ROUND:
@@ -147,7 +153,11 @@ def _physical(case: Case, outcome: Found, reference: Found | None) -> Iterator[C
     for name in case.expect.still:
         if name in outcome.ended and outcome.ended[name] != outcome.began[name]:
             yield red("creep", f"{name} has moved by {outcome.ended[name] - outcome.began[name]:.3g}")
-    bound = WITH_FILM if outcome.with_film else WITH_EVENTS if outcome.count or case.acts else SMOOTH
+    bound = SMOOTH
+    if outcome.with_film:
+        bound = WITH_FILM
+    elif outcome.count or case.acts:
+        bound = WITH_EVENTS
     if outcome.energy > bound:
         yield red("energy", f"residual of the energy balance {outcome.energy:.2g}, allowed {bound:g}")
     if outcome.negative_power > ROUND:
@@ -176,15 +186,18 @@ def _expected(case: Case, outcome: Found, reference: Found | None) -> Iterator[C
     if len(outcome.events) > 1:
         apart = (reference.events[-1][0] - reference.events[0][0]) / (len(reference.events) - 1)
         late = max(abs(ours - theirs) for (ours, _), (theirs, _) in pairs)
-        if late > LATE * max(apart, 1e-30):
+        if late > LATE * max(apart, _TINY):
             yield amber("order lost", f"events are up to {late / apart:.2g} of their mean distance late")
 
 
 def _tie(outcome: Found, reference: Found, at: int) -> bool:
     """Whether both have the same simultaneous events at that instant, in any order."""
-    t = outcome.events[at][0]
-    ours, theirs = (sorted(what for time, what in run.events if abs(time - t) < 1e-9) for run in (outcome, reference))
-    return ours == theirs
+    instant, _ = outcome.events[at]
+
+    def simultaneous(run: Found) -> list[str]:
+        return sorted(what for time, what in run.events if abs(time - instant) < _TOGETHER)
+
+    return simultaneous(outcome) == simultaneous(reference)
 
 
 def _on_time(outcome: Found, step: float) -> Iterator[CellResult]:

@@ -37,22 +37,13 @@ from rig.solve.records import OPEN, SLIP_MINUS, STICK
 Array = NDArray[np.float64]
 
 
-def look(system: System, states: Array, outcome: Found) -> None:
-    """Record in `outcome` how far a point pulls or leaves its cone at `states` [state, n], over the largest force."""
-    film = system.film
-    assert film is not None
-    normal, *others = (
-        states[:, [system.names.index(at(kept, point)) for point in range(film.points)]]
-        for kept in ("P", "f", "g")[: film.directions]
-    )
-    friction = np.sqrt(sum(part**2 for part in others))
-    outcome.pulling = max(outcome.pulling, -float(normal.min()) / max(float(np.abs(normal).max()), 1e-30))
-    outside = float((friction - film.mu * np.maximum(normal, 0.0)).max())
-    outcome.outside_cone = max(outcome.outside_cone, outside / max(float(friction.max()), 1e-30))
-
-
 CHUNK = 4096
-KEPT = 20_000  # events stored individually
+"""Ticks that one call simulates, where the case does not state them."""
+KEPT = 20_000
+"""Events that are stored individually."""
+RECORDED = 4000
+"""Most sample steps of a recording, or one frame. # chosen: recording and verifying it take a tenth of a second"""
+_TINY = 1e-30  # least scale of a relative number, where everything is zero
 
 
 class _Left(Exception):
@@ -77,7 +68,8 @@ class Trial:
     """A case with one method and step. Raises SceneError for an invalid rig, ValueError for a refused method."""
 
     def __init__(self, case: Case, scene: Watched, until_ns: int, seconds: float) -> None:
-        self.case, self.until_ns = case, until_ns
+        self.case = case
+        self.until_ns = until_ns
         self.found = Found()
         self._stop = seconds
         self._begin = time.thread_time()
@@ -90,13 +82,15 @@ class Trial:
         values = self.runner.output_values()
         self.found.began = dict(zip(self.runner.outputs, values.tolist()))
         self._exchange: Exchange | None = None
-        self._key, self._seen = self.motion.key, 0
+        self._key = self.motion.key
+        self._seen = 0
         self._last = 1  # ticks of the last frame
 
     def _set(self) -> None:
         """Set the columns of the outputs that the invariants check."""
         at = {name: i for i, name in enumerate(self.runner.outputs)}
-        self._changes, system = cache(self._between), self.motion.system
+        self._changes = cache(self._between)
+        system = self.motion.system
         self.found.with_film = system.film is not None
         self._patches = [(at[f"T:{p.name}"], at[f"w:{p.name}"]) for p in system.patches]  # friction and slip speed
         self._normals = [(at[f"N:{k.name}"], k.patch, k.opens) for k in system.normals]
@@ -114,8 +108,10 @@ class Trial:
         finally:
             self._look()
             counts = self.motion.counts()
-            outcome.trials, outcome.opened = counts["trial_steps"], counts["opened_ticks"]
-            outcome.ticks, outcome.seconds = self.motion.tick, time.thread_time() - self._begin
+            outcome.trials = counts["trial_steps"]
+            outcome.opened = counts["opened_ticks"]
+            outcome.ticks = self.motion.tick
+            outcome.seconds = time.thread_time() - self._begin
             outcome.stuck = self._stuck_ticks / max(self.motion.tick, 1)
             outcome.measurements = sum(self.runner.bank.counts())
             with np.errstate(over="ignore", invalid="ignore"):  # for a state outside of the range of numbers
@@ -124,8 +120,8 @@ class Trial:
             outcome.ended = dict(zip(self.runner.outputs, self.runner.output_values().tolist()))
         if self._exchange is not None:
             counts = self._exchange.counters()["wild"]
-            told = (f"{counts[name]} {name.replace('_', ' ')}" for name in ("not_finite", "clamped") if counts[name])
-            outcome.notes.append(f"commands: {', '.join(told)}")
+            clauses = [f"{counts[name]} {name.replace('_', ' ')}" for name in ("not_finite", "clamped") if counts[name]]
+            outcome.notes.append(f"commands: {', '.join(clauses)}")
         if outcome.held:
             outcome.notes.append(f"a contact that cannot open pulls by {outcome.held:.3g} N")
         return outcome
@@ -134,10 +130,16 @@ class Trial:
         """All actions in order of time: (time [ns], act, its repetition)."""
         actions = []
         for act in self.case.acts:
-            follows = (self.until_ns - act.at) // act.every if act.do == "follow" else 1
-            turns = len(act.values) if act.do == "command" else follows
-            actions += [(act.at + turn * act.every, act, turn) for turn in range(turns)]
-        return sorted((action for action in actions if action[0] < self.until_ns), key=lambda action: action[0])
+            turns = 1
+            if act.do == "follow":
+                turns = (self.until_ns - act.at) // act.every
+            elif act.do == "command":
+                turns = len(act.values)
+            for turn in range(turns):
+                at = act.at + turn * act.every
+                if at < self.until_ns:
+                    actions.append((at, act, turn))
+        return sorted(actions, key=lambda action: action[0])
 
     def _do(self, act: Act, turn: int) -> None:
         runner = self.runner
@@ -186,25 +188,27 @@ class Trial:
         self.found.notes.append(f"{counted(pacer.frames_given_up, 'frame')} given up, {self.found.burst} caught up")
 
     def _carry(self, until_ns: int) -> None:
-        motion, until = self.motion, until_ns // self._step
+        motion = self.motion
+        until = until_ns // self._step
         while motion.tick < until:
             if motion.kept >= ROWS - CHUNK:
                 self._look()
             ticks = min(next(self._blocks), until - motion.tick)
-            begin, kept = time.thread_time(), motion.kept
+            kept = motion.kept
+            begin = time.thread_time()
             motion.advance(ticks, keep=True)
             self.found.carrying += time.thread_time() - begin
             self._last = (motion.kept - kept - 1) % self.runner.steps + 1
             self.runner.tick = motion.tick // self.runner.steps
-            outcome, bank = self.found, self.runner.bank
-            outcome.not_finite += int(np.count_nonzero(~np.isfinite(bank.latest)))
+            bank = self.runner.bank
+            self.found.not_finite += int(np.count_nonzero(~np.isfinite(bank.latest)))
             if bank.short:
                 bank.fill()
             if motion.event_count:
                 self._note()
             if motion.beyond >= 0:
-                name, at = self.runner.outputs[motion.beyond], motion.tick * self._step * 1e-9
-                raise _Left(f"ends at {at:.3g} s: {name} exceeds the limit of its scene")
+                at = motion.tick * self._step * 1e-9
+                raise _Left(f"ends at {at:.3g} s: {self.runner.outputs[motion.beyond]} exceeds the limit of its scene")
             if time.thread_time() - self._begin > self._stop:
                 raise OutOfTime(self._stop)
 
@@ -232,7 +236,8 @@ class Trial:
 
     def _change(self, at: float, key: int) -> None:
         """Count what changes with mode set `key`, and store it while there is room."""
-        changes, self._key = self._changes(self._key, key), key
+        changes = self._changes(self._key, key)
+        self._key = key
         self.found.count += len(changes)
         if len(self.found.events) < KEPT:
             self.found.events += [(at, what) for what in changes]
@@ -241,40 +246,45 @@ class Trial:
         """The difference between two mode sets, in words."""
         if before == after:
             return ()
-        words = (self.motion.system.describe(key).split(", ") for key in (before, after))
-        old, new = (set(states) for states in words)
-        return tuple(sorted(new - old)) or tuple(sorted(f"no longer {states}" for states in old - new))
+        old, new = ({*self.motion.system.describe(key).split(", ")} for key in (before, after))
+        begun = sorted(new - old)
+        ended = sorted(f"no longer {state}" for state in old - new)
+        return tuple(begun or ended)
 
     def _sticks(self, key: int) -> bool:
         """Whether every contact sticks; an open one does not."""
         patches, normals, *_ = self.motion.system.modes(key)
-        of = [k.patch for k in self.motion.system.normals]
-        loaded = [any(mode != OPEN for mode, patch in zip(normals, of) if patch == p) for p in range(len(patches))]
-        return bool(patches) and all(m == STICK and on for m, on in zip(patches, loaded))
+        loaded = {k.patch for k, mode in zip(self.motion.system.normals, normals) if mode != OPEN}
+        return bool(patches) and all(mode == STICK and p in loaded for p, mode in enumerate(patches))
 
     def _look(self) -> None:
         """Check the data of every step, and discard it."""
-        motion, outcome, rows = self.motion, self.found, self.motion.kept
+        motion = self.motion
+        outcome = self.found
+        rows = motion.kept
         if not rows:
             return
         self._settle(motion.key)
-        states, mode_sets = motion.log.out[:rows], motion.log.modes[:rows]
+        states = motion.log.out[:rows]
+        mode_sets = motion.log.modes[:rows]
         values = motion.outputs_at(states, mode_sets)
         motion.kept = self._seen = 0
         outcome.not_finite += int(np.count_nonzero(~np.isfinite(states)))
         for name, column in zip(self.runner.outputs, np.abs(values).max(axis=0).tolist()):
             outcome.largest[name] = max(outcome.largest.get(name, 0.0), column)
         keys = [entry.key for entry in motion.mode_sets.sets]
-        self._stuck_ticks += int(np.array([self._sticks(key) for key in keys])[mode_sets].sum())
+        sticks = np.array([self._sticks(key) for key in keys])
+        self._stuck_ticks += int(sticks[mode_sets].sum())
         if motion.system.film is not None:
             look(motion.system, states, outcome)
         load = values[:, [column for column, *_ in self._normals]].sum(axis=1)
         for column, _, opens in self._normals:
             if opens:
-                pull = -float(values[:, column].min()) / max(float(np.abs(load).max()), 1e-30)
+                pull = -float(values[:, column].min()) / max(float(np.abs(load).max()), _TINY)
                 outcome.pulling = max(outcome.pulling, pull)
         if motion.integration.method == "smooth":
-            outcome.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
+            slips = np.abs(values[:, [slip for _, slip in self._patches]])
+            outcome.slips.append(slips.max(axis=1, initial=0.0))
         largest = float(np.abs(states).max())
         for p in range(len(self._patches)):
             self._look_at_patch(p, states, values, mode_sets, keys, largest)
@@ -283,40 +293,59 @@ class Trial:
         self, p: int, states: Array, values: Array, mode_sets: NDArray[Any], keys: list[int], largest: float
     ) -> None:
         """Check power, cone and creep of a patch; `largest`: of all states."""
-        outcome, normals = self.found, [(column, opens) for column, of, opens in self._normals if of == p]
+        outcome = self.found
+        system = self.motion.system
+        normals = [(column, opens) for column, of, opens in self._normals if of == p]
         T, w = (values[:, column] for column in self._patches[p])
         load = values[:, [column for column, _ in normals]].sum(axis=1)
         if not any(opens for _, opens in normals) and load.min() < 0.0:
             outcome.held = max(outcome.held, -float(load.min()))  # it can pull, and no law says what friction is then
-            T, load = np.where(load < 0.0, 0.0, T), np.maximum(load, 0.0)
-        friction, speed = float(np.abs(T).max()), float(np.abs(w).max())
-        stuck = np.array([self.motion.system.modes(key)[0][p] == STICK for key in keys])[mode_sets]
+            T = np.where(load < 0.0, 0.0, T)
+            load = np.maximum(load, 0.0)
+        friction = float(np.abs(T).max())
+        speed = float(np.abs(w).max())
+        modes = [system.modes(key)[0][p] for key in keys]
+        stuck = np.array([mode == STICK for mode in modes])[mode_sets]
         power = np.where(stuck, 0.0, T * w)  # in stick w is rounding, which creep is compared with
-        if not self.motion.system.patches[p].law.presliding:  # bristles give back what they stored
-            outcome.negative_power = max(outcome.negative_power, -float(power.min()) / max(friction * speed, 1e-30))
-        laws = [self.motion.system.law(p, key) for key in keys]
-        most = np.array([max(way.static for way in law.directions) for law in laws])[mode_sets]
-        for mode_set, law in enumerate(laws):
+        if not system.patches[p].law.presliding:  # bristles give back what they stored
+            outcome.negative_power = max(outcome.negative_power, -float(power.min()) / max(friction * speed, _TINY))
+        laws = [system.law(p, key) for key in keys]
+        static = []
+        for law in laws:
+            static.append(max(way.static for way in law.directions))
+        most = np.array(static)[mode_sets]
+        for mode_set, (mode, law) in enumerate(zip(modes, laws)):
             if law.formula is not None and law.states:
-                sign = -1.0 if self.motion.system.modes(keys[mode_set])[0][p] == SLIP_MINUS else 1.0
-                memory = list(self.motion.system.patches[p].memory)
+                sign = -1.0 if mode == SLIP_MINUS else 1.0
+                memory = list(system.patches[p].memory)
                 turned = np.array([sign if state.along else 1.0 for state in law.states])
                 for i in np.flatnonzero(mode_sets == mode_set).tolist():
-                    at = 0.0 if stuck[i] else max(sign * float(w[i]), 0.0)
+                    slip = 0.0 if stuck[i] else max(sign * float(w[i]), 0.0)
                     z = turned * states[i, memory]
-                    most[i] = abs(law.formula.evaluate(law.numbers, at, float(load[i]), z)[0][0])
+                    most[i] = abs(law.formula.evaluate(law.numbers, slip, float(load[i]), z)[0][0])
             elif not law.constant:  # a film bears more the faster it slides
-                here = np.flatnonzero(~stuck & (mode_sets == mode_set))
-                most[here] = np.maximum(law.static, law.over(np.abs(w[here])))
+                slips = np.flatnonzero(~stuck & (mode_sets == mode_set))
+                most[slips] = np.maximum(law.static, law.over(np.abs(w[slips])))
         outside = float((np.abs(T) - most * np.maximum(load, 0.0)).max())
-        outcome.outside_cone = max(outcome.outside_cone, outside / max(friction, 1e-30))
+        outcome.outside_cone = max(outcome.outside_cone, outside / max(friction, _TINY))
         if stuck.any():
-            creep = float(np.abs(w[stuck]).max()) / max(speed, largest, 1e-30)
+            creep = float(np.abs(w[stuck]).max()) / max(speed, largest, _TINY)
             outcome.creep = max(outcome.creep, creep)
 
 
-RECORDED = 4000
-"""Most sample steps of a recording, or one frame. # chosen: recording and verifying it take a tenth of a second"""
+def look(system: System, states: Array, outcome: Found) -> None:
+    """Record in `outcome` how far a point pulls or leaves its cone at `states` [state, n], over the largest force."""
+    film = system.film
+    assert film is not None
+    forces = []
+    for kept in ("P", "f", "g")[: film.directions]:
+        columns = [system.names.index(at(kept, point)) for point in range(film.points)]
+        forces.append(states[:, columns])
+    normal, *tangential = forces
+    friction = np.sqrt(sum(part**2 for part in tangential))
+    outcome.pulling = max(outcome.pulling, -float(normal.min()) / max(float(np.abs(normal).max()), _TINY))
+    outside = float((friction - film.mu * np.maximum(normal, 0.0)).max())
+    outcome.outside_cone = max(outcome.outside_cone, outside / max(float(friction.max()), _TINY))
 
 
 def recording(case: Case, scene: Watched, until_ns: int) -> CellResult | None:

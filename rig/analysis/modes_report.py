@@ -1,0 +1,299 @@
+"""The report of `rig modes`: a sliding equilibrium and its vibration modes, as records, text, table and JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from rig.model.assembly import Nodes
+from rig.model.system import Finding
+from rig.printable import columns
+from rig.record.film_points import grouped
+from rig.results import Result
+
+_LONG = 4  # a shape with more shares of the energy than these does not fit into a line
+_MOST = 6  # shares that are shown of a long shape
+_LEAST = 0.01  # of the energy: the smallest share that is shown
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One vibration mode about the equilibrium.
+
+    `energy`: share of each coordinate in the kinetic energy, and of each network state in the network's energy, which
+    makes metres, radians and volts comparable. `shape`: amplitude of each state; the one with the largest share is 1.
+    `error`: of a reduced structure, the estimated error of the eigenvalue over its size; None if it is not known.
+    """
+
+    growth: float
+    frequency: float
+    damping: float
+    shape: dict[str, complex]
+    energy: dict[str, float]
+    error: float | None = None
+
+    @property
+    def kind(self) -> str:
+        """The kind of mode, in words; undecided where the growth is smaller than its estimated error."""
+        if self.growth == 0.0 == self.frequency:
+            return "stays"
+        if abs(self.growth) <= 1e-9 * 2.0 * math.pi * self.frequency:
+            return "neutral"
+        if self.error is not None and abs(self.growth) <= self.error * 2.0 * math.pi * self.frequency:
+            return "undecided"
+        if self.growth > 0.0:
+            return "flutter" if self.frequency else "divergence"
+        return "decays"
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """A sliding equilibrium and the modes about it, least stable first.
+
+    `exists` is false without steady sliding, and `why` has the reason. The numbers are then invalid, with one
+    exception: at constant coefficients the modes do not depend on the place of the equilibrium, so that they `count`
+    also where the contact would have to pull. `equilibrium`: plant outputs; `coefficient`: friction over normal force
+    of each contact. `pulls`: number of points of a film that would have to pull; the modes are those with all points
+    closed.
+    """
+
+    exists: bool
+    why: str
+    counts: bool
+    equilibrium: dict[str, float]
+    coefficient: dict[str, float]
+    modes: tuple[Mode, ...]
+    pulls: int = 0
+
+    @property
+    def growth(self) -> float:
+        """The largest growth rate [1/s]."""
+        return max((mode.growth for mode in self.modes), default=math.nan)
+
+    @property
+    def stable(self) -> bool:
+        """Whether every mode decays."""
+        return self.exists and all(mode.growth < 0.0 for mode in self.modes)
+
+
+@dataclass(frozen=True)
+class Modes(Result):
+    """The vibration modes of a scene at steady sliding (`rig.analysis.modes.modes`).
+
+    `dithered`: the same with averaged dither of `amplitude` [unit] at `hertz`; None for a scene without dither. `slow`:
+    why the dither cannot be averaged; `dithered` is then the forced motion, and its modes are Floquet exponents.
+    `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: critical coefficients of friction in
+    closed form (infinite: never reached). `notes`: what the reduction of a structure leaves open, a sentence each;
+    `up_to` [Hz]: it holds up to it; modes above, and heavily damped ones, are left out. `nodes`: of shapes.
+    `left_out`: the controllers that do not act, in words.
+    """
+
+    FIGURE: ClassVar = "rig.analysis.figures:modes_figure"
+
+    scene: str
+    mode: str
+    sliding: Sliding
+    units: dict[str, str]
+    findings: tuple[Finding, ...]
+    dithered: Sliding | None = None
+    amplitude: float = 0.0
+    unit: str = ""
+    hertz: float = 0.0
+    slow: str = ""
+    free: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    up_to: float = math.inf
+    nodes: Nodes | None = field(default=None, compare=False)
+    left_out: str = ""
+
+    COLUMNS: ClassVar = ("mode", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")
+
+    def table(self) -> list[tuple[str, float, float, float, str]]:
+        """Return a row for each mode, in the order of COLUMNS."""
+        kinds = [(mode.kind, mode) for mode in self.sliding.modes]
+        if self.dithered is not None:
+            how = "forced" if self.slow else "dithered"
+            kinds += [(f"{mode.kind}, {how}", mode) for mode in self.dithered.modes]
+        rows = []
+        for kind, mode in kinds:
+            shape = shape_text(mode.shape, mode.energy)
+            rows.append((kind, mode.growth, mode.frequency, mode.damping, shape))
+        return rows
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        dither: dict[str, Any] | None = None
+        if self.dithered is not None:
+            dither = {"amplitude": self.amplitude, "unit": self.unit, "hertz": self.hertz, "slow": self.slow}
+            dither |= _plain(self.dithered)
+        content = {
+            "scene": self.scene,
+            "mode": self.mode,
+            "units": self.units,
+            **_plain(self.sliding),
+            "dither": dither,
+            "free": dict(self.free),
+            "limits": dict(self.limits),
+            "findings": [finding.to_json() for finding in self.findings],
+            "left_out": self.left_out,
+        }
+        if math.isfinite(self.up_to):
+            content["notes"] = list(self.notes)
+            content["up_to"] = self.up_to
+        return content
+
+    def text(self) -> str:
+        """Return the report as text."""
+        sliding = self.sliding
+        what = "steady sliding" if sliding.coefficient else "at rest"
+        lines = [f"{self.scene}: {'' if sliding.exists else 'no '}{what} ({self.mode})"]
+        if self.left_out:
+            lines.append(f"  {self.left_out}")
+        if sliding.exists:
+            lines += self._outputs()
+        else:
+            lines.append(f"  no steady sliding at these values: {sliding.why}")
+        if sliding.pulls:
+            lines.append(f"  {sliding.pulls} points would have to pull; the modes below count all points as closed")
+        if sliding.exists or sliding.counts:
+            lines += ["", *self._table_lines()]
+            if math.isfinite(self.up_to):
+                reduction = f"the reduction of the structure holds up to {self.up_to:g} Hz"
+                lines.append(f"  {reduction}; higher and heavily damped modes are left out")
+        if self.notes:
+            lines += ["", *(f"  warning: {note}" for note in self.notes)]
+        if self.free:
+            free = [(name, f"{hertz:.6g}") for name, hertz in self.free.items()]
+            lines += ["", "  natural frequencies of parts by themselves [Hz]:", *columns(free, "<>")]
+        if self.limits:
+            known = [f"{name} {mu:.6g}" if math.isfinite(mu) else f"{name} never" for name, mu in self.limits.items()]
+            lines += ["", f"  coefficients of friction at the limits: {', '.join(known)}"]
+        if self.dithered is not None:
+            lines += ["", *self._dither_lines(self.dithered)]
+        if self.findings:
+            lines.append("")
+        for finding in self.findings:
+            lines.append(f"  {finding.level}: {finding.what}\n    {finding.remedy}")
+        return "\n".join(lines)
+
+    def summary(self) -> str:
+        """Return the stability in one sentence: the mode that grows fastest, or that decays most slowly."""
+        what = "steady sliding" if self.sliding.coefficient else "rest"
+        clauses = [f"{what} {_stability(self.sliding)}"]
+        if self.dithered is not None:
+            clauses.append(f"with dither it {_stability(self.dithered)}")
+        if self.left_out:
+            clauses.append(self.left_out)
+        return "; ".join(clauses)
+
+    def _outputs(self) -> Iterator[str]:
+        """The outputs at equilibrium; a row of places (`pressure_3_2`) as a range."""
+        for common, names in grouped(self.sliding.equilibrium).items():
+            unit = self.units[names[0]]
+            values = [self.sliding.equilibrium[name] for name in names]
+            if len(names) == 1:
+                yield f"  {names[0]} = {values[0]:.6g} {unit}"
+            else:
+                span = f"{min(values):.6g} to {max(values):.6g} {unit}"
+                yield f"  {common.removesuffix('_of')} of {len(names)} points: {span}"
+
+    def _table_lines(self) -> Iterator[str]:
+        """The table of modes; with a column of estimated errors if any is known."""
+        rows = [self.COLUMNS]
+        for kind, growth, frequency, damping, shape in self.table():
+            rows.append((kind, f"{growth:.6g}", f"{frequency:.6g}", f"{damping:.4g}", shape))
+        errors = [mode.error for mode in self.sliding.modes]
+        if all(error is None for error in errors):
+            return columns(rows, "<>>><")
+        cells = ["estimated error"]
+        for error in errors:
+            cells.append("" if error is None else f"{error:.1e}")
+        cells += [""] * (len(rows) - len(cells))  # of dithered modes none is known
+        return columns([(*row[:4], cell, row[4]) for row, cell in zip(rows, cells)], "<>>>><")
+
+    def _dither_lines(self, dithered: Sliding) -> list[str]:
+        """What dither does: averaged friction, or the forced motion and why the friction is not averaged."""
+        line = f"  dithered: {self.amplitude:g} {self.unit} at {self.hertz:g} Hz"
+        effect = ", ".join(f"{v:.4g} at {name}" for name, v in dithered.coefficient.items())
+        if not self.slow:
+            return [f"{line}, friction {effect} (averaged)"]
+        known = dithered.exists or dithered.counts
+        forced = "Floquet exponents of the forced motion" if known else "no result"
+        if effect:
+            forced += f", mean friction {effect}"
+        if dithered.why:
+            forced += f": {dithered.why}"
+            if dithered.counts and not dithered.exists:
+                forced += "; they are those of the contact held closed"
+        return [line, f"    not averaged: {self.slow}", f"    {forced}"]
+
+
+def shape_text(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str:
+    """Return a shape as text: energy share and angle of each coordinate and network state; only the large ones of many.
+
+    Without energy: size and angle of each state.
+    """
+    if not energy:
+        return ", ".join(f"{name} {abs(v):.3g} at {_degrees(v)} deg" for name, v in shape.items())
+    least = _LEAST
+    if len(energy) > _LONG:
+        rising = sorted(energy.values())
+        least = max(_LEAST, rising[-min(_MOST, len(energy))])
+    large = {name: share for name, share in energy.items() if share >= least}
+    parts = [f"{name} {100.0 * share:.3g} % at {_degrees(shape[name])} deg" for name, share in large.items()]
+    text = ", ".join(parts)
+    left = sum(share > 0.0 for share in energy.values()) - len(large)
+    if left:
+        text += f"; {left} with less than {100.0 * least:.2g} %"
+    return text
+
+
+def _stability(sliding: Sliding) -> str:
+    """Predicate of a sentence on the stability of an equilibrium."""
+    if not sliding.exists:
+        return f"does not exist at these values: {sliding.why}" if sliding.why else "does not exist at these values"
+    if not sliding.modes:
+        return "has no vibration mode"
+    mode = max(sliding.modes, key=lambda mode: mode.growth)
+    at = f" at {mode.frequency:.4g} Hz" if mode.frequency else ""
+    if mode.growth > 0.0:
+        return f"is unstable: {mode.kind} grows with {mode.growth:.4g} 1/s{at}"
+    if mode.growth == 0.0:
+        return f"neither decays nor grows: {mode.kind}{at}"
+    return f"is stable: the slowest mode decays with {-mode.growth:.4g} 1/s{at}"
+
+
+def _degrees(v: complex) -> int:
+    """The angle of an amplitude; half a turn always has the same sign, whatever the rounding."""
+    angle = round(math.degrees(math.atan2(v.imag, v.real)))
+    return 180 if angle == -180 else angle
+
+
+def _plain(sliding: Sliding) -> dict[str, Any]:
+    return {
+        "exists": sliding.exists,
+        "stable": sliding.stable,
+        "why": sliding.why,
+        "counts": sliding.counts,
+        "equilibrium": sliding.equilibrium,
+        "coefficient": sliding.coefficient,
+        "pulls": sliding.pulls,
+        "modes": [_plain_mode(mode) for mode in sliding.modes],
+    }
+
+
+def _plain_mode(mode: Mode) -> dict[str, Any]:
+    content = {
+        "kind": mode.kind,
+        "growth": mode.growth,
+        "frequency": mode.frequency,
+        "damping": mode.damping,
+        "shape": {name: [v.real, v.imag] for name, v in mode.shape.items()},
+        "energy": mode.energy,
+    }
+    if mode.error is not None:
+        content["error"] = mode.error
+    return content
