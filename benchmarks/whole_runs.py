@@ -124,7 +124,7 @@ STARTS = {
 
 
 def start(rounds: int = 5) -> dict[str, Any]:
-    """Return the processor time [s] of new processes, median of `rounds` in turns after `rig warmup`, and that of each
+    """Return the processor time [s] of new processes, median of `rounds` in turns after `rig tool warmup`, and that of each
     over the time of Python with numpy.
     """
     warmup(names=["belt"])

@@ -360,7 +360,7 @@ class Search:
             return self._settled(
                 why=f"no limit cycle: the surface is uneven, and one turn of {self.turn:.4g} s has {changes} mode set "
                 "changes. The motion follows the turn and does not repeat within it. An even surface may have a cycle "
-                "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and rig sound"
+                "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and rig analyse sound"
             )
         if self.rest.stable and self.quiet >= _CALM * self.turn:
             why = self.rest.text(f"; no contact changes in {_CALM} turns of the surface")

@@ -360,7 +360,7 @@ def gallery_page(results: Sequence[Result], machine: str) -> str:
     lines = [
         "# Figures of the papers, reproduced",
         "",
-        f"Made by `make docs` (`rig reproduce all`), the last of them on {machine}.",
+        f"Made by `make docs` (`rig tool reproduce all`), the last of them on {machine}.",
         "",
         "A number agrees when it lies within the bound beside it. *Not reproduced*: it is known to lie outside.",
         "Sources: *paper*, printed there; *reference*, an independent computation of the same equations with the same",

@@ -132,7 +132,9 @@ def _closes(scene: Scene, key: str) -> str:
         for step in protocol.flat(scene.protocol)
     ):
         who.insert(0, "the protocol")
-    return f"is closed by {' and '.join(who)}" if who else f"nothing in the scene closes it (rig tune {key}=1 does)"
+    return (
+        f"is closed by {' and '.join(who)}" if who else f"nothing in the scene closes it (rig live tune {key}=1 does)"
+    )
 
 
 def without(scene: Scene, keys: Keys) -> Scene:
