@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from rig import scenes
-from rig.cli.app import GROUPS, every
+from rig.cli.app import GROUPS, every, program
 from rig.laws import LAWS
 from rig.qualify.torture import case
 from rig.quantities import Unit

@@ -24,8 +24,8 @@ from rig.scenes import shipped
 
 COMMANDS = sorted(every())
 PROMISED = {
-    "": "demo list web run simulate explain new lesson fmu modes cycle branches map loop identify study optimise cost runs "
-    "report verify diff export import note recover view",
+    "": "demo list web run simulate explain new lesson fmu modes cycle branches map loop identify study optimise cost "
+    "runs report verify diff export import note recover view",
     "analyse ": "amplitude events hysteresis portrait pressure response sound spectrum stick",
     "live ": "tune connect disconnect knock pause step resume stop plant control record replay bridge",
     "live topic ": "ls hz echo",

@@ -136,7 +136,8 @@ def test_a_folder_is_not_overwritten(rig, tmp_path, command, name):
     [
         (("simulate belt --out", "run belt --out", "live record --out", "recover log.mcap --out"), "a.csv",
          "a.csv: a recording is an MCAP file, and its name ends in .mcap"),
-        (("map belt --out", "study belt --out", "cost belt --out", "tool torture --out", "tool reproduce --out"), "a.csv",
+        (("map belt --out", "study belt --out", "cost belt --out", "tool torture --out", "tool reproduce --out"),
+         "a.csv",
          "--out a.csv: the results are a folder of several files"),
         (("view log.mcap --save",), "view.txt", "must end in .rrd"),
         (("simulate belt --figure",), "new/a.png", "--figure new/a.png: there is no folder new"),
