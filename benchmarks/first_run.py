@@ -1,5 +1,5 @@
 """First runs with nothing compiled, of this version and of another, one after the other: the pendulum, then a scene
-that needs other kernels, then `rig warmup` from nothing.
+that needs other kernels, then `rig tool warmup` from nothing.
 """
 
 from __future__ import annotations

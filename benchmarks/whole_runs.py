@@ -124,8 +124,8 @@ STARTS = {
 
 
 def start(rounds: int = 5) -> dict[str, Any]:
-    """Return the processor time [s] of new processes, median of `rounds` in turns after `rig warmup`, and that of each
-    over the time of Python with numpy.
+    """Return the processor time [s] of new processes, median of `rounds` in turns after `rig tool warmup`, and that of
+    each over the time of Python with numpy.
     """
     warmup(names=["belt"])
     own = os.environ | {"RIG_OWN_PROCESS": "1"}  # as the command sets it for its processes

@@ -1,13 +1,13 @@
 """Press lightly while the body runs with the belt, hard while it runs against it: two levels of normal force.
 
-Try it beside a running rig:   rig control docs/example_controller.py
+Try it beside a running rig:   rig live control docs/example_controller.py
 """
 
 from rig.quantities import MetrePerSecond, Newton, Section
 
 
 class Parameters(Section):
-    """What `rig tune` can change while the rig runs."""
+    """What `rig live tune` can change while the rig runs."""
 
     load: Newton = 20.0
     swing: Newton = 10.0

@@ -6,7 +6,7 @@ from typing import Any
 from generated import code, directive, plain, table
 from sphinx.application import Sphinx
 
-from rig.cli.app import PANELS, program
+from rig.cli.app import GROUPS, PANELS, every
 
 
 def _default(one: Any) -> str:
@@ -38,21 +38,15 @@ def _command(name: str, command: Any, level: str) -> Iterator[str]:
 
 
 def commands() -> Iterable[str]:
-    """The lines of the reference: a section for each panel of the help, and in it one for each command."""
-    placed = [(panel, name) for panel, names in PANELS.items() for name in names.split()]
-    placed += [(one.rich_help_panel, name) for name, one in program.commands.items() if hasattr(one, "commands")]
-    lacking = program.commands.keys() - {name for _, name in placed}
-    if lacking:
-        raise ValueError(f"commands in no panel: {', '.join(sorted(lacking))}")
-    for panel in PANELS:
-        yield from (f"## {panel}", "")
-        for name in sorted(name for where, name in placed if where == panel):
-            command = program.commands[name]
-            if hasattr(command, "commands"):
-                for inner, below in command.commands.items():
-                    yield from _command(f"{name} {inner}", below, "###")
-            else:
-                yield from _command(name, command, "###")
+    """The lines of the reference: a section for each panel of the help and each group, in it one for each command."""
+    all_of_them = every()
+    sections = {panel: [name for name in names if name not in GROUPS] for panel, names in PANELS.items()}
+    for group, (about, _) in GROUPS.items():
+        sections[f"rig {group}: {about}"] = [name for name in all_of_them if name.startswith(f"{group} ")]
+    for section, names in sections.items():
+        yield from (f"## {section}", "")
+        for name in sorted(names):
+            yield from _command(name, all_of_them[name], "###")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

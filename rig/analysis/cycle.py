@@ -402,7 +402,8 @@ class Search:
             why = (
                 f"no limit cycle: the surface is uneven, and one turn of {self.turn:.4g} s has {changes} mode set "
                 "changes. The motion follows the turn and does not repeat within it. An even surface may have a cycle "
-                "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and rig sound"
+                "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and "
+                "rig analyse sound"
             )
             return self._settled(why=why)
         if self.rest.stable and self.quiet >= _CALM * self.turn:

@@ -128,7 +128,7 @@ def eligible(system: System) -> dict[str, str]:
             as_integrated(system, method, 0.0)
         except ValueError as error:
             reasons[method] = str(error)
-    reasons["smooth"] = "never sticks: for comparison only, rig torture shows its errors"
+    reasons["smooth"] = "never sticks: for comparison only, rig tool torture shows its errors"
     reasons["dop853"] = "for tolerances of 1e-9 and below: maps, branches and shooting take it there"
     if system.n > _MANY_TO_SOLVE:
         reasons["rosenbrock"] = f"each of its steps solves equations for {system.n} states"

@@ -266,7 +266,7 @@ def commands(run: Run, log: Path) -> Html:
     repeated = str(plain(run.provenance).get("command", ""))
     rows = [
         ("check: the same bits when it is simulated again", f"rig verify {name}"),
-        ("play it back to viewers and controllers", f"rig replay {name}"),
+        ("play it back to viewers and controllers", f"rig live replay {name}"),
         ("recover what is left", f"rig recover {name}") if run.damage else ("look at it", f"rig view {name}"),
         ("the command that made it", repeated),
     ]

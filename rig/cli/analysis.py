@@ -265,7 +265,8 @@ def _put(found: Result, title: str, page: Path | None) -> None:
 
 
 Measure = Annotated[
-    bool, typer.Option("--measure", help="Measure the time over the bus on this machine, as rig doctor does (1 s).")
+    bool,
+    typer.Option("--measure", help="Measure the time over the bus on this machine, as rig tool doctor does (1 s)."),
 ]
 
 

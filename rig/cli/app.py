@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any
 
 import typer
@@ -30,7 +30,6 @@ _app = typer.Typer(
     name="rig",
     cls=Group,
     help="friction-rig: a virtual test rig for friction-induced vibration.",
-    epilog="First steps:  rig demo | rig list | rig run pendulum --view",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -58,49 +57,133 @@ COMMANDS: Mapping[str, tuple[Any, str]] = {
     for name, command in module.COMMANDS.items()
 }
 """Name -> function, example."""
-PANELS = {
-    "Run a scene": "demo run simulate web bridge",
-    "Look at scenes": "list new explain fmu",
-    "Learn": "lesson",
-    "Analyse a rig": "modes cycle branches identify loop map study optimise reproduce",
-    "Choose method and step": "cost",
-    "Test the methods": "torture",
-    "Recordings": "import runs note report replay verify recover diff export",
-    "Analyse a recording": "amplitude sound events stick spectrum pressure hysteresis response portrait",
-    "Use a live run": "tune disconnect connect knock pause step resume stop",
-    "Start processes one by one": "plant control record view",
-    "Check this machine": "doctor warmup clean",
+PANELS: Mapping[str, Mapping[str, str]] = {
+    "Begin": {
+        "demo": "a rig that sticks and slips: recording, figure, summary",
+        "list": "the shipped scenes, by what happens in them",
+        "web": "the bench as a page in the browser",
+        "run": "run a scene in real time, with its controllers as processes",
+        "simulate": "simulate a scene in one process, as fast as possible",
+    },
+    "Scenes": {
+        "explain": "what a scene contains, and the origin of every value",
+        "new": "write a scene that is based on another one",
+        "lesson": "lessons with questions, commands and expected numbers",
+        "fmu": "write a scene as an FMU, for controllers in other tools",
+    },
+    "Analyse a rig": {
+        "modes": "eigenvalues and modes of steady sliding, over a parameter too",
+        "cycle": "limit cycle: period, stick, extremes, Floquet multipliers",
+        "branches": "stable and unstable motions followed over a parameter",
+        "map": "where it slides, sticks and slips, or both, over one or two",
+        "loop": "delay budget and margins of a control loop",
+        "identify": "parameters from recordings, with intervals",
+        "study": "measures over grids, samples and repeated runs",
+        "optimise": "parameters with the best value of a measure",
+        "cost": "error against compute time of each method and step",
+    },
+    "Recordings": {
+        "runs": "list recordings: scene, date, length, verdict, notes",
+        "report": "one page about a recording that any browser opens",
+        "verify": "whether it is complete and has the same bits again",
+        "diff": "compare two, or a measurement with a simulation",
+        "export": "write one for other programs: CSV, HDF5, MATLAB ...",
+        "import": "make a recording of a measurement",
+        "note": "add a note or tags, or print them",
+        "recover": "save what is whole of one that is damaged",
+        "analyse": "spectrum, amplitude, stick and slip, sound and more",
+    },
+    "A live run, this machine": {
+        "view": "show a recording or a live run in rerun",
+        "live": "change or stop a live run; its processes one by one",
+        "tool": "check this machine and the methods, reproduce papers",
+    },
 }
-"""Panels of the help text -> their commands."""
-_app.add_typer(live.topic, name="topic", rich_help_panel="Use a live run")
+"""Panels of the help text -> commands and groups of commands, each with what it is for."""
+GROUPS = {
+    "analyse": (
+        "Analyse a recording, simulated or measured.",
+        {"": "amplitude events hysteresis portrait pressure response sound spectrum stick"},
+    ),
+    "live": (
+        "Change and stop a live run, look at its messages, or start its processes one by one.",
+        {
+            "Use a live run": "tune connect disconnect knock pause step resume stop",
+            "Start processes one by one": "plant control record replay bridge",
+        },
+    ),
+    "tool": (
+        "Check this machine and the methods, and reproduce the figures of the papers.",
+        {"": "doctor warmup clean torture reproduce"},
+    ),
+}
+"""Group -> what it is for, its panels -> their commands."""
 
 
 class Commands(Mapping[str, Any]):
-    """All commands. One is made when it is asked for: to read the options of all from their signatures takes 50 ms."""
+    """The commands of `panels`. One is made when it is asked for: to read the options of all takes 50 ms.
 
-    def __init__(self, made: Mapping[str, Any]) -> None:
+    `made`: those that are there already.
+    """
+
+    def __init__(self, panels: Mapping[str, Iterable[str]], made: Mapping[str, Any]) -> None:
+        self._panels = {name: panel for panel, names in panels.items() for name in names}
         self._made = {**made}
-        self._names = (*" ".join(PANELS.values()).split(), *made)
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:
-            (function, example), only = COMMANDS[name], typer.Typer(add_completion=False)
-            panel = next(panel for panel, commands in PANELS.items() if name in commands.split())
-            cls = live.CLASSES.get(name, Command)
-            only.command(name, cls=cls, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
-            self._made[name] = typer.main.get_command(only)
+            self._made[name] = _group(name) if name in GROUPS else _command(name, self._panels[name])
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
+        return iter(dict.fromkeys((*self._panels, *self._made)))
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len([*self])
+
+
+_SHORT = {name: about for commands in PANELS.values() for name, about in commands.items()}
+
+
+def _command(name: str, panel: str) -> Any:
+    (function, example), only = COMMANDS[name], typer.Typer(add_completion=False)
+    cls, epilog = live.CLASSES.get(name, Command), f"Example:  {example}"
+    only.command(name, cls=cls, epilog=epilog, short_help=_SHORT.get(name), rich_help_panel=panel or None)(function)
+    return typer.main.get_command(only)
+
+
+def _group(name: str) -> Any:
+    about, panels = GROUPS[name]
+    group = typer.Typer(name=name, cls=Group, help=about, no_args_is_help=True, add_completion=False)
+    group.callback()(_nothing)
+    made: Any = typer.main.get_command(group)
+    topic = {"topic": typer.main.get_command(live.topic)} if name == "live" else {}
+    made.commands = Commands({panel: names.split() for panel, names in panels.items()}, topic)
+    made.short_help = _SHORT[name]
+    made.rich_help_panel = next(panel for panel, names in PANELS.items() if name in names)
+    return made
+
+
+def _nothing() -> None:
+    """A group has no work of its own."""
 
 
 program: Any = typer.main.get_command(_app)
 """The program with all commands."""
-program.commands = Commands(program.commands)
+program.commands = Commands(PANELS, {})
+
+
+def every() -> dict[str, Any]:
+    """All commands by what is typed behind `rig`, such as "live tune"."""
+    return dict(_below("", program.commands))
+
+
+def _below(path: str, commands: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for name, command in commands.items():
+        if hasattr(command, "commands"):
+            yield from _below(f"{path}{name} ", command.commands)
+        else:
+            yield f"{path}{name}", command
 
 
 def run(arguments: list[str] | None = None) -> None:

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from rig.bus.port import Session
 
 
-topic = typer.Typer(cls=Group, no_args_is_help=True, help="Show the messages on the bus of a run.")
+topic = typer.Typer(
+    name="topic", cls=Group, no_args_is_help=True, add_completion=False, help="Show the messages on the bus of a run."
+)
 Pattern = Annotated[
     str, typer.Argument(metavar="PATTERN", help='Topics: "*" matches one part of a name, "**" all following parts.')
 ]
@@ -74,7 +76,7 @@ def tune(
         try:
             answer = session.ask(f"param/{process}", body, timeout=10.0)
         except BusError as fault:
-            raise UsageError(f"{fault}\n`rig tune` without a key lists what can be tuned") from None
+            raise UsageError(f"{fault}\n`rig live tune` without a key lists what can be tuned") from None
     overruled = {} if value is None else answer.get("overruled", {})  # a value that was asked for is the one in force
     new, owner = printing.number(answer["values"].get(inner)), overruled.get(inner)
     told = (
@@ -97,7 +99,7 @@ def connect(name: Name, run: RunName = None) -> None:
 def disconnect(name: Name, run: RunName = None) -> None:
     """Disconnect a controller of a live run from its actuators. The recording contains it, as a step of the protocol.
 
-    The actuators take the values of the protocol or of rig tune. A controller
+    The actuators take the values of the protocol or of rig live tune. A controller
     that has left keeps its actuators until it is disconnected.
     """
     told = f"{name} is disconnected from t = {{t:.3f}} s on: its actuators take the values of the protocol"
@@ -105,7 +107,7 @@ def disconnect(name: Name, run: RunName = None) -> None:
 
 
 def pause(run: RunName = None) -> None:
-    """Pause a live run: no frame is computed until rig resume, except by rig step."""
+    """Pause a live run: no frame is computed until rig live resume, except by rig live step."""
     _do("pause", run, "paused at t = {t:.6f} s", "was paused already, at t = {t:.6f} s")
 
 
@@ -171,7 +173,7 @@ def _owner(session: Session, key: str) -> tuple[str, str]:
     ):
         return "plant", key
     if not inner:
-        raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain; `rig tune` lists what can be tuned")
+        raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain; `rig live tune` lists what can be tuned")
     if name not in here:
         raise UsageError(f"{key}: no controller {name} is in the run; there are: {', '.join(here) or 'none'}")
     return name, inner
@@ -196,7 +198,7 @@ def _list_tunable(session: Session, as_json: bool) -> None:
     printing.listing(f"run {session.run}", dict(zip(columns, columns)), rows, as_json)
 
 
-@topic.command("ls", cls=Command, epilog="Example:  rig topic ls")
+@topic.command("ls", cls=Command, epilog="Example:  rig live topic ls")
 def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> None:
     """List the active topics, their senders and their contents."""
     from rig.bus import topics
@@ -207,7 +209,7 @@ def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> N
     printing.listing("", dict(zip(columns, columns)), rows, as_json)
 
 
-@topic.command("hz", cls=Command, epilog='Example:  rig topic hz "meas/*" --for 5')
+@topic.command("hz", cls=Command, epilog='Example:  rig live topic hz "meas/*" --for 5')
 def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as_json: Json = False) -> None:
     """Count messages per second of each topic, and lost messages."""
     length = _time(listen)
@@ -216,7 +218,7 @@ def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as
     printing.listing("", {"topic": "topic", "hz": "1/s", "lost": "lost"}, rows, as_json)
 
 
-@topic.command("echo", cls=Command, epilog="Example:  rig topic echo meas/vibrometer --count 3")
+@topic.command("echo", cls=Command, epilog="Example:  rig live topic echo meas/vibrometer --count 3")
 def topic_echo(
     pattern: Pattern,
     run: RunName = None,
@@ -299,7 +301,7 @@ def bridge(
     Only this machine can reach it, under the printed address with its token.
     It ends with the run or on Ctrl-C. docs/wire.md describes the messages.
     """
-    _check_web("rig bridge")
+    _check_web("rig live bridge")
     from rig.web import bridge as server
 
     def say(made: server.Bridge) -> None:
@@ -312,14 +314,14 @@ def bridge(
 CLASSES = {"tune": Numbers, "knock": Numbers}
 """Of commands that are read in a way of their own."""
 COMMANDS = {
-    "tune": (tune, 'rig tune load.force "15 N"'),
-    "disconnect": (disconnect, "rig disconnect nf"),
-    "connect": (connect, "rig connect nf"),
-    "knock": (knock, 'rig knock "0.02 N*s"'),
-    "pause": (pause, "rig pause"),
-    "step": (step, "rig step --frames 10"),
-    "resume": (resume, "rig resume"),
-    "stop": (stop, "rig stop   |   rig stop --emergency"),
+    "tune": (tune, 'rig live tune load.force "15 N"'),
+    "disconnect": (disconnect, "rig live disconnect nf"),
+    "connect": (connect, "rig live connect nf"),
+    "knock": (knock, 'rig live knock "0.02 N*s"'),
+    "pause": (pause, "rig live pause"),
+    "step": (step, "rig live step --frames 10"),
+    "resume": (resume, "rig live resume"),
+    "stop": (stop, "rig live stop   |   rig live stop --emergency"),
     "web": (web, "rig web --no-open --port 8765"),
-    "bridge": (bridge, "rig bridge --run mine"),
+    "bridge": (bridge, "rig live bridge --run mine"),
 }

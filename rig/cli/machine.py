@@ -247,9 +247,9 @@ def reproduce(
 
 COMMANDS = {
     "cost": (cost, "rig cost belt_c --target 1e-4 --budget 40%"),
-    "torture": (torture, "rig torture --case grazing"),
-    "clean": (clean, "rig clean"),
-    "doctor": (doctor, "rig doctor belt"),
-    "warmup": (warmup, "rig warmup pendulum"),
-    "reproduce": (reproduce, "rig reproduce kroeger-3"),
+    "torture": (torture, "rig tool torture --case grazing"),
+    "clean": (clean, "rig tool clean"),
+    "doctor": (doctor, "rig tool doctor belt"),
+    "warmup": (warmup, "rig tool warmup pendulum"),
+    "reproduce": (reproduce, "rig tool reproduce kroeger-3"),
 }

@@ -134,7 +134,7 @@ def stick(
 COMMANDS = {
     "stick": (
         stick,
-        "rig stick paper.mcap --friction force --stiffness '168 N/m' --drive '1.1 mm/s' --figure stick.png",
+        "rig analyse stick paper.mcap --friction force --stiffness '168 N/m' --drive '1.1 mm/s' --figure stick.png",
     ),
     "import": (import_, 'rig import bench.csv --map "ch1 = vibrometer, 125 mm/s/V" --time "t, s" --out run.mcap'),
 }

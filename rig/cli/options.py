@@ -86,7 +86,8 @@ class Group(_Flags, TyperGroup):
             from rig.scenes.faults import near
 
             known = self.list_commands(ctx)
-            longer = [name for name in known if name.startswith(args[0])]
+            below = [name for name in known if args[0] in getattr(self.get_command(ctx, name), "commands", ())]
+            longer = [f"{name} {args[0]}" for name in below] or [name for name in known if name.startswith(args[0])]
             hint = f"did you mean {' or '.join(longer)}?" if longer else near(args[0], known, f"{ctx.command_path} -h")
             raise UsageError(f"{ctx.command_path} has no command {args[0]!r:.60}: {hint}")
         return super().resolve_command(ctx, args)

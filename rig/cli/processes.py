@@ -150,11 +150,11 @@ def view(
 
 
 COMMANDS = {
-    "plant": (plant, "rig plant pendulum --run mine"),
-    "control": (control, "rig control nf --run mine"),
+    "plant": (plant, "rig live plant pendulum --run mine"),
+    "control": (control, "rig live control nf --run mine"),
     "record": (
         record,
-        "rig record --run mine --out mine.mcap   |   rig record --trigger 'vibrometer > 0.1 m/s' --before 2 --after 5",
+        "rig live record --run mine   |   rig live record --trigger 'vibrometer > 0.1 m/s' --before 2 --after 5",
     ),
     "view": (view, "rig view mine.mcap   |   rig view --run mine"),
 }

@@ -224,7 +224,7 @@ ANALYSES = {
             ),
             **_SPAN,
         },
-        "rig spectrum recordings/golden/pendulum.mcap --orders drive --figure spectrum.png",
+        "rig analyse spectrum recordings/golden/pendulum.mcap --orders drive --figure spectrum.png",
     ),
     "events": Analysis(
         "events",
@@ -244,7 +244,7 @@ ANALYSES = {
             "key": _option("--key", "KEY", "Key of that scene: drive.speed (default), load.force."),
             **_SPAN,
         },
-        "rig events bench.mcap --signal vibrometer --at belt_speed,load --over two_dof --figure events.png",
+        "rig analyse events bench.mcap --signal vibrometer --at belt_speed,load --over two_dof --figure events.png",
     ),
     "pressure": Analysis(
         "pressure",
@@ -257,7 +257,7 @@ ANALYSES = {
                 _times,
             )
         },
-        "rig pressure plate.mcap --at '0.5 s, 0.56 s, 0.6 s' --figure pressure.png",
+        "rig analyse pressure plate.mcap --at '0.5 s, 0.56 s, 0.6 s' --figure pressure.png",
     ),
     "hysteresis": Analysis(
         "hysteresis",
@@ -271,7 +271,7 @@ ANALYSES = {
             "window": _window("Length of the centred window. Default: about five periods."),
             **_SPAN,
         },
-        "rig hysteresis recordings/runs/belt_hysteresis-20260101-120000.mcap --window '1 s'",
+        "rig analyse hysteresis recordings/runs/belt_hysteresis-20260101-120000.mcap --window '1 s'",
     ),
     "response": Analysis(
         "response",
@@ -291,7 +291,7 @@ ANALYSES = {
             "window": _window("Length of the windows. Default: 1/16 of the time span; for pulses, until the next one."),
             **_SPAN,
         },
-        "rig response knock.mcap --input knock_force --output accelerometer --figure response.png",
+        "rig analyse response knock.mcap --input knock_force --output accelerometer --figure response.png",
     ),
     "portrait": Analysis(
         "portrait",
@@ -307,13 +307,13 @@ ANALYSES = {
             ),
             **_SPAN,
         },
-        "rig portrait recordings/golden/pendulum.mcap --section 'velocity = 0' --figure portrait.png",
+        "rig analyse portrait recordings/golden/pendulum.mcap --section 'velocity = 0' --figure portrait.png",
     ),
     "amplitude": Analysis(
         "amplitudes",
         "Compute amplitude and frequency of each measurement, stage by stage, and the speeds of first and last stick.",
         _SPAN,
-        "rig amplitude recordings/runs/lever-20260101-120000.mcap --from '4 s'",
+        "rig analyse amplitude recordings/runs/lever-20260101-120000.mcap --from '4 s'",
         table=False,
         show=_stages,
     ),
@@ -417,7 +417,7 @@ def diff(
     within the tolerance, or different from an instant on; and by measures such as
     period and amplitude. One may have additional samples between those of the
     other. A scene runs under the measured speed and load, and is compared by its
-    measures; --velocity to --smooth are those of rig stick. Exit code 0: equal or
+    measures; --velocity to --smooth are those of rig analyse stick. Exit code 0: equal or
     within the tolerance, 1: different.
     """
     faults = Faults()
@@ -455,6 +455,9 @@ def diff(
 
 COMMANDS = {
     **{name: (analysis.command(), analysis.example) for name, analysis in ANALYSES.items()},
-    "sound": (sound, "rig sound recordings/runs/brake-20260101-120000.mcap --out squeal.wav --figure squeal.png"),
+    "sound": (
+        sound,
+        "rig analyse sound recordings/runs/brake-20260101-120000.mcap --out squeal.wav --figure squeal.png",
+    ),
     "diff": (diff, "rig diff first.mcap second.mcap --tolerance 1e-6 --figure difference.png"),
 }

@@ -348,7 +348,7 @@ def export(
 
 
 COMMANDS = {
-    "replay": (replay, "rig replay recordings/golden/pendulum.mcap --into nf --pace max"),
+    "replay": (replay, "rig live replay recordings/golden/pendulum.mcap --into nf --pace max"),
     "verify": (verify, "rig verify recordings/golden/pendulum.mcap"),
     "recover": (recover, "rig recover recordings/runs/pendulum-20260101-120000.mcap"),
     "runs": (runs, "rig runs recordings/runs --tag squeal"),

@@ -416,7 +416,7 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
     yield from ((label, str(path)) for label, path in (("log", out), ("figure", figure)) if path is not None)
     if out:
         log = shlex.quote(str(out))
-        yield "next", f"rig report {log} | rig verify {log} | rig replay {log} | rig simulate --from {log}"
+        yield "next", f"rig report {log} | rig verify {log} | rig live replay {log} | rig simulate --from {log}"
     else:
         draw = "" if figure else ", --figure FILE.png to draw it"
         yield "next", f"the same with --out FILE.mcap to keep a recording{draw}"

@@ -25,7 +25,7 @@ struct rig_signal {
 };
 
 struct rig_parameter {
-    const char *name;        /* letters, digits and _: a key of the scene, and what `rig tune` changes */
+    const char *name;        /* letters, digits and _: a key of the scene, and what `rig live tune` changes */
     const char *unit;        /* "N*s/m" */
     double value, low, high; /* default, and the range that is allowed */
 };

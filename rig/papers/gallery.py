@@ -164,7 +164,12 @@ def _figure(folder: Path, name: str) -> Arrays:
 
 def gallery_page(results: Sequence[Result], machine: str) -> str:
     """Return a page of pictures and tables, for the folder of the pictures."""
-    head = ("# Figures of the papers, reproduced", "", f"Made by `rig reproduce`, the last of them on {machine}.", "")
+    head = (
+        "# Figures of the papers, reproduced",
+        "",
+        f"Made by `rig tool reproduce`, the last of them on {machine}.",
+        "",
+    )
     return "\n".join((*head, *gallery_tables(results))) + "\n"
 
 

@@ -254,7 +254,7 @@ class Report:
         lines = [
             f"machine     {m['processor']}, {m['cores']} cores usable, load {m['load']:.2f}, {m['system']}",
             f"software    Python {m['python']}, numba {m['numba']}",
-            f"kernels     {'compiled' if self.warm else 'not all compiled yet: rig warmup'}",
+            f"kernels     {'compiled' if self.warm else 'not all compiled yet: rig tool warmup'}",
             f"waiting     sleep:  {self.sleep}; {100 * self.sleep.beyond:.2g} % beyond 1 ms",
             f"            hybrid: {self.hybrid}; {100 * self.hybrid.beyond:.2g} % beyond 1 ms",
             f"            {self.waiting}",
@@ -336,7 +336,9 @@ def _fitness(
 def judge(scene: Scene, frame_times: Times | None, late: Times, put: Spread | None) -> Fitness:
     """Predict the timing verdict of `scene` from its frame costs and the lateness of waits [ns]; `put`: on the bus."""
     if frame_times is None:
-        return Fitness(scene.name, "unknown", "its kernels are not compiled yet: rig warmup, then rig doctor again")
+        return Fitness(
+            scene.name, "unknown", "its kernels are not compiled yet: rig tool warmup, then rig tool doctor again"
+        )
     if not frame_times.size:
         raise UsageError("its numerics stop within the first frame: rig simulate shows the reason")
     clock = scene.clock

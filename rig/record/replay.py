@@ -173,7 +173,7 @@ class _Replay:
         """The parameters of a plant that is recorded: none."""
         asked = queries.param_request(body)
         if keys := [*asked.changes, *asked.keys]:
-            taking_part = ", ".join(self._into) or "none: rig replay LOG --into NAME starts one"
+            taking_part = ", ".join(self._into) or "none: rig live replay LOG --into NAME starts one"
             raise BusError(
                 f"{', '.join(dict.fromkeys(keys))}: this run is a replay, and its plant is recorded. Only controllers "
                 f"that take part can be tuned: {taking_part}"

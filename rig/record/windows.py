@@ -51,7 +51,7 @@ class Trigger:
     """Memory for the messages before a firing [bytes]; with less than `before` in it, the recording says so."""
 
     def options(self) -> list[str]:
-        """The options of `rig record` for this trigger."""
+        """The options of `rig live record` for this trigger."""
         times = {"--before": repr(self.before), "--after": repr(self.after), "--most": str(self.most)}
         return [f"--trigger={self.condition}", *(f"{option}={value}" for option, value in times.items())]
 

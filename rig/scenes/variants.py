@@ -130,7 +130,9 @@ def _closes(scene: Scene, key: str) -> str:
         if isinstance(step, protocol.Set) and step.target == key and step.to >= SWITCHED:
             who.insert(0, "the protocol")
             break
-    return f"is closed by {' and '.join(who)}" if who else f"nothing in the scene closes it (rig tune {key}=1 does)"
+    return (
+        f"is closed by {' and '.join(who)}" if who else f"nothing in the scene closes it (rig live tune {key}=1 does)"
+    )
 
 
 def without(scene: Scene, keys: Keys) -> Scene:

@@ -37,7 +37,7 @@ PING_S, PONG_S = 5.0, 10.0
 _QUIET = logging.getLogger(__name__)  # a client that breaks off its handshake is none of the user's concern
 _QUIET.addHandler(logging.NullHandler())
 _QUIET.propagate = False
-FORBIDDEN = "Open the address that rig bridge printed, with its token, from a program or a page of this address.\n"
+FORBIDDEN = "Open the address that rig live bridge printed, with its token, from a program or a page of this address.\n"
 
 
 class Bridge:

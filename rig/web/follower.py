@@ -149,7 +149,7 @@ class LiveValues:
         return new
 
     def set(self, key: str, value: Any) -> dict[str, Any]:
-        """Change a value at the next tick, as `rig tune` does; returns the answer of its owner. Raises BusError."""
+        """Change a value at the next tick, as `rig live tune` does; returns its owner's answer. Raises BusError."""
         process = self.entries[key]["of"] if key in self.entries else "plant"
         inner = key.removeprefix(f"controllers.{process}.")
         value = plain(value, key)

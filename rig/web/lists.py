@@ -78,8 +78,8 @@ class Recordings:
         title, command, option, result = {
             "report": ("report of {0}", ["report", str(path)], "--out", "report.html"),
             "csv": ("tables of {0}", ["export", str(path), "--to", "csv"], "--out", f"{path.stem}-csv"),
-            "spectrum": ("spectrum of {0}", ["spectrum", str(path)], "--figure", "spectrum.png"),
-            "sound": ("sound of {0}", ["sound", str(path)], "--out", "sound.wav"),
+            "spectrum": ("spectrum of {0}", ["analyse", "spectrum", str(path)], "--figure", "spectrum.png"),
+            "sound": ("sound of {0}", ["analyse", "sound", str(path)], "--out", "sound.wav"),
             "compare": ("compare {0} with {1}", ["diff", str(path), str(other)], "--figure", "difference.png"),
         }[what]
         made = self._jobs.folder() / result

@@ -163,7 +163,7 @@ class RunControl:
         return answer
 
     def set(self, body: dict[str, Any]) -> dict[str, Any]:
-        """Change the value `key` of the present run to `value`, as `rig tune` does. Raises as `command`."""
+        """Change the value `key` of the present run to `value`, as `rig live tune` does. Raises as `command`."""
         self._check(body)
         if not isinstance(body.get("key"), str) or "value" not in body:
             raise UsageError('expected "key" and "value", e.g. {"key": "load.force", "value": "15 N"}')

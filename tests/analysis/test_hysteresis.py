@@ -195,7 +195,7 @@ def test_periods_are_those_of_the_slowest_strong_vibration():
 def test_the_command(tmp_path, rig):
     log, png, table = tmp_path / "run.mcap", tmp_path / "loop.png", tmp_path / "loop.csv"
     save(loop(), log)
-    code, out, _ = rig("hysteresis", log, "--window", "160 ms", "--figure", png, "--csv", table, "--json")
+    code, out, _ = rig("analyse", "hysteresis", log, "--window", "160 ms", "--figure", png, "--csv", table, "--json")
     told = json.loads(out)
     assert (code, told["window"], told["unit"], told["over"]) == (0, 0.16, "m/s^2", "surface_speed")
     assert [branch["rises"] for branch in told["branches"]] == [True, False]
@@ -203,5 +203,5 @@ def test_the_command(tmp_path, rig):
     lines = table.read_text().splitlines()
     assert lines[0] == "branch,direction,time [s],surface_speed [m/s],rms of accelerometer [m/s^2]"
     assert len(lines) > 1000
-    code, out, err = rig("hysteresis", log, "--window", "1 kg", "--from", "5", "--to", "2", "--signal", "x")
+    code, out, err = rig("analyse", "hysteresis", log, "--window", "1 kg", "--from", "5", "--to", "2", "--signal", "x")
     assert (code, out, len(err.splitlines())) == (2, "", 3)

@@ -116,11 +116,11 @@ def test_the_command(tmp_path, rig):
     log, table = tmp_path / "run.mcap", tmp_path / "points.csv"
     save(run_of(*circle(2.0, 1000.0)), log)
     picture = tmp_path / "portrait.svg"
-    code, out, err = rig("portrait", log, "--section", "displacement = 100 mm", "--figure", picture)
+    code, out, err = rig("analyse", "portrait", log, "--section", "displacement = 100 mm", "--figure", picture)
     assert code == 0, err
     assert picture.read_bytes().startswith(b"<?xml")
     assert "the motion repeats after every crossing: period 0.5" in out
-    code, out, _ = rig("portrait", log, "--section", "displacement=0.1", "--csv", table, "--json")
+    code, out, _ = rig("analyse", "portrait", log, "--section", "displacement=0.1", "--csv", table, "--json")
     told = json.loads(out)
     assert told["section"]["returns"] == 1
     assert told["section"]["period"] == pytest.approx(0.5, rel=1e-9)
@@ -128,5 +128,5 @@ def test_the_command(tmp_path, rig):
         rows = list(csv.DictReader(file))
     assert [float(row["velocity [m/s]"]) for row in rows] == pytest.approx(told["section"]["y"], rel=1e-8)
     for given, said in (("displacement", "expected NAME = VALUE"), ("displacement = 1 N", "--section displacement =")):
-        code, out, err = rig("portrait", log, "--section", given)
+        code, out, err = rig("analyse", "portrait", log, "--section", given)
         assert (code, out, said in err) == (2, "", True)

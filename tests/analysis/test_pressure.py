@@ -79,7 +79,9 @@ def test_a_run_without_a_film_is_refused(run):
 def test_the_command(tmp_path, rig, run):
     log, png, table = tmp_path / "run.mcap", tmp_path / "maps.png", tmp_path / "maps.csv"
     save(run, log)
-    code, out, _ = rig("pressure", log, "--at", "0.1, 350 ms,0.4 s", "--figure", png, "--csv", table, "--json")
+    code, out, _ = rig(
+        "analyse", "pressure", log, "--at", "0.1, 350 ms,0.4 s", "--figure", png, "--csv", table, "--json"
+    )
     told = json.loads(out)
     assert code == 0
     assert [one["time"] for one in told["maps"]] == pytest.approx([0.1, 0.35, 0.4])
@@ -89,7 +91,7 @@ def test_the_command(tmp_path, rig, run):
         rows = list(csv.DictReader(file))
     assert len(rows) == 3 * ALONG * ACROSS
     assert [float(v) for v in list(rows[0].values())[:4]] == pytest.approx([0.1, -0.016125, -0.006325, 1e5])
-    code, _, err = rig("pressure", log, "--at", "0.1,soon")
+    code, _, err = rig("analyse", "pressure", log, "--at", "0.1,soon")
     assert (code, "--at" in err) == (2, True)
 
 

@@ -118,7 +118,7 @@ def test_the_command(tmp_path, rig):
     log = tmp_path / "run.mcap"
     save(run_of(whistle()), log)
     wav, png = tmp_path / "squeal.wav", tmp_path / "squeal.png"
-    code, out, _ = rig("sound", log, "--out", wav, "--figure", png, "--json")
+    code, out, _ = rig("analyse", "sound", log, "--out", wav, "--figure", png, "--json")
     told = json.loads(out)
     assert (code, told["squeals"][0]["level"]) == (0, pytest.approx(97.0, abs=0.1))
     assert np.diff(told["windows"]["times"]) == pytest.approx(HOP)
@@ -129,5 +129,5 @@ def test_the_command(tmp_path, rig):
     v = np.pad(raw, ((0, 0), (1, 0))).view("<i4")[:, 0] / 2.0**31
     assert v == pytest.approx(0.9 * whistle() / np.abs(whistle()).max(), abs=2.0**-22)
     save(replace(run_of(whistle()), units={"velocity": "m/s", "meas/microphone": "V"}), log)
-    code, _, err = rig("sound", log)
+    code, _, err = rig("analyse", "sound", log)
     assert (code, "Give the scene a microphone" in err) == (2, True)

@@ -152,7 +152,7 @@ def test_what_cannot_be_is_told():
 def test_the_command(tmp_path, rig):
     log, png, table = tmp_path / "run.mcap", tmp_path / "orders.png", tmp_path / "lines.csv"
     save(run_of(2.0 * np.sin(7.0 * TURN)), log)
-    code, out, _ = rig("spectrum", log, "--orders", "drive", "--figure", png, "--csv", table, "--json")
+    code, out, _ = rig("analyse", "spectrum", log, "--orders", "drive", "--figure", png, "--csv", table, "--json")
     told = json.loads(out)
     assert code == 0
     assert told["orders"]["lines"][0]["at"] == pytest.approx(7.0, abs=0.01)
@@ -166,10 +166,10 @@ def test_the_command(tmp_path, rig):
     }
     square = sum(float(row["density"]) for row in rows if row["axis"] == "frequency") * told["step"]
     assert math.sqrt(square) == pytest.approx(told["rms"], rel=1e-6)
-    code, out, _ = rig("spectrum", log)
+    code, out, _ = rig("analyse", "spectrum", log)
     assert "RMS about the mean, over these windows: 1.39" in out
     assert "orders" not in out
-    code, out, err = rig("spectrum", log, "--window", "1 kg", "--orders", "y", "--signal", "x")
+    code, out, err = rig("analyse", "spectrum", log, "--window", "1 kg", "--orders", "y", "--signal", "x")
     assert (code, out, len(err.splitlines())) == (2, "", 3)
 
 

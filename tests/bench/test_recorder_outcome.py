@@ -98,6 +98,6 @@ def test_a_recorder_that_does_not_know_the_end_does_not_call_its_file_whole(monk
     recording = Recording("a.mcap", "a", **told)
     monkeypatch.setattr("rig.record.recorder.record", lambda *_, **__: recording)
     with pytest.raises(SystemExit) as left:
-        app.run(["record", "--run", "a"])
+        app.run(["live", "record", "--run", "a"])
     assert (left.value.code or 0) == code
     assert text in recording.text()

@@ -252,7 +252,7 @@ def test_a_plant_that_is_held_up_all_the_time_does_not_grow(folder):
 
 
 def test_processes_that_hung_take_part_again(folder):
-    outcome, run = stalled(folder / "run.mcap", 2.0, f"{CONTROLLER} nf", "rig record")
+    outcome, run = stalled(folder / "run.mcap", 2.0, f"{CONTROLLER} nf", "rig live record")
     assert outcome.died == ()
     assert verify(folder / "run.mcap").passed == (not outcome.summary["lost"])
     assert not any("left at" in fault for fault in outcome.summary["faults"])

@@ -74,7 +74,7 @@ def test_the_summary_says_verdict_worst_lateness_cause_losses_and_what_next(summ
         "time from step to command 0.12 / 0.30 / 0.90 ms (p50, p99, worst)",
         "controller nf left at t = 0.500 s",
         "the viewer ended with code 2",
-        "rig report run.mcap | rig verify run.mcap | rig replay run.mcap",
+        "rig report run.mcap | rig verify run.mcap | rig live replay run.mcap",
     ):
         assert said in text
 

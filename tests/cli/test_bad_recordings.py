@@ -18,14 +18,14 @@ TAKES = {
     "note": ("a note",),
     "diff": (BELT,),
     "export": ("--to", "csv", "--out", "tables"),
-    "response": ("--input", "vibrometer", "--output", "velocity"),
+    "analyse response": ("--input", "vibrometer", "--output", "velocity"),
     "view": ("--save", "view.rrd", "--force"),
-    "replay": ("--pace", "max"),
+    "live replay": ("--pace", "max"),
 }
 """What a command needs beside the recording."""
 COMMANDS = sorted(
     name
-    for name, command in app.program.commands.items()
+    for name, command in app.every().items()
     if any(getattr(one.callback, "__name__", "") == "recording" for one in command.params)
 )
 
@@ -110,7 +110,7 @@ def call(rig, tmp_path, monkeypatch, runs):
     monkeypatch.setenv("COLUMNS", "1000")
 
     def judge(command, *given):
-        code, out, err = rig(command, *given, *TAKES.get(command, ()))
+        code, out, err = rig(*command.split(), *given, *TAKES.get(command, ()))
         assert "Traceback" not in out + err
         return code, " ".join((out + err).split())
 
@@ -127,7 +127,7 @@ def test_every_command_that_reads_a_recording_names_what_is_none(call, bad, comm
 
 @pytest.mark.parametrize("kind", NOTHING)
 def test_what_is_no_recording_is_named_with_what_it_is(call, bad, kind):
-    for command in (("amplitude",), ("simulate", "--duration", "0.1", "--from")):
+    for command in (("analyse amplitude",), ("simulate", "--duration", "0.1", "--from")):
         code, said = call(*command, bad / kind)
         assert (code, str(bad / kind) in said) == (2, True)
         assert NOTHING[kind] in said or (kind == "absent" and "no such" in said)
@@ -146,7 +146,7 @@ def test_every_command_says_what_a_recording_lacks(call, bad, command):
 
 
 def test_a_recording_without_outputs_is_not_called_too_short(call, bad):
-    code, said = call("hysteresis", bad / "no_outputs")
+    code, said = call("analyse hysteresis", bad / "no_outputs")
     assert code == 2
     assert "no output of the plant can be read in it, only measurements; rig export writes these" in said
 
@@ -172,8 +172,8 @@ def test_python_reads_what_is_left(bad):
 def test_a_recording_whose_scene_is_damaged_is_read(call, tmp_path):
     log = tmp_path / "log.mcap"
     rewritten(log, log=BELT.parent / "late_joiner.mcap", scene=b'{"name": 7, "controllers": {"nf": 7}, "sensors": 5}')
-    for command in ("amplitude", "report"):
-        code, said = call(command, log, *(("--figure", "amplitude.png") if command == "amplitude" else ()))
+    for command in ("analyse amplitude", "report"):
+        code, said = call(command, log, *(("--figure", "amplitude.png") if command == "analyse amplitude" else ()))
         assert code == 0, said
     for command in ("verify", "simulate"):
         code, said = call(command, *(("--from", log) if command == "simulate" else (log,)))

@@ -14,19 +14,20 @@ NAMES = ("", "/", "no such thing")
 RANGES = ("", ":", "0:1:0", "0:1:1.5", "0:1:99999999999", "nan:1:5", "0:inf:5", "-1e300:1e300:5", "1:1:5", "a:b:c")
 MAP = "map belt --x drive.speed=0.05:0.8:4"
 SENSELESS = (
-    (("run belt", "simulate belt", "plant belt"), "--duration={}", (*NUMBERS, "0")),
-    (("run belt", "plant belt"), "--pace={}", (*NUMBERS, "0")),
-    (("plant belt", "control nf", "record", "view"), "--wait={}", NUMBERS),
+    (("run belt", "simulate belt", "live plant belt"), "--duration={}", (*NUMBERS, "0")),
+    (("run belt", "live plant belt"), "--pace={}", (*NUMBERS, "0")),
+    (("live plant belt", "live control nf", "live record", "view"), "--wait={}", NUMBERS),
     (("run belt", "cost belt"), "--budget={}", (*NUMBERS, "0")),
     (("run belt --accuracy={}", "cost belt --target={}"), "", ("", "x", "nan", "0", "-1", "1")),
-    ((f"{MAP} --workers={{}}", "topic echo * --count={}"), "", COUNTS),
+    ((f"{MAP} --workers={{}}", "live topic echo * --count={}"), "", COUNTS),
     ((MAP,), "--longest={}", (*NUMBERS, "0")),
     (("explain belt", "modes belt"), "-p body.mass={}", ("1e300", "1e-300", "nan", "", "x", "[]", "-5")),
     (("explain belt",), "-p {}", ("", "x", "=1")),
     (("modes belt --sweep=drive.speed={}", "map belt --x=drive.speed={}"), "", RANGES),
-    (("explain", "modes", "cycle", "identify", "run", "simulate", "plant", "cost"), "{}", NAMES),
-    (("verify", "replay", "amplitude", "sound", "recover", "export --to=csv", "tune", "warmup"), "{}", NAMES),
-    (("record --wait=0", "view --wait=0"), "--run={}", NAMES),
+    (("explain", "modes", "cycle", "identify", "run", "simulate", "live plant", "cost"), "{}", NAMES),
+    (("verify", "recover", "export --to=csv", "live replay", "live tune", "tool warmup"), "{}", NAMES),
+    (("analyse amplitude", "analyse sound"), "{}", NAMES),
+    (("live record --wait=0", "view --wait=0"), "--run={}", NAMES),
 )
 """Commands, what is added to them, and values of it."""
 

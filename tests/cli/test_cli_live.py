@@ -88,18 +88,18 @@ OPERATIONS = (
 def test_operators_of_a_live_run_name_it_and_ask_which_if_there_are_several(rig, plant):
     for arguments, asked, told in OPERATIONS:
         plant.clear()
-        code, out, err = rig(*arguments)
+        code, out, err = rig("live", *arguments)
         assert (code, plant) == (0, asked), err
         assert told in out
         assert "run tried" in out
     plant.clear()
     with bus.host("second", scene="belt"):
         for arguments in (["pause"], ["tune", "load.force", "15 N"]):
-            code, _, err = rig(*arguments)
+            code, _, err = rig("live", *arguments)
             assert (code, "several runs are live: second, tried; name one with --run" in err) == (2, True), err
             assert plant == {}
-        assert "run tried" in rig("pause", "--run", "tried")[1]
-    code, _, err = rig("knock", "hard")
+        assert "run tried" in rig("live", "pause", "--run", "tried")[1]
+    code, _, err = rig("live", "knock", "hard")
     assert (code, "IMPULSE is 'hard'" in err) == (2, True)
 
 
@@ -128,23 +128,27 @@ def mine(plant):
 
 def test_a_parameter_of_a_controller_is_tuned_by_its_short_name_too(rig, mine):
     for key, value in (("mine.swing", "5"), ("controllers.mine.swing", "7")):
-        code, out, err = rig("tune", key, value)
+        code, out, err = rig("live", "tune", key, value)
         assert (code, out) == (0, f"{key} = {value}  (run tried)\n"), err
     assert mine == {"swing": 7.0}
-    assert rig("tune", "mine.swing")[1] == "mine.swing = 7  (run tried)\n"
-    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06  (run tried)\n"
+    assert rig("live", "tune", "mine.swing")[1] == "mine.swing = 7  (run tried)\n"
+    assert rig("live", "tune", "drive.speed")[1] == "drive.speed = 0.06  (run tried)\n"
     for key, told in (("mine", "name the parameter too"), ("controllers.nf.gain", "there are: mine")):
-        code, _, err = rig("tune", key, "1")
+        code, _, err = rig("live", "tune", key, "1")
         assert code == 2
         assert told in err
 
 
 def test_tune_lists_what_can_be_tuned(rig, mine):
-    rows = [line.split() for line in rig("tune")[1].splitlines()]
+    rows = [line.split() for line in rig("live", "tune")[1].splitlines()]
     assert ["load.force", "15", "N", "plant"] in rows
     assert ["mine.swing", "10", "N", "mine"] in rows
-    assert {row["key"] for row in json.loads(rig("tune", "--json")[1])} == {"load.force", "drive.speed", "mine.swing"}
-    code, _, err = rig("tune", "load.forse", "1")
+    assert {row["key"] for row in json.loads(rig("live", "tune", "--json")[1])} == {
+        "load.force",
+        "drive.speed",
+        "mine.swing",
+    }
+    code, _, err = rig("live", "tune", "load.forse", "1")
     assert (code, "unknown key" in err, "lists what can be tuned" in err) == (2, True, True)
 
 
@@ -154,27 +158,27 @@ def test_a_controller_that_answers_nonsense_is_named_and_the_others_are_listed(r
             server = session.serve("param/mine", lambda _, answer=nonsense: answer)
             session.announce()
             with polled(server):
-                code, out, err = rig("tune", "--json")
+                code, out, err = rig("live", "tune", "--json")
                 assert (code, {row["of"] for row in json.loads(out)}) == (0, {"plant"}), err
                 assert "mine: the answer of param/mine in run tried cannot be read" in err
 
 
 def test_a_value_that_is_not_in_force_is_told_to_wait(rig, plant):
     told = "nf drives drive.speed; the value 0.06 takes effect when nf is disconnected  (run tried)\n"
-    assert rig("tune", "drive.speed", "0.06")[1] == told
-    assert json.loads(rig("tune", "drive.speed", "0.06", "--json")[1])["overruled"] == {"drive.speed": "nf"}
-    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06  (run tried)\n"
+    assert rig("live", "tune", "drive.speed", "0.06")[1] == told
+    assert json.loads(rig("live", "tune", "drive.speed", "0.06", "--json")[1])["overruled"] == {"drive.speed": "nf"}
+    assert rig("live", "tune", "drive.speed")[1] == "drive.speed = 0.06  (run tried)\n"
 
 
 def test_topics_of_a_live_run_are_heard(rig, plant):
-    code, out, err = rig("topic", "hz", "meas/*", "--for", "0.3", "--json")
+    code, out, err = rig("live", "topic", "hz", "meas/*", "--for", "0.3", "--json")
     assert code == 0, err
     (row,) = json.loads(out)
     assert (row["topic"], row["lost"], row["hz"] > 20.0) == ("meas/laser", 0, True)
-    code, out, err = rig("topic", "echo", "meas/laser", "--count", "2")
+    code, out, err = rig("live", "topic", "echo", "meas/laser", "--count", "2")
     first, second = map(json.loads, out.splitlines())
     assert (code, first["v"], second["seq"]) == (0, [0.5], first["seq"] + 1), err
-    assert "meas/laser" in rig("topic", "ls", "--for", "0.2")[1]
+    assert "meas/laser" in rig("live", "topic", "ls", "--for", "0.2")[1]
 
 
 WATCHER = """
@@ -234,7 +238,7 @@ def test_no_command_of_an_operator_makes_a_running_loop_import_anything(rig, run
         ("connect nobody", "no controller is called nobody"),
         ("stop --emergency", ""),
     ):
-        code, _, err = rig(*arguments.split())
+        code, _, err = rig("live", *arguments.split())
         assert (code, fault in err) == (2 if fault else 0, True), (arguments, err)
     going.wait(60.0)
     run = opened(runs / "run.mcap")

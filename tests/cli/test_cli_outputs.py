@@ -54,26 +54,26 @@ FILES = [
     ("run", "belt", "--figure"),
     ("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure"),
     ("explain", "belt", "--measure", "--figure"),
-    ("sound", "log.mcap", "--signal", "s", "--out"),
-    ("sound", "log.mcap", "--signal", "s", "--figure"),
-    ("stick", "log.mcap", "--figure"),
-    ("events", "log.mcap", "--figure"),
-    ("amplitude", "log.mcap", "--figure"),
+    ("analyse", "sound", "log.mcap", "--signal", "s", "--out"),
+    ("analyse", "sound", "log.mcap", "--signal", "s", "--figure"),
+    ("analyse", "stick", "log.mcap", "--figure"),
+    ("analyse", "events", "log.mcap", "--figure"),
+    ("analyse", "amplitude", "log.mcap", "--figure"),
     ("cycle", "belt", "--figure"),
     ("branches", "belt", "--over", "drive.speed=0.1:0.4", "--figure"),
     ("loop", "belt_normal_force", "--figure"),
     ("identify", "lever_kinetic_friction", "--figure"),
     ("identify", "lever_kinetic_friction", "--page"),
     ("diff", "log.mcap", "log.mcap", "--figure"),
-    ("hysteresis", "log.mcap", "--figure"),
-    ("spectrum", "log.mcap", "--figure"),
-    ("pressure", "log.mcap", "--figure"),
-    ("portrait", "log.mcap", "--figure"),
-    ("response", "log.mcap", "--input", "x", "--output", "s", "--figure"),
+    ("analyse", "hysteresis", "log.mcap", "--figure"),
+    ("analyse", "spectrum", "log.mcap", "--figure"),
+    ("analyse", "pressure", "log.mcap", "--figure"),
+    ("analyse", "portrait", "log.mcap", "--figure"),
+    ("analyse", "response", "log.mcap", "--input", "x", "--output", "s", "--figure"),
     ("recover", "cut.mcap", "--out"),
     ("export", "log.mcap", "--to", "mat", "--out"),
     ("report", "log.mcap", "--out"),
-    ("record", "--wait", "0.1", "--out"),
+    ("live", "record", "--wait", "0.1", "--out"),
     ("view", "--wait", "0.1", "--save"),
 ]
 
@@ -82,7 +82,7 @@ def suffix(command):
     """That of the file that the command writes, or one that the command has no opinion about."""
     if command[0] == "report" or command[-1] == "--page":
         return ".html"
-    return ".mcap" if command[-1] == "--out" and command[0] in ("simulate", "run", "record", "recover") else ".png"
+    return ".mcap" if command[-1] == "--out" and {"simulate", "run", "record", "recover"} & {*command} else ".png"
 
 
 @pytest.mark.usefixtures("log")
@@ -118,8 +118,8 @@ def test_a_place_that_cannot_be_written_is_refused_before_anything_starts(rig, t
 @pytest.mark.parametrize(
     ("command", "name"),
     [
-        (("torture", "--case", "grazing", "--out"), "matrix.json"),
-        (("reproduce", "kroeger-3", "--out"), "kroeger-3.png"),
+        (("tool", "torture", "--case", "grazing", "--out"), "matrix.json"),
+        (("tool", "reproduce", "kroeger-3", "--out"), "kroeger-3.png"),
     ],
 )
 def test_a_folder_is_not_overwritten(rig, tmp_path, command, name):
@@ -135,12 +135,12 @@ def test_a_folder_is_not_overwritten(rig, tmp_path, command, name):
     ("commands", "name", "said"),
     [
         (
-            ("simulate belt --out", "run belt --out", "record --out", "recover log.mcap --out"),
+            ("simulate belt --out", "run belt --out", "live record --out", "recover log.mcap --out"),
             "a.csv",
             "a.csv: a recording is an MCAP file, and its name ends in .mcap",
         ),
         (
-            ("map belt --out", "study belt --out", "cost belt --out", "torture --out", "reproduce --out"),
+            ("map belt --out", "study belt --out", "cost belt --out", "tool torture --out", "tool reproduce --out"),
             "a.csv",
             "--out a.csv: the results are a folder of several files",
         ),
@@ -177,15 +177,18 @@ def test_a_folder_of_runs_whose_name_is_not_utf_8_is_refused(rig, tmp_path, monk
 
 
 def test_every_command_that_draws_is_among_those_of_these_tests():
-    draws = {name for name, one in program.program.commands.items() if any("--figure" in p.opts for p in one.params)}
-    assert draws == {command[0] for command in FILES if command[-1] == "--figure"}
+    draws = {name for name, one in program.every().items() if any("--figure" in p.opts for p in one.params)}
+    tried = {
+        " ".join(command[: 2 if command[0] in program.GROUPS else 1]) for command in FILES if command[-1] == "--figure"
+    }
+    assert draws == tried
 
 
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        ("sound log.mcap --signal s --out log.mcap", "--out log.mcap"),
-        ("sound --signal s --figure link.png log.mcap", "--figure link.png"),
+        ("analyse sound log.mcap --signal s --out log.mcap", "--out log.mcap"),
+        ("analyse sound --signal s --figure link.png log.mcap", "--figure link.png"),
         ("simulate belt.png --figure belt.png", "--figure belt.png"),
         ("modes --sweep drive.speed=0.05:0.4:5 --figure belt.png belt.png", "--figure belt.png"),
     ],
@@ -256,10 +259,10 @@ def test_a_figure_is_drawn_as_its_name_ends(rig, tmp_path):
 
 
 def test_every_command_that_writes_files_takes_force():
-    options = {name: {p.name for p in command.params} for name, command in program.program.commands.items()}
+    options = {name: {p.name for p in command.params} for name, command in program.every().items()}
     paths = {
         name
-        for name, command in program.program.commands.items()
+        for name, command in program.every().items()
         for p in command.params
         if p.name in ("out", "figure", "save") and p.metavar in ("FILE", "FOLDER", "PATH")
     }
@@ -272,7 +275,7 @@ def test_every_command_that_writes_files_takes_force():
     ("command", "drawn"),
     [
         ("explain belt --measure --figure a.png", "qualify.effects_measured.draw"),
-        ("sound log.mcap --signal s --figure a.png", "analysis.recorded.figures.sound_figure"),
+        ("analyse sound log.mcap --signal s --figure a.png", "analysis.recorded.figures.sound_figure"),
         ("map belt --x drive.speed=0.2:0.3:2 --y load.force=10:20:2 --eigenvalues", "analysis.regions.figure"),
     ],
 )
@@ -296,7 +299,7 @@ def test_two_options_do_not_name_one_file(rig, log, tmp_path):
     (tmp_path / "b.png").symlink_to("a.png")
     for out, figure in (("a.png", "a.png"), ("a.png", "b.png"), ("c.png", "../c.png")):
         files = ("--out", tmp_path / out, "--figure", tmp_path / figure.replace("..", f"../{tmp_path.name}"))
-        code, err = rig("sound", log, *files, "--force")
+        code, err = rig("analyse", "sound", log, *files, "--force")
         assert code == 2
         assert f"{files[-1]}: is also the file of --out" in err
     assert (tmp_path / "a.png").read_text() == "mine"

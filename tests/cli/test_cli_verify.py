@@ -61,7 +61,7 @@ def test_what_is_not_as_it_was_simulated_is_found(rig, log, tmp_path, change, co
 @pytest.mark.usefixtures("runs")
 def test_a_changed_gain_differs_where_it_first_acts_and_the_timing_error_is_stated(rig, log):
     change = "controllers.nf.gain=150 N*s/m"
-    code, out, err = rig("replay", log, "--into", "nf", "--pace", "5", "-p", change, "--json")
+    code, out, err = rig("live", "replay", log, "--into", "nf", "--pace", "5", "-p", change, "--json")
     told = json.loads(out)
     assert code == 1, out + err
     assert told["compared"] == {"nf": 500}
@@ -91,7 +91,7 @@ def test_what_a_replay_cannot_do_is_told_before_it_begins(rig, log, tmp_path, gi
         (tmp_path / name).mkdir()
         (tmp_path / name / "nf.py").write_text(MINE.replace(old, new))
     files = {name: tmp_path / name / "nf.py" for name in changes}
-    code, _, err = rig("replay", log, "--pace", "max", *(one.format(**files) for one in given))
+    code, _, err = rig("live", "replay", log, "--pace", "max", *(one.format(**files) for one in given))
     assert code == 2
     assert told in err
 
@@ -113,7 +113,7 @@ class Controller:
 def test_a_controller_that_dies_in_a_replay_is_named_with_its_end(rig, log, tmp_path):
     file = tmp_path / "nf.py"
     file.write_text(MINE.replace("LAST", "1 / 0"))
-    code, _, err = rig("replay", log, "--into", file, "--pace", "20")
+    code, _, err = rig("live", "replay", log, "--into", file, "--pace", "20")
     assert code == 2
     assert "nf left at tick 300, t = 0.3 s, without an answer to its step" in err
     assert f"nf ended with code 1: controller nf failed at t = 0.3 s: {file}: ZeroDivisionError" in err
@@ -146,7 +146,7 @@ time = ["0.2 s", "chosen"]
 def test_a_change_by_the_protocol_is_made_again_in_a_replay(rig, tmp_path):
     (tmp_path / "changed.toml").write_text(CHANGED_BY_THE_PROTOCOL)
     assert rig("simulate", tmp_path / "changed.toml", "--out", tmp_path / "changed.mcap")[0] == 0
-    code, out, err = rig("replay", tmp_path / "changed.mcap", "--into", "nf", "--pace", "max", "--json")
+    code, out, err = rig("live", "replay", tmp_path / "changed.mcap", "--into", "nf", "--pace", "max", "--json")
     assert code == 0, out + err
     assert (json.loads(out)["compared"], json.loads(out)["divergence"]) == ({"nf": 400}, None)
     assert rig("verify", tmp_path / "changed.mcap")[0] == 0

@@ -15,14 +15,14 @@ LARGEST = 4096
 COMMANDS = [
     *(("export", "--to", to, "--out") for to in ("csv", "hdf5")),
     ("report", "--out"),
-    ("sound", "--signal", "fast", "--out"),
-    ("spectrum", "--figure"),
+    ("analyse sound", "--signal", "fast", "--out"),
+    ("analyse spectrum", "--figure"),
 ]
 
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
-    """Recordings: one that is fast enough for `rig sound`, and a golden one for all other commands."""
+    """Recordings: one that is fast enough for `rig analyse sound`, and a golden one for all other commands."""
     t_ns = np.arange(8001, dtype=np.int64) * 100_000
     tone = Samples(t_ns, np.sin(2.0 * np.pi * 1000.0 * t_ns * 1e-9))
     fast = tmp_path_factory.mktemp("fast") / "fast.mcap"
@@ -38,7 +38,7 @@ def logs(tmp_path_factory):
         ),
         fast,
     )
-    return {"sound": fast}
+    return {"analyse sound": fast}
 
 
 @pytest.fixture
@@ -52,8 +52,8 @@ def full(logs):
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda one: f"{one[0]} {one[1]} {one[-1]}")
 def test_a_file_that_does_not_fit_is_named_and_goes(rig, logs, tmp_path, command):
     name, *options = command
-    path = tmp_path / {"report": "file.html", "spectrum": "file.png"}.get(name, "file")
-    code, out, err = rig(name, logs.get(name, GOLDEN / "pendulum.mcap"), *options, path)
+    path = tmp_path / {"report": "file.html", "analyse spectrum": "file.png"}.get(name, "file")
+    code, out, err = rig(*name.split(), logs.get(name, GOLDEN / "pendulum.mcap"), *options, path)
     assert code == 1
     assert str(path) in err
     assert "cannot be written" in err

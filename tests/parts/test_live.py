@@ -37,10 +37,10 @@ def test_a_live_run_whose_parts_print_and_who_joins_it(rig, runs, folder, strang
     setup = setup_of(head(folder / "log.mcap"))
     with pytest.raises(Untrusted, match=r"example_controller\.py"):
         controllers.restored(setup.controllers["two_levels"])
-    code, _, err = rig("replay", "log.mcap", "--into", "two_levels", "--pace", "max")
+    code, _, err = rig("live", "replay", "log.mcap", "--into", "two_levels", "--pace", "max")
     assert code == 2
     assert "--trust" in err
-    code, out, err = rig("replay", "log.mcap", "--into", "two_levels", "--pace", "max", "--trust")
+    code, out, err = rig("live", "replay", "log.mcap", "--into", "two_levels", "--pace", "max", "--trust")
     assert code == 0, out + err
     assert "no command differs" in out
 
@@ -69,12 +69,12 @@ def test_who_joins_from_another_terminal_is_asked_for_trust(rig, runs, script, f
     assert code == 2
     assert "example_plant.py (SHA-256" in err
     assert "--trust" in err
-    code, _, err = rig("control", "two_levels", "--wait", "5")
+    code, _, err = rig("live", "control", "two_levels", "--wait", "5")
     assert code == 2
     assert "example_controller.py (SHA-256" in err
     assert "example_plant.py" not in err  # the controller is all that it would run
     assert not [name for name in sys.modules if name.startswith("rig_part_")]
-    code, _, err = rig("control", "two_levels", "--trust", "--wait", "5")
+    code, _, err = rig("live", "control", "two_levels", "--trust", "--wait", "5")
     assert code == 0, err
     assert "300 updates" in err
     assert plant.wait(10) == 0

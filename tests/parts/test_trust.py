@@ -59,14 +59,14 @@ def test_without_trust_there_are_data_and_no_code_runs_with_it_everything_works(
 
 
 def test_commands_that_need_the_code_ask_for_trust(rig, log, strangers):
-    code, _, err = rig("amplitude", log)
+    code, _, err = rig("analyse", "amplitude", log)
     assert code == 2
     assert "example_plant.py (SHA-256" in err
     assert "--trust" in err
     strangers()
-    code, out, err = rig("amplitude", log, "--trust")
+    code, out, err = rig("analyse", "amplitude", log, "--trust")
     assert code == 0, out + err
-    code, out, err = rig("spectrum", log, "--signal", "geophone")  # data are analysed without
+    code, out, err = rig("analyse", "spectrum", log, "--signal", "geophone")  # data are analysed without
     assert code == 0, err
     assert "geophone" in out
 

@@ -86,7 +86,7 @@ def test_what_starts_open_is_measured_closed_as_well():
     assert shunt.closed.states == 2
     assert shunt.change().startswith("starts open, is closed by the protocol; measured closed: ")
     assert opened(bare(scene)) == {
-        "shunt.connected": "nothing in the scene closes it (rig tune shunt.connected=1 does)"
+        "shunt.connected": "nothing in the scene closes it (rig live tune shunt.connected=1 does)"
     }
 
 

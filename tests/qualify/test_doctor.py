@@ -93,7 +93,7 @@ def test_what_others_do_costs_a_plant_in_real_time_nothing(monkeypatch):
 def test_a_scene_without_kernels_is_not_judged():
     found = judge(rig.load("belt"), None, PUNCTUAL, None)
     assert found.verdict == "unknown"
-    assert "rig warmup" in found.reason
+    assert "rig tool warmup" in found.reason
 
 
 @pytest.fixture

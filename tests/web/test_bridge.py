@@ -97,7 +97,7 @@ def test_only_who_has_the_token_and_comes_from_here_is_let_in(runs):
             with pytest.raises(InvalidStatus) as refused, connect(address, **head):
                 pass
             assert refused.value.response.status_code == 403
-            assert b"Open the address that rig bridge printed" in refused.value.response.body
+            assert b"Open the address that rig live bridge printed" in refused.value.response.body
         for head in ({}, {"origin": own}):
             with connect(made.address, **head):
                 pass
@@ -194,13 +194,13 @@ def test_a_client_that_does_not_read_is_disconnected_and_delays_nobody(runs, mon
 
 
 def test_the_command_prints_the_address_and_ends_with_the_run(rig, runs, monkeypatch):
-    code, _, err = rig("bridge")
+    code, _, err = rig("live", "bridge")
     assert code == 2
     assert "no run is live" in err
     with waiting_run("nobody") as run:
         is_live = bridge.address.is_live
         monkeypatch.setattr(bridge.address, "is_live", lambda name: run.end() or is_live(name))
-        code, out, err = rig("bridge", "--json")
+        code, out, err = rig("live", "bridge", "--json")
     assert code == 0, err
     told = json.loads(out)
     assert told["run"] == RUN

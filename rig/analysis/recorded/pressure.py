@@ -125,7 +125,7 @@ def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
     points = points_of(run.scene)
     if points is None or run.signals.keys().isdisjoint(points.names):
         raise UsageError(
-            f"{scene_name(run)}: this recording has no contact points with places; rig pressure reads "
+            f"{scene_name(run)}: this recording has no contact points with places; rig analyse pressure reads "
             f"runs of the plant plate with a slider and film.opens = true, and of the plant structure "
             f"with contacts of a mesh"
         )

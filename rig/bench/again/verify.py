@@ -354,7 +354,7 @@ def _by_checksums(log: Path, run: Run) -> Verification:
     why = (
         f"a window of a run, t = {begin:.3f} to {end:.3f} s, recorded by a trigger: {run.window}",
         f"not checked: a simulation starts at t = 0, and the file lacks what happened before t = {begin:.3f} s. "
-        "Only a recording of the whole run can be simulated again: rig record without --trigger",
+        "Only a recording of the whole run can be simulated again: rig live record without --trigger",
     )
     if run.measured:
         why = (

@@ -48,7 +48,7 @@ def advice(verdict: str, late_share: float, shares: Mapping[str, float]) -> str:
         if shares[name] >= 0.01
     ]
     if sum(shares.values()) < BUSY:
-        return "the machine was not busy; rig doctor measures what makes frames late"
+        return "the machine was not busy; rig tool doctor measures what makes frames late"
     return (
         f"the machine is busy: {' and '.join(taken)} of its processors' time; "
         "end other programs and run again, or use rig simulate, which needs no clock"

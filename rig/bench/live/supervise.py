@@ -141,8 +141,8 @@ def run(
     """Run `scene` as processes; returns when all have ended.
 
     `pace` None: as fast as the controllers answer; "auto": real time, or the largest pace below it that holds on this
-    machine. `out`, which is overwritten only to `replace` it, is the recording. `trigger`: options of `rig record` for
-    windows instead of the whole run. `say` gets lines; without it they go to standard error, under the live line.
+    machine. `out`, which is overwritten only to `replace` it, is the recording. `trigger`: options of `rig live record`
+    for windows instead of the whole run. `say` gets lines; without it they go to standard error, under the live line.
     `command`: the command line that the recording states, by default that of this process. `interrupts`: a list that
     is looked at ten times a second; an entry acts as Ctrl-C does, and is its name. `begun` gets the name of the run
     when it can be joined.
@@ -295,7 +295,7 @@ class RunProcesses:
             return ["rig.controllers.runtime.process", name, *joining]
         if role == "recorder":
             out = ["--out", str(self._out)] if self._out else []
-            return ["rig", "record", *joining, *out, *(["--force"] if self._replace else []), *self._trigger]
+            return ["rig", "live", "record", *joining, *out, *(["--force"] if self._replace else []), *self._trigger]
         return ["rig", "view", *joining, *(["--web"] if self._web else [])]
 
     def _join(self) -> Session | None:

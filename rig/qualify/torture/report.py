@@ -29,7 +29,7 @@ def junit(cells: Sequence[Cell], path: Path) -> None:
     """Write a test for each cell. Only the default can fail; other methods that are not green are skipped with the
     reason.
     """
-    suite = ElementTree.Element("testsuite", name="rig torture")
+    suite = ElementTree.Element("testsuite", name="rig tool torture")
     failures = skipped = 0
     for cell in cells:
         element = ElementTree.SubElement(

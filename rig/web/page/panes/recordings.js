@@ -119,7 +119,7 @@ export function create(bench) {
     if (!known.length) list.replaceChildren(h("p", { class: "soft" }, t("no recordings yet: every run makes one")));
   });
 
-  const jobs = jobsOf(["verify", "report", "export", "diff", "view", "spectrum", "sound", "simulate"], attempt, fill);
+  const jobs = jobsOf(["verify", "report", "export", "diff", "view", "analyse", "simulate"], attempt, fill);
   jobs.element.id = "jobs";
   const player = h("section", { class: "card stack", hidden: true, "aria-label": t("recording") }, title, about, canvas, h("div", { class: "row" }, play, h("span", { class: "grow" }, scrub), time.contact),
     time.element,
