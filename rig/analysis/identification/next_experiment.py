@@ -188,7 +188,8 @@ def propose(
     proposals = []
     p = len(best.law.free)
     now = widths(best, best.covariance)
-    for point, row in zip(settings, rows):
+    for i, point in enumerate(settings):
+        row = rows[i]
         if "covariance" in row:
             C = row["covariance"]
             determinant = float(np.linalg.slogdet(C[:p, :p])[1])

@@ -124,12 +124,12 @@ def _grown(v: Reals, rate: float, f: float, density: float, begin: float, end: f
         rough = _rough(np.abs(z) ** 2, step, noise, begin, end)
         if rough is None:
             return None
-        rate_of_growth, _, level = rough
-        if rate_of_growth < 0.5 / step or level < _CLEAR * noise or width >= half:
+        a, knee, level = rough
+        if a < 0.5 / step or level < _CLEAR * noise or width >= half:
             break
         width = min(2.0 * width, half)
-    z, step, power = mixed(v, rate, f, min(_BAND * rough[0], half))
-    fitted = _fitted(z, step, density * power, *rough)
+    z, step, power = mixed(v, rate, f, min(_BAND * a, half))
+    fitted = _fitted(z, step, density * power, a, knee, level)
     if fitted is None:
         return None
     sudden = fitted.growth.rate * step > 1.0 or abs(fitted.growth.offset) > 0.5 / step
