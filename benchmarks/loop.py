@@ -33,11 +33,11 @@ def beside_bare(
 ) -> dict[str, Any]:
     """Measure short runs in lockstep and paced, alternating with bare round trips over the bus; times in us.
 
-    In each round, a tick in lockstep and the paced run's median from put to command are divided by the mean of the bare
-    medians before and after; the ratios `over_bare` are the medians over the rounds. `bare` is the round trip of
+    In each round, a tick in lockstep and the paced run's median from put to command are divided by the mean of the
+    bare medians before and after; the ratios `over_bare` are the medians over the rounds. `bare` is the round trip of
     `rig tool doctor`, with a pause before each. `back_to_back` is one directly after the other, which finds warm
-    caches: a tick in lockstep is also compared with it. `publish`: mean publishing time of a frame in the paced runs. Raises
-    BusError if bare round trips cannot be measured.
+    caches: a tick in lockstep is also compared with it. `publish`: mean publishing time of a frame in the paced runs.
+    Raises BusError if bare round trips cannot be measured.
     """
     times: dict[str, list[float]] = {"lockstep": [], "paced": [], "publish": []}
     bare, back_to_back = [_bare(bare_s)], [_bare(bare_s, paced=False)]

@@ -230,10 +230,11 @@ ENTRIES = (
         "sound of a brake whose shunt is connected and disconnected",
         ("brake_shunt_sound",),
         sound,
-        "To listen: rig simulate brake_shunt_sound --out run.mcap, then rig analyse sound run.mcap --out squeal.wav. "
-        "T: a turn of the disc. The paper connects its optimal shunt and states that the squeal stops immediately. "
-        "Here the coil gives the fastest decay. With a coil tuned to the squeal of the open stack 20 dB take longer. The "
-        "paper writes of a small variation of the frequency and of the sound of motor and environment, without "
+        "To listen: rig simulate brake_shunt_sound --out run.mcap, then rig analyse sound run.mcap --out "
+        "squeal.wav. T: a turn of the disc. The paper connects its optimal shunt and states that the squeal stops "
+        "immediately. Here the coil gives the fastest decay. With a coil tuned to the squeal of the open stack 20 "
+        "dB take longer. The paper writes of a small variation of the frequency and of the sound of motor and "
+        "environment, without "
         f"numbers: both are calibrated. {TOLD}",
         size=(10.4, 7.6),
     ),
