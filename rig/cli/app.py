@@ -129,6 +129,7 @@ class Commands(Mapping[str, Any]):
     def __init__(self, panels: Mapping[str, Iterable[str]], made: Mapping[str, Any]) -> None:
         self._panels = {name: panel for panel, names in panels.items() for name in names}
         self._made = {**made}
+        self._names = tuple(dict.fromkeys((*self._panels, *made)))
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:
@@ -136,10 +137,10 @@ class Commands(Mapping[str, Any]):
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys((*self._panels, *self._made)))
+        return iter(self._names)
 
     def __len__(self) -> int:
-        return len([*self])
+        return len(self._names)
 
 
 _SHORT = {name: about for commands in PANELS.values() for name, about in commands.items()}
