@@ -3,7 +3,7 @@
 #   make test       the tests            make test-slow   those that take longer
 #   make test-browser  the page of rig web in Chromium; it says what to install
 #   make screenshots  pictures of twelve states of the page at three widths, build/screenshots
-#   make check      formatting, lint, import rules, types
+#   make check      formatting, lint, order of modules, import rules, types
 #   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
 #                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
 #   make docs       the figures of the papers, made again: docs/gallery, and build/gallery/README.md with all numbers
@@ -89,6 +89,7 @@ slidermaps: install
 check: tools
 	@$(RUN) ruff format --check .
 	@$(RUN) ruff check .
+	@$(BIN)/python tests/order.py
 	@$(BIN)/lint-imports
 	@$(RUN) mypy
 

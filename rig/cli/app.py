@@ -35,22 +35,6 @@ _app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-
-def _version(asked: bool) -> None:
-    if asked:
-        import rig
-
-        printing.line(str(rig.__version__))
-        raise typer.Exit
-
-
-@_app.callback()
-def _program(
-    version: Annotated[bool, typer.Option("--version", is_eager=True, callback=_version, help="Print it.")] = False,
-) -> None: ...
-
-
 COMMANDS: Mapping[str, tuple[Any, str]] = {
     name: command
     for module in (analysis, lesson, live, machine, measurements, processes, recorded, recordings, runs, scenes, study)
@@ -118,6 +102,20 @@ GROUPS = {
     ),
 }
 """Group -> what it is for, its panels -> their commands."""
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        import rig
+
+        printing.line(str(rig.__version__))
+        raise typer.Exit
+
+
+@_app.callback()
+def _program(
+    version: Annotated[bool, typer.Option("--version", is_eager=True, callback=_version, help="Print it.")] = False,
+) -> None: ...
 
 
 class Commands(Mapping[str, Any]):

@@ -37,6 +37,9 @@ PROGRESS_S = 5.0
 _FILES = {*FIGURES, ".csv", ".html", ".json", ".mcap", ".nc", ".parquet", ".txt", ".xml"}
 _TAKEN = "rig.cli.printing"
 _READ = "what is read"
+_WIDTH = 160  # columns without a terminal
+_BESIDE = 30  # fewest columns for a text beside its row; with less it stands below
+_BELOW = 4
 
 
 def line(text: str = "") -> None:
@@ -111,9 +114,6 @@ def _plain(value: Any) -> Any:
     return value if value is None or isinstance(value, str | int | bool) else str(value)
 
 
-_WIDTH = 160  # columns without a terminal
-
-
 def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table in the width of the terminal; at most 160 columns without a terminal."""
     texts = [[printable(cell if isinstance(cell, str) else number(cell)) for cell in row] for row in rows]
@@ -158,10 +158,6 @@ def paragraph(text: str) -> None:
         lines = [line for part in text.split("\n\n") for line in (*textwrap.wrap(part, width()), "")][:-1]
     for text_line in lines:
         line(text_line)
-
-
-_BESIDE = 30  # fewest columns for a text beside its row; with less it stands below
-_BELOW = 4
 
 
 def described(title: str, rows: Iterable[Sequence[str]], align: str = "") -> None:

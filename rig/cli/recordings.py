@@ -21,6 +21,13 @@ if TYPE_CHECKING:
     from rig.record.run_list import Listed
     from rig.record.user_notes import Notes
 
+_SHOWN = 60  # most characters of a note in the list
+NAMES = ("csv", "hdf5", "mat", "netcdf", "parquet", "wav")
+"""Formats, as `rig.record.export.FORMATS` has them, which is not imported before it is needed."""
+_LIST = f"{', '.join(NAMES[:-1])} or {NAMES[-1]}"
+RATES = (1e-3, 1e9)
+"""Lowest and highest rate [Hz] that can be asked for."""
+
 
 def recording(context: typer.Context, path: Path | None) -> Path | None:
     """Check the path of a recording: no folder, pipe or device. Whoever reads it reports a file that does not exist."""
@@ -155,9 +162,6 @@ def recover(
     printing.passed(saved.complete)
 
 
-_SHOWN = 60  # most characters of a note in the list
-
-
 def runs(
     folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Where to look, or one recording.")] = RUNS,
     tag: Annotated[
@@ -270,13 +274,6 @@ def report(
     with printing.status(f"writing {path}"):
         size = write(run, log, path)
     printing.either(as_json, {"path": path, "bytes": size, "damage": run.notes}, str(path))
-
-
-NAMES = ("csv", "hdf5", "mat", "netcdf", "parquet", "wav")
-"""Formats, as `rig.record.export.FORMATS` has them, which is not imported before it is needed."""
-_LIST = f"{', '.join(NAMES[:-1])} or {NAMES[-1]}"
-RATES = (1e-3, 1e9)
-"""Lowest and highest rate [Hz] that can be asked for."""
 
 
 def export(

@@ -25,6 +25,11 @@ if TYPE_CHECKING:
     from rig.scenes.explain import Effect, Explanation, Value
     from rig.scenes.scene import Scene
 
+_CONTACT = "friction at "
+_SOURCED = ("paper", "public", "derived", "measured")
+"""Origins that another person can check."""
+_MANY = 4  # numbers of a list that are shown one by one
+
 
 def list_scenes(
     folder: Annotated[
@@ -229,11 +234,6 @@ def _print_screen(explanation: Explanation, typed: str) -> None:
     printing.line()
 
 
-_CONTACT = "friction at "
-_SOURCED = ("paper", "public", "derived", "measured")
-"""Origins that another person can check."""
-
-
 def _loop(section: Any) -> str:
     from rig.controllers import controller_drives, controller_reads
 
@@ -314,9 +314,6 @@ def _listed(value: Any) -> str:
 
 def _unit(unit: str) -> str:
     return "" if unit == "1" else unit
-
-
-_MANY = 4  # numbers of a list that are shown one by one
 
 
 def _believed(scene: Scene) -> tuple[dict[str, dict[str, Any]], str]:

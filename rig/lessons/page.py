@@ -50,6 +50,12 @@ COMMAND = re.compile(
 
 
 _FILE = re.compile(r"(?<=^```toml\n)# (\w+\.toml)\n(?:(?!```).*\n)+", re.MULTILINE)
+LONGEST_S = 600.0
+"""Longest time that a command may take [s]."""
+_DIGITS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
+_WRITES = ("--out", "--figure", "--csv", "--law")
+_KEEP = ("branches", "cost", "map", "optimise", "study")
+"""Commands that keep their results in a folder, and do not replace them without --force."""
 
 
 @dataclass(frozen=True)
@@ -190,14 +196,6 @@ def _expected(row: str, place: str, file: Path) -> Expected:
     if not share and bound[2] not in ("", number[2]):
         raise ValueError(f"{file}: {row}: the tolerance is in another unit than the value")
     return Expected(quantity, place, float(number[1]), number[2], width)
-
-
-LONGEST_S = 600.0
-"""Longest time that a command may take [s]."""
-_DIGITS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
-_WRITES = ("--out", "--figure", "--csv", "--law")
-_KEEP = ("branches", "cost", "map", "optimise", "study")
-"""Commands that keep their results in a folder, and do not replace them without --force."""
 
 
 @dataclass(frozen=True)

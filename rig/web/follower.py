@@ -35,6 +35,9 @@ from rig.web.frames import Frame, Frames
 from rig.web.picture import MovingPicture
 from rig.web.sound import audible
 
+PATIENCE_S = 2.0
+"""Longest wait for an answer of a process of the run."""
+
 
 def description(
     setup: Setup,
@@ -83,10 +86,6 @@ def description(
         "picture": still,
         "hands": {key: hand.words for key, hand in hands(scene).items()},
     }
-
-
-PATIENCE_S = 2.0
-"""Longest wait for an answer of a process of the run."""
 
 
 class LiveValues:

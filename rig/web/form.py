@@ -42,6 +42,12 @@ WIDE = 20.0
 """A range that reaches beyond this multiple of the present value is not the range of a slider. # chosen"""
 LEAST = 1e-6
 """Least size [SI] on a logarithmic slider beside 0. # chosen"""
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+_PAGE = Place("on the page", 0)
+PACES = (1e-3, 1e6)
+"""Slowest and fastest pace."""
+LONGEST = 1e6
+"""Longest duration of a run [s]."""
 
 
 def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
@@ -229,14 +235,6 @@ def _section(scene: Scene, key: str) -> tuple[Any, str]:
         name, _, inner = rest.partition(".")
         return rooms[room].get(name), inner
     return scene.parameters, key
-
-
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-_PAGE = Place("on the page", 0)
-PACES = (1e-3, 1e6)
-"""Slowest and fastest pace."""
-LONGEST = 1e6
-"""Longest duration of a run [s]."""
 
 
 class Catalogue:
