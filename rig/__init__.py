@@ -598,8 +598,9 @@ def __getattr__(name: str) -> object:
 
         return version("friction-rig")
     if name == "branch":
-        raise AttributeError("rig.branch is gone: rig.fork continues a recording, rig.branches follows motions over a "
-                             "parameter")  # fmt: skip
+        raise AttributeError(
+            "rig.branch is gone: rig.fork continues a recording, rig.branches follows motions over a parameter"
+        )
     if name != "gym":
         raise AttributeError(f"module 'rig' has no attribute {name!r}")
     from importlib import import_module

@@ -31,9 +31,14 @@ CLIENTS = 8
 """Most clients at a time."""
 LARGEST = 1 << 16
 """Largest message of a client [bytes]."""
-SEND_S, _END_S = 5, 3.0
-PING_S, PONG_S = 5.0, 10.0
-"""Time between two pings, and that in which a client must answer one [s]."""
+SEND_S = 5
+"""Longest time for which a message to a client waits [s]: one that takes nothing must not hold its seat. # chosen"""
+_END_S = 3.0
+"""Longest wait for clients, and then for the server, when it ends [s]. # chosen"""
+PING_S = 5.0
+"""Time between two pings [s]. # chosen"""
+PONG_S = 10.0
+"""Time in which a client must answer a ping [s]. # chosen"""
 _QUIET = logging.getLogger(__name__)  # a client that breaks off its handshake is none of the user's concern
 _QUIET.addHandler(logging.NullHandler())
 _QUIET.propagate = False
@@ -54,10 +59,18 @@ class Bridge:
         self.token = secrets.token_urlsafe(24)
         self._gate = Gate(self.port, self.token)
         self._server = needed("websockets.sync.server", "web").serve(
-            self._serve, sock=self._socket, process_request=self._check, compression=None, open_timeout=5,
-            ping_interval=PING_S, ping_timeout=PONG_S, close_timeout=1, max_size=LARGEST, server_header=None,
+            self._serve,
+            sock=self._socket,
+            process_request=self._check,
+            compression=None,
+            open_timeout=5,
+            ping_interval=PING_S,
+            ping_timeout=PONG_S,
+            close_timeout=1,
+            max_size=LARGEST,
+            server_header=None,
             logger=_QUIET,
-        )  # fmt: skip
+        )
         self._thread = threading.Thread(target=self._server.serve_forever, name="bridge", daemon=True)
 
     @property

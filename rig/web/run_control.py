@@ -214,8 +214,10 @@ class RunControl:
             raise UsageError("no run is active; start one first")
         shown = body.get("run")
         if shown and shown != self._facts["run"]:
-            raise UsageError(f"this page shows the run {shown!s:.80}, which has ended; "
-                             f"the present run is {self._facts['run'] or 'starting'}: reload the page")  # fmt: skip
+            present = self._facts["run"] or "starting"
+            raise UsageError(
+                f"this page shows the run {shown!s:.80}, which has ended; the present run is {present}: reload the page"
+            )
 
     def _interrupt(self) -> None:
         with self._lock:
@@ -232,9 +234,14 @@ class RunControl:
     def _run(self, scene: Scene, pace: Pace, duration: float | None, command: list[str]) -> None:
         try:
             outcome = supervise.run(
-                scene, pace=pace, duration=duration, say=self._hear, command=command, interrupts=self._interrupts,
+                scene,
+                pace=pace,
+                duration=duration,
+                say=self._hear,
+                command=command,
+                interrupts=self._interrupts,
                 begun=self._begun,
-            )  # fmt: skip
+            )
             if self._follower is not None:
                 self._follower.outlast()
             self._conclude(outcome)

@@ -67,14 +67,14 @@ class Guard:
         self._app, self._token, self._gate = app, token, Gate(port, token)
         self._cookie = f"bench-{port}"
         sources = " ".join(f"ws://{host}" for host in sorted(self._gate.hosts))
+        policy = f"default-src 'self'; img-src 'self' data: blob:; connect-src 'self' {sources}; frame-ancestors 'none'"
         self._headers = [
-            (b"content-security-policy", f"default-src 'self'; img-src 'self' data: blob:; "
-             f"connect-src 'self' {sources}; frame-ancestors 'none'".encode()),
+            (b"content-security-policy", policy.encode()),
             (b"referrer-policy", b"no-referrer"),
             (b"cross-origin-resource-policy", b"same-origin"),
             (b"x-content-type-options", b"nosniff"),
             (b"cache-control", b"no-store"),
-        ]  # fmt: skip
+        ]
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Answer, redirect or pass on one request."""
