@@ -5,7 +5,8 @@
     follower        a thread that follows a run over the bus; frames converts its messages
     playback        a whole recording, as a page that had watched the run would know it
     broadcast       the newest frames for every connected page; a slow page loses frames and delays no other page
-    lists           recordings, maps and cost tables; lessons their text and commands; jobs, job_process the work of all
+    recordings      the recordings of a folder; studies maps, cost tables and branches; lessons their text and commands
+    jobs            the work of all these, in processes (job_process)
     sound           samples of a sensor for the loudspeakers of the pages
     app, server     routes; the process: address, browser, which requests are accepted, Ctrl-C
     bridge          the bus of a run over WebSocket, a server of its own; bridge_client: one of its clients

@@ -13,9 +13,9 @@
     GET  /api/recordings          the recordings of the folder;  GET /recordings/NAME: one of them, to keep
     POST /api/recordings/open     {name} -> a whole recording (`rig.web.playback`)
     POST /api/recordings/picture  {name} -> its rig before the run (`rig.web.playback.at_rest`)
-    POST /api/recordings/work     {what, name, other, at, changes} -> a job with a recording (`rig.web.lists`)
+    POST /api/recordings/work     {what, name, other, at, changes} -> a job with a recording (`rig.web.recordings`)
     GET  /api/studies             maps, cost tables, branches;  GET /studies/KIND/NAME/FILE: a figure or a table of one
-    POST /api/studies/work        {what, scene, changes, x, y} -> a job: eigenvalues, a map, a cost table, branches
+    POST /api/studies/work        {what, scene, changes, x, y} -> a job of a scene (`rig.web.studies`)
     POST /api/studies/beside      {scene, changes} -> the finished branches and maps of this scene
     GET  /api/lessons             the lessons;  GET /lessons/NAME: a figure of one
     POST /api/lesson              {number, language} -> the text of a lesson as HTML
@@ -56,19 +56,21 @@ from rig.web.broadcast import Broadcast
 from rig.web.form import Catalogue, as_text, form, timing
 from rig.web.jobs import Jobs
 from rig.web.lessons import LessonJobs
-from rig.web.lists import Recordings, Studies
 from rig.web.plain_json import Answer
 from rig.web.playback import at_rest, recorded
+from rig.web.recordings import Recordings
 from rig.web.run_control import RunControl
 from rig.web.sound import Sounds, packed
+from rig.web.studies import Studies
 
-_URGENT = 64  # most commands to the run that wait for its answer at a time; each waits for a bounded time
 PAGE = Path(__file__).parent / "page"
+"""Folder of the page."""
 BESIDE = ("gallery.js", "loudspeaker.js")
 """Modules that run beside the page, in threads of their own: pictures, sound."""
 LARGEST = 1 << 20
 """Largest request body [bytes]."""
-
+_URGENT = 64
+"""Most commands to the run that wait for its answer at a time; each waits for a bounded time. # chosen"""
 ALONE = {
     "content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data: 'self'; "
     "frame-ancestors 'self'"
@@ -83,7 +85,9 @@ class Bench:
     """What the routes work on: catalogue, the present run, the connected pages."""
 
     def __init__(self, folder: Path, say: Callable[[str], object] = lambda _: None) -> None:
-        self.catalogue, self.broadcast, self.sounds = Catalogue(folder), Broadcast(), Sounds()
+        self.catalogue = Catalogue(folder)
+        self.broadcast = Broadcast()
+        self.sounds = Sounds()
         self.control = RunControl(
             lambda: self._call(self.broadcast.put, "state", self.control.state),
             partial(self._call, self.broadcast.frame),
@@ -113,7 +117,8 @@ class Bench:
                 self._loop.call_soon_threadsafe(function, *arguments)
 
     def _samples(self, arrived: Sequence[Message]) -> None:
-        if wanted := self.sounds.wanted:
+        wanted = self.sounds.wanted
+        if wanted:
             self._call(self.sounds.offer, packed(arrived, wanted))
 
     def form(self, body: dict[str, Any]) -> Any:
@@ -139,6 +144,14 @@ class Bench:
         texts = {key: as_text(value, key) for key, value in changes.items()}
         return self.control.start(scene, str(body["scene"]), texts, pace, length)
 
+    def recorded(self, body: dict[str, Any]) -> Any:
+        """A whole recording."""
+        return recorded(self.recordings.path(body.get("name")))
+
+    def at_rest(self, body: dict[str, Any]) -> Any:
+        """The rig of a recording before its run."""
+        return at_rest(self.recordings.path(body.get("name")))
+
     def stop_job(self, body: dict[str, Any]) -> Any:
         """Stop a job."""
         self.jobs.job(body.get("number")).stop()
@@ -156,39 +169,31 @@ def app(bench: Bench) -> Starlette:
         Route("/", _page),
         Route("/page/look.css", _look),
         Mount("/page", GZipMiddleware(StaticFiles(directory=PAGE))),
-        Route("/api/scenes", _answers(lambda _: bench.catalogue.cards())),
-        Route("/api/scene", _answers(bench.form), methods=["POST"]),
-        Route("/api/scene/save", _answers(bench.save), methods=["POST"]),
-        Route("/api/run", _answers(bench.state, _at_once)),
-        Route("/api/run", _answers(bench.start), methods=["POST"]),
-        Route("/api/run/command", _answers(bench.control.command, bench.urgently), methods=["POST"]),
-        Route("/api/run/set", _answers(bench.control.set), methods=["POST"]),
-        Route("/api/live", _answers(bench.control.others)),
-        Route("/api/run/follow", _answers(bench.control.follow), methods=["POST"]),
-        Route("/api/run/leave", _answers(bench.control.leave), methods=["POST"]),
-        Route("/api/recordings", _answers(lambda _: bench.recordings.all())),
-        Route(
-            "/api/recordings/open",
-            _answers(lambda body: recorded(bench.recordings.path(body.get("name")))),
-            methods=["POST"],
-        ),
-        Route(
-            "/api/recordings/picture",
-            _answers(lambda body: at_rest(bench.recordings.path(body.get("name")))),
-            methods=["POST"],
-        ),
-        Route("/api/recordings/work", _answers(bench.recordings.work), methods=["POST"]),
+        _get("/api/scenes", lambda _: bench.catalogue.cards()),
+        _post("/api/scene", bench.form),
+        _post("/api/scene/save", bench.save),
+        _get("/api/run", bench.state, _at_once),
+        _post("/api/run", bench.start),
+        _post("/api/run/command", bench.control.command, bench.urgently),
+        _post("/api/run/set", bench.control.set),
+        _get("/api/live", bench.control.others),
+        _post("/api/run/follow", bench.control.follow),
+        _post("/api/run/leave", bench.control.leave),
+        _get("/api/recordings", lambda _: bench.recordings.all()),
+        _post("/api/recordings/open", bench.recorded),
+        _post("/api/recordings/picture", bench.at_rest),
+        _post("/api/recordings/work", bench.recordings.work),
         Route("/recordings/{name:path}", _file(lambda given: bench.recordings.path(given["name"]))),
-        Route("/api/studies", _answers(lambda _: bench.studies.all())),
-        Route("/api/studies/work", _answers(bench.studies.work), methods=["POST"]),
-        Route("/api/studies/beside", _answers(bench.studies.beside), methods=["POST"]),
+        _get("/api/studies", lambda _: bench.studies.all()),
+        _post("/api/studies/work", bench.studies.work),
+        _post("/api/studies/beside", bench.studies.beside),
         Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
-        Route("/api/lessons", _answers(lessons.listed)),
-        Route("/api/lesson", _answers(lessons.text), methods=["POST"]),
-        Route("/api/lesson/run", _answers(bench.lessons.run), methods=["POST"]),
+        _get("/api/lessons", lessons.listed),
+        _post("/api/lesson", lessons.text),
+        _post("/api/lesson/run", bench.lessons.run),
         Route("/lessons/{name}", _file(lambda given: lessons.figure(given["name"]))),
-        Route("/api/jobs", _answers(lambda _: bench.jobs.all())),
-        Route("/api/jobs/stop", _answers(bench.stop_job), methods=["POST"]),
+        _get("/api/jobs", lambda _: bench.jobs.all()),
+        _post("/api/jobs/stop", bench.stop_job),
         Route("/jobs/{number:int}", _file(lambda given: bench.jobs.job(given["number"]).file())),
         WebSocketRoute("/live", _stream(bench.broadcast.connect, bench.broadcast.disconnect)),
         WebSocketRoute("/sound/{sensor}", _stream(bench.sounds.connect, bench.sounds.disconnect)),
@@ -208,7 +213,15 @@ async def _look(_: Request) -> Response:
     return FileResponse(LOOK)
 
 
-def _answers(handler: Handler, run: Runs = asyncio.to_thread) -> Callable[[Request], Awaitable[Response]]:
+def _get(path: str, handler: Handler, run: Runs = asyncio.to_thread) -> Route:
+    return Route(path, _answers(handler, run))
+
+
+def _post(path: str, handler: Handler, run: Runs = asyncio.to_thread) -> Route:
+    return Route(path, _answers(handler, run), methods=["POST"])
+
+
+def _answers(handler: Handler, run: Runs) -> Callable[[Request], Awaitable[Response]]:
     """A route that calls `handler` with the JSON object of the request by `run`, and answers in JSON."""
 
     async def answer(request: Request) -> Response:
@@ -245,7 +258,8 @@ def _file(find: Callable[[dict[str, Any]], Path]) -> Callable[[Request], Awaitab
         path = await asyncio.to_thread(find, request.path_params)
         shown = path.suffix in (".html", ".png")
         how = "inline" if shown else "attachment"
-        return FileResponse(path, filename=path.name, content_disposition_type=how, headers=ALONE if shown else None)
+        rules = ALONE if shown else None
+        return FileResponse(path, filename=path.name, content_disposition_type=how, headers=rules)
 
     return _guarded(answer)
 
@@ -281,7 +295,10 @@ def _stream(connect: Callable[..., Any], disconnect: Callable[[Any], object]) ->
         async def pump() -> None:
             while True:
                 for message in await page.next():
-                    await (socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message))
+                    if isinstance(message, str):
+                        await socket.send_text(message)
+                    else:
+                        await socket.send_bytes(message)
 
         sending = asyncio.create_task(pump())
         try:
