@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.scenes.scene import Scene
-from rig.view.base import Columns, Picture
+from rig.view.base import Columns, Picture, Shape
 from rig.view.picture import picture_of
 
-_ROOT = "rig"  # entities of the picture; the plate has others, of a second view
+_ROOT = "rig"
+"""First part of the paths of the picture; the plate has others, of a second view."""
+_DECIMALS = 4
+"""Decimals of a number for the page: a thousandth of a pixel."""
 
 
 class MovingPicture:
@@ -40,8 +43,12 @@ class MovingPicture:
     def still(self) -> dict[str, Any]:
         """Camera and everything that never changes."""
         shapes: list[Any] = []
-        self._picture.static(lambda path, shape: shapes.append([path, shape.kind, _plain(shape.fields)]))
-        shapes = [drawn for drawn in shapes if _drawn(drawn[0])]
+
+        def draw(path: str, shape: Shape) -> None:
+            if _drawn(path):
+                shapes.append([path, shape.kind, _plain(shape.fields)])
+
+        self._picture.static(draw)
         return {"eye": list(self._picture.eye), "target": list(self._picture.target), "shapes": shapes}
 
     def frame(
@@ -56,13 +63,17 @@ class MovingPicture:
 
     def at_rest(self, assembly: Assembly, system: System) -> dict[str, Any]:
         """The frame at the start of a run: its state, no friction, the surface where it is."""
-        known = dict(zip(system.names, system.start)) | {"one": 1.0}
-        known |= {f"N:{normal.name}": float(normal.row @ system.start) for normal in system.normals}
-        values = {
-            name: np.array([sum(factor * known.get(part, 0.0) for part, factor in output.row.items())])
-            for name, output in assembly.outputs.items()
-        }
-        return self.frame(np.zeros(1, np.int64), values, np.zeros(1, np.int64))
+        known = dict(zip(system.names, system.start))
+        known["one"] = 1.0
+        for normal in system.normals:
+            known[f"N:{normal.name}"] = float(normal.row @ system.start)
+        values: dict[str, NDArray[np.float64]] = {}
+        for name, output in assembly.outputs.items():
+            value = sum(factor * known.get(part, 0.0) for part, factor in output.row.items())
+            values[name] = np.array([value])
+        t_ns = np.zeros(1, np.int64)
+        modes = np.zeros(1, np.int64)
+        return self.frame(t_ns, values, modes)
 
 
 def _drawn(path: str) -> bool:
@@ -71,19 +82,28 @@ def _drawn(path: str) -> bool:
 
 def _last(rows: Columns) -> dict[str, Any]:
     """The fields of the last frame; a transform has one value for each, other shapes a list."""
-    shape, count = rows.columns, len(rows.t_ns)
-    last = {name: values[-(len(values) // count) :] for name, values in shape.fields.items()}
-    return _plain({name: values[0] for name, values in last.items()} if shape.kind == "Transform3D" else last)
+    count = len(rows.t_ns)
+    last: dict[str, Any] = {}
+    for name, values in rows.columns.fields.items():
+        members = len(values) // count
+        last[name] = values[-members:]
+    if rows.columns.kind == "Transform3D":
+        last = {name: values[0] for name, values in last.items()}
+    return _plain(last)
 
 
 def _plain(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields as lists, numbers with four decimals: a thousandth of a pixel."""
+    """Fields as lists, numbers with `_DECIMALS` decimals."""
     return {name: _rounded(values) for name, values in fields.items()}
 
 
 def _rounded(values: Any) -> Any:
     if isinstance(values, np.ndarray):
-        return np.round(values.astype(np.float64), 4).tolist() if values.dtype.kind == "f" else values.tolist()
+        if values.dtype.kind == "f":
+            values = np.round(values.astype(np.float64), _DECIMALS)
+        return values.tolist()
     if isinstance(values, list | tuple):
         return [_rounded(value) for value in values]
-    return round(float(values), 4) if isinstance(values, float) else values
+    if isinstance(values, float):
+        return round(float(values), _DECIMALS)
+    return values

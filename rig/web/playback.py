@@ -9,73 +9,78 @@ For a list of recordings, `at_rest` gives one picture without reading the messag
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rig.bus.run_setup import Setup
 from rig.errors import UsageError
 from rig.record.reader import open as read
 from rig.record.recorded_setup import head, setup_of
+from rig.record.run import Run
 from rig.scenes.scene import Scene
 from rig.structure import model_store
 from rig.view.channels import Channels
 from rig.view.contact import Contacts, Modes
-from rig.view.spans import joined
+from rig.view.spans import Spans, joined
 from rig.web.follower import description
 from rig.web.form import picture
-from rig.web.frames import columns
+from rig.web.frames import columns, of_sensors
 from rig.web.picture import MovingPicture
 from rig.web.plain_json import finite
 
-SPANS, PICTURES = 3000, 600
-"""Most spans of an output or a sensor; most pictures."""
+SPANS = 3000
+"""Most spans of an output or a sensor. # chosen"""
+PICTURES = 600
+"""Most pictures. # chosen"""
 RATE = 20.0
 """Pictures of a second, at most."""
+_UNSHOWN = ("contact", "verdict")
+"""Kinds of events that the page does not list: changes of the contact states, which the curves show; the summary."""
 
 
 def recorded(path: Path) -> dict[str, Any]:
     """A recording for the page. Raises UsageError for one without outputs or scene, LogError for one that is none."""
-    run, setup = read(path), setup_of(head(path))
+    run = read(path)
+    setup = setup_of(head(path))
     if run.measured or run.time.size < 2 or not setup.frame_ns:
         raise UsageError(f"{path.name} contains no states of a rig; its report and its spectrum show what it contains")
     scene = Scene.from_json(run.scene_text())
     assembly = scene.assemble()
     system = assembly.system()
     sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
-    channels, contacts = Channels((scene, assembly), setup.outputs, sensors), Contacts(system)
-    t_ns, end = np.rint(run.time * 1e9).astype(np.int64), float(run.time[-1])
+    channels = Channels((scene, assembly), setup.outputs, sensors)
+    contacts = Contacts(system)
+    t_ns = _nanoseconds(run.time)
     outputs = {name: run.signals.get(name, np.full(t_ns.size, np.nan)) for name in setup.outputs}
     keys = run.mode if run.mode.size else np.full(t_ns.size, -1, np.int64)
     begins = np.concatenate(([2 * t_ns[0] - t_ns[1]], t_ns[:-1]))
     bits = (1 << contacts.indices(keys)) * bool(run.mode.size)  # none where the modes were not recorded
-    rows = _spans(begins, t_ns, np.array([*outputs.values()]), bits)
-    measured = {
-        name: {"from": told["from"], "t": told["t"], "low": told["low"][0], "high": told["high"][0]}
-        for name, (t, v) in run.measurements.items()
-        if t.size and (told := _spans(t - setup.sensors[name][1], t, v[None]))
+    frame = {
+        "n": 1,
+        "t": float(run.time[-1]),
+        "lost": 0,
+        "rows": columns(_spans(begins, t_ns, np.array([*outputs.values()]), bits)),
+        "meas": _measured(run, setup),
+        "events": [_event(event) for event in run.events if event["kind"] not in _UNSHOWN],
     }
-    events = [
-        {"t": e["t_ns"] * 1e-9, "level": "", **{key: e.get(key, "") for key in ("source", "kind", "text")}}
-        for e in run.events
-        if e["kind"] not in ("contact", "verdict")
-    ]
-    still, frames, times = None, [], []
+    still = None
+    pictures: dict[str, Any] = {"t": [], "frames": []}
     try:
-        if (moving := MovingPicture.of(scene, assembly, system, channels.colours)) is not None:
-            still, modes = moving.still, Modes(system).indices(keys)
-            count = int(np.clip((end - run.time[0]) * RATE, 2, min(PICTURES, t_ns.size)))
-            for part in (slice(*pair) for pair in pairwise(np.linspace(0, t_ns.size, count + 1).astype(int).tolist())):
-                frames.append(moving.frame(t_ns[part], {k: x[part] for k, x in outputs.items()}, modes[part]))
-                times.append(float(run.time[part.stop - 1]))
+        moving = MovingPicture.of(scene, assembly, system, channels.colours)
+        if moving is not None:
+            still = moving.still
+            pictures = _pictures(moving, run.time, outputs, Modes(system).indices(keys))
     except Exception:  # of a drawer that came with a plant of the user: curves and events are shown without it
-        still, frames, times = None, [], []
+        still = None
     whole: dict[str, Any] = finite(
         {
             "setup": description(setup, scene, assembly, channels, contacts.names, still),
-            "frame": {"n": 1, "t": end, "lost": 0, "rows": rows, "meas": measured, "events": events},
-            "pictures": {"t": times, "frames": frames},
+            "frame": frame,
+            "pictures": pictures,
         }
     )
     return whole
@@ -92,6 +97,41 @@ def at_rest(path: Path) -> dict[str, Any] | None:
     return picture(scene, scene.assemble())
 
 
-def _spans(begins: Any, ends: Any, values: Any, bits: Any = None) -> dict[str, Any]:
-    bits = np.zeros(values.shape, np.int64) if bits is None else bits
-    return columns(joined(begins, ends, values, values, bits, SPANS))
+def _measured(run: Run, setup: Setup) -> dict[str, Any]:
+    """The extremes of the samples of each sensor that has some."""
+    spans = {}
+    for name, (t_ns, values) in run.measurements.items():
+        if t_ns.size:
+            _, period_ns = setup.sensors[name]
+            samples = values[None]
+            spans[name] = _spans(t_ns - period_ns, t_ns, samples, np.zeros(samples.shape, np.int64))
+    return of_sensors(spans)
+
+
+def _event(event: Mapping[str, Any]) -> dict[str, Any]:
+    """An event of the list, without its data."""
+    words = {key: event.get(key, "") for key in ("source", "kind", "text")}
+    return {"t": event["t_ns"] * 1e-9, "level": "", **words}
+
+
+def _pictures(moving: MovingPicture, time: Any, outputs: Mapping[str, Any], modes: Any) -> dict[str, Any]:
+    """The frames of the moving picture, each at the end of its part of the run."""
+    t_ns = _nanoseconds(time)
+    count = int(np.clip((time[-1] - time[0]) * RATE, 2, min(PICTURES, t_ns.size)))
+    edges = np.linspace(0, t_ns.size, count + 1).astype(int).tolist()
+    times = []
+    frames = []
+    for begin, end in pairwise(edges):
+        signals = {name: values[begin:end] for name, values in outputs.items()}
+        frames.append(moving.frame(t_ns[begin:end], signals, modes[begin:end]))
+        times.append(float(time[end - 1]))
+    return {"t": times, "frames": frames}
+
+
+def _nanoseconds(time: Any) -> Any:
+    return np.rint(time * 1e9).astype(np.int64)
+
+
+def _spans(begins: Any, ends: Any, values: Any, bits: Any) -> Spans:
+    """At most `SPANS` spans of samples, each of which is its own lowest and highest value."""
+    return joined(begins, ends, values, values, bits, SPANS)
