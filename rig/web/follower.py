@@ -36,7 +36,29 @@ from rig.web.picture import MovingPicture
 from rig.web.sound import audible
 
 PATIENCE_S = 2.0
-"""Longest wait for an answer of a process of the run."""
+"""Longest wait for an answer of a process of the run [s]. # chosen"""
+PERIOD_S = 0.045
+"""Time between two frames [s]: a little over 20 per second, because waits end late."""
+LOOK_S = 1.0
+"""Time between two looks at the actuators [s]. # chosen"""
+KEPT = 500
+"""Number of events that a page which connects later gets. # chosen"""
+_BEGUN = ("state", "health")
+"""Topics of a run whose first frame has been computed; a paused one has only its health."""
+_PHASES = {"paused": "paused", "resumed": "running", "end": "ending"}
+"""Kinds of events of the plant -> the phase of the run that begins with them."""
+_TELLING = frozenset({"step", "mark", "left", "missing", "pause", "overrun", "safe", "fault"})
+"""Kinds of events after which the page is told at once how the run goes."""
+_NICE = 5
+"""Politeness of the thread: it leaves the processor to the run. # chosen"""
+_DEPTH = 1024
+"""Most messages that wait for the thread. # chosen"""
+_JOIN_S = 30.0
+"""Longest wait for the processes of a run that begins [s]: kernels may compile. # chosen"""
+_LAST_WORDS_S = 0.3
+"""Time for which a run that has ended is heard [s]: its presence ends before its last data arrive. # chosen"""
+_ASK_S = 10.0
+"""Longest wait for the answer to a command of the user [s]. # chosen"""
 
 
 def description(
@@ -63,14 +85,7 @@ def description(
             for name, unit in setup.outputs.items()
         ],
         "sensors": {
-            name: {
-                "unit": unit,
-                "period_s": period * 1e-9,
-                "colour": channels.colour_of(name),
-                "factor": channels.measured[name].factor if name in channels.measured else 1.0,
-                "reads": channels.measured[name].reads if name in channels.measured else "",
-            }
-            for name, (unit, period) in setup.sensors.items()
+            name: _sensor(channels, name, unit, period_ns) for name, (unit, period_ns) in setup.sensors.items()
         },
         "plots": [
             {"title": panel.title, "outputs": list(panel.outputs), "sensors": list(panel.sensors), "place": panel.place}
@@ -88,11 +103,29 @@ def description(
     }
 
 
+def _sensor(channels: Channels, name: str, unit: str, period_ns: int) -> dict[str, Any]:
+    """What the page is told of a sensor; `reads`: the output that it reads, "" for another one."""
+    entry: dict[str, Any] = {
+        "unit": unit,
+        "period_s": period_ns * 1e-9,
+        "colour": channels.colour_of(name),
+        "factor": 1.0,
+        "reads": "",
+    }
+    measured = channels.measured.get(name)
+    if measured is not None:
+        entry["factor"] = measured.factor
+        entry["reads"] = measured.reads
+    return entry
+
+
 class LiveValues:
     """Everything that can be tuned in the run of `session`, by dotted key; `inputs`: the actuators of its rig."""
 
     def __init__(self, session: Session, scene: Scene, inputs: Mapping[str, Any]) -> None:
-        self.session, self._scene, self._inputs = session, scene, inputs
+        self.session = session
+        self._scene = scene
+        self._inputs = inputs
         self.entries: dict[str, dict[str, Any]] = {}
         """Key -> entry of the form (`rig.web.form.entry_of`), with `of` (plant or controller) and `owner`."""
 
@@ -112,7 +145,8 @@ class LiveValues:
         for inner, value in told["values"].items():
             key = before + inner
             actuator = self._inputs.get(key)
-            name, unit = key.rpartition(".")[2], told["units"][inner]
+            name = key.rpartition(".")[2]
+            unit = told["units"][inner]
             usual, _ = of_scene.get(key, (value, unit))
             entry = entry_of(self._scene, key, name, usual, unit, within(self._scene, key, actuator))
             entry |= {**kind_of(self._scene, key, value), "value": value}
@@ -126,9 +160,12 @@ class LiveValues:
             return False
         new = False
         for key, value in told["values"].items():
-            entry, owner = self.entries.get(key), told["overruled"].get(key, "")
+            entry = self.entries.get(key)
+            owner = told["overruled"].get(key, "")
             if entry is not None and (entry["value"], entry["owner"]) != (value, owner):
-                entry["value"], entry["owner"], new = value, owner, True
+                entry["value"] = value
+                entry["owner"] = owner
+                new = True
         return new
 
     def hear(self, event: Mapping[str, Any]) -> bool:
@@ -144,7 +181,8 @@ class LiveValues:
         for key, value in changes.items():
             entry = self.entries.get(prefix + key)
             if entry is not None and not entry["owner"] and isinstance(value, int | float | str):
-                entry["value"], new = value, True
+                entry["value"] = value
+                new = True
         return new
 
     def set(self, key: str, value: Any) -> dict[str, Any]:
@@ -152,22 +190,8 @@ class LiveValues:
         process = self.entries[key]["of"] if key in self.entries else "plant"
         inner = key.removeprefix(f"controllers.{process}.")
         value = plain(value, key)
-        answer: dict[str, Any] = self.session.ask(f"param/{process}", {"set": {inner: value}}, 10.0)
+        answer: dict[str, Any] = self.session.ask(f"param/{process}", {"set": {inner: value}}, _ASK_S)
         return answer
-
-
-PERIOD_S = 0.045
-"""Time between two frames: a little over 20 per second, because waits end late."""
-LOOK_S = 1.0
-"""Time between two looks at the actuators."""
-KEPT = 500
-"""Number of events that a page which connects later gets."""
-_BEGUN = ("state", "health")  # topics of a run whose first frame has been computed; a paused one has only its health
-_PHASES = {"paused": "paused", "resumed": "running", "end": "ending"}
-"""Kinds of events of the plant -> the phase of the run that begins with them."""
-_TELLING = frozenset({"step", "mark", "left", "missing", "pause", "overrun", "safe", "fault"})
-"""Kinds of events after which the page is told at once how the run goes."""
-_NICE, _DEPTH, _JOIN_S, _LAST_WORDS_S, _ASK_S = 5, 1024, 30.0, 0.3, 10.0
 
 
 @contextmanager
@@ -203,7 +227,10 @@ class Follower:
     ) -> None:
         self.run = run
         self.events: deque[dict[str, Any]] = deque(maxlen=KEPT)
-        self._frame, self._news, self._arrived, self._trust = frame, news, arrived, trust
+        self._frame = frame
+        self._news = news
+        self._arrived = arrived
+        self._trust = trust
         self._operator: Session | None = None
         self._values: LiveValues | None = None
         self._stopped = threading.Event()
@@ -226,9 +253,10 @@ class Follower:
 
     def command(self, body: dict[str, Any]) -> dict[str, Any]:
         """Send a command to the plant (`rig.bench.live.operator_commands`). Raises UsageError for a refusal."""
-        if isinstance(given := body.get("impulse"), str):
+        impulse = body.get("impulse")
+        if isinstance(impulse, str):
             try:
-                body = {**body, "impulse": finite(plain(given, "impulse"), "N*s")}
+                body = {**body, "impulse": finite(plain(impulse, "impulse"), "N*s")}
             except ValueError as fault:
                 raise UsageError(f"the impulse {fault}") from None
         with _reason():
@@ -258,7 +286,8 @@ class Follower:
                 bus.join(self.run, role="viewer", name="page", wait=_JOIN_S) as session,
                 bus.join(self.run, role="operator", name="page") as operator,  # controllers answer operators only
             ):
-                heard, plant = session.subscribe(*TOPICS, depth=_DEPTH, polled=True), session.watch("plant/*")
+                heard = session.subscribe(*TOPICS, depth=_DEPTH, polled=True)
+                plant = session.watch("plant/*")
                 setup = fetched(session, _JOIN_S, self._trust)
                 scene = Scene.from_json(setup.scene)
                 assembly = scene.assemble()
@@ -286,7 +315,8 @@ class Follower:
             self._news("left", None)
 
     def _listen(self, session: Session, heard: Any, plant: Any, frames: Frames, values: LiveValues) -> None:
-        looked, until = -LOOK_S, 0.0
+        looked = -LOOK_S
+        until = 0.0  # end of the last words; 0 while the run goes on
         due = time.monotonic()
         while not self._stopped.is_set() and not (until and time.monotonic() > until):
             begin = time.monotonic()
@@ -300,25 +330,32 @@ class Follower:
             events = frames.add(message for message in arrived if not message.topic.startswith("total/"))
             self.events.extend(events)
             new = bool([event for event in events if values.hear(event)])
-            for event in events:
-                if event["source"] == "plant" and (phase := _PHASES.get(event["kind"])):
-                    self._news("phase", phase)
-                if event["kind"] in _TELLING:
-                    self._changed.set()
+            self._hear(events)
             if self._values is None and any(message.topic in _BEGUN for message in arrived):
                 values.read()
-                self._values, new = values, True
+                self._values = values
+                new = True
             elif self._values is not None and (self._changed.is_set() or begin - looked > LOOK_S) and not until:
                 self._changed.clear()
-                new, looked = values.look() or new, begin
+                new = values.look() or new
+                looked = begin
                 with suppress(BusError):  # the run ends, or its plant is busy: the next look tells it
                     self._news("status", values.session.ask("cmd/plant", {"do": "status"}, PATIENCE_S))
             if new:
                 self._news("values", list(values.entries.values()))
-            if (taken := frames.take(heard.lost)) is not None:
-                self._frame(taken)
+            frame = frames.take(heard.lost)
+            if frame is not None:
+                self._frame(frame)
             plant.poll()
             if not until and ("plant", "plant") not in plant.present and session.ended:
                 until = time.monotonic() + _LAST_WORDS_S  # presence changes arrive before data
             due = max(due + PERIOD_S, time.monotonic() + 0.005)
             self._stopped.wait(due - time.monotonic())
+
+    def _hear(self, events: Sequence[Mapping[str, Any]]) -> None:
+        """Tell the phases of the run that events begin, and remember to tell how it goes."""
+        for event in events:
+            if event["source"] == "plant" and event["kind"] in _PHASES:
+                self._news("phase", _PHASES[event["kind"]])
+            if event["kind"] in _TELLING:
+                self._changed.set()
