@@ -24,7 +24,7 @@ HISTORY = 240
 COARSE = 2400
 """Frames of which the extremes are kept, for a page that was busy or hidden for so long: 2 min."""
 AHEAD = 2
-"""Messages that may be on their way to a page."""
+"""Messages that may be on their way to a page. # chosen"""
 
 
 class Broadcast:
@@ -74,11 +74,15 @@ class Broadcast:
         """
         new = [(number, frame) for number, frame in self._frames if number > version]
         old = len(new) - KEPT if version else 0
-        kept = [(number, frame.text) for k, (number, frame) in enumerate(new) if k >= old or frame.events]
-        texts, before = [], version
-        for number, text in kept:
+        texts = []
+        before = version
+        for place, (number, frame) in enumerate(new):
+            if place < old and not frame.events:
+                continue
             left_out = [spans for of, spans in self._spans if before < of < number] if version else []
-            texts += [missed(left_out), text] if left_out else [text]
+            if left_out:
+                texts.append(missed(left_out))
+            texts.append(frame.text)
             before = number
         return [f'{{"kind": "frames", "frames": [{", ".join(texts)}]}}'] if texts else []
 
@@ -93,7 +97,8 @@ class Page:
     def __init__(self, broadcast: Broadcast) -> None:
         self.kick = asyncio.Event()
         self.kick.set()
-        self._broadcast, self._version, self._drawn = broadcast, 0, 0
+        self._broadcast = broadcast
+        self._version = self._drawn = 0
         self._sent = self._acknowledged = 0
         self._hidden = False
 

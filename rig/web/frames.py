@@ -37,14 +37,20 @@ from rig.view.spans import Spans, latest, of_samples, of_steps
 from rig.web.picture import MovingPicture
 from rig.web.plain_json import finite
 
-ROWS, SAMPLES, STEPS, EVENTS = 25, 50, 500, 40
-"""Most spans of outputs and of a sensor, steps of the phase portrait, and events of one frame. Where more have come,
-spans are joined; all events are in the list of the run."""
-_KEPT, _LEAST = 4096, 1e-300
-
-
+ROWS = 25
+"""Most spans of outputs in a frame; where more have come, spans are joined. # chosen"""
+SAMPLES = 50
+"""Most spans of a sensor in a frame; where more have come, spans are joined. # chosen"""
+STEPS = 500
+"""Most steps of the phase portrait in a frame. # chosen"""
+EVENTS = 40
+"""Most events of a frame; all of them are in the list of the run. # chosen"""
 OUTPUTS = ""
 """Among the spans of a frame: those of the outputs. The others have the names of sensors."""
+_KEPT = 4096
+"""Most messages of a kind that wait for the next frame; the oldest ones are dropped. # chosen"""
+_LEAST = 1e-300
+"""Least size that is rounded to seven digits: the scale of a smaller one would overflow. # chosen"""
 
 
 class Frame(NamedTuple):
@@ -59,8 +65,10 @@ class Frames:
     """Collects messages; `take` returns the frame of what has come since the last call."""
 
     def __init__(self, setup: Setup, system: System | None, picture: MovingPicture | None = None) -> None:
-        self._setup, self._picture = setup, picture
-        self._modes, self._contacts = Modes(system), Contacts(system)
+        self._setup = setup
+        self._picture = picture
+        self._modes = Modes(system)
+        self._contacts = Contacts(system)
         self._fields = [messages.field_name(name) for name in setup.outputs]
         self._states: deque[Any] = deque(maxlen=_KEPT)
         self._bands: deque[Any] = deque(maxlen=_KEPT)
@@ -120,10 +128,10 @@ class Frames:
     def _move(self, frame: dict[str, Any], picture: MovingPicture) -> None:
         t_ns = np.array([state.t_ns for state in self._states], np.int64)
         modes = self._modes.indices(np.array([state.mode for state in self._states], np.int64))
-        signals = {
-            name: np.array([getattr(state, field) for state in self._states])
-            for name, field in zip(self._setup.outputs, self._fields)
-        }
+        signals = {}
+        for name, field in zip(self._setup.outputs, self._fields):
+            values = [getattr(state, field) for state in self._states]
+            signals[name] = np.array(values)
         try:
             frame["picture"] = finite(picture.frame(t_ns, signals, modes))
         except Exception as fault:  # of a drawer that came with a plant of the user: the run is followed without it

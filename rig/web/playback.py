@@ -39,7 +39,7 @@ PICTURES = 600
 RATE = 20.0
 """Pictures of a second, at most."""
 _UNSHOWN = ("contact", "verdict")
-"""Kinds of events that the page does not list: changes of the contact states, which the curves show; the summary."""
+"""Kinds of events that the page does not list: contact states, which a live run does not publish; the summary."""
 
 
 def recorded(path: Path) -> dict[str, Any]:

@@ -33,6 +33,8 @@ LINES = 300
 END_S = 60.0
 """Longest wait for the end of a run when the server ends [s]: the recorder may have much to write."""
 COMMANDS = frozenset({"stop", "emergency", "pause", "resume", "step", "knock", "connect", "disconnect"})
+_PHASES = {"pause": "paused", "resume": "running", "stop": "ending", "emergency": "ending"}
+"""Command -> the phase of the run that begins with it."""
 
 
 class RunControl:
@@ -49,14 +51,19 @@ class RunControl:
         say: Callable[[str], object] = lambda _: None,
         arrived: Callable[[Sequence[Message]], object] = lambda _: None,
     ) -> None:
-        self._changed, self._frame, self._news, self._say, self._arrived = changed, frame, news, say, arrived
+        self._changed = changed
+        self._frame = frame
+        self._news = news
+        self._say = say
+        self._arrived = arrived
         self._lock = threading.Lock()
         self._idle = threading.Event()
         self._idle.set()
         self._follower: Follower | None = None
         self._interrupts: list[str] = []
         self._lines: deque[str] = deque(maxlen=LINES)
-        self._phase, self._number = "idle", 0
+        self._phase = "idle"
+        self._number = 0
         self._looked = self._leaving = False
         """Of a run of another terminal: whether its status is known, and whether the page leaves it."""
         self._facts: dict[str, Any] = {}
@@ -89,10 +96,12 @@ class RunControl:
         `duration` [s]: as for `rig.bench.live.supervise.run`.
         """
         command = ["rig", "run", given]
-        command += [part for key, value in changes.items() for part in ("-p", f"{key}={value}")]
-        given_pace = "max" if pace is None else AUTO if pace == AUTO else f"{pace:g}"
-        command += ["--pace", given_pace] if pace != 1.0 else []
-        command += ["--duration", repr(duration)] if duration is not None else []
+        for key, value in changes.items():
+            command += ["-p", f"{key}={value}"]
+        if pace != 1.0:
+            command += ["--pace", _as_text(pace)]
+        if duration is not None:
+            command += ["--duration", repr(duration)]
         with self._lock:
             self._refuse_second()
             self._begin(scene.name, scene.title, pace, shlex.join(command))
@@ -156,7 +165,7 @@ class RunControl:
             if what in ("stop", "emergency") and self._phase in ("ending", "ended"):  # it ended meanwhile
                 return {}
             raise
-        phase = {"pause": "paused", "resume": "running", "stop": "ending", "emergency": "ending"}.get(what)
+        phase = _PHASES.get(what)
         if phase and self._phase in ("running", "paused"):
             self._phase = phase
             self._changed()
@@ -201,8 +210,11 @@ class RunControl:
             raise UsageError(f"run {what} is active; {how}")
 
     def _begin(self, scene: str, title: str, pace: Pace, command: str) -> None:
-        self._phase, self._number, self._follower = "starting", self._number + 1, None
-        self._interrupts, self._lines = [], deque(maxlen=LINES)
+        self._phase = "starting"
+        self._number += 1
+        self._follower = None
+        self._interrupts = []
+        self._lines = deque(maxlen=LINES)
         self._looked = self._leaving = False
         self._facts = {"run": "", "scene": scene, "title": title, "pace": pace, "command": command}
         self._facts |= {"fault": "", "outcome": None, "log": "", "foreign": False}
@@ -296,8 +308,10 @@ class RunControl:
 
             return told
 
-        frame, news = of_present(self._frame), of_present(self._told)
-        self._follower = Follower(run, frame, news, of_present(self._arrived), trust)
+        frame = of_present(self._frame)
+        news = of_present(self._told)
+        arrived = of_present(self._arrived)
+        self._follower = Follower(run, frame, news, arrived, trust)
         self._follower.start()
 
     def _told(self, kind: str, content: Any) -> None:
@@ -319,7 +333,8 @@ class RunControl:
             self._facts["pace"] = content["pace"]
             self._changed()
         elif kind == "status" and self._foreign and not self._looked:  # what happened before it was followed
-            self._looked, self._facts["pace"] = True, content["pace"]
+            self._looked = True
+            self._facts["pace"] = content["pace"]
             self._phase = "paused" if content["paused"] else self._phase
             self._changed()
         elif kind == "phase" and self._phase in ("running", "paused"):
@@ -340,3 +355,10 @@ class RunControl:
         elif not (self._facts["outcome"] or self._facts["fault"]):
             died = "has ended without a summary: its plant ended unexpectedly; its terminal shows the reason"
             self._facts["fault"] = f"run {self._facts['run']} {died}"
+
+
+def _as_text(pace: Pace) -> str:
+    """The value of the option `--pace`."""
+    if pace is None:
+        return "max"
+    return AUTO if pace == AUTO else f"{pace:g}"

@@ -30,6 +30,23 @@ from rig.machine.process import MORE_FILES, NO_FILES, told_to_stop
 from rig.machine.scheduling import stand_back
 from rig.web.app import Bench, app
 
+HOST = "127.0.0.1"
+"""Address of every server: this machine only."""
+REFUSED = 1008
+"""Code with which a web socket is closed that is not admitted: policy violation."""
+FORBIDDEN = (
+    "This page belongs to the user who started rig web. Open the address that rig web printed, with its token; "
+    "after a new start of rig web the old address is no longer valid."
+)
+LARGEST_MESSAGE = 1 << 12
+"""Largest message of a page on a web socket [bytes]; those of our page have 30."""
+OPEN_FILES = 64
+"""Open files that the server of a page needs beside those of a run. # chosen"""
+_NICE = 5
+"""Politeness of the thread of the server: it leaves the processor to the run. # chosen"""
+_CLOSE_S = 5.0
+"""Longest wait for the end of that thread [s]: open connections have two seconds (uvicorn). # chosen"""
+
 
 class Gate:
     """The checks of a server at `port`, whose users know `token`."""
@@ -41,7 +58,9 @@ class Gate:
 
     def local(self, host: str | None, origin: str | None = None, *, of_a_page: bool = False) -> bool:
         """Whether a request asks for this address, from no page or from a page of it; `of_a_page`: from such a page."""
-        return host in self.hosts and (origin in self._origins if of_a_page or origin is not None else True)
+        from_here = origin in self._origins
+        from_no_page = origin is None and not of_a_page
+        return host in self.hosts and (from_here or from_no_page)
 
     def same(self, token: str) -> bool:
         """Whether this is the token."""
@@ -52,19 +71,13 @@ class Gate:
         return self.same(parse_qs(query).get("token", [""])[0])
 
 
-REFUSED = 1008
-"""Code with which a web socket is closed that is not admitted: policy violation."""
-FORBIDDEN = (
-    "This page belongs to the user who started rig web. Open the address that rig web printed, with its token; "
-    "after a new start of rig web the old address is no longer valid."
-)
-
-
 class Guard:
     """An ASGI application that passes admitted requests on to `app`. `port`: that of the server, on loopback."""
 
     def __init__(self, app: Any, port: int, token: str) -> None:
-        self._app, self._token, self._gate = app, token, Gate(port, token)
+        self._app = app
+        self._token = token
+        self._gate = Gate(port, token)
         self._cookie = f"bench-{port}"
         sources = " ".join(f"ws://{host}" for host in sorted(self._gate.hosts))
         policy = f"default-src 'self'; img-src 'self' data: blob:; connect-src 'self' {sources}; frame-ancestors 'none'"
@@ -104,23 +117,13 @@ class Guard:
     def _with_headers(self, send: Any) -> Any:
         async def wrapped(message: Any) -> None:
             if message["type"] == "http.response.start":
-                own = message.get("headers", ())  # a file of the user may have rules of its own
-                given = {name for name, _ in own}
-                message = {
-                    **message,
-                    "headers": [*own, *(header for header in self._headers if header[0] not in given)],
-                }
+                headers = message.get("headers", ())  # a file of the user may have rules of its own
+                names = {name for name, _ in headers}
+                added = [(name, rule) for name, rule in self._headers if name not in names]
+                message = {**message, "headers": [*headers, *added]}
             await send(message)
 
         return wrapped
-
-
-HOST = "127.0.0.1"
-LARGEST_MESSAGE = 1 << 12
-"""Largest message of a page on a web socket [bytes]; those of our page have 30."""
-OPEN_FILES = 64
-"""Open files that the server of a page needs beside those of a run. # chosen"""
-_NICE, _CLOSE_S = 5, 5.0
 
 
 def listening(port: int) -> socket.socket:
@@ -145,7 +148,8 @@ class Server:
         self._socket = listening(port)
         self.port: int = self._socket.getsockname()[1]
         self.token = secrets.token_urlsafe(24)
-        self.bench, self._say = Bench(folder, say), say
+        self.bench = Bench(folder, say)
+        self._say = say
         config = uvicorn.Config(
             Guard(app(self.bench), self.port, self.token),
             access_log=False,

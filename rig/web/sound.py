@@ -22,7 +22,7 @@ from rig.bus.topics import Message
 KEPT = 8
 """Messages that wait for a slow page: 0.4 s. Older ones are dropped."""
 AHEAD = 4
-"""Messages that may be on their way to a page."""
+"""Messages that may be on their way to a page. # chosen"""
 SLOWEST = 4.0 * LOWEST
 """Lowest sample rate [Hz] of a sensor that can be heard, as for `rig.analysis.recorded.sound`."""
 
@@ -32,7 +32,8 @@ def audible(setup: Setup) -> dict[str, Any]:
 
     `sensors`: name -> `unit`, `rate` [Hz] and `reference`, the value of 0 dB; microphones come first.
     """
-    heard, others = {}, []
+    heard = {}
+    others = []
     for name, (unit, period_ns) in sorted(setup.sensors.items(), key=lambda sensor: sensor[1][0] != "Pa"):
         rate = 1e9 / period_ns
         if unit in REFERENCE and rate >= SLOWEST:
@@ -54,14 +55,14 @@ def packed(arrived: Iterable[Message], wanted: Iterable[str]) -> dict[str, bytes
     blocks: dict[str, list[Any]] = {name: [] for name in wanted}
     for message in arrived:
         kind, _, name = message.topic.partition("/")
-        if kind == "meas" and name in blocks:
+        if kind == "meas" and name in blocks and len(message.said.v):
             blocks[name].append(message.said)
-    return {name: _packed(members) for name, members in blocks.items() if any(len(block.v) for block in members)}
+    return {name: _packed(members) for name, members in blocks.items() if members}
 
 
 def _packed(blocks: list[Any]) -> bytes:
     samples = np.concatenate([np.array(block.v, np.float64) for block in blocks])
-    begin = next(messages.times(block)[0] for block in blocks if len(block.v)) * 1e-9
+    begin = messages.times(blocks[0])[0] * 1e-9
     content: bytes = np.where(np.isfinite(samples), samples, 0.0).astype("<f4").tobytes()
     return struct.pack("<d", begin) + content
 
