@@ -95,13 +95,16 @@ class Bridge:
         ending.join(_END_S)
 
     def _check(self, connection: Any, request: Any) -> Any:
-        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+        """Admit a client (None), or refuse it."""
+        hosts = request.headers.get_all("Host")
+        origins = request.headers.get_all("Origin")
         once = len(hosts) == 1 and len(origins) < 2
-        if once and self._gate.local(*hosts, *origins) and self._gate.in_query(request.path.partition("?")[2]):
-            if self._seated(connection):
-                return None
+        query = request.path.partition("?")[2]
+        if not (once and self._gate.local(*hosts, *origins) and self._gate.in_query(query)):
+            return connection.respond(HTTPStatus.FORBIDDEN, FORBIDDEN)
+        if not self._seated(connection):
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, f"{CLIENTS} clients are connected already\n")
-        return connection.respond(HTTPStatus.FORBIDDEN, FORBIDDEN)
+        return None
 
     def _seated(self, connection: Any) -> bool:
         """Give a connection one of the seats, if one is free; many connections may ask at once."""

@@ -29,15 +29,22 @@ from rig.web import plain_json
 
 DEPTH = 1024
 """Most messages that wait for a client."""
-AHEAD, BESIDE = 8, 1
-"""Most messages of topics that a client has not read yet, as far as known; while a step is unanswered. # chosen"""
-SHORTEST_S, LONGEST_S = 0.02, 2.0
-"""Limits of the time after which a step that is not answered is followed by the newest one [s]. # chosen"""
+AHEAD = 8
+"""Most messages of topics that a client has not read yet, as far as known. # chosen"""
+BESIDE = 1
+"""The same while a step is unanswered. # chosen"""
+SHORTEST_S = 0.02
+"""Shortest time after which a step that is not answered is followed by the newest one [s]. # chosen"""
+LONGEST_S = 2.0
+"""Longest time after which a step that is not answered is followed by the newest one [s]. # chosen"""
 REQUESTS = 64
 """Most requests of a client that wait."""
 LOOK_S = 0.2
 """Longest time for which a client notices nothing of its end or that of the run [s]."""
-_ASK_S, _END_S = 60.0, 1.0
+_ASK_S = 60.0
+"""Longest wait for the answer of a process of the run [s]: it may compile kernels first. # chosen"""
+_END_S = 1.0
+"""Longest wait for a client that reads what waits for it when the run has ended [s]. # chosen"""
 
 
 def plain(value: Any) -> Any:
@@ -63,12 +70,18 @@ class Client:
     """
 
     def __init__(self, run: str, send: Callable[[str], object], ping: Callable[[], threading.Event]) -> None:
-        self._send, self._ping, self._stack, self._gone = send, ping, ExitStack(), threading.Event()
+        self._send = send
+        self._ping = ping
+        self._stack = ExitStack()
+        self._gone = threading.Event()
         self._operator = self._stack.enter_context(bus.join(run, role="operator", name="bridge"))
         self._setup: Setup | None = None
         self._controller: _Admitted | None = None
         self._topics: Receiver | None = None
-        self._unread, self._idle, self._lost, self._deadline_s = 0, threading.Event(), 0, math.inf
+        self._unread = 0
+        self._lost = 0
+        self._deadline_s = math.inf
+        self._idle = threading.Event()
         self._idle.set()
         self._does = {"subscribe": self._subscribe, "admit": self._admit, "ask": self._ask}
         self._requests: queue.Queue[tuple[str, dict[str, Any], dict[str, Any]]] = queue.Queue(REQUESTS)
@@ -95,8 +108,9 @@ class Client:
         self._deadline_s = time.monotonic() + _END_S
         self._idle.wait(_END_S + LOOK_S)
         left_out = 0 if self._controller is None else self._controller.left_out
-        missing = {"left_out": left_out, "lost": self._lost}
-        self.say(ended=self._operator.run, **{name: count for name, count in missing.items() if count})
+        counts = {"left_out": left_out, "lost": self._lost}
+        missing = {name: count for name, count in counts.items() if count}
+        self.say(ended=self._operator.run, **missing)
 
     def answer(self, text: str | bytes) -> None:
         """Take a message of the client: commands at once, requests in their order, each of which is answered."""
@@ -183,7 +197,8 @@ class Client:
                 continue
             pong = pong or self._ping()
             if pong.wait(LOOK_S):
-                self._unread, pong = 0, None
+                self._unread = 0
+                pong = None
         return False
 
     def _admit(self, body: dict[str, Any]) -> dict[str, Any]:
@@ -205,7 +220,8 @@ class Client:
         self._unread = 0
 
     def _ask(self, body: dict[str, Any]) -> Any:
-        topic, asked = body.get("topic"), body.get("body", {})
+        topic = body.get("topic")
+        asked = body.get("body", {})
         if not isinstance(topic, str) or not isinstance(asked, dict):
             raise UsageError('expected {"do": "ask", "topic": "param/plant", "body": {...}}')
         return self._operator.ask(topic, asked, _ASK_S)
@@ -225,18 +241,29 @@ class _Admitted:
     """
 
     def __init__(self, run: str, name: str, body: dict[str, Any], setup: Setup, say: Callable[..., None]) -> None:
-        self.name, self._say, self._paced = name, say, setup.paced
+        self.name = name
+        self.left_out = 0
+        self._say = say
+        self._paced = setup.paced
         self._session: Session = bus.join(run, role="controller", name=name)
-        self._left, self._lock, self.left_out = threading.Event(), threading.Lock(), 0
+        self._left = threading.Event()
+        self._lock = threading.Lock()
         self._answer = threading.Condition(self._lock)
         try:
             self.granted: dict[str, Any] = self._session.ask("cmd/plant", {"do": "admit", **body}, _ASK_S)
-            self._reads = [(sensor, list(setup.sensors).index(sensor)) for sensor in body.get("reads", [])]
-            self._count, self._period = len(body["drives"]), int(body["period_ns"])
+            sensors = list(setup.sensors)
+            self._reads = [(sensor, sensors.index(sensor)) for sensor in body.get("reads", [])]
+            self._count = len(body["drives"])
+            self._period_ns = int(body["period_ns"])
             self._steps = self._session.subscribe("step")
             self._publisher = self._session.publisher(f"act/{name}")
-            self._tick, self._t_ns, self._frame_ns, self._command = -1, 0, setup.frame_ns, b""
-            self._answered, self._sent_s, self._patience_s = -1, 0.0, SHORTEST_S
+            self._frame_ns = setup.frame_ns
+            self._tick = -1  # of the last step
+            self._t_ns = 0
+            self._sent_s = 0.0
+            self._answered = -1  # tick of the last answer
+            self._command = b""
+            self._patience_s = SHORTEST_S
             self._session.announce()
         except BaseException:
             self._session.close()
@@ -257,12 +284,17 @@ class _Admitted:
         """Pass on the steps that are due until it has left; answer a repeated step with the same command."""
         while not self._left.is_set():
             message = self._steps.get(LOOK_S)
-            if message is None or not self._due(step := message.said):
+            if message is None:
+                continue
+            step = message.said
+            if not self._due(step):
                 continue
             if self._paced:
                 step = self._newest(step)
             with self._lock:
-                self._tick, self._t_ns, self._command = step.tick, step.t_ns, b""
+                self._tick = step.tick
+                self._t_ns = step.t_ns
+                self._command = b""
                 self._sent_s = time.monotonic()
             values = {name: plain(step.values[place]) for name, place in self._reads}
             self._say(step={"tick": step.tick, "t_ns": step.t_ns, "values": values, "left_out": self.left_out})
@@ -271,7 +303,7 @@ class _Admitted:
         with self._lock:
             if step.tick == self._tick and self._command:
                 self._publisher.put(self._command, self._t_ns)
-            return bool(step.tick > self._tick and not step.t_ns % self._period)
+            return bool(step.tick > self._tick and not step.t_ns % self._period_ns)
 
     def _newest(self, step: Any) -> Any:
         """The step that is the newest one when the client has answered the last, or has had time enough for that."""
@@ -288,10 +320,7 @@ class _Admitted:
     def act(self, tick: Any, values: Any) -> None:
         """Send the command that answers the step of `tick`. Raises UsageError for one that is no command."""
         whole = isinstance(tick, int) and not isinstance(tick, bool)
-        numbers = isinstance(values, list) and all(
-            isinstance(number, int | float) and not isinstance(number, bool) and abs(number) <= sys.float_info.max
-            for number in values
-        )
+        numbers = isinstance(values, list) and all(map(_is_number, values))
         if not (whole and numbers and len(values) in (0, self._count)):
             expected = f"[] or {self._count} numbers, one for each actuator"
             raise UsageError(
@@ -305,7 +334,8 @@ class _Admitted:
             self._answered = max(tick, self._answered)
             if tick == self._tick:
                 self._command = command
-                self._patience_s = min(max(2.0 * (time.monotonic() - self._sent_s), SHORTEST_S), LONGEST_S)
+                took_s = time.monotonic() - self._sent_s
+                self._patience_s = min(max(2.0 * took_s, SHORTEST_S), LONGEST_S)
                 self._answer.notify_all()
 
     def leave(self) -> None:
@@ -316,3 +346,8 @@ class _Admitted:
         with suppress(BusError):
             self._session.publisher(f"total/{self.name}").put(self._session.totals(), self._t_ns)
         self._session.close()
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value of a command is a number that is finite as a float."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max

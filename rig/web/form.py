@@ -42,6 +42,8 @@ WIDE = 20.0
 """A range that reaches beyond this multiple of the present value is not the range of a slider. # chosen"""
 LEAST = 1e-6
 """Least size [SI] on a logarithmic slider beside 0. # chosen"""
+_STRONG = {"gain": "gain of the controller", "amplitude": "amplitude of the controller"}
+"""Values of a controller that matter at the bench, in words."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _PAGE = Place("on the page", 0)
 PACES = (1e-3, 1e6)
@@ -87,12 +89,11 @@ def drives(scene: Scene) -> dict[str, list[str]]:
 def hands(scene: Scene) -> dict[str, Hand]:
     """The values that matter at the bench, by key: three of the plant, controllers, the rest of the plant."""
     declared = list(PLANTS[scene.plant].__dict__.get("HANDS", {}).items())
-    strong = {
-        f"controllers.{name}.{key}": Hand(words)
-        for name, section in scene.controllers.items()
-        for key, words in {"gain": "gain of the controller", "amplitude": "amplitude of the controller"}.items()
-        if isinstance(getattr(section, key, None), float)
-    }
+    strong = {}
+    for name, section in scene.controllers.items():
+        for key, words in _STRONG.items():
+            if isinstance(getattr(section, key, None), float):
+                strong[f"controllers.{name}.{key}"] = Hand(words)
     return {**dict(declared[:3]), **strong, **dict(declared[3:])}
 
 
@@ -124,14 +125,15 @@ def protocol(scene: Scene, assembly: Any) -> list[Any]:
 
 
 def _steps(words: Protocol, steps: Sequence[Any]) -> list[Any]:
-    return [
-        {"times": step.times, "steps": _steps(words, step.steps)}
-        if isinstance(step, Repeat)
-        else f"mark: {step.text}"
-        if isinstance(step, Mark)
-        else words.described(step)
-        for step in steps
-    ]
+    return [_step(words, step) for step in steps]
+
+
+def _step(words: Protocol, step: Any) -> Any:
+    if isinstance(step, Repeat):
+        return {"times": step.times, "steps": _steps(words, step.steps)}
+    if isinstance(step, Mark):
+        return f"mark: {step.text}"
+    return words.described(step)
 
 
 def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[str, Any]]:
@@ -142,7 +144,8 @@ def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[
     given = {value.key: value for value in values if not value.key.startswith("protocol[")}  # it is shown in words
     for key in dict.fromkeys((*given, *assembly.inputs)):
         table, _, name = key.rpartition(".")
-        value, actuator = given.get(key), assembly.inputs.get(key)
+        value = given.get(key)
+        actuator = assembly.inputs.get(key)
         shown = value or actuator
         entry = entry_of(scene, key, name, shown.value, shown.unit, within(scene, key, actuator))
         entry |= {"kind": "fixed", "origin": "", "note": "", "place": ""}
@@ -195,8 +198,10 @@ def slider_of(value: float, low: float, high: float, hand: Hand | None = None) -
     size = abs(value)
     if high <= WIDE * size and low >= -WIDE * size:
         return Slider(low, high)
-    ends = (0.0 if low == 0.0 else 0.5 * size, 2.0 * size)
-    return Slider(*(max(low, ends[0]), min(high, ends[1])) if value > 0.0 else (max(low, -ends[1]), -ends[0]))
+    least = 0.0 if low == 0.0 else 0.5 * size
+    if value > 0.0:
+        return Slider(max(low, least), min(high, 2.0 * size))
+    return Slider(max(low, -2.0 * size), -least)
 
 
 def within(scene: Scene, key: str, actuator: Any = None) -> tuple[float, float] | None:
@@ -212,7 +217,8 @@ def kind_of(scene: Scene, key: str, value: Any) -> dict[str, Any]:
     if isinstance(value, bool | int | float):
         return {"kind": "switch" if isinstance(value, bool) else "number"}
     info = field_of(*_section(scene, key))
-    if info is not None and (choices := _choices(info.annotation)):
+    choices = _choices(info.annotation) if info is not None else ()
+    if choices:
         return {"kind": "choice", "choices": list(choices)}
     return {"kind": "text" if isinstance(value, str) else "fixed"}
 
@@ -248,17 +254,18 @@ class Catalogue:
 
         The title of a file that cannot be read says why.
         """
-        return [{**shown, "own": True} for shown in cards(self._folder)] + [
-            {**card(name), "own": False, "group": group} for name, group in groups().items()
-        ]
+        of_folder = [{**shown, "own": True} for shown in cards(self._folder)]
+        shipped = [{**card(name), "own": False, "group": group} for name, group in groups().items()]
+        return of_folder + shipped
 
     def scene(self, name: Any, changes: Any = None) -> Scene:
         """The scene with changed values. Raises SceneError with every fault, as the command line does."""
         if not isinstance(name, str) or not (name in names() or self._has(name)):
             raise UsageError(f"no scene is called {name!r:.80}; choose one of the list")
-        if not isinstance(changes or {}, dict) or not all(isinstance(key, str) for key in changes or {}):
+        values = changes or {}
+        if not isinstance(values, dict) or not all(isinstance(key, str) for key in values):
             raise UsageError(f'"changes" is {changes!r:.80}; expected values by their keys')
-        texts = {key: as_text(value, key) for key, value in (changes or {}).items()}
+        texts = {key: as_text(value, key) for key, value in values.items()}
         return load(name, texts, dict.fromkeys(texts, _PAGE))
 
     def _has(self, name: str) -> bool:

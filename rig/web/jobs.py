@@ -18,7 +18,7 @@ MOST = 3
 KEPT = 20
 """Number of finished jobs whose results are kept."""
 LINES = 200
-
+"""Number of lines of output of a job that are kept. # chosen"""
 
 Numbers = Callable[[int, Any], list[dict[str, Any]]]
 """Exit code and report of a command (`--json`, None without one) -> numbers of it, for the page."""
@@ -39,7 +39,10 @@ class Job:
         folder: Path | None,
         numbers: Numbers | None,
     ) -> None:
-        self.number, self.title, self.command, self.result = number, title, arguments[0], result
+        self.number = number
+        self.title = title
+        self.command = arguments[0]
+        self.result = result
         self._lines: list[str] = []
         self._stopped = False
         self._numbers = numbers
@@ -74,18 +77,30 @@ class Job:
             self.child.wait(0.1)  # its last lines
         self._lines = [*self._lines, *self.child.new_lines()][-LINES:]
         self._report = dict(self.child.new_words()).get("report", self._report)
-        state = "working" if code is None else "stopped" if self._stopped else "done"
-        kind = self.result.suffix or ".zip" if code is not None and self.result and self.result.exists() else ""
+        numbers: list[dict[str, Any]] = []
+        if self._numbers is not None and code is not None:
+            numbers = self._numbers(code, self._report)
         return {
             "number": self.number,
             "title": self.title,
             "command": self.command,
-            "state": state,
+            "state": self._state(code),
             "code": code,
             "lines": self._lines,
-            "result": kind,
-            "numbers": self._numbers(code, self._report) if self._numbers and code is not None else [],
+            "result": self._kind(code),
+            "numbers": numbers,
         }
+
+    def _state(self, code: int | None) -> str:
+        if code is None:
+            return "working"
+        return "stopped" if self._stopped else "done"
+
+    def _kind(self, code: int | None) -> str:
+        """Kind of file of the result; "" while there is none."""
+        if code is None or self.result is None or not self.result.exists():
+            return ""
+        return self.result.suffix or ".zip"
 
 
 class Jobs:
@@ -115,7 +130,8 @@ class Jobs:
         with self._lock:
             if sum(job.working for job in self._jobs.values()) >= MOST:
                 raise UsageError(f"{MOST} jobs are working; wait for one of them, or stop it")
-            for number in sorted(number for number, job in self._jobs.items() if not job.working)[:-KEPT]:
+            finished = sorted(number for number, job in self._jobs.items() if not job.working)
+            for number in finished[:-KEPT]:
                 del self._jobs[number]
             self._number += 1
             self._jobs[self._number] = Job(self._number, title, arguments, result, folder, numbers)

@@ -33,7 +33,8 @@ def text(body: dict[str, Any]) -> Any:
     """The text of a lesson as HTML, in German for "de". Raises UsageError for a number that no lesson has."""
     german = json.loads(GERMAN.read_text(encoding="utf-8")) if body.get("language") == "de" else {}
     known = {text: other for entries in german.values() for text, other in entries.items()}
-    return {"html": html(_chosen(body).file.read_text(encoding="utf-8"), known)}
+    page = _chosen(body).file.read_text(encoding="utf-8")
+    return {"html": html(page, known)}
 
 
 def _chosen(body: dict[str, Any]) -> Lesson:
@@ -60,17 +61,21 @@ class LessonJobs:
 
     def run(self, body: dict[str, Any]) -> dict[str, Any]:
         """Start a command of a lesson: `number`, `command`. Raises UsageError for one that its page does not have."""
-        chosen, line = _chosen(body), body.get("command")
+        chosen = _chosen(body)
+        line = body.get("command")
         if not isinstance(line, str) or line not in chosen.file.read_text(encoding="utf-8").splitlines():
             raise UsageError(f"{line!r:.80} is no command of this lesson")
-        command = next((one for one in chosen.commands if ["rig", *one.words] == shlex.split(line)), None)
+        typed = shlex.split(line)
+        command = next((command for command in chosen.commands if ["rig", *command.words] == typed), None)
         if command is None:
             raise UsageError(f"{line!r:.80} is no command of this lesson")
         if chosen.number not in self._folders:
             self._folders[chosen.number] = self._jobs.folder()
         folder = self._folders[chosen.number]
         words = prepared(command, folder)
-        figure = folder / words[words.index("--figure") + 1] if "--figure" in words else None
+        figure = None
+        if "--figure" in words:
+            figure = folder / words[words.index("--figure") + 1]
 
         def numbers(code: int, report: Any) -> list[dict[str, Any]]:
             rows = compare(command, code, report)
@@ -90,14 +95,16 @@ def html(page: str, known: Mapping[str, str]) -> str:
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = parser.parse(readable(page))
     for block in tokens:
-        if block.type == "inline" and (other := known.get(block.content.replace("\n", " "))):
-            block.children = parser.parseInline(other)[0].children
+        translation = known.get(block.content.replace("\n", " ")) if block.type == "inline" else None
+        if translation:
+            block.children = parser.parseInline(translation)[0].children
         block.children = [token for token in block.children or () if token.type not in ("link_open", "link_close")]
         for token in block.children:
             if token.type == "image":
                 token.attrSet("src", f"/lessons/{token.attrGet('src')}")
     heads = [place for place, token in enumerate(tokens) if token.type == "heading_open" and token.tag == "h2"]
-    begin, end = heads[_SOLUTIONS], heads[_SOLUTIONS + 1]
+    begin = heads[_SOLUTIONS]
+    end = heads[_SOLUTIONS + 1]
     spans = (tokens[:begin], tokens[begin : begin + 3], tokens[begin + 3 : end], tokens[end:])  # a heading: 3 tokens
     before, heading, solutions, after = (parser.renderer.render(span, parser.options, {}) for span in spans)
     return f"{before}<details><summary>{heading}</summary>{solutions}</details>{after}"
