@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _HEAD = 40
-"""Most lines that Python prints of a result."""
+"""Most lines that Python prints of a result. # chosen"""
 _CELL = '<td style="text-align:left;white-space:pre;padding:0 1.2em 0 0">'
+"""Begin of a cell of a table."""
 
 
 class Result:
@@ -76,7 +77,7 @@ def csv_text(head: Iterable[str], rows: Iterable[Iterable[str | float]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
-    writer.writerows([cell if isinstance(cell, str) else f"{cell:.9g}" for cell in row] for row in rows)
+    writer.writerows(map(_csv_row, rows))
     return text.getvalue()
 
 
@@ -85,12 +86,21 @@ def html_of(text: str) -> str:
     return "\n".join(_parts(text.splitlines()))
 
 
+def _csv_row(cells: Iterable[str | float]) -> list[str]:
+    return [cell if isinstance(cell, str) else f"{cell:.9g}" for cell in cells]
+
+
 def _parts(lines: Sequence[str]) -> Iterator[str]:
     at = 0
     while at < len(lines):
-        last, edges = at + 1, _edges(lines[at : at + 1])
-        while last < len(lines) and edges and (common := _edges(lines[at : last + 1])):
-            last, edges = last + 1, common
+        last = at + 1
+        edges = _edges(lines[at:last])
+        while last < len(lines) and edges:
+            common = _edges(lines[at : last + 1])
+            if not common:
+                break
+            last += 1
+            edges = common
         if edges and last > at + 1:
             rows = (_row(_cells(line, edges)) for line in lines[at:last])
             yield f'<table style="font-size:inherit">{"".join(rows)}</table>'
@@ -108,9 +118,13 @@ def _edges(lines: Sequence[str]) -> list[int]:
     if not all(line.strip() for line in lines):
         return []
     width = max(map(len, lines))
-    blank = [all(line[i : i + 1] in ("", " ") for line in lines) for i in range(width)]
+    blank = [_is_blank(lines, column) for column in range(width)]
     begin = blank.index(False)
     return [i for i in range(begin + 2, width) if not blank[i] and blank[i - 1] and blank[i - 2]]
+
+
+def _is_blank(lines: Sequence[str], column: int) -> bool:
+    return all(line[column : column + 1] in ("", " ") for line in lines)
 
 
 def _cells(line: str, edges: Sequence[int]) -> list[str]:
