@@ -1,6 +1,6 @@
 """The bench in a browser: one page on loopback that starts runs, shows them live and changes values.
 
-    form            scenes to choose from, their values with unit, range and origin; picture: what moves
+    catalogue       scenes to choose from; form their values with unit, range and origin; picture what moves
     run_control     starts and ends runs under the supervisor of `rig run`, one at a time; the runs of other terminals
     follower        a thread that follows a run over the bus; frames converts its messages
     playback        a whole recording, as a page that had watched the run would know it

@@ -53,7 +53,8 @@ from rig.errors import RigError, UsageError
 from rig.machine.files import RUNS
 from rig.web import lessons
 from rig.web.broadcast import Broadcast
-from rig.web.form import Catalogue, as_text, form, timing
+from rig.web.catalogue import Catalogue
+from rig.web.form import as_text, form, timing
 from rig.web.jobs import Jobs
 from rig.web.lessons import LessonJobs
 from rig.web.plain_json import Answer
@@ -183,18 +184,18 @@ def app(bench: Bench) -> Starlette:
         _post("/api/recordings/open", bench.recorded),
         _post("/api/recordings/picture", bench.at_rest),
         _post("/api/recordings/work", bench.recordings.work),
-        Route("/recordings/{name:path}", _file(lambda given: bench.recordings.path(given["name"]))),
+        Route("/recordings/{name:path}", _file(lambda values: bench.recordings.path(values["name"]))),
         _get("/api/studies", lambda _: bench.studies.all()),
         _post("/api/studies/work", bench.studies.work),
         _post("/api/studies/beside", bench.studies.beside),
-        Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
+        Route("/studies/{kind}/{name}/{file}", _file(lambda values: bench.studies.path(**values))),
         _get("/api/lessons", lessons.listed),
         _post("/api/lesson", lessons.text),
         _post("/api/lesson/run", bench.lessons.run),
-        Route("/lessons/{name}", _file(lambda given: lessons.figure(given["name"]))),
+        Route("/lessons/{name}", _file(lambda values: lessons.figure(values["name"]))),
         _get("/api/jobs", lambda _: bench.jobs.all()),
         _post("/api/jobs/stop", bench.stop_job),
-        Route("/jobs/{number:int}", _file(lambda given: bench.jobs.job(given["number"]).file())),
+        Route("/jobs/{number:int}", _file(lambda values: bench.jobs.job(values["number"]).file())),
         WebSocketRoute("/live", _stream(bench.broadcast.connect, bench.broadcast.disconnect)),
         WebSocketRoute("/sound/{sensor}", _stream(bench.sounds.connect, bench.sounds.disconnect)),
     ]
@@ -252,7 +253,10 @@ async def _at_once(make: Callable[[dict[str, Any]], Response], body: dict[str, A
 
 
 def _file(find: Callable[[dict[str, Any]], Path]) -> Callable[[Request], Awaitable[Response]]:
-    """A route to a file: a page or a picture is shown, without any right on this page; other files are kept."""
+    """A route to the file that `find` returns for the values in the path.
+
+    A page or a picture is shown, without any right on this page; other files are kept.
+    """
 
     async def answer(request: Request) -> Response:
         path = await asyncio.to_thread(find, request.path_params)

@@ -1,18 +1,10 @@
-"""The values of a scene as a form: key, value, unit, range, origin, and what may change while the rig runs.
-
-The scenes that the page offers: those that are shipped, and the scene files of one folder.
-"""
+"""The values of a scene as a form: key, value, unit, range, origin, and what may change while the rig runs."""
 
 from __future__ import annotations
 
-import json
-import math
-import os
-import re
 import types
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 import numpy as np
@@ -25,15 +17,10 @@ from rig.errors import UsageError
 from rig.model.assembly import Assembly
 from rig.plants import PLANTS
 from rig.quantities import Hand, Range, finite
-from rig.scenes import load, names
 from rig.scenes.explain import Value, explain
-from rig.scenes.inherit import cards
-from rig.scenes.places import Place
 from rig.scenes.protocol import Mark, Ramp, Repeat, Set, flat
 from rig.scenes.scene import Scene
 from rig.scenes.sections import field_of, known, range_of
-from rig.scenes.shipped import card, groups
-from rig.scenes.source import FORMAT
 from rig.units import with_point
 from rig.view.channels import Channels
 from rig.web.picture import MovingPicture
@@ -44,8 +31,6 @@ LEAST = 1e-6
 """Least size [SI] on a logarithmic slider beside 0. # chosen"""
 _STRONG = {"gain": "gain of the controller", "amplitude": "amplitude of the controller"}
 """Values of a controller that matter at the bench, in words."""
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-_PAGE = Place("on the page", 0)
 PACES = (1e-3, 1e6)
 """Slowest and fastest pace."""
 LONGEST = 1e6
@@ -141,10 +126,10 @@ def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[
     may = known(assembly, scene.parameters, scene.sensors, scene.controllers)
     owners = {drive: name for name, section in scene.controllers.items() for drive in controller_drives(section)}
     tables: dict[str, list[dict[str, Any]]] = {}
-    given = {value.key: value for value in values if not value.key.startswith("protocol[")}  # it is shown in words
-    for key in dict.fromkeys((*given, *assembly.inputs)):
+    of_scene = {value.key: value for value in values if not value.key.startswith("protocol[")}  # it is shown in words
+    for key in dict.fromkeys((*of_scene, *assembly.inputs)):
         table, _, name = key.rpartition(".")
-        value = given.get(key)
+        value = of_scene.get(key)
         actuator = assembly.inputs.get(key)
         shown = value or actuator
         entry = entry_of(scene, key, name, shown.value, shown.unit, within(scene, key, actuator))
@@ -243,89 +228,6 @@ def _section(scene: Scene, key: str) -> tuple[Any, str]:
     return scene.parameters, key
 
 
-class Catalogue:
-    """The shipped scenes and the scene files of `folder`."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def cards(self) -> list[dict[str, Any]]:
-        """Name, title, plant and description of every scene; of shipped ones what happens; `own`: a file of the folder.
-
-        The title of a file that cannot be read says why.
-        """
-        of_folder = [{**shown, "own": True} for shown in cards(self._folder)]
-        shipped = [{**card(name), "own": False, "group": group} for name, group in groups().items()]
-        return of_folder + shipped
-
-    def scene(self, name: Any, changes: Any = None) -> Scene:
-        """The scene with changed values. Raises SceneError with every fault, as the command line does."""
-        if not isinstance(name, str) or not (name in names() or self._has(name)):
-            raise UsageError(f"no scene is called {name!r:.80}; choose one of the list")
-        values = changes or {}
-        if not isinstance(values, dict) or not all(isinstance(key, str) for key in values):
-            raise UsageError(f'"changes" is {changes!r:.80}; expected values by their keys')
-        texts = {key: as_text(value, key) for key, value in values.items()}
-        return load(name, texts, dict.fromkeys(texts, _PAGE))
-
-    def _has(self, name: str) -> bool:
-        """Whether a text is the name that the list has for a file of the folder. No file is read."""
-        file = Path(name)
-        return file.suffix == ".toml" and name == str(self._folder / file.name) and os.path.lexists(file)
-
-    def save(self, file: Any, based_on: str, changes: Mapping[str, Any]) -> Path:
-        """Write a scene file that is based on another scene and contains the changed values; returns its path.
-
-        Raises SceneError for values that cannot be used, UsageError for a name that cannot be used or exists.
-        """
-        if not isinstance(file, str) or not _NAME.fullmatch(file):
-            raise UsageError(
-                f"{file!r:.80} cannot name a scene: expected letters, digits and '_', at most 64, a letter first"
-            )
-        path = self._folder / f"{file}.toml"
-        taken = UsageError(f"a scene {file} exists already; choose another name")
-        if path.exists() or file in names():
-            raise taken
-        scene = self.scene(based_on, changes)
-        base = based_on if based_on in names() else str(Path(based_on).relative_to(self._folder))
-        text = scene_file(base, f"{scene.title}, changed", changes)
-        try:
-            with path.open("x", encoding="utf-8") as made:
-                made.write(text)
-        except FileExistsError:
-            raise taken from None
-        except OSError:  # a full disk: no half of a scene is left
-            path.unlink(missing_ok=True)
-            raise
-        return path
-
-
-def scene_file(base: str, title: str, changes: Mapping[str, Any]) -> str:
-    """The text of a scene file with these changes; its values are those that the user gave."""
-    head = [f"format = {FORMAT}", f"based_on = {_toml(base)}", f"title = {_toml(title)}"]
-    tables: dict[str, list[str]] = {}
-    for key, value in changes.items():
-        table, _, name = key.rpartition(".")
-        tables.setdefault(table, []).append(f'{name} = [{_toml(value)}, "user", "saved on the page"]')
-    lines = [*head, *tables.pop("", [])]
-    for table, entries in tables.items():
-        lines += ["", f"[{table}]", *entries]
-    return "\n".join([*lines, ""])
-
-
-def _toml(value: Any) -> str:
-    """A number, a truth value or a text in TOML; a text that is a number is a number."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if math.isfinite(number):
-        return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
-    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
 def as_text(value: Any, key: str) -> str:
     """The value of `key` on the page as the command line would give it. Raises UsageError for what is no value."""
     if isinstance(value, str):
@@ -347,18 +249,6 @@ def plain(value: Any, name: str) -> Any:
     return value
 
 
-def _pace(given: Any) -> Pace:
-    """The pace that the page asks for. Raises ValueError."""
-    if given == "max":
-        return None
-    if given == AUTO:
-        return AUTO
-    factor = 1.0 if given in (None, "") else finite(given, "1")
-    if not PACES[0] <= factor <= PACES[1]:
-        raise ValueError(f"is {factor:g}; must be {PACES[0]:g} to {PACES[1]:g}, auto or max")
-    return factor
-
-
 def timing(scene: Scene, pace: Any, duration: Any) -> tuple[Pace, float | None]:
     """Pace and duration [s] (None: that of the protocol) of a run. Raises UsageError."""
     what = "pace"
@@ -372,3 +262,15 @@ def timing(scene: Scene, pace: Any, duration: Any) -> tuple[Pace, float | None]:
         raise UsageError(f"the {what} {fault}") from None
     keeps_up(scene, factor)
     return factor, length
+
+
+def _pace(pace: Any) -> Pace:
+    """The pace that the page asks for. Raises ValueError."""
+    if pace == "max":
+        return None
+    if pace == AUTO:
+        return AUTO
+    factor = 1.0 if pace in (None, "") else finite(pace, "1")
+    if not PACES[0] <= factor <= PACES[1]:
+        raise ValueError(f"is {factor:g}; must be {PACES[0]:g} to {PACES[1]:g}, auto or max")
+    return factor

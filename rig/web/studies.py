@@ -19,7 +19,8 @@ from rig.errors import UsageError
 from rig.machine.files import DATA, contents
 from rig.printable import counted
 from rig.scenes.scene import Scene
-from rig.web.form import Catalogue, as_text
+from rig.web.catalogue import Catalogue
+from rig.web.form import as_text
 from rig.web.jobs import Jobs
 
 FINISHED = {

@@ -10,7 +10,8 @@ from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.scenes import inherit
 from rig.scenes.shipped import card, card_of, names
-from rig.web.form import LEAST, Catalogue, form, slider_of, timing
+from rig.web.catalogue import Catalogue
+from rig.web.form import LEAST, form, slider_of, timing
 
 
 def test_every_shipped_scene_has_a_card_and_those_of_the_folder_come_first(tmp_path):
