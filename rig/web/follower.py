@@ -50,7 +50,7 @@ _PHASES = {"paused": "paused", "resumed": "running", "end": "ending"}
 _TELLING = frozenset({"step", "mark", "left", "missing", "pause", "overrun", "safe", "fault"})
 """Kinds of events after which the page is told at once how the run goes."""
 _NICE = 5
-"""Politeness of the thread: it leaves the processor to the run. # chosen"""
+"""Nice value of the thread: it leaves the processor to the run. # chosen"""
 _DEPTH = 1024
 """Most messages that wait for the thread. # chosen"""
 _JOIN_S = 30.0

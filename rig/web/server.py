@@ -43,7 +43,7 @@ LARGEST_MESSAGE = 1 << 12
 OPEN_FILES = 64
 """Open files that the server of a page needs beside those of a run. # chosen"""
 _NICE = 5
-"""Politeness of the thread of the server: it leaves the processor to the run. # chosen"""
+"""Nice value of the thread of the server: it leaves the processor to the run. # chosen"""
 _CLOSE_S = 5.0
 """Longest wait for the end of that thread [s]: open connections have two seconds (uvicorn). # chosen"""
 
