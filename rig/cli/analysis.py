@@ -105,8 +105,10 @@ def modes(
     draw(result, figure)
     if errors and loaded.clock.unstable != "run":
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        printing.note(f"{loaded.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
-                  '  clock.unstable = "run" runs it nevertheless, up to clock.limit')  # fmt: skip
+        printing.note(
+            f"{loaded.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
+            '  clock.unstable = "run" runs it nevertheless, up to clock.limit'
+        )
         raise typer.Exit(ExitCode.STOPPED)
 
 

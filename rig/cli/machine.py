@@ -236,10 +236,17 @@ def reproduce(
     else:
         for result in results:
             numbers = [
-                (c.what, f"{c.ours:.7g}", f"{c.expected:.7g}" if c.compared else "", c.unit, c.source, c.bound,
-                 "" if c.agrees else c.result)
+                (
+                    c.what,
+                    f"{c.ours:.7g}",
+                    f"{c.expected:.7g}" if c.compared else "",
+                    c.unit,
+                    c.source,
+                    c.bound,
+                    "" if c.agrees else c.result,
+                )
                 for c in result.comparisons
-            ]  # fmt: skip
+            ]
             columns = ("number", "ours", "expected", "", "source", "bound", "")
             printing.table(f"{result.entry.name}: {result.entry.title} ({result.picture})", columns, numbers)
     printing.passed(all(result.agrees for result in results))

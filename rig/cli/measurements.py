@@ -35,32 +35,44 @@ def _sources(context: typer.Context, paths: list[Path]) -> list[Path]:
 
 def import_(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="Files of one run: CSV, Parquet, MAT, HDF5, netCDF, WAV, "
-                                   "UFF, TDMS.", callback=_sources)
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="Files of one run: CSV, Parquet, MAT, HDF5, netCDF, WAV, UFF, TDMS.",
+            callback=_sources,
+        ),
     ],
     mapped: Annotated[
         list[str] | None,
-        typer.Option("--map", metavar='"COLUMN = NAME, SCALE UNIT"',
-                     help='What a column is: "ch1 = vibrometer, 125 mm/s/V". Repeatable. Default: import.toml beside '
-                     "the files; without it the columns are listed, and a map is proposed."),
+        typer.Option(
+            "--map",
+            metavar='"COLUMN = NAME, SCALE UNIT"',
+            help='What a column is: "ch1 = vibrometer, 125 mm/s/V". Repeatable. Default: import.toml beside '
+            "the files; without it the columns are listed, and a map is proposed.",
+        ),
     ] = None,
     time: Annotated[str, typer.Option(metavar='"COLUMN, UNIT"', help='The column with the time: "t, ms".')] = "",
     rate: Annotated[str, typer.Option(metavar="RATE", help="Samples per second, in place of times: 2 kHz.")] = "",
     join: Annotated[
         str,
-        typer.Option(metavar="CHANNEL", help='The common time of several files: "trigger > 2 V", whose first sample '
-                     "is the same instant in all, or a channel that all contain."),
+        typer.Option(
+            metavar="CHANNEL",
+            help='The common time of several files: "trigger > 2 V", whose first sample '
+            "is the same instant in all, or a channel that all contain.",
+        ),
     ] = "",
     skip_missing: Annotated[
         bool, typer.Option("--skip-missing", help="Leave out values that are not there (empty, NaN).")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new_recording, help="Recording to write. Default: the name "
-                                  "of the first file.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", callback=new_recording, help="Recording to write. Default: the name of the first file."
+        ),
     ] = None,
     force: Force = False,
     as_json: Json = False,
-) -> None:  # fmt: skip
+) -> None:
     """Make a recording of a measurement, in SI units, or list the columns of its files.
 
     A unit is never guessed: where a file states none, the map must. A file
@@ -98,15 +110,20 @@ def stick(
     begin: First = None,
     end: Last = None,
     law: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Write friction over rising speed, of a spring "
-                                  "the mean of both ways, as the [friction] of a scene (TOML).")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=new,
+            help="Write friction over rising speed, of a spring "
+            "the mean of both ways, as the [friction] of a scene (TOML).",
+        ),
     ] = None,
     figure: Figure = None,
     csv: Table = None,
     trust: Trust = False,
     force: Force = False,
     as_json: Json = False,
-) -> None:  # fmt: skip
+) -> None:
     """Find stick and slip: times, breakaway forces, share of stick, friction over the slip speed.
 
     The slip speed is --velocity, or --drive minus --velocity, or what

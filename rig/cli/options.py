@@ -273,8 +273,10 @@ def named(given: Iterable[str] | None) -> dict[str, str]:
         if not equals or "/" in name:
             name, file = (text, "") if text.isidentifier() else (Path(text).stem, text)
         if not name.isidentifier() or (equals and not file):
-            raise UsageError(f"--controller {text}: expected FILE, or NAME=FILE with a name of letters, digits and _, "
-                             "or the NAME of a controller of the scene")  # fmt: skip
+            raise UsageError(
+                f"--controller {text}: expected FILE, or NAME=FILE with a name of letters, digits and _, "
+                "or the NAME of a controller of the scene"
+            )
         if name in files:
             raise UsageError(f"--controller {text}: {name} is given twice")
         files[name] = file
@@ -296,8 +298,10 @@ def there(given: Iterable[str] | None, scene: Scene) -> None:
     for name in named(given):
         if name not in scene.controllers:
             known = ", ".join(scene.controllers) or "none"
-            raise UsageError(f"--controller {name}: {scene.name} has no controller {name}; there are: {known}. "
-                             f"One from a file is {name}=FILE")  # fmt: skip
+            raise UsageError(
+                f"--controller {name}: {scene.name} has no controller {name}; there are: {known}. "
+                f"One from a file is {name}=FILE"
+            )
 
 
 def linked(net: list[str] | None, given: Mapping[str, str]) -> dict[str, str]:

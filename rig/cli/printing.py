@@ -262,8 +262,11 @@ def kept(store: Store, what: str, total: int = 0) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         of, ready = f" of {total}" if total else "", len(store.load())
-        note(f"interrupted: {ready}{of} {what} are kept in {store.folder}; the same command continues from there"
-             if ready else f"interrupted before any of the {what} was finished")  # fmt: skip
+        note(
+            f"interrupted: {ready}{of} {what} are kept in {store.folder}; the same command continues from there"
+            if ready
+            else f"interrupted before any of the {what} was finished"
+        )
         raise
 
 

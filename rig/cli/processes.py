@@ -135,9 +135,8 @@ def view(
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     refuse_all(
         (log and run is not None, f"{log} and --run {run}: name a recording or a live run, not both"),
-        (save and save.suffix != ".rrd",
-         f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
-    )  # fmt: skip
+        (save and save.suffix != ".rrd", f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
+    )
     check("rerun", "view", "rig view")
     if log is None:
         from rig.view.process import view as show

@@ -151,9 +151,14 @@ class Analysis(NamedTuple):
         """Return the command: it reads the options, reports all faults at once, prints, writes and draws."""
 
         def run_it(
-            log: Path, figure: Path | None, trust: bool, as_json: bool, csv: Path | None = None, force: bool = False,
+            log: Path,
+            figure: Path | None,
+            trust: bool,
+            as_json: bool,
+            csv: Path | None = None,
+            force: bool = False,
             **given: str | None,
-        ) -> None:  # fmt: skip
+        ) -> None:
             from rig.analysis import recorded
             from rig.machine.files import write_file
 
@@ -183,11 +188,11 @@ class Analysis(NamedTuple):
         kinds |= {"trust": Trust, "force": Force, "as_json": Json}
         unset = {Path: Parameter.empty, str: Parameter.empty, bool: False}
         run_it.__doc__, run_it.__annotations__ = self.about, kinds
-        run_it.__signature__ = Signature([  # type: ignore[attr-defined]
-            Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind,
-                      default=unset.get(kind.__origin__))
+        parameters = [
+            Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=unset.get(kind.__origin__))
             for name, kind in kinds.items()
-        ])  # fmt: skip
+        ]
+        run_it.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
         return run_it
 
 
@@ -391,13 +396,18 @@ def diff(
     p: Changes = None,
     follow: Annotated[
         list[str] | None,
-        typer.Option(metavar='"ACTUATOR = CHANNEL"', help="What an actuator of the scene follows. Repeatable. Default: "
-                     "speed and load, by their names."),
+        typer.Option(
+            metavar='"ACTUATOR = CHANNEL"',
+            help="What an actuator of the scene follows. Repeatable. Default: speed and load, by their names.",
+        ),
     ] = None,
     pair: Annotated[
         list[str] | None,
-        typer.Option(metavar='"CHANNEL = SIMULATED, FACTOR"', help='What a measured channel is compared with: "force = '
-                     'displacement, 168 N/m". Repeatable. Default: equal names.'),
+        typer.Option(
+            metavar='"CHANNEL = SIMULATED, FACTOR"',
+            help='What a measured channel is compared with: "force = '
+            'displacement, 168 N/m". Repeatable. Default: equal names.',
+        ),
     ] = None,
     velocity: Velocity = "",
     friction: Friction = "",
@@ -410,7 +420,7 @@ def diff(
     trust: Trust = False,
     force: Force = False,
     as_json: Json = False,
-) -> None:  # fmt: skip
+) -> None:
     """Compare two recordings, or a measurement with its simulation by a scene.
 
     Recordings are compared at the instants that both contain: equal bit by bit,

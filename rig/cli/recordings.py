@@ -195,11 +195,19 @@ def runs(
     for recording in wanted:
         _warn(recording.notes)
     if as_json:
-        printing.report([
-            {"path": of.path, "size": of.size, **(vars(of.contents) if of.contents else {}), "fault": of.fault,
-             "notes": [vars(note) for note in of.notes.found], "tags": of.notes.tags}
-            for of in wanted
-        ])  # fmt: skip
+        printing.report(
+            [
+                {
+                    "path": of.path,
+                    "size": of.size,
+                    **(vars(of.contents) if of.contents else {}),
+                    "fault": of.fault,
+                    "notes": [vars(note) for note in of.notes.found],
+                    "tags": of.notes.tags,
+                }
+                for of in wanted
+            ]
+        )
     elif wanted:
         columns = ("recording", "scene", "date", "length", "timing", "notes")
         printing.table(f"recordings in {folder}", columns, [_row(listing, folder) for listing in wanted])
@@ -235,8 +243,12 @@ def note(
     elif not log.exists():
         raise UsageError(f"{log}: no such file")
     notes = user_notes.read(log)
-    report = {"path": notes.path, "notes": [vars(note) for note in notes.found],
-              "other": [vars(note) for note in notes.other], "unreadable": notes.unreadable}  # fmt: skip
+    report = {
+        "path": notes.path,
+        "notes": [vars(note) for note in notes.found],
+        "other": [vars(note) for note in notes.other],
+        "unreadable": notes.unreadable,
+    }
     printing.either(as_json, report, *map(str, notes.found or [f"{log}: no notes"]))
     if not as_json:
         _warn(notes)

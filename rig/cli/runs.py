@@ -295,9 +295,11 @@ def simulate(
     refuse_all(
         (by_method.keys() & overrides.keys(), "--method and -p: both give clock.method; leave out one of them"),
         (start is not None and wrong, f"--from {start}: {wrong} cannot be given with it; the recording decides"),
-        (start is None and scene is None,
-         "name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s"),
-    )  # fmt: skip
+        (
+            start is None and scene is None,
+            "name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s",
+        ),
+    )
     loaded: Scene | None = None
     if scene is not None:
         by_option: dict[str, Mapping[str, object]] = {

@@ -96,8 +96,10 @@ def _list_installed() -> None:
             for package in packages:
                 printing.line(f"installed: {name} ({what}) of {package}{hidden}")
             if len(packages) > 1 and not hidden:
-                printing.note(f"warning: {name} ({what}) is a part of {' and of '.join(packages)}: a scene that names "
-                              "it is refused; uninstall all but one")  # fmt: skip
+                printing.note(
+                    f"warning: {name} ({what}) is a part of {' and of '.join(packages)}: a scene that names "
+                    "it is refused; uninstall all but one"
+                )
 
 
 def new_scene(
@@ -194,8 +196,10 @@ def explain(
     effects = [(e.name, "on" if e.on else "absent", _with_states(e)) for e in explanation.effects]
     printing.described(f"effects: {counted(explanation.states, 'state')}", effects)
     printing.line()
-    actuators = [(a.name, f"{a.low:g} .. {a.high:g}", _unit(a.unit), f"{a.start:g}", f"{a.safe:g}")
-                 for a in explanation.actuators]  # fmt: skip
+    actuators = [
+        (a.name, f"{a.low:g} .. {a.high:g}", _unit(a.unit), f"{a.start:g}", f"{a.safe:g}")
+        for a in explanation.actuators
+    ]
     printing.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
     printing.line()
     _print_controllers(loaded)
@@ -362,10 +366,13 @@ def _print_network(scene: Scene) -> None:
 
     ticks = {topic: link.ticks(scene.frame_ns) for topic, link in scene.network.links.items()}
     rows = [
-        (topic, f"under way {least} .. {most} frames" if most > least else f"under way {counted(most, 'frame')}",
-         described(dump(scene.network.links[topic])))
+        (
+            topic,
+            f"under way {least} .. {most} frames" if most > least else f"under way {counted(most, 'frame')}",
+            described(dump(scene.network.links[topic])),
+        )
         for topic, (least, most) in ticks.items()
-    ]  # fmt: skip
+    ]
     seed = scene.seed if scene.network.seed is None else scene.network.seed
     printing.described(f"impaired links, seed {seed}", rows)
     printing.paragraph("a message arrives at a frame: its transmission time is rounded up to whole frames")
@@ -379,10 +386,14 @@ def _print_faults(scene: Scene) -> None:
     units = {name: named.unit for name, named in scene.assemble().inputs.items()}
     units |= {name: sensor.unit for name, sensor in scene.sensors.items()}
     rows = [
-        (f"{fault.at / 1e9:g} s", "to the end" if fault.end is None else f"to {fault.end / 1e9:g} s", name,
-         described(fault, units[fault.part]))
+        (
+            f"{fault.at / 1e9:g} s",
+            "to the end" if fault.end is None else f"to {fault.end / 1e9:g} s",
+            name,
+            described(fault, units[fault.part]),
+        )
         for name, fault in sorted(scene.faults.items(), key=lambda named: named[1].at)
-    ]  # fmt: skip
+    ]
     printing.described("faults of sensors and actuators", rows)
     printing.line()
 
@@ -454,8 +465,17 @@ def _print_measured(
     scene: Scene, parts: Sequence[Paired], methods: Mapping[str, str], rates: Mapping[str, Sequence[Rate]]
 ) -> None:
     """What was measured, for a reader."""
-    rows = [(part.name, "on" if part.on else "absent", part.states, "" if part.fault else part.cost(), part.change(),
-             part.why) for part in parts]  # fmt: skip
+    rows = [
+        (
+            part.name,
+            "on" if part.on else "absent",
+            part.states,
+            "" if part.fault else part.cost(),
+            part.change(),
+            part.why,
+        )
+        for part in parts
+    ]
     columns = ("effect", "", "states", "cost per sample step", "largest change without it", "remark")
     printing.table(f"{scene.name}: effects, measured with and without each in turns", columns, rows)
     if any(part.measurable and part.tick.value < -part.noise for part in parts):
