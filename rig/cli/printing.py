@@ -116,7 +116,7 @@ def _plain(value: Any) -> Any:
 
 def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table in the width of the terminal; at most 160 columns without a terminal."""
-    texts = [[printable(cell if isinstance(cell, str) else number(cell)) for cell in row] for row in rows]
+    texts = [_texts(row) for row in rows]
     lines = [text.removeprefix("  ") for text in columns([titles, *texts], "<" * len(titles))]
     if not sys.stdout.isatty() and max(map(len, lines)) <= width():
         for text in (name, *lines) if name else lines:
@@ -138,12 +138,19 @@ def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) ->
     console.print(made, markup=False, highlight=False)
 
 
+def _texts(row: Sequence[object]) -> list[str]:
+    return [printable(cell if isinstance(cell, str) else number(cell)) for cell in row]
+
+
 def listing(title: str, heads: Mapping[str, str], rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     """Print rows as JSON, or as a table; `heads`: key of a row -> head of its column."""
     if as_json:
         report(rows)
-    else:
-        table(title, [*heads.values()], [[row[key] for key in heads] for row in rows])
+        return
+    cells = list[list[Any]]()
+    for row in rows:
+        cells.append([row[key] for key in heads])
+    table(title, [*heads.values()], cells)
 
 
 def width() -> int:
@@ -155,7 +162,10 @@ def paragraph(text: str) -> None:
     """Print a text as it is; where its lines are wider than the terminal, its paragraphs are folded."""
     lines = text.splitlines()
     if max(map(len, lines), default=0) > width():
-        lines = [line for part in text.split("\n\n") for line in (*textwrap.wrap(part, width()), "")][:-1]
+        lines = []
+        for part in text.split("\n\n"):
+            lines += [*textwrap.wrap(part, width()), ""]
+        lines.pop()
     for text_line in lines:
         line(text_line)
 
@@ -165,7 +175,7 @@ def described(title: str, rows: Iterable[Sequence[str]], align: str = "") -> Non
 
     `align`: "<" or ">" for each of the other columns.
     """
-    table = [[printable(cell) for cell in row] for row in rows]
+    table = [[*map(printable, row)] for row in rows]
     if title:
         line(title)
     if not table:
@@ -203,7 +213,9 @@ def number(value: object) -> str:
 @contextmanager
 def status(text: str = "") -> Iterator[Callable[[str], None]]:
     """A line of progress on a terminal, replaced by each text that it gets; without a terminal a line now and then."""
-    terminal, width, last = sys.stderr.isatty(), 0, time.monotonic()
+    terminal = sys.stderr.isatty()
+    width = 0
+    last = time.monotonic()
 
     def show(text: str) -> None:
         nonlocal width, last
@@ -261,18 +273,20 @@ def kept(store: Store, what: str, total: int = 0) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        of, ready = f" of {total}" if total else "", len(store.load())
-        note(
-            f"interrupted: {ready}{of} {what} are kept in {store.folder}; the same command continues from there"
-            if ready
-            else f"interrupted before any of the {what} was finished"
-        )
+        of = f" of {total}" if total else ""
+        ready = len(store.load())
+        if ready:
+            note(f"interrupted: {ready}{of} {what} are kept in {store.folder}; the same command continues from there")
+        else:
+            note(f"interrupted before any of the {what} was finished")
         raise
 
 
 def _lines(what: str) -> Callable[[int, int], object]:
     """Progress as lines, at most one in `PROGRESS_S`, and one at the end: short work prints none."""
-    last, told, first = time.monotonic(), False, (-1, 0.0)
+    last = time.monotonic()
+    told = False
+    first = (-1, 0.0)
 
     def show(done: int, total: int) -> None:
         nonlocal last, told, first
@@ -280,8 +294,10 @@ def _lines(what: str) -> Callable[[int, int], object]:
         if first[0] < 0:  # parts that were kept from before took no time
             first = done, now
         if now - last >= PROGRESS_S or (told and done == total):
-            last, told, made = now, done < total, done - first[0]
-            left = f", about {_span((now - first[1]) * (total - done) / made)} left" if made and done < total else ""
+            last = now
+            told = done < total
+            computed = done - first[0]
+            left = f", about {_span((now - first[1]) * (total - done) / computed)} left" if computed and told else ""
             note(f"{what}: {done} of {total}{left}")
 
     return show

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -185,7 +185,8 @@ def runs(
         with printing.bar("reading") as progress:
             listed = run_list.runs(folder, rebuild, progress)
     else:
-        listed, folder = [run_list.one(folder)], folder.parent
+        listed = [run_list.one(folder)]
+        folder = folder.parent
     wanted = [
         recording
         for recording in listed
@@ -195,19 +196,7 @@ def runs(
     for recording in wanted:
         _warn(recording.notes)
     if as_json:
-        printing.report(
-            [
-                {
-                    "path": of.path,
-                    "size": of.size,
-                    **(vars(of.contents) if of.contents else {}),
-                    "fault": of.fault,
-                    "notes": [vars(note) for note in of.notes.found],
-                    "tags": of.notes.tags,
-                }
-                for of in wanted
-            ]
-        )
+        printing.report([_card(listing) for listing in wanted])
     elif wanted:
         columns = ("recording", "scene", "date", "length", "timing", "notes")
         printing.table(f"recordings in {folder}", columns, [_row(listing, folder) for listing in wanted])
@@ -215,12 +204,28 @@ def runs(
         printing.line(f"{folder}: {f'none of {len(listed)} recordings fits' if listed else 'no recordings'}")
 
 
+def _card(listing: Listed) -> dict[str, Any]:
+    """A recording of the list, for JSON."""
+    contents = vars(listing.contents) if listing.contents else {}
+    notes = [vars(note) for note in listing.notes.found]
+    return {
+        "path": listing.path,
+        "size": listing.size,
+        **contents,
+        "fault": listing.fault,
+        "notes": notes,
+        "tags": listing.notes.tags,
+    }
+
+
 def _row(listing: Listed, folder: Path) -> tuple[str, ...]:
     last = next((note.text for note in reversed(listing.notes.found) if note.text), "")
     short = last if len(last) <= _SHOWN else f"{last[: _SHOWN - 1]}…"
     noted = " ".join(filter(None, (short, *(f"#{tag}" for tag in listing.notes.tags))))
-    name, said = str(listing.path.relative_to(folder)), "; ".join(filter(None, (listing.fault, noted)))
-    if (contents := listing.contents) is None:
+    name = str(listing.path.relative_to(folder))
+    said = "; ".join(filter(None, (listing.fault, noted)))
+    contents = listing.contents
+    if contents is None:
         return name, "", "", "", "", said
     began = datetime.fromtimestamp(contents.began_ns * 1e-9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
     length = "unknown" if contents.seconds is None else f"{contents.seconds:.3f} s"
