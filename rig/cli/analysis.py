@@ -158,7 +158,8 @@ def cycle(
     """
     from rig.analysis.cycle import limit_cycle
 
-    most, loaded = seconds(longest, "--longest"), the_scene(scene, changes(p))
+    most = seconds(longest, "--longest")
+    loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
     with printing.status() as show:
 
@@ -375,7 +376,8 @@ def map_(
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
     if eigenvalues:
-        todo, name = regions_job(loaded, x, y), "regions"
+        todo = regions_job(loaded, x, y)
+        name = "regions"
     else:
         todo = job(loaded, x, y, output, tuple(separated(runs)), seconds(longest, "--longest"))
         name = "map"

@@ -78,12 +78,11 @@ def tune(
         except BusError as fault:
             raise UsageError(f"{fault}\n`rig live tune` without a key lists what can be tuned") from None
     overruled = {} if value is None else answer.get("overruled", {})  # a value that was asked for is the one in force
-    new, owner = printing.number(answer["values"].get(inner)), overruled.get(inner)
-    told = (
-        f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
-        if owner
-        else f"{key} = {new}"
-    )
+    new = printing.number(answer["values"].get(inner))
+    owner = overruled.get(inner)
+    told = f"{key} = {new}"
+    if owner:
+        told = f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
     report = answer["values"] | ({"overruled": overruled} if overruled else {}) | {"run": session.run}
     printing.either(as_json, report, f"{told}  (run {session.run})")
 
@@ -232,7 +231,8 @@ def topic_echo(
 
     stopped = nullcontext() if count else suppress(KeyboardInterrupt)  # without a count it has no end of its own
     with bus.join(run, role="operator", name="echo") as session, stopped:
-        receiver, plant = session.subscribe(pattern), session.watch("plant/*")
+        receiver = session.subscribe(pattern)
+        plant = session.watch("plant/*")
         run_setup.fetch(session)  # from here on its states are read
         shown = 0
         while (plant.wait_for("plant", "plant", 0.0) or not session.ended) and (not count or shown < count):

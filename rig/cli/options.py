@@ -65,7 +65,8 @@ class _Flags:
 
 
 def _converted(parameter: Any, ctx: Any, value: Any) -> Any:
-    kind, several = parameter.type_descriptor.annotation, parameter.multiple or parameter.nargs == -1
+    kind = parameter.type_descriptor.annotation
+    several = parameter.multiple or parameter.nargs == -1
     if several and kind == list[str] and (value or not parameter.required):
         value = [*(value or ())]
     elif several or not ((kind is str and isinstance(value, str)) or (value is None and not parameter.required)):
@@ -375,7 +376,8 @@ def trigger(when: str | None, before: str | None, after: str | None, most: int |
         return None
     from rig.record.windows import Trigger, condition
 
-    earlier, later = seconds(before or "2", "--before", 0.0), seconds(after or "5", "--after", 0.0)
+    earlier = seconds(before or "2", "--before", 0.0)
+    later = seconds(after or "5", "--after", 0.0)
     return Trigger(condition(when), earlier or 0.0, later or 0.0, most or 100)
 
 

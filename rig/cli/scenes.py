@@ -69,8 +69,10 @@ def _print_cards(cards: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _title(card: Mapping[str, Any]) -> str:
-    title, limit = card["title"] or f"based on {card['based_on']}", card["pace_limit"]
-    title += "" if "group" in card else f", plant {card['plant']}"
+    title = card["title"] or f"based on {card['based_on']}"
+    if "group" not in card:
+        title += f", plant {card['plant']}"
+    limit = card["pace_limit"]
     return f"{title} (real-time factor up to {limit:g})" if limit else title
 
 
@@ -217,7 +219,8 @@ def explain(
 
 def _print_screen(explanation: Explanation, typed: str) -> None:
     """One screen: what acts, what it does, what is uncertain. `typed`: the name that the user gave."""
-    scene, name = explanation.scene, shlex.quote(typed)
+    scene = explanation.scene
+    name = shlex.quote(typed)
     based_on = scene.bases and f"Based on {', which is based on '.join(scene.bases)}"
     for text in (f"{scene.title} ({scene.name})", scene.about, based_on, scene.slow and f"Paced, {scene.slow}"):
         if text:
@@ -412,13 +415,14 @@ def _audited(log: str, as_json: bool) -> None:
     run = opened(Path(log))
     if run.measured:
         raise LogError(f"{log}: it is a measurement: it contains no rig, which this command needs")
-    judged, network = run.summary.get("audit", []), run.summary.get("network", {})
+    judged = run.summary.get("audit", [])
+    network = run.summary.get("network", {})
     faults = [(event["t_ns"] / 1e9, event["text"]) for event in run.plant_events if event["kind"] == "fault"]
     if as_json:
         happened = [{"t": t, "text": text} for t, text in faults]
         printing.report({"log": log, "effects": judged, "network": network, "faults": happened})
         return
-    state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
+    state = [_acted(effect) for effect in judged]
     shares = ["not judged" if e.get("unjudged") else f"{e['share']:.2g}" for e in judged]
     remarks = [e["text"] if e["noted"] or e.get("unjudged") else "" for e in judged]
     rows = list(zip((e["effect"] for e in judged), state, shares, remarks))
@@ -441,6 +445,13 @@ def _audited(log: str, as_json: bool) -> None:
         )
 
 
+def _acted(effect: Mapping[str, Any]) -> str:
+    """Whether a judged effect was on; of an absent one, the scene from which its values are."""
+    if effect["on"]:
+        return "on"
+    return f"absent, as in {effect['like']}" if effect["like"] else "absent"
+
+
 def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
     from rig.qualify import effects_measured
     from rig.record.provenance import provenance
@@ -448,14 +459,21 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
     with printing.bar("effects") as progress:
         parts = effects_measured.parts(scene, report=progress)
     methods = effects_measured.methods(scene)
-    rates = {"outputs": [*effects_measured.signals(scene)], "topics of rig run": [*effects_measured.topics(scene)]}
+    signals = [*effects_measured.signals(scene)]
+    topics = [*effects_measured.topics(scene)]
     if as_json:
-        signals, topics = ([vars(rate) for rate in of] for of in rates.values())
-        report = {"scene": scene.name, "states": scene.assemble().system().n - 1}
-        report |= {"effects": [part.to_json() for part in parts], "methods": methods}
-        printing.report({**report, "signals": signals, "topics": topics})
+        printing.report(
+            {
+                "scene": scene.name,
+                "states": scene.assemble().system().n - 1,
+                "effects": [part.to_json() for part in parts],
+                "methods": methods,
+                "signals": [vars(rate) for rate in signals],
+                "topics": [vars(rate) for rate in topics],
+            }
+        )
     else:
-        _print_measured(scene, parts, methods, rates)
+        _print_measured(scene, parts, methods, {"outputs": signals, "topics of rig run": topics})
     if figure is not None:
         title = f"{scene.name}: its effects, on or absent"
         effects_measured.draw(parts, title, provenance(scene.seed), figure)
