@@ -39,10 +39,8 @@ class Numbers(Command):
         """Put what is a negative number behind the options, where nothing is taken for one."""
         if "--" not in args:
             negative = [argument for argument in args if re.match(r"-\.?\d", argument)]
-            args = [
-                *(argument for argument in args if argument not in negative),
-                *(["--", *negative] if negative else []),
-            ]
+            others = [argument for argument in args if argument not in negative]
+            args = [*others, "--", *negative] if negative else others
         return super().parse_args(ctx, args)
 
 
@@ -165,17 +163,24 @@ def _controllers(session: Session) -> list[str]:
 def _owner(session: Session, key: str) -> tuple[str, str]:
     """Who has the parameter, and what it is called there: a key of the plant comes first."""
     first, _, rest = key.partition(".")
-    here = _controllers(session)
-    name, _, inner = rest.partition(".") if first == "controllers" else (first, "", rest)
-    if first != "controllers" and (
-        first not in here or (rest and key in session.ask("param/plant", {"list": True}, timeout=10.0)["values"])
-    ):
+    controllers = _controllers(session)
+    if first == "controllers":
+        name, _, inner = rest.partition(".")
+    elif first not in controllers or (rest and key in _parameters(session, "plant")["values"]):
         return "plant", key
+    else:
+        name = first
+        inner = rest
     if not inner:
         raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain; `rig live tune` lists what can be tuned")
-    if name not in here:
-        raise UsageError(f"{key}: no controller {name} is in the run; there are: {', '.join(here) or 'none'}")
+    if name not in controllers:
+        raise UsageError(f"{key}: no controller {name} is in the run; there are: {', '.join(controllers) or 'none'}")
     return name, inner
+
+
+def _parameters(session: Session, process: str) -> Any:
+    """What can be tuned of the plant or a controller: `values` and `units` by key."""
+    return session.ask(f"param/{process}", {"list": True}, timeout=10.0)
 
 
 def _list_tunable(session: Session, as_json: bool) -> None:
@@ -183,7 +188,7 @@ def _list_tunable(session: Session, as_json: bool) -> None:
     answers = dict[str, Any]()
     for name in names:
         try:
-            answers[name] = session.ask(f"param/{name}", {"list": True}, timeout=10.0)
+            answers[name] = _parameters(session, name)
         except BusError as fault:
             if name == "plant":
                 raise

@@ -197,12 +197,12 @@ def clean() -> None:
     import platformdirs
 
     folders = {platformdirs.user_cache_path("friction-rig"), platformdirs.user_state_path("friction-rig")}
-    there = sorted(folder for folder in folders if folder.is_dir())
-    for folder in there:
+    stored = sorted(folder for folder in folders if folder.is_dir())
+    for folder in stored:
         size = sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
         shutil.rmtree(folder)
         printing.line(f"deleted {folder}: {size / 1e6:.1f} MB")
-    if not there:
+    if not stored:
         printing.line("nothing is stored")
 
 

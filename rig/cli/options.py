@@ -395,22 +395,22 @@ def live_pace(given: str | None, lockstep: bool) -> LivePace:
 
 def share(given: str | None) -> float | None:
     """A share of a frame: "40%" or "0.4"."""
-    return (
-        None if given is None else number(given.strip(), "--budget", "1", 1e-6, 1.0, ", a share of a frame such as 40%")
-    )
+    if given is None:
+        return None
+    return number(given.strip(), "--budget", "1", 1e-6, 1.0, ", a share of a frame such as 40%")
 
 
 def at(folder: Path) -> Path:
     """A folder that exists or can be made, and be written to."""
     try:
-        there = next(path for path in (folder, *folder.parents) if path.exists())
+        existing = next(path for path in (folder, *folder.parents) if path.exists())
     except OSError as fault:  # a name that is too long
         raise UsageError(f"--out {folder} cannot be written: {fault.strerror}") from None
-    if not there.is_dir():
-        what = "is a file" if there == folder else f"{there} is a file"
+    if not existing.is_dir():
+        what = "is a file" if existing == folder else f"{existing} is a file"
         raise UsageError(f"--out {folder}: {what}; expected a folder (it is made if it does not exist)")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise UsageError(f"--out {folder} cannot be written: you may not write to {there}; name another folder")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise UsageError(f"--out {folder} cannot be written: you may not write to {existing}; name another folder")
     return folder
 
 

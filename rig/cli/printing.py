@@ -125,17 +125,17 @@ def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) ->
     from rich.console import Console  # 30 ms: only where it sets or folds text
     from rich.table import Table
 
-    made = Table(box=None, pad_edge=False, header_style="dim")
+    grid = Table(box=None, pad_edge=False, header_style="dim")
     for title in titles:
-        made.add_column(title, overflow="fold")
+        grid.add_column(title, overflow="fold")
     for row in texts:
-        made.add_row(*row)
+        grid.add_row(*row)
     console = Console()
     if not console.is_terminal:
         console = Console(width=width())
     if name:
         console.print(name, style="bold", markup=False, highlight=False)
-    console.print(made, markup=False, highlight=False)
+    console.print(grid, markup=False, highlight=False)
 
 
 def _texts(row: Sequence[object]) -> list[str]:
@@ -410,9 +410,9 @@ def writable(context: typer.Context, option: str, path: Path, check: Callable[[P
 
 def refuse(folder: Path, names: Iterable[str], force: bool) -> None:
     """Raise UsageError if `folder` has files of these names, unless `force`."""
-    there = [name for name in names if (folder / name).exists()]
-    if there and not force:
-        raise UsageError(f"{folder}: has {', '.join(there)}; name another folder, or add --force to replace them")
+    existing = [name for name in names if (folder / name).exists()]
+    if existing and not force:
+        raise UsageError(f"{folder}: has {', '.join(existing)}; name another folder, or add --force to replace them")
 
 
 def draw(result: Result, figure: Path | None, *how: object) -> None:

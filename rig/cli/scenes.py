@@ -51,11 +51,11 @@ def list_scenes(
     else:
         from rig.scenes.inherit import cards as cards_of  # slow to import
 
-        found = cards_of(folder)
+        in_folder = cards_of(folder)
         if as_json:
-            printing.report(found)
+            printing.report(in_folder)
             return
-        _print_cards(found)
+        _print_cards(in_folder)
     _list_installed()
     printing.line("\nnext: rig explain SCENE | rig simulate SCENE | rig run SCENE --view")
 
