@@ -61,7 +61,7 @@ Join = Annotated[
     ),
 ]
 SkipMissing = Annotated[bool, typer.Option("--skip-missing", help="Leave out values that are not there (empty, NaN).")]
-Imported = Annotated[
+ImportedFile = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE", callback=new_recording, help="Recording to write. Default: the name of the first file."
@@ -85,7 +85,7 @@ def import_(
     rate: SampleRate = "",
     join: Join = "",
     skip_missing: SkipMissing = False,
-    out: Imported = None,
+    out: ImportedFile = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:

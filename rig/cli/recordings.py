@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -187,14 +188,9 @@ def runs(
     else:
         listed = [run_list.one(folder)]
         folder = folder.parent
-    wanted = [
-        recording
-        for recording in listed
-        if {*(tag or ())} <= {*recording.notes.tags}
-        and scene in (None, recording.contents and recording.contents.scene)
-    ]
-    for recording in wanted:
-        _warn(recording.notes)
+    wanted = [listing for listing in listed if _fits(listing, tag or (), scene)]
+    for listing in wanted:
+        _warn(listing.notes)
     if as_json:
         printing.report([_card(listing) for listing in wanted])
     elif wanted:
@@ -202,6 +198,13 @@ def runs(
         printing.table(f"recordings in {folder}", columns, [_row(listing, folder) for listing in wanted])
     else:
         printing.line(f"{folder}: {f'none of {len(listed)} recordings fits' if listed else 'no recordings'}")
+
+
+def _fits(listing: Listed, tags: Iterable[str], scene: str | None) -> bool:
+    """Whether a recording has all `tags`, and is one of `scene` (None: of any)."""
+    if not {*tags} <= {*listing.notes.tags}:
+        return False
+    return scene is None or (listing.contents is not None and listing.contents.scene == scene)
 
 
 def _card(listing: Listed) -> dict[str, Any]:

@@ -404,9 +404,20 @@ def _print_faults(scene: Scene) -> None:
 def _value(value: Value) -> dict[str, Any]:
     """A value for JSON; `file` and `line` that give it: null for a default, "-p" for a change."""
     place = value.place
-    where = {"file": place and (place.file if place.line else "-p"), "line": place and (place.line or None)}
-    plain = {"key": value.key, "value": value.value, "unit": value.unit}
-    return {**plain, "origin": value.origin.origin, "note": value.origin.note, **where}
+    file: str | None = None
+    line: int | None = None
+    if place is not None:
+        file = place.file if place.line else "-p"
+        line = place.line or None
+    return {
+        "key": value.key,
+        "value": value.value,
+        "unit": value.unit,
+        "origin": value.origin.origin,
+        "note": value.origin.note,
+        "file": file,
+        "line": line,
+    }
 
 
 def _audited(log: str, as_json: bool) -> None:
