@@ -264,13 +264,11 @@ def _does(scene: Scene, name: str) -> Iterator[tuple[str, str]]:
         length = "without an end" if scene.duration_ns is None else f"{scene.duration_ns / 1e9:g} s"
         yield "protocol", f"{counted(len(scene.protocol), 'step')}, {length}"
     if scene.assemble().film is not None:
-        yield (
-            "chaos",
-            (
-                "after the first opening of a contact point the motion is chaotic: only statistics count. "
-                f"Their spread: rig study {name} --repeat 8 -p noise.force=1e-6 --measure run.rms"
-            ),
+        chaos = (
+            "after the first opening of a contact point the motion is chaotic: only statistics count. "
+            f"Their spread: rig study {name} --repeat 8 -p noise.force=1e-6 --measure run.rms"
         )
+        yield "chaos", chaos
 
 
 def _uncertain(explanation: Explanation) -> Iterator[tuple[str, str]]:
@@ -303,16 +301,12 @@ def _print_values(values: Sequence[Value]) -> None:
         place = str(value.place or "")
         return place.removeprefix(f"{usual}, ") if usual else place
 
-    shown = [
-        (
-            v.key,
-            f"{_listed(v.value)} {_unit(v.unit)}".strip(),
-            v.origin.origin,
-            ", ".join(filter(None, (v.origin.note, line_of(v)))),
-        )
-        for v in values
-    ]
-    printing.described(f"values, with lines of {usual}" if usual else "values", shown)
+    rows = []
+    for value in values:
+        number = f"{_listed(value.value)} {_unit(value.unit)}".strip()
+        remark = ", ".join(filter(None, (value.origin.note, line_of(value))))
+        rows.append((value.key, number, value.origin.origin, remark))
+    printing.described(f"values, with lines of {usual}" if usual else "values", rows)
 
 
 def _listed(value: Any) -> str:
@@ -367,15 +361,11 @@ def _print_network(scene: Scene) -> None:
     from rig.scenes.network import described
     from rig.scenes.sections import dump
 
-    ticks = {topic: link.ticks(scene.frame_ns) for topic, link in scene.network.links.items()}
-    rows = [
-        (
-            topic,
-            f"under way {least} .. {most} frames" if most > least else f"under way {counted(most, 'frame')}",
-            described(dump(scene.network.links[topic])),
-        )
-        for topic, (least, most) in ticks.items()
-    ]
+    rows = []
+    for topic, link in scene.network.links.items():
+        least, most = link.ticks(scene.frame_ns)
+        frames = f"{least} .. {most} frames" if most > least else counted(most, "frame")
+        rows.append((topic, f"under way {frames}", described(dump(link))))
     seed = scene.seed if scene.network.seed is None else scene.network.seed
     printing.described(f"impaired links, seed {seed}", rows)
     printing.paragraph("a message arrives at a frame: its transmission time is rounded up to whole frames")
@@ -388,15 +378,11 @@ def _print_faults(scene: Scene) -> None:
 
     units = {name: named.unit for name, named in scene.assemble().inputs.items()}
     units |= {name: sensor.unit for name, sensor in scene.sensors.items()}
-    rows = [
-        (
-            f"{fault.at / 1e9:g} s",
-            "to the end" if fault.end is None else f"to {fault.end / 1e9:g} s",
-            name,
-            described(fault, units[fault.part]),
-        )
-        for name, fault in sorted(scene.faults.items(), key=lambda named: named[1].at)
-    ]
+    rows = []
+    for name, fault in sorted(scene.faults.items(), key=lambda named: named[1].at):
+        begin = f"{fault.at / 1e9:g} s"
+        end = "to the end" if fault.end is None else f"to {fault.end / 1e9:g} s"
+        rows.append((begin, end, name, described(fault, units[fault.part])))
     printing.described("faults of sensors and actuators", rows)
     printing.line()
 
