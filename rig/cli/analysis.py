@@ -105,8 +105,10 @@ def modes(
     draw(result, figure)
     if errors and loaded.clock.unstable != "run":
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        printing.note(f"{loaded.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
-                  '  clock.unstable = "run" runs it nevertheless, up to clock.limit')  # fmt: skip
+        printing.note(
+            f"{loaded.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
+            '  clock.unstable = "run" runs it nevertheless, up to clock.limit'
+        )
         raise typer.Exit(ExitCode.STOPPED)
 
 
@@ -156,7 +158,8 @@ def cycle(
     """
     from rig.analysis.cycle import limit_cycle
 
-    most, loaded = seconds(longest, "--longest"), the_scene(scene, changes(p))
+    most = seconds(longest, "--longest")
+    loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
     with printing.status() as show:
 
@@ -210,16 +213,17 @@ def identify(
     1: no law fits, or a parameter cannot be identified.
     """
     loaded = the_scene(scene, changes(p))
+    title = f"Parameters of {loaded.title or loaded.name}"
     if runs is None:
         from rig.analysis.identification.lever import experiment as run
 
         if following is not None or out is not None:
             raise UsageError("--next and --out need recordings: --runs FILE")
-        found = run(loaded)
-        printing.result(found, as_json, figure=figure, page=page)
-        draw(found, figure)
-        _put(found, f"Parameters of {loaded.title or loaded.name}", page)
-        printing.passed(found.complete)
+        evaluated = run(loaded)
+        printing.result(evaluated, as_json, figure=figure, page=page)
+        draw(evaluated, figure)
+        _put(evaluated, title, page)
+        printing.passed(evaluated.complete)
         return
     from rig.analysis.identification.identify import identify as fit
     from rig.analysis.identification.next_experiment import asked, propose
@@ -230,38 +234,38 @@ def identify(
     task = prepared(loaded, runs)
     try:
         with printing.status() as show:
-            found = fit(task, keep, workers, lambda done: show(f"{counted(done, 'cycle')} computed"))
+            fitted = fit(task, keep, workers, lambda done: show(f"{counted(done, 'cycle')} computed"))
         refused: UsageError | None = None
         if settings is not None:
             try:
                 with printing.bar("settings") as progress:
-                    found = propose(found, settings, workers, progress)
+                    fitted = propose(fitted, settings, workers, progress)
             except UsageError as fault:  # the fit took minutes: its report comes first
                 refused = fault
     except KeyboardInterrupt:
         printing.note(f"interrupted: finished cycles are kept in {keep}; the same command continues from there")
         raise
     more = {"figure": figure, "page": page}
-    if out is not None and found.told:
-        written_, beside = write(found, out, scene)
+    if out is not None and fitted.told:
+        written_, beside = write(fitted, out, scene)
         more |= {"scene_file": written_, "covariance": beside}
-    printing.result(found, as_json, **more)
-    draw(found, figure)
-    _put(found, f"Parameters of {loaded.title or loaded.name}", page)
+    printing.result(fitted, as_json, **more)
+    draw(fitted, figure)
+    _put(fitted, title, page)
     if out is not None and not as_json:
-        printing.line(f"\n{out}, {beside}" if found.told else f"\n{out} is not written: no parameter is identified")
+        printing.line(f"\n{out}, {beside}" if fitted.told else f"\n{out} is not written: no parameter is identified")
     if refused is not None:
         raise refused
-    printing.passed(found.complete)
+    printing.passed(fitted.complete)
 
 
-def _put(found: Result, title: str, page: Path | None) -> None:
+def _put(result: Result, title: str, page: Path | None) -> None:
     """Write the page of a result."""
     if page is not None:
         from rig.analysis.report import result_page
         from rig.machine.files import write_file
 
-        write_file(page, result_page(found, title).encode())
+        write_file(page, result_page(result, title).encode())
 
 
 Measure = Annotated[
@@ -373,7 +377,8 @@ def map_(
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
     if eigenvalues:
-        todo, name = regions_job(loaded, x, y), "regions"
+        todo = regions_job(loaded, x, y)
+        name = "regions"
     else:
         todo = job(loaded, x, y, output, tuple(separated(runs)), seconds(longest, "--longest"))
         name = "map"
@@ -490,19 +495,21 @@ def branches(
     name = "curves" if along else "branches"
     store = curves_store(todo, along, out) if along else store_of(todo, out)
     refuse(store.folder, (f"{name}.csv", f"{name}.png"), force)
-    found: Branches | Curves
+    followed: Branches | Curves
     edge: Threshold | None = None
     with printing.kept(store, "parts of curves" if along else "branches"):
         if along:
             with printing.bar("points") as progress:
-                found = curves(todo, along, out, progress)
+                followed = curves(todo, along, out, progress)
         else:
             with printing.status() as show:
-                found = follow(todo, out, show)
-                edge = Threshold.parse(found, threshold, starts, knock, alone) if threshold else None
-    written(found, store.folder, name, as_json, **({"threshold": edge.to_json()} if edge else {}))
-    draw(found, figure)
-    _put(found, f"Branches of {loaded.title or loaded.name}", page)
+                followed = follow(todo, out, show)
+                if threshold:
+                    edge = Threshold.parse(followed, threshold, starts, knock, alone)
+    more = {"threshold": edge.to_json()} if edge else {}
+    written(followed, store.folder, name, as_json, **more)
+    draw(followed, figure)
+    _put(followed, f"Branches of {loaded.title or loaded.name}", page)
     if edge and not as_json:
         printing.line(f"\n{edge.text()}")
 

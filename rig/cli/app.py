@@ -145,8 +145,10 @@ _SHORT = {name: about for commands in PANELS.values() for name, about in command
 
 
 def _command(name: str, panel: str) -> Any:
-    (function, example), only = COMMANDS[name], typer.Typer(add_completion=False)
-    cls, epilog = live.CLASSES.get(name, Command), f"Example:  {example}"
+    function, example = COMMANDS[name]
+    cls = live.CLASSES.get(name, Command)
+    epilog = f"Example:  {example}"
+    only = typer.Typer(add_completion=False)
     only.command(name, cls=cls, epilog=epilog, short_help=_SHORT.get(name), rich_help_panel=panel or None)(function)
     return typer.main.get_command(only)
 
@@ -202,7 +204,8 @@ def run(arguments: list[str] | None = None) -> None:
         raise
     except BaseException as error:
         parts = sys.modules.get("rig.parts")  # slow to import; without it no part of a file has run
-        if parts is None or not (text := parts.foreign_fault(error)):  # of this project, not of a part from a file
+        text = "" if parts is None else parts.foreign_fault(error)
+        if not text:  # of this project, not of a part from a file
             raise
         printing.note(text)
         sys.exit(ExitCode.MISTAKE)

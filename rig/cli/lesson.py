@@ -85,9 +85,9 @@ def for_a_terminal(text: str) -> str:
     def place(link: re.Match[str]) -> str:
         page = (FOLDER.resolve() / link[2]).resolve()
         inside = page.relative_to(docs) if page.is_relative_to(docs) else page.name
-        return (
-            f"{link[1]} (`{page}`)" if page.is_file() else f"{link[1]} (`docs/{inside}` in the source of friction-rig)"
-        )
+        if page.is_file():
+            return f"{link[1]} (`{page}`)"
+        return f"{link[1]} (`docs/{inside}` in the source of friction-rig)"
 
     text = re.sub(r"!\[(.+?)\]\((.+?)\)", lambda figure: f"{figure[1]}: `{FOLDER / figure[2]}`", readable(text))
     return re.sub(r"\[(.+?)\]\(([^():]+)\)", place, text)

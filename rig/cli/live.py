@@ -39,10 +39,8 @@ class Numbers(Command):
         """Put what is a negative number behind the options, where nothing is taken for one."""
         if "--" not in args:
             negative = [argument for argument in args if re.match(r"-\.?\d", argument)]
-            args = [
-                *(argument for argument in args if argument not in negative),
-                *(["--", *negative] if negative else []),
-            ]
+            others = [argument for argument in args if argument not in negative]
+            args = [*others, "--", *negative] if negative else others
         return super().parse_args(ctx, args)
 
 
@@ -78,12 +76,11 @@ def tune(
         except BusError as fault:
             raise UsageError(f"{fault}\n`rig live tune` without a key lists what can be tuned") from None
     overruled = {} if value is None else answer.get("overruled", {})  # a value that was asked for is the one in force
-    new, owner = printing.number(answer["values"].get(inner)), overruled.get(inner)
-    told = (
-        f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
-        if owner
-        else f"{key} = {new}"
-    )
+    new = printing.number(answer["values"].get(inner))
+    owner = overruled.get(inner)
+    told = f"{key} = {new}"
+    if owner:
+        told = f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
     report = answer["values"] | ({"overruled": overruled} if overruled else {}) | {"run": session.run}
     printing.either(as_json, report, f"{told}  (run {session.run})")
 
@@ -166,17 +163,24 @@ def _controllers(session: Session) -> list[str]:
 def _owner(session: Session, key: str) -> tuple[str, str]:
     """Who has the parameter, and what it is called there: a key of the plant comes first."""
     first, _, rest = key.partition(".")
-    here = _controllers(session)
-    name, _, inner = rest.partition(".") if first == "controllers" else (first, "", rest)
-    if first != "controllers" and (
-        first not in here or (rest and key in session.ask("param/plant", {"list": True}, timeout=10.0)["values"])
-    ):
+    controllers = _controllers(session)
+    if first == "controllers":
+        name, _, inner = rest.partition(".")
+    elif first not in controllers or (rest and key in _parameters(session, "plant")["values"]):
         return "plant", key
+    else:
+        name = first
+        inner = rest
     if not inner:
         raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain; `rig live tune` lists what can be tuned")
-    if name not in here:
-        raise UsageError(f"{key}: no controller {name} is in the run; there are: {', '.join(here) or 'none'}")
+    if name not in controllers:
+        raise UsageError(f"{key}: no controller {name} is in the run; there are: {', '.join(controllers) or 'none'}")
     return name, inner
+
+
+def _parameters(session: Session, process: str) -> Any:
+    """What can be tuned of the plant or a controller: `values` and `units` by key."""
+    return session.ask(f"param/{process}", {"list": True}, timeout=10.0)
 
 
 def _list_tunable(session: Session, as_json: bool) -> None:
@@ -184,7 +188,7 @@ def _list_tunable(session: Session, as_json: bool) -> None:
     answers = dict[str, Any]()
     for name in names:
         try:
-            answers[name] = session.ask(f"param/{name}", {"list": True}, timeout=10.0)
+            answers[name] = _parameters(session, name)
         except BusError as fault:
             if name == "plant":
                 raise
@@ -232,7 +236,8 @@ def topic_echo(
 
     stopped = nullcontext() if count else suppress(KeyboardInterrupt)  # without a count it has no end of its own
     with bus.join(run, role="operator", name="echo") as session, stopped:
-        receiver, plant = session.subscribe(pattern), session.watch("plant/*")
+        receiver = session.subscribe(pattern)
+        plant = session.watch("plant/*")
         run_setup.fetch(session)  # from here on its states are read
         shown = 0
         while (plant.wait_for("plant", "plant", 0.0) or not session.ended) and (not count or shown < count):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +18,8 @@ from rig.errors import UsageError
 from rig.machine.files import write_file
 
 if TYPE_CHECKING:
+    from rig.papers.entry import Comparison
+    from rig.qualify.cost.table import Row
     from rig.qualify.torture import Cell
 
 
@@ -44,7 +47,8 @@ def cost(
     Writes a table (CSV, Parquet) and figures. `rig run SCENE --accuracy 1e-4`
     uses the table.
     """
-    wanted, most = accuracy(target, "--target"), share(budget)
+    wanted = accuracy(target, "--target")
+    most = share(budget)
     from rig.qualify.cost import cost as measure
     from rig.qualify.cost import folder_of, recommended
     from rig.qualify.cost.report import CostReport, heads, lines, notes
@@ -61,10 +65,12 @@ def cost(
         printing.note(f"interrupted; the results so far are in {folder}")
         raise
     by = measured.metric(metric)
+    pick: Row | None = None
+    why = ""
     try:
-        pick, why = recommended(measured.rows, by, wanted, most), ""
+        pick = recommended(measured.rows, by, wanted, most)
     except UsageError as error:
-        pick, why = None, str(error)
+        why = str(error)
 
     def show() -> None:
         title = f"{measured.scene}: error and compute time on this machine"
@@ -72,7 +78,8 @@ def cost(
         printing.line()
         for line in notes(measured, by):
             printing.line(f"  {line}")
-        printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
+        recommendation = why if pick is None else pick.text(by)
+        printing.line(f"\nrecommended for a relative error of {wanted:g}: {recommendation}")
 
     report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
     report |= {"recommended": None if pick is None else pick.flat(), "why": why}
@@ -143,9 +150,9 @@ def _table(cells: list[Cell]) -> None:
         speed = "" if cell.speed is None else f"{cell.speed:.3g}"
         rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.detail, speed, f"{cell.seconds:.2f} s"))
     printing.table("", ("case", "method", "step", "result", "reason", "detail", "real-time factor", "time"), rows)
-    counts = {colour: sum(cell.result.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
+    counts = Counter[str](cell.result.colour for cell in cells)
+    counted = ", ".join(f"{counts[colour]} {colour}" for colour in ("green", "amber", "red"))
     bad = sum(not cell.good for cell in cells)
-    counted = ", ".join(f"{count} {colour}" for colour, count in counts.items())
     printing.line(f"{len(cells)} cells: {counted}; default methods that are not green: {bad or 'none'}")
 
 
@@ -190,12 +197,12 @@ def clean() -> None:
     import platformdirs
 
     folders = {platformdirs.user_cache_path("friction-rig"), platformdirs.user_state_path("friction-rig")}
-    there = sorted(folder for folder in folders if folder.is_dir())
-    for folder in there:
+    stored = sorted(folder for folder in folders if folder.is_dir())
+    for folder in stored:
         size = sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
         shutil.rmtree(folder)
         printing.line(f"deleted {folder}: {size / 1e6:.1f} MB")
-    if not there:
+    if not stored:
         printing.line("nothing is stored")
 
 
@@ -235,14 +242,18 @@ def reproduce(
         printing.report([result.to_json() for result in results])
     else:
         for result in results:
-            numbers = [
-                (c.what, f"{c.ours:.7g}", f"{c.expected:.7g}" if c.compared else "", c.unit, c.source, c.bound,
-                 "" if c.agrees else c.result)
-                for c in result.comparisons
-            ]  # fmt: skip
+            title = f"{result.entry.name}: {result.entry.title} ({result.picture})"
             columns = ("number", "ours", "expected", "", "source", "bound", "")
-            printing.table(f"{result.entry.name}: {result.entry.title} ({result.picture})", columns, numbers)
+            printing.table(title, columns, [_compared(comparison) for comparison in result.comparisons])
     printing.passed(all(result.agrees for result in results))
+
+
+def _compared(number: Comparison) -> tuple[str, ...]:
+    """A number of a figure beside the published one, as a row of a table."""
+    ours = f"{number.ours:.7g}"
+    expected = f"{number.expected:.7g}" if number.compared else ""
+    remark = "" if number.agrees else number.result
+    return number.what, ours, expected, number.unit, number.source, number.bound, remark
 
 
 COMMANDS = {

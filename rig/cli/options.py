@@ -65,7 +65,8 @@ class _Flags:
 
 
 def _converted(parameter: Any, ctx: Any, value: Any) -> Any:
-    kind, several = parameter.type_descriptor.annotation, parameter.multiple or parameter.nargs == -1
+    kind = parameter.type_descriptor.annotation
+    several = parameter.multiple or parameter.nargs == -1
     if several and kind == list[str] and (value or not parameter.required):
         value = [*(value or ())]
     elif several or not ((kind is str and isinstance(value, str)) or (value is None and not parameter.required)):
@@ -273,8 +274,10 @@ def named(given: Iterable[str] | None) -> dict[str, str]:
         if not equals or "/" in name:
             name, file = (text, "") if text.isidentifier() else (Path(text).stem, text)
         if not name.isidentifier() or (equals and not file):
-            raise UsageError(f"--controller {text}: expected FILE, or NAME=FILE with a name of letters, digits and _, "
-                             "or the NAME of a controller of the scene")  # fmt: skip
+            raise UsageError(
+                f"--controller {text}: expected FILE, or NAME=FILE with a name of letters, digits and _, "
+                "or the NAME of a controller of the scene"
+            )
         if name in files:
             raise UsageError(f"--controller {text}: {name} is given twice")
         files[name] = file
@@ -296,8 +299,10 @@ def there(given: Iterable[str] | None, scene: Scene) -> None:
     for name in named(given):
         if name not in scene.controllers:
             known = ", ".join(scene.controllers) or "none"
-            raise UsageError(f"--controller {name}: {scene.name} has no controller {name}; there are: {known}. "
-                             f"One from a file is {name}=FILE")  # fmt: skip
+            raise UsageError(
+                f"--controller {name}: {scene.name} has no controller {name}; there are: {known}. "
+                f"One from a file is {name}=FILE"
+            )
 
 
 def linked(net: list[str] | None, given: Mapping[str, str]) -> dict[str, str]:
@@ -371,7 +376,8 @@ def trigger(when: str | None, before: str | None, after: str | None, most: int |
         return None
     from rig.record.windows import Trigger, condition
 
-    earlier, later = seconds(before or "2", "--before", 0.0), seconds(after or "5", "--after", 0.0)
+    earlier = seconds(before or "2", "--before", 0.0)
+    later = seconds(after or "5", "--after", 0.0)
     return Trigger(condition(when), earlier or 0.0, later or 0.0, most or 100)
 
 
@@ -389,22 +395,22 @@ def live_pace(given: str | None, lockstep: bool) -> LivePace:
 
 def share(given: str | None) -> float | None:
     """A share of a frame: "40%" or "0.4"."""
-    return (
-        None if given is None else number(given.strip(), "--budget", "1", 1e-6, 1.0, ", a share of a frame such as 40%")
-    )
+    if given is None:
+        return None
+    return number(given.strip(), "--budget", "1", 1e-6, 1.0, ", a share of a frame such as 40%")
 
 
 def at(folder: Path) -> Path:
     """A folder that exists or can be made, and be written to."""
     try:
-        there = next(path for path in (folder, *folder.parents) if path.exists())
+        existing = next(path for path in (folder, *folder.parents) if path.exists())
     except OSError as fault:  # a name that is too long
         raise UsageError(f"--out {folder} cannot be written: {fault.strerror}") from None
-    if not there.is_dir():
-        what = "is a file" if there == folder else f"{there} is a file"
+    if not existing.is_dir():
+        what = "is a file" if existing == folder else f"{existing} is a file"
         raise UsageError(f"--out {folder}: {what}; expected a folder (it is made if it does not exist)")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise UsageError(f"--out {folder} cannot be written: you may not write to {there}; name another folder")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise UsageError(f"--out {folder} cannot be written: you may not write to {existing}; name another folder")
     return folder
 
 

@@ -116,7 +116,7 @@ def _plain(value: Any) -> Any:
 
 def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table in the width of the terminal; at most 160 columns without a terminal."""
-    texts = [[printable(cell if isinstance(cell, str) else number(cell)) for cell in row] for row in rows]
+    texts = [_texts(row) for row in rows]
     lines = [text.removeprefix("  ") for text in columns([titles, *texts], "<" * len(titles))]
     if not sys.stdout.isatty() and max(map(len, lines)) <= width():
         for text in (name, *lines) if name else lines:
@@ -125,25 +125,32 @@ def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) ->
     from rich.console import Console  # 30 ms: only where it sets or folds text
     from rich.table import Table
 
-    made = Table(box=None, pad_edge=False, header_style="dim")
+    grid = Table(box=None, pad_edge=False, header_style="dim")
     for title in titles:
-        made.add_column(title, overflow="fold")
+        grid.add_column(title, overflow="fold")
     for row in texts:
-        made.add_row(*row)
+        grid.add_row(*row)
     console = Console()
     if not console.is_terminal:
         console = Console(width=width())
     if name:
         console.print(name, style="bold", markup=False, highlight=False)
-    console.print(made, markup=False, highlight=False)
+    console.print(grid, markup=False, highlight=False)
+
+
+def _texts(row: Sequence[object]) -> list[str]:
+    return [printable(cell if isinstance(cell, str) else number(cell)) for cell in row]
 
 
 def listing(title: str, heads: Mapping[str, str], rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     """Print rows as JSON, or as a table; `heads`: key of a row -> head of its column."""
     if as_json:
         report(rows)
-    else:
-        table(title, [*heads.values()], [[row[key] for key in heads] for row in rows])
+        return
+    cells = list[list[Any]]()
+    for row in rows:
+        cells.append([row[key] for key in heads])
+    table(title, [*heads.values()], cells)
 
 
 def width() -> int:
@@ -155,7 +162,10 @@ def paragraph(text: str) -> None:
     """Print a text as it is; where its lines are wider than the terminal, its paragraphs are folded."""
     lines = text.splitlines()
     if max(map(len, lines), default=0) > width():
-        lines = [line for part in text.split("\n\n") for line in (*textwrap.wrap(part, width()), "")][:-1]
+        lines = []
+        for part in text.split("\n\n"):
+            lines += [*textwrap.wrap(part, width()), ""]
+        lines.pop()
     for text_line in lines:
         line(text_line)
 
@@ -165,7 +175,7 @@ def described(title: str, rows: Iterable[Sequence[str]], align: str = "") -> Non
 
     `align`: "<" or ">" for each of the other columns.
     """
-    table = [[printable(cell) for cell in row] for row in rows]
+    table = [[*map(printable, row)] for row in rows]
     if title:
         line(title)
     if not table:
@@ -203,7 +213,9 @@ def number(value: object) -> str:
 @contextmanager
 def status(text: str = "") -> Iterator[Callable[[str], None]]:
     """A line of progress on a terminal, replaced by each text that it gets; without a terminal a line now and then."""
-    terminal, width, last = sys.stderr.isatty(), 0, time.monotonic()
+    terminal = sys.stderr.isatty()
+    width = 0
+    last = time.monotonic()
 
     def show(text: str) -> None:
         nonlocal width, last
@@ -261,15 +273,20 @@ def kept(store: Store, what: str, total: int = 0) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        of, ready = f" of {total}" if total else "", len(store.load())
-        note(f"interrupted: {ready}{of} {what} are kept in {store.folder}; the same command continues from there"
-             if ready else f"interrupted before any of the {what} was finished")  # fmt: skip
+        of = f" of {total}" if total else ""
+        ready = len(store.load())
+        if ready:
+            note(f"interrupted: {ready}{of} {what} are kept in {store.folder}; the same command continues from there")
+        else:
+            note(f"interrupted before any of the {what} was finished")
         raise
 
 
 def _lines(what: str) -> Callable[[int, int], object]:
     """Progress as lines, at most one in `PROGRESS_S`, and one at the end: short work prints none."""
-    last, told, first = time.monotonic(), False, (-1, 0.0)
+    last = time.monotonic()
+    told = False
+    first = (-1, 0.0)
 
     def show(done: int, total: int) -> None:
         nonlocal last, told, first
@@ -277,8 +294,10 @@ def _lines(what: str) -> Callable[[int, int], object]:
         if first[0] < 0:  # parts that were kept from before took no time
             first = done, now
         if now - last >= PROGRESS_S or (told and done == total):
-            last, told, made = now, done < total, done - first[0]
-            left = f", about {_span((now - first[1]) * (total - done) / made)} left" if made and done < total else ""
+            last = now
+            told = done < total
+            computed = done - first[0]
+            left = f", about {_span((now - first[1]) * (total - done) / computed)} left" if computed and told else ""
             note(f"{what}: {done} of {total}{left}")
 
     return show
@@ -391,9 +410,9 @@ def writable(context: typer.Context, option: str, path: Path, check: Callable[[P
 
 def refuse(folder: Path, names: Iterable[str], force: bool) -> None:
     """Raise UsageError if `folder` has files of these names, unless `force`."""
-    there = [name for name in names if (folder / name).exists()]
-    if there and not force:
-        raise UsageError(f"{folder}: has {', '.join(there)}; name another folder, or add --force to replace them")
+    existing = [name for name in names if (folder / name).exists()]
+    if existing and not force:
+        raise UsageError(f"{folder}: has {', '.join(existing)}; name another folder, or add --force to replace them")
 
 
 def draw(result: Result, figure: Path | None, *how: object) -> None:

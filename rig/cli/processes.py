@@ -38,6 +38,21 @@ from rig.cli.recordings import opened, recording
 from rig.extras import check
 from rig.printable import printable
 
+ControllersWait = Annotated[
+    str,
+    typer.Option(metavar="TIME", help="Longest wait for the controllers, in seconds or with a unit; 0: do not wait."),
+]
+ControllerName = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A controller of the scene, or a file.")]
+ShownLog = Annotated[
+    Path | None,
+    typer.Argument(metavar="[LOG]", help="A recording (MCAP). Default: a live run.", callback=recording),
+]
+Web = Annotated[bool, typer.Option("--web", help="Show the run on a page in the browser.")]
+RerunFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", callback=new, help="Write a rerun file (.rrd) instead of showing the run."),
+]
+
 
 def plant(
     scene: SceneName,
@@ -47,15 +62,12 @@ def plant(
     lockstep: Lockstep = False,
     duration: Duration = None,
     name: NewName = None,
-    wait: Annotated[
-        str,
-        typer.Option(
-            metavar="TIME", help="Longest wait for the controllers, in seconds or with a unit; 0: do not wait."
-        ),
-    ] = "30",
+    wait: ControllersWait = "30",
 ) -> None:
     """Start the plant with its sensors. Controllers, recorder and viewer may join at any time."""
-    factor, length, overrides = live_pace(speed, lockstep), seconds(duration), changes(p)
+    factor = live_pace(speed, lockstep)
+    length = seconds(duration)
+    overrides = changes(p)
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.bench.live.outcome import Job, Outcome
     from rig.bench.live.plant_process import carry_out
@@ -63,13 +75,16 @@ def plant(
 
     loaded = the_scene(scene, overrides, untold=untold)
     printing.run_warnings(loaded, length)
+    awaited: list[tuple[str, str]] = []
+    if patience:
+        awaited = [("controller", key) for key in loaded.controllers if key not in loaded.in_plant]
     job = Job.at(
         factor,
         loaded,
         run=name,
         lockstep=lockstep,
         duration=length,
-        expect=tuple(("controller", n) for n in loaded.controllers if n not in loaded.in_plant) if patience else (),
+        expect=tuple(awaited),
         wait=patience,
         command=tuple(sys.argv),
     )
@@ -83,14 +98,15 @@ def plant(
 
 
 def control(
-    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A controller of the scene, or a file.")],
+    name: ControllerName,
     run: RunName = None,
     p: Changes = None,
     trust: Trust = False,
     wait: Wait = "10",
 ) -> None:
     """Start one controller as a process: a controller of the scene, or your own from a file."""
-    overrides, patience = changes(p), seconds(wait, "--wait", low=0.0) or 0.0
+    overrides = changes(p)
+    patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.controllers.runtime.process import run as serve
 
     serve(name, run, changes=overrides, wait=patience, trust=trust, say=printing.note)
@@ -117,16 +133,10 @@ def record(
 
 
 def view(
-    log: Annotated[
-        Path | None,
-        typer.Argument(metavar="[LOG]", help="A recording (MCAP). Default: a live run.", callback=recording),
-    ] = None,
+    log: ShownLog = None,
     run: RunName = None,
-    web: Annotated[bool, typer.Option("--web", help="Show the run on a page in the browser.")] = False,
-    save: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", callback=new, help="Write a rerun file (.rrd) instead of showing the run."),
-    ] = None,
+    web: Web = False,
+    save: RerunFile = None,
     force: Force = False,
     trust: Trust = False,
     wait: Wait = "10",
@@ -135,9 +145,8 @@ def view(
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     refuse_all(
         (log and run is not None, f"{log} and --run {run}: name a recording or a live run, not both"),
-        (save and save.suffix != ".rrd",
-         f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
-    )  # fmt: skip
+        (save and save.suffix != ".rrd", f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
+    )
     check("rerun", "view", "rig view")
     if log is None:
         from rig.view.process import view as show

@@ -24,6 +24,35 @@ Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=ne
 First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")]
 Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")]
 
+Microphone = Annotated[
+    str, typer.Option("--signal", metavar="SENSOR", help="Sensor whose sound is analysed. Default: the microphone.")
+]
+SoundFile = Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Write the sound to a WAV file.")]
+
+Tolerance = Annotated[
+    float,
+    typer.Option(
+        "--tolerance",
+        metavar="REL",
+        help="Allowed deviation: 1e-6 of the range of each channel, or, of a scene, 0.1 of each measure.",
+    ),
+]
+Followed = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar='"ACTUATOR = CHANNEL"',
+        help="What an actuator of the scene follows. Repeatable. Default: speed and load, by their names.",
+    ),
+]
+Pairs = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar='"CHANNEL = SIMULATED, FACTOR"',
+        help='What a measured channel is compared with: "force = '
+        'displacement, 168 N/m". Repeatable. Default: equal names.',
+    ),
+]
+
 Velocity = Annotated[
     str, typer.Option(metavar="NAME", help="Channel of the slip speed; with --drive, of the speed of the body.")
 ]
@@ -61,7 +90,8 @@ def stick_arguments(
     from rig.quantities import finite
     from rig.record.run_data import signals
 
-    known, faults = signals(run), Faults()
+    known = signals(run)
+    faults = Faults()
 
     def value(given: str, option: str, unit: str) -> float:
         try:
@@ -69,14 +99,16 @@ def stick_arguments(
         except ValueError as fault:
             raise UsageError(f"{option} {given}: {fault}") from None
 
-    speed = known.get(velocity, "rad/s" if drive.endswith(("rpm", "rad/s")) else "m/s")
+    rotates = drive.endswith(("rpm", "rad/s"))
+    speed = known.get(velocity, "rad/s" if rotates else "m/s")
     newton = known.get(friction, "N")
+    slope = "N/m" if newton == "N" else f"{newton}/m"
     arguments = {
         "velocity": velocity,
         "friction": friction,
         "drive": drive if drive in known else faults(lambda: value(drive, "--drive", speed), 0.0),
         "load": load if load in known else faults(lambda: value(load, "--load", newton), 0.0),
-        "stiffness": faults(lambda: value(stiffness, "--stiffness", "N/m" if newton == "N" else f"{newton}/m"), 0.0),
+        "stiffness": faults(lambda: value(stiffness, "--stiffness", slope), 0.0),
         "threshold": faults(lambda: value(threshold, "--threshold", speed), 0.0),
         "smooth": faults(lambda: value(smooth, "--smooth", newton), 0.0),
     }
@@ -151,21 +183,29 @@ class Analysis(NamedTuple):
         """Return the command: it reads the options, reports all faults at once, prints, writes and draws."""
 
         def run_it(
-            log: Path, figure: Path | None, trust: bool, as_json: bool, csv: Path | None = None, force: bool = False,
+            log: Path,
+            figure: Path | None,
+            trust: bool,
+            as_json: bool,
+            csv: Path | None = None,
+            force: bool = False,
             **given: str | None,
-        ) -> None:  # fmt: skip
+        ) -> None:
             from rig.analysis import recorded
             from rig.machine.files import write_file
 
-            run, faults = opened(log, trust), Faults()
+            run = opened(log, trust)
+            faults = Faults()
             if nothing := without_outputs(run, log):
                 raise LogError(nothing)
-            asked = {
-                name: faults(partial(option.read, text, option.flag, run), None)
-                for name, option in self.options.items()
-                if (text := given[name]) is not None
-            }
-            values: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+            values = dict[str, Any]()
+            for name, option in self.options.items():
+                text = given[name]
+                if text is None:
+                    continue
+                value = faults(partial(option.read, text, option.flag, run), None)
+                if value is not None:
+                    values[name] = value
             if _empty(faults, values.get("first", 0.0), values.get("last", float("inf"))):
                 values = {name: value for name, value in values.items() if name not in _SPAN}
             result: Any = faults(lambda: getattr(recorded, self.function)(run, **values), None)
@@ -182,12 +222,13 @@ class Analysis(NamedTuple):
         kinds |= {"csv": Table} if self.table else {}
         kinds |= {"trust": Trust, "force": Force, "as_json": Json}
         unset = {Path: Parameter.empty, str: Parameter.empty, bool: False}
-        run_it.__doc__, run_it.__annotations__ = self.about, kinds
-        run_it.__signature__ = Signature([  # type: ignore[attr-defined]
-            Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind,
-                      default=unset.get(kind.__origin__))
+        run_it.__doc__ = self.about
+        run_it.__annotations__ = kinds
+        parameters = [
+            Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=unset.get(kind.__origin__))
             for name, kind in kinds.items()
-        ])  # fmt: skip
+        ]
+        run_it.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
         return run_it
 
 
@@ -322,12 +363,8 @@ ANALYSES = {
 
 def sound(
     log: Log,
-    signal: Annotated[
-        str, typer.Option("--signal", metavar="SENSOR", help="Sensor whose sound is analysed. Default: the microphone.")
-    ] = "",
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Write the sound to a WAV file.")
-    ] = None,
+    signal: Microphone = "",
+    out: SoundFile = None,
     figure: Figure = None,
     trust: Trust = False,
     force: Force = False,
@@ -362,14 +399,14 @@ def _is_scene(given: str) -> bool:
 
 def _assigned(given: list[str] | None, option: str, example: str) -> dict[str, str]:
     """The texts "NAME = TEXT" of an option. Raises UsageError."""
-    made = dict[str, str]()
+    assigned = dict[str, str]()
     for text in given or ():
         name, equals, rest = map(str.strip, text.partition("="))
-        if not equals or not name or not rest or name in made:
-            why = "is given twice" if name in made else f"expected {example}"
+        if not equals or not name or not rest or name in assigned:
+            why = "is given twice" if name in assigned else f"expected {example}"
             raise UsageError(f"{option} {text}: {why}")
-        made[name] = rest
-    return made
+        assigned[name] = rest
+    return assigned
 
 
 def diff(
@@ -378,27 +415,12 @@ def diff(
         str,
         typer.Argument(metavar="B", help="Another one, or a scene that simulates it.", callback=_recording_or_scene),
     ],
-    tolerance: Annotated[
-        float,
-        typer.Option(
-            "--tolerance",
-            metavar="REL",
-            help="Allowed deviation: 1e-6 of the range of each channel, or, of a scene, 0.1 of each measure.",
-        ),
-    ] = 0.0,
+    tolerance: Tolerance = 0.0,
     begin: First = None,
     end: Last = None,
     p: Changes = None,
-    follow: Annotated[
-        list[str] | None,
-        typer.Option(metavar='"ACTUATOR = CHANNEL"', help="What an actuator of the scene follows. Repeatable. Default: "
-                     "speed and load, by their names."),
-    ] = None,
-    pair: Annotated[
-        list[str] | None,
-        typer.Option(metavar='"CHANNEL = SIMULATED, FACTOR"', help='What a measured channel is compared with: "force = '
-                     'displacement, 168 N/m". Repeatable. Default: equal names.'),
-    ] = None,
+    follow: Followed = None,
+    pair: Pairs = None,
     velocity: Velocity = "",
     friction: Friction = "",
     drive: Drive = "",
@@ -410,7 +432,7 @@ def diff(
     trust: Trust = False,
     force: Force = False,
     as_json: Json = False,
-) -> None:  # fmt: skip
+) -> None:
     """Compare two recordings, or a measurement with its simulation by a scene.
 
     Recordings are compared at the instants that both contain: equal bit by bit,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -185,21 +186,13 @@ def runs(
         with printing.bar("reading") as progress:
             listed = run_list.runs(folder, rebuild, progress)
     else:
-        listed, folder = [run_list.one(folder)], folder.parent
-    wanted = [
-        recording
-        for recording in listed
-        if {*(tag or ())} <= {*recording.notes.tags}
-        and scene in (None, recording.contents and recording.contents.scene)
-    ]
-    for recording in wanted:
-        _warn(recording.notes)
+        listed = [run_list.one(folder)]
+        folder = folder.parent
+    wanted = [listing for listing in listed if _fits(listing, tag or (), scene)]
+    for listing in wanted:
+        _warn(listing.notes)
     if as_json:
-        printing.report([
-            {"path": of.path, "size": of.size, **(vars(of.contents) if of.contents else {}), "fault": of.fault,
-             "notes": [vars(note) for note in of.notes.found], "tags": of.notes.tags}
-            for of in wanted
-        ])  # fmt: skip
+        printing.report([_card(listing) for listing in wanted])
     elif wanted:
         columns = ("recording", "scene", "date", "length", "timing", "notes")
         printing.table(f"recordings in {folder}", columns, [_row(listing, folder) for listing in wanted])
@@ -207,12 +200,35 @@ def runs(
         printing.line(f"{folder}: {f'none of {len(listed)} recordings fits' if listed else 'no recordings'}")
 
 
+def _fits(listing: Listed, tags: Iterable[str], scene: str | None) -> bool:
+    """Whether a recording has all `tags`, and is one of `scene` (None: of any)."""
+    if not {*tags} <= {*listing.notes.tags}:
+        return False
+    return scene is None or (listing.contents is not None and listing.contents.scene == scene)
+
+
+def _card(listing: Listed) -> dict[str, Any]:
+    """A recording of the list, for JSON."""
+    contents = vars(listing.contents) if listing.contents else {}
+    notes = [vars(note) for note in listing.notes.found]
+    return {
+        "path": listing.path,
+        "size": listing.size,
+        **contents,
+        "fault": listing.fault,
+        "notes": notes,
+        "tags": listing.notes.tags,
+    }
+
+
 def _row(listing: Listed, folder: Path) -> tuple[str, ...]:
     last = next((note.text for note in reversed(listing.notes.found) if note.text), "")
     short = last if len(last) <= _SHOWN else f"{last[: _SHOWN - 1]}…"
     noted = " ".join(filter(None, (short, *(f"#{tag}" for tag in listing.notes.tags))))
-    name, said = str(listing.path.relative_to(folder)), "; ".join(filter(None, (listing.fault, noted)))
-    if (contents := listing.contents) is None:
+    name = str(listing.path.relative_to(folder))
+    said = "; ".join(filter(None, (listing.fault, noted)))
+    contents = listing.contents
+    if contents is None:
         return name, "", "", "", "", said
     began = datetime.fromtimestamp(contents.began_ns * 1e-9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
     length = "unknown" if contents.seconds is None else f"{contents.seconds:.3f} s"
@@ -235,8 +251,12 @@ def note(
     elif not log.exists():
         raise UsageError(f"{log}: no such file")
     notes = user_notes.read(log)
-    report = {"path": notes.path, "notes": [vars(note) for note in notes.found],
-              "other": [vars(note) for note in notes.other], "unreadable": notes.unreadable}  # fmt: skip
+    report = {
+        "path": notes.path,
+        "notes": [vars(note) for note in notes.found],
+        "other": [vars(note) for note in notes.other],
+        "unreadable": notes.unreadable,
+    }
     printing.either(as_json, report, *map(str, notes.found or [f"{log}: no notes"]))
     if not as_json:
         _warn(notes)

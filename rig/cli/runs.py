@@ -122,7 +122,9 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run a scene in real time, with plant, controllers and recorder as processes."""
-    factor, length, given = live_pace(speed, lockstep), seconds(duration), changes(p)
+    factor = live_pace(speed, lockstep)
+    length = seconds(duration)
+    given = changes(p)
     names = listed(only, figure)
     links = linked(net, given)
     windows = trigger(when, before, after, most)
@@ -185,7 +187,8 @@ def drawable(names: Collection[str], scene: Scene) -> None:
 
 def configured(scene: Scene, overrides: Mapping[str, object], precision: float | None, budget: str | None) -> Scene:
     """The scene with the method and step for the target error or the budget."""
-    wanted, most = accuracy(precision, "--accuracy"), share(budget)
+    wanted = accuracy(precision, "--accuracy")
+    most = share(budget)
     if wanted is None and most is None:
         return scene
     if given := [key for key in DIALS if key in overrides]:
@@ -278,7 +281,8 @@ def simulate(
     With --from: simulate a recording again up to an instant and continue
     from there. Values given with -p and a --duration count from that instant.
     """
-    length, overrides = seconds(duration), changes(p)
+    length = seconds(duration)
+    overrides = changes(p)
     names = listed(only, figure)
     links = linked(net, overrides)
     by_method = {} if method is None else {"clock.method": method}
@@ -292,12 +296,12 @@ def simulate(
         "--budget": budget,
     }
     wrong = ", ".join(name for name, value in given.items() if value is not None)
+    neither = "name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s"
     refuse_all(
         (by_method.keys() & overrides.keys(), "--method and -p: both give clock.method; leave out one of them"),
         (start is not None and wrong, f"--from {start}: {wrong} cannot be given with it; the recording decides"),
-        (start is None and scene is None,
-         "name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s"),
-    )  # fmt: skip
+        (start is None and scene is None, neither),
+    )
     loaded: Scene | None = None
     if scene is not None:
         by_option: dict[str, Mapping[str, object]] = {
@@ -310,14 +314,16 @@ def simulate(
         drawable(names, loaded)
         loaded = configured(loaded, overrides | by_method, precision, budget)
         printing.run_warnings(loaded, length)
-    begin, failed = time.perf_counter(), False
+    failed = False
+    begin = time.perf_counter()
     with _asked_to_stop() as stop:
         try:
             simulated = _simulated(loaded, start, overrides, length, trust, stop)
         except ControllerFailed as error:  # what was computed is kept
             if error.run is None:  # it could not start
                 raise
-            simulated, failed = error.run, True
+            simulated = error.run
+            failed = True
     wall = time.perf_counter() - begin
     if out is not None:
         from rig.record.save_run import save
@@ -382,7 +388,9 @@ def _notes(run: Run) -> Iterator[str]:
     forked = max((event["t_ns"] for event in run.plant_events if event["kind"] == "fork"), default=-1)
     told = LEVELS.keys() - {"overruled", "fault"}
     for event in run.plant_events:
-        kind, t, text = event["kind"], event["t_ns"], event["text"]
+        kind = event["kind"]
+        t = event["t_ns"]
+        text = event["text"]
         if kind == "warning" or (kind == "overruled" and t == forked):
             yield f"warning: {text}"
         elif t >= forked and kind in told and text.partition("\n")[0] not in run.fault:
@@ -399,7 +407,8 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
     from rig.record.statistics import contact
     from rig.scenes.belief import lines as belief_lines
 
-    plant, length = run.summary["plant"], float(run.time[-1])
+    plant = run.summary["plant"]
+    length = float(run.time[-1])
     yield "run", f"{length:g} s simulated in {wall:.2f} s, compiling included; ended: {run.summary['ended']}"
     yield from (("fork", event["text"]) for event in run.plant_events if event["kind"] == "fork")
     yield from (("belief", line) for line in belief_lines(scene))

@@ -51,11 +51,11 @@ def list_scenes(
     else:
         from rig.scenes.inherit import cards as cards_of  # slow to import
 
-        found = cards_of(folder)
+        in_folder = cards_of(folder)
         if as_json:
-            printing.report(found)
+            printing.report(in_folder)
             return
-        _print_cards(found)
+        _print_cards(in_folder)
     _list_installed()
     printing.line("\nnext: rig explain SCENE | rig simulate SCENE | rig run SCENE --view")
 
@@ -69,8 +69,10 @@ def _print_cards(cards: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _title(card: Mapping[str, Any]) -> str:
-    title, limit = card["title"] or f"based on {card['based_on']}", card["pace_limit"]
-    title += "" if "group" in card else f", plant {card['plant']}"
+    title = card["title"] or f"based on {card['based_on']}"
+    if "group" not in card:
+        title += f", plant {card['plant']}"
+    limit = card["pace_limit"]
     return f"{title} (real-time factor up to {limit:g})" if limit else title
 
 
@@ -96,8 +98,10 @@ def _list_installed() -> None:
             for package in packages:
                 printing.line(f"installed: {name} ({what}) of {package}{hidden}")
             if len(packages) > 1 and not hidden:
-                printing.note(f"warning: {name} ({what}) is a part of {' and of '.join(packages)}: a scene that names "
-                              "it is refused; uninstall all but one")  # fmt: skip
+                printing.note(
+                    f"warning: {name} ({what}) is a part of {' and of '.join(packages)}: a scene that names "
+                    "it is refused; uninstall all but one"
+                )
 
 
 def new_scene(
@@ -194,8 +198,10 @@ def explain(
     effects = [(e.name, "on" if e.on else "absent", _with_states(e)) for e in explanation.effects]
     printing.described(f"effects: {counted(explanation.states, 'state')}", effects)
     printing.line()
-    actuators = [(a.name, f"{a.low:g} .. {a.high:g}", _unit(a.unit), f"{a.start:g}", f"{a.safe:g}")
-                 for a in explanation.actuators]  # fmt: skip
+    actuators = [
+        (a.name, f"{a.low:g} .. {a.high:g}", _unit(a.unit), f"{a.start:g}", f"{a.safe:g}")
+        for a in explanation.actuators
+    ]
     printing.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
     printing.line()
     _print_controllers(loaded)
@@ -213,7 +219,8 @@ def explain(
 
 def _print_screen(explanation: Explanation, typed: str) -> None:
     """One screen: what acts, what it does, what is uncertain. `typed`: the name that the user gave."""
-    scene, name = explanation.scene, shlex.quote(typed)
+    scene = explanation.scene
+    name = shlex.quote(typed)
     based_on = scene.bases and f"Based on {', which is based on '.join(scene.bases)}"
     for text in (f"{scene.title} ({scene.name})", scene.about, based_on, scene.slow and f"Paced, {scene.slow}"):
         if text:
@@ -257,13 +264,11 @@ def _does(scene: Scene, name: str) -> Iterator[tuple[str, str]]:
         length = "without an end" if scene.duration_ns is None else f"{scene.duration_ns / 1e9:g} s"
         yield "protocol", f"{counted(len(scene.protocol), 'step')}, {length}"
     if scene.assemble().film is not None:
-        yield (
-            "chaos",
-            (
-                "after the first opening of a contact point the motion is chaotic: only statistics count. "
-                f"Their spread: rig study {name} --repeat 8 -p noise.force=1e-6 --measure run.rms"
-            ),
+        chaos = (
+            "after the first opening of a contact point the motion is chaotic: only statistics count. "
+            f"Their spread: rig study {name} --repeat 8 -p noise.force=1e-6 --measure run.rms"
         )
+        yield "chaos", chaos
 
 
 def _uncertain(explanation: Explanation) -> Iterator[tuple[str, str]]:
@@ -296,16 +301,12 @@ def _print_values(values: Sequence[Value]) -> None:
         place = str(value.place or "")
         return place.removeprefix(f"{usual}, ") if usual else place
 
-    shown = [
-        (
-            v.key,
-            f"{_listed(v.value)} {_unit(v.unit)}".strip(),
-            v.origin.origin,
-            ", ".join(filter(None, (v.origin.note, line_of(v)))),
-        )
-        for v in values
-    ]
-    printing.described(f"values, with lines of {usual}" if usual else "values", shown)
+    rows = []
+    for value in values:
+        number = f"{_listed(value.value)} {_unit(value.unit)}".strip()
+        remark = ", ".join(filter(None, (value.origin.note, line_of(value))))
+        rows.append((value.key, number, value.origin.origin, remark))
+    printing.described(f"values, with lines of {usual}" if usual else "values", rows)
 
 
 def _listed(value: Any) -> str:
@@ -360,12 +361,11 @@ def _print_network(scene: Scene) -> None:
     from rig.scenes.network import described
     from rig.scenes.sections import dump
 
-    ticks = {topic: link.ticks(scene.frame_ns) for topic, link in scene.network.links.items()}
-    rows = [
-        (topic, f"under way {least} .. {most} frames" if most > least else f"under way {counted(most, 'frame')}",
-         described(dump(scene.network.links[topic])))
-        for topic, (least, most) in ticks.items()
-    ]  # fmt: skip
+    rows = []
+    for topic, link in scene.network.links.items():
+        least, most = link.ticks(scene.frame_ns)
+        frames = f"{least} .. {most} frames" if most > least else counted(most, "frame")
+        rows.append((topic, f"under way {frames}", described(dump(link))))
     seed = scene.seed if scene.network.seed is None else scene.network.seed
     printing.described(f"impaired links, seed {seed}", rows)
     printing.paragraph("a message arrives at a frame: its transmission time is rounded up to whole frames")
@@ -378,11 +378,11 @@ def _print_faults(scene: Scene) -> None:
 
     units = {name: named.unit for name, named in scene.assemble().inputs.items()}
     units |= {name: sensor.unit for name, sensor in scene.sensors.items()}
-    rows = [
-        (f"{fault.at / 1e9:g} s", "to the end" if fault.end is None else f"to {fault.end / 1e9:g} s", name,
-         described(fault, units[fault.part]))
-        for name, fault in sorted(scene.faults.items(), key=lambda named: named[1].at)
-    ]  # fmt: skip
+    rows = []
+    for name, fault in sorted(scene.faults.items(), key=lambda named: named[1].at):
+        begin = f"{fault.at / 1e9:g} s"
+        end = "to the end" if fault.end is None else f"to {fault.end / 1e9:g} s"
+        rows.append((begin, end, name, described(fault, units[fault.part])))
     printing.described("faults of sensors and actuators", rows)
     printing.line()
 
@@ -390,9 +390,20 @@ def _print_faults(scene: Scene) -> None:
 def _value(value: Value) -> dict[str, Any]:
     """A value for JSON; `file` and `line` that give it: null for a default, "-p" for a change."""
     place = value.place
-    where = {"file": place and (place.file if place.line else "-p"), "line": place and (place.line or None)}
-    plain = {"key": value.key, "value": value.value, "unit": value.unit}
-    return {**plain, "origin": value.origin.origin, "note": value.origin.note, **where}
+    file: str | None = None
+    line: int | None = None
+    if place is not None:
+        file = place.file if place.line else "-p"
+        line = place.line or None
+    return {
+        "key": value.key,
+        "value": value.value,
+        "unit": value.unit,
+        "origin": value.origin.origin,
+        "note": value.origin.note,
+        "file": file,
+        "line": line,
+    }
 
 
 def _audited(log: str, as_json: bool) -> None:
@@ -401,13 +412,14 @@ def _audited(log: str, as_json: bool) -> None:
     run = opened(Path(log))
     if run.measured:
         raise LogError(f"{log}: it is a measurement: it contains no rig, which this command needs")
-    judged, network = run.summary.get("audit", []), run.summary.get("network", {})
+    judged = run.summary.get("audit", [])
+    network = run.summary.get("network", {})
     faults = [(event["t_ns"] / 1e9, event["text"]) for event in run.plant_events if event["kind"] == "fault"]
     if as_json:
         happened = [{"t": t, "text": text} for t, text in faults]
         printing.report({"log": log, "effects": judged, "network": network, "faults": happened})
         return
-    state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
+    state = [_acted(effect) for effect in judged]
     shares = ["not judged" if e.get("unjudged") else f"{e['share']:.2g}" for e in judged]
     remarks = [e["text"] if e["noted"] or e.get("unjudged") else "" for e in judged]
     rows = list(zip((e["effect"] for e in judged), state, shares, remarks))
@@ -430,6 +442,13 @@ def _audited(log: str, as_json: bool) -> None:
         )
 
 
+def _acted(effect: Mapping[str, Any]) -> str:
+    """Whether a judged effect was on; of an absent one, the scene from which its values are."""
+    if effect["on"]:
+        return "on"
+    return f"absent, as in {effect['like']}" if effect["like"] else "absent"
+
+
 def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
     from rig.qualify import effects_measured
     from rig.record.provenance import provenance
@@ -437,14 +456,21 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
     with printing.bar("effects") as progress:
         parts = effects_measured.parts(scene, report=progress)
     methods = effects_measured.methods(scene)
-    rates = {"outputs": [*effects_measured.signals(scene)], "topics of rig run": [*effects_measured.topics(scene)]}
+    signals = [*effects_measured.signals(scene)]
+    topics = [*effects_measured.topics(scene)]
     if as_json:
-        signals, topics = ([vars(rate) for rate in of] for of in rates.values())
-        report = {"scene": scene.name, "states": scene.assemble().system().n - 1}
-        report |= {"effects": [part.to_json() for part in parts], "methods": methods}
-        printing.report({**report, "signals": signals, "topics": topics})
+        printing.report(
+            {
+                "scene": scene.name,
+                "states": scene.assemble().system().n - 1,
+                "effects": [part.to_json() for part in parts],
+                "methods": methods,
+                "signals": [vars(rate) for rate in signals],
+                "topics": [vars(rate) for rate in topics],
+            }
+        )
     else:
-        _print_measured(scene, parts, methods, rates)
+        _print_measured(scene, parts, methods, {"outputs": signals, "topics of rig run": topics})
     if figure is not None:
         title = f"{scene.name}: its effects, on or absent"
         effects_measured.draw(parts, title, provenance(scene.seed), figure)
@@ -454,8 +480,17 @@ def _print_measured(
     scene: Scene, parts: Sequence[Paired], methods: Mapping[str, str], rates: Mapping[str, Sequence[Rate]]
 ) -> None:
     """What was measured, for a reader."""
-    rows = [(part.name, "on" if part.on else "absent", part.states, "" if part.fault else part.cost(), part.change(),
-             part.why) for part in parts]  # fmt: skip
+    rows = [
+        (
+            part.name,
+            "on" if part.on else "absent",
+            part.states,
+            "" if part.fault else part.cost(),
+            part.change(),
+            part.why,
+        )
+        for part in parts
+    ]
     columns = ("effect", "", "states", "cost per sample step", "largest change without it", "remark")
     printing.table(f"{scene.name}: effects, measured with and without each in turns", columns, rows)
     if any(part.measurable and part.tick.value < -part.noise for part in parts):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -28,10 +28,6 @@ from rig.cli.printing import named, refuse, writable
 from rig.errors import UsageError
 from rig.printable import counted
 
-if TYPE_CHECKING:
-    pass
-
-
 Samples = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Samples of the distributions. Default: 64.", show_default=False)
 ]
@@ -49,45 +45,55 @@ ClusterName = Annotated[
         help="Compute on a dask cluster: the address of its scheduler, tcp://HOST:PORT.",
     ),
 ]
+Varied = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--over",
+        metavar="KEY=VALUES",
+        help='Vary a parameter: "load.force=10 N:30 N:5", "load.force=10, 20 N", '
+        '"friction.mu_static=normal(0.4, 0.02)". Repeatable.',
+    ),
+]
+Measures = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--measure",
+        metavar="NAME",
+        help="Measure: cycle.amplitude, motion.period, run.rms, ..., or FILE.py:FUNCTION of a Run. Repeatable.",
+    ),
+]
+Sampling = Annotated[
+    str | None, typer.Option(metavar="HOW", help="random (default), latin, sobol; saltelli for Sobol indices.")
+]
+Repetitions = Annotated[int | None, typer.Option(min=1, metavar="N", help="Runs of each point, with different seeds.")]
+NetCDF = Annotated[Path | None, typer.Option("--to", metavar="FILE", help="Write the results as NetCDF (.nc) as well.")]
+Ranges = Annotated[
+    list[str] | None,
+    typer.Option("--over", metavar="KEY=FROM:TO", help='Range of a parameter: "load.force=10 N:30 N". Repeatable.'),
+]
+Minimised = Annotated[
+    str | None,
+    typer.Option(metavar="MEASURE", help="Measure to minimise: a name as for rig study, or FILE.py:FUNCTION."),
+]
+Maximised = Annotated[str | None, typer.Option(metavar="MEASURE", help="Measure to maximise instead.")]
+Evaluations = Annotated[int, typer.Option(min=1, max=1_000_000, metavar="N", help="Largest number of points.")]
 
 
 def study(
     context: typer.Context,
     scene: SceneName,
-    over: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--over",
-            metavar="KEY=VALUES",
-            help='Vary a parameter: "load.force=10 N:30 N:5", "load.force=10, 20 N", '
-            '"friction.mu_static=normal(0.4, 0.02)". Repeatable.',
-        ),
-    ] = None,
-    measure: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--measure",
-            metavar="NAME",
-            help="Measure: cycle.amplitude, motion.period, run.rms, ..., or FILE.py:FUNCTION of a Run. Repeatable.",
-        ),
-    ] = None,
+    over: Varied = None,
+    measure: Measures = None,
     p: Changes = None,
     untold: Untold = None,
     redesign: Redesign = False,
     samples: Samples = None,
-    sampling: Annotated[
-        str | None, typer.Option(metavar="HOW", help="random (default), latin, sobol; saltelli for Sobol indices.")
-    ] = None,
-    repeat: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Runs of each point, with different seeds.")
-    ] = None,
+    sampling: Sampling = None,
+    repeat: Repetitions = None,
     seed: Seed = None,
     duration: Duration = None,
     keep: Keep = None,
-    to: Annotated[
-        Path | None,
-        typer.Option("--to", metavar="FILE", help="Write the results as NetCDF (.nc) as well."),
-    ] = None,
+    to: NetCDF = None,
     workers: Workers = None,
     cluster: ClusterName = "",
     out: Results = Path("studies"),
@@ -114,7 +120,8 @@ def study(
     )
     printing.warnings(loaded)
     if not work.of_run:
-        idle(loaded, *(factor.axis for factor in work.plan.factors))
+        axes = [factor.axis for factor in work.plan.factors]
+        idle(loaded, *axes)
     store = Store.of(work.work, at(out))
     refuse(store.folder, ("study.csv",), force)
     with printing.kept(store, "points", len(work.items)), printing.bar("points") as progress:
@@ -125,7 +132,8 @@ def study(
     if to is not None:
         result.save(to)
     if not as_json:
-        printing.line(f"\n{store.folder}/{', '.join(['study.csv', *(path.name for path in figures)])}")
+        files = ["study.csv", *(path.name for path in figures)]
+        printing.line(f"\n{store.folder}/{', '.join(files)}")
         if result.recordings:
             printing.line(f"{counted(len(result.recordings), 'recording')} in {store.folder / 'runs'}")
         if to is not None:
@@ -169,21 +177,13 @@ def _target(context: typer.Context, to: Path | None) -> None:
 
 def optimise(
     scene: SceneName,
-    over: Annotated[
-        list[str] | None,
-        typer.Option("--over", metavar="KEY=FROM:TO", help='Range of a parameter: "load.force=10 N:30 N". Repeatable.'),
-    ] = None,
-    minimise: Annotated[
-        str | None,
-        typer.Option(metavar="MEASURE", help="Measure to minimise: a name as for rig study, or FILE.py:FUNCTION."),
-    ] = None,
-    maximise: Annotated[str | None, typer.Option(metavar="MEASURE", help="Measure to maximise instead.")] = None,
+    over: Ranges = None,
+    minimise: Minimised = None,
+    maximise: Maximised = None,
     p: Changes = None,
     untold: Untold = None,
     redesign: Redesign = False,
-    evaluations: Annotated[
-        int, typer.Option(min=1, max=1_000_000, metavar="N", help="Largest number of points.")
-    ] = 600,
+    evaluations: Evaluations = 600,
     seed: Seed = None,
     duration: Duration = None,
     workers: Workers = None,
@@ -209,7 +209,8 @@ def optimise(
     work = prepared(loaded, ranges, measure, maximise is not None, evaluations, seed, seconds(duration))
     printing.warnings(loaded)
     if not work.of_run:
-        idle(loaded, *(factor.axis for factor in work.plan.factors))
+        axes = [factor.axis for factor in work.plan.factors]
+        idle(loaded, *axes)
     store = Store.of(work.work, at(out))
     refuse(store.folder, ("search.csv",), force)
     with printing.kept(store, "points"), printing.bar("points") as progress:
