@@ -64,7 +64,7 @@ def pages(seconds: float = 20.0) -> dict[str, Any]:
     the pages; in Chromium the seconds from a click on Start to the first picture of the moving rig, and the share of a
     core that layout and style take. There is no browser without Chromium.
     """
-    subprocess.run([sys.executable, "-m", "rig", "warmup", SCENE], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([sys.executable, "-m", "rig", "tool", "warmup", SCENE], check=True, stdout=subprocess.DEVNULL)
     program = next(filter(None, map(shutil.which, _CHROMIUM)), None)
     return {"sockets": _watched(seconds, None), **({"browser": _watched(seconds, program)} if program else {})}
 

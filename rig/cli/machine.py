@@ -83,7 +83,7 @@ def cost(
 
     report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
     report |= {"recommended": None if pick is None else pick.flat(), "why": why}
-    printing.reported(as_json, report, show)
+    printing.reported(as_json, lambda: report, show)
     if front(measured.rows, by):
         draw(CostReport(measured, by, pick, most), folder / "cost.png")
     if not as_json:

@@ -22,7 +22,7 @@ import typer
 
 from rig.errors import ExitCode, UsageError
 from rig.machine.files import FIGURES, figure_format, recording_name, takes, unused
-from rig.machine.process import tell
+from rig.machine.process import listened, tell
 from rig.printable import columns, printable, utf8
 from rig.results import Result
 
@@ -77,23 +77,24 @@ def report(values: Any) -> None:
     line(json.dumps(_plain(values), indent=2, ensure_ascii=False))
 
 
-def reported(as_json: bool, values: Any, show: Callable[[], None]) -> None:
+def reported(as_json: bool, values: Callable[[], Any], show: Callable[[], None]) -> None:
     """Print a report as JSON, or show it to a reader. The page that has started the command as a job gets it too."""
-    tell("report", _plain(values))
+    if listened():
+        tell("report", _plain(values()))
     if as_json:
-        report(values)
+        report(values())
     else:
         show()
 
 
 def result(shown: Any, as_json: bool, **more: object) -> None:
     """Print a result: its text, or as JSON, with `more`."""
-    reported(as_json, shown.to_json() | more, lambda: line(shown.text()))
+    reported(as_json, lambda: shown.to_json() | more, lambda: line(shown.text()))
 
 
 def either(as_json: bool, values: Any, *lines: str) -> None:
     """Print a report as JSON, or its lines for a reader."""
-    reported(as_json, values, lambda: line("\n".join(lines)))
+    reported(as_json, lambda: values, lambda: line("\n".join(lines)))
 
 
 def passed(good: bool) -> None:

@@ -333,7 +333,7 @@ def simulate(
 
     printing.reported(
         as_json,
-        {**simulated.summary, "energy": simulated.energy, "events": simulated.events, "fault": simulated.fault},
+        lambda: {**simulated.summary, "energy": simulated.energy, "events": simulated.events, "fault": simulated.fault},
         lambda: printing.pairs(_summary(simulated, loaded or Scene.from_json(simulated.scene), wall, out, figure)),
     )
     for text in _notes(simulated):

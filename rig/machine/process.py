@@ -140,6 +140,11 @@ def tell(kind: str, value: object = None) -> bool:
     return True
 
 
+def listened() -> bool:
+    """Whether the process that started this one hears what `tell` tells."""
+    return bool(_parent)
+
+
 def _find_parent() -> None:
     """Open the pipe to the parent. No process that this one or a user's code starts inherits it."""
     number = os.environ.pop(PARENT, "")

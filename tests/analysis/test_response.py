@@ -277,7 +277,20 @@ def test_the_command(tmp_path, rig):
     log, table = tmp_path / "run.mcap", tmp_path / "response.csv"
     save(run_of(force=x, laser=held(OSCILLATOR, np.zeros(1))[1](x)), log)
     picture = tmp_path / "response.pdf"
-    asked = ("response", log, "--input", "force", "--output", "laser", "--figure", picture, "--csv", table, "--json")
+    asked = (
+        "analyse",
+        "response",
+        log,
+        "--input",
+        "force",
+        "--output",
+        "laser",
+        "--figure",
+        picture,
+        "--csv",
+        table,
+        "--json",
+    )
     code, out, _ = rig(*asked)
     told = json.loads(out)
     assert (code, told["taper"]) == (0, "none")

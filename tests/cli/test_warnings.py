@@ -13,7 +13,7 @@ STOPPED = "no further in this test"
 COMMANDS = {
     "simulate": ("--duration", "0.01"),
     "run": (),
-    "plant": (),
+    "live plant": (),
     "map": ("--x", "drive.speed=0.1:0.2:2"),
     "modes": ("--sweep", "drive.speed=0.1:0.2:2"),
 }
@@ -31,10 +31,10 @@ def test_a_capacitance_within_a_tenth_of_its_limit_is_warned_of(command, delta, 
     for worker in WORKERS:
         monkeypatch.setattr(worker, stop)
     with pytest.raises(SystemExit):
-        app.run([command, "belt_shunt", "-p", f"shunt.delta={delta}", *COMMANDS[command]])
+        app.run([*command.split(), "belt_shunt", "-p", f"shunt.delta={delta}", *COMMANDS[command]])
     said = capsys.readouterr().err
     assert said.count(WARNING) == (delta == -0.9)
-    assert (STOPPED in said) is (command in ("run", "plant", "map"))
+    assert (STOPPED in said) is (command in ("run", "live plant", "map"))
 
 
 IDLE = "has no effect: {0} is off at the start of {1} ({0}.{2} = false)\n  add -p {0}.{2}=true\n"

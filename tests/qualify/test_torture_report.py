@@ -43,7 +43,7 @@ def test_exit_code_is_that_of_the_default(tmp_path, monkeypatch, capsys, last, c
 
     monkeypatch.setattr(torture, "matrix", lambda names, quick, report, progress: CELLS[:last] + CELLS[1:2])
     with pytest.raises(SystemExit) as ended:
-        program(["torture", "--case", "one", "--out", str(tmp_path)])
+        program(["tool", "torture", "--case", "one", "--out", str(tmp_path)])
     assert ended.value.code == code
     printed = capsys.readouterr().out
     assert "missed event" in printed

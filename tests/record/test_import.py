@@ -348,12 +348,12 @@ def test_the_command_imports_with_the_map_beside_the_files_and_what_works_on_a_r
     code, out, _ = rig("runs", tmp_path)
     assert (code, "measured" in out) == (0, True)
     for command in (
-        ("spectrum", log),
-        ("hysteresis", log, "--over", "speed"),
-        ("portrait", log, "--x", "pos", "--y", "vel"),
-        ("response", log, "--input", "vel", "--output", "pos"),
-        ("amplitude", log),
-        ("sound", log, "--signal", "vel"),
+        ("analyse", "spectrum", log),
+        ("analyse", "hysteresis", log, "--over", "speed"),
+        ("analyse", "portrait", log, "--x", "pos", "--y", "vel"),
+        ("analyse", "response", log, "--input", "vel", "--output", "pos"),
+        ("analyse", "amplitude", log),
+        ("analyse", "sound", log, "--signal", "vel"),
         ("diff", log, log),
         ("export", log, "--to", "csv", "--out", tmp_path / "out"),
         ("note", log, "hot day"),

@@ -9,7 +9,7 @@ import pytest
 from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.scenes import inherit
-from rig.scenes.shipped import card, card_of, names
+from rig.scenes.shipped import card, card_of, groups
 from rig.web.catalogue import Catalogue
 from rig.web.form import LEAST, form, slider_of, timing
 
@@ -19,7 +19,7 @@ def test_every_shipped_scene_has_a_card_and_those_of_the_folder_come_first(tmp_p
     (tmp_path / "pyproject.toml").write_text('[project]\nname = "x"\n')
     found = Catalogue(tmp_path).cards()
     assert [one["name"] for one in found if one["own"]] == [str(tmp_path / "mine.toml")]
-    assert [one["name"] for one in found if not one["own"]] == list(names())
+    assert {one["name"]: one["group"] for one in found if not one["own"]} == groups()
 
 
 @pytest.mark.parametrize("name", ["belt_normal_force", "pendulum", "brake_shunt"])

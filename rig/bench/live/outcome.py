@@ -128,6 +128,6 @@ class Outcome:
     def text(self) -> str:
         """The summary as text, with commands to try next."""
         broken = self.unrecorded and not self.account  # a finished file needs no recovery
-        commands = ("recover",) if broken else ("report", "verify", "replay")
+        commands = ("recover",) if broken else ("report", "verify", "live replay")
         following = [f"rig {command} {self.log}" for command in commands] if self.log else []
         return status.summary(self.to_json(), self.account or self.log, following)
