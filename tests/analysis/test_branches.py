@@ -107,6 +107,7 @@ def test_special_points(tmp_path_factory, scene, over, start, kind, values, with
     assert result.special(kind) == pytest.approx(values, abs=within)
 
 
+@pytest.mark.slow
 def test_a_grazing_beside_a_steep_law_is_the_same_from_both_sides(tmp_path):
     """There the slip speed bends within a tick, and the cycles that slip have a multiplier of 434."""
     starts = (("hopf", "2 rpm"), (5.0 * RPM, "4.9 rpm"))
@@ -582,6 +583,7 @@ def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):
         assert (ends[-1] - ends[0]) / (len(ends) - 1) == pytest.approx(point.period, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_boundaries_of_a_forced_motion_are_the_same_from_both_sides(tmp_path):
     """A stick, a reversal and a grazing, passed upwards and downwards."""
     found = [

@@ -116,11 +116,17 @@ def test_a_fork_from_a_checkpoint_says_from_when_on_it_was_judged(monkeypatch, t
 
 
 HEAVY = {
-    *("belt_contact_temperature", "belt_dither", "belt_hysteresis", "belt_maxwell_slip"),  # kernels of their own
+    *(
+        "belt_contact_temperature",
+        "belt_dahl",
+        "belt_dither",
+        "belt_hysteresis",
+        "belt_maxwell_slip",
+    ),  # kernels of their own
     *("belt_dither_controlled", "belt_faults", "belt_normal_force_acceleration", "belt_normal_force_displacement"),
     *("belt_poor_network", "brake_active", "tip_epoxy"),
     *("brake", "brake_3400", "brake_disc_modes", "brake_shunt", "brake_shunt_listener", "brake_shunt_sound"),
-    *("brake_shunt_tuned", "disc_slider", "disc_slider_dither", "lever_three_stage"),
+    *("brake_shunt_tuned", "disc_slider", "disc_slider_dither", "lever_three_stage", "disc_slider_a"),
 }
 BEFORE_IT_RUNS_AWAY = {"disc_slider_a": 0.08}
 

@@ -348,7 +348,7 @@ def test_controller_and_recorder_that_cannot_begin_are_not_waited_for(folder, mo
 
 
 def test_a_process_whose_run_never_begins_says_so(tmp_path):
-    recorder = Child("recorder", ["rig", "record", "--run", bus.TOLD], fed=True)
+    recorder = Child("recorder", ["rig", "live", "record", "--run", bus.TOLD], fed=True)
     recorder.dismiss()
     assert recorder.wait(30.0)
     assert recorder.ending == "recorder ended with code 2: the run that this process was to join has not begun"

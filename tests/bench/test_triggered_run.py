@@ -69,10 +69,10 @@ def test_a_later_window_is_proved_by_checksums_and_says_what_is_not(windows, rig
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
-        (("record", "--before", "1"), "--before: needs --trigger"),
+        (("live", "record", "--before", "1"), "--before: needs --trigger"),
         (("run", "belt", "--trigger", "vibrometr > 0.1 m/s"), "did you mean vibrometer"),
         (("run", "belt", "--trigger", "velocity > 1 m/s", "--figure", "f.png"), "--figure: draws the recording of"),
-        (("record", "--trigger", "x > 1 m", "--after", "-1"), "--after -1: must be 0 to"),
+        (("live", "record", "--trigger", "x > 1 m", "--after", "-1"), "--after -1: must be 0 to"),
     ],
 )
 def test_options_that_make_no_sense_are_refused_before_anything_starts(rig, arguments, fault, tmp_path, monkeypatch):

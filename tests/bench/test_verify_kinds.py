@@ -155,7 +155,7 @@ def test_a_live_run_with_all_that_can_happen_to_it(runs, tmp_path, mine):
     path, started = runs / "run.mcap", []
 
     def join(*arguments):
-        started.append(Child(f"controller {arguments[0]}", ["rig", "control", *map(str, arguments)]))
+        started.append(Child(f"controller {arguments[0]}", ["rig", "live", "control", *map(str, arguments)]))
 
     going = Going(scene, duration=60.0, out=path)
     try:

@@ -64,7 +64,7 @@ def test_a_plain_class_is_a_controller_of_a_scene(rig, folder):
 
 def test_who_joins_from_another_terminal_is_asked_for_trust(rig, runs, script, folder, strangers, tmp_path):
     command = "import sys; from rig.cli import app; app.run(sys.argv[1:])"
-    plant = script(command, "plant", folder / "scene.toml", "--lockstep", "--duration", "0.3", "--wait", "20")
+    plant = script(command, "live", "plant", folder / "scene.toml", "--lockstep", "--duration", "0.3", "--wait", "20")
     code, _, err = rig("view", "--save", tmp_path / "shown.rrd", "--wait", "20")
     assert code == 2
     assert "example_plant.py (SHA-256" in err
