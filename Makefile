@@ -97,7 +97,7 @@ bench: tools
 	@$(RUN) benchmarks $(if $(AGAINST),--against $(AGAINST)) $(if $(LOOP),--loop $(LOOP))
 
 docs: install
-	@$(BIN)/rig reproduce all --out build/gallery --force
+	@$(BIN)/rig tool reproduce all --out build/gallery --force
 	@cp build/gallery/*.png build/gallery/*.svg build/gallery/numbers.json docs/gallery
 
 tables: tools # the figures go to docs, and the page peers.md; what else is measured goes to build/tables
@@ -106,7 +106,7 @@ tables: tools # the figures go to docs, and the page peers.md; what else is meas
 	@$(RUN) benchmarks --json build/tables/benchmarks.json > build/tables/benchmarks.txt || [ $$? -eq 1 ]
 	@$(BIN)/rig cost pendulum --target 1e-6 --budget 40% --out build/tables/cost --force
 	@$(BIN)/rig explain brake_shunt -p shunt.connected=true --measure --figure docs/effects.png --force
-	@$(BIN)/rig torture --out build/tables/torture --force
+	@$(BIN)/rig tool torture --out build/tables/torture --force
 	@cp build/tables/cost/pendulum-*/cost.png docs/cost.png
 	@cp build/tables/torture/matrix.png docs/torture.png
 	@$(BIN)/python tests/peers/page.py
