@@ -139,7 +139,7 @@ lock:
 	$(LOCK) --constraint requirements-dev.lock --group site -o requirements-site.lock
 
 uninstall: # what this project has stored for this user, then what it has installed here; the recordings stay
-	@[ ! -x $(BIN)/rig ] || $(BIN)/rig clean
+	@[ ! -x $(BIN)/rig ] || $(BIN)/rig tool clean
 	@rm -rf $(VENV)
 
 clean:
