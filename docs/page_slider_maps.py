@@ -27,6 +27,8 @@ WITH = {r"shunt\.(resistance|inductance)": {"shunt.connected": "1"}}
 LINEAR = {"four_dof", "brake", "brake_shunt", "plate", "disc_slider"}
 """Scenes whose maps tell by eigenvalues where sliding is stable: no vibration of the first one dies, so that runs do
 not tell sliding from vibration, and a run of the others takes minutes."""
+BURSTS = {"plate"}
+"""Scenes that leave sliding although its small vibrations die: at friction.mu 0.23 and 0.3 the plate bursts, at 0.15 not."""
 HELD = {"tip": {"drive.speed": 0.06}}
 """Values of a scene whose protocol begins at rest, for the maps of the others."""
 
@@ -106,7 +108,8 @@ def by_eigenvalues(scene, key, controller, low, high):
     for a, b in pairwise([low, *inner, high]):
         inside = rig.sweep(scene, key, np.linspace(a, b, 3), controller)
         rates = inside.rates[1][np.isfinite(inside.rates[1])]
-        yield b, "unstable" if (rates.real > none(rates)).any() else "stable"
+        calm = "II" if scene.name in BURSTS else "stable"
+        yield b, "unstable" if (rates.real > none(rates)).any() else calm
 
 
 def joined(spans, high):

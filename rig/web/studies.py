@@ -76,7 +76,7 @@ class Studies:
                 study = _study_of(folder, row["kind"], scene.plant, values)
                 if study is not None:
                     studies.append({"name": row["name"], **study})
-            except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
                 continue  # nothing of this kind, not finished, or damaged
         return studies
 
