@@ -28,7 +28,7 @@ LINEAR = {"four_dof", "brake", "brake_shunt", "plate", "disc_slider"}
 """Scenes whose maps tell by eigenvalues where sliding is stable: no vibration of the first one dies, so that runs do
 not tell sliding from vibration, and a run of the others takes minutes."""
 BURSTS = {"plate"}
-"""Scenes that leave sliding although its small vibrations die: at friction.mu 0.23 and 0.3 the plate bursts, at 0.15 not."""
+"""Scenes that leave sliding whose small vibrations die: the plate bursts at friction.mu 0.23 and 0.3, not at 0.15."""
 HELD = {"tip": {"drive.speed": 0.06}}
 """Values of a scene whose protocol begins at rest, for the maps of the others."""
 
