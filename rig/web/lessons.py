@@ -62,7 +62,7 @@ class LessonJobs:
     def run(self, body: dict[str, Any]) -> dict[str, Any]:
         """Start a command of a lesson: `number`, `command`. Raises UsageError for one that its page does not have."""
         chosen = _chosen(body)
-        line = body.get("command")
+        line: Any = body.get("command")
         lines = chosen.file.read_text(encoding="utf-8").splitlines()
         typed = shlex.split(line) if line in lines and line.startswith("rig ") else []
         command = next((command for command in chosen.commands if ["rig", *command.words] == typed), None)
