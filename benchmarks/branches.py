@@ -8,12 +8,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.axis import Axis
 from rig.analysis.branches import begin, curves, job
 from rig.analysis.branches.compute import Job
 from rig.analysis.branches.trace import follow
-from rig.analysis.return_map import Family
+from rig.analysis.cycles.return_map import Family
 from rig.scenes import load
+from rig.scenes.axis import Axis
 
 BELT, LEVER = 100, 20
 _STEP = 0.02  # along the branch: as many points as are measured

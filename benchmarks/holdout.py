@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.analysis.motion_measures import errors, observe, problem
+from rig.analysis.cycles.motion_measures import errors, observe, problem
 from rig.errors import UsageError
 from rig.qualify.cost.measuring import cost, timed
 from rig.qualify.cost.references import references

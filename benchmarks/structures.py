@@ -19,11 +19,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eig
 
-from rig.analysis.axis import Axis
-from rig.analysis.modes import at_rest
-from rig.analysis.sweep import sweep
+from rig.analysis.linear.modes import at_rest
+from rig.analysis.linear.sweep import sweep
 from rig.errors import RigError
 from rig.plants.structures import hexahedra
+from rig.scenes.axis import Axis
 from rig.scenes.loader import load
 from rig.structure.basis import Reduction, build
 from rig.structure.eigenvalues import complex_eigenvalues

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import rig
-from rig.analysis.eigenvalue_curves import none
+from rig.analysis.linear.eigenvalue_curves import none
 from rig.analysis.map.result import REGIONS
 from rig.errors import RigError
 from rig.web.form import form

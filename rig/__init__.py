@@ -39,18 +39,18 @@ if TYPE_CHECKING:
     from control import StateSpace
 
     from rig.analysis.branches import Branches, Curves, Start
-    from rig.analysis.control_loop import Loop
-    from rig.analysis.cycle_report import Cycle
+    from rig.analysis.cycles.cycle_report import Cycle
     from rig.analysis.identification.answer import Identified
+    from rig.analysis.linear.control_loop import Loop
+    from rig.analysis.linear.modes_report import Modes
+    from rig.analysis.linear.sweep import Sweep
     from rig.analysis.map import Boundary, Map
-    from rig.analysis.modes_report import Modes
     from rig.analysis.recorded.against_scene import AgainstScene
     from rig.analysis.recorded.comparison import Compared
     from rig.analysis.recorded.events import Events
     from rig.analysis.studies import StudyResult
     from rig.analysis.studies.factors import Distribution
     from rig.analysis.studies.search import SearchResult
-    from rig.analysis.sweep import Sweep
     from rig.record.imports.import_run import Imported
     from rig.record.run import Run
     from rig.scenes.scene import Scene
@@ -252,7 +252,7 @@ def modes(scene: Scene | str | Path, *, overrides: Mapping[str, object] | None =
 
     `overrides`: as for `load`, of a scene given by name or file.
     """
-    from rig.analysis.modes import modes as solve
+    from rig.analysis.linear.modes import modes as solve
 
     return solve(_scene(scene, overrides))
 
@@ -274,9 +274,9 @@ def sweep(
     (speed of the drive, load) and with `redesign` every value. `overrides`, `untold`: see `simulate`. Raises
     rig.errors.SceneError for a key that is not a number of the rig and for values that the scene cannot have.
     """
-    from rig.analysis.axis import Axis
-    from rig.analysis.control_loop import sweep_loop
-    from rig.analysis.sweep import sweep as solve
+    from rig.analysis.linear.control_loop import sweep_loop
+    from rig.analysis.linear.sweep import sweep as solve
+    from rig.scenes.axis import Axis
 
     loaded = _scene(scene, overrides, untold, redesign)
     axis = Axis.of(key, values, loaded, controller)
@@ -295,7 +295,7 @@ def loop(
     `overrides`, `untold`: see `simulate`. Raises rig.errors.SceneError for a controller that is not a linear feedback
     and where nothing slides steadily.
     """
-    from rig.analysis.control_loop import loop as solve
+    from rig.analysis.linear.control_loop import loop as solve
 
     return solve(_scene(scene, overrides, untold), controller)
 
@@ -308,7 +308,7 @@ def state_space(
     `delay` [s]: delay of the commands, as a Pade approximation of order 8. `overrides`: as for `load`, of a scene
     given by name or file. Raises rig.errors.SceneError where nothing slides steadily.
     """
-    from rig.analysis.control_loop import state_space as solve
+    from rig.analysis.linear.control_loop import state_space as solve
 
     return solve(_scene(scene, overrides), delay)
 
@@ -322,7 +322,7 @@ def limit_cycle(
     `overrides`: as for `load`, of a scene given by name or file. Raises rig.errors.NumericsError if the integration has
     to stop.
     """
-    from rig.analysis.cycle import limit_cycle as search
+    from rig.analysis.cycles.cycle import limit_cycle as search
 
     return search(_scene(scene, overrides), longest=longest)
 
@@ -351,9 +351,9 @@ def branches(
     """
     from pathlib import Path
 
-    from rig.analysis.axis import Axis
     from rig.analysis.branches import branches as follow
     from rig.analysis.branches import curves, job
+    from rig.scenes.axis import Axis
 
     loaded = _scene(scene, overrides)
     todo = job(loaded, over, output, tuple(start), points)
@@ -583,7 +583,7 @@ def report(path: str | Path, out: str | Path | None = None, trust: bool = False)
     """
     from pathlib import Path
 
-    from rig.analysis.report import write
+    from rig.analysis.report.page import write
 
     log = Path(path)
     page = log.with_suffix(".html") if out is None else Path(out)

@@ -32,13 +32,13 @@ KNOWN = {
     "rig/cli/runs.py": {"pendulum"},  # the scene of `rig demo`
     "rig/scenes/shipped.py": {"pendulum"},  # the scene to start from
     "rig/design/rig.py": {"dither"},  # scales of a command are those without dither
-    "rig/analysis/floquet.py": {"dither"},  # the motion under dither that is not fast
+    "rig/analysis/cycles/floquet.py": {"dither"},  # the motion under dither that is not fast
     "rig/analysis/identification/lever.py": {"lever"},  # the experiments that identify this rig
     "rig/analysis/map/dither.py": {"dither"},  # friction averaged over dither, an analysis of its own
     "rig/analysis/map/job.py": {"dither"},
-    "rig/analysis/modes.py": {"dither"},
-    "rig/analysis/modes_report.py": {"dither"},  # a key of its JSON
-    "rig/analysis/regions.py": {"dither"},
+    "rig/analysis/linear/modes.py": {"dither"},
+    "rig/analysis/linear/modes_report.py": {"dither"},  # a key of its JSON
+    "rig/analysis/linear/regions.py": {"dither"},
     "rig/structure/full.py": {"piezo"},  # the places of a stack on a mesh, as the scene names them
     "rig/view/lever.py": {"lever"},  # drawers that a plant names
     "rig/view/plate.py": {"plate", "foam"},

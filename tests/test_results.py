@@ -17,7 +17,7 @@ from matplotlib.image import imread
 
 import rig
 from rig.analysis import recorded
-from rig.analysis.motion_measures import Setting
+from rig.analysis.cycles.motion_measures import Setting
 from rig.cli import app
 from rig.errors import RigError, SceneError, UsageError
 from rig.qualify.cost.report import CostReport
@@ -41,8 +41,8 @@ def regions(folder):
 
 
 def loop_report(folder):
-    from rig.analysis import loop_check
-    from rig.analysis import loop_report as room
+    from rig.analysis.linear import loop_check
+    from rig.analysis.linear import loop_report as room
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop_check, "RUNS", 1)
@@ -157,8 +157,8 @@ def test_a_command_and_a_notebook_draw_what_plot_returns(tmp_path):
 
 
 def test_every_class_of_results_is_tried():
-    rooms = "recorded recorded.sound map regions loop_report studies studies.search control_loop cycle"
-    for room in (*rooms.split(), "identification.answer", "sweep", "modes", "branches"):
+    rooms = "recorded recorded.sound map studies studies.search linear.regions linear.loop_report linear.control_loop"
+    for room in (*rooms.split(), "identification.answer", "linear.sweep", "linear.modes", "cycles.cycle", "branches"):
         import_module(f"rig.analysis.{room}")
 
     def below(kind):

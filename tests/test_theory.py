@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.cycle import limit_cycle
+from rig.analysis.cycles.cycle import limit_cycle
 from rig.controllers import KINDS as CONTROLLERS
 from rig.laws import LAWS as FRICTION
 from rig.model.formulation import assemble

@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 from scipy.special import i0, i1
 
 import rig
-from rig.analysis.averaged import mean_friction
-from rig.analysis.control_loop import loop
+from rig.analysis.cycles.averaged import mean_friction
+from rig.analysis.linear.control_loop import loop
 from rig.model.mode_sets import ModeSets, guard_bounds
 from rig.papers.kroeger_shunt import CAPACITANCE, stack, transfer
 from rig.solve.expm import balance

@@ -35,12 +35,12 @@ from rig.errors import ExitCode, SceneError, UsageError
 from rig.printable import counted
 
 if TYPE_CHECKING:
-    from rig.analysis.axis import Axis
-    from rig.analysis.control_loop import Loop
-    from rig.analysis.modes_report import Modes
-    from rig.analysis.sweep import Sweep
+    from rig.analysis.linear.control_loop import Loop
+    from rig.analysis.linear.modes_report import Modes
+    from rig.analysis.linear.sweep import Sweep
     from rig.model.system import Finding
     from rig.results import Result
+    from rig.scenes.axis import Axis
     from rig.scenes.scene import Scene
 
 
@@ -89,15 +89,15 @@ def modes(
     if along is not None:
         result = _swept(loaded, along, controller)
     elif controller is not None:
-        from rig.analysis.control_loop import loop
+        from rig.analysis.linear.control_loop import loop
 
         result = loop(loaded, controller)
     else:
-        from rig.analysis.modes import modes as solve
+        from rig.analysis.linear.modes import modes as solve
 
         result = solve(loaded)
         if shapes is not None:
-            from rig.analysis.mode_shapes import write
+            from rig.analysis.linear.mode_shapes import write
 
             write(result, shapes)
         errors = [finding for finding in result.findings if finding.level == "error"]
@@ -113,10 +113,10 @@ def modes(
 
 
 def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
-    from rig.analysis.axis import axes
-    from rig.analysis.control_loop import loop, sweep_loop
-    from rig.analysis.modes import dithers
-    from rig.analysis.sweep import sweep
+    from rig.analysis.linear.control_loop import loop, sweep_loop
+    from rig.analysis.linear.modes import dithers
+    from rig.analysis.linear.sweep import sweep
+    from rig.scenes.axis import axes
 
     faults: list[str] = []
     if controller is not None:
@@ -156,7 +156,7 @@ def cycle(
 
     Exit code 1: undecided within the longest time.
     """
-    from rig.analysis.cycle import limit_cycle
+    from rig.analysis.cycles.cycle import limit_cycle
 
     most = seconds(longest, "--longest")
     loaded = the_scene(scene, changes(p))
@@ -262,7 +262,7 @@ def identify(
 def _put(result: Result, title: str, page: Path | None) -> None:
     """Write the page of a result."""
     if page is not None:
-        from rig.analysis.report import result_page
+        from rig.analysis.report.page import result_page
         from rig.machine.files import write_file
 
         write_file(page, result_page(result, title).encode())
@@ -292,7 +292,7 @@ def loop(
     The loop is linearised about steady sliding. One point is checked by
     simulations: that of the scene's own links, or one that is chosen.
     """
-    from rig.analysis.loop_report import report
+    from rig.analysis.linear.loop_report import report
 
     given = changes(p)
     asked = [] if controller is None else [controller]
@@ -466,7 +466,6 @@ def branches(
     and landing. Results are kept: after an interruption the same command
     continues. --force draws finished branches again.
     """
-    from rig.analysis.axis import axes
     from rig.analysis.branches import (
         Branches,
         Curves,
@@ -478,6 +477,7 @@ def branches(
         store_of,
     )
     from rig.analysis.branches import branches as follow
+    from rig.scenes.axis import axes
 
     refuse_all(
         (

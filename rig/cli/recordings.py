@@ -289,7 +289,7 @@ def report(
     if path.suffix.lower() not in (".html", ".htm"):
         raise UsageError(f"--out {path}: the name of a page ends in .html")
     run = opened(log, trust)
-    from rig.analysis.report import write
+    from rig.analysis.report.page import write
 
     with printing.status(f"writing {path}"):
         size = write(run, log, path)

@@ -72,7 +72,7 @@ DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
 def demo(view: View = False, web: Web = False) -> None:
     """Run the pendulum with its controller. Write a recording, a figure and a summary."""
-    from rig.analysis.kernel_shapes import prepare
+    from rig.analysis.pool.kernel_shapes import prepare
     from rig.bench.live.supervise import run as supervise
     from rig.compiled.kernel import compiled
     from rig.scenes import load

@@ -251,8 +251,8 @@ def _loop(section: Any) -> str:
 
 def _does(scene: Scene, name: str) -> Iterator[tuple[str, str]]:
     """The stability of steady sliding, and the protocol."""
-    from rig.analysis.axis import main
-    from rig.analysis.modes import modes
+    from rig.analysis.linear.modes import modes
+    from rig.scenes.axis import main
 
     try:
         stability = modes(scene).summary()
@@ -273,7 +273,7 @@ def _does(scene: Scene, name: str) -> Iterator[tuple[str, str]]:
 
 def _uncertain(explanation: Explanation) -> Iterator[tuple[str, str]]:
     """How many values have which origin; of the main ones those that have no source."""
-    from rig.analysis.axis import main
+    from rig.scenes.axis import main
 
     stated = [v for v in explanation.values if v.place or v.key in explanation.scene.origins]
     counts = Counter(value.origin.origin for value in stated)

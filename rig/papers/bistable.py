@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 import rig
 from rig.analysis.recorded.hysteresis import hysteresis
-from rig.analysis.stick_speeds import upper_speed
+from rig.analysis.recorded.stick_speeds import upper_speed
 from rig.papers.entry import Compared, Comparison, Entry, compared, law_of, load, numbered, quiet, thresholds
 from rig.record.run import Run
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION

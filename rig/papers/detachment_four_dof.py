@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import rig
-from rig.analysis.modes_report import Mode
+from rig.analysis.linear.modes_report import Mode
 from rig.papers.entry import Compared, Comparison, Entry, load, numbered, quiet, tops
 from rig.record.run import Run
 from rig.view.palette import AMBER, BLUE, GREY, VERMILION

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 import rig
-from rig.analysis.modes import at_rest
+from rig.analysis.linear.modes import at_rest
 from rig.papers.entry import Compared, Comparison, Entry, load
 from rig.plants.plate import Parameters
 from rig.record.film_points import Points

@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import rig
-from rig.analysis.axis import Axis
 from rig.analysis.map.dither import boundary
 from rig.analysis.map.job import Job, Settings
-from rig.analysis.stick_speeds import Stages, stages
+from rig.analysis.recorded.stick_speeds import Stages, stages
 from rig.model.friction_law import Law
 from rig.record.run import Reals, Run
+from rig.scenes.axis import Axis
 from rig.scenes.scene import Scene
 
 PAPERS = {

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize_scalar
 
 import rig
-from rig.analysis.cycle_report import Cycle
+from rig.analysis.cycles.cycle_report import Cycle
 from rig.papers.entry import Compared, Comparison, Entry, compared, law_of, load, quiet, value
 from rig.record.run import Reals
 from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION

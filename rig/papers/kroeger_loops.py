@@ -12,7 +12,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
 import rig
-from rig.analysis.averaged import mean_friction
+from rig.analysis.cycles.averaged import mean_friction
 from rig.papers.entry import (
     TOLD,
     Compared,

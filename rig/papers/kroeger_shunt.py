@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
 import rig
-from rig.analysis.regions import sliding
+from rig.analysis.linear.regions import sliding
 from rig.papers.entry import Compared, Comparison, Entry, load, quiet
 from rig.record.run import Reals
 from rig.scenes.scene import Scene

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from scipy.optimize import curve_fit
 
 import rig
+from rig.analysis.linear.regions import sliding
 from rig.analysis.recorded.sound import hear
-from rig.analysis.regions import sliding
 from rig.papers.entry import TOLD, Compared, Comparison, Entry, load, quiet, value
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 

@@ -15,10 +15,9 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 import rig
-from rig.analysis.averaged import averaged
-from rig.analysis.axis import Axis
-from rig.analysis.modes import GENERATOR
-from rig.analysis.regions import regions
+from rig.analysis.cycles.averaged import averaged
+from rig.analysis.linear.modes import GENERATOR
+from rig.analysis.linear.regions import regions
 from rig.effects.disc_modes import free_modes
 from rig.papers.entry import (
     Compared,
@@ -33,6 +32,7 @@ from rig.papers.entry import (
     table,
     tops,
 )
+from rig.scenes.axis import Axis
 from rig.scenes.scene import Scene
 from rig.view.palette import BLUE, GREEN, VERMILION
 

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import rig
-from rig.analysis.cycle_report import Cycle
+from rig.analysis.cycles.cycle_report import Cycle
 from rig.analysis.identification.features import stages
 from rig.analysis.identification.lever import read
 from rig.analysis.recorded.amplitude import index

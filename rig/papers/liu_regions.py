@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 import rig
 from rig.analysis.map import Map
-from rig.analysis.stick_speeds import Stages
+from rig.analysis.recorded.stick_speeds import Stages
 from rig.papers.entry import Compared, Comparison, Entry, compared, load, thresholds
 from rig.papers.liu_lever import COULOMB, RPM, at, both_starts, name_axes, start_near, sticks, three_stages
 from rig.scenes.protocol import Ramp

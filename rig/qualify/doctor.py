@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 import rig
 from rig import bus, controllers, scenes, sensors
-from rig.analysis import kernel_shapes
+from rig.analysis.pool import kernel_shapes
 from rig.bench.live import pace
 from rig.bench.live.outcome import Job
 from rig.bench.live.pace import length

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.analysis.motion_measures import eligible, held
+from rig.analysis.cycles.motion_measures import eligible, held
 from rig.analysis.pool import Progress
 from rig.bench.live.pace import length
 from rig.controllers import controller_reads

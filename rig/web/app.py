@@ -47,7 +47,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rig.analysis.report import LOOK
+from rig.analysis.report.page import LOOK
 from rig.bus.topics import Message
 from rig.errors import RigError, UsageError
 from rig.machine.files import RUNS

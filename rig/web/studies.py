@@ -13,11 +13,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.axis import Axis, axes
 from rig.analysis.recorded.comparison import flattened
 from rig.errors import UsageError
 from rig.machine.files import DATA, contents
 from rig.printable import counted
+from rig.scenes.axis import Axis, axes
 from rig.scenes.scene import Scene
 from rig.web.catalogue import Catalogue
 from rig.web.form import as_text

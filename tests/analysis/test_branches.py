@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 import rig as lab
-from rig.analysis.axis import Axis
 from rig.analysis.branches import Branches, Threshold, branches, curves, job
 from rig.analysis.branches.begin import Start, from_start
 from rig.analysis.branches.result import SpecialPoint
-from rig.analysis.cycle import stuck
+from rig.analysis.cycles.cycle import stuck
+from rig.analysis.cycles.return_map import Family
+from rig.analysis.linear.modes import at_rest
 from rig.analysis.map.job import RUNS
 from rig.analysis.map.steady_state import STICK_SLIP
-from rig.analysis.modes import at_rest
-from rig.analysis.return_map import Family
-from rig.analysis.stick_speeds import upper_speed
+from rig.analysis.recorded.stick_speeds import upper_speed
 from rig.errors import SceneError, UsageError
+from rig.scenes.axis import Axis
 from rig.stability.linearisation import steady
 
 BSTAB = {

@@ -17,7 +17,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import rig
-from rig.analysis.cycle import limit_cycle
+from rig.analysis.cycles.cycle import limit_cycle
 from rig.bench.free_rig import FreeRig
 from rig.errors import UsageError
 from rig.model.formulation import assemble
@@ -163,7 +163,7 @@ def test_rigs_that_have_no_cycle_say_why(name, changes, why):
 
 
 def test_what_does_not_repeat_ends_after_so_many_mode_changes(monkeypatch):
-    monkeypatch.setattr("rig.analysis.cycle.CHANGES", 200)
+    monkeypatch.setattr("rig.analysis.cycles.cycle.CHANGES", 200)
     found = limit_cycle(rig.load("brake"))
     assert not found.found
     assert not found.decided

@@ -11,7 +11,7 @@ import rig
 from rig.analysis.identification.features import vibration
 from rig.analysis.identification.lever import experiment
 from rig.analysis.recorded import amplitude
-from rig.analysis.stick_speeds import stages
+from rig.analysis.recorded.stick_speeds import stages
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.solve.records import CLOSED, SLIP_PLUS, STICK

@@ -12,8 +12,8 @@ RANGE = "drive.speed=0.2 m/s:0.8 m/s"
 
 
 def regions(scene, folder):
-    from rig.analysis.axis import Axis
-    from rig.analysis.regions import regions
+    from rig.analysis.linear.regions import regions
+    from rig.scenes.axis import Axis
 
     return regions(scene, Axis.parse(SPEEDS, scene), Axis.parse(LOADS, scene))
 

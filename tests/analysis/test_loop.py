@@ -15,11 +15,11 @@ import pytest
 
 import rig
 from rig import controllers
-from rig.analysis.axis import Axis
-from rig.analysis.control_loop import plant, sweep_loop
+from rig.analysis.linear.control_loop import plant, sweep_loop
 from rig.design import numbers
 from rig.design.linearised import sampled
 from rig.errors import SceneError
+from rig.scenes.axis import Axis
 
 ROOTS = json.loads((Path(__file__).parents[1] / "reference" / "loop_roots.json").read_text())
 FINE = {"clock.frame": "100 us", "controllers.nf.period": "100 us", "sensors.vibrometer.rate": "10 kHz"}

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
-from rig.analysis import jump_linear, loop_check, loop_report
-from rig.analysis.control_loop import loop
-from rig.analysis.jump_linear import ages, jump_growth, mean_age
-from rig.analysis.loop_report import report
+from rig.analysis.linear import jump_linear, loop_check, loop_report
+from rig.analysis.linear.control_loop import loop
+from rig.analysis.linear.jump_linear import ages, jump_growth, mean_age
+from rig.analysis.linear.loop_report import report
 from rig.bus.impaired_link import HeardSensor
 from rig.cli.app import program
 from rig.errors import SceneError

@@ -12,14 +12,14 @@ from scipy.integrate import solve_ivp
 
 import rig
 from rig.analysis import map as maps
-from rig.analysis.averaged import mean_friction
-from rig.analysis.axis import Axis, axes
-from rig.analysis.modes import modes
-from rig.analysis.modes_report import Mode
-from rig.analysis.regions import regions
+from rig.analysis.cycles.averaged import mean_friction
+from rig.analysis.linear.modes import modes
+from rig.analysis.linear.modes_report import Mode
+from rig.analysis.linear.regions import regions
 from rig.bench.free_rig import TIGHT, FreeRig
 from rig.errors import SceneError, UsageError
 from rig.model import friction_law
+from rig.scenes.axis import Axis, axes
 
 COULOMB = friction_law.coulomb(0.4, 0.25)
 STRIBECK = friction_law.stribeck(0.5, 0.18, 0.05)

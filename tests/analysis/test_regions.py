@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import brentq
 
 import rig
-from rig.analysis.axis import axes
+from rig.analysis.linear.regions import regions, sliding
 from rig.analysis.map import chart, regions_job
-from rig.analysis.regions import regions, sliding
+from rig.scenes.axis import axes
 from rig.view.palette import put
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())

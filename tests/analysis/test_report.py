@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import rig as laboratory
-from rig.analysis.page_elements import COLUMNS, HEIGHT, sketch
 from rig.analysis.recorded.amplitude import measured
-from rig.analysis.report import page
+from rig.analysis.report.elements import COLUMNS, HEIGHT, sketch
+from rig.analysis.report.page import page
 from rig.record import user_notes
 from rig.record.contents import digest
 from rig.record.run import Commands, Run, Samples

@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 from swept_matrices import beside, over, turning
 
 import rig
-from rig.analysis.eigenvalue_curves import Growth, brackets, looked, root, stretches
-from rig.analysis.modes import at_rest
+from rig.analysis.linear.eigenvalue_curves import Growth, brackets, looked, root, stretches
+from rig.analysis.linear.modes import at_rest
 
 HERE = Path(__file__).parents[1] / "reference"
 BOUNDS = json.loads((HERE / "tuned_mass.json").read_text())["bounds"]

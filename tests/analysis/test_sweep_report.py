@@ -7,9 +7,9 @@ import pytest
 from swept_matrices import beside, over, turning
 
 import rig
-from rig.analysis import figures
-from rig.analysis.axis import Axis, in_words, sweepable
+from rig.analysis.linear import figures
 from rig.errors import SceneError
+from rig.scenes.axis import Axis, in_words, sweepable
 
 
 def test_where_nothing_slides_the_report_says_why_and_not_none():

@@ -276,7 +276,7 @@ def test_every_command_that_writes_files_takes_force():
     [
         ("explain belt --measure --figure a.png", "qualify.effects_measured.draw"),
         ("analyse sound log.mcap --signal s --figure a.png", "analysis.recorded.figures.sound_figure"),
-        ("map belt --x drive.speed=0.2:0.3:2 --y load.force=10:20:2 --eigenvalues", "analysis.regions.figure"),
+        ("map belt --x drive.speed=0.2:0.3:2 --y load.force=10:20:2 --eigenvalues", "analysis.linear.regions.figure"),
     ],
 )
 def test_a_figure_that_fails_does_not_take_the_report_with_it(capsys, tmp_path, monkeypatch, command, drawn):

@@ -13,7 +13,7 @@ import pytest
 from mcap.reader import NonSeekingReader
 
 import rig
-from rig.analysis.stick_speeds import stages
+from rig.analysis.recorded.stick_speeds import stages
 from rig.bench.again.agreement import ELSEWHERE
 from rig.bench.again.verify import verify
 from rig.record.save_run import save

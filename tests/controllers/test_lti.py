@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 import rig as package
 from rig import controllers
-from rig.analysis.control_loop import loop
+from rig.analysis.linear.control_loop import loop
 from rig.bench.again.verify import verify
 from rig.bench.run.local_controllers import placed
 from rig.controllers.blocks import discretise, system_file

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.averaged import mean_friction
+from rig.analysis.cycles.averaged import mean_friction
 from rig.analysis.recorded.hysteresis import hysteresis
 
 pytestmark = pytest.mark.slow

@@ -19,7 +19,7 @@ import numpy as np
 from oscillator import Oscillator
 from solvers import PEERS, STEP_NS, Run, by_rig
 
-from rig.analysis.motion_measures import TIGHTEST, Setting, eligible, ladder
+from rig.analysis.cycles.motion_measures import TIGHTEST, Setting, eligible, ladder
 from rig.scenes.scene import Scene
 from rig.stability.report import fastest_eigenvalue
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from oscillator import SAMPLES, Array, Oscillator
 
-from rig.analysis.motion_measures import Setting
+from rig.analysis.cycles.motion_measures import Setting
 from rig.motion.motion import Motion
 from rig.scenes.scene import Scene
 

@@ -11,7 +11,7 @@ from race import Entry, cheapest
 from solvers import by_rig, by_scipy
 
 import rig
-from rig.analysis.motion_measures import Setting
+from rig.analysis.cycles.motion_measures import Setting
 from rig.errors import UsageError
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())

@@ -12,7 +12,7 @@ from reference import numbers
 from scipy.integrate import quad, solve_ivp
 
 import rig
-from rig.analysis.averaged import averaged, mean_friction
+from rig.analysis.cycles.averaged import averaged, mean_friction
 from rig.effects.disc_modes import free_modes
 from rig.model import friction_law
 from rig.motion.motion import Motion

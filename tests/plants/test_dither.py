@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from rig.analysis.averaged import averaged
+from rig.analysis.cycles.averaged import averaged
 
 FREQUENCY = 150.0
 M, C, D, F0 = 5.0, 2500.0, 2.0, 20.0

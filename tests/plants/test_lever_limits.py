@@ -12,11 +12,11 @@ import pytest
 from reference import numbers
 
 import rig
-from rig.analysis.cycle import stuck
+from rig.analysis.cycles.cycle import stuck
 from rig.analysis.map import chart, job
 from rig.analysis.map.row import Track
 from rig.analysis.map.steady_state import STICK_SLIP
-from rig.analysis.stick_speeds import stages
+from rig.analysis.recorded.stick_speeds import stages
 from rig.motion.motion import Motion
 from rig.stability.linearisation import sliding_key, steady
 

@@ -21,12 +21,12 @@ from scipy.stats import t as student
 
 import rig
 from rig import scenes
-from rig.analysis import loop_report, mode_shapes, recorded
-from rig.analysis.axis import Axis
-from rig.analysis.control_loop import loop
-from rig.analysis.figures import modes_figure
-from rig.analysis.modes import at_rest
-from rig.analysis.sweep import sweep
+from rig.analysis import recorded
+from rig.analysis.linear import loop_report, mode_shapes
+from rig.analysis.linear.control_loop import loop
+from rig.analysis.linear.figures import modes_figure
+from rig.analysis.linear.modes import at_rest
+from rig.analysis.linear.sweep import sweep
 from rig.bench.again.verify import verify
 from rig.bench.run.before import findings
 from rig.errors import SceneError, UsageError
@@ -35,6 +35,7 @@ from rig.model.film import Film
 from rig.plants import structure as of_matrices
 from rig.record import statistics
 from rig.record.compare import compare
+from rig.scenes.axis import Axis
 from rig.scenes.explain import explain
 from rig.solve.records import CLOSED, STICK
 from rig.stability.linearisation import sliding_key, steady

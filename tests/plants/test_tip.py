@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.stick_speeds import stages, upper_speed
+from rig.analysis.recorded.stick_speeds import stages, upper_speed
 from rig.errors import SceneError
 from rig.plants.tip import Inclination
 

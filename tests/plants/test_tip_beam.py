@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import brentq
 
 import rig
-from rig.analysis.stick_speeds import stages
+from rig.analysis.recorded.stick_speeds import stages
 from rig.plants.structures.bending import clamped, matrices
 from rig.plants.tip import Inclination
 from rig.plants.tip_beam import shapes

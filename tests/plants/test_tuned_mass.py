@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from reference import numbers
 
 import rig
-from rig.analysis.cycle import limit_cycle
-from rig.analysis.modes import modes
+from rig.analysis.cycles.cycle import limit_cycle
+from rig.analysis.linear.modes import modes
 from rig.stability.linearisation import sliding_key, steady
 from rig.stability.report import stability_report
 

@@ -13,7 +13,7 @@ from reference import in_order, numbers, rates
 from scipy.optimize import brentq
 
 import rig
-from rig.analysis.averaged import averaged
+from rig.analysis.cycles.averaged import averaged
 
 LIU = numbers("two_dof")
 W0 = LIU["omega_ref"]

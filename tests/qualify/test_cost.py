@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 import rig
-from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
+from rig.analysis.cycles.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
 from rig.errors import UsageError
 from rig.model import assembly
 from rig.qualify.cost import Row, Table, cost, folder_of, recommended, references

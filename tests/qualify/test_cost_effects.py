@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.motion_measures import problem
-from rig.analysis.repetition import all_round, turn_of
+from rig.analysis.cycles.motion_measures import problem
+from rig.analysis.cycles.repetition import all_round, turn_of
 from rig.errors import SceneError
 from rig.qualify.cost import effects as module
 from rig.qualify.cost.effects import Paired, bare, changed, effects

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis import kernel_shapes
+from rig.analysis.pool import kernel_shapes
 from rig.bench.run.experiment import Experiment
 from rig.compiled import kernel
 from rig.controllers import narrow_band

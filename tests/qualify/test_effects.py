@@ -8,7 +8,7 @@ import pytest
 
 import rig
 from benchmarks import absent as twin
-from rig.analysis.kernel_shapes import VARIANTS, shape_of
+from rig.analysis.pool.kernel_shapes import VARIANTS, shape_of
 from rig.bench.run.rig_comparison import Comparison, VisitedState
 from rig.errors import RigError
 from rig.model.method import METHODS, as_integrated

@@ -5,7 +5,7 @@ import math
 import pytest
 
 import rig
-from rig.analysis.motion_measures import Setting, errors, observe, problem
+from rig.analysis.cycles.motion_measures import Setting, errors, observe, problem
 from rig.bench.run.runner import PlantRunner
 
 FACTOR = 10.0

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rig.analysis.axis import Axis
-from rig.analysis.eigenvalue_curves import Spectrum, of_matrix
-from rig.analysis.sweep import along
+from rig.analysis.linear.eigenvalue_curves import Spectrum, of_matrix
+from rig.analysis.linear.sweep import along
+from rig.scenes.axis import Axis
 
 
 def over(matrix, start=0.0, end=1.0, count=11):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.eigenvalue_curves import equilibrium, none
+from rig.analysis.linear.eigenvalue_curves import equilibrium, none
 from rig.web.app import PAGE
 from rig.web.form import form
 

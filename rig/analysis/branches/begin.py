@@ -13,17 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.axis import Axis
 from rig.analysis.branches.places import Place, place
 from rig.analysis.branches.trace import VIRTUAL, Special, follow
-from rig.analysis.repetition import repeating
-from rig.analysis.return_map import Array, Family, NoCycle, ReturnMap, closed, driven, parameter, sizes
+from rig.analysis.cycles.repetition import repeating
+from rig.analysis.cycles.return_map import Array, Family, NoCycle, ReturnMap, closed, driven, parameter, sizes
 from rig.bench.free_rig import FreeRig
 from rig.errors import UsageError
 from rig.record import reader
 from rig.record.run import Run
 from rig.record.run_list import drives
 from rig.results import Result
+from rig.scenes.axis import Axis
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import steady
 from rig.units import si

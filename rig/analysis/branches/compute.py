@@ -19,19 +19,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis import eigenvalue_curves as curves
-from rig.analysis.axis import Axis
 from rig.analysis.branches import begin
 from rig.analysis.branches.begin import HOPF, SIMULATION, Start
 from rig.analysis.branches.places import FAILURES, Place, missed, place
 from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, Branch, Branches, Point, SpecialPoint
 from rig.analysis.branches.trace import LONGEST, Segment, Special, follow
-from rig.analysis.cycle import limit_cycle
-from rig.analysis.modes import at_rest
+from rig.analysis.cycles.cycle import limit_cycle
+from rig.analysis.cycles.repetition import refuse
+from rig.analysis.cycles.return_map import Family, ReturnMap, same
+from rig.analysis.linear import eigenvalue_curves as curves
+from rig.analysis.linear.modes import at_rest
+from rig.analysis.linear.sweep import Critical, Sweep, sweep
 from rig.analysis.pool import Store, Work, digest, packed, unpacked
-from rig.analysis.repetition import refuse
-from rig.analysis.return_map import Family, ReturnMap, same
-from rig.analysis.sweep import Critical, Sweep, sweep
 from rig.errors import RigError, UsageError
 from rig.machine.files import write_file
 from rig.model.formulation import signal_rows
@@ -40,6 +39,7 @@ from rig.model.method import ADAPTIVE, chosen
 from rig.model.singular import assembled
 from rig.model.system import System
 from rig.printable import counted
+from rig.scenes.axis import Axis
 from rig.scenes.faults import near
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
@@ -91,7 +91,7 @@ def job(
     starts: Sequence[Any] = (HOPF, SIMULATION),
     most: int = POINTS,
 ) -> Job:
-    """Describe branches: `over` as rig.analysis.axis.Axis parses it, or KEY=FROM:TO; `starts`: see `rig.branches`.
+    """Describe branches: `over` as rig.scenes.axis.Axis parses it, or KEY=FROM:TO; `starts`: see `rig.branches`.
 
     Raises SceneError, UsageError.
     """

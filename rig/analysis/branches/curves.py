@@ -17,18 +17,18 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.axis import Axis
 from rig.analysis.branches.compute import ROOT, SAVE, Computation, Job, driven_by, raw_of, rebuilt
 from rig.analysis.branches.places import FAILURES, Place, place, solved, stepped
 from rig.analysis.branches.result import TURNS, named
 from rig.analysis.branches.trace import SPECIAL, Measure, of_distance, zero
+from rig.analysis.cycles.return_map import FLAT, Family
+from rig.analysis.linear.sweep import sweep
 from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
-from rig.analysis.return_map import FLAT, Family
-from rig.analysis.sweep import sweep
 from rig.errors import UsageError
 from rig.machine.files import csv_table
 from rig.printable import columns
 from rig.results import Result
+from rig.scenes.axis import Axis
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 

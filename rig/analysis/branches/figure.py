@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.analysis.axis import heading
 from rig.analysis.branches.curves import Curves
 from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, TURNS, Branch, Branches, Point
+from rig.scenes.axis import heading
 from rig.view.curves import plain, read_in
 from rig.view.palette import ALARM, BARE, BLUE, GREEN, GREY, LINES, PURPLE, VERMILION, page
 

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from rig.analysis.branches.distances import distances
-from rig.analysis.return_map import (
+from rig.analysis.cycles.return_map import (
     CLOSE,
     FLAT,
     Array,

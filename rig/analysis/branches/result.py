@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from rig.analysis.axis import Axis, with_unit
 from rig.machine.files import csv_table
 from rig.printable import columns
 from rig.results import Result
+from rig.scenes.axis import Axis, with_unit
 from rig.scenes.scene import Scene
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 With one degree of freedom the cycle is a closed curve in the plane of displacement and velocity. What starts within it
 comes to slide, what starts outside comes to vibrate. In more dimensions, and to confirm a threshold, motions are
-simulated: a motion slides once it is so close to sliding that it can only decay (rig.analysis.cycle.Rest).
+simulated: a motion slides once it is so close to sliding that it can only decay (rig.analysis.cycles.cycle.Rest).
 
 A knock is an impulse where the plant states it, or a pulse of an actuator: another value for a stated duration.
 """
@@ -22,8 +22,8 @@ from rig.analysis.branches.begin import Start, from_start
 from rig.analysis.branches.places import Place
 from rig.analysis.branches.result import CYCLES, Branch, Branches
 from rig.analysis.branches.trace import follow
-from rig.analysis.cycle import Rest, comes_to_slide, stuck
-from rig.analysis.return_map import Family
+from rig.analysis.cycles.cycle import Rest, comes_to_slide, stuck
+from rig.analysis.cycles.return_map import Family
 from rig.bench.free_rig import TIGHT, FreeRig
 from rig.errors import UsageError
 from rig.printable import columns, counted

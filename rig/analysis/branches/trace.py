@@ -32,8 +32,8 @@ from rig.analysis.branches.places import (
     rescaled,
     stepped,
 )
-from rig.analysis.eigenvalue_curves import edge
-from rig.analysis.return_map import CLOSE, CLOSED_TO, Array, Derivative, NoCycle, NotSmooth, word
+from rig.analysis.cycles.return_map import CLOSE, CLOSED_TO, Array, Derivative, NoCycle, NotSmooth, word
+from rig.analysis.linear.eigenvalue_curves import edge
 from rig.bench.free_rig import Carried, FreeRig
 from rig.stability.linearisation import steady
 

@@ -22,12 +22,12 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.control_loop import plant
 from rig.analysis.identification.cycles import LEAST, hotelling
 from rig.analysis.identification.responses import Response, cycle_response
 from rig.analysis.identification.runs import LARGEST, TRANSIENT, Column, Measured
 from rig.analysis.identification.slips import MEASURES, noise_of
-from rig.analysis.modes import at_rest
+from rig.analysis.linear.control_loop import plant
+from rig.analysis.linear.modes import at_rest
 from rig.bench.run.simulate import simulate
 from rig.errors import Singular, UsageError
 from rig.printable import counted

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.analysis.axis import sweepable
 from rig.analysis.identification.fit import STEP, Fit, Solution, inverse, whole
 from rig.analysis.identification.responses import Evaluator
 from rig.analysis.identification.runs import Law, Measured
 from rig.record.run import Reals
+from rig.scenes.axis import sweepable
 
 _TABLES = ("start", "noise")  # of a scene, which no fit varies
 _MOST = 12  # candidates: each costs a response of every run

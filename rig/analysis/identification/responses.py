@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.cycle import limit_cycle
-from rig.analysis.cycle_report import Cycle
+from rig.analysis.cycles.cycle import limit_cycle
+from rig.analysis.cycles.cycle_report import Cycle
 from rig.analysis.identification.runs import Law, Measured
-from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Store, Work, digest, pool, temporary
+from rig.analysis.pool.kernel_shapes import prepare
 from rig.errors import NumericsError, RigError, SceneError
 from rig.record.run import Reals
 from rig.scenes.belief import varied

@@ -34,7 +34,6 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from rig.analysis.axis import numbers, unknown
 from rig.analysis.recorded.series import Series, series
 from rig.errors import Faults, RigError, SceneError, UsageError
 from rig.laws import LAWS, class_of, laws_of
@@ -45,6 +44,7 @@ from rig.record.imports.import_run import import_files
 from rig.record.reader import open as read_recording
 from rig.record.run import Reals, Run
 from rig.scenes import sections, source
+from rig.scenes.axis import numbers, unknown
 from rig.scenes.belief import varied
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene

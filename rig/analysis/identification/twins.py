@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.cycle import limit_cycle
-from rig.analysis.cycle_report import Cycle
+from rig.analysis.cycles.cycle import limit_cycle
+from rig.analysis.cycles.cycle_report import Cycle
 from rig.analysis.identification.cycles import REPEATS, CycleRun
 from rig.analysis.identification.responses import ACCURACY, LONGEST_SETTLING, sampled
 from rig.analysis.identification.runs import Measured

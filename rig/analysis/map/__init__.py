@@ -13,16 +13,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rig.analysis.axis import axes
+from rig.analysis.cycles.repetition import refuse
+from rig.analysis.linear.regions import Regions
+from rig.analysis.linear.regions import put_together as put_rows_together
 from rig.analysis.map.dither import Boundary, put_together
 from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, checked
 from rig.analysis.map.result import Map, gathered
 from rig.analysis.map.row import units
 from rig.analysis.pool import Progress, Store, carry_out
-from rig.analysis.regions import Regions
-from rig.analysis.regions import put_together as put_rows_together
-from rig.analysis.repetition import refuse
 from rig.errors import UsageError
+from rig.scenes.axis import axes
 from rig.scenes.scene import Scene
 
 __all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "chart", "job", "regions_job", "store_of"]
@@ -38,7 +38,7 @@ def job(
     runs: tuple[str, ...] = RUNS,
     longest: float | None = None,
 ) -> Job:
-    """Describe a map: `x`, `y` as rig.analysis.axis.Axis parses them, `output` a plant output (the first by default).
+    """Describe a map: `x`, `y` as rig.scenes.axis.Axis parses them, `output` a plant output (the first by default).
 
     Raises SceneError, UsageError with every fault.
     """

@@ -1,14 +1,14 @@
 """The boundary of dither over frequency: the amplitude above which the rig keeps sliding, averaged and simulated.
 
-averaged    the least stable mode of rig.analysis.averaged neither grows nor decays; leading: the same with only the
-            inertia in the fast motion, as in direct partition of motion
+averaged    the least stable mode of rig.analysis.cycles.averaged neither grows nor decays; leading: the same with only
+            the inertia in the fast motion, as in direct partition of motion
 simulated   a run that starts on the fast orbit, displaced along that mode, neither grows nor decays: its slow part
             (means over periods of the dither) has the same amplitude in the first and the last third
 
 Where dither just reverses the slip speed, both show a thin range of stability and an unstable range above it. The
 boundary is the largest amplitude at which sliding is lost. Therefore amplitudes are tried from the largest downwards,
 with a finer grid just above that place. In the first gap that contains a loss the averaged boundary is a zero of the
-growth rate (rig.analysis.eigenvalue_curves), and the simulated one is found by halving.
+growth rate (rig.analysis.linear.eigenvalue_curves), and the simulated one is found by halving.
 Source: Thomsen, J. Sound Vib. 228 (1999); Liu and Ouyang, Meccanica 55 (2020), sections 2 and 4.1.
 """
 
@@ -25,10 +25,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.averaged import averaged, fast_motion, not_fast
-from rig.analysis.eigenvalue_curves import Growth, edge, grows, limits, none
+from rig.analysis.cycles.averaged import averaged, fast_motion, not_fast
+from rig.analysis.linear.eigenvalue_curves import Growth, edge, grows, limits, none
+from rig.analysis.linear.modes import GENERATOR
 from rig.analysis.map.job import Job
-from rig.analysis.modes import GENERATOR
 from rig.analysis.pool import Arrays
 from rig.bench.free_rig import FreeRig
 from rig.errors import NumericsError

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.analysis.axis import heading
 from rig.analysis.map.dither import Boundary
 from rig.analysis.map.job import CARRIED, RUNS
 from rig.analysis.map.result import MEANING, ONE, REGIONS, SHOWN, THREE, Lines, Map
+from rig.scenes.axis import heading
 from rig.view.curves import apart, plain, read_in
 from rig.view.palette import AMBER, BARE, BLUE, GREEN, LINES, VERMILION, page
 

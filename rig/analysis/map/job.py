@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from rig.analysis.axis import Axis
 from rig.analysis.pool import digest
 from rig.errors import SceneError, UsageError
+from rig.scenes.axis import Axis
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 

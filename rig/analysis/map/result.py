@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.axis import Axis
 from rig.analysis.map.job import CARRIED, RUNS, Job
 from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STOPPED, STUCK, UNDECIDED, VIBRATION
 from rig.analysis.pool import Arrays
 from rig.machine.files import csv_table
 from rig.printable import columns, counted
 from rig.results import Result
+from rig.scenes.axis import Axis
 from rig.scenes.left_out import left_out
 
 if TYPE_CHECKING:

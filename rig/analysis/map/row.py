@@ -24,11 +24,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis import kernel_shapes
-from rig.analysis.axis import Axis
 from rig.analysis.branches.begin import Start, ends
-from rig.analysis.cycle import Search, stuck
-from rig.analysis.eigenvalue_curves import Growth, none, roots
+from rig.analysis.cycles.cycle import Search, stuck
+from rig.analysis.cycles.return_map import Family
+from rig.analysis.linear.eigenvalue_curves import Growth, none, roots
+from rig.analysis.linear.regions import along
 from rig.analysis.map import steady_state
 from rig.analysis.map.dither import boundary
 from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, Unit
@@ -45,15 +45,14 @@ from rig.analysis.map.steady_state import (
     Window,
     stopped,
 )
-from rig.analysis.pool import Arrays, Work
-from rig.analysis.regions import along
-from rig.analysis.return_map import Family
+from rig.analysis.pool import Arrays, Work, kernel_shapes
 from rig.bench.free_rig import FreeRig
 from rig.errors import NumericsError, RigError, SceneError, Singular, UsageError, WorkerError
 from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.motion.motion import Saved
 from rig.quantities import Section
+from rig.scenes.axis import Axis
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady

@@ -7,7 +7,7 @@
     undecided    none of this within the stated longest time
     stopped      the simulation had to stop, and why
 
-The search for a cycle (rig.analysis.cycle) finds where a motion settles. A motion that does not repeat is
+The search for a cycle (rig.analysis.cycles.cycle) finds where a motion settles. A motion that does not repeat is
 quasi-periodic, chaotic or slow. Windows of equal length tell: without a drift it is classified by whether it sticks in
 each of them.
 

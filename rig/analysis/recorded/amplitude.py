@@ -22,7 +22,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis import stick_speeds
+from rig.analysis.recorded import stick_speeds
 from rig.analysis.recorded.series import scene_name
 from rig.errors import UsageError
 from rig.printable import columns
@@ -83,7 +83,7 @@ class Amplitudes(Result):
     `sticks`: speeds of the last and the first stick, if the run accelerates and decelerates.
     """
 
-    FIGURE: ClassVar = "rig.analysis.figures:amplitudes_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.channel_figures:amplitudes_figure"
     TITLE: ClassVar = "amplitude: half of peak to valley, mean over the cycles"
     COLUMNS: ClassVar = ("stage", "sensor", "mean", "amplitude", "cycles", "frequency")
 

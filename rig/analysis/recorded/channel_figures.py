@@ -1,14 +1,18 @@
-"""Figures of channels that are related to each other: frequency response, phase portrait, stick and slip."""
+"""Figures of recorded channels: amplitudes, frequency response, phase portrait, stick and slip."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rig.analysis.recorded.amplitude import NOISY, Amplitudes, Row
 from rig.analysis.recorded.portrait import Portrait, Section
 from rig.analysis.recorded.response import Response
 from rig.analysis.recorded.stick_slip import StickSlip
+from rig.errors import UsageError
 from rig.printable import counted
 from rig.view.curves import largest, plain, scaled
 from rig.view.palette import ALARM, BLUE, GREY, page
@@ -19,6 +23,42 @@ if TYPE_CHECKING:
 
 _NAMED_PEAKS = 6  # resonances that a picture labels, the largest ones
 _DRAWN_SAMPLES = 40_000  # of a portrait
+
+
+def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
+    """Return the figure of the amplitudes. Raises UsageError if no sensor has samples."""
+    rows = amplitudes.rows
+    sensors = list(dict.fromkeys(row.sensor for row in rows))
+    if not sensors:
+        raise UsageError("nothing to draw: no sensor has samples")
+    columns = min(len(sensors), 3)
+    lines = math.ceil(len(sensors) / columns)
+    title = f"{amplitudes.scene}: amplitude and frequency" + " in each stage" * (columns > 1)
+    with page(4.4 * columns, 1.0 + 3.2 * lines, title, layout="constrained") as figure:
+        for i, sensor in enumerate(sensors):
+            _bars(figure.add_subplot(lines, columns, i + 1), [row for row in rows if row.sensor == sensor])
+    return figure
+
+
+def _bars(axes: Axes, rows: Sequence[Row]) -> None:
+    first = rows[0]
+    places = range(len(rows))
+    sizes = [row.found.half if row.found.cycles or row.why == NOISY else 0.0 for row in rows]
+    factor, unit = scaled(first.unit, max(sizes))
+    bars = axes.bar(places, [factor * size for size in sizes], color=BLUE, width=0.6)
+    axes.bar_label(bars, [_frequency(row) for row in rows], fontsize=8, padding=2)
+    axes.margins(y=0.15)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xticks(places, [row.stage for row in rows], rotation=20 if len(rows) > 3 else 0, fontsize=8)
+    axes.set_ylabel(f"amplitude of {plain(first.sensor)} [{unit}]")
+    axes.grid(axis="x", visible=False)
+    axes.set_axisbelow(True)
+
+
+def _frequency(row: Row) -> str:
+    if row.found.cycles:
+        return f"{row.found.frequency:.4g} Hz"
+    return "at noise\nlevel" if row.why == NOISY else "no cycle"
 
 
 def response_figure(response: Response) -> Figure:

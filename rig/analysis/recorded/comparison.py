@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.recorded.amplitude import growth, index
 from rig.analysis.recorded.series import scene_name
-from rig.analysis.stick_speeds import stuck
+from rig.analysis.recorded.stick_speeds import stuck
 from rig.errors import RigError, UsageError
 from rig.parts import is_binary
 from rig.printable import columns, counted

@@ -27,7 +27,7 @@ from rig.results import Result, csv_text
 from rig.units import same_unit
 
 if TYPE_CHECKING:
-    from rig.analysis.sweep import Sweep
+    from rig.analysis.linear.sweep import Sweep
     from rig.scenes.scene import Scene
 
 Floats = NDArray[np.float32]
@@ -160,8 +160,8 @@ class Events(Result):
 
         Raises UsageError without a channel in the unit of the key, SceneError for a key that the scene does not have.
         """
-        from rig.analysis.axis import Axis, numbers, unknown
-        from rig.analysis.sweep import sweep
+        from rig.analysis.linear.sweep import sweep
+        from rig.scenes.axis import Axis, numbers, unknown
 
         keys = numbers(scene, ())
         if key not in keys:

@@ -17,7 +17,7 @@ import numpy as np
 from rig.analysis.recorded.moving_windows import FEWEST, PARTS, moving_mean, moving_rms, slowest
 from rig.analysis.recorded.series import Series, channels, drive, scene_name, vibration
 from rig.analysis.recorded.speed_branches import Branch, branches
-from rig.analysis.stick_speeds import short, stuck
+from rig.analysis.recorded.stick_speeds import short, stuck
 from rig.errors import Faults, UsageError
 from rig.printable import columns, counted
 from rig.record.run import Reals, Run

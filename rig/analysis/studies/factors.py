@@ -16,10 +16,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.axis import Axis, in_words, numbers, unknown, value_count
 from rig.analysis.studies.measures import Measure
 from rig.errors import SceneError, UsageError
 from rig.quantities import Condition
+from rig.scenes.axis import Axis, in_words, numbers, unknown, value_count
 from rig.scenes.faults import near, shortened
 from rig.scenes.scene import Scene
 from rig.units import brief, number_or_text, parted, si, with_units

@@ -3,8 +3,8 @@
 cycle.NAME      period, frequency, multiplier, energy; amplitude, lowest, highest of an output; stick_share, stick_time
                 of a contact: the limit cycle of the plant with actuators held
 motion.NAME     period, frequency, growth_rate, friction_power, energy_per_cycle; amplitude, rms of an output;
-                stick_share of a contact: the plant from its start with actuators held (rig.analysis.motion_measures);
-                slides: 1 if it comes to slide from its start, 0 if it vibrates
+                stick_share of a contact: the plant from its start with actuators held
+                (rig.analysis.cycles.motion_measures); slides: 1 if it comes to slide from its start, 0 if it vibrates
 modes.NAME      growth, frequency of the least stable mode of steady sliding; growing: number of modes that grow. With
                 them, of a reduced structure, error: the largest estimated relative error of an eigenvalue, and outside:
                 1 outside of the range that the reduction holds for, else 0
@@ -27,10 +27,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.cycle import limit_cycle, slides
-from rig.analysis.eigenvalue_curves import equilibrium, none
-from rig.analysis.modes import dithers
-from rig.analysis.motion_measures import observe, of, of_cycle, problem
+from rig.analysis.cycles.cycle import limit_cycle, slides
+from rig.analysis.cycles.motion_measures import observe, of, of_cycle, problem
+from rig.analysis.linear.eigenvalue_curves import equilibrium, none
+from rig.analysis.linear.modes import dithers
 from rig.analysis.pool import Arrays
 from rig.analysis.recorded.amplitude import index
 from rig.analysis.studies.functions import Function, function_of

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.axis import with_unit
 from rig.analysis.branches.threshold import Share
 from rig.analysis.pool import Arrays
 from rig.analysis.studies.measures import one_unit
@@ -24,6 +23,7 @@ from rig.extras import needed
 from rig.machine.files import csv_table, write_file
 from rig.printable import columns, counted
 from rig.results import Result
+from rig.scenes.axis import with_unit
 from rig.view.palette import put
 
 if TYPE_CHECKING:

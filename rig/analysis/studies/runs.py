@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, digest, temporary
 from rig.analysis.pool.cluster import check as check_cluster
+from rig.analysis.pool.kernel_shapes import prepare
 from rig.analysis.studies.factors import Factor, Identified, factors
 from rig.analysis.studies.measures import Measure, as_point, evaluate
 from rig.bench.run.simulate import simulate

@@ -19,7 +19,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from rig.analysis.axis import with_unit
 from rig.analysis.pool import Arrays, Progress, Store, pool
 from rig.analysis.studies.factors import Factor, factors
 from rig.analysis.studies.functions import check_not_loading
@@ -32,6 +31,7 @@ from rig.quantities import whole
 from rig.record.provenance import provenance
 from rig.record.run import Run
 from rig.results import Result
+from rig.scenes.axis import with_unit
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """Error against compute time, for any scene, on this machine: `rig cost`.
 
-The simulation problem, its measures and the settings are in rig.analysis.motion_measures.
+The simulation problem, its measures and the settings are in rig.analysis.cycles.motion_measures.
 
 references  reference solutions                      measuring  measures of each setting
 timing      the compute time of a setting            table      rows, kept as CSV and Parquet; recommended setting

@@ -7,10 +7,10 @@ Cost: all plants alternate, round by round, and the plant with every effect runs
 effect is the difference of the compute times (rig.qualify.cost.timing). The noise floor is the difference of the plant
 from itself, or the 95 % interval of the cost if that is wider. Rounds are repeated while the noise floor is too coarse.
 
-Change: each measure (rig.analysis.motion_measures) with the effect and without it, and their difference as a share of
-the larger of both. Where one plant repeats and the other does not, both are compared as motions that do not repeat.
-Such a motion may be irregular: then it is run twice, from starts that differ by rounding, and smaller changes than the
-difference of these two runs are not significant.
+Change: each measure (rig.analysis.cycles.motion_measures) with the effect and without it, and their difference as a
+share of the larger of both. Where one plant repeats and the other does not, both are compared as motions that do not
+repeat. Such a motion may be irregular: then it is run twice, from starts that differ by rounding, and smaller changes
+than the difference of these two runs are not significant.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.motion_measures import SLOW, Problem, Seen, held, observe, of, problem
+from rig.analysis.cycles.motion_measures import SLOW, Problem, Seen, held, observe, of, problem
 from rig.analysis.pool import Progress
 from rig.errors import NumericsError, RigError
 from rig.machine.process import no_garbage

@@ -13,7 +13,17 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
-from rig.analysis.motion_measures import Problem, Seen, Setting, digest, eligible, errors, ladder, observe, problem
+from rig.analysis.cycles.motion_measures import (
+    Problem,
+    Seen,
+    Setting,
+    digest,
+    eligible,
+    errors,
+    ladder,
+    observe,
+    problem,
+)
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
 from rig.analysis.studies.runs import random_parts
 from rig.bench.run.simulate import simulate

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.motion_measures import TIGHTEST, Problem, Seen, Setting, errors, ladder, numbered, observe
+from rig.analysis.cycles.motion_measures import TIGHTEST, Problem, Seen, Setting, errors, ladder, numbered, observe
 from rig.machine.files import DATA, contents, write_file
 from rig.motion.motion import SEGMENTS
 

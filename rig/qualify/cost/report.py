@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from rig.analysis.motion_measures import THEORY
+from rig.analysis.cycles.motion_measures import THEORY
 from rig.errors import UsageError
 from rig.printable import columns
 from rig.qualify.cost.table import WORST, Row, Table, front

@@ -22,7 +22,7 @@ import pyarrow as pa
 from pyarrow import parquet
 from scipy.special import stdtrit
 
-from rig.analysis.motion_measures import THEORY, Setting
+from rig.analysis.cycles.motion_measures import THEORY, Setting
 from rig.errors import UsageError
 from rig.machine.files import DATA, contents, csv_table, draft_of, write_file
 from rig.qualify.cost.timing import Cost, Spread

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rig.analysis.motion_measures import Problem, Setting
+from rig.analysis.cycles.motion_measures import Problem, Setting
 from rig.bench.free_rig import FreeRig
 from rig.bench.live import pace
 from rig.bench.live.pace import LONGEST_NS, length

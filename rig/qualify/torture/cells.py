@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, Self
 
-from rig.analysis.kernel_shapes import Shape, prepare, shape
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
+from rig.analysis.pool.kernel_shapes import Shape, prepare, shape
 from rig.errors import NumericsError
 from rig.model.method import as_integrated, chosen
 from rig.printable import counted

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rig.analysis.control_loop import Loop, ends, loop
-from rig.analysis.jump_linear import Growth, fits, jump_growth, mean_age, worst_case
-from rig.analysis.loop_check import Checked, simulated
+from rig.analysis.linear.control_loop import Loop, ends, loop
+from rig.analysis.linear.jump_linear import Growth, fits, jump_growth, mean_age, worst_case
+from rig.analysis.linear.loop_check import Checked, simulated
 from rig.errors import SceneError
 from rig.printable import columns, counted
 from rig.results import Result
@@ -104,7 +104,7 @@ class LoopReport(Result):
     `found`: the loop with the mean age of its links as a constant delay. `point`: links of the simulated point.
     """
 
-    FIGURE: ClassVar = "rig.analysis.figures:loop_report_figure"
+    FIGURE: ClassVar = "rig.analysis.linear.figures:loop_report_figure"
 
     scene: str
     found: Loop

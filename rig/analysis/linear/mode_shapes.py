@@ -24,7 +24,7 @@ from rig.view.palette import drawn, headline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
-    from rig.analysis.modes_report import Mode, Modes
+    from rig.analysis.linear.modes_report import Mode, Modes
 
 Array = NDArray[np.float64]
 SUFFIXES = (".gif", ".rrd")

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import design
-from rig.analysis.control_loop import ends, plant
-from rig.analysis.jump_linear import Growth
+from rig.analysis.linear.control_loop import ends, plant
+from rig.analysis.linear.jump_linear import Growth
 from rig.bench.run.experiment import Experiment
 from rig.bench.run.simulate import begun, carry_on
 from rig.controllers import restored

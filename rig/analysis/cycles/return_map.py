@@ -27,12 +27,12 @@ from functools import partial, reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.axis import Axis
 from rig.bench.free_rig import TIGHT, Carried, FreeRig
 from rig.errors import NumericsError, RigError
 from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.motion.motion import Event
+from rig.scenes.axis import Axis
 from rig.scenes.rooms import assembled as assembled_rig
 from rig.scenes.scene import Scene
 from rig.solve.records import STICK

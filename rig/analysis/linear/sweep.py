@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from rig.analysis import eigenvalue_curves as curves
-from rig.analysis.axis import Axis, fixed
-from rig.analysis.modes import dithers, motion
-from rig.analysis.modes_report import shape_text
+from rig.analysis.linear import eigenvalue_curves as curves
+from rig.analysis.linear.modes import dithers, motion
+from rig.analysis.linear.modes_report import shape_text
 from rig.printable import columns
 from rig.results import Result
+from rig.scenes.axis import Axis, fixed
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.structure.eigenvalues import DAMPED
@@ -47,7 +47,7 @@ class Critical:
     becomes       what this mode becomes as the key rises: "unstable" or "stable"
     branch        number of its branch in the sweep; `frequency` [Hz]
     shape         amplitude of each state; the one with most of the energy is 1; `energy`: share of each coordinate and
-                  network state in the energy (rig.analysis.modes)
+                  network state in the energy (rig.analysis.linear.modes)
     below, above  number of growing eigenvalues just below and just above the value, of all modes; None where there is
                   no steady sliding or the axis ends
     """
@@ -240,7 +240,7 @@ class Sweep(Result):
     rates are left out. `left_out`: the controllers that do not act, in words.
     """
 
-    FIGURE: ClassVar = "rig.analysis.figures:sweep_figure"
+    FIGURE: ClassVar = "rig.analysis.linear.figures:sweep_figure"
 
     scene: str
     axis: Axis

@@ -80,7 +80,7 @@ class Sliding:
 
 @dataclass(frozen=True)
 class Modes(Result):
-    """The vibration modes of a scene at steady sliding (`rig.analysis.modes.modes`).
+    """The vibration modes of a scene at steady sliding (`rig.analysis.linear.modes.modes`).
 
     `dithered`: the same with averaged dither of `amplitude` [unit] at `hertz`; None for a scene without dither. `slow`:
     why the dither cannot be averaged; `dithered` is then the forced motion, and its modes are Floquet exponents.
@@ -90,7 +90,7 @@ class Modes(Result):
     `left_out`: the controllers that do not act, in words.
     """
 
-    FIGURE: ClassVar = "rig.analysis.figures:modes_figure"
+    FIGURE: ClassVar = "rig.analysis.linear.figures:modes_figure"
 
     scene: str
     mode: str

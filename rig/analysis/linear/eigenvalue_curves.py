@@ -27,7 +27,7 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.modes import Slow, at_rest, missing, under_dither
+from rig.analysis.linear.modes import Slow, at_rest, missing, under_dither
 from rig.design.linearised import energy_form
 from rig.errors import Singular
 from rig.model.assembly import Accuracy

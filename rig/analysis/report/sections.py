@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.page_elements import Html, element, facts, joined, number, sketch, table
 from rig.analysis.recorded.amplitude import measured, stages
 from rig.analysis.recorded.comparison import flattened
+from rig.analysis.report.elements import Html, element, facts, joined, number, sketch, table
 from rig.bench.live import status
 from rig.printable import counted
 from rig.record import statistics, user_notes

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.analysis import report_sections as sections
-from rig.analysis.page_elements import Html, element
 from rig.analysis.recorded.amplitude import stages
-from rig.analysis.report_sections import UNKNOWN
+from rig.analysis.report import sections as sections
+from rig.analysis.report.elements import Html, element
+from rig.analysis.report.sections import UNKNOWN
 from rig.errors import LogError, RigError
 from rig.machine.files import write_file
 from rig.record import user_notes

@@ -4,7 +4,7 @@ A setting is a method of integration with its step (rk4, kick) or its tolerance 
 is the sample step of the scene. A problem is a scene's plant with every actuator held, a start, and a duration.
 Actuators have the values that the protocol of the scene holds for the longest. If these differ from the initial values,
 the rig starts stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. The search for a
-limit cycle (rig.analysis.cycle) decides the kind of motion and the duration:
+limit cycle (rig.analysis.cycles.cycle) decides the kind of motion and the duration:
 
     cycle       it settles in a cycle with mode set changes: until some rounds after the largest multiplier has made its
                 distance from the cycle small
@@ -42,8 +42,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.cycle import Search, Settled, stuck
-from rig.analysis.repetition import turn_of
+from rig.analysis.cycles.cycle import Search, Settled, stuck
+from rig.analysis.cycles.repetition import turn_of
 from rig.bench.free_rig import TIGHT, Dense, FreeRig
 from rig.bench.run.runner import PlantRunner
 from rig.compiled import kernel
@@ -271,13 +271,13 @@ def digest(scene: Scene) -> str:
 @cache
 def _own_sources() -> str:
     """The sources that define the measurement."""
-    rooms = Path(__file__).parents[1]
+    rooms = Path(__file__).parents[2]
     names = (
         "qualify/cost/measuring",
         "qualify/cost/references",
-        "analysis/motion_measures",
-        "analysis/cycle",
-        "analysis/return_map",
+        "analysis/cycles/motion_measures",
+        "analysis/cycles/cycle",
+        "analysis/cycles/return_map",
         "bench/free_rig",
     )
     return "".join((rooms / f"{name}.py").read_text() for name in names)

@@ -5,7 +5,7 @@
 
 The equilibrium belongs to the scene's own values, with commands held, lags settled and controllers left out. Dither
 counts as switched off there; its effect at the stated amplitude is reported separately: averaged if the dither is fast
-(rig.analysis.averaged), else as Floquet exponents of the forced motion (rig.analysis.floquet).
+(rig.analysis.cycles.averaged), else as Floquet exponents of the forced motion (rig.analysis.cycles.floquet).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.averaged import averaged, not_fast
-from rig.analysis.floquet import Forced, forced
-from rig.analysis.modes_report import Mode, Modes, Sliding
+from rig.analysis.cycles.averaged import averaged, not_fast
+from rig.analysis.cycles.floquet import Forced, forced
+from rig.analysis.linear.modes_report import Mode, Modes, Sliding
 from rig.bench.run.before import findings
 from rig.design.linearised import energy_form
 from rig.errors import RigError, SceneError, Singular

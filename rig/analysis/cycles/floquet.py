@@ -4,9 +4,9 @@
 
 With constant coefficients, and while every contact slips in its direction, P = exp(A tau): the exponents are the
 eigenvalues of sliding without dither. They count also where a contact would have to pull, as those of an equilibrium
-do. Any other motion is the fixed point of the return map (rig.analysis.return_map), with its events. The imaginary part
-of an exponent is known up to multiples of the frequency of the dither: the one nearest to an eigenvalue without dither
-is taken.
+do. Any other motion is the fixed point of the return map (rig.analysis.cycles.return_map), with its events. The
+imaginary part of an exponent is known up to multiples of the frequency of the dither: the one nearest to an eigenvalue
+without dither is taken.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.averaged import averaged, fast_motion
-from rig.analysis.return_map import Family, NoCycle, NotSmooth, ReturnMap, parameter, sizes
+from rig.analysis.cycles.averaged import averaged, fast_motion
+from rig.analysis.cycles.return_map import Family, NoCycle, NotSmooth, ReturnMap, parameter, sizes
 from rig.bench.free_rig import TIGHT, Carried, FreeRig
 from rig.errors import NumericsError, Singular
 from rig.model.assembly import Assembly
@@ -41,8 +41,8 @@ _NONE = np.zeros((0, 0), dtype=np.complex128)
 class Forced:
     """A forced motion. `exponents` [i], the least stable first; `shapes` [state, i] at the phase of the start.
 
-    `exists`, `counts`, `why`: as of `rig.analysis.modes_report.Sliding`. `means`: over a period, of the states, the
-    inputs T, and the friction and normal force of each patch [N]; None where they are not known.
+    `exists`, `counts`, `why`: as of `rig.analysis.linear.modes_report.Sliding`. `means`: over a period, of the states,
+    the inputs T, and the friction and normal force of each patch [N]; None where they are not known.
     """
 
     exponents: Complex
@@ -62,7 +62,7 @@ def forced(scene: Scene, assembly: Assembly, at: Steady, sine: int, cosine: int,
     if turns > _SLOWEST:
         what = f"in a period of the dither the rig oscillates {turns:.0f} times, and at most {_SLOWEST:g} are computed"
         return _unknown(f"{what}; for so slow a change use the eigenvalues at constant values (rig modes --sweep)")
-    unit = amplitude * np.array([-1j, 1.0])  # as in rig.analysis.averaged.fast_motion
+    unit = amplitude * np.array([-1j, 1.0])  # as in rig.analysis.cycles.averaged.fast_motion
     moved = np.union1d(at.moving, settling(at.system, at.modes.A, at.moving))
     pushed = at.A[np.ix_(moved, np.array([sine, cosine]))] @ unit
     response = np.zeros(at.system.n, dtype=np.complex128)

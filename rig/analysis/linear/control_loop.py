@@ -26,16 +26,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import controllers
-from rig.analysis.axis import Axis
-from rig.analysis.eigenvalue_curves import Spectrum, absent, of_matrix
-from rig.analysis.modes import at_rest, missing
-from rig.analysis.sweep import Sweep, along
+from rig.analysis.linear.eigenvalue_curves import Spectrum, absent, of_matrix
+from rig.analysis.linear.modes import at_rest, missing
+from rig.analysis.linear.sweep import Sweep, along
 from rig.design import numbers
 from rig.design.linearised import Plant, Sampled, linear, linear_form, sampled
 from rig.errors import PartError, SceneError, Singular
 from rig.printable import columns
 from rig.quantities import unit_of
 from rig.results import Result
+from rig.scenes.axis import Axis
 from rig.scenes.belief import lines as belief_lines
 from rig.scenes.belief import of_varied
 from rig.scenes.faults import near
@@ -60,12 +60,12 @@ class Loop(Result):
     """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of its sensor and of the loop together.
 
     `gain`: gain of the controller; a controller without a gain parameter gets a factor on its input, nominally 1.
-    `model`: the loop at a gain of one. `energy`: form over the states of the rig (rig.analysis.control_loop).
+    `model`: the loop at a gain of one. `energy`: form over the states of the rig (rig.analysis.linear.control_loop).
     `left_out`: controllers of the scene that are left open, in words. `belief`: lines on what the controller believes
     of the rig.
     """
 
-    FIGURE: ClassVar = "rig.analysis.figures:loop_figure"
+    FIGURE: ClassVar = "rig.analysis.linear.figures:loop_figure"
 
     scene: str
     controller: str
@@ -384,7 +384,7 @@ def state_space(scene: Scene, delay: float = 0.0, order: int = ORDER) -> StateSp
     Its inputs are the actuators, in their units (drive.speed is named drive_speed there: python-control takes no dots).
     `delay`: of a loop [s], the same for every command, as a Pade approximation of `order`: exact to 1e-8 up to a
     frequency at which the delay turns the phase by half the order in radians. A sampled loop with sample and hold has
-    half a period more; rig.analysis.control_loop treats it exactly. Raises SceneError without steady sliding.
+    half a period more; rig.analysis.linear.control_loop treats it exactly. Raises SceneError without steady sliding.
     """
     import control
 

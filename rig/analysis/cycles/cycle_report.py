@@ -1,8 +1,8 @@
 """The report of a limit cycle with its Floquet multipliers, or the reason why there is none.
 
 The multipliers are the growth of a small disturbance over one period: the eigenvalues of the derivative of the return
-map (rig.analysis.return_map), without the one that belongs to the shift along the motion. The error estimate for the
-others is its deviation from one, or the noise of runs over the step of the differences if that is larger. A contact
+map (rig.analysis.cycles.return_map), without the one that belongs to the shift along the motion. The error estimate for
+the others is its deviation from one, or the noise of runs over the step of the differences if that is larger. A contact
 that sticks erases the disturbance: its multiplier is zero.
 """
 
@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.repetition import REPEAT
+from rig.analysis.cycles.repetition import REPEAT
 from rig.printable import columns, counted
 from rig.results import Result
 from rig.scenes.scene import Scene
@@ -71,7 +71,7 @@ class Cycle(Result):
     newton              steps of Newton's method that closed it; 0 if simulation alone did
     """
 
-    FIGURE: ClassVar = "rig.analysis.figures:cycle_figure"
+    FIGURE: ClassVar = "rig.analysis.cycles.figures:cycle_figure"
 
     scene: str
     method: str

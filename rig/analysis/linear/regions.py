@@ -1,8 +1,8 @@
 """Regions of instability: the least stable mode of steady sliding over two parameters, from eigenvalues alone.
 
-With dither switched on, friction is averaged (rig.analysis.averaged, to leading order: only inertia resists the fast
-motion). Along x the edges are found by root finding (rig.analysis.eigenvalue_curves); a band narrower than the distance
-of two values may be missed.
+With dither switched on, friction is averaged (rig.analysis.cycles.averaged, to leading order: only inertia resists the
+fast motion). Along x the edges are found by root finding (rig.analysis.linear.eigenvalue_curves); a band narrower than
+the distance of two values may be missed.
 Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
 """
 
@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.averaged import averaged, not_fast
-from rig.analysis.axis import Axis, heading
-from rig.analysis.eigenvalue_curves import NOTHING, Growth, limits, none
-from rig.analysis.modes import GENERATOR, Slow, missing
+from rig.analysis.cycles.averaged import averaged, not_fast
+from rig.analysis.linear.eigenvalue_curves import NOTHING, Growth, limits, none
+from rig.analysis.linear.modes import GENERATOR, Slow, missing
 from rig.errors import Singular
 from rig.machine.files import csv_table
 from rig.printable import columns
 from rig.results import Result
+from rig.scenes.axis import Axis, heading
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.scenes.sections import with_values
@@ -49,7 +49,7 @@ class Regions(Result):
     sliding ceases to exist.
     """
 
-    FIGURE: ClassVar = "rig.analysis.regions:figure"
+    FIGURE: ClassVar = "rig.analysis.linear.regions:figure"
 
     scene: Scene
     x: Axis

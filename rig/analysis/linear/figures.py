@@ -1,4 +1,4 @@
-"""Figures of analyses: limit cycle, vibration modes, sweep, control loop, amplitudes.
+"""Figures of a linearised rig: vibration modes, sweep, control loop.
 
 Each function takes a result and returns its figure; a class of results names its function in `FIGURE` (rig.results).
 """
@@ -6,135 +6,30 @@ Each function takes a result and returns its figure; a class of results names it
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.control_loop import Loop
-from rig.analysis.cycle_report import Cycle
-from rig.analysis.loop_report import LoopReport
-from rig.analysis.modes_report import Modes
-from rig.analysis.recorded.amplitude import NOISY, Amplitudes, Row
-from rig.analysis.sweep import Sweep
+from rig.analysis.linear.control_loop import Loop
+from rig.analysis.linear.loop_report import LoopReport
+from rig.analysis.linear.modes_report import Modes
+from rig.analysis.linear.sweep import Sweep
 from rig.errors import UsageError
-from rig.view.channels import Channels
-from rig.view.curves import Bools, apart, largest, plain, scaled
-from rig.view.palette import ALARM, BLUE, GREY, LINES, VERMILION, drawn, headline, page
+from rig.view.curves import Bools, apart
+from rig.view.palette import ALARM, GREY, LINES, drawn, headline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 Array = NDArray[np.float64]
-_PLOTS = 3  # of a cycle over time
-_STICK = "#d9dde3"
 _COLOURS = (*LINES, GREY)
 _MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
 _ROUNDED = 1e-6  # growth rates up to this share of the largest rate are rounding
 _NAMED = 3  # critical values in the legend, one line
 _LIGHT = 0.02  # largest damping ratio of the modes for which the axes of a structure have room
-
-
-def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
-    """Return the figure of the amplitudes. Raises UsageError if no sensor has samples."""
-    rows = amplitudes.rows
-    sensors = list(dict.fromkeys(row.sensor for row in rows))
-    if not sensors:
-        raise UsageError("nothing to draw: no sensor has samples")
-    columns = min(len(sensors), 3)
-    lines = math.ceil(len(sensors) / columns)
-    title = f"{amplitudes.scene}: amplitude and frequency" + " in each stage" * (columns > 1)
-    with page(4.4 * columns, 1.0 + 3.2 * lines, title, layout="constrained") as figure:
-        for i, sensor in enumerate(sensors):
-            _bars(figure.add_subplot(lines, columns, i + 1), [row for row in rows if row.sensor == sensor])
-    return figure
-
-
-def _bars(axes: Axes, rows: Sequence[Row]) -> None:
-    first = rows[0]
-    places = range(len(rows))
-    sizes = [row.found.half if row.found.cycles or row.why == NOISY else 0.0 for row in rows]
-    factor, unit = scaled(first.unit, max(sizes))
-    bars = axes.bar(places, [factor * size for size in sizes], color=BLUE, width=0.6)
-    axes.bar_label(bars, [_frequency(row) for row in rows], fontsize=8, padding=2)
-    axes.margins(y=0.15)
-    axes.set_ylim(bottom=0.0)
-    axes.set_xticks(places, [row.stage for row in rows], rotation=20 if len(rows) > 3 else 0, fontsize=8)
-    axes.set_ylabel(f"amplitude of {plain(first.sensor)} [{unit}]")
-    axes.grid(axis="x", visible=False)
-    axes.set_axisbelow(True)
-
-
-def _frequency(row: Row) -> str:
-    if row.found.cycles:
-        return f"{row.found.frequency:.4g} Hz"
-    return "at noise\nlevel" if row.why == NOISY else "no cycle"
-
-
-@drawn(12.8, 6.6)
-def cycle_figure(figure: Figure, cycle: Cycle) -> None:
-    """Draw a limit cycle; a search that found none gives one with the reason."""
-    headline(figure, _title(cycle))
-    if cycle.found:
-        _compose_cycle(figure, cycle)
-
-
-def _title(cycle: Cycle) -> str:
-    if not cycle.found:
-        return f"{cycle.scene}: {cycle.why}"
-    sticks = "".join(f", {name} sticks {100.0 * share:.3g} %" for name, share in cycle.stick_share.items())
-    return f"limit cycle of {cycle.scene}: period {cycle.period:.6g} s, {cycle.frequency:.5g} Hz{sticks}"
-
-
-def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
-    rig = (cycle.rig, cycle.rig.assemble()) if cycle.rig is not None else None
-    channels = Channels(rig, {n: cycle.units[n] for n in cycle.outputs if n in cycle.units}, {})
-    panels = [panel for panel in channels.panels if panel.outputs][:_PLOTS]
-    grid = figure.add_gridspec(1, 2, width_ratios=(1.4, 1), left=0.07, right=0.975, top=0.88, bottom=0.09, wspace=0.22)
-    left = grid[0].subgridspec(len(panels), 1, hspace=0.28)
-    right = grid[1].subgridspec(2, 1, height_ratios=(1.5, 1), hspace=0.35)
-    rows = [figure.add_subplot(left[i]) for i in range(len(panels))]
-    for axes, panel in zip(rows, panels):
-        title, unit = panel.title.removesuffix("]").rsplit(" [", 1)
-        factor, shown = scaled(unit, largest(*(cycle.outputs[name] for name in panel.outputs)))
-        for name in panel.outputs:
-            axes.plot(cycle.time, factor * cycle.outputs[name], color=channels.colours[name], lw=1.6, label=plain(name))
-        for begin, end in cycle.sticking:
-            axes.axvspan(begin, end, color=_STICK, lw=0.0, zorder=0)
-        axes.set(ylabel=f"{title} [{shown}]", xlim=(0.0, cycle.period))
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize=8, frameon=False, handlelength=1.0)
-        axes.tick_params(labelbottom=axes is rows[-1])
-    sticks = f"; grey: {plain(next(iter(cycle.stick_time)))} sticks" if cycle.sticking else ""
-    rows[-1].set_xlabel(f"time in the period [s]{sticks}")
-    figure.align_ylabels(rows)
-    if channels.portrait is not None:
-        _portrait(figure.add_subplot(right[0]), cycle, *channels.portrait)
-    _multipliers(figure.add_subplot(right[1]), cycle)
-
-
-def _portrait(axes: Axes, cycle: Cycle, displacement: str, velocity: str) -> None:
-    style = "--" if cycle.repels else "-"
-    x = cycle.outputs[displacement]
-    v = cycle.outputs[velocity]
-    along, unit = scaled(cycle.units[displacement], largest(x))
-    rate, speed = scaled(cycle.units[velocity], largest(v))
-    axes.plot(along * x, rate * v, style, color=BLUE, lw=1.4)
-    title = "phase portrait; dashed: the cycle is unstable" if cycle.repels else "phase portrait"
-    axes.set(xlabel=f"{plain(displacement)} [{unit}]", ylabel=f"{plain(velocity)} [{speed}]", title=title)
-
-
-def _multipliers(axes: Axes, cycle: Cycle) -> None:
-    angle = np.linspace(0.0, 2.0 * np.pi, 200)
-    axes.plot(np.cos(angle), np.sin(angle), color="#9aa3ad", lw=1.0)
-    values = np.asarray(cycle.floquet.multipliers, np.complex128)
-    out = (np.abs(values) > 1.0) & cycle.repels  # else those above one are one within their error
-    axes.plot(values.real[~out], values.imag[~out], "o", color=BLUE, ms=5)
-    axes.plot(values.real[out], values.imag[out], "x", color=VERMILION, ms=7, mew=1.6)
-    axes.set_aspect("equal", adjustable="datalim")
-    title = "Floquet multipliers; outside of the circle (x): unstable" if values.size else "no Floquet multipliers"
-    axes.set(xlabel="real part", ylabel="imaginary part", title=title)
 
 
 @drawn(12.8, 6.6)
@@ -210,7 +105,7 @@ def modes_figure(modes: Modes) -> Figure:
 
 @drawn(13.0, 5.6)
 def _modes_on_nodes(figure: Figure, modes: Modes) -> None:
-    from rig.analysis.mode_shapes import panels
+    from rig.analysis.linear.mode_shapes import panels
 
     parts: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
     plane, nodes = parts

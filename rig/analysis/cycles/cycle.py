@@ -4,8 +4,9 @@ The run starts with every contact stuck to its surface and the structure unloade
 outside of the cycle, so that a cycle is also found where stable sliding exists beside it; else it may be missed. It is
 looked at after stretches of a length that doubles:
 
-    a part of the last events repeats in time to `ROUGH`: Newton's method on the return map (rig.analysis.return_map)
-    closes the cycle from there. It counts if its multipliers, from the derivative of the same map, do not exceed one
+    a part of the last events repeats in time to `ROUGH`: Newton's method on the return map
+    (rig.analysis.cycles.return_map) closes the cycle from there. It counts if its multipliers, from the derivative of
+    the same map, do not exceed one
     no event: the motion repeats at its turning points, which is closed in the same way, or it decays as the least
     stable mode of sliding does, and the rig comes to rest in sliding
     simulation alone repeats the events to `REPEAT`: a cycle where the return map is not smooth
@@ -32,9 +33,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.cycle_report import Cycle, Floquet
-from rig.analysis.repetition import MOST, REPEAT, all_round, refuse, repeating, time_of, turn_of
-from rig.analysis.return_map import STEPS, Family, NoCycle, ReturnMap, closed, multipliers, sizes
+from rig.analysis.cycles.cycle_report import Cycle, Floquet
+from rig.analysis.cycles.repetition import MOST, REPEAT, all_round, refuse, repeating, time_of, turn_of
+from rig.analysis.cycles.return_map import STEPS, Family, NoCycle, ReturnMap, closed, multipliers, sizes
 from rig.bench.free_rig import TIGHT, Carried, FreeRig
 from rig.errors import NumericsError
 from rig.model.method import chosen

@@ -26,7 +26,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.control_loop import Loop, ends, loop
+from rig.analysis.linear.control_loop import Loop, ends, loop
 from rig.scenes.network import Link
 from rig.scenes.scene import Scene
 
@@ -124,7 +124,7 @@ def worst_case(scene: Scene, name: str, meas: Link, act: Link) -> Growth:
 def jump_growth(scene: Scene, name: str, meas: Link, act: Link) -> Growth:
     """The growth of the loop of controller `name` over a link of its sensor and one of its commands.
 
-    For a loop that `fits`. Raises SceneError as `rig.analysis.control_loop.loop` does.
+    For a loop that `fits`. Raises SceneError as `rig.analysis.linear.control_loop.loop` does.
     """
     frame = scene.frame_ns
     heard, commanded = ages(meas, frame), ages(act, frame)
