@@ -57,9 +57,10 @@ def test_each_slider_has_a_map_that_eigenvalues_confirm(scene):
 def amplitudes(scene, changes):
     """Half of peak to peak of the velocity, else of the first output, in the third and in the last fifth of a run.
 
-    The values are held: no step of the protocol moves them.
+    The plant runs alone with values that are held: no controller acts, and no step of the protocol moves a value.
     """
-    run = rig.simulate(replace(rig.load(scene, changes), protocol=()), duration=20.0)
+    alone = replace(rig.load(scene, changes), protocol=(), controllers={})
+    run = rig.simulate(alone, duration=20.0)
     signal = run.signals["velocity" if "velocity" in run.signals else next(iter(run.signals))]
     parts = np.array_split(signal, 5)
     return tuple(0.5 * float(np.ptp(parts[which])) for which in (2, 4))
@@ -68,7 +69,7 @@ def amplitudes(scene, changes):
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [scene for scene in MAPS if scene not in UNDAMPED])
 def test_a_run_is_quiet_and_vibrates_where_the_map_says_so(scene):
-    """The first slider that decides it: a simulation at a value of either kind. What is quiet may still decay."""
+    """The first slider that decides it: one simulation dies out, the other keeps vibrating, evenly or in beats."""
     for key, entry in MAPS[scene].items():
         values = {region: value for value, region in middles(entry)}
         quiet, moving = values.keys() & QUIET, values.keys() & VIBRATING
@@ -78,5 +79,5 @@ def test_a_run_is_quiet_and_vibrates_where_the_map_says_so(scene):
         pytest.skip("no slider of this scene decides it alone: the page says so")
     changes = entry["with"] or {}
     calm, stirred = (amplitudes(scene, {**changes, key: values[kind.pop()]}) for kind in (quiet, moving))
-    assert stirred[1] > 0.98 * stirred[0]
-    assert calm[1] < max(0.05 * stirred[1], 0.98 * calm[0])
+    assert stirred[1] > 0.5 * stirred[0]
+    assert calm[1] < max(0.5 * calm[0], 1e-6 * stirred[1])
