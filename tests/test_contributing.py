@@ -2,6 +2,7 @@
 
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,17 @@ STEP = re.compile(r"^\d+\. `(rig/[\w/]+\.py)` `([\w.]+)`", re.MULTILINE)
 
 def steps(walk):
     return STEP.findall(PAGE.partition(f"### {walk}\n")[2].partition("\n#")[0])
+
+
+def test_the_picture_shows_every_room_in_the_order_of_the_contracts():
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    rooms, analyses = (one["layers"] for one in contracts if one["type"] == "layers")
+    at = rooms.index("analysis | gym | plant_fmu")
+    order = [*rooms[1:at], "analysis", *analyses, "gym | plant_fmu", *rooms[at + 1 :]]
+    shown = re.findall(r"[a-z_]+", PAGE.partition("```text\n")[2].partition("```")[0])
+    within = iter(shown)
+    for layer in order[: order.index("machine") + 1]:
+        assert all(room in within for room in layer.split(" | ")), layer
 
 
 def entered(function):

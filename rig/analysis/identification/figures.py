@@ -12,6 +12,7 @@ from rig.analysis.identification.cycles import BINS, CycleRun
 from rig.analysis.identification.features import lines, responses
 from rig.analysis.identification.slips import MEASURES
 from rig.printable import counted
+from rig.view.curves import largest, plain, scaled
 from rig.view.palette import BLUE, GREY, VERMILION, headline, page
 
 if TYPE_CHECKING:
@@ -49,12 +50,14 @@ def _mean(axes: Axes, run: RunFit, repeats: bool) -> None:
         (_features if run.evidence.run.input is None else _response)(axes, run)
         return
     t, mean, spread, model = next(phases(run))
-    axes.fill_between(t, mean - spread, mean + spread, color=BLUE, alpha=0.25, lw=0)
-    axes.plot(t, mean, color=BLUE, lw=1.2, label="measured")
+    factor, unit = scaled(column.unit, largest(mean))
+    band = factor * (mean - spread), factor * (mean + spread)
+    axes.fill_between(t, *band, color=BLUE, alpha=0.25, lw=0, label="standard deviation")
+    axes.plot(t, factor * mean, color=BLUE, lw=1.2, label="measured")
     if repeats:
-        axes.plot(t, model, color=VERMILION, lw=1.0, ls="--", label="model")
+        axes.plot(t, factor * model, color=VERMILION, lw=1.0, ls="--", label="model")
     axes.set_title(run.name, fontsize=9)
-    axes.set_ylabel(f"{column.output.replace('_', ' ')} [{column.unit}]")
+    axes.set(xlabel="phase [1]", ylabel=f"{plain(column.output)} [{unit}]")
     axes.legend(fontsize=7)
 
 
@@ -82,7 +85,7 @@ def _response(axes: Axes, run: RunFit) -> None:
         Z = np.ascontiguousarray(v).view(complex)
         axes.loglog(f, np.abs(responses(drive, Z)), color=colour, lw=1, label=label)
     unit = f"{column.unit} over {evidence.run.input.unit}"
-    axes.set(title=run.name, xlabel="frequency [Hz]", ylabel=f"{column.output.replace('_', ' ')} [{unit}]")
+    axes.set(title=run.name, xlabel="frequency [Hz]", ylabel=f"{plain(column.output)} [{unit}]")
     axes.legend(fontsize=7)
 
 

@@ -35,7 +35,7 @@ export function create(bench) {
   const { store } = bench;
   const fault = h("div", { class: "fault", id: "touch-fault", role: "alert" });
   const controllers = h("div", { class: "stack" }), first = h("div"), sections = h("div", { id: "sections" });
-  const find = h("input", { type: "search", id: "find", placeholder: t("find a value: mass, gain, rate"), "aria-label": t("find a value"), style: "width: 100%", oninput: sift });
+  const find = h("input", { type: "search", id: "find", placeholder: t("find a value: mass, gain, rate"), "aria-label": t("find a value"), style: "width: 100%; margin-bottom: .5rem", oninput: sift });
   const legend = h("div", { class: "row small soft" }, ...["I", "II", "III"].map((region) =>
     h("span", {}, h("span", { class: "key", style: `background-color:${REGIONS[region][0]}` }), REGIONS[region][2])));
   const back = h("button", { class: "small", id: "back", hidden: true, onclick: () => restore() }, t("Back to the scene's values"));

@@ -31,7 +31,7 @@ export function create(bench) {
         [t("timing"), word ? `${state.outcome ? "" : t("so far: ")}${MEANING[word] ?? ""}` : store.status ? t("this run does not follow the clock") : t("not judged yet")],
         [t("because"), reasons.map(said).join("; ")],
         [t("late frames"), t("{late} of {all}; 99 of 100 begin at most {most} ms late, the worst {worst} ms",
-          { late: health.late, all: health.tick, most: number(health.lateness_us / 1e3, 3), worst: number(health.worst_us / 1e3, 3) })],
+          { late: health.late, all: health.tick, most: number(Math.round(health.lateness_us) / 1e3, 3), worst: number(Math.round(health.worst_us) / 1e3, 3) })],
         [t("loop"), t("{held} commands held because no new one arrived, {lost} lost", { held: health.held, lost: health.drops })],
         [t("energy"), energy ? t("residual of the energy balance: {energy} of the largest term", { energy }) : t("not known")],
         [t("stick"), t("{share} % of the time", { share: number(100 * health.stick_share, 3) })],
