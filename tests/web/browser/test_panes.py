@@ -1,4 +1,4 @@
-"""What single panes show: the picture of every rig, contacts, maps beside sliders, lessons, other runs."""
+"""What single panes show: the picture of every rig, contacts, steps of the protocol, sliders, lessons, other runs."""
 
 import datetime
 import itertools
@@ -88,6 +88,51 @@ def test_mode_shapes_of_a_structure_move_on_the_page(page, folder):
     seen = "const i = document.querySelector(\"img[src^='/jobs/']\"); return i?.complete && i.naturalWidth"
     assert page.until(lambda: page.run(seen), 120.0) == 768
     page.picture("mode-shapes")
+
+
+def test_the_step_of_the_protocol_is_found_in_repeats(page):
+    """Against the plant's own order of steps: the line of every step, and the round of every repeat."""
+    inner = {"times": 3, "steps": ["c", "d"]}
+    steps = ["a", {"times": 2, "steps": ["b", inner]}, "e", {"times": "forever", "steps": ["f", "g"]}]
+    lines = ["a", "2", "b", "3", "c", "d", "e", "forever", "f", "g"]
+
+    def walked(steps, rounds=()):
+        for step in steps:
+            if isinstance(step, str):
+                yield step, list(rounds)
+            else:
+                for k in itertools.count(1) if step["times"] == "forever" else range(1, step["times"] + 1):
+                    yield from walked(step["steps"], (*rounds, k))
+
+    wanted = [*itertools.islice(walked(steps), 25)]
+    found = page.driver.execute_async_script(
+        "const [steps, done] = arguments; import('/page/panes/protocol.js').then(({ place }) => "
+        "done(Array.from({ length: 25 }, (_, i) => place(steps, i + 1))))",
+        steps,
+    )
+    assert [(lines[one["line"]], [r["round"] for r in one["rounds"]]) for one in found] == wanted
+
+
+@pytest.mark.parametrize(
+    "slider",
+    [
+        {"low": 0.0, "high": 1e9, "least": 1e-6},
+        {"low": -5.0, "high": 0.0, "least": 1e-3},
+        {"low": 0.1, "high": 0.4, "least": 0.0},
+    ],
+)
+def test_a_slider_reaches_its_ends_and_zero_and_comes_back(page, slider):
+    found = page.driver.execute_async_script(
+        "const [slider, done] = arguments; import('/page/panes/hands.js').then(({ valueAt, placeOf }) => done("
+        "Array.from({ length: 1001 }, (_, i) => [valueAt(slider, i), placeOf(slider, valueAt(slider, i))])))",
+        slider,
+    )
+    values, places = zip(*found)
+    assert (values[0], values[-1]) == pytest.approx((slider["low"], slider["high"]))
+    assert [*values] == sorted(values)
+    assert len({*values}) == len(values)
+    assert [*places] == pytest.approx(range(1001), abs=1e-6)
+    assert (0.0 in values) == (slider["low"] <= 0.0 <= slider["high"])
 
 
 def test_branches_are_computed_and_show_the_present_state(page):

@@ -1,4 +1,4 @@
-"""States of the page at three widths: nothing sticks out, all can be hit; the German catalogue.
+"""States of the page at three widths: nothing sticks out, all can be hit, the layout holds still; the catalogue.
 
 RIG_SCREENSHOTS=FOLDER keeps a picture of each: make screenshots.
 """
@@ -35,6 +35,31 @@ SMALL = """
       .filter((one) => one.checkVisibility())
       .filter((one) => { const box = one.getBoundingClientRect(); return box.width < 24 || box.height < 24; })
       .map((one) => one.outerHTML.slice(0, 90))"""
+SHIFTS = """
+    window.shifts = [];
+    new PerformanceObserver((list) => {
+      for (const one of list.getEntries()) {
+        const moved = one.sources.map(({ node, previousRect: from, currentRect: to }) =>
+          [node?.outerHTML?.slice(0, 60), from.top, to.top, from.height, to.height].join(" "));
+        window.shifts.push([one.value, moved]);
+      }
+    }).observe({ type: "layout-shift", buffered: true });"""
+BARE = """
+    const bare = [], what = NodeFilter.SHOW_ELEMENT | NodeFilter.SHOW_TEXT;
+    const walk = document.createTreeWalker(document.body, what);
+    const words = (text) => /[A-Za-z]{3}/.test(text.replace(/⟦[^⟧]*⟧/g, ""));
+    for (let node = walk.currentNode; node; node = walk.nextNode()) {
+      const element = node.nodeType === 3 ? node.parentElement : node;
+      if (node.nodeType === 3) {
+        if (!element.closest('[translate=no], noscript, .lesson') && words(node.data)) bare.push(node.data);
+        continue;
+      }
+      for (const name of ["aria-label", "title", "placeholder"]) {
+        const text = element.getAttribute(name);
+        if (text && !element.closest("[translate=no]") && words(text)) bare.push(name + ": " + text);
+      }
+    }
+    return bare"""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -108,6 +133,50 @@ def test_every_state_fits_its_screen(page, folder, width, height):
     page.complaints()  # of the value that was refused
     assert faults == {}
     assert len(places) == 1, places  # the emergency stop never moves
+
+
+@pytest.mark.parametrize(("width", "height"), [(360, 740), (1500, 950)])
+def test_the_layout_holds_still_while_a_run_begins_and_ends(page, width, height):
+    """Nobody touches the page, so that every shift counts, however slow the machine is."""
+    shape = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    page.tools("Emulation.setDeviceMetricsOverride", **shape)
+    page.go("bench/belt")
+    page.driver.refresh()
+    page.run(SHIFTS)
+    page.until(lambda: page.text("title") == "Mass on a belt")
+    page.until_known()
+    post = "fetch(arguments[0], { method: 'POST', body: JSON.stringify(arguments[1]) })"
+    page.run(post, "/api/run", {"scene": "belt", "duration": 300})
+    page.until_phase("running")
+    page.until(lambda: page.time > 2.0)
+    page.run(post, "/api/run/command", {"do": "stop"})
+    page.until_phase("ended")
+    shifts = sorted(page.run("return window.shifts"), key=lambda one: -one[0])
+    assert sum(size for size, _ in shifts) < 0.05, shifts[:6]
+
+
+def test_every_text_of_the_page_is_in_the_catalogue(page):
+    """In a language in which its texts stand between brackets no text of the page is without them."""
+    page.run("localStorage.setItem('language', 'qps')")
+    try:
+        page.driver.refresh()
+        page.until(lambda: page.text("phase") == "⟦no run yet⟧")
+        page.choose("belt_normal_force")
+        for view in ("recordings", "analysis", "lessons", "bench"):
+            page.go(view)
+        assert page.run(BARE) == []
+        page.write("duration", "300")
+        page.press("start")
+        page.until_phase("⟦running⟧")
+        page.until(lambda: page.time > 1.0)
+        page.show("verdict").click()
+        page.until(lambda: "late" in page.text("trust"))
+        assert page.run(BARE) == []
+        page.press("stop")
+        page.until_phase("⟦ended⟧")
+        assert page.run(BARE) == []
+    finally:
+        page.run("localStorage.clear()")
 
 
 def test_the_german_catalogue_is_complete():
