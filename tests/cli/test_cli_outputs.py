@@ -159,31 +159,6 @@ def test_a_name_that_does_not_fit_is_refused_and_nothing_is_left(rig, tmp_path, 
         assert {path.name for path in tmp_path.iterdir()} == {"log.mcap", "cut.mcap"}
 
 
-@pytest.mark.parametrize("command", ["run", "simulate"])
-def test_a_folder_whose_name_is_not_utf_8_is_refused_before_the_run(rig, tmp_path, command):
-    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/f\xff"))
-    folder.mkdir()
-    code, err = rig(command, "belt", "--duration", "0.1", "--out", folder / "x.mcap")
-    assert code == 2
-    assert "the name is not UTF-8" in err
-    assert not [*folder.iterdir()]
-
-
-def test_a_folder_of_runs_whose_name_is_not_utf_8_is_refused(rig, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", os.fsdecode(os.fsencode(tmp_path) + b"/f\xff"))
-    code, err = rig("run", "belt", "--duration", "0.1")
-    assert code == 2
-    assert "is not UTF-8; set XDG_RUNTIME_DIR" in err
-
-
-def test_every_command_that_draws_is_among_those_of_these_tests():
-    draws = {name for name, one in program.every().items() if any("--figure" in p.opts for p in one.params)}
-    tried = {
-        " ".join(command[: 2 if command[0] in program.GROUPS else 1]) for command in FILES if command[-1] == "--figure"
-    }
-    assert draws == tried
-
-
 @pytest.mark.parametrize(
     ("command", "said"),
     [
@@ -256,18 +231,6 @@ def test_a_figure_is_drawn_as_its_name_ends(rig, tmp_path):
     for name, begins in (("a.svg", b"<?xml"), ("a.PDF", b"%PDF")):
         assert rig("simulate", "belt", "--duration", "0.05", "--figure", tmp_path / name)[0] == 0
         assert (tmp_path / name).read_bytes().startswith(begins)
-
-
-def test_every_command_that_writes_files_takes_force():
-    options = {name: {p.name for p in command.params} for name, command in program.every().items()}
-    paths = {
-        name
-        for name, command in program.every().items()
-        for p in command.params
-        if p.name in ("out", "figure", "save") and p.metavar in ("FILE", "FOLDER", "PATH")
-    }
-    assert len(paths) >= 10
-    assert [name for name in sorted(paths) if "force" not in options[name]] == []
 
 
 @pytest.mark.usefixtures("log")

@@ -143,12 +143,6 @@ def test_what_only_a_file_can_change_is_told(key):
     assert faults("belt", {key: "3 s"}) == [f"{what} (given in the call)"]
 
 
-def test_a_chain_has_an_end(write):
-    for i in range(30):
-        write(f"s{i}.toml", f'based_on = "s{i + 1}.toml"')
-    assert "more than 20 files are based on one another" in faults(write("mine.toml", 'based_on = "s0.toml"'))[0]
-
-
 def test_every_value_of_a_shipped_scene_has_a_place_in_a_file(shipped):
     texts = {f"scene {name}": scenes.path(name).read_text().split("\n") for name in scenes.names()}
     for scene in shipped:

@@ -8,7 +8,7 @@ from rig.model.formulation import assemble
 from rig.model.mode_sets import ModeSets
 from rig.motion.motion import Motion
 from rig.solve import expm
-from rig.solve.records import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
+from rig.solve.records import SLIP_MINUS, SLIP_PLUS, STICK
 
 
 def test_mode_sets_that_were_foreseen_are_there_and_change_no_bit(rigs, run):
@@ -23,13 +23,6 @@ def test_mode_sets_that_were_foreseen_are_there_and_change_no_bit(rigs, run):
     assert plain.counts()["events"] == foreseen.counts()["events"] > 10
     assert plain.x.tobytes() == foreseen.x.tobytes()
     assert plain.energy() == foreseen.energy()
-
-
-def test_a_key_names_its_modes_and_back(rigs):
-    system = rigs.p3()
-    for key in range(system.keys):
-        assert system.key(*system.modes(key)) == key
-    assert system.describe(system.key([SLIP_MINUS], [OPEN], [])) == "contact slip-, load open"
 
 
 def test_a_propagator_carries_the_landing(rigs):

@@ -5,10 +5,8 @@ import pytest
 
 from rig.model import friction_law
 from rig.model.assembly import Assembly
-from rig.model.formulation import assemble
 from rig.model.method import ADAPTIVE
 from rig.motion.motion import Motion
-from rig.stability.linearisation import inputs, own_law
 
 LAWS = {
     "stribeck": friction_law.stribeck(0.4, 0.25, 0.05),
@@ -50,15 +48,3 @@ def test_adaptive_methods_agree_with_rk4(name, patches, tied, method):
     assert ours == pytest.approx(other, rel=1e-8, abs=1e-10)
     assert not system.linear
     assert np.abs(ours - end(system, method, tolerance=1e-3)).max() > 1e-12  # it is this method that is asked
-
-
-@pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("tied", [0.0, 0.1])
-def test_slopes_of_friction_are_those_of_the_linearisation(name, tied, input_slopes):
-    """Where `tied`, the load rests on the friction force itself."""
-    system = rig_of(LAWS[name], 2, tied)
-    key, x = system.key([0, 0], [0, 0], ()), system.start + 1e-3
-    modes = assemble(system, key)
-    expected = inputs(system, modes, x, own_law(system, modes))[1]
-    assert np.abs(expected).max() > 0.1
-    assert input_slopes(system, key, x) == pytest.approx(expected, rel=1e-11, abs=1e-12)
