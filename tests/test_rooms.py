@@ -1,7 +1,6 @@
 """What an installation holds, that no modules import one another in a circle, and what the locks pin."""
 
 import os
-import re
 import subprocess
 import sys
 import tomllib
@@ -68,27 +67,3 @@ def test_no_circle_among_modules():
 
 def _environment():
     return {**os.environ, "PYTHONPATH": str(ROOT)}
-
-
-def _names(wanted):
-    return {re.match(r"[A-Za-z0-9_.-]+", one)[0].lower() for one in wanted}
-
-
-def _pinned(file):
-    lines = (ROOT / file).read_text().splitlines()
-    return dict(re.match(r"(\S+)==(\S+)", line).groups() for line in lines if "==" in line)
-
-
-def test_the_locks_pin_what_the_project_asks_for():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    groups = project["dependency-groups"]
-    site = groups.pop("site")
-    extras = project["project"]["optional-dependencies"]
-    peers = extras.pop("peers")  # docs/peers.md names the versions it measured
-    assert peers
-    used = [*project["project"]["dependencies"], *extras["view"], *extras["web"], *groups["build"]]
-    everything = [*used, *(one for group in (*extras.values(), *groups.values()) for one in group)]
-    assert _names(used) <= _pinned("requirements.lock").keys()
-    assert _names(everything) <= _pinned("requirements-dev.lock").keys()
-    assert _pinned("requirements.lock").items() <= _pinned("requirements-dev.lock").items()
-    assert _names(site) <= _pinned("requirements-site.lock").keys()

@@ -1,6 +1,5 @@
 """The site that `make site` builds: complete, without anything from another host, its formulas and its reference."""
 
-import ast
 import json
 import os
 import re
@@ -17,50 +16,6 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 SITE = DOCS / "site"
 GALLERY = DOCS / "gallery"
-CODE = re.compile(r"^(```|~~~).*?^\1|`[^`\n]+`", re.DOTALL | re.MULTILINE)
-LINK = re.compile(r"\]\(([^)\s]+)")
-
-
-def shown_files():
-    """Files outside of the pages that a page includes, as the module `pages` of the site lists them."""
-    module = ast.parse((SITE / "pages.py").read_text())
-    values = [node.value for node in module.body if isinstance(node, ast.Assign) and node.targets[0].id == "SHOWN"]
-    return {ROOT / f"{file}.md" for file in ast.literal_eval(values[0])}
-
-
-def anchors(page):
-    """The anchors of a page: its headings down to level four, as `myst_heading_anchors` of the site has them.
-
-    On the site the page of the gallery has a heading for each figure.
-    """
-    headings = re.findall(
-        r"^#{1,4} (.*)$", CODE.sub(lambda code: code[0].replace("#", ""), page.read_text()), re.MULTILINE
-    )
-    if page == GALLERY / "README.md":
-        headings += [figure["name"] for figure in json.loads((GALLERY / "numbers.json").read_text())]
-    return {re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
-
-
-def astray(page, shown):
-    """The links of a page that lead to no page of the site, to no heading of one, or to no file."""
-    for target in LINK.findall(CODE.sub("", page.read_text())):
-        name, _, part = target.partition("#")
-        file = Path(os.path.normpath(page.parent / name)) if name else page
-        if re.match(r"\w+:", target):
-            continue
-        if not file.is_file() or (file.suffix == ".md" and not file.is_relative_to(DOCS) and file not in shown):
-            yield target
-        elif part and file.suffix == ".md" and part not in anchors(file):
-            yield target
-
-
-def test_a_link_of_a_page_leads_to_a_page_of_the_site():
-    """As Sphinx sees it: a page outside of the folder of the pages is none, unless a page includes it."""
-    shown = shown_files()
-    pages = [*DOCS.rglob("*.md"), *shown]
-    assert sum(len(LINK.findall(page.read_text())) for page in pages) > 300
-    wrong = {page.relative_to(ROOT).as_posix(): [*astray(page, shown)] for page in pages}
-    assert {page: links for page, links in wrong.items() if links} == {}
 
 
 def test_the_reference_of_python_has_every_function():
@@ -88,24 +43,6 @@ def test_a_value_of_the_reference_has_its_unit_range_and_default():
     assert "| `frame` | `s` | 1e-06 to 1 | `0.001` | loop period" in clock
     disc = "\n".join(scene_reference.section("rig.effects.disc_modes:Disc"))
     assert "| `poisson` | `1` | 0 to below 0.5 | required |" in disc
-
-
-@pytest.mark.usefixtures("site")
-def test_every_key_of_a_shipped_scene_is_in_the_reference():
-    """By its last name; the entries of a table of numbers, such as coordinates of points, have names of their own."""
-    import scene_reference as reference
-
-    from rig import scenes
-    from rig.scenes.sections import field_of, values_of
-
-    writers = (reference.plants, reference.shared, reference.instruments, reference.controllers)
-    lines = [line for write in writers for line in write()]
-    listed = {found[1].rpartition(".")[2] for line in lines if (found := re.match(r"\| `\[?([\w.]+)", line))}
-    for name in scenes.names():
-        scene = scenes.load(name)
-        for section in (scene.parameters, *scene.sensors.values(), *scene.controllers.values()):
-            keys = [key for key, _ in values_of(section) if field_of(section, key) is not None]
-            assert {key.rpartition(".")[2] for key in keys} - listed <= {"kind"}, name
 
 
 @pytest.mark.usefixtures("site")

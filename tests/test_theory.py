@@ -1,25 +1,14 @@
-"""The pages of docs/theory: closed forms that they state, evaluated against the program; what each part has there."""
+"""The pages of docs/theory: closed forms that they state, evaluated against the program."""
 
 import math
-import re
-from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
 
 import rig
 from rig.analysis.cycles.cycle import limit_cycle
-from rig.controllers import KINDS as CONTROLLERS
-from rig.laws import LAWS as FRICTION
 from rig.model.formulation import assemble
-from rig.plants import PLANTS
-from rig.sensors import KINDS as SENSORS
 from rig.solve.records import STICK
-
-DOCS = Path(__file__).parents[1] / "docs"
-THEORY = DOCS / "theory"
-LAWS = FRICTION.shipped
 
 
 def growth(scene, changes):
@@ -80,47 +69,3 @@ def test_a_tip_in_sliding_is_stiffer_and_pressed_less():
     (mode,) = rig.modes(scene).sliding.modes
     omega = math.sqrt((1.0 + tip.relief * mu) * tip.stiffness / tip.mass)
     assert 2.0 * math.pi * mode.frequency == pytest.approx(omega, rel=1e-9)
-
-
-def sections(page):
-    """Heading -> text of each section of a page."""
-    parts = re.split(r"^## (.+)\n", (THEORY / page).read_text(), flags=re.MULTILINE)
-    return dict(zip(parts[1::2], parts[2::2]))
-
-
-def tables_of_effects(section=None):
-    """The tables of a scene that are those of effects, of all plants."""
-    if section is None:
-        return {"noise"}.union(*(tables_of_effects(PLANTS[plant].Parameters) for plant in PLANTS.shipped))
-    found = set()
-    for name, info in section.model_fields.items():
-        for kind in get_args(info.annotation) or (info.annotation,):
-            if getattr(kind, "__module__", "").startswith("rig.effects") and hasattr(kind, "model_fields"):
-                found.add(name)
-    return found
-
-
-@pytest.mark.parametrize(
-    ("page", "named"),
-    [("plants.md", f"{{image}} {plant}.svg\n") for plant in PLANTS.shipped]
-    + [("effects.md", f"`[{name}]`") for name in sorted(tables_of_effects() - {"friction"})]  # laws: in laws.md
-    + [("controllers.md", f"`{kind}`") for kind in CONTROLLERS.shipped],
-)
-def test_a_part_has_its_equations_and_its_source(page, named):
-    found = [text for text in sections(page).values() if named in text]
-    assert any(("$$ (eq-" in text or "{eq}" in text) and "Source: " in text for text in found)
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_a_friction_law_has_its_formula(law):
-    with_memory = [text for text in sections("memory.md").values() if text.lstrip().startswith(f"`{law}`. ")]
-    over_speed = (DOCS / "laws.md").read_text().partition("## The laws")[2].partition("internal states")[0]
-    row = f"\n| `{law}` | " in over_speed  # its formula is evaluated in tests/test_docs.py
-    assert row or ["$$ (eq-" in text and "Source: " in text for text in with_memory] == [True]
-
-
-@pytest.mark.parametrize("kind", [*SENSORS.shipped])
-def test_an_instrument_has_its_front_end_and_the_source_of_its_values(kind):
-    text = sections("instruments.md")["The instruments"]
-    [row] = re.findall(rf"^\| {kind.replace('_', ' ')} \|(.*)\|$", text, re.MULTILINE)
-    assert [bool(cell.strip()) for cell in row.split(" | ")] == [True] * 4

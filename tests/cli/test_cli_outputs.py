@@ -1,9 +1,7 @@
 """No command overwrites a file unless it is told --force, and none leaves an empty one behind."""
 
-import errno
 import os
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -194,37 +192,6 @@ def test_of_two_commands_that_write_one_new_file_the_second_is_refused(rig, tmp_
     assert out.read_text() == "of another"
     assert rig("simulate", "belt", "--duration", "0.05", "--out", out, "--force")[0] == 0
     assert out.stat().st_size > 1000
-
-
-@pytest.fixture
-def full(monkeypatch):
-    """A disk that takes a few bytes of a file."""
-
-    def write(path, data):
-        with path.open("wb") as file:
-            file.write(data[:100])
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_bytes", write)
-
-
-@pytest.mark.usefixtures("full")
-@pytest.mark.parametrize(("command", "there"), [("simulate", True), ("run", False)])
-def test_a_full_disk_takes_no_summary_and_tears_no_figure(capsys, tmp_path, monkeypatch, command, there):
-    figure, log = tmp_path / "a.png", tmp_path / "a.mcap"
-    save(laboratory.simulate("belt", 0.05), log)
-    told = SimpleNamespace(log=str(log), text=lambda: "VALID", exit_code=0)
-    monkeypatch.setattr("rig.bench.live.supervise.run", lambda *_, **__: told)
-    if there:
-        figure.write_text("mine")
-    with pytest.raises(SystemExit) as left:
-        program.run([command, "belt", "--duration", "0.05", "--figure", str(figure), "--force"])
-    out, err = capsys.readouterr()
-    assert left.value.code == 1
-    assert ("VALID" if command == "run" else "0.05 s simulated") in out
-    assert f"{figure} cannot be written: No space left on device" in err
-    assert {path.name for path in tmp_path.iterdir()} == ({"a.mcap", "a.png"} if there else {"a.mcap"})
-    assert not there or figure.read_text() == "mine"
 
 
 def test_a_figure_is_drawn_as_its_name_ends(rig, tmp_path):

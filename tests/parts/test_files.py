@@ -11,7 +11,6 @@ from matplotlib.image import imread
 import rig as lab
 from rig.errors import SceneError
 from rig.scenes.scene import Scene
-from rig.scenes.variants import absent, dropped, without
 from rig.view.palette import put
 
 
@@ -66,19 +65,6 @@ def test_it_runs_and_the_run_is_the_sum_of_its_parts(folder):
     assert "buffer_force" in run.signals
     assert "buffer_force" not in free.signals
     assert abs(run.energy["error"]) < 1e-9
-
-
-def test_an_effect_from_a_file_is_an_effect_like_others(folder):
-    scene = lab.load(folder / "scene.toml")
-    assert "buffer" in dropped(scene)
-    assert "noise" in absent(scene)  # every plant may have it
-    assert "buffer" not in without(scene, ["buffer"]).assemble().names
-    softer = lab.load(folder / "scene.toml", {"buffer.stiffness": "100 N/m", "noise.force": 1e-3})
-    assert softer.parameters.buffer.stiffness == 100.0
-    assert "noise" in softer.assemble().names
-    assert "buffer.stiffness" in faults(folder, {"buffer.stiffness": "-1 N/m"})
-    buffer = {"buffer.effect": str(folder / "example_effect.py"), "buffer.stiffness": 100.0, "buffer.damping": 5.0}
-    assert "buffer" in lab.load("belt", buffer).assemble().names  # beside a shipped plant
 
 
 def test_the_scene_as_json_carries_source_and_hash_and_no_path(folder):

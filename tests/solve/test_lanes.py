@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import rig
@@ -10,9 +10,8 @@ from rig.bench.run.runner import PlantRunner
 from rig.compiled.kernel import kernel
 from rig.model import friction_law
 from rig.motion.motion import Motion
-from rig.solve.column_blocks import LANE, lanes
+from rig.solve.column_blocks import LANE
 from rig.solve.expm import exponential_factors
-from rig.solve.forces import write_sines
 from tests.solve.conftest import oscillator
 
 LAWS = {
@@ -36,21 +35,6 @@ def test_the_factors_come_to_the_exponential_within_two_units_in_the_last_place(
     with np.errstate(over="ignore", under="ignore"):
         expected = float(np.exp(u))
     assert _product(u) == expected or abs(_product(u) - expected) <= 2.0 * np.spacing(expected)
-
-
-@kernel
-def _sines(u, out):
-    write_sines(lanes(u), 0, LANE, out)
-
-
-@settings(deadline=None)
-@given(st.lists(st.floats(-1.0, 1.0), min_size=LANE, max_size=LANE))
-def test_sines_agree_with_the_library_to_the_last_place(values):
-    """Below 0.8 rad they are a series, otherwise the library's."""
-    u, out = np.array(values), np.zeros(LANE)
-    _sines(u, out)
-    off = np.abs(out - np.sin(u))
-    assert (off <= np.spacing(np.abs(u)) * (np.abs(u).max() < 0.8)).all()
 
 
 def _one_by_one(motion, states, mode_sets):
