@@ -63,6 +63,14 @@ KIND, SENSOR = 'kind = "laser_vibrometer"', 'sensor = "vibrometer"'
     ("old", "new", "told"),
     [
         ("stiffness = 2500", "", "body.stiffness: is missing; expected a value in N/m"),
+        (KIND, "", "sensors.vibrometer.kind: is missing; known: accelerometer, "),
+        ('law = "coulomb"', "", "friction.law: is missing; known: constant, "),
+        (
+            "[controllers.nf]",
+            "[controllers]\nother = 3\n[controllers.nf]",
+            "controllers.other = 3: expected a table with kind",
+        ),
+        ("[drive]", '[clock]\nunstable = "yes"\n[drive]', 'clock.unstable = "yes": unknown; known: refuse, run'),
         ('"5 kg"', '["5 kg", "papr"]', 'body.mass: origin = "papr": unknown; did you mean paper? known: '),
         ('plant = "belt"', 'plant = "blet"', 'plant = "blet": unknown; did you mean belt? known: belt, '),
         (
