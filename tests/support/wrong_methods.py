@@ -32,8 +32,6 @@ from rig.solve.records import OPEN, STICK
 
 Array = NDArray[np.float64]
 STALE_NS = 50_000
-PATIENCE = 5.0
-"""Time limit of these loops in units of a cell's: they are Python, and one that is cut short shows no fault."""
 Step = Callable[[Array], Array]
 
 
