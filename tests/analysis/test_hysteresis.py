@@ -126,19 +126,6 @@ def test_outputs_of_a_live_run_are_told_to_be_thinned_out():
     assert "bridged" not in spectrum(run, "velocity").text()
 
 
-def test_critical_speeds_are_those_of_the_contact_mode():
-    system = lab.load("belt").assemble().system()
-    stick, slip = (system.key([kind], [0], [0] * len(system.limiters)) for kind in (2, 0))
-    found = hysteresis(loop(mode=np.where(shaken() & (T % 0.02 < 0.01), stick, slip)), window=0.5)
-    assert found.up == pytest.approx(UP, abs=0.1 * 0.02)
-    assert found.down == pytest.approx(DOWN, abs=0.1 * 0.02)
-    assert "last stick at 0.59" in found.text()
-    assert "between 0.19" in found.text()
-    without = hysteresis(loop(), window=0.5)
-    assert math.isnan(without.up)
-    assert "stick is unknown" in without.text()
-
-
 def test_samples_that_dropped_out_are_told_and_left_out():
     """One in ten, as NaN and as nothing at all, and a hole of 2 s."""
     rng = np.random.default_rng(5)

@@ -11,7 +11,6 @@ import pytest
 import rig
 from rig.analysis import map as maps
 from rig.analysis.map.row import units
-from rig.errors import SceneError
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "two_dof.json").read_text())["dither_boundary"]
 SPEED, RATE = 0.3, 10.0
@@ -74,8 +73,3 @@ def test_it_is_told_and_written(found):
     assert lines[0] == "dither.frequency [Hz],leading [N],averaged [N],simulated_lost [N],simulated_kept [N]"
     assert len(lines) == 5
     json.dumps(found.to_json())
-
-
-def test_a_scene_without_dither_has_no_boundary():
-    with pytest.raises(SceneError, match="is not a numeric parameter of this scene"):
-        maps.job(rig.load("two_dof"), frequencies(10, 20, 2), "dither.amplitude=5 N:20 N:4")

@@ -110,12 +110,6 @@ def test_growth_that_leaps_over_zero_is_told_as_a_jump():
     assert one.frequency == pytest.approx(math.sqrt(500.0 - 1.4**2) / (2.0 * math.pi), rel=1e-9)
 
 
-def test_a_sweep_runs_downwards_as_well():
-    up = rig.sweep("belt", "drive.speed", np.linspace(0.1, 0.3, 7)).critical
-    down = rig.sweep("belt", "drive.speed", np.linspace(0.3, 0.1, 7)).critical
-    assert [(one.value, one.becomes) for one in down] == [(pytest.approx(up[0].value, rel=1e-12), "stable")]
-
-
 def test_branches_cross_where_shapes_say_so_and_veer_where_they_are_coupled():
     def modes(coupling):
         return lambda p: beside(turning(-1.0, 10.0 + 4.0 * p), turning(-1.2, 14.0 - 4.0 * p), coupling)

@@ -7,7 +7,6 @@ import pytest
 
 from rig import papers
 from rig.papers import Comparison, Entry
-from rig.scenes import names
 
 GALLERY = Path(__file__).parents[2] / "docs" / "gallery"
 
@@ -21,12 +20,6 @@ def drawn(figure):
 def wrong(made):
     """What differs, and what is said to differ but agrees."""
     return [(one.what, one.ours, one.expected) for one in made.comparisons if one.compared and one.agrees == one.missed]
-
-
-def test_every_entry_names_shipped_scenes_and_has_a_name_and_a_drawing_of_its_own():
-    entries = papers.pick("all")
-    assert len({entry.name for entry in entries}) == len({entry.draw for entry in entries}) == len(entries) > 10
-    assert {scene for entry in entries for scene in entry.scenes} <= set(names())
 
 
 def test_the_gallery_has_every_figure_as_pixels_and_as_curves():

@@ -1,18 +1,15 @@
 """Reference problems as scenes, and the race of solvers on them."""
 
 import json
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from oscillator import Oscillator
-from race import Entry, cheapest
 from solvers import by_rig, by_scipy
 
 import rig
 from rig.analysis.cycles.motion_measures import Setting
-from rig.errors import UsageError
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 PROBLEMS = Path(__file__).parents[1] / "problems"
@@ -34,17 +31,3 @@ def test_what_peers_are_given_is_the_same_problem(name):
     o = Oscillator.of(problem(name))
     found = by_scipy(o, ("DOP853", 1e-10))()
     assert np.abs(np.subtract(found, NUM[name]["events"])).max() < 1e-8 * NUM[name]["period"]
-
-
-def test_what_peers_cannot_be_given_is_told_at_once():
-    with pytest.raises(UsageError, match="mass on a belt only"):
-        Oscillator.of(rig.load("lever"))
-    with pytest.raises(UsageError, match=r"friction falling.*"):
-        Oscillator.of(rig.load("belt_b"))
-    with pytest.raises(UsageError, match="dither, actuators that move"):
-        Oscillator.of(rig.load("belt_dither"))
-
-
-def test_the_quickest_that_is_accurate_enough_counts():
-    rows = [Entry("a", "1", 1e-3, 100.0), Entry("a", "2", 1e-7, 10.0), Entry("b", "1", math.inf, 5.0)]
-    assert cheapest(rows, 1e-6) == [rows[1], rows[2]]

@@ -209,22 +209,3 @@ def test_parts_alone_vibrate_as_worked_out_by_hand(experiment, hertz, ratio):
     undamped = mode.frequency / math.sqrt(1.0 - mode.damping**2)
     assert undamped == pytest.approx(hertz, rel=1e-5)
     assert mode.damping == pytest.approx(ratio, rel=1e-4)
-
-
-def test_lifted_off_the_pin_feels_no_friction():
-    """The lever thrown back: N = N0 + k2 r3 theta comes to zero, and the contact opens."""
-    run = rig.simulate(
-        rig.load(
-            "lever",
-            {"load.force": 2.0, "start.lever_angle": -0.01, "start.lever_velocity": -4.0, "limits.lever_angle": 0.5},
-        ),
-        0.5,
-    )
-    N = run.signals["normal_force"]
-    assert N.min() == 0.0
-    away = N == 0.0
-    assert away.sum() > 10
-    assert np.all(run.signals["friction_force"][away] == 0.0)
-    assert any(event["text"] == "load opens" for event in run.events)
-    assert any(event["text"] == "load closes" for event in run.events)
-    assert abs(run.energy["error"]) < 1e-6

@@ -30,14 +30,10 @@ from rig.analysis.linear.sweep import sweep
 from rig.bench.again.verify import verify
 from rig.bench.run.before import findings
 from rig.errors import SceneError, UsageError
-from rig.model.assembly import Assembly
-from rig.model.film import Film
 from rig.plants import structure as of_matrices
 from rig.record import statistics
-from rig.record.compare import compare
 from rig.scenes.axis import Axis
 from rig.scenes.explain import explain
-from rig.solve.records import CLOSED, STICK
 from rig.stability.linearisation import sliding_key, steady
 from rig.structure import model_store
 from rig.structure.rows import node_vector
@@ -194,24 +190,6 @@ def test_matrices_of_files_can_stay_as_they_are(tmp_path):
         tables = {"structure": {"units": "m-kg-s", "parts": parts} | more, "reduction": {"kind": "whole"}}
         rates.append(at_rest(scenes.load(written(tmp_path, tables, name)))[1].eigenvalues())
     assert np.array_equal(*rates)
-
-
-def test_a_block_of_matrices_is_the_same_as_entries_by_name():
-    entries, block = Assembly(), Assembly()
-    matrices = [np.diag([1.0, 2.0]), np.array([[0.1, 0.2], [-0.2, 0.3]]), np.array([[3.0, -1.0], [-1.0, 4.0]])]
-    block.block(("x", "y"), *matrices)
-    for i, name in enumerate("xy"):
-        entries.coordinate(name, *(matrix[i, i] for matrix in matrices))
-    for i, j in ((0, 1), (1, 0)):
-        entries.damping["xy"[i], "xy"[j]], entries.stiffness["xy"[i], "xy"[j]] = matrices[1][i, j], matrices[2][i, j]
-    for a in (entries, block):
-        a.spring({"x": 1.0, "y": -1.0}, 7.0, 0.5)
-        a.coordinate("z", 1.0)
-        a.spring({"x": 1.0, "z": -1.0}, 2.0)
-    for of in ("mass", "damping", "stiffness"):
-        assert np.array_equal(getattr(entries.system(), of), getattr(block.system(), of))
-    with pytest.raises(ValueError, match=r"mass has the shape \(1, 1\); expected \(2, 2\)"):
-        Assembly().block(("x", "y"), np.eye(1), np.eye(2), np.eye(2))
 
 
 def test_every_fault_of_a_scene_is_reported_at_once_with_its_key(tmp_path):
@@ -808,29 +786,6 @@ def test_the_energy_of_a_film_closes_with_the_square_of_the_step(disc, tmp_path,
     assert 3.0 < errors[0] / errors[1] < 6.0
 
 
-def test_a_film_is_continued_studied_and_explained(disc, tmp_path):
-    """Points open within the first 10 ms."""
-    scene = pads(disc, [2, 2], "1 us", start={"velocity": 1.0})
-    whole, log = rig.simulate(scene, 0.03), tmp_path / "run.mcap"
-    recorded = rig.simulate(scene, 0.02)
-    assert recorded.signals["openings"][recorded.time < 0.01][-1] > 0
-    recorded.save(log)
-    continued = rig.fork(log, duration=0.01)
-    assert compare(whole, continued).identical
-    changed_run = rig.fork(log, 0.01, {"load.force": "2 kN"}, duration=0.01)
-    changed_run.save(tmp_path / "changed.mcap")
-    assert verify(tmp_path / "changed.mcap").passed
-    forces = [np.mean(run.signals["normal_force_pad_up"][run.time > 0.015]) for run in (changed_run, whole)]
-    assert forces[0] == pytest.approx(2.0 * forces[1], rel=0.3)
-    study = rig.study(scene, {"friction.mu": [0.1, 0.3]}, ["run.rms"], duration=0.01, folder=tmp_path, workers=1)
-    assert (study.values > 0.0).all()
-    effects = {effect.name: effect.about for effect in explain(scene).effects}
-    shear, pressed = scene.assemble().film.shear[0], rig.modes(scene).sliding.equilibrium["normal_force_of_pad_up_1"]
-    creep = 0.3 * pressed / shear
-    largest = float(re.search(r"shear stiffness, (\S+) um at the most", effects["film"])[1])
-    assert 0.5 * largest < 1e6 * creep <= 1.05 * largest
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_film_vibrates_like_itself_with_half_the_step(disc):
@@ -848,51 +803,6 @@ def test_a_film_vibrates_like_itself_with_half_the_step(disc):
     interval = student.ppf(0.975, 7) * np.sqrt(sum(variances))
     assert abs(means[0] - means[1]) < max(0.1 * means[1], interval)
     assert interval < 0.15 * means[1]
-
-
-def test_the_mirror_symmetry_of_two_shoes_is_used_and_changes_nothing(tmp_path, monkeypatch):
-    """Three masses each and springs between them, on contacts of their own; a run in which points open and stick."""
-    count = 3
-    shoe = 1e5 * (np.diag([3.0, 4.0, 3.0]) - np.eye(3, k=1) - np.eye(3, k=-1))
-    shoe = np.block([[shoe, -0.7e5 * np.eye(3)], [-0.7e5 * np.eye(3), 0.6 * shoe]])  # along x, across y
-    link = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.diag([2e4] * 3 + [1e4] * 3))
-    names = [f"{what}{side}{i}" for side in "ab" for what in "xy" for i in range(count)]
-    matrices = {
-        "M": {"of": "mass", "values": np.eye(12).tolist()},
-        "K": {"of": "stiffness", "values": (np.kron(np.eye(2), shoe) + link).tolist()},
-    }
-    contacts = {
-        f"at_{side}{i}": {"gap": {f"y{side}{i}": 1.0}, "along": {f"x{side}{i}": 1.0}, "spring": k}
-        for side, k in (("a", 1.0e5), ("b", 1.2e5))
-        for i in range(count)
-    }
-    tables = {
-        "structure": {"units": "m-kg-s", "coordinates": names, "parts": matrices, "film": True},
-        "reduction": {"kind": "modes", "modes": 12, "contact": "open"},
-        "contacts": contacts,
-        "drive": {"speed": 0.01},
-        "load": {"force": 20.0, "at": {name: {"row": {name: -1.0}} for name in names if name[0] == "y"}},
-        "friction": {"law": "constant", "mu": 0.4},
-        "outputs": {"first": {"row": {"ya0": 1.0}}},
-        "start": {"velocity": 0.3},
-        "knock": {"at": "first"},
-        "clock": {"rk4_step": "50 us"},
-    }
-    path = written(tmp_path, tables)
-    assert scenes.load(path).assemble().film.mirror.order.tolist() == list(range(6))
-    system = scenes.load(path).assemble().system()
-    sizes = np.abs(steady(system, system.key([STICK] * 6, [CLOSED] * 6, [])).eigenvectors()[0])
-    zeros = sizes[sizes < 1e-3 * sizes.max()]
-    assert zeros.size == 6  # where the stuck points rest is free; slip is left out
-    assert zeros.max() < 1e-10 * sizes.max()
-    used = rig.simulate(scenes.load(path), 0.2)
-    monkeypatch.setattr(Film, "mirror", None)
-    whole = rig.simulate(scenes.load(path), 0.2)
-    assert used.signals["openings"][-1] > 0.0
-    assert (used.signals["state_of_at_b0"] == 1.0).any()
-    for name in ("first_velocity", "normal_force", "friction_force", "slip_speed_of_at_b2"):
-        v = whole.signals[name]
-        assert used.signals[name] == pytest.approx(v, abs=1e-9 * np.abs(v).max())
 
 
 @pytest.mark.parametrize("points", [(2, 6), (1, 2)], ids=["film", "mode sets"])
@@ -927,31 +837,8 @@ def test_contacts_of_a_mesh_are_shown_as_maps_of_their_pressure(disc, tmp_path, 
         assert (np.abs(drawn - np.array(contact.rgb(pressure.OPEN)) / 255.0).max(axis=2) < 0.01).mean() > 1e-4
 
 
-def test_a_rig_with_a_film_is_linearised_for_a_loop_like_its_contacts(disc):
-    law = {"kind": "lti", "reads": ["vibrometer"], "drives": ["load.force"], "D": [[1.0]], "gain": 100.0}
-    sensor = {"kind": "laser_vibrometer", "reads": "pad_velocity", "rate": "10 kHz", "span": "5 m/s"}
-    tables = FE | {"sensors": {"vibrometer": sensor}, "controllers": {"pressing": law}}
-    films = (FE["structure"] | {"film": film} for film in (False, True))
-    growths = [
-        loop(scenes.load(written(disc, tables | {"structure": film}, "loop")), "pressing").growth for film in films
-    ]
-    assert growths[1] == pytest.approx(growths[0], rel=1e-9)
-
-
-def test_points_of_a_film_that_would_have_to_pull_are_named_before_a_run(disc):
-    contacts = {name: contact | {"points": [3, 4]} for name, contact in FE["contacts"].items()}
-    load = {"force": "1 kN", "at": {"up": {"nodes": [1441], "direction": "-z"}}}
-    scene = scenes.load(written(disc, FE | {"contacts": contacts, "load": load}, "pulled"))
-    finding = next(finding for finding in findings(scene) if "do not press" in finding.what)
-    assert finding.level == "warning"
-    assert "pad_" in finding.what
-
-
-def test_a_film_refuses_what_its_points_cannot_be(tmp_path):
+def test_a_film_refuses_a_law_with_memory(tmp_path):
     asked = {"structure": THREE["structure"] | {"film": True}}
-    closed = THREE | asked | {"contacts": {"pad": THREE["contacts"]["pad"] | {"opens": False}}}
-    with pytest.raises(SceneError, match=r"contacts\.pad\.opens: points of a film open"):
-        scenes.load(written(tmp_path, closed)).assemble()
     memory = {"law": "dahl", "mu_kinetic": 0.4, "sigma0": 1e5}
     own_law = THREE | asked | {"contacts": {"pad": THREE["contacts"]["pad"] | {"friction": memory}}}
     with pytest.raises(SceneError, match="points of a film support no law with memory"):

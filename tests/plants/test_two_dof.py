@@ -216,48 +216,6 @@ def test_boundary_without_the_damping_of_dither_is_the_closed_form():
         assert formula > reference(mu, V)["a_over_V"]
 
 
-def decays(move, mu, V, r, a, time):
-    """Whether normal motion, seen once in a period of the dither, dies away from 2 % off the averaged equilibrium."""
-    at = mean(mu, V, r, a)
-    w = r * W0
-    start = {"start.displacement": float(at.x[0]) - a * V / w, "start.height": 0.98 * float(at.x[1])}
-    period = round(2.0 * math.pi / w * 1e9) * 1e-6
-    run = move("two_dof_dither", shaken(mu, V, r, a, **start), step_ms=period, duration=time, cap=1000)
-    y = run["height"]
-    sixth = len(y) // 6
-    return not len(run.times("load opens")) and np.ptp(y[-sixth:]) < np.ptp(y[sixth : 2 * sixth])
-
-
-def by_simulation(move, mu, V, r, low, high, time=150.0):
-    assert not decays(move, mu, V, r, low, time)
-    assert decays(move, mu, V, r, high, time)
-    while high - low > 2e-3:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if decays(move, mu, V, r, middle, time) else (middle, high)
-    return 0.5 * (low + high)
-
-
-SIMULATED = [
-    pytest.param(mu, V, r, marks=() if (mu, V, r) in ((0.4, 0.3, 20), (0.6, 0.3, 20)) else pytest.mark.slow)
-    for mu, V, r in ((*case, r) for case in CASES for r in (3, 5, 10, 20, 40))
-    if f"mu{mu:g}_V{V:g}_r{r}" in LIU["dither_boundary"]["sim"]
-]
-
-
-@pytest.mark.parametrize(("mu", "V", "r"), SIMULATED)
-def test_boundary_by_simulation(move, mu, V, r):
-    """Within 0.005 V of the reference's own simulation; from r = 10 on within 5 % of averaging."""
-    expected = LIU["dither_boundary"]["sim"][f"mu{mu:g}_V{V:g}_r{r}"]["a_over_V"]
-    found = by_simulation(move, mu, V, r, expected - 5e-3, expected + 5e-3)
-    if r >= 10:
-        leading = reference(mu, V)["a_over_V"]
-        assert found == pytest.approx(leading, rel=0.05)
-        if mu > 0.45:
-            full = boundary(mu, V, r)
-            assert found == pytest.approx(full, abs=4e-3)
-            assert abs(full - found) < abs(leading - found)
-
-
 @pytest.mark.parametrize("at", [0, 1, 3], ids=["mu=0.5 a=1.3V", "mu=0.6 a=1.5V", "mu=0.5 a=0.9V"])
 def test_dithered_runs_are_those_of_the_reference(move, at):
     """100 s from 10 % off: what is left of the normal motion, means and ripple of what is left."""
