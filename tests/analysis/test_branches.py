@@ -500,19 +500,6 @@ def test_stick_slip_beside_a_steep_law_ends_at_a_canard(tmp_path, scene, low, hi
     assert canard == pytest.approx(low, rel=1e-8)
 
 
-@pytest.mark.slow
-def test_a_curve_that_begins_at_a_canard_is_told_and_the_others_are_computed(tmp_path):
-    loaded = lab.load("seal_l", {"limits": "none"})
-    described = job(loaded, "drive.speed=6 mm/s:12 mm/s")
-    result = curves(described, Axis.parse("load.force=9 N:11 N:3", loaded), tmp_path)
-    hopf, grazing = result.curves
-    assert len(hopf.second) == 3
-    assert grazing.second == (10.0,)
-    assert grazing.first == pytest.approx([9.21649143e-3], rel=1e-8)
-    assert "within less than the digits of the parameter" in grazing.why
-    assert "not followed from 10" in result.text()
-
-
 def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):
     """At three points the motion from a standing start comes to the same cycle."""
     scene = lab.load("brake", {"limits": "none"})

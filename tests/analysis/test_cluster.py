@@ -33,7 +33,7 @@ class Processes:
         self.folder, self.started = folder, []
         self.scheduler()
 
-    def _start(self, module, *arguments, path=ROOT):
+    def _start(self, module, *arguments):
         words = [sys.executable, "-m", f"distributed.cli.{module}", *map(str, arguments), "--host", "127.0.0.1"]
         with (self.folder / f"{len(self.started)}.txt").open("w") as said:
             process = subprocess.Popen(
@@ -41,7 +41,7 @@ class Processes:
                 stdout=said,
                 stderr=said,
                 cwd=self.folder,
-                env={**os.environ, "PYTHONPATH": f"{path}{os.pathsep}{SUPPORT}"},
+                env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{SUPPORT}"},
             )
         self.started.append(process)
         return process
@@ -57,9 +57,9 @@ class Processes:
         self.address = json.loads(file.read_text())["address"]
         return process
 
-    def worker(self, path=ROOT, nanny=False):
+    def worker(self):
         options = ("--nthreads", 1, "--no-dashboard", "--local-directory", self.folder, "--death-timeout", 60)
-        return self._start("dask_worker", self.address, *options, "--nanny" if nanny else "--no-nanny", path=path)
+        return self._start("dask_worker", self.address, *options, "--no-nanny")
 
     def end(self):
         for process in self.started:

@@ -9,7 +9,6 @@ import pytest
 import rig as lab
 from rig.analysis.recorded import hysteresis, series, spectrum
 from rig.analysis.recorded.moving_windows import moving_rms, slowest
-from rig.analysis.recorded.speed_branches import branches
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
@@ -66,28 +65,6 @@ def test_the_window_is_centred():
     """Where the vibration ends in the middle of a window, half of the mean square is left."""
     t, rms, _ = moving_rms(series(run_of((T < 10.0) * np.sin(2.0 * math.pi * 50.0 * T)), "accelerometer"), 0.16)
     assert np.interp(10.0, t, rms**2) == pytest.approx(0.25, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("times", "speeds", "expected"),
-    [
-        ([0, 1, 4, 6, 9, 10], [0, 0, 1, 1, 0, 0], [(1, 4, True), (6, 9, False)]),
-        ([0, 2, 3, 5, 6, 8], [0, 0.5, 0.5, 1, 0.97, 1], [(0, 5, True)]),  # a hold and a small reversal on the way
-        ([0, 2, 9, 10], [1, 1, 0, 0], [(2, 9, False)]),
-        ([0, 10], [0.3, 0.3], []),
-    ],
-)
-def test_branches_begin_and_end_where_the_speed_is_held(times, speeds, expected):
-    t = np.linspace(0.0, 10.0, 2001)
-    found = branches(t, np.interp(t, times, speeds))
-    assert [branch.rises for branch in found] == [rises for *_, rises in expected]
-    for branch, (begin, end, _) in zip(found, expected):
-        assert [branch.begin, branch.end] == pytest.approx([begin, end], abs=0.12)
-    noise = 2e-3 * np.random.default_rng(3).standard_normal(t.size)  # of a sensor: makes no branches
-    if expected:
-        assert [branch.rises for branch in branches(t, np.interp(t, times, speeds) + noise)] == [
-            rises for *_, rises in expected
-        ]
 
 
 def test_up_and_down_are_told_apart():

@@ -14,7 +14,6 @@ from rig.analysis.identification.cycles import CycleRun
 from rig.analysis.identification.next_experiment import propose
 from rig.analysis.identification.responses import cycle_response
 from rig.analysis.identification.runs import prepared
-from rig.analysis.identification.slips import noise_of, slips
 from rig.analysis.identification.written import write
 from rig.errors import RigError, UsageError
 
@@ -288,21 +287,6 @@ def test_a_slow_sampling_is_refused(twin):
     run = rig.simulate(rig.load("belt", {"sensors.laser.rate": "50 Hz", "limits": "none"}), 6.0)
     with pytest.raises(UsageError, match=r"samples in a motion of .* at least 20 are needed: sample at"):
         rig.identify("belt", [twin[1][0] | {"run": run, "set": {}}], FREE, starts=0, workers=1)
-
-
-def test_slips_of_a_known_signal():
-    """A ramp of 0.3 s and a fall of 0.1 s, with noise: period, stick and motion of each cycle."""
-    t = np.arange(8000) * 1e-3
-    phase = np.mod(t, 0.4)
-    x = np.where(phase < 0.3, 0.05 * phase, 0.015 - 0.15 * (phase - 0.3))
-    x += 2e-6 * np.random.default_rng(1).standard_normal(t.size)
-    assert noise_of(x) == pytest.approx(2e-6, rel=0.15)
-    read = slips(x, 1000.0, 0.0, 0.05, False, 7)
-    period, stick, motion, drop = np.exp(np.median(read.measures, axis=0)[:4])
-    assert period == pytest.approx(0.4, rel=1e-3)
-    assert stick == pytest.approx(0.3, abs=7e-3)  # the window of the filter has 7 samples
-    assert motion == pytest.approx(0.1, abs=7e-3)
-    assert drop == pytest.approx(0.015, rel=0.03)
 
 
 PAPER = Path(rig.__file__).parents[1] / "recordings" / "stick_slip_paper"

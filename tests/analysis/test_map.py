@@ -53,15 +53,6 @@ def test_amplitude_and_stick_share_are_those_of_the_limit_cycle(belt):
         assert belt.tables["period"][number, 0, at] == pytest.approx(cycle.period, rel=1e-6)
 
 
-def test_a_coulomb_belt_has_no_region_without_sliding(tmp_path):
-    """Its sliding is stable at any speed; stick-slip ends where a mass that is let go just reaches the belt's speed."""
-    found = rig.map("belt_c_damped", "drive.speed=0.02:0.1:9", folder=tmp_path, runs=("up", "near"))
-    expected = ["II" if x < 0.0779535 else "I" for x in found.job.x.values]
-    assert [REGIONS[r] for r in found.regions[0]] == expected
-    assert not len(found.onsets[0])
-    assert found.ends[0, 0] == pytest.approx(0.0779534596, abs=1e-9)
-
-
 def test_a_run_that_is_carried_slowly_keeps_the_stick_slip_of_an_undamped_belt(tmp_path):
     """Slip is an arc about rest under kinetic friction. It begins at the belt's speed, away from rest by the drop of
     friction over the stiffness.

@@ -1,4 +1,4 @@
-"""The search for the smallest value of a measure: it finds it, and continues where it was."""
+"""The search for the smallest value of a measure: it finds it, or says why there is none."""
 
 import json
 

@@ -4,10 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from swept_matrices import beside, over, turning
 
 import rig
-from rig.analysis.linear import figures
 from rig.errors import SceneError
 from rig.scenes.axis import Axis
 
@@ -29,21 +27,6 @@ def test_a_sweep_of_another_key_tells_whether_the_dither_counts(on, told):
     assert found.largest[1] == pytest.approx(expected.modes[0].growth, rel=1e-9)
     assert told in found.text()
     assert found.to_json()["friction"] == told
-
-
-def lines(found):
-    """Style and points [n, 2] of every curve in the plot of growth."""
-    figure = figures.sweep_figure(found)
-    return [(line.get_linestyle(), line.get_xydata()) for line in figure.axes[0].lines if len(line.get_xydata()) > 2]
-
-
-def test_no_curve_of_the_figure_joins_the_sides_of_a_jump():
-    found = over(lambda p: beside(turning(2.0 - 3.0 * (p > 0.44), 9.0), turning(-5.0, 30.0)))
-    [jump] = found.critical
-    for _, points in lines(found):
-        sides = points[:, 0] > jump.value
-        joined = np.isfinite(points[:-1]).all(axis=1) & np.isfinite(points[1:]).all(axis=1)
-        assert not (joined & (sides[:-1] != sides[1:])).any()
 
 
 def test_the_command_sweeps_and_draws(rig, tmp_path):

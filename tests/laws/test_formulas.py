@@ -1,4 +1,4 @@
-"""Laws with memory as formulas: their slopes, their energy, and their motion under prescribed slip."""
+"""Laws with memory as formulas: their slopes, their energy, what does not drift."""
 
 import math
 from itertools import pairwise

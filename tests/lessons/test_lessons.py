@@ -1,4 +1,4 @@
-"""The lessons: every page has its parts, every number comes out, and `rig lesson` prints them."""
+"""The lessons: every number comes out, and `rig lesson` prints them."""
 
 import json
 import os

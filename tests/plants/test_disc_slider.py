@@ -123,15 +123,6 @@ def test_only_with_the_slope_nothing_comes_from_nowhere():
         assert growth("a", F0, Om, **bare) > 1e-4
 
 
-def test_leaning_the_other_way_the_inclined_spring_couples_nothing():
-    """Friction and spring would then couple in the same sense: no mode coupling in case c."""
-    system = disc_slider.assemble(parameters("c", 100.0, 20.0), {}).system()
-    assert growth("c", 100.0, 20.0) > 38.0
-    system.stiffness[0, 1] *= -1.0
-    system.stiffness[1, 0] *= -1.0
-    assert steady(system, sliding_key(system)).eigenvalues()[0].real < 0.0
-
-
 @pytest.mark.parametrize("point", [("a", 100.0, 1000.0), ("b", 100.0, 2.0)])
 def test_a_speed_that_the_scene_moves_gives_the_same_rig(point):
     """Its terms are products of states then."""

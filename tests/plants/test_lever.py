@@ -45,22 +45,6 @@ def test_sliding_and_its_eigenvalues_are_those_of_the_reference(expected):
         assert found.equilibrium[output] == pytest.approx(expected[key], rel=1e-6)
 
 
-def test_the_second_order_model_is_that_of_the_paper():
-    """Its equations 14 and 15, written out."""
-    p = LIU["params"]
-    a = scene(20, 1).assemble()
-    bend = p["k2"] * p["r2"] ** 2 / (p["l0"] + p["D2"])
-    assert a.force["phi"]["phi theta"] == pytest.approx(bend * p["r3"], rel=1e-12)
-    assert a.force["phi"]["phi^3"] == pytest.approx(-0.5 * bend * p["r2"] ** 2 / (p["l0"] + p["D2"]), rel=1e-12)
-    assert a.force["theta"]["phi^2"] == pytest.approx(0.5 * bend * p["r3"], rel=1e-12)
-    assert set(a.products) == {"phi theta", "phi^3", "phi^2"}
-    stiffness = p["k1"] * p["r1"] ** 2 + p["k3"] * p["rv"] ** 2 + bend * p["D2"]
-    assert a.stiffness["phi", "phi"] == pytest.approx(stiffness, rel=1e-12)
-    assert a.stiffness["phi", "theta"] == a.stiffness["theta", "phi"]
-    assert a.stiffness["theta", "phi"] == pytest.approx(-p["k3"] * p["rv"] * p["r3"], rel=1e-12)
-    assert a.stiffness["theta", "theta"] == pytest.approx((p["k2"] + p["k3"]) * p["r3"] ** 2, rel=1e-12)
-
-
 def exact_energy(phi, theta):
     p = LIU["params"]
     across, up = p["r1"] * np.sin(phi), 1.0 - np.cos(phi)

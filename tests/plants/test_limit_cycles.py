@@ -1,7 +1,6 @@
-"""Limit cycles of set PEND, characteristics A, B, C and C with damping: tests/reference/kroger.json, two integrators.
+"""Stick, energy and scaling of the limit cycles of set PEND; test_cycle compares them with independent integrators.
 
-Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, section 2. Read from the events of a run and from its
-record, by the default method and by rk4: 1e-6 of each number.
+Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, section 2.
 """
 
 import numpy as np

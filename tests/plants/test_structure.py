@@ -3,8 +3,6 @@
 import json
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -431,25 +429,6 @@ def test_one_key_moves_the_stiffness_of_several_contacts(disc):
             scenes.load(written(disc, FE | {"contacts": tables}, "shared"))
 
 
-def test_every_eigenvalue_of_a_sweep_has_its_error_beside_a_stack_with_a_shunt_too(disc):
-    ends = {"first": {"set": "BACK_UP", "direction": "z"}, "second": {"set": "BACK_DOWN", "direction": "z"}}
-    stack = {"piezo": ends | {"capacitance": 2e-6, "d33": 6e-10, "stiffness": 5e7}}
-    shunt = {"shunt": {"kind": "series", "resistance": 20.0, "inductance": 5e-3}}
-    scene = scenes.load(written(disc, FE | stack | shunt, "stack"))
-    modes = rig.modes(scene)
-    assert any(mode.energy.get("shunt.voltage", 0.0) > 0.4 for mode in modes.sliding.modes)
-    assert all(mode.error is not None and mode.error < 1e-4 for mode in modes.sliding.modes)
-    along = sweep(scene, Axis.parse("shunt.resistance=20:200:3", scene))
-    upper = np.isfinite(along.growth) & (along.frequency > 0.0)
-    assert np.isfinite(along.errors[upper]).all()
-    assert np.sort(along.errors[0][upper[0]]) == pytest.approx(sorted(mode.error for mode in modes.sliding.modes))
-    text, table = along.text(), along.to_json()
-    at, worst = int(np.nanmax(along.errors, axis=1).argmax()), np.nanmax(along.errors)
-    assert f"largest estimated error of an eigenvalue: {worst:.1e} at {along.axis.text(along.axis.values[at])}" in text
-    assert text.splitlines()[-1].split()[-1] == f"{np.nanmax(along.errors[-1]):.1e}"
-    assert worst in [branch["error"][at] for branch in table["branches"]]
-
-
 def connected(nodes):
     """The number of bodies."""
     ends = nodes.faces.ravel(), np.roll(nodes.faces, 1, axis=1).ravel()
@@ -577,15 +556,6 @@ def test_a_film_of_one_point_moves_like_an_exact_contact(tmp_path, speed, openin
     assert film.signals["openings"][-1] == openings
     for name in ("body_displacement", "body_velocity", "normal_force"):
         assert film.signals[name] == pytest.approx(exact.signals[name], abs=1e-6 * np.abs(exact.signals[name]).max())
-
-
-def test_a_point_under_a_falling_law_slides_like_an_exact_contact(tmp_path):
-    """Over the speed of the shear alone such a law has no stable sliding: the point would stick at once."""
-    law = {"friction": {"law": "stribeck", "mu_static": 0.5, "mu_dynamic": 0.3, "speed_scale": 0.1}}
-    exact, film = (rig.simulate(three(tmp_path, THREE["contacts"], step, **law), 0.2) for step in (None, "25 us"))
-    assert (film.signals["state_of_pad"] == 2.0).all()
-    v = exact.signals["body_velocity"]
-    assert film.signals["body_velocity"] == pytest.approx(v, abs=1e-3 * np.abs(v).max())
 
 
 def test_a_sensor_reads_the_speed_of_the_surface_past_the_structure_at_a_stuck_point(tmp_path):
@@ -901,19 +871,6 @@ def test_a_loop_over_a_poor_link_grows_in_runs_as_computed(disc):
     told = loop_report.report(scenes.load(str(disc / "disc_controlled.toml"), points), "press")
     assert told.checked is not None
     assert told.checked.growth == pytest.approx(told.computed, rel=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "pace"), [("squeal", "1"), ("shunted", "0.2"), ("controlled", "0.5")])
-def test_the_disc_runs_live_at_the_pace_that_its_scene_states_or_that_holds_here(disc, tmp_path, runs, name, pace):
-    """Eight points in steps of 1 us, at least two sensors and a recorder; simulated again with the same bits."""
-    scene, log = disc / f"disc_{name}.toml", tmp_path / "live.mcap"
-    rig.modes(scene)  # keeps the reduced model
-    assert scenes.load(str(scene)).clock.pace_limit == float(pace)
-    command = [sys.executable, "-m", "rig", "run", scene, "--pace", "auto", "--out", log, "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert json.loads(done.stdout)["verdict"] == "VALID", done.stdout
-    assert verify(log).passed
 
 
 def test_the_numbers_of_the_page_are_those_of_its_scene(disc):

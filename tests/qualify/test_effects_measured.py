@@ -1,4 +1,4 @@
-"""What `rig explain --measure` tells: effects measured with and without, methods, what is computed and for whom."""
+"""What `rig explain --measure` tells: effects measured with and without, and methods."""
 
 import rig
 from rig.qualify import effects_measured
@@ -15,20 +15,6 @@ def test_methods_say_why_they_do_not_serve():
     told = effects_measured.methods(rig.load("plate"))
     assert told["kick"] == "selected"
     assert all("does not support a film" in told[method] for method in ("exact", "dopri5", "rk4"))
-
-
-def test_a_controller_in_the_plants_process_sends_nothing_and_its_commands_are_told_in_pieces():
-    here = {
-        one.name: one.rate
-        for one in effects_measured.topics(rig.load("brake_active", {"controllers.nb.where": "plant"}))
-    }
-    there = {
-        one.name: one.rate
-        for one in effects_measured.topics(rig.load("brake_active", {"controllers.nb.where": "process"}))
-    }
-    assert (here["step"], here["applied/nb"]) == (1000.0, 1000.0)
-    assert (there["step"], there["applied/nb"], there["act/nb"]) == (20_000.0, 20_000.0, 20_000.0)
-    assert "act/nb" not in here
 
 
 def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypatch, tmp_path):

@@ -115,9 +115,7 @@ def caught(name, way, step_ns):
     [
         ("contact_felt_late", "held", "energy"),
         ("film_felt_late", "held", "energy"),
-        ("film_rows_late", "stale", "energy"),
         ("grazing", "sign", "creep"),
-        pytest.param("friction_on_a_slope", "clipped", "creep", marks=pytest.mark.slow),
     ],
 )
 def test_methods_that_are_wrong_are_caught_at_every_step(name, way, reason):
