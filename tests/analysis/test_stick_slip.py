@@ -205,61 +205,6 @@ def test_a_constant_speed_is_not_taken_for_a_held_one():
     assert stick_slip(measured(v=(v, "m/s")), "v", threshold=5e-4).held == 0
 
 
-SWEEP = """
-based_on = "belt"
-seed = {seed}
-[body]
-damping = "250 N*s/m"
-[drive]
-speed = "0.01 m/s"
-[start]
-displacement = "3.3 mm"
-velocity = "0 m/s"
-[sensors.vibrometer]
-noise = "1e-5 m/s/Hz^0.5"
-[sensors.tacho]
-kind = "laser_vibrometer"
-reads = "surface_speed"
-rate = "1 kHz"
-noise = "1e-5 m/s/Hz^0.5"
-[sensors.gauge]
-kind = "strain_gauge"
-rate = "1 kHz"
-noise = "2e-8 1/Hz^0.5"
-[sensors.load_cell]
-kind = "normal_force"
-rate = "1 kHz"
-[[protocol]]
-step = "ramp"
-target = "drive.speed"
-to = "0.3 m/s"
-over = "15 s"
-[[protocol]]
-step = "ramp"
-target = "drive.speed"
-to = "0.01 m/s"
-over = "15 s"
-"""
-NEWTON = 20e-6
-"""Strain of the gauge for a newton."""
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_friction_of_a_simulated_sweep_is_recovered_behind_its_sensors(seed, tmp_path):
-    """The belt runs up and down over a body that slides; velocity and force come from noisy instruments."""
-    path = tmp_path / "sweep.toml"
-    path.write_text(SWEEP.format(seed=seed))
-    scene = lab.load(path)
-    run = lab.simulate(scene)
-    found = stick_slip(run, "vibrometer", "gauge", drive="tacho", load="load_cell", first=1.0)
-    law = scene.parameters.friction.friction().mu
-    for curve in (found.up, found.down):
-        assert curve.speed.size >= 8
-        wanted = np.array([law(v) for v in curve.speed])
-        assert np.abs(curve.friction / NEWTON / wanted - 1.0).max() < 0.02
-        assert np.ptp(wanted) > 0.1  # the law falls over the sweep
-
-
 def test_what_is_missing_is_asked_for():
     run = measured(gauge=(np.ones(100), "N"))
     with pytest.raises(UsageError, match="--velocity"):
