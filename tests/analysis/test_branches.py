@@ -500,6 +500,19 @@ def test_stick_slip_beside_a_steep_law_ends_at_a_canard(tmp_path, scene, low, hi
     assert canard == pytest.approx(low, rel=1e-8)
 
 
+@pytest.mark.slow
+def test_a_curve_that_begins_at_a_canard_is_told_and_the_others_are_computed(tmp_path):
+    loaded = lab.load("seal_l", {"limits": "none"})
+    described = job(loaded, "drive.speed=6 mm/s:12 mm/s")
+    result = curves(described, Axis.parse("load.force=9 N:11 N:3", loaded), tmp_path)
+    hopf, grazing = result.curves
+    assert len(hopf.second) == 3
+    assert grazing.second == (10.0,)
+    assert grazing.first == pytest.approx([9.21649143e-3], rel=1e-8)
+    assert "within less than the digits of the parameter" in grazing.why
+    assert "not followed from 10" in result.text()
+
+
 def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):
     """At three points the motion from a standing start comes to the same cycle."""
     scene = lab.load("brake", {"limits": "none"})
@@ -528,6 +541,26 @@ def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):
         assert np.abs(ranges[0] - ranges[1]).max() < 0.01 * ranges[1].max()
         ends = [t for t, event in flow.carried(x, 40.5 * point.period).events if event.what == "inner_pad slip ends"]
         assert (ends[-1] - ends[0]) / (len(ends) - 1) == pytest.approx(point.period, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_boundaries_of_a_forced_motion_are_the_same_from_both_sides(tmp_path):
+    """A stick, a reversal and a grazing, passed upwards and downwards."""
+    found = [
+        followed(
+            tmp_path, "belt_dither", f"drive.speed={low} m/s:{high} m/s", ("simulation",), **{"dither.enable": True}
+        )
+        for low, high in (("0.05", "0.17"), ("0.05", "0.0999"), ("0.0999", "0.09999"))
+    ]
+    expected = {"stick": 0.0998224704, "reversal": 0.0999534565, "grazing": 0.0999973793}
+    for number, kind in (
+        (0, "end of stick"),
+        (0, "begin of reversal"),
+        (0, "grazing"),
+        (1, "begin of stick"),
+        (2, "end of reversal"),
+    ):
+        assert found[number].special(kind) == [pytest.approx(expected[kind.split()[-1]], abs=1e-9)], (number, kind)
 
 
 @pytest.mark.parametrize(

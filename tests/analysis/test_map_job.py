@@ -81,6 +81,30 @@ def test_regions_of_the_uniform_disc(uniform):
     assert ends(uniform) == pytest.approx(5.6082372, abs=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("rpm", "period", "share", "amplitude"), [(1, 0.348375, 0.5635, 0.00924586), (3, 0.241809, 0.2684, 0.01264143)]
+)
+def test_cycles_along_the_run(uniform, rpm, period, share, amplitude):
+    """Displacement of the pin: its lever arm of 0.1 m times the angle of the cylinder.
+
+    The reference tells the share of stick over a stretch that is no whole number of cycles.
+    """
+    at = (RUNS.index("up"), 0, int(np.flatnonzero(np.isclose(uniform.job.x.shown_values, rpm))[0]))
+    assert uniform.tables["period"][at] == pytest.approx(period, rel=1e-5)
+    assert uniform.tables["share"][at] == pytest.approx(share, abs=3e-3)
+    assert uniform.amplitude[at] / 0.1 == pytest.approx(amplitude, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_coulomb_friction_has_no_region_without_sliding_and_its_fold_grows_with_the_load(tmp_path):
+    found = rig.map(
+        "lever_coulomb", "drive.speed=0.5 rpm:5 rpm:10", "load.force=10:30:3", folder=tmp_path, runs=("up", "near")
+    )
+    assert {REGIONS[r] for r in found.regions.ravel()} == {"I", "II"}
+    for row, fold in enumerate((1.452, 2.946, 4.468)):
+        assert ends(found, row) == pytest.approx(fold, abs=0.035)
+
+
 @pytest.mark.slow
 def test_a_sector_ends_stick_slip_earlier_and_leaves_the_loss_of_sliding(tmp_path):
     """45 degrees of another surface at 20 N: 3.37 rpm instead of 5.585 rpm, 2.08 rpm instead of 2.03 rpm."""

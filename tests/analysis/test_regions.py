@@ -84,6 +84,22 @@ def at_speed(speed):
     return sliding(rig.load("disc_slider", {"load.force": 110.0}), {"drive.speed": speed})
 
 
+def stiffness(speed):
+    """The determinant of stiffness over mass, with friction that follows the load."""
+    at_rest = at_speed(speed)
+    count = len(at_rest.system.coordinates)
+    return np.linalg.det(at_rest.A[count : 2 * count, :count])
+
+
+@pytest.mark.slow
+def test_a_range_without_sliding_between_two_values_ends_the_bands():
+    """Without a limit of the height it ends where the structure gives way: displacements pass infinity."""
+    got = found("disc_slider", "drive.speed=780.2:1040.1:2", "load.force=110:111:2", {"limits.height": "10 km"})
+    gives_way = brentq(stiffness, 917.55, 917.65, xtol=1e-9)
+    assert [edge for edge, _ in got.edges[0]][:3] == pytest.approx([911.862394, 911.970990, gives_way], abs=1e-5)
+    assert [unstable for _, unstable in got.edges[0]][:3] == [True, False, True]
+
+
 @pytest.mark.slow
 def test_sliding_ends_where_the_height_passes_its_limit():
     got = found("disc_slider", "drive.speed=780.2:1040.1:2", "load.force=110:111:2")

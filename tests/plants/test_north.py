@@ -54,6 +54,17 @@ def test_limits_are_those_of_the_reference(rigs, name):
     assert found["flutter"] == (math.inf if flutter is None else pytest.approx(flutter, rel=1e-10))
 
 
+def test_flutter_begins_at_hurwitz_limit(rigs):
+    """By root finding on the rig's own growth; beyond it two modes with one frequency, one growing, one decaying."""
+    expected = rigs["north_1"]["mu_flutter_H3"]
+    found = brentq(lambda mu: told("north", mu).real.max(), 0.2, 0.3, xtol=1e-14)
+    assert found == pytest.approx(expected, rel=1e-9)
+    got = told("north", 1.0001 * expected)
+    above = [complex(*v) for v in rigs["north_1"]["eig_just_above_flutter"] if v[1] > 0.0]
+    assert np.sort_complex(got) == pytest.approx(np.sort_complex(above), rel=1e-6)
+    assert rig.modes("north").sliding.modes[0].kind == "flutter"
+
+
 def test_divergence_begins_at_equation_2_5_and_beyond_it_no_sliding_equilibrium_presses(rigs):
     expected = rigs["north_2"]["mu_div_eq25"]
     found = brentq(lambda mu: told("north_divergence", mu).real.max(), 1.07, 1.1, xtol=1e-14)
