@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import typer
@@ -22,6 +23,7 @@ from rig.cli import (
     scenes,
     study,
 )
+from rig.cli.build import Made, build
 from rig.cli.options import Command, Group
 from rig.errors import ExitCode, RigError
 from rig.machine.process import MORE_FILES, NO_FILES
@@ -35,12 +37,12 @@ _app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-COMMANDS: Mapping[str, tuple[Any, str]] = {
+COMMANDS: Mapping[str, Made] = {
     name: command
     for module in (analysis, lesson, live, machine, measurements, processes, recorded, recordings, runs, scenes, study)
     for name, command in module.COMMANDS.items()
 }
-"""Name -> function, example."""
+"""The commands by name."""
 PANELS: Mapping[str, Mapping[str, str]] = {
     "Begin": {
         "demo": "a rig that sticks and slips: recording, figure, summary",
@@ -104,6 +106,9 @@ GROUPS = {
 """Group -> what it is for, its panels -> their commands."""
 
 
+_TOPIC = ("Show the messages on the bus of a run.", {"": "ls hz echo"})
+
+
 def _version(asked: bool) -> None:
     if asked:
         import rig
@@ -145,24 +150,30 @@ _SHORT = {name: about for commands in PANELS.values() for name, about in command
 
 
 def _command(name: str, panel: str) -> Any:
-    function, example = COMMANDS[name]
+    made = COMMANDS[name]
     cls = live.CLASSES.get(name, Command)
-    epilog = f"Example:  {example}"
+    epilog = f"Example:  {made.example}"
     only = typer.Typer(add_completion=False)
-    only.command(name, cls=cls, epilog=epilog, short_help=_SHORT.get(name), rich_help_panel=panel or None)(function)
+    shown = only.command(name, cls=cls, epilog=epilog, short_help=_SHORT.get(name), rich_help_panel=panel or None)
+    shown(build(made))
     return typer.main.get_command(only)
 
 
 def _group(name: str) -> Any:
     about, panels = GROUPS[name]
-    group = typer.Typer(name=name, cls=Group, help=about, no_args_is_help=True, add_completion=False)
-    group.callback()(_nothing)
-    made: Any = typer.main.get_command(group)
-    topic = {"topic": typer.main.get_command(live.topic)} if name == "live" else {}
-    made.commands = Commands({panel: names.split() for panel, names in panels.items()}, topic)
+    topic = {"topic": _below_it("topic", *_TOPIC)} if name == "live" else {}
+    made = _below_it(name, about, panels, topic)
     made.short_help = _SHORT[name]
     made.rich_help_panel = next(panel for panel, names in PANELS.items() if name in names)
     return made
+
+
+def _below_it(name: str, about: str, panels: Mapping[str, str], made: Mapping[str, Any] = MappingProxyType({})) -> Any:
+    group = typer.Typer(name=name, cls=Group, help=about, no_args_is_help=True, add_completion=False)
+    group.callback()(_nothing)
+    command: Any = typer.main.get_command(group)
+    command.commands = Commands({panel: names.split() for panel, names in panels.items()}, made)
+    return command
 
 
 def _nothing() -> None:

@@ -6,13 +6,15 @@ import json
 import re
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rig.cli import printing
-from rig.cli.options import LONGEST, Command, Group, Json, RunName, number
+from rig.cli.build import JSON, Made, Told
+from rig.cli.options import LONGEST, Command, RunName, number
 from rig.errors import BusError, UsageError
 from rig.extras import check
 from rig.printable import counted
@@ -22,14 +24,17 @@ if TYPE_CHECKING:
     from rig.bus.port import Session
 
 
-topic = typer.Typer(
-    name="topic", cls=Group, no_args_is_help=True, add_completion=False, help="Show the messages on the bus of a run."
-)
 Pattern = Annotated[
     str, typer.Argument(metavar="PATTERN", help='Topics: "*" matches one part of a name, "**" all following parts.')
 ]
 Port = Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port on loopback. 0: any free one.")]
 For = Annotated[str, typer.Option("--for", metavar="TIME", help="Time to listen, in seconds or with a unit.")]
+
+
+def listing(title: str, heads: Mapping[str, str], rows: Sequence[Mapping[str, Any]]) -> Told:
+    """Rows, as a table for a reader; `heads`: key of a row -> head of its column."""
+    cells = [[*map(row.__getitem__, heads)] for row in rows]
+    return Told(rows, show=lambda: printing.table(title, [*heads.values()], cells))
 
 
 class Numbers(Command):
@@ -54,8 +59,7 @@ def tune(
         typer.Argument(metavar="VALUE", help='A number, or a number with a unit: "15 N". Without it: show the value.'),
     ] = None,
     run: RunName = None,
-    as_json: Json = False,
-) -> None:
+) -> Told:
     """Show or change a value of a live run. The change takes effect at the next step and is recorded.
 
     Without VALUE: show the current value. Without KEY: list everything that
@@ -67,8 +71,7 @@ def tune(
 
     with bus.join(run, role="operator", name="tune") as session:
         if key is None:
-            _list_tunable(session, as_json)
-            return
+            return _tunable(session)
         process, inner = _owner(session, key)
         body = {"get": [inner]} if value is None else {"set": {inner: number_or_text(with_point(value, key))}}
         try:
@@ -82,7 +85,7 @@ def tune(
     if owner:
         told = f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
     report = answer["values"] | ({"overruled": overruled} if overruled else {}) | {"run": session.run}
-    printing.either(as_json, report, f"{told}  (run {session.run})")
+    return Told(report, f"{told}  (run {session.run})")
 
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="A controller of the run, connected or not.")]
@@ -183,7 +186,7 @@ def _parameters(session: Session, process: str) -> Any:
     return session.ask(f"param/{process}", {"list": True}, timeout=10.0)
 
 
-def _list_tunable(session: Session, as_json: bool) -> None:
+def _tunable(session: Session) -> Told:
     names = ("plant", *_controllers(session))
     answers = dict[str, Any]()
     for name in names:
@@ -199,30 +202,27 @@ def _list_tunable(session: Session, as_json: bool) -> None:
         for key, value in answer["values"].items()
     ]
     columns = ("key", "value", "unit", "of")
-    printing.listing(f"run {session.run}", dict(zip(columns, columns)), rows, as_json)
+    return listing(f"run {session.run}", dict(zip(columns, columns)), rows)
 
 
-@topic.command("ls", cls=Command, epilog="Example:  rig live topic ls")
-def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> None:
+def topic_ls(run: RunName = None, listen: For = "1") -> Told:
     """List the active topics, their senders and their contents."""
     from rig.bus import topics
 
     heard = [(name, topics.of(name), count) for name, (count, _) in sorted(_heard("**", run, _time(listen)).items())]
     columns = ("topic", "message", "from", "heard", "about")
     rows = [dict(zip(columns, (name, of.message, of.sender, count, of.about))) for name, of, count in heard]
-    printing.listing("", dict(zip(columns, columns)), rows, as_json)
+    return listing("", dict(zip(columns, columns)), rows)
 
 
-@topic.command("hz", cls=Command, epilog='Example:  rig live topic hz "meas/*" --for 5')
-def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as_json: Json = False) -> None:
+def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2") -> Told:
     """Count messages per second of each topic, and lost messages."""
     length = _time(listen)
     heard = sorted(_heard(pattern, run, length).items())
     rows = [{"topic": name, "hz": count / length, "lost": lost} for name, (count, lost) in heard]
-    printing.listing("", {"topic": "topic", "hz": "1/s", "lost": "lost"}, rows, as_json)
+    return listing("", {"topic": "topic", "hz": "1/s", "lost": "lost"}, rows)
 
 
-@topic.command("echo", cls=Command, epilog="Example:  rig live topic echo meas/vibrometer --count 3")
 def topic_echo(
     pattern: Pattern,
     run: RunName = None,
@@ -299,7 +299,7 @@ def _say(text: str) -> None:
 def bridge(
     run: RunName = None,
     port: Port = 0,
-    as_json: Json = False,
+    as_json: JSON = False,
 ) -> None:
     """Offer the bus of a live run over WebSocket, for controllers and tools in other languages.
 
@@ -319,14 +319,17 @@ def bridge(
 CLASSES = {"tune": Numbers, "knock": Numbers}
 """Of commands that are read in a way of their own."""
 COMMANDS = {
-    "tune": (tune, 'rig live tune load.force "15 N"'),
-    "disconnect": (disconnect, "rig live disconnect nf"),
-    "connect": (connect, "rig live connect nf"),
-    "knock": (knock, 'rig live knock "0.02 N*s"'),
-    "pause": (pause, "rig live pause"),
-    "step": (step, "rig live step --frames 10"),
-    "resume": (resume, "rig live resume"),
-    "stop": (stop, "rig live stop   |   rig live stop --emergency"),
-    "web": (web, "rig web --no-open --port 8765"),
-    "bridge": (bridge, "rig live bridge --run mine"),
+    "tune": Made(tune, 'rig live tune load.force "15 N"'),
+    "disconnect": Made(disconnect, "rig live disconnect nf"),
+    "connect": Made(connect, "rig live connect nf"),
+    "knock": Made(knock, 'rig live knock "0.02 N*s"'),
+    "pause": Made(pause, "rig live pause"),
+    "step": Made(step, "rig live step --frames 10"),
+    "resume": Made(resume, "rig live resume"),
+    "stop": Made(stop, "rig live stop   |   rig live stop --emergency"),
+    "web": Made(web, "rig web --no-open --port 8765"),
+    "bridge": Made(bridge, "rig live bridge --run mine"),
+    "ls": Made(topic_ls, "rig live topic ls"),
+    "hz": Made(topic_hz, 'rig live topic hz "meas/*" --for 5'),
+    "echo": Made(topic_echo, "rig live topic echo meas/vibrometer --count 3"),
 }

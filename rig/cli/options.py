@@ -16,7 +16,8 @@ from typer import BadParameter
 from typer.core import TyperCommand, TyperGroup
 
 from rig.cli import printing
-from rig.cli.printing import new, new_folder, new_recording, reads
+from rig.cli.printing import named as not_empty
+from rig.cli.printing import new_recording, reads
 from rig.errors import UsageError
 from rig.units import number_or_text, with_point
 
@@ -26,9 +27,12 @@ if TYPE_CHECKING:
     from rig.scenes.places import Place
     from rig.scenes.scene import Scene
 
-_CONTROLLER = (
-    "one of the scene by its NAME, or one from a FILE, which is added under the file's name or NAME, or replaces one"
-)
+_EXAMPLES = {
+    "--over": 'KEY=VALUES, such as --over "load.force=10 N:30 N:5"',
+    "--follow": 'ACTUATOR = CHANNEL: "drive.speed = belt_speed"',
+    "--pair": 'CHANNEL = SIMULATED: "force = friction_force"',
+}
+"""Option -> how it is written."""
 SHORTEST, LONGEST = 1e-9, 1e6
 """Shortest and longest time [s] that can be asked for."""
 PACES = (1e-3, 1e6)
@@ -101,6 +105,22 @@ def scene_file(context: typer.Context, name: str | None) -> str | None:
     return name
 
 
+def recording(context: typer.Context, path: Path | None) -> Path | None:
+    """Check the path of a recording: no folder, pipe or device. Whoever reads it reports a file that does not exist."""
+    from rig.machine.files import regular
+
+    if path is not None:
+        not_empty("recording", path)
+        try:
+            regular(path)
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+        reads(context, path)
+    return path
+
+
 SceneName = Annotated[
     str,
     typer.Argument(
@@ -120,31 +140,6 @@ def paired(parameter: typer.CallbackParam, given: list[str] | None) -> list[str]
     return given
 
 
-Changes = Annotated[
-    list[str] | None,
-    typer.Option(
-        "-p",
-        metavar="KEY=VALUE",
-        callback=paired,
-        help='Change a value: -p drive.speed="2 rpm". "none" removes it. Repeatable.',
-    ),
-]
-Untold = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--untold",
-        metavar="KEY=VALUE",
-        callback=paired,
-        help="Give the rig a value that its controllers do not know: they are designed without it. Repeatable.",
-    ),
-]
-Redesign = Annotated[
-    bool, typer.Option("--redesign", help="Tell the controllers all that is varied: they are designed for each rig.")
-]
-Controllers = Annotated[
-    list[str] | None,
-    typer.Option("--controller", metavar="NAME|[NAME=]FILE", help=f"A controller: {_CONTROLLER}. Repeatable."),
-]
 Net = Annotated[
     list[str] | None,
     typer.Option(
@@ -154,10 +149,6 @@ Net = Annotated[
         'duplicate 0.1 %, reorder; seed 3", or "act/CONTROLLER: ...". Short for -p network... . Repeatable.',
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print the report as JSON.")]
-Duration = Annotated[
-    str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit: "500 ms".')
-]
 Out = Annotated[
     Path | None,
     typer.Option(
@@ -166,23 +157,6 @@ Out = Annotated[
         help="Recording to write (MCAP). Default: a new file in recordings/runs.",
     ),
 ]
-Figure = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
-]
-Page = Annotated[
-    Path | None,
-    typer.Option("--page", metavar="FILE", callback=new, help="Write the report with its figure as a page (HTML)."),
-]
-Results = Annotated[
-    Path,
-    typer.Option(
-        "--out",
-        metavar="FOLDER",
-        callback=new_folder,
-        help="Folder for the results; each scene, map, study or search has a folder of its own in it.",
-    ),
-]
-Force = Annotated[bool, typer.Option("--force", is_eager=True, help="Overwrite existing files.")]
 RunName = Annotated[
     str | None, typer.Option("--run", metavar="RUN", help="Name of the run. Default: the only live run.")
 ]
@@ -200,10 +174,6 @@ Pace = Annotated[
 Lockstep = Annotated[
     bool,
     typer.Option("--lockstep", help="Wait for every controller at every step, instead of following the wall clock."),
-]
-Trust = Annotated[
-    bool,
-    typer.Option("--trust", help="Run the code of plants, sensors and other parts that the recording or run contains."),
 ]
 Wait = Annotated[str, typer.Option(metavar="TIME", help="Longest wait for the run, in seconds or with a unit.")]
 When = Annotated[
@@ -260,10 +230,17 @@ def changes(given: list[str] | None, option: str = "-p") -> dict[str, str]:
     return {key.strip(): with_point(value.strip(), f"{option} {key.strip()} =") for key, _, value in pairs}
 
 
-def loop_option(help_text: str) -> Any:
-    """The option --controller of a command that closes one loop."""
-    text = f"{help_text} A controller: {_CONTROLLER}."
-    return typer.Option("--controller", metavar="NAME|[NAME=]FILE", help=text)
+def assigned(given: Iterable[str] | None, option: str) -> dict[str, str]:
+    """Name -> text of all options "NAME = TEXT" with this name. Raises UsageError."""
+    texts: dict[str, str] = {}
+    for assignment in given or ():
+        name, _, text = (part.strip() for part in assignment.partition("="))
+        if not name or not text:
+            raise UsageError(f"{option} {assignment}: expected {_EXAMPLES[option]}")
+        if name in texts:
+            raise UsageError(f"{option} {assignment}: {name} is given twice")
+        texts[name] = text
+    return texts
 
 
 def named(given: Iterable[str] | None) -> dict[str, str]:
@@ -318,7 +295,7 @@ def the_scene(
     name: str,
     given: Mapping[str, object],
     options: Mapping[str, Mapping[str, object]] | None = None,
-    untold: list[str] | None = None,
+    untold: Mapping[str, object] | None = None,
     redesign: bool = False,
 ) -> Scene:
     """The scene of a command with the changes `given` with -p; `options`: other option -> its changes; -p wins.
@@ -337,7 +314,7 @@ def the_scene(
     scene = load(name, overrides, places)
     for line in scene.notes:
         printing.note(line)
-    return believing(scene, changes(untold, "--untold"), redesign)
+    return believing(scene, untold or {}, redesign)
 
 
 def with_option(option: str, keys: Iterable[str]) -> dict[str, Place]:

@@ -361,7 +361,7 @@ def test_ranges_of_a_training_are_read_and_values_outside_are_named(tmp_path, mo
     assert (
         along.growth[lightly] > -0.5 * 2.0 * np.pi * along.frequency[lightly]
     ).all()  # the reduction holds for these
-    study = rig.study(scene, {"factors.friction": [2.0, 4.0]}, "modes.growth", folder=tmp_path / "studies", workers=1)
+    study = rig.study(scene, {"factors.friction": [2.0, 4.0]}, "modes.growth", out=tmp_path / "studies", workers=1)
     assert study.names == ["modes.growth", "modes.error", "modes.outside"]
     worst = np.nanmax(along.errors, axis=1)
     assert study.values == pytest.approx(np.array([along.largest, worst, [0, 0, 1]])[:, ::2].T, rel=1e-6)
@@ -822,7 +822,7 @@ def test_a_film_is_continued_studied_and_explained(disc, tmp_path):
     assert verify(tmp_path / "changed.mcap").passed
     forces = [np.mean(run.signals["normal_force_pad_up"][run.time > 0.015]) for run in (changed_run, whole)]
     assert forces[0] == pytest.approx(2.0 * forces[1], rel=0.3)
-    study = rig.study(scene, {"friction.mu": [0.1, 0.3]}, ["run.rms"], duration=0.01, folder=tmp_path, workers=1)
+    study = rig.study(scene, {"friction.mu": [0.1, 0.3]}, ["run.rms"], duration=0.01, out=tmp_path, workers=1)
     assert (study.values > 0.0).all()
     effects = {effect.name: effect.about for effect in explain(scene).effects}
     shear, pressed = scene.assemble().film.shear[0], rig.modes(scene).sliding.equilibrium["normal_force_of_pad_up_1"]
