@@ -5,9 +5,9 @@ Nothing of this is imported before a command is built (rig.cli.build) or types a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
@@ -21,14 +21,16 @@ _CONTROLLER = (
 class Option(NamedTuple):
     """How a command shows a parameter: `value`, what is typed for it, which decides how it is read; and a help text.
 
-    `flag`: the option's name, where it is not that of the parameter. `low`, `high`: of a whole number.
+    `flag`: the option's name, where it is not that of the parameter. `low`, `high`: of a whole number; `low` of a time
+    [s] too. `check`: of what was typed, when all of it has been read.
     """
 
     value: str
     help: str
     flag: str = ""
-    low: int | None = None
-    high: int | None = None
+    low: float | None = None
+    high: float | None = None
+    check: Callable[..., Any] | None = None
 
 
 class Argument(Option):
@@ -58,7 +60,7 @@ Untold = Annotated[
 Redesign = Annotated[bool, Option("", "Tell the controllers all that is varied: they are designed for each rig.")]
 Controllers = Option("NAME|[NAME=]FILE", f"{_CONTROLLER} Repeatable.", "--controller")
 Duration = Annotated[float | None, Option("TIME", 'Simulated time, in seconds or with a unit: "500 ms".')]
-Begin = Annotated[float, Option("TIME", "Start of the evaluated time span.", "--from")]
+Begin = Annotated[float, Option("TIME", "Start of the evaluated time span.", "--from", low=0)]
 End = Annotated[float, Option("TIME", "End of the evaluated time span.", "--to")]
 Channel = Annotated[
     str, Option("NAME", "Sensor or plant output to analyse. Default: a sensor that measures vibration.")

@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 import rig
 from rig.cli import printing
 from rig.cli.build import Answer, Made
 from rig.cli.options import Net, refuse_all
 from rig.cli.printing import new, refuse
 from rig.errors import ExitCode, SceneError, UsageError
+from rig.parameters import Option
 from rig.printable import counted
 
 if TYPE_CHECKING:
@@ -32,19 +31,15 @@ def modes(
     controller: str,
     along: Annotated[
         str | None,
-        typer.Option(
+        Option(
+            "KEY=A:B:N",
+            'Compute eigenvalues over a parameter, and critical values: "drive.speed=0.05 m/s:0.4 m/s:50".',
             "--sweep",
-            metavar="KEY=A:B:N",
-            help='Compute eigenvalues over a parameter, and critical values: "drive.speed=0.05 m/s:0.4 m/s:50".',
         ),
     ] = None,
     shapes: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=new,
-            help="Mode shapes on the nodes of a structure, moving: GIF, or RRD for rerun.",
-        ),
+        Option("FILE", "Mode shapes on the nodes of a structure, moving: GIF, or RRD for rerun.", check=new),
     ] = None,
 ) -> Answer:
     """Compute eigenvalues and eigenmodes at steady sliding, open or closed loop, also over a parameter (--sweep)."""
@@ -128,7 +123,7 @@ def identify(
     folder: Path = Path("fits"),
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", callback=new, help="Write a scene (TOML) and its covariance (JSON)."),
+        Option("FILE", "Write a scene (TOML) and its covariance (JSON).", check=new),
     ] = None,
 ) -> Answer:
     """Fit parameters of a rig to recordings: value, interval, and a verdict for each.
@@ -191,7 +186,7 @@ def loop(
     controller: str = "",
     measure: Annotated[
         bool,
-        typer.Option("--measure", help="Measure the time over the bus on this machine, as rig tool doctor does (1 s)."),
+        Option("", "Measure the time over the bus on this machine, as rig tool doctor does (1 s)."),
     ] = False,
 ) -> LoopReport:
     """Report on a control loop: delay budget, margins, and decay rate over delay, jitter and loss of its link.
@@ -232,13 +227,11 @@ def map_(
     force: bool,
     eigenvalues: Annotated[
         bool,
-        typer.Option(
-            "--eigenvalues", help="Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."
-        ),
+        Option("", "Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."),
     ] = False,
     boundaries: Annotated[
         bool,
-        typer.Option("--curves", help="Draw the curves of Hopf, fold and grazing points over the map (rig branches)."),
+        Option("", "Draw the curves of Hopf, fold and grazing points over the map (rig branches).", "--curves"),
     ] = False,
 ) -> Answer:
     """Map the steady-state behaviour over one or two parameters: sliding, stick-slip, or both.
@@ -288,25 +281,18 @@ def branches(
     force: bool,
     threshold: Annotated[
         str | None,
-        typer.Option(
-            metavar="VALUE", help="Least knocks from sliding to stick-slip and back at this value of the parameter."
-        ),
+        Option("VALUE", "Least knocks from sliding to stick-slip and back at this value of the parameter."),
     ] = None,
     knock: Annotated[
         str,
-        typer.Option(
-            metavar="PULSE", help='With --threshold: a pulse of an actuator, "load.force 20 ms", not an impulse.'
-        ),
+        Option("PULSE", 'With --threshold: a pulse of an actuator, "load.force 20 ms", not an impulse.'),
     ] = "",
     alone: Annotated[
-        bool, typer.Option("--plant-alone", help="With --threshold: leave out the controllers of the scene.")
+        bool, Option("", "With --threshold: leave out the controllers of the scene.", "--plant-alone")
     ] = False,
     starts: Annotated[
         str | None,
-        typer.Option(
-            metavar="LIST",
-            help='With --threshold: share of starts that come to slide, "x=-2:2, x\'=0:2" (SI, uniform).',
-        ),
+        Option("RANGES", 'With --threshold: share of starts that come to slide, "x=-2:2, x\'=0:2" (SI, uniform).'),
     ] = None,
 ) -> Answer:
     """Follow stable and unstable motions over a parameter: where they begin, turn and end.

@@ -14,7 +14,7 @@ from functools import partial
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, NamedTuple, get_args, get_origin
+from typing import Any, NamedTuple
 
 import typer
 
@@ -22,30 +22,32 @@ from rig import parameters
 from rig.cli import printing
 from rig.cli.options import added, linked, named, the_scene
 from rig.cli.printing import new, new_folder, new_recording
-from rig.cli.stated import Stated, hints, stated
+from rig.cli.stated import Stated, stated
 from rig.errors import ExitCode, Faults
+from rig.parameters import Option
 
-_FILES = {
-    "figure": "Draw the result (PNG, SVG, PDF).",
-    "page": "Write the report with its figure as a page (HTML).",
-    "csv": "Write all numbers as CSV.",
+_PATH = frozenset({Path})
+FILES = {
+    "figure": Stated("--figure", Option("FILE", "Draw the result (PNG, SVG, PDF).", check=new), types=_PATH),
+    "page": Stated(
+        "--page", Option("FILE", "Write the report with its figure as a page (HTML).", check=new), types=_PATH
+    ),
+    "csv": Stated("--csv", Option("FILE", "Write all numbers as CSV.", check=new), types=_PATH),
 }
-"""Files that can be written of a result, and the help of their options."""
-FORCE = Annotated[bool, typer.Option("--force", is_eager=True, help="Overwrite existing files.")]
-JSON = Annotated[bool, typer.Option("--json", help="Print the report as JSON.")]
+"""Files that can be written of a result."""
+FORCE = Stated("--force", Option("", "Overwrite existing files."), False, frozenset({bool}))
+JSON = Option("", "Print the report as JSON.", "--json")
 _WRITERS = (new, new_folder, new_recording)
-_LAST = (*_FILES, "trust", "force", "as_json")
+_LAST = (*FILES, "trust", "force", "as_json")
 """Options that the help shows last."""
 _OF_SCENE = ("overrides", "untold", "redesign")
 """What changes a scene; its command gets the changed scene."""
-_FROM_HERE = ("scene_name", "force", "faults")
-"""What the function of a command may ask for beside its options."""
 
 
 class Made(NamedTuple):
     """A command: its function, an example, and the function of `rig` whose options it has.
 
-    `files`: the options of `_FILES` that it has, for the result that it returns; `more`: further options.
+    `files`: the options of `FILES` that it has, for the result that it returns; `more`: further options.
     """
 
     work: Callable[..., Any]
@@ -100,23 +102,12 @@ class Told:
 def build(made: Made) -> Callable[..., None]:
     """Return the function that typer calls for a command, with all its options."""
     own = signature(made.work).parameters
-    files = made.files.split()
     options = _options(made, own)
     read = {name: option.parameter(name) for name, option in options.items()}
-    for name, kind in hints(made.work).items():
-        if name not in (*options, *files, *_FROM_HERE, "return") and own[name].kind is not Parameter.VAR_KEYWORD:
-            read[name] = _option(name, kind, own[name].default)
-    for name in files:
-        shown = typer.Option(f"--{name}", metavar="FILE", callback=new, help=_FILES[name])
-        read[name] = _option(name, Annotated[Path | None, shown], None)
-    if "force" in own or any(map(_writes, read.values())):
-        read["force"] = _option("force", FORCE, False)
-    if made.answers:
-        read["as_json"] = _option("as_json", JSON, False)
+    if "context" in own:
+        read["context"] = own["context"].replace(annotation=typer.Context, kind=Parameter.KEYWORD_ONLY)
 
     def command(**typed: Any) -> None:
-        as_json = made.answers and typed.pop("as_json")
-        written = {name: typed[name] for name in files}
         faults = Faults()
         for name, option in options.items():
             typed[name] = faults(partial(option.read, typed[name]), option.default)
@@ -124,12 +115,13 @@ def build(made: Made) -> Callable[..., None]:
             typed["faults"] = faults
         else:
             faults.raise_found()
-        if "scene" in options:
+        if _loads(own):
             _load(typed)
-        unasked = {*files, "force", "scene_name", *_OF_SCENE} - own.keys()
+        unasked = {*FILES, "as_json", "force", "scene_name", *_OF_SCENE} - own.keys()
         answer = made.work(**{name: value for name, value in typed.items() if name not in unasked})
         if made.answers:
-            deliver(answer if isinstance(answer, Answer) else Answer(answer), as_json, written)
+            written = {name: typed[name] for name in FILES if name in typed}
+            deliver(answer if isinstance(answer, Answer) else Answer(answer), typed["as_json"], written)
 
     command.__doc__ = made.work.__doc__
     command.__annotations__ = {name: parameter.annotation for name, parameter in read.items()}
@@ -138,23 +130,32 @@ def build(made: Made) -> Callable[..., None]:
 
 
 def _options(made: Made, own: Mapping[str, Parameter]) -> dict[str, Stated]:
-    """The options of a command that a function of `rig` states, or that several commands have.
+    """The options that a command states, those of a function of `rig`, and those that several commands have.
 
-    The command may have a default of its own, or an option of its own with that name.
+    The command may have a default of its own.
     """
-    options = {**(stated(made.of) if made.of else {}), **made.more}
     shared = stated(parameters.common)
-    plain = {name for name, kind in hints(made.work).items() if get_origin(kind) is not Annotated}
-    asked = plain & shared.keys()
-    if "scene" in asked:
-        asked.add("overrides")
-    options = {name: option for name, option in shared.items() if name in asked} | options
+    options = {
+        **(stated(made.of) if made.of else {}),
+        **made.more,
+        **{name: FILES[name] for name in made.files.split()},
+    }
+    asked = {name for name in shared if name in own or (name == "overrides" and _loads(own))}
+    options = {name: shared[name] for name in asked} | options
     for name in options.keys() & own.keys():
-        if name not in plain:
-            del options[name]
-        elif own[name].default is not Parameter.empty:
+        if own[name].default is not Parameter.empty:
             options[name] = options[name]._replace(default=own[name].default)
+    options |= stated(made.work)
+    if "force" in own or any(option.check in _WRITERS for option in options.values()):
+        options["force"] = FORCE
+    if made.answers:
+        options["as_json"] = Stated(JSON.flag, JSON, False, frozenset({bool}))
     return options
+
+
+def _loads(own: Mapping[str, Parameter]) -> bool:
+    """Whether the function of a command gets a scene, not its name."""
+    return "scene" in own and own["scene"].annotation == "Scene"
 
 
 def _load(typed: dict[str, Any]) -> None:
@@ -209,15 +210,6 @@ def _write(answer: Answer, name: str, path: Path) -> None:
         from rig.view.palette import put
 
         put(answer.result.plot(), path)
-
-
-def _option(name: str, kind: Any, default: Any) -> Parameter:
-    return Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
-
-
-def _writes(parameter: Parameter) -> bool:
-    """Whether an option names a file that is written."""
-    return any(getattr(option, "callback", None) in _WRITERS for option in get_args(parameter.annotation)[1:])
 
 
 def _place(parameter: Parameter) -> int:

@@ -6,20 +6,17 @@ import re
 import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from rig.cli import printing
 from rig.cli.build import Made, Told
+from rig.parameters import Argument, Option
 
 if TYPE_CHECKING:
     from rig.lessons import Lesson
 
 
 def lesson(
-    number: Annotated[
-        int | None, typer.Argument(metavar="N", help="Number of the lesson. Default: list all lessons.")
-    ] = None,
-    solutions: Annotated[bool, typer.Option("--solutions", help="Print the solutions too.")] = False,
+    number: Annotated[int | None, Argument("N", "Number of the lesson. Default: list all lessons.")] = None,
+    solutions: Annotated[bool, Option("", "Print the solutions too.")] = False,
 ) -> Told:
     """List the lessons, or print lesson N without its solutions.
 

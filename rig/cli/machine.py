@@ -9,14 +9,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from rig.cli import printing
 from rig.cli.build import Answer, Made, Told
 from rig.cli.options import Budget, accuracy, at, share
-from rig.cli.printing import new_folder, refuse
+from rig.cli.printing import refuse
 from rig.errors import UsageError
 from rig.machine.files import write_file
+from rig.parameters import Argument, Option
 
 if TYPE_CHECKING:
     from rig.papers.entry import Comparison
@@ -29,11 +28,9 @@ def cost(
     scene: Scene,
     metric: Annotated[
         str,
-        typer.Option(
-            metavar="MEASURE", help="Error measure for the recommendation. Default: worst, the largest of all measures."
-        ),
+        Option("MEASURE", "Error measure for the recommendation. Default: worst, the largest of all measures."),
     ] = "worst",
-    target: Annotated[float, typer.Option(metavar="ERROR", help="Target relative error.")] = 1e-3,
+    target: Annotated[float, Option("ERROR", "Target relative error.")] = 1e-3,
     budget: Budget = None,
     out: Path = Path("cost"),
     *,
@@ -91,19 +88,15 @@ def cost(
 
 
 def torture(
-    quick: Annotated[bool, typer.Option("--quick", help="Short runs, about a minute. The default.")] = False,
-    full: Annotated[bool, typer.Option("--full", help="Every step and every case, over the whole duration.")] = False,
+    quick: Annotated[bool, Option("", "Short runs, about a minute. The default.")] = False,
+    full: Annotated[bool, Option("", "Every step and every case, over the whole duration.")] = False,
     case: Annotated[
         list[str] | None,
-        typer.Option(
-            "--case",
-            metavar="ID",
-            help="Run only this case (a name as in the table that is printed), or the case in this file. Repeatable.",
+        Option(
+            "ID", "Run only this case (a name as in the table that is printed), or the case in this file. Repeatable."
         ),
     ] = None,
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", callback=new_folder, help="Folder for the figure, JSON and JUnit files.")
-    ] = Path("torture"),
+    out: Annotated[Path, Option("FOLDER", "Folder for the figure, JSON and JUnit files.")] = Path("torture"),
     *,
     force: bool,
 ) -> Answer:
@@ -153,9 +146,7 @@ def _table(cells: list[Cell]) -> None:
 
 
 def doctor(
-    scene: Annotated[
-        list[str] | None, typer.Argument(metavar="SCENE...", help="Names of scenes. Default: all shipped scenes.")
-    ] = None,
+    scene: Annotated[list[str] | None, Argument("SCENE...", "Names of scenes. Default: all shipped scenes.")] = None,
 ) -> Answer:
     """Measure this machine and predict which scenes run in real time with the timing verdict VALID."""
     from rig.qualify.doctor import doctor as examine
@@ -165,9 +156,7 @@ def doctor(
 
 
 def warmup(
-    scene: Annotated[
-        list[str] | None, typer.Argument(metavar="SCENE...", help="Names of scenes. Default: all shipped scenes.")
-    ] = None,
+    scene: Annotated[list[str] | None, Argument("SCENE...", "Names of scenes. Default: all shipped scenes.")] = None,
 ) -> None:
     """Compile the kernels of the shipped scenes, so that their first run starts without delay."""
     from rig.machine.scheduling import cores
@@ -201,10 +190,8 @@ def clean() -> None:
 
 
 def reproduce(
-    figure: Annotated[str, typer.Argument(metavar="FIGURE", help='Name of a figure, of a paper, or "all".')] = "",
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", callback=new_folder, help="Folder for the pictures and their page.")
-    ] = Path("gallery"),
+    figure: Annotated[str, Argument("FIGURE", 'Name of a figure, of a paper, or "all".')] = "",
+    out: Annotated[Path, Option("FOLDER", "Folder for the pictures and their page.")] = Path("gallery"),
     *,
     force: bool,
 ) -> Answer:

@@ -19,6 +19,7 @@ from rig.cli.recorded import (
 )
 from rig.cli.recordings import opened
 from rig.errors import Faults, UsageError
+from rig.parameters import Argument, Option
 
 
 def _sources(context: typer.Context, paths: list[Path]) -> list[Path]:
@@ -30,11 +31,7 @@ def _sources(context: typer.Context, paths: list[Path]) -> list[Path]:
 def import_(
     files: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="FILE...",
-            help="Files of one run: CSV, Parquet, MAT, HDF5, netCDF, WAV, UFF, TDMS.",
-            callback=_sources,
-        ),
+        Argument("FILE...", "Files of one run: CSV, Parquet, MAT, HDF5, netCDF, WAV, UFF, TDMS.", check=_sources),
     ],
     map: list[str],
     time: str,
@@ -44,9 +41,7 @@ def import_(
     force: bool,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", callback=new_recording, help="Recording to write. Default: the name of the first file."
-        ),
+        Option("FILE", "Recording to write. Default: the name of the first file.", check=new_recording),
     ] = None,
 ) -> Any:
     """Make a recording of a measurement, in SI units, or list the columns of its files.
@@ -79,11 +74,10 @@ def stick(
     end: float | None,
     law: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=new,
-            help="Write friction over rising speed, of a spring the mean of both ways, as the [friction] of a scene "
-            "(TOML).",
+        Option(
+            "FILE",
+            "Write friction over rising speed, of a spring the mean of both ways, as the [friction] of a scene (TOML).",
+            check=new,
         ),
     ] = None,
     **contact: str | None,

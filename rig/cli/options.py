@@ -19,6 +19,7 @@ from rig.cli import printing
 from rig.cli.printing import named as not_empty
 from rig.cli.printing import new_recording, reads
 from rig.errors import UsageError
+from rig.parameters import Argument, Option
 from rig.units import number_or_text, with_point
 
 if TYPE_CHECKING:
@@ -123,9 +124,7 @@ def recording(context: typer.Context, path: Path | None) -> Path | None:
 
 SceneName = Annotated[
     str,
-    typer.Argument(
-        metavar="SCENE", help="Name of a shipped scene (see rig list), or a TOML file.", callback=scene_file
-    ),
+    Argument("SCENE", "Name of a shipped scene (see rig list), or a TOML file."),
 ]
 
 
@@ -142,73 +141,60 @@ def paired(parameter: typer.CallbackParam, given: list[str] | None) -> list[str]
 
 Net = Annotated[
     list[str] | None,
-    typer.Option(
-        "--net",
-        metavar="LINK: FAULTS",
-        help='Make a link between plant and controllers worse: "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, '
+    Option(
+        "LINK: FAULTS",
+        'Make a link between plant and controllers worse: "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, '
         'duplicate 0.1 %, reorder; seed 3", or "act/CONTROLLER: ...". Short for -p network... . Repeatable.',
+        "--net",
     ),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE",
-        callback=new_recording,
-        help="Recording to write (MCAP). Default: a new file in recordings/runs.",
-    ),
+    Option("FILE", "Recording to write (MCAP). Default: a new file in recordings/runs.", check=new_recording),
 ]
-RunName = Annotated[
-    str | None, typer.Option("--run", metavar="RUN", help="Name of the run. Default: the only live run.")
-]
-NewName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run.")]
+RunName = Annotated[str | None, Option("RUN", "Name of the run. Default: the only live run.", "--run")]
+NewName = Annotated[str | None, Option("RUN", "Name of the run.", "--run")]
 Pace = Annotated[
     str | None,
-    typer.Option(
-        "--pace",
-        metavar="FACTOR",
-        show_default=False,
-        help='Real-time factor: simulated seconds per second; "auto": 1, or the largest that holds on this machine; '
+    Option(
+        "FACTOR",
+        'Real-time factor: simulated seconds per second; "auto": 1, or the largest that holds on this machine; '
         '"max". Default: 1; with --lockstep: max.',
+        "--pace",
     ),
 ]
 Lockstep = Annotated[
     bool,
-    typer.Option("--lockstep", help="Wait for every controller at every step, instead of following the wall clock."),
+    Option("", "Wait for every controller at every step, instead of following the wall clock.", "--lockstep"),
 ]
-Wait = Annotated[str, typer.Option(metavar="TIME", help="Longest wait for the run, in seconds or with a unit.")]
+Wait = Annotated[float, Option("TIME", "Longest wait for the run, in seconds or with a unit.", low=0)]
 When = Annotated[
     str | None,
-    typer.Option(
-        "--trigger",
-        metavar="CONDITION",
-        help='Record only around the instants at which a sensor or plant output is beyond a level: "vibrometer > 0.1 '
+    Option(
+        "CONDITION",
+        'Record only around the instants at which a sensor or plant output is beyond a level: "vibrometer > 0.1 '
         'm/s"; < for below, |NAME| for the absolute value. Writes NAME-001.mcap, NAME-002.mcap, ...',
+        "--trigger",
     ),
 ]
-Before = Annotated[
-    str | None, typer.Option(metavar="TIME", help="With --trigger: recorded time before it. Default: 2 s.")
-]
-After = Annotated[
-    str | None, typer.Option(metavar="TIME", help="With --trigger: recorded time after it. Default: 5 s.")
-]
+Before = Annotated[float | None, Option("TIME", "With --trigger: recorded time before it. Default: 2 s.", low=0)]
+After = Annotated[float | None, Option("TIME", "With --trigger: recorded time after it. Default: 5 s.", low=0)]
 Most = Annotated[
     int | None,
-    typer.Option(min=1, max=999, metavar="N", help="With --trigger: largest number of recordings. Default: 100."),
+    Option("N", "With --trigger: largest number of recordings. Default: 100.", low=1, high=999),
 ]
 Budget = Annotated[
     str | None,
-    typer.Option(
-        "--budget",
-        metavar="SHARE",
-        help="Share of a frame that computing may take (99th percentile): 40%. Selects method and step.",
+    Option(
+        "SHARE", "Share of a frame that computing may take (99th percentile): 40%. Selects method and step.", "--budget"
     ),
 ]
 Accuracy = Annotated[
     float | None,
-    typer.Option(
+    Option(
+        "ERROR",
+        "Target relative error, e.g. 1e-4. Selects the cheapest method and step that rig cost measured here.",
         "--accuracy",
-        metavar="ERROR",
-        help="Target relative error, e.g. 1e-4. Selects the cheapest method and step that rig cost measured here.",
     ),
 ]
 
@@ -339,12 +325,12 @@ def number(given: str, option: str, unit: str, low: float, high: float, also: st
     return value
 
 
-def seconds(given: str | None, option: str = "--duration", low: float = SHORTEST) -> float | None:
+def seconds(given: str, option: str, low: float = SHORTEST) -> float:
     """A duration in seconds; a plain number is seconds."""
-    return None if given is None else number(given, option, "s", low, LONGEST, ', such as 2.5 or "500 ms"')
+    return number(given, option, "s", low, LONGEST, ', such as 2.5 or "500 ms"')
 
 
-def trigger(when: str | None, before: str | None, after: str | None, most: int | None) -> Trigger | None:
+def trigger(when: str | None, before: float | None, after: float | None, most: int | None) -> Trigger | None:
     """The trigger of a recorder; None without a condition. Raises UsageError."""
     if when is None:
         given = {"--before": before, "--after": after, "--most": most}
@@ -353,9 +339,9 @@ def trigger(when: str | None, before: str | None, after: str | None, most: int |
         return None
     from rig.record.windows import Trigger, condition
 
-    earlier = seconds(before or "2", "--before", 0.0)
-    later = seconds(after or "5", "--after", 0.0)
-    return Trigger(condition(when), earlier or 0.0, later or 0.0, most or 100)
+    earlier = 2.0 if before is None else before
+    later = 5.0 if after is None else after
+    return Trigger(condition(when), earlier, later, most or 100)
 
 
 def pace(given: str, others: str = ', or "max"') -> float | None:

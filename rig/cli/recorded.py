@@ -18,7 +18,7 @@ from rig.cli.printing import new
 from rig.cli.recordings import opened, without_outputs
 from rig.cli.stated import Stated
 from rig.errors import Faults, LogError, UsageError
-from rig.parameters import Begin, Channel, End, Option
+from rig.parameters import Argument, Begin, Channel, End, Option
 
 if TYPE_CHECKING:
     from rig.record.run import Run
@@ -53,7 +53,7 @@ def option(flag: str, value: str, text: str, default: Any = None) -> Stated:
 
 
 def stick_arguments(run: Run, contact: Mapping[str, str | None]) -> dict[str, Any]:
-    """Return the arguments of `stick_slip` from the texts of the options `CONTACT`. Raises UsageError with all faults."""
+    """Return the arguments of `stick_slip` from the texts of `CONTACT`. Raises UsageError with all faults."""
     from rig.quantities import finite
     from rig.record.run_data import signals
 
@@ -229,12 +229,8 @@ def events(log: Path, trust: bool, faults: Faults, **given: Any) -> Any:
 def sound(
     log: Path,
     trust: bool,
-    signal: Annotated[
-        str, typer.Option(metavar="SENSOR", help="Sensor whose sound is analysed. Default: the microphone.")
-    ] = "",
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Write the sound to a WAV file.")
-    ] = None,
+    signal: Annotated[str, Option("SENSOR", "Sensor whose sound is analysed. Default: the microphone.")] = "",
+    out: Annotated[Path | None, Option("FILE", "Write the sound to a WAV file.", check=new)] = None,
 ) -> Answer:
     """Find squeals in the sound of a recording: level, frequency, times. Write a WAV file."""
     from rig.analysis.recorded.sound import hear
@@ -263,10 +259,10 @@ def _is_scene(given: str) -> bool:
 
 
 def diff(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A recording.", callback=recording)],
+    first: Annotated[Path, Argument("A", "A recording.", check=recording)],
     second: Annotated[
         str,
-        typer.Argument(metavar="B", help="Another one, or a scene that simulates it.", callback=_recording_or_scene),
+        Argument("B", "Another one, or a scene that simulates it.", check=_recording_or_scene),
     ],
     tolerance: float,
     begin: float,
@@ -320,5 +316,7 @@ COMMANDS = {
         "rig analyse sound recordings/runs/brake-20260101-120000.mcap --out squeal.wav --figure squeal.png",
         files="figure",
     ),
-    "diff": Made(diff, "rig diff first.mcap second.mcap --tolerance 1e-6 --figure difference.png", rig.diff, "figure"),
+    "diff": Made(
+        diff, "rig diff first.mcap second.mcap --tolerance 1e-6 --figure difference.png", rig.diff, "figure", CONTACT
+    ),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,10 +12,11 @@ import typer
 import rig
 from rig.cli import printing
 from rig.cli.build import Answer, Made, Told
-from rig.cli.options import at, changes, number, pace, paired, refuse_all, separated
+from rig.cli.options import at, number, pace, refuse_all
 from rig.cli.printing import named, refuse, writable
 from rig.errors import UsageError
 from rig.machine.files import RUNS
+from rig.parameters import Argument, Option
 from rig.printable import counted, printable
 from rig.units import number_or_text
 
@@ -65,24 +66,17 @@ def without_outputs(run: Run, log: Path | str) -> str:
 def replay(
     log: Path,
     trust: bool,
+    p: Annotated[
+        Mapping[str, str],
+        Option("KEY=VALUE", "Change a value of a controller of --into: -p controllers.nf.gain=300.", "-p"),
+    ],
     speed: Annotated[
-        str, typer.Option("--pace", metavar="FACTOR", help='Real-time factor: recorded seconds per second, or "max".')
+        str, Option("FACTOR", 'Real-time factor: recorded seconds per second, or "max".', "--pace")
     ] = "1.0",
     into: Annotated[
         list[str] | None,
-        typer.Option(
-            "--into",
-            metavar="CONTROLLER",
-            help="Start this controller too (NAME or FILE.py) and compare its commands with the recorded ones.",
-        ),
-    ] = None,
-    p: Annotated[
-        list[str] | None,
-        typer.Option(
-            "-p",
-            metavar="KEY=VALUE",
-            callback=paired,
-            help="Change a value of a controller of --into: -p controllers.nf.gain=300.",
+        Option(
+            "CONTROLLER", "Start this controller too (NAME or FILE.py) and compare its commands with the recorded ones."
         ),
     ] = None,
 ) -> Answer:
@@ -95,7 +89,7 @@ def replay(
     from rig.bench.again.replay import replay as play
 
     allow(log, trust)
-    values = {key: number_or_text(value) for key, value in changes(p).items()}
+    values = {key: number_or_text(value) for key, value in p.items()}
     with printing.status() as show:
         replayed = play(log, into or (), pace(speed), values, show)
     notes = [f"{log}: {replayed.fault}"] if replayed.fault else []
@@ -115,9 +109,7 @@ def verify(log: Path, trust: bool) -> Answer:
 def recover(
     log: Path,
     force: bool,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File to write. Default: NAME.recovered.mcap beside it.")
-    ] = None,
+    out: Annotated[Path | None, Option("FILE", "File to write. Default: NAME.recovered.mcap beside it.")] = None,
 ) -> Answer:
     """Recover a recording that was cut off or damaged: write all messages whose checksums are right to a new file.
 
@@ -141,14 +133,10 @@ def recover(
 
 
 def runs(
-    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Where to look, or one recording.")] = RUNS,
-    tag: Annotated[
-        list[str] | None, typer.Option("--tag", metavar="TAG", help="Only runs with this tag. Repeatable.")
-    ] = None,
-    scene: Annotated[str | None, typer.Option(metavar="SCENE", help="Only runs of this scene.")] = None,
-    rebuild: Annotated[
-        bool, typer.Option("--rebuild", help="Read all files again, not only new and changed ones.")
-    ] = False,
+    folder: Annotated[Path, Argument("[FOLDER]", "Where to look, or one recording.")] = RUNS,
+    tag: Annotated[list[str] | None, Option("TAG", "Only runs with this tag. Repeatable.")] = None,
+    scene: Annotated[str | None, Option("SCENE", "Only runs of this scene.")] = None,
+    rebuild: Annotated[bool, Option("", "Read all files again, not only new and changed ones.")] = False,
 ) -> Told:
     """List recordings: scene, date, length, timing verdict, notes and tags."""
     from rig.record import run_list
@@ -212,10 +200,8 @@ def _row(listing: Listed, folder: Path) -> tuple[str, ...]:
 
 def note(
     log: Path,
-    text: Annotated[
-        str | None, typer.Argument(metavar="TEXT", help="What to note. Without it the notes are printed.")
-    ] = None,
-    tag: Annotated[list[str] | None, typer.Option("--tag", metavar="TAG", help="Add a tag. Repeatable.")] = None,
+    text: Annotated[str | None, Argument("TEXT", "What to note. Without it the notes are printed.")] = None,
+    tag: Annotated[list[str] | None, Option("TAG", "Add a tag. Repeatable.")] = None,
 ) -> Answer:
     """Add a note or tags to a recording, or print its notes. They are kept in a file beside it."""
     from rig.record import user_notes
@@ -263,28 +249,19 @@ def export(
     context: typer.Context,
     log: Path,
     force: bool,
-    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help=f"{_LIST}.")],
+    to: Annotated[str, Option("FORMAT", f"{_LIST}.")],
     only: Annotated[
-        str | None,
-        typer.Option(
-            "--only",
-            metavar="NAMES",
-            help="Outputs, sensors and controllers, separated by commas. Default: everything.",
-        ),
+        list[str] | None,
+        Option("NAMES", "Outputs, sensors and controllers, separated by commas. Default: everything."),
     ] = None,
     rate: Annotated[
         str | None,
-        typer.Option(
-            "--rate",
-            metavar="RATE",
-            help='Filter and decimate faster outputs and sensors to this rate: "200 Hz". Whole fractions only.',
-        ),
+        Option("RATE", 'Filter and decimate faster outputs and sensors to this rate: "200 Hz". Whole fractions only.'),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="PATH",
-            help="File to write; for csv, parquet and wav a folder. Default: beside the recording, with its name.",
+        Option(
+            "PATH", "File to write; for csv, parquet and wav a folder. Default: beside the recording, with its name."
         ),
     ] = None,
 ) -> Told:
@@ -294,11 +271,10 @@ def export(
     rate, one for the commands of each controller and one for the events.
     """
     hertz = None if rate is None else number(rate, "--rate", "Hz", *RATES)
-    names = separated(only)
     refuse_all(
         (to not in NAMES, f"--to {to}: expected {_LIST}"),
         (
-            only is not None and not names,
+            only is not None and not only,
             "--only: expected names of outputs, sensors or controllers, separated by commas",
         ),
     )
@@ -314,7 +290,7 @@ def export(
     else:
         writable(context, "--out", path)
     run = opened(log)
-    exported = tables(run, names, hertz)
+    exported = tables(run, only or [], hertz)
     if chosen.folder:
         refuse(path, files(exported, to), force)
     with printing.status() as show:

@@ -33,8 +33,6 @@ from rig.cli.options import (
     live_pace,
     recording,
     refuse_all,
-    scene_file,
-    separated,
     share,
     the_scene,
     there,
@@ -44,6 +42,7 @@ from rig.cli.printing import new_recording
 from rig.cli.recordings import allow
 from rig.errors import ControllerFailed, ExitCode, UsageError
 from rig.machine.process import told_to_stop
+from rig.parameters import Argument, Option
 from rig.units import number_or_text
 
 if TYPE_CHECKING:
@@ -51,13 +50,11 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 
-View = Annotated[bool, typer.Option("--view", help="Show the run live in rerun.")]
-Web = Annotated[bool, typer.Option("--web", help="Show the run live on a page in the browser.")]
+View = Annotated[bool, Option("", "Show the run live in rerun.", "--view")]
+Web = Annotated[bool, Option("", "Show the run live on a page in the browser.", "--web")]
 Only = Annotated[
-    str | None,
-    typer.Option(
-        "--only", metavar="NAMES", help="Sensors and outputs that --figure draws over time, separated by commas."
-    ),
+    list[str] | None,
+    Option("NAMES", "Sensors and outputs that --figure draws over time, separated by commas.", "--only"),
 ]
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
@@ -153,14 +150,13 @@ def run(
     return Answer(outcome, draw=draw, code=outcome.exit_code)
 
 
-def listed(only: str | None, figure: Path | None) -> list[str]:
+def listed(only: list[str] | None, figure: Path | None) -> list[str]:
     """The names that --only lists. Raises UsageError without a figure or without names."""
-    names = separated(only)
     refuse_all(
         (only is not None and figure is None, "--only: chooses what --figure draws; add --figure FILE"),
-        (only is not None and not names, "--only: expected names of sensors or outputs, separated by commas"),
+        (only is not None and not only, "--only: expected names of sensors or outputs, separated by commas"),
     )
-    return names
+    return only or []
 
 
 def drawable(names: Collection[str], scene: Scene) -> None:
@@ -210,11 +206,11 @@ def _start(context: typer.Context, text: str | None) -> str | None:
 
 Start = Annotated[
     str | None,
-    typer.Option(
+    Option(
+        "LOG@TIME",
+        "Continue a recording from this instant (12.5s, 300ms; without @TIME: its end) instead of a scene.",
         "--from",
-        metavar="LOG@TIME",
-        callback=_start,
-        help="Continue a recording from this instant (12.5s, 300ms; without @TIME: its end) instead of a scene.",
+        check=_start,
     ),
 ]
 
@@ -239,20 +235,17 @@ def instant_of(text: str) -> tuple[Path, float | None]:
 def simulate(
     scene: Annotated[
         str | None,
-        typer.Argument(metavar="SCENE", help="Name of a shipped scene, or a TOML file.", callback=scene_file),
+        Argument("SCENE", "Name of a shipped scene, or a TOML file."),
     ] = None,
     start: Start = None,
     net: Net = None,
     method: Annotated[
         str | None,
-        typer.Option(
-            metavar="METHOD",
-            help="As clock.method: auto (default), exact, dopri5, dop853, rosenbrock, rk4, kick, smooth.",
-        ),
+        Option("METHOD", "As clock.method: auto (default), exact, dopri5, dop853, rosenbrock, rk4, kick, smooth."),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", callback=new_recording, help="Recording to write (MCAP). Default: none."),
+        Option("FILE", "Recording to write (MCAP). Default: none.", check=new_recording),
     ] = None,
     only: Only = None,
     budget: Budget = None,

@@ -18,6 +18,7 @@ from rig.cli.options import SceneName, the_scene
 from rig.cli.printing import new, writable
 from rig.errors import LogError, RigError, UsageError
 from rig.machine.files import write_file
+from rig.parameters import Argument, Option
 from rig.printable import counted
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ _MANY = 4  # numbers of a list that are shown one by one
 
 def list_scenes(
     folder: Annotated[
-        Path | None, typer.Argument(metavar="FOLDER", help="A folder with scene files. Default: the shipped scenes.")
+        Path | None, Argument("FOLDER", "A folder with scene files. Default: the shipped scenes.")
     ] = None,
 ) -> Told:
     """List the shipped scenes, or those in a folder; and parts that other packages have installed."""
@@ -106,10 +107,8 @@ def _list_installed() -> None:
 
 def new_scene(
     context: typer.Context,
-    name: Annotated[str, typer.Argument(metavar="NAME", help="File to write, with or without .toml.")],
-    based_on: Annotated[
-        str, typer.Option(metavar="SCENE", help="Shipped scene, or TOML file, on which the new one is based.")
-    ],
+    name: Annotated[str, Argument("NAME", "File to write, with or without .toml.")],
+    based_on: Annotated[str, Option("SCENE", "Shipped scene, or TOML file, on which the new one is based.")],
     force: bool,
 ) -> Told:
     """Write a new scene file that is based on another scene and contains only what differs.
@@ -140,10 +139,10 @@ def explain(
     scene: SceneName,
     overrides: Mapping[str, object],
     untold: Mapping[str, object],
-    everything: Annotated[bool, typer.Option("--all", help="Show default values too.")] = False,
+    everything: Annotated[bool, Option("", "Show default values too.", "--all")] = False,
     measure: Annotated[
         bool,
-        typer.Option("--measure", help="Measure each effect: compute time per step in ns, and change of the motion."),
+        Option("", "Measure each effect: compute time per step in ns, and change of the motion."),
     ] = False,
     *,
     figure: Path | None,
@@ -517,13 +516,11 @@ def _print_measured(
 
 def fmu(
     scene: Scene,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", callback=new, help="FMU to write.")],
+    out: Annotated[Path, Option("FILE", "FMU to write.", check=new)],
     inputs: Annotated[
         list[str] | None,
-        typer.Option(
-            "--input",
-            metavar="ACTUATOR",
-            help="Actuator that is an input; may be repeated. Default: all that can be commanded.",
+        Option(
+            "ACTUATOR", "Actuator that is an input; may be repeated. Default: all that can be commanded.", "--input"
         ),
     ] = None,
 ) -> Told:

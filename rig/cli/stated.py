@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import builtins
 import collections.abc
+import math
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from inspect import Parameter, signature
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -18,14 +18,14 @@ from rig.cli.options import SHORTEST, assigned, changes, paired, recording, scen
 from rig.cli.printing import new_folder
 from rig.parameters import Argument, Option
 
-TEXTS: Mapping[str, Callable[[str, str], object]] = {
-    "TIME": lambda given, flag: seconds(given, flag, 0.0 if flag == "--from" else SHORTEST),
-    "TIMES": lambda given, flag: [seconds(text, flag, 0.0) for text in separated(given)],
-    "LIST": lambda given, flag: tuple(separated(given)),
-    "NAMES": lambda given, flag: separated(given),
-    "KEY=VALUES, ...": lambda given, flag: given,
+TEXTS: Mapping[str, Callable[[str, str, float], object]] = {
+    "TIME": seconds,
+    "TIMES": lambda given, flag, low: [seconds(text, flag, low) for text in separated(given)],
+    "LIST": lambda given, flag, low: tuple(separated(given)),
+    "NAMES": lambda given, flag, low: separated(given),
+    "KEY=VALUES, ...": lambda given, flag, low: given,
 }
-"""What is typed -> how its text becomes the value of the parameter, given the flag too; others stay what they are."""
+"""What is typed -> how its text becomes the value of the parameter; others stay what they are."""
 SEVERAL: Mapping[str, Callable[[list[str] | None, str], object]] = {
     "KEY=VALUE": changes,
     "KEY=VALUES": assigned,
@@ -34,12 +34,15 @@ SEVERAL: Mapping[str, Callable[[list[str] | None, str], object]] = {
     '"CHANNEL = SIMULATED, FACTOR"': assigned,
 }
 """The same for options that may be repeated."""
-_CHECKS = {"SCENE": scene_file, "LOG": recording, "KEY=VALUE": paired, "FOLDER": new_folder}
-"""What is typed -> its check, which typer calls when it has read it."""
+_CHECKS: Mapping[type[Option], Mapping[str, Callable[..., Any]]] = {
+    Argument: {"SCENE": scene_file, "LOG": recording},
+    Option: {"KEY=VALUE": paired, "FOLDER": new_folder},
+}
+"""What is typed -> its check."""
 
 
 class Stated(NamedTuple):
-    """An option: its flag, its description, its default, and the types that the parameter may have."""
+    """An option of a command: its flag, its description, its default, and the types that its parameter may have."""
 
     flag: str
     option: Option
@@ -47,57 +50,68 @@ class Stated(NamedTuple):
     types: frozenset[Any] = frozenset({str})
 
     @property
-    def _reader(self) -> Callable[[Any, str], object] | None:
-        if isinstance(self.option, Argument):
-            return None
-        return (SEVERAL if self._several else TEXTS).get(self.option.value)
+    def _several(self) -> bool:
+        """Whether it may be repeated."""
+        many = list in self.types or (Path not in self.types and not self.types.isdisjoint((Mapping, Iterable)))
+        return many and self.option.value not in TEXTS
 
     @property
-    def _several(self) -> bool:
-        """Whether the option may be repeated."""
-        many = not self.types.isdisjoint((Mapping, Iterable))
-        return many and Path not in self.types and self.option.value not in TEXTS
+    def _is_text(self) -> bool:
+        return self.option.value in TEXTS and not self._several
+
+    @property
+    def check(self) -> Callable[..., Any] | None:
+        """What typer calls when it has read it."""
+        return self.option.check or _CHECKS[type(self.option)].get(self.option.value)
 
     def read(self, given: Any) -> Any:
         """Return the value for what was typed. Raises UsageError."""
-        if given is None and not self._several:
-            return self.default
-        return given if self._reader is None else self._reader(given, self.flag)
+        value = self.option.value
+        if self._several:
+            return SEVERAL[value](given, self.flag) if value in SEVERAL else given
+        if given is None or not self._is_text:
+            return self.default if given is None else given
+        return TEXTS[value](given, self.flag, SHORTEST if self.option.low is None else self.option.low)
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of the function that typer calls."""
-        default = self.default
-        if self._several:
-            kind: Any = list[str]
-            default = None
-        elif self._reader is not None:
-            kind = str
-            default = ",".join(default) if isinstance(default, tuple) else None
-        elif self.option.value == "SCENE":
-            kind = str
-        else:
-            kind = next((kind for kind in (bool, int, Path, float) if kind in self.types), str)
-            default = Path(default) if kind is Path and isinstance(default, str) else default
-        value, about, _, low, high = self.option
-        how: dict[str, Any] = {"metavar": value or None, "help": about, "callback": _CHECKS.get(value)}
+        kind, default = self._typed()
+        value, about, _, low, high, _ = self.option
+        how: dict[str, Any] = {"metavar": value or None, "help": about, "callback": self.check}
         if isinstance(self.option, Argument):
             info = typer.Argument(**how)
         else:
-            info = typer.Option(self.flag, min=low, max=high, show_default=default != "", **how)
+            if kind is int:
+                how |= {"min": low, "max": high}
+            info = typer.Option(self.flag, show_default=default != "", is_eager=name == "force", **how)
         kind = kind | None if default is None else kind
         return Parameter(name, Parameter.KEYWORD_ONLY, annotation=Annotated[kind, info], default=default)
 
+    def _typed(self) -> tuple[Any, Any]:
+        """The type that typer reads, and its default."""
+        default = self.default
+        if self._several:
+            return list[Path] if Path in self.types else list[str], default if list in self.types else None
+        if self._is_text and isinstance(default, float):
+            return str, f"{default:g}" if 0.0 < default < math.inf else None
+        if self._is_text:
+            return str, ",".join(default) if isinstance(default, tuple) else None
+        if self.option.value == "SCENE":
+            return str, default
+        kind: Any = next((kind for kind in (bool, int, Path, float) if kind in self.types), str)
+        return kind, Path(default) if kind is Path and isinstance(default, str) else default
+
 
 def stated(function: Callable[..., object]) -> dict[str, Stated]:
-    """Return the parameters of a function of `rig` that are options."""
+    """Return the parameters of a function that are options."""
     options: dict[str, Stated] = {}
     for name, hint in hints(function).items():
         if get_origin(hint) is Annotated:
             kind, option = get_args(hint)
-            kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-            types = frozenset(get_origin(kind) or kind for kind in kinds)
+            types = {kind, get_origin(kind), *get_args(kind)}
+            types |= {get_origin(inner) for inner in types}
             default = signature(function).parameters[name].default
-            options[name] = Stated(option.flag or f"--{name.replace('_', '-')}", option, default, types)
+            options[name] = Stated(option.flag or f"--{name.replace('_', '-')}", option, default, frozenset(types))
     return options
 
 

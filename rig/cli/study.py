@@ -15,6 +15,7 @@ from rig.cli.build import Answer, Made
 from rig.cli.options import at
 from rig.cli.printing import named, refuse, writable
 from rig.errors import UsageError
+from rig.parameters import Option
 from rig.printable import counted
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def study(
     cluster: str,
     out: Path,
     force: bool,
-    to: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as NetCDF (.nc) as well.")] = None,
+    to: Annotated[Path | None, Option("FILE", "Write the results as NetCDF (.nc) as well.")] = None,
     **plan: Any,
 ) -> Answer:
     """Run a scene over parameters and evaluate measures: grids, samples of distributions, repeated runs.
