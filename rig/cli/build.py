@@ -14,7 +14,7 @@ from functools import partial
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -26,19 +26,10 @@ from rig.cli.stated import Stated, stated
 from rig.errors import ExitCode, Faults
 from rig.parameters import Option
 
-_PATH = frozenset({Path})
-FILES = {
-    "figure": Stated("--figure", Option("FILE", "Draw the result (PNG, SVG, PDF).", check=new), types=_PATH),
-    "page": Stated(
-        "--page", Option("FILE", "Write the report with its figure as a page (HTML).", check=new), types=_PATH
-    ),
-    "csv": Stated("--csv", Option("FILE", "Write all numbers as CSV.", check=new), types=_PATH),
-}
-"""Files that can be written of a result."""
-FORCE = Stated("--force", Option("", "Overwrite existing files."), False, frozenset({bool}))
-JSON = Option("", "Print the report as JSON.", "--json")
+JSON = Annotated[bool, Option("", "Print the report as JSON.", "--json")]
+_FILES = ("figure", "page", "csv")
 _WRITERS = (new, new_folder, new_recording)
-_LAST = (*FILES, "trust", "force", "as_json")
+_LAST = (*_FILES, "trust", "force", "as_json")
 """Options that the help shows last."""
 _OF_SCENE = ("overrides", "untold", "redesign")
 """What changes a scene; its command gets the changed scene."""
@@ -47,7 +38,7 @@ _OF_SCENE = ("overrides", "untold", "redesign")
 class Made(NamedTuple):
     """A command: its function, an example, and the function of `rig` whose options it has.
 
-    `files`: the options of `FILES` that it has, for the result that it returns; `more`: further options.
+    `files`: which of figure, page and csv it can write of the result that it returns; `more`: further options.
     """
 
     work: Callable[..., Any]
@@ -117,10 +108,10 @@ def build(made: Made) -> Callable[..., None]:
             faults.raise_found()
         if _loads(own):
             _load(typed)
-        unasked = {*FILES, "as_json", "force", "scene_name", *_OF_SCENE} - own.keys()
+        unasked = {*_FILES, "as_json", "force", "scene_name", *_OF_SCENE} - own.keys()
         answer = made.work(**{name: value for name, value in typed.items() if name not in unasked})
         if made.answers:
-            written = {name: typed[name] for name in FILES if name in typed}
+            written = {name: typed[name] for name in _FILES if name in typed}
             deliver(answer if isinstance(answer, Answer) else Answer(answer), typed["as_json"], written)
 
     command.__doc__ = made.work.__doc__
@@ -134,23 +125,29 @@ def _options(made: Made, own: Mapping[str, Parameter]) -> dict[str, Stated]:
 
     The command may have a default of its own.
     """
-    shared = stated(parameters.common)
-    options = {
-        **(stated(made.of) if made.of else {}),
-        **made.more,
-        **{name: FILES[name] for name in made.files.split()},
-    }
-    asked = {name for name in shared if name in own or (name == "overrides" and _loads(own))}
-    options = {name: shared[name] for name in asked} | options
+    shared = stated(parameters.common) | stated(_of_results)
+    asked = {*own, *made.files.split()}
+    asked |= {name for name, yes in (("overrides", _loads(own)), ("as_json", made.answers)) if yes}
+    options = {name: option for name, option in shared.items() if name in asked}
+    options |= {**(stated(made.of) if made.of else {}), **made.more, **stated(made.work)}
+    if any(option.check in _WRITERS for option in options.values()):
+        options["force"] = shared["force"]
     for name in options.keys() & own.keys():
         if own[name].default is not Parameter.empty:
             options[name] = options[name]._replace(default=own[name].default)
-    options |= stated(made.work)
-    if "force" in own or any(option.check in _WRITERS for option in options.values()):
-        options["force"] = FORCE
-    if made.answers:
-        options["as_json"] = Stated(JSON.flag, JSON, False, frozenset({bool}))
     return options
+
+
+def _of_results(
+    figure: Annotated[Path | None, Option("FILE", "Draw the result (PNG, SVG, PDF).", check=new)] = None,
+    page: Annotated[
+        Path | None, Option("FILE", "Write the report with its figure as a page (HTML).", check=new)
+    ] = None,
+    csv: Annotated[Path | None, Option("FILE", "Write all numbers as CSV.", check=new)] = None,
+    force: Annotated[bool, Option("", "Overwrite existing files.")] = False,
+    as_json: JSON = False,
+) -> None:
+    """Options of commands that print a result or write files."""
 
 
 def _loads(own: Mapping[str, Parameter]) -> bool:

@@ -287,7 +287,7 @@ def _say(text: str) -> None:
 def bridge(
     run: RunName = None,
     port: Port = 0,
-    as_json: Annotated[bool, JSON] = False,
+    as_json: JSON = False,
 ) -> None:
     """Offer the bus of a live run over WebSocket, for controllers and tools in other languages.
 

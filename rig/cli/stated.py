@@ -7,6 +7,7 @@ import collections.abc
 import math
 import typing
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
@@ -34,6 +35,7 @@ SEVERAL: Mapping[str, Callable[[list[str] | None, str], object]] = {
     '"CHANNEL = SIMULATED, FACTOR"': assigned,
 }
 """The same for options that may be repeated."""
+_NAMES = {**vars(typing), **vars(collections.abc), **vars(parameters)}
 _CHECKS: Mapping[type[Option], Mapping[str, Callable[..., Any]]] = {
     Argument: {"SCENE": scene_file, "LOG": recording},
     Option: {"KEY=VALUE": paired, "FOLDER": new_folder},
@@ -68,7 +70,7 @@ class Stated(NamedTuple):
         """Return the value for what was typed. Raises UsageError."""
         value = self.option.value
         if self._several:
-            return SEVERAL[value](given, self.flag) if value in SEVERAL else given
+            return SEVERAL[value](given, self.flag) if value in SEVERAL else given or []
         if given is None or not self._is_text:
             return self.default if given is None else given
         return TEXTS[value](given, self.flag, SHORTEST if self.option.low is None else self.option.low)
@@ -102,6 +104,7 @@ class Stated(NamedTuple):
         return kind, Path(default) if kind is Path and isinstance(default, str) else default
 
 
+@cache
 def stated(function: Callable[..., object]) -> dict[str, Stated]:
     """Return the parameters of a function that are options."""
     options: dict[str, Stated] = {}
@@ -124,7 +127,7 @@ class _Known(dict[str, Any]):
     """What the names of types in the module of a function mean."""
 
     def __init__(self, function: Any) -> None:
-        super().__init__({**vars(typing), **vars(collections.abc), **vars(parameters), **function.__globals__})
+        super().__init__(_NAMES | function.__globals__)
 
     def __missing__(self, name: str) -> Any:
         return getattr(builtins, name, Any)
