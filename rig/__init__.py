@@ -26,6 +26,7 @@ papers      the figures of the papers, reproduced
 lessons     lessons of half an hour
 web         the bench as a page in the browser
 cli         the commands
+parameters  how the commands show a parameter: stated with the functions below, which are the Python API
 """
 
 from __future__ import annotations
@@ -263,14 +264,12 @@ def events(
         ),
     ] = None,
     window: Annotated[
-        float,
-        Option("TIME", "Length of the windows. Default: 40 ms, or eight periods of the strongest tone."),
+        float, Option("TIME", "Length of the windows. Default: 40 ms, or eight periods of the strongest tone.")
     ] = 0.0,
     begin: Begin = 0.0,
     end: End = float("inf"),
     over: Annotated[
-        Scene | str | Path | None,
-        Option("SCENE", "Scene whose eigenvalues over --key are compared with the events."),
+        Scene | str | Path | None, Option("SCENE", "Scene whose eigenvalues over --key are compared with the events.")
     ] = None,
     key: Annotated[str, Option("KEY", "Key of that scene: drive.speed (default), load.force.")] = "",
     *,
@@ -420,8 +419,7 @@ def branches(
 def map(
     scene: SceneOrName,
     x: Annotated[
-        str,
-        Option("KEY=FROM:TO:COUNT", 'First axis, along which runs are continued: "drive.speed=1:8 rpm:36".'),
+        str, Option("KEY=FROM:TO:COUNT", 'First axis, along which runs are continued: "drive.speed=1:8 rpm:36".')
     ],
     y: Annotated[str | None, Option("KEY=FROM:TO:COUNT", "Second axis: one row of the map for each value.")] = None,
     *,
@@ -435,8 +433,7 @@ def map(
         ),
     ] = ("up", "down", "near", "far"),
     longest: Annotated[
-        float | None,
-        Option("TIME", "Longest simulated time for one point. Default: at least 480 slow periods."),
+        float | None, Option("TIME", "Longest simulated time for one point. Default: at least 480 slow periods.")
     ] = None,
     out: Results = "maps",
     workers: Workers = None,
@@ -469,8 +466,7 @@ def study(
     measure: Annotated[
         Iterable[str | Callable[[Run], object]],
         Option(
-            "NAME",
-            "Measure: cycle.amplitude, motion.period, run.rms, ..., or FILE.py:FUNCTION of a Run. Repeatable.",
+            "NAME", "Measure: cycle.amplitude, motion.period, run.rms, ..., or FILE.py:FUNCTION of a Run. Repeatable."
         ),
     ],
     *,
@@ -480,8 +476,7 @@ def study(
     seed: Seed = None,
     duration: Duration = None,
     keep: Annotated[
-        str | None,
-        Option("CONDITION", 'Keep recordings of the runs for which it holds: "cycle.amplitude > 5 mm".'),
+        str | None, Option("CONDITION", 'Keep recordings of the runs for which it holds: "cycle.amplitude > 5 mm".')
     ] = None,
     out: Results = "studies",
     workers: Workers = None,
@@ -511,8 +506,7 @@ def study(
 def optimise(
     scene: SceneOrName,
     over: Annotated[
-        Mapping[str, object],
-        Option("KEY=FROM:TO", 'Range of a parameter: "load.force=10 N:30 N". Repeatable.'),
+        Mapping[str, object], Option("KEY=FROM:TO", 'Range of a parameter: "load.force=10 N:30 N". Repeatable.')
     ],
     minimise: Annotated[
         str | Callable[[Run], object] | None,

@@ -53,8 +53,7 @@ Overrides = Annotated[
 Untold = Annotated[
     Mapping[str, object] | None,
     Option(
-        "KEY=VALUE",
-        "Give the rig a value that its controllers do not know: they are designed without it. Repeatable.",
+        "KEY=VALUE", "Give the rig a value that its controllers do not know: they are designed without it. Repeatable."
     ),
 ]
 Redesign = Annotated[bool, Option("", "Tell the controllers all that is varied: they are designed for each rig.")]

@@ -121,10 +121,7 @@ def identify(
     workers: int | None,
     runs: Path | None = None,
     folder: Path = Path("fits"),
-    out: Annotated[
-        Path | None,
-        Option("FILE", "Write a scene (TOML) and its covariance (JSON).", check=new),
-    ] = None,
+    out: Annotated[Path | None, Option("FILE", "Write a scene (TOML) and its covariance (JSON).", check=new)] = None,
 ) -> Answer:
     """Fit parameters of a rig to recordings: value, interval, and a verdict for each.
 
@@ -185,8 +182,7 @@ def loop(
     net: Net = None,
     controller: str = "",
     measure: Annotated[
-        bool,
-        Option("", "Measure the time over the bus on this machine, as rig tool doctor does (1 s)."),
+        bool, Option("", "Measure the time over the bus on this machine, as rig tool doctor does (1 s).")
     ] = False,
 ) -> LoopReport:
     """Report on a control loop: delay budget, margins, and decay rate over delay, jitter and loss of its link.
@@ -226,12 +222,10 @@ def map_(
     out: Path,
     force: bool,
     eigenvalues: Annotated[
-        bool,
-        Option("", "Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."),
+        bool, Option("", "Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes.")
     ] = False,
     boundaries: Annotated[
-        bool,
-        Option("", "Draw the curves of Hopf, fold and grazing points over the map (rig branches).", "--curves"),
+        bool, Option("", "Draw the curves of Hopf, fold and grazing points over the map (rig branches).", "--curves")
     ] = False,
 ) -> Answer:
     """Map the steady-state behaviour over one or two parameters: sliding, stick-slip, or both.
@@ -280,12 +274,10 @@ def branches(
     out: Path,
     force: bool,
     threshold: Annotated[
-        str | None,
-        Option("VALUE", "Least knocks from sliding to stick-slip and back at this value of the parameter."),
+        str | None, Option("VALUE", "Least knocks from sliding to stick-slip and back at this value of the parameter.")
     ] = None,
     knock: Annotated[
-        str,
-        Option("PULSE", 'With --threshold: a pulse of an actuator, "load.force 20 ms", not an impulse.'),
+        str, Option("PULSE", 'With --threshold: a pulse of an actuator, "load.force 20 ms", not an impulse.')
     ] = "",
     alone: Annotated[
         bool, Option("", "With --threshold: leave out the controllers of the scene.", "--plant-alone")

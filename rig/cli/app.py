@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from types import MappingProxyType
 from typing import Annotated, Any
 
 import typer
@@ -94,19 +93,17 @@ GROUPS = {
     "live": (
         "Change and stop a live run, look at its messages, or start its processes one by one.",
         {
-            "Use a live run": "tune connect disconnect knock pause step resume stop",
+            "Use a live run": "tune connect disconnect knock pause step resume stop topic",
             "Start processes one by one": "plant control record replay bridge",
         },
     ),
+    "topic": ("Show the messages on the bus of a run.", {"": "ls hz echo"}),
     "tool": (
         "Check this machine and the methods, and reproduce the figures of the papers.",
         {"": "doctor warmup clean torture reproduce"},
     ),
 }
 """Group -> what it is for, its panels -> their commands."""
-
-
-_TOPIC = ("Show the messages on the bus of a run.", {"": "ls hz echo"})
 
 
 def _version(asked: bool) -> None:
@@ -124,26 +121,22 @@ def _program(
 
 
 class Commands(Mapping[str, Any]):
-    """The commands of `panels`. One is made when it is asked for: to read the options of all takes 50 ms.
+    """The commands of `panels`. One is made when it is asked for: to read the options of all takes 50 ms."""
 
-    `made`: those that are there already.
-    """
-
-    def __init__(self, panels: Mapping[str, Iterable[str]], made: Mapping[str, Any]) -> None:
+    def __init__(self, panels: Mapping[str, Iterable[str]]) -> None:
         self._panels = {name: panel for panel, names in panels.items() for name in names}
-        self._made = {**made}
-        self._names = tuple(dict.fromkeys((*self._panels, *made)))
+        self._made: dict[str, Any] = {}
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:
-            self._made[name] = _group(name) if name in GROUPS else _command(name, self._panels[name])
+            self._made[name] = (_group if name in GROUPS else _command)(name, self._panels[name])
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
+        return iter(self._panels)
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len(self._panels)
 
 
 _SHORT = {name: about for commands in PANELS.values() for name, about in commands.items()}
@@ -159,21 +152,13 @@ def _command(name: str, panel: str) -> Any:
     return typer.main.get_command(only)
 
 
-def _group(name: str) -> Any:
+def _group(name: str, panel: str) -> Any:
     about, panels = GROUPS[name]
-    topic = {"topic": _below_it("topic", *_TOPIC)} if name == "live" else {}
-    made = _below_it(name, about, panels, topic)
-    made.short_help = _SHORT[name]
-    made.rich_help_panel = next(panel for panel, names in PANELS.items() if name in names)
-    return made
-
-
-def _below_it(name: str, about: str, panels: Mapping[str, str], made: Mapping[str, Any] = MappingProxyType({})) -> Any:
     group = typer.Typer(name=name, cls=Group, help=about, no_args_is_help=True, add_completion=False)
-    group.callback()(_nothing)
-    command: Any = typer.main.get_command(group)
-    command.commands = Commands({panel: names.split() for panel, names in panels.items()}, made)
-    return command
+    group.callback(short_help=_SHORT.get(name), rich_help_panel=panel)(_nothing)
+    made: Any = typer.main.get_command(group)
+    made.commands = Commands({panel: names.split() for panel, names in panels.items()})
+    return made
 
 
 def _nothing() -> None:
@@ -182,7 +167,7 @@ def _nothing() -> None:
 
 program: Any = typer.main.get_command(_app)
 """The program with all commands."""
-program.commands = Commands(PANELS, {})
+program.commands = Commands(PANELS)
 
 
 def every() -> dict[str, Any]:

@@ -50,7 +50,7 @@ class Made(NamedTuple):
     @property
     def answers(self) -> bool:
         """Whether it returns a result, which is printed."""
-        return bool(self.work.__annotations__.get("return", "None") != "None")
+        return self.work.__annotations__.get("return") not in (None, "None")
 
 
 @dataclass(frozen=True)
@@ -78,16 +78,11 @@ class Told:
 
     def __init__(self, values: Any, *lines: str, show: Callable[[], object] | None = None) -> None:
         self._values = values
-        self._lines = lines
-        self.show = show or (lambda: printing.line(self.text()))
+        self.show = show or (lambda: printing.line("\n".join(lines)))
 
     def to_json(self) -> Any:
         """Return the values; a function that computes them is called."""
         return self._values() if callable(self._values) else self._values
-
-    def text(self) -> str:
-        """Return the lines."""
-        return "\n".join(self._lines)
 
 
 def build(made: Made) -> Callable[..., None]:

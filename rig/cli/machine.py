@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 def cost(
     scene: Scene,
     metric: Annotated[
-        str,
-        Option("MEASURE", "Error measure for the recommendation. Default: worst, the largest of all measures."),
+        str, Option("MEASURE", "Error measure for the recommendation. Default: worst, the largest of all measures.")
     ] = "worst",
     target: Annotated[float, Option("ERROR", "Target relative error.")] = 1e-3,
     budget: Budget = None,

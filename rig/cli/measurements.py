@@ -40,8 +40,7 @@ def import_(
     skip_missing: bool,
     force: bool,
     out: Annotated[
-        Path | None,
-        Option("FILE", "Recording to write. Default: the name of the first file.", check=new_recording),
+        Path | None, Option("FILE", "Recording to write. Default: the name of the first file.", check=new_recording)
     ] = None,
 ) -> Any:
     """Make a recording of a measurement, in SI units, or list the columns of its files.

@@ -122,10 +122,7 @@ def recording(context: typer.Context, path: Path | None) -> Path | None:
     return path
 
 
-SceneName = Annotated[
-    str,
-    Argument("SCENE", "Name of a shipped scene (see rig list), or a TOML file."),
-]
+SceneName = Annotated[str, Argument("SCENE", "Name of a shipped scene (see rig list), or a TOML file.")]
 
 
 def paired(parameter: typer.CallbackParam, given: list[str] | None) -> list[str] | None:
@@ -164,8 +161,7 @@ Pace = Annotated[
     ),
 ]
 Lockstep = Annotated[
-    bool,
-    Option("", "Wait for every controller at every step, instead of following the wall clock.", "--lockstep"),
+    bool, Option("", "Wait for every controller at every step, instead of following the wall clock.", "--lockstep")
 ]
 Wait = Annotated[float, Option("TIME", "Longest wait for the run, in seconds or with a unit.", low=0)]
 When = Annotated[
@@ -180,8 +176,7 @@ When = Annotated[
 Before = Annotated[float | None, Option("TIME", "With --trigger: recorded time before it. Default: 2 s.", low=0)]
 After = Annotated[float | None, Option("TIME", "With --trigger: recorded time after it. Default: 5 s.", low=0)]
 Most = Annotated[
-    int | None,
-    Option("N", "With --trigger: largest number of recordings. Default: 100.", low=1, high=999),
+    int | None, Option("N", "With --trigger: largest number of recordings. Default: 100.", low=1, high=999)
 ]
 Budget = Annotated[
     str | None,

@@ -38,19 +38,12 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 ControllersWait = Annotated[
-    float,
-    Option("TIME", "Longest wait for the controllers, in seconds or with a unit; 0: do not wait.", low=0),
+    float, Option("TIME", "Longest wait for the controllers, in seconds or with a unit; 0: do not wait.", low=0)
 ]
 ControllerName = Annotated[str, Argument("NAME|FILE", "A controller of the scene, or a file.")]
-ShownLog = Annotated[
-    Path | None,
-    Argument("[LOG]", "A recording (MCAP). Default: a live run.", check=recording),
-]
+ShownLog = Annotated[Path | None, Argument("[LOG]", "A recording (MCAP). Default: a live run.", check=recording)]
 Web = Annotated[bool, Option("", "Show the run on a page in the browser.", "--web")]
-RerunFile = Annotated[
-    Path | None,
-    Option("FILE", "Write a rerun file (.rrd) instead of showing the run.", check=new),
-]
+RerunFile = Annotated[Path | None, Option("FILE", "Write a rerun file (.rrd) instead of showing the run.", check=new)]
 
 
 def plant(

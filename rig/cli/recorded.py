@@ -260,10 +260,7 @@ def _is_scene(given: str) -> bool:
 
 def diff(
     first: Annotated[Path, Argument("A", "A recording.", check=recording)],
-    second: Annotated[
-        str,
-        Argument("B", "Another one, or a scene that simulates it.", check=_recording_or_scene),
-    ],
+    second: Annotated[str, Argument("B", "Another one, or a scene that simulates it.", check=_recording_or_scene)],
     tolerance: float,
     begin: float,
     end: float,

@@ -251,8 +251,7 @@ def export(
     force: bool,
     to: Annotated[str, Option("FORMAT", f"{_LIST}.")],
     only: Annotated[
-        list[str] | None,
-        Option("NAMES", "Outputs, sensors and controllers, separated by commas. Default: everything."),
+        list[str] | None, Option("NAMES", "Outputs, sensors and controllers, separated by commas. Default: everything.")
     ] = None,
     rate: Annotated[
         str | None,

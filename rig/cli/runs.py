@@ -233,10 +233,7 @@ def instant_of(text: str) -> tuple[Path, float | None]:
 
 
 def simulate(
-    scene: Annotated[
-        str | None,
-        Argument("SCENE", "Name of a shipped scene, or a TOML file."),
-    ] = None,
+    scene: Annotated[str | None, Argument("SCENE", "Name of a shipped scene, or a TOML file.")] = None,
     start: Start = None,
     net: Net = None,
     method: Annotated[
@@ -244,8 +241,7 @@ def simulate(
         Option("METHOD", "As clock.method: auto (default), exact, dopri5, dop853, rosenbrock, rk4, kick, smooth."),
     ] = None,
     out: Annotated[
-        Path | None,
-        Option("FILE", "Recording to write (MCAP). Default: none.", check=new_recording),
+        Path | None, Option("FILE", "Recording to write (MCAP). Default: none.", check=new_recording)
     ] = None,
     only: Only = None,
     budget: Budget = None,
@@ -276,7 +272,7 @@ def simulate(
         "--accuracy": precision,
         "--budget": budget,
     }
-    wrong = ", ".join(name for name, value in given.items() if value)
+    wrong = ", ".join(name for name, value in given.items() if value not in (None, [], {}))
     neither = "name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s"
     refuse_all(
         (by_method.keys() & overrides.keys(), "--method and -p: both give clock.method; leave out one of them"),

@@ -141,8 +141,7 @@ def explain(
     untold: Mapping[str, object],
     everything: Annotated[bool, Option("", "Show default values too.", "--all")] = False,
     measure: Annotated[
-        bool,
-        Option("", "Measure each effect: compute time per step in ns, and change of the motion."),
+        bool, Option("", "Measure each effect: compute time per step in ns, and change of the motion.")
     ] = False,
     *,
     figure: Path | None,
@@ -415,38 +414,32 @@ def _audited(log: str) -> Told:
     judged = run.summary.get("audit", [])
     network = run.summary.get("network", {})
     faults = [(event["t_ns"] / 1e9, event["text"]) for event in run.plant_events if event["kind"] == "fault"]
-    happened = [{"t": t, "text": text} for t, text in faults]
-    values = {"log": log, "effects": judged, "network": network, "faults": happened}
-    return Told(values, show=lambda: _print_audit(log, judged, network, faults))
 
-
-def _print_audit(
-    log: str,
-    judged: Sequence[Mapping[str, Any]],
-    network: Mapping[str, Mapping[str, int]],
-    faults: Sequence[tuple[float, str]],
-) -> None:
-    state = [_acted(effect) for effect in judged]
-    shares = ["not judged" if e.get("unjudged") else f"{e['share']:.2g}" for e in judged]
-    remarks = [e["text"] if e["noted"] or e.get("unjudged") else "" for e in judged]
-    rows = list(zip((e["effect"] for e in judged), state, shares, remarks))
-    printing.table(
-        f"{log}: influence of each effect in this run",
-        ("effect", "", "share of the forces (limits: of the time)", "remark"),
-        rows,
-    )
-    if network:
-        printing.line()
-        messages = [(topic, *counts.values()) for topic, counts in network.items()]
-        printing.table("impaired links, number of messages", ("link", *next(iter(network.values()))), messages)
-    if faults:
-        printing.line()
-        printing.table("faults of sensors and actuators", ("t", ""), [(f"{t:g} s", text) for t, text in faults])
-    if not judged:
-        printing.line(
-            "no result: the run was too short, or no shipped scene of its plant has values for the absent effects\n"
-            "(rig explain SCENE --measure uses values of other plants too)"
+    def show() -> None:
+        state = [_acted(effect) for effect in judged]
+        shares = ["not judged" if e.get("unjudged") else f"{e['share']:.2g}" for e in judged]
+        remarks = [e["text"] if e["noted"] or e.get("unjudged") else "" for e in judged]
+        rows = list(zip((e["effect"] for e in judged), state, shares, remarks))
+        printing.table(
+            f"{log}: influence of each effect in this run",
+            ("effect", "", "share of the forces (limits: of the time)", "remark"),
+            rows,
         )
+        if network:
+            printing.line()
+            messages = [(topic, *counts.values()) for topic, counts in network.items()]
+            printing.table("impaired links, number of messages", ("link", *next(iter(network.values()))), messages)
+        if faults:
+            printing.line()
+            printing.table("faults of sensors and actuators", ("t", ""), [(f"{t:g} s", text) for t, text in faults])
+        if not judged:
+            printing.line(
+                "no result: the run was too short, or no shipped scene of its plant has values for the absent effects\n"
+                "(rig explain SCENE --measure uses values of other plants too)"
+            )
+
+    happened = [{"t": t, "text": text} for t, text in faults]
+    return Told({"log": log, "effects": judged, "network": network, "faults": happened}, show=show)
 
 
 def _acted(effect: Mapping[str, Any]) -> str:

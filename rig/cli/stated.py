@@ -77,8 +77,16 @@ class Stated(NamedTuple):
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of the function that typer calls."""
-        kind, default = self._typed()
         value, about, _, low, high, _ = self.option
+        default = self.default
+        kind: Any = str
+        if self._several:
+            kind = list[Path] if Path in self.types else list[str]
+            default = default if list in self.types else None
+        elif self._is_text:
+            default = _text(default)
+        elif value != "SCENE":
+            kind = next((kind for kind in (bool, int, Path, float) if kind in self.types), str)
         how: dict[str, Any] = {"metavar": value or None, "help": about, "callback": self.check}
         if isinstance(self.option, Argument):
             info = typer.Argument(**how)
@@ -89,32 +97,26 @@ class Stated(NamedTuple):
         kind = kind | None if default is None else kind
         return Parameter(name, Parameter.KEYWORD_ONLY, annotation=Annotated[kind, info], default=default)
 
-    def _typed(self) -> tuple[Any, Any]:
-        """The type that typer reads, and its default."""
-        default = self.default
-        if self._several:
-            return list[Path] if Path in self.types else list[str], default if list in self.types else None
-        if self._is_text and isinstance(default, float):
-            return str, f"{default:g}" if 0.0 < default < math.inf else None
-        if self._is_text:
-            return str, ",".join(default) if isinstance(default, tuple) else None
-        if self.option.value == "SCENE":
-            return str, default
-        kind: Any = next((kind for kind in (bool, int, Path, float) if kind in self.types), str)
-        return kind, Path(default) if kind is Path and isinstance(default, str) else default
+
+def _text(default: Any) -> str | None:
+    """A default as it is typed; None for one that the help does not show."""
+    if isinstance(default, float):
+        return f"{default:g}" if 0.0 < default < math.inf else None
+    return ",".join(default) if isinstance(default, tuple) else None
 
 
 @cache
 def stated(function: Callable[..., object]) -> dict[str, Stated]:
     """Return the parameters of a function that are options."""
     options: dict[str, Stated] = {}
+    given = signature(function).parameters
     for name, hint in hints(function).items():
         if get_origin(hint) is Annotated:
             kind, option = get_args(hint)
             types = {kind, get_origin(kind), *get_args(kind)}
             types |= {get_origin(inner) for inner in types}
-            default = signature(function).parameters[name].default
-            options[name] = Stated(option.flag or f"--{name.replace('_', '-')}", option, default, frozenset(types))
+            flag = option.flag or f"--{name.replace('_', '-')}"
+            options[name] = Stated(flag, option, given[name].default, frozenset(types))
     return options
 
 
