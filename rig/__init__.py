@@ -4,6 +4,9 @@
     run = rig.simulate(rig.load("belt", {"friction.mu_static": "0.45"}), duration=10.0)
     run.time, run.signals["velocity"], run.units["velocity"]
 
+Functions that take a scene take its name or file too, and then `overrides`, which change it as those of `load` do;
+`untold` and `redesign` say what its controllers know of the rig (docs/belief.md).
+
 model       a rig as rows by name, matrices, mode sets and tables
 solve       compiled code: everything that runs in every tick
 stability   eigenvalues and checks before a run
@@ -155,13 +158,12 @@ def simulate(
 ) -> Run:
     """Run a scene in this process, with its controllers, for `duration` seconds or as long as its protocol takes.
 
-    `controllers`: additional controllers by name. Each is an object with the attributes of a controller
-    (docs/own.md), a discrete system of python-control with named inputs (sensors) and outputs (actuators,
-    `_` for the dot), or, for a scene given by name, the path of a file as `rig simulate --controller` takes it. A
-    controller of the scene with the same name is replaced; its delay is kept. `stop` is called ten times per simulated
-    second: "" continues the run, any other text ends it and is the reason. `untold`: see docs/belief.md. `overrides`:
-    as for `load`, of a scene given by name or file. The run has its provenance (versions, machine, command), which
-    `Run.save` writes.
+    `controllers`: additional controllers by name. Each is an object with the attributes of a controller (docs/own.md),
+    a discrete system of python-control with named inputs (sensors) and outputs (actuators, `_` for the dot), or, for a
+    scene given by name, the path of a file as `rig simulate --controller` takes it. A controller of the scene with the
+    same name is replaced; its delay is kept. `stop` is called ten times per simulated second: "" continues the run, any
+    other text ends it and is the reason. The run has its provenance (versions, machine, command), which `Run.save`
+    writes.
 
     Raises rig.errors.SceneError for controllers that cannot be designed or do not fit the scene, UsageError for objects
     that are not controllers and for a scene without an end, ControllerFailed for an exception of a controller; the
@@ -234,9 +236,8 @@ def diff(
     """Compare two runs, or a measurement with its simulation by a scene, from `begin` to `end` [s].
 
     Two runs: scenes, channels, and measures such as period and amplitude. A scene runs under the measured speed and
-    load; `stick`: arguments of `rig.analysis.recorded.stick_slip`, for stick and motion times; `overrides`: of the
-    scene, as for `load`. Raises rig.errors.UsageError for runs without a common time, and for channels that cannot be
-    followed or compared.
+    load; `stick`: arguments of `rig.analysis.recorded.stick_slip`, for stick and motion times. Raises
+    rig.errors.UsageError for runs without a common time, and for channels that cannot be followed or compared.
     """
     from rig.errors import UsageError
     from rig.record.run import Run
@@ -290,10 +291,7 @@ def events(
 
 
 def modes(scene: SceneOrName, *, overrides: Overrides = None) -> Modes:
-    """Compute growth rates, frequencies, damping ratios and shapes of the vibration modes about steady sliding.
-
-    `overrides`: as for `load`, of a scene given by name or file.
-    """
+    """Compute growth rates, frequencies, damping ratios and shapes of the vibration modes about steady sliding."""
     from rig.analysis.linear.modes import modes as solve
 
     return solve(_scene(scene, overrides))
@@ -315,8 +313,8 @@ def sweep(
 
     With `controller`, these are those of its closed loop; the key may then be one of the controller
     (controllers.NAME.gain). The controller keeps the numbers that it has for the scene; it is told only set-points
-    (speed of the drive, load) and with `redesign` every value. `overrides`, `untold`: see `simulate`. Raises
-    rig.errors.SceneError for a key that is not a number of the rig and for values that the scene cannot have.
+    (speed of the drive, load) and with `redesign` every value. Raises rig.errors.SceneError for a key that is not a
+    number of the rig and for values that the scene cannot have.
     """
     from rig.analysis.linear.control_loop import sweep_loop
     from rig.analysis.linear.sweep import sweep as solve
@@ -336,8 +334,7 @@ def loop(
 ) -> Loop:
     """Analyse a closed loop about steady sliding: eigenvalues, range of gains, margins of phase and delay.
 
-    `overrides`, `untold`: see `simulate`. Raises rig.errors.SceneError for a controller that is not a linear feedback
-    and where nothing slides steadily.
+    Raises rig.errors.SceneError for a controller that is not a linear feedback and where nothing slides steadily.
     """
     from rig.analysis.linear.control_loop import loop as solve
 
@@ -347,8 +344,8 @@ def loop(
 def state_space(scene: SceneOrName, delay: float = 0.0, *, overrides: Overrides = None) -> StateSpace:
     """Linearise the rig about steady sliding: python-control's StateSpace from its actuators to its outputs.
 
-    `delay` [s]: delay of the commands, as a Pade approximation of order 8. `overrides`: as for `load`, of a scene
-    given by name or file. Raises rig.errors.SceneError where nothing slides steadily.
+    `delay` [s]: delay of the commands, as a Pade approximation of order 8. Raises rig.errors.SceneError where nothing
+    slides steadily.
     """
     from rig.analysis.linear.control_loop import state_space as solve
 
@@ -365,8 +362,8 @@ def limit_cycle(
 ) -> Cycle:
     """Find the limit cycle at constant actuator values: period, stick time, extremes, energy, Floquet multipliers.
 
-    If it does not settle within `longest` [s], `decided` is false. `overrides`: as for `load`, of a scene given by name
-    or file. Raises rig.errors.NumericsError if the integration has to stop.
+    If it does not settle within `longest` [s], `decided` is false. Raises rig.errors.NumericsError if the integration
+    has to stop.
     """
     from rig.analysis.cycles.cycle import limit_cycle as search
 
@@ -399,10 +396,10 @@ def branches(
     """Follow stable and unstable motions over a parameter: `rig.branches("belt", "drive.speed=0.05 m/s:0.8 m/s")`.
 
     Steady sliding and cycles with any sequence of events, with Floquet multipliers, and their special points: Hopf,
-    fold, grazing, period doubling, torus, lift-off, landing, begin and end of stick, jump, canard. `start`: a map and
-    a recording may be the results of `map` and of `open`. With `second` the result is the curves of the special points
+    fold, grazing, period doubling, torus, lift-off, landing, begin and end of stick, jump, canard. `start`: a map and a
+    recording may be the results of `map` and of `open`. With `second` the result is the curves of the special points
     over both, the boundaries of sliding, stick-slip and both. An interrupted computation goes on from its last point.
-    `overrides`: as for `load`, of a scene given by name or file. Raises rig.errors.SceneError and UsageError.
+    Raises rig.errors.SceneError and UsageError.
     """
     from pathlib import Path
 
@@ -442,8 +439,8 @@ def map(
     """Map the steady-state behaviour over one or two parameters: `rig.map("belt", "drive.speed=0.05:0.8:40")`.
 
     Over dither.frequency and dither.amplitude the map shows the boundary above which dither keeps the rig sliding,
-    averaged and simulated. An interrupted map continues from its folder. `overrides`: as for `load`, of a scene given
-    by name or file. Raises rig.errors.SceneError, UsageError, and WorkerError when a worker is lost.
+    averaged and simulated. An interrupted map continues from its folder. Raises rig.errors.SceneError, UsageError, and
+    WorkerError when a worker is lost.
     """
     from pathlib import Path
 
@@ -490,8 +487,8 @@ def study(
     `over`: dotted key -> values in SI or texts with units (a grid), "10 N:30 N:5", or a distribution such as
     rig.normal(0.4, 0.02). `measure`: names (docs/studies.md), or functions of a Run, which return a number, or a number
     and its unit. Point number k is run with the seed `seed` + k. `duration` [s] of a run: by default the length of its
-    protocol. An interrupted study continues from its folder. `overrides`, `untold`, `redesign`: as for `sweep`. Raises
-    rig.errors.SceneError and UsageError with every fault, WorkerError if workers fail.
+    protocol. An interrupted study continues from its folder. Raises rig.errors.SceneError and UsageError with every
+    fault, WorkerError if workers fail.
     """
     from pathlib import Path
 
@@ -527,8 +524,8 @@ def optimise(
     """Find the smallest value of a measure: `rig.optimise("belt", {"load.force": (10, 30)}, "cycle.amplitude")`.
 
     `over`: dotted key -> range in SI, or text such as "10 N:30 N". Points are computed by differential evolution, all
-    with `seed`. A search that was interrupted, or one with more evaluations, continues from its folder. `duration`,
-    `overrides`, `untold`, `redesign`: as for `study`. Raises rig.errors.SceneError, UsageError and WorkerError.
+    with `seed`. A search that was interrupted, or one with more evaluations, continues from its folder. Raises
+    rig.errors.SceneError, UsageError and WorkerError.
     """
     from pathlib import Path
 
@@ -569,8 +566,8 @@ def identify(
     `runs`: a file, or its tables [[run]] as mappings, in which `run` may be a Run. `free`: dotted key -> range, "0.1:1"
     or (0.1, 1.0). `laws`: friction laws to compare, law -> ranges of its own keys. `per_run`: ["level"] gives each
     record an offset of its own. `next`: key -> values. `starts`: further starts near the values of the scene. An
-    interrupted fit continues from `folder` (None: nothing is kept). `overrides`: as for `load`, of a scene given by
-    name or file. Raises rig.errors.SceneError and UsageError with every fault, WorkerError if workers fail.
+    interrupted fit continues from `folder` (None: nothing is kept). Raises rig.errors.SceneError and UsageError with
+    every fault, WorkerError if workers fail.
     """
     from pathlib import Path
 
