@@ -106,7 +106,7 @@ def build(made: Made) -> Callable[..., None]:
         unasked = {*_FILES, "as_json", "force", "scene_name", *_OF_SCENE} - own.keys()
         answer = made.work(**{name: value for name, value in typed.items() if name not in unasked})
         if made.answers:
-            written = {name: typed[name] for name in _FILES if name in typed}
+            written = {name: typed[name] for name in made.files.split()}
             deliver(answer if isinstance(answer, Answer) else Answer(answer), typed["as_json"], written)
 
     command.__doc__ = made.work.__doc__

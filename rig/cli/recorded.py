@@ -106,8 +106,6 @@ class Analysis(NamedTuple):
             from rig.analysis import recorded
 
             span = {"first": begin, "last": end}
-            if "section" in given:
-                given["section"] = _section(run, given["section"])
             given |= {name: value for name, value in span.items() if value is not None}
             return getattr(recorded, self.function)(run, **given)
 
@@ -126,6 +124,9 @@ def analysed(log: Path, trust: bool, faults: Faults, analyse: Callable[..., Any]
     if _empty(faults, given.get("begin") or 0.0, given.get("end")):
         given |= {"begin": None, "end": None}
     given = {name: value for name, value in given.items() if value not in (None, "")}
+    if "section" in given:
+        section = faults(partial(_section, run, given.pop("section")), None)
+        given |= {"section": section} if section else {}
     result = faults(lambda: analyse(run, **given), None)
     faults.raise_found()
     return result

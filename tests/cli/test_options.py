@@ -94,3 +94,15 @@ def test_a_result_is_printed_and_its_exit_code_follows(capsys):
             _called(work, as_json=as_json)
         assert left.value.exit_code == ExitCode.FAILED
         assert capsys.readouterr().out == printed
+
+
+def test_an_argument_may_have_the_name_of_a_file_that_others_write(rig):
+    code, out, _ = rig("tool", "reproduce", "--json")
+    assert code == 0
+    assert '"name": "kroeger-3"' in out
+
+
+def test_every_fault_of_the_options_is_told_at_once(rig):
+    code, _, err = rig("live", "plant", "belt", "--wait", "3 kg", "--duration", "2 kg")
+    assert code == ExitCode.MISTAKE
+    assert [line.partition(" ")[0] for line in err.splitlines()] == ["--duration", "--wait"]
