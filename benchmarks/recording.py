@@ -147,9 +147,9 @@ import psutil
 import rig
 small, large, out = map(Path, sys.argv[1:])
 channels = {"v": "vibrometer, 125 mm/s/V", "F": "load, 100 N/V, offset -2.5 N", "a": "accelerometer, m/s^2"}
-rig.import_(small, out, channels, rate="50 kHz", replace=True)
+rig.import_(small, out, channels, rate="50 kHz", force=True)
 before, begin, clock = psutil.Process().memory_info().rss, time.process_time(), time.perf_counter()
-rig.import_(large, out, channels, rate="50 kHz", replace=True)
+rig.import_(large, out, channels, rate="50 kHz", force=True)
 most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 print(time.process_time() - begin, time.perf_counter() - clock, most - before)
 """

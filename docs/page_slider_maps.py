@@ -82,7 +82,7 @@ def by_runs(scene, key, low, high):
     """(upper end, region) by the map of the rig: four runs at each value, and located ends of the vibration."""
     with tempfile.TemporaryDirectory() as folder:
         over = f"{key}={low!r}:{high!r}:{FEWER.get(scene.name, COUNT)}"
-        made = rig.map(scene, over, folder=folder, workers=1)
+        made = rig.map(scene, over, out=folder, workers=1)
     x = made.job.x.values
     rates = rig.sweep(scene, key, x).rates
     regions = [settled(region, of_value) for region, of_value in zip(made.regions[0], rates)]

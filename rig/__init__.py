@@ -4,6 +4,9 @@
     run = rig.simulate(rig.load("belt", {"friction.mu_static": "0.45"}), duration=10.0)
     run.time, run.signals["velocity"], run.units["velocity"]
 
+Functions that take a scene take its name or file too, and then `overrides`, which change it as those of `load` do;
+`untold` and `redesign` say what its controllers know of the rig (docs/belief.md).
+
 model       a rig as rows by name, matrices, mode sets and tables
 solve       compiled code: everything that runs in every tick
 stability   eigenvalues and checks before a run
@@ -26,6 +29,7 @@ papers      the figures of the papers, reproduced
 lessons     lessons of half an hour
 web         the bench as a page in the browser
 cli         the commands
+parameters  how the commands show a parameter: stated with the functions below, which are the Python API
 """
 
 from __future__ import annotations
@@ -34,7 +38,7 @@ TYPE_CHECKING = False  # as typing has it; nothing is imported here: every comma
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
-    from typing import Any
+    from typing import Annotated, Any
 
     from control import StateSpace
 
@@ -51,6 +55,25 @@ if TYPE_CHECKING:
     from rig.analysis.studies import StudyResult
     from rig.analysis.studies.factors import Distribution
     from rig.analysis.studies.search import SearchResult
+    from rig.parameters import (
+        Begin,
+        Channel,
+        Cluster,
+        Controllers,
+        Duration,
+        End,
+        Log,
+        Option,
+        Overrides,
+        Redesign,
+        Results,
+        SceneOrName,
+        Seed,
+        Trust,
+        Untold,
+        Workers,
+        controller_option,
+    )
     from rig.record.imports.import_run import Imported
     from rig.record.run import Run
     from rig.scenes.scene import Scene
@@ -125,23 +148,22 @@ def _run(run: object) -> Run:
 
 
 def simulate(
-    scene: Scene | str | Path,
-    duration: float | None = None,
+    scene: SceneOrName,
+    duration: Duration = None,
     stop: Callable[[], str] | None = None,
-    controllers: Mapping[str, Any] | None = None,
-    untold: Mapping[str, object] | None = None,
+    controllers: Annotated[Mapping[str, Any] | None, Controllers] = None,
+    untold: Untold = None,
     *,
-    overrides: Mapping[str, object] | None = None,
+    overrides: Overrides = None,
 ) -> Run:
     """Run a scene in this process, with its controllers, for `duration` seconds or as long as its protocol takes.
 
-    `controllers`: additional controllers by name. Each is an object with the attributes of a controller
-    (docs/own.md), a discrete system of python-control with named inputs (sensors) and outputs (actuators,
-    `_` for the dot), or, for a scene given by name, the path of a file as `rig simulate --controller` takes it. A
-    controller of the scene with the same name is replaced; its delay is kept. `stop` is called ten times per simulated
-    second: "" continues the run, any other text ends it and is the reason. `untold`: values of the rig, by dotted key,
-    that the controllers do not know: they are designed without them (docs/belief.md). `overrides`: as for `load`, of a
-    scene given by name or file. The run has its provenance (versions, machine, command), which `Run.save` writes.
+    `controllers`: additional controllers by name. Each is an object with the attributes of a controller (docs/own.md),
+    a discrete system of python-control with named inputs (sensors) and outputs (actuators, `_` for the dot), or, for a
+    scene given by name, the path of a file as `rig simulate --controller` takes it. A controller of the scene with the
+    same name is replaced; its delay is kept. `stop` is called ten times per simulated second: "" continues the run, any
+    other text ends it and is the reason. The run has its provenance (versions, machine, command), which `Run.save`
+    writes.
 
     Raises rig.errors.SceneError for controllers that cannot be designed or do not fit the scene, UsageError for objects
     that are not controllers and for a scene without an end, ControllerFailed for an exception of a controller; the
@@ -186,23 +208,36 @@ def fork(
 def diff(
     first: Run,
     second: Run | Scene | str | Path,
-    tolerance: float = 0.0,
-    begin: float = 0.0,
-    end: float = float("inf"),
+    tolerance: Annotated[
+        float,
+        Option("REL", "Allowed deviation: 1e-6 of the range of each channel, or, of a scene, 0.1 of each measure."),
+    ] = 0.0,
+    begin: Begin = 0.0,
+    end: End = float("inf"),
     *,
-    follow: Mapping[str, str] | None = None,
-    pair: Mapping[str, str] | None = None,
+    follow: Annotated[
+        Mapping[str, str] | None,
+        Option(
+            '"ACTUATOR = CHANNEL"',
+            "What an actuator of the scene follows. Repeatable. Default: speed and load, by their names.",
+        ),
+    ] = None,
+    pair: Annotated[
+        Mapping[str, str] | None,
+        Option(
+            '"CHANNEL = SIMULATED, FACTOR"',
+            'What a measured channel is compared with: "force = displacement, 168 N/m". Repeatable. Default: equal '
+            "names.",
+        ),
+    ] = None,
     stick: Mapping[str, Any] | None = None,
-    overrides: Mapping[str, object] | None = None,
+    overrides: Overrides = None,
 ) -> Compared | AgainstScene:
     """Compare two runs, or a measurement with its simulation by a scene, from `begin` to `end` [s].
 
-    Two runs: scenes, channels, and measures such as period and amplitude. `tolerance`: allowed deviation of a channel,
-    as a share of its range. A scene runs under the measured speed and load; then `follow` is actuator -> channel, by
-    default by their names; `pair`: channel -> "SIMULATED" or "SIMULATED, FACTOR" ("displacement, 168 N/m"), by default
-    equal names; `stick`: arguments of `rig.analysis.recorded.stick_slip`, for stick and motion times; `overrides`: of
-    the scene, as for `load`. Raises rig.errors.UsageError for runs without a common time, and for channels that cannot
-    be followed or compared.
+    Two runs: scenes, channels, and measures such as period and amplitude. A scene runs under the measured speed and
+    load; `stick`: arguments of `rig.analysis.recorded.stick_slip`, for stick and motion times. Raises
+    rig.errors.UsageError for runs without a common time, and for channels that cannot be followed or compared.
     """
     from rig.errors import UsageError
     from rig.record.run import Run
@@ -221,22 +256,30 @@ def diff(
 
 def events(
     run: Run,
-    name: str = "",
-    at: Iterable[str] | None = None,
-    window: float = 0.0,
-    first: float = 0.0,
-    last: float = float("inf"),
-    over: Scene | str | Path | None = None,
-    key: str = "",
+    signal: Channel = "",
+    at: Annotated[
+        Iterable[str] | None,
+        Option(
+            "NAMES",
+            "Channels whose means during the growth are listed. Default: speed of the drive, load, temperature.",
+        ),
+    ] = None,
+    window: Annotated[
+        float, Option("TIME", "Length of the windows. Default: 40 ms, or eight periods of the strongest tone.")
+    ] = 0.0,
+    begin: Begin = 0.0,
+    end: End = float("inf"),
+    over: Annotated[
+        Scene | str | Path | None, Option("SCENE", "Scene whose eigenvalues over --key are compared with the events.")
+    ] = None,
+    key: Annotated[str, Option("KEY", "Key of that scene: drive.speed (default), load.force.")] = "",
     *,
-    overrides: Mapping[str, object] | None = None,
+    overrides: Overrides = None,
 ) -> Events:
-    """Find the vibration events of a channel `name` from `first` to `last` [s], measured or simulated.
+    """Find the vibration events of a channel from `begin` to `end` [s], measured or simulated.
 
     Each has begin, end, frequency, level, growth rate with an interval of 90 %, and means of the channels `at` during
-    the growth (default: speed of the drive, load, temperature). `window` [s]: default 40 ms, or eight periods. `over`:
-    a scene, with `overrides` as for `load`, whose eigenvalues over `key` (drive.speed) are compared with them. Raises
-    UsageError and SceneError.
+    the growth. `overrides`: as for `load`, of the scene `over`. Raises UsageError and SceneError.
     """
     from rig.analysis.recorded.events import events as find
     from rig.errors import UsageError
@@ -244,35 +287,34 @@ def events(
     if over is None and overrides:
         raise UsageError(f"overrides {', '.join(overrides)}: change the scene of `over`, which is not given")
     scene = None if over is None else _scene(over, overrides)
-    return find(_run(run), name, None if at is None else list(at), window, first, last, scene, key)
+    return find(_run(run), signal, None if at is None else list(at), window, begin, end, scene, key)
 
 
-def modes(scene: Scene | str | Path, *, overrides: Mapping[str, object] | None = None) -> Modes:
-    """Compute growth rates, frequencies, damping ratios and shapes of the vibration modes about steady sliding.
-
-    `overrides`: as for `load`, of a scene given by name or file.
-    """
+def modes(scene: SceneOrName, *, overrides: Overrides = None) -> Modes:
+    """Compute growth rates, frequencies, damping ratios and shapes of the vibration modes about steady sliding."""
     from rig.analysis.linear.modes import modes as solve
 
     return solve(_scene(scene, overrides))
 
 
 def sweep(
-    scene: Scene | str | Path,
+    scene: SceneOrName,
     key: str,
     values: Iterable[float],
-    controller: str = "",
+    controller: Annotated[
+        str, controller_option("Close the loop of this controller: eigenvalues, gain, phase and delay margins.")
+    ] = "",
     *,
-    overrides: Mapping[str, object] | None = None,
-    untold: Mapping[str, object] | None = None,
-    redesign: bool = False,
+    overrides: Overrides = None,
+    untold: Untold = None,
+    redesign: Redesign = False,
 ) -> Sweep:
     """Compute eigenvalues about steady sliding over a parameter of the rig, `values` in SI, and the critical values.
 
     With `controller`, these are those of its closed loop; the key may then be one of the controller
     (controllers.NAME.gain). The controller keeps the numbers that it has for the scene; it is told only set-points
-    (speed of the drive, load) and with `redesign` every value. `overrides`, `untold`: see `simulate`. Raises
-    rig.errors.SceneError for a key that is not a number of the rig and for values that the scene cannot have.
+    (speed of the drive, load) and with `redesign` every value. Raises rig.errors.SceneError for a key that is not a
+    number of the rig and for values that the scene cannot have.
     """
     from rig.analysis.linear.control_loop import sweep_loop
     from rig.analysis.linear.sweep import sweep as solve
@@ -284,29 +326,26 @@ def sweep(
 
 
 def loop(
-    scene: Scene | str | Path,
-    controller: str,
+    scene: SceneOrName,
+    controller: Annotated[str, controller_option("Controller of the loop. Default: the only one of the scene.")],
     *,
-    overrides: Mapping[str, object] | None = None,
-    untold: Mapping[str, object] | None = None,
+    overrides: Overrides = None,
+    untold: Untold = None,
 ) -> Loop:
     """Analyse a closed loop about steady sliding: eigenvalues, range of gains, margins of phase and delay.
 
-    `overrides`, `untold`: see `simulate`. Raises rig.errors.SceneError for a controller that is not a linear feedback
-    and where nothing slides steadily.
+    Raises rig.errors.SceneError for a controller that is not a linear feedback and where nothing slides steadily.
     """
     from rig.analysis.linear.control_loop import loop as solve
 
     return solve(_scene(scene, overrides, untold), controller)
 
 
-def state_space(
-    scene: Scene | str | Path, delay: float = 0.0, *, overrides: Mapping[str, object] | None = None
-) -> StateSpace:
+def state_space(scene: SceneOrName, delay: float = 0.0, *, overrides: Overrides = None) -> StateSpace:
     """Linearise the rig about steady sliding: python-control's StateSpace from its actuators to its outputs.
 
-    `delay` [s]: delay of the commands, as a Pade approximation of order 8. `overrides`: as for `load`, of a scene
-    given by name or file. Raises rig.errors.SceneError where nothing slides steadily.
+    `delay` [s]: delay of the commands, as a Pade approximation of order 8. Raises rig.errors.SceneError where nothing
+    slides steadily.
     """
     from rig.analysis.linear.control_loop import state_space as solve
 
@@ -314,13 +353,17 @@ def state_space(
 
 
 def limit_cycle(
-    scene: Scene | str | Path, longest: float | None = None, *, overrides: Mapping[str, object] | None = None
+    scene: SceneOrName,
+    longest: Annotated[
+        float | None, Option("TIME", "Simulated time within which the motion must settle. Default: 120 s.")
+    ] = None,
+    *,
+    overrides: Overrides = None,
 ) -> Cycle:
     """Find the limit cycle at constant actuator values: period, stick time, extremes, energy, Floquet multipliers.
 
-    `longest`: simulated seconds within which the motion must settle, 120 by default; otherwise `decided` is false.
-    `overrides`: as for `load`, of a scene given by name or file. Raises rig.errors.NumericsError if the integration has
-    to stop.
+    If it does not settle within `longest` [s], `decided` is false. Raises rig.errors.NumericsError if the integration
+    has to stop.
     """
     from rig.analysis.cycles.cycle import limit_cycle as search
 
@@ -328,26 +371,35 @@ def limit_cycle(
 
 
 def branches(
-    scene: Scene | str | Path,
-    over: str,
+    scene: SceneOrName,
+    over: Annotated[str, Option("KEY=FROM:TO", 'Parameter and its range: "drive.speed=0.05 m/s:0.8 m/s".')],
     *,
-    output: str | None = None,
-    start: Iterable[str | float | Run | Map | Start] = ("hopf", "simulation"),
-    points: int = 400,
-    second: str | None = None,
-    folder: str | Path = "branches",
-    overrides: Mapping[str, object] | None = None,
+    output: Annotated[
+        str | None, Option("NAME", "Plant output of the figure. Default: the first output of the plant.")
+    ] = None,
+    start: Annotated[
+        Iterable[str | float | Run | Map | Start],
+        Option(
+            "LIST",
+            "What branches of cycles begin from: hopf (Hopf points of sliding), simulation (limit cycles in the middle "
+            "and at the ends of the range), a value to simulate at, the folder of a map, a recording.",
+        ),
+    ] = ("hopf", "simulation"),
+    points: Annotated[int, Option("N", "Most points of a branch of cycles.", low=2, high=100_000)] = 400,
+    second: Annotated[
+        str | None,
+        Option("KEY=FROM:TO:COUNT", "Second parameter: curves of the special points over both, not branches."),
+    ] = None,
+    out: Results = "branches",
+    overrides: Overrides = None,
 ) -> Branches | Curves:
     """Follow stable and unstable motions over a parameter: `rig.branches("belt", "drive.speed=0.05 m/s:0.8 m/s")`.
 
     Steady sliding and cycles with any sequence of events, with Floquet multipliers, and their special points: Hopf,
-    fold, grazing, period doubling, torus, lift-off, landing, begin and end of stick, jump, canard. `start`: what
-    branches of cycles begin from: "hopf" (the Hopf points of sliding), "simulation" (limit cycles in the middle and at
-    the ends of the range), a value at which to simulate, a map, a recording. `output`: plant output of the figure, by
-    default the first. `points`: most points of a branch. `second`: a further parameter, KEY=FROM:TO:COUNT; then the
-    result is the curves of the special points over both, the boundaries of sliding, stick-slip and both. Results go to
-    a folder of their own in `folder`; an interrupted computation goes on from its last point. `overrides`: as for
-    `load`, of a scene given by name or file. Raises rig.errors.SceneError and UsageError.
+    fold, grazing, period doubling, torus, lift-off, landing, begin and end of stick, jump, canard. `start`: a map and a
+    recording may be the results of `map` and of `open`. With `second` the result is the curves of the special points
+    over both, the boundaries of sliding, stick-slip and both. An interrupted computation goes on from its last point.
+    Raises rig.errors.SceneError and UsageError.
     """
     from pathlib import Path
 
@@ -357,29 +409,37 @@ def branches(
 
     loaded = _scene(scene, overrides)
     todo = job(loaded, over, output, tuple(start), points)
-    root = Path(folder)
+    root = Path(out)
     return follow(todo, root) if second is None else curves(todo, Axis.parse(second, loaded), root)
 
 
 def map(
-    scene: Scene | str | Path,
-    x: str,
-    y: str | None = None,
+    scene: SceneOrName,
+    x: Annotated[
+        str, Option("KEY=FROM:TO:COUNT", 'First axis, along which runs are continued: "drive.speed=1:8 rpm:36".')
+    ],
+    y: Annotated[str | None, Option("KEY=FROM:TO:COUNT", "Second axis: one row of the map for each value.")] = None,
     *,
-    output: str | None = None,
-    runs: tuple[str, ...] = ("up", "down", "near", "far"),
-    longest: float | None = None,
-    folder: str | Path = "maps",
-    workers: int | None = None,
-    overrides: Mapping[str, object] | None = None,
+    output: Annotated[
+        str | None, Option("NAME", "Plant output to evaluate. Default: the first output of the plant.")
+    ] = None,
+    runs: Annotated[
+        tuple[str, ...],
+        Option(
+            "LIST", "Runs: up, down (continued from point to point), near, far (start near to or far from sliding)."
+        ),
+    ] = ("up", "down", "near", "far"),
+    longest: Annotated[
+        float | None, Option("TIME", "Longest simulated time for one point. Default: at least 480 slow periods.")
+    ] = None,
+    out: Results = "maps",
+    workers: Workers = None,
+    overrides: Overrides = None,
 ) -> Map | Boundary:
     """Map the steady-state behaviour over one or two parameters: `rig.map("belt", "drive.speed=0.05:0.8:40")`.
 
-    Axes are KEY=FROM:TO:COUNT; `output`: plant output to evaluate; `runs`: up and down (each run continues from the
-    point before), near and far (runs that start near steady sliding or far from it); `longest`: simulated seconds for
-    one point. Over dither.frequency and dither.amplitude the map shows the boundary above which dither keeps the rig
-    sliding, averaged and simulated. Results go to a folder of their own in `folder`; an interrupted map continues from
-    it. `overrides`: as for `load`, of a scene given by name or file. Raises rig.errors.SceneError, UsageError, and
+    Over dither.frequency and dither.amplitude the map shows the boundary above which dither keeps the rig sliding,
+    averaged and simulated. An interrupted map continues from its folder. Raises rig.errors.SceneError, UsageError, and
     WorkerError when a worker is lost.
     """
     from pathlib import Path
@@ -387,38 +447,48 @@ def map(
     from rig.analysis.map import chart, job
 
     loaded = _scene(scene, overrides)
-    return chart(job(loaded, x, y, output, runs, longest), Path(folder), workers)  # type: ignore[return-value]
+    return chart(job(loaded, x, y, output, runs, longest), Path(out), workers)  # type: ignore[return-value]
 
 
 def study(
-    scene: Scene | str | Path,
-    over: Mapping[str, object],
-    measure: Iterable[str | Callable[[Run], object]],
+    scene: SceneOrName,
+    over: Annotated[
+        Mapping[str, object],
+        Option(
+            "KEY=VALUES",
+            'Vary a parameter: "load.force=10 N:30 N:5", "load.force=10, 20 N", '
+            '"friction.mu_static=normal(0.4, 0.02)". Repeatable.',
+        ),
+    ],
+    measure: Annotated[
+        Iterable[str | Callable[[Run], object]],
+        Option(
+            "NAME", "Measure: cycle.amplitude, motion.period, run.rms, ..., or FILE.py:FUNCTION of a Run. Repeatable."
+        ),
+    ],
     *,
-    samples: int | None = None,
-    sampling: str = "random",
-    repeat: int = 1,
-    seed: int | None = None,
-    duration: float | None = None,
-    keep: str | None = None,
-    folder: str | Path = "studies",
-    workers: int | None = None,
-    cluster: str = "",
-    overrides: Mapping[str, object] | None = None,
-    untold: Mapping[str, object] | None = None,
-    redesign: bool = False,
+    samples: Annotated[int | None, Option("N", "Samples of the distributions. Default: 64.", low=1)] = None,
+    sampling: Annotated[str, Option("HOW", "random, latin, sobol; saltelli for Sobol indices.")] = "random",
+    repeat: Annotated[int, Option("N", "Runs of each point, with different seeds.", low=1)] = 1,
+    seed: Seed = None,
+    duration: Duration = None,
+    keep: Annotated[
+        str | None, Option("CONDITION", 'Keep recordings of the runs for which it holds: "cycle.amplitude > 5 mm".')
+    ] = None,
+    out: Results = "studies",
+    workers: Workers = None,
+    cluster: Cluster = "",
+    overrides: Overrides = None,
+    untold: Untold = None,
+    redesign: Redesign = False,
 ) -> StudyResult:
     """Evaluate measures over parameters: `rig.study("belt", {"load.force": [10, 20, 30]}, ["cycle.amplitude"])`.
 
     `over`: dotted key -> values in SI or texts with units (a grid), "10 N:30 N:5", or a distribution such as
-    rig.normal(0.4, 0.02), of which `samples` values are drawn (64 by default), by `sampling`: random, latin, sobol, or
-    saltelli, from which Sobol indices follow. `measure`: names such as cycle.period, motion.growth_rate, run.rms (see
-    docs/studies.md), or functions of a Run, which return a number, or a number and its unit. Each point is run `repeat`
-    times, point number k with the seed `seed` + k. `duration` [s] of a run: by default the length of its protocol.
-    `keep`: condition for keeping the recording of a run, such as "cycle.amplitude > 5 mm". Results go to a folder of
-    their own in `folder`, from which an interrupted study continues. `workers`: processes, one for each core by
-    default. `cluster`: the address of a dask scheduler. `overrides`, `untold`, `redesign`: as for
-    `sweep`. Raises rig.errors.SceneError and UsageError with every fault, WorkerError if workers fail.
+    rig.normal(0.4, 0.02). `measure`: names (docs/studies.md), or functions of a Run, which return a number, or a number
+    and its unit. Point number k is run with the seed `seed` + k. `duration` [s] of a run: by default the length of its
+    protocol. An interrupted study continues from its folder. Raises rig.errors.SceneError and UsageError with every
+    fault, WorkerError if workers fail.
     """
     from pathlib import Path
 
@@ -427,31 +497,34 @@ def study(
 
     loaded = _scene(scene, overrides, untold, redesign)
     work = prepared(loaded, over, measure, samples, sampling, repeat, seed, duration, keep)
-    return carry_out(work, Path(folder), workers, keep=keep, cluster=cluster)
+    return carry_out(work, Path(out), workers, keep=keep, cluster=cluster)
 
 
 def optimise(
-    scene: Scene | str | Path,
-    over: Mapping[str, object],
-    measure: str | Callable[[Run], object],
+    scene: SceneOrName,
+    over: Annotated[
+        Mapping[str, object], Option("KEY=FROM:TO", 'Range of a parameter: "load.force=10 N:30 N". Repeatable.')
+    ],
+    minimise: Annotated[
+        str | Callable[[Run], object] | None,
+        Option("MEASURE", "Measure to minimise: a name as for rig study, or FILE.py:FUNCTION."),
+    ] = None,
     *,
-    largest: bool = False,
-    evaluations: int = 600,
-    seed: int | None = None,
-    duration: float | None = None,
-    folder: str | Path = "searches",
-    workers: int | None = None,
-    cluster: str = "",
-    overrides: Mapping[str, object] | None = None,
-    untold: Mapping[str, object] | None = None,
-    redesign: bool = False,
+    maximise: Annotated[str | Callable[[Run], object] | None, Option("MEASURE", "Measure to maximise instead.")] = None,
+    evaluations: Annotated[int, Option("N", "Largest number of points.", low=1, high=1_000_000)] = 600,
+    seed: Seed = None,
+    duration: Duration = None,
+    out: Results = "searches",
+    workers: Workers = None,
+    cluster: Cluster = "",
+    overrides: Overrides = None,
+    untold: Untold = None,
+    redesign: Redesign = False,
 ) -> SearchResult:
     """Find the smallest value of a measure: `rig.optimise("belt", {"load.force": (10, 30)}, "cycle.amplitude")`.
 
-    `over`: dotted key -> range in SI, or text such as "10 N:30 N". `measure`: as for `rig.study`; `largest`: search for
-    its largest value. At most `evaluations` points are computed, by differential evolution, all with `seed`. Results go
-    to a folder of their own in `folder`, from which an interrupted search, or one with more evaluations, continues.
-    `duration`, `workers`, `cluster`, `overrides`, `untold`, `redesign`: as for `rig.study`. Raises
+    `over`: dotted key -> range in SI, or text such as "10 N:30 N". Points are computed by differential evolution, all
+    with `seed`. A search that was interrupted, or one with more evaluations, continues from its folder. Raises
     rig.errors.SceneError, UsageError and WorkerError.
     """
     from pathlib import Path
@@ -459,33 +532,42 @@ def optimise(
     from rig.analysis.studies.search import prepared, search
 
     loaded = _scene(scene, overrides, untold, redesign)
-    work = prepared(loaded, over, measure, largest, evaluations, seed, duration)
-    return search(work, Path(folder), workers, cluster=cluster)
+    work = prepared(loaded, over, minimise, maximise, evaluations, seed, duration)
+    return search(work, Path(out), workers, cluster=cluster)
 
 
 def identify(
-    scene: Scene | str | Path,
-    runs: str | Path | Iterable[Mapping[str, Any]],
+    scene: SceneOrName,
+    runs: Annotated[
+        str | Path | Iterable[Mapping[str, Any]],
+        Option("FILE", "The recordings and what is free (TOML, see docs/identify.md)."),
+    ],
     free: Mapping[str, object] | None = None,
     laws: Mapping[str, Mapping[str, object]] | Iterable[str] | None = None,
     *,
     per_run: Iterable[str] | None = None,
-    over: Mapping[str, object] | None = None,
+    next: Annotated[
+        Mapping[str, object] | None,
+        Option(
+            "KEY=VALUES, ...",
+            'Propose the next experiment among settings: "drive.speed=0.05 m/s:0.3 m/s:5, load.force=8 N, 16 N".',
+        ),
+    ] = None,
     starts: int | None = None,
     seed: int | None = None,
-    folder: str | Path | None = None,
-    workers: int | None = None,
-    overrides: Mapping[str, object] | None = None,
+    folder: Annotated[
+        str | Path | None, Option("FOLDER", "Folder in which evaluations are kept for a repetition.")
+    ] = None,
+    workers: Workers = None,
+    overrides: Overrides = None,
 ) -> Identified:
     """Fit parameters of a scene to recordings: value, interval of 90 % and verdict for each.
 
-    `runs`: a file (docs/identify.md), or its tables [[run]] as mappings, in which `run` may be a Run. `free`: dotted
-    key -> range, "0.1:1" or (0.1, 1.0). `laws`: friction laws to compare, law -> ranges of its own keys. `per_run`:
-    ["level"] gives each record an offset of its own. `over`: settings among which the next experiment is proposed,
-    key -> values. `starts`: further starts near the values of the scene. `folder`: where evaluations are kept, from
-    which an interrupted fit continues; None: nowhere. `workers`: processes, one for each core by default.
-    `overrides`: as for `load`, of a scene given by name or file. Raises rig.errors.SceneError and UsageError with every
-    fault, WorkerError if workers fail.
+    `runs`: a file, or its tables [[run]] as mappings, in which `run` may be a Run. `free`: dotted key -> range, "0.1:1"
+    or (0.1, 1.0). `laws`: friction laws to compare, law -> ranges of its own keys. `per_run`: ["level"] gives each
+    record an offset of its own. `next`: key -> values. `starts`: further starts near the values of the scene. An
+    interrupted fit continues from `folder` (None: nothing is kept). Raises rig.errors.SceneError and UsageError with
+    every fault, WorkerError if workers fail.
     """
     from pathlib import Path
 
@@ -496,7 +578,7 @@ def identify(
     given = runs if isinstance(runs, str | Path) else [*runs]
     task = prepared(_scene(scene, overrides), given, free, laws, per_run, starts, seed)
     found = fit(task, None if folder is None else Path(folder), workers)
-    return propose(found, over, workers) if over else found
+    return propose(found, next, workers) if next else found
 
 
 def normal(
@@ -552,18 +634,31 @@ def open(path: str | Path, trust: bool = False) -> Run:
 def import_(
     files: str | Path | Iterable[str | Path],
     out: str | Path,
-    channels: Mapping[str, str],
-    time: str = "",
-    rate: str = "",
-    join: str = "",
-    skip_missing: bool = False,
-    replace: bool = False,
+    map: Annotated[
+        Mapping[str, str],
+        Option(
+            '"COLUMN = NAME, SCALE UNIT"',
+            'What a column is: "ch1 = vibrometer, 125 mm/s/V". Repeatable. Default: import.toml beside the files; '
+            "without it the columns are listed, and a map is proposed.",
+        ),
+    ],
+    time: Annotated[str, Option('"COLUMN, UNIT"', 'The column with the time: "t, ms".')] = "",
+    rate: Annotated[str, Option("RATE", "Samples per second, in place of times: 2 kHz.")] = "",
+    join: Annotated[
+        str,
+        Option(
+            "CHANNEL",
+            'The common time of several files: "trigger > 2 V", whose first sample is the same instant in all, or a '
+            "channel that all contain.",
+        ),
+    ] = "",
+    skip_missing: Annotated[bool, Option("", "Leave out values that are not there (empty, NaN).")] = False,
+    force: bool = False,
 ) -> Imported:
     """Write the recording `out` of a measurement in `files` of a data acquisition system; several files are one run.
 
-    `channels`: column -> "NAME, SCALE UNIT" such as "vibrometer, 125 mm/s/V". `time`: the column with the time and its
-    unit, "t, ms", or `rate`, "2 kHz", if a file states neither. `join`: what gives several files a common time,
-    "trigger > 2 V" or a channel that all contain. Raises rig.errors.UsageError with every fault of the files.
+    `map`: column -> "NAME, SCALE UNIT". `force`: replace `out`. Raises rig.errors.UsageError with every fault of the
+    files.
     """
     from pathlib import Path
 
@@ -571,12 +666,18 @@ def import_(
     from rig.record.imports.import_run import import_files
 
     paths = [files] if isinstance(files, str | Path) else files
-    given = ChannelMap(dict(channels), time, rate)
-    return import_files([Path(path) for path in paths], Path(out), given, join, skip_missing, replace)
+    given = ChannelMap(dict(map), time, rate)
+    return import_files([Path(path) for path in paths], Path(out), given, join, skip_missing, force)
 
 
-def report(path: str | Path, out: str | Path | None = None, trust: bool = False) -> Path:
-    """Write a self-contained page (HTML) about a recording, and return its path: `out`, or NAME.html beside it.
+def report(
+    log: Log,
+    out: Annotated[
+        str | Path | None, Option("FILE", "File to write (HTML). Default: NAME.html beside the recording.")
+    ] = None,
+    trust: Trust = False,
+) -> Path:
+    """Write a self-contained page (HTML) about a recording, and return its path.
 
     An existing page is replaced. For `trust` and damaged recordings see `open`. Raises rig.errors.LogError for
     a file that cannot be read or is not a recording, OutputError if the page cannot be written.
@@ -585,9 +686,9 @@ def report(path: str | Path, out: str | Path | None = None, trust: bool = False)
 
     from rig.analysis.report.page import write
 
-    log = Path(path)
-    page = log.with_suffix(".html") if out is None else Path(out)
-    write(open(log, trust), log, page)
+    recording = Path(log)
+    page = recording.with_suffix(".html") if out is None else Path(out)
+    write(open(recording, trust), recording, page)
     return page
 
 

@@ -90,20 +90,20 @@ MADE = {
     "Loop": lambda folder: rig.loop("belt_normal_force", "nf"),
     "LoopReport": loop_report,
     "Cycle": lambda folder: rig.limit_cycle("belt"),
-    "Branches": lambda folder: rig.branches("belt", "drive.speed=0.1 m/s:0.4 m/s", start=["hopf"], folder=folder),
+    "Branches": lambda folder: rig.branches("belt", "drive.speed=0.1 m/s:0.4 m/s", start=["hopf"], out=folder),
     "Curves": lambda folder: rig.branches(
-        "belt", "drive.speed=0.1 m/s:0.8 m/s", start=["hopf"], folder=folder, second="load.force=10 N:20 N:2"
+        "belt", "drive.speed=0.1 m/s:0.8 m/s", start=["hopf"], out=folder, second="load.force=10 N:20 N:2"
     ),
-    "Map": lambda folder: rig.map("belt", "drive.speed=0.05:0.4:3", folder=folder, workers=1),
+    "Map": lambda folder: rig.map("belt", "drive.speed=0.05:0.4:3", out=folder, workers=1),
     "Boundary": lambda folder: rig.map(
-        "two_dof_dither", "dither.frequency=16:32:2", "dither.amplitude=5 N:80 N:2", folder=folder, workers=1
+        "two_dof_dither", "dither.frequency=16:32:2", "dither.amplitude=5 N:80 N:2", out=folder, workers=1
     ),
     "Regions": regions,
     "StudyResult": lambda folder: rig.study(
-        "belt", {"load.force": [10, 20]}, ["cycle.amplitude"], folder=folder, workers=1
+        "belt", {"load.force": [10, 20]}, ["cycle.amplitude"], out=folder, workers=1
     ),
     "SearchResult": lambda folder: rig.optimise(
-        "belt", {"load.force": (10, 30)}, "cycle.amplitude", evaluations=15, folder=folder, workers=1
+        "belt", {"load.force": (10, 30)}, "cycle.amplitude", evaluations=15, out=folder, workers=1
     ),
     "Compared": compared,
     "AgainstScene": lambda folder: rig.diff(

@@ -6,7 +6,7 @@ from typing import Any
 from generated import code, directive, plain, table
 from sphinx.application import Sphinx
 
-from rig.cli.app import GROUPS, PANELS, every
+from rig.cli.app import GROUPS, PANELS, every, program
 
 
 def _default(one: Any) -> str:
@@ -42,7 +42,8 @@ def commands() -> Iterable[str]:
     all_of_them = every()
     sections = {panel: [name for name in names if name not in GROUPS] for panel, names in PANELS.items()}
     for group, (about, _) in GROUPS.items():
-        sections[f"rig {group}: {about}"] = [name for name in all_of_them if name.startswith(f"{group} ")]
+        if group in program.commands:
+            sections[f"rig {group}: {about}"] = [name for name in all_of_them if name.startswith(f"{group} ")]
     for section, names in sections.items():
         yield from (f"## {section}", "")
         for name in sorted(names):

@@ -1,8 +1,10 @@
-"""The commands: each reads its arguments, calls one function of a room and prints the result.
+"""The commands: each reads its arguments, calls one function of a room and returns the result, which is printed.
 
 app         the program: commands, errors, exit codes
-options     what several commands take, and how the help shows a command
-printing    results, tables, JSON, progress; files that a command writes: refused if they exist
+build       a command from its function and a function of `rig`; what it returns is printed, drawn and written
+stated      options as functions state them with their parameters
+options     how options are read, what several commands take, and how the help shows a command
+printing    tables, JSON, progress; files that a command writes: refused if they exist
 scenes      list, new, explain, fmu
 analysis    modes, cycle, identify, loop, map
 study       study, optimise

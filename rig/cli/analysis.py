@@ -3,152 +3,97 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
+import rig
 from rig.cli import printing
-from rig.cli.options import (
-    Changes,
-    Figure,
-    Force,
-    Json,
-    Net,
-    Page,
-    Redesign,
-    Results,
-    SceneName,
-    Untold,
-    added,
-    changes,
-    linked,
-    loop_option,
-    named,
-    refuse_all,
-    seconds,
-    separated,
-    the_scene,
-)
-from rig.cli.printing import draw, new, refuse
+from rig.cli.build import Answer, Made
+from rig.cli.options import Net, refuse_all
+from rig.cli.printing import new, refuse
 from rig.errors import ExitCode, SceneError, UsageError
+from rig.parameters import Option
 from rig.printable import counted
 
 if TYPE_CHECKING:
-    from rig.analysis.linear.control_loop import Loop
-    from rig.analysis.linear.modes_report import Modes
+    from matplotlib.figure import Figure
+
+    from rig.analysis.branches import Branches, Curves
+    from rig.analysis.linear.loop_report import LoopReport
     from rig.analysis.linear.sweep import Sweep
-    from rig.model.system import Finding
-    from rig.results import Result
     from rig.scenes.axis import Axis
     from rig.scenes.scene import Scene
 
 
-Controller = Annotated[
-    str | None, loop_option("Close the loop of this controller: eigenvalues, gain, phase and delay margins.")
-]
-
-
 def modes(
-    scene: SceneName,
-    p: Changes = None,
+    scene: Scene,
+    controller: str,
     along: Annotated[
         str | None,
-        typer.Option(
+        Option(
+            "KEY=A:B:N",
+            'Compute eigenvalues over a parameter, and critical values: "drive.speed=0.05 m/s:0.4 m/s:50".',
             "--sweep",
-            metavar="KEY=A:B:N",
-            help='Compute eigenvalues over a parameter, and critical values: "drive.speed=0.05 m/s:0.4 m/s:50".',
         ),
     ] = None,
-    controller: Controller = None,
-    untold: Untold = None,
-    redesign: Redesign = False,
-    figure: Figure = None,
     shapes: Annotated[
         Path | None,
-        typer.Option(
-            "--shapes",
-            metavar="FILE",
-            callback=new,
-            help="Mode shapes on the nodes of a structure, moving: GIF, or RRD for rerun.",
-        ),
+        Option("FILE", "Mode shapes on the nodes of a structure, moving: GIF, or RRD for rerun.", check=new),
     ] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+) -> Answer:
     """Compute eigenvalues and eigenmodes at steady sliding, open or closed loop, also over a parameter (--sweep)."""
-    asked = [] if controller is None else [controller]
-    loaded = the_scene(scene, changes(p), {"--controller": added(asked)}, untold, redesign)
-    controller = next(iter(named(asked)), None)
-    if along is not None or controller is not None:
-        if shapes is not None:
-            raise UsageError("--shapes: needs the modes of one scene; leave --sweep and --controller out")
-        printing.warnings(loaded)
-    result: Modes | Loop | Sweep
-    errors: list[Finding] = []
-    if along is not None:
-        result = _swept(loaded, along, controller)
-    elif controller is not None:
-        from rig.analysis.linear.control_loop import loop
-
-        result = loop(loaded, controller)
-    else:
+    if along is None and not controller:
         from rig.analysis.linear.modes import modes as solve
 
-        result = solve(loaded)
+        solved = solve(scene)
         if shapes is not None:
             from rig.analysis.linear.mode_shapes import write
 
-            write(result, shapes)
-        errors = [finding for finding in result.findings if finding.level == "error"]
-    printing.result(result, as_json)
-    draw(result, figure)
-    if errors and loaded.clock.unstable != "run":
+            write(solved, shapes)
+        errors = [finding for finding in solved.findings if finding.level == "error"]
+        if not errors or scene.clock.unstable == "run":
+            return Answer(solved)
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        printing.note(
-            f"{loaded.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
+        refused = (
+            f"{scene.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
             '  clock.unstable = "run" runs it nevertheless, up to clock.limit'
         )
-        raise typer.Exit(ExitCode.STOPPED)
+        return Answer(solved, notes=[refused], code=ExitCode.STOPPED)
+    if shapes is not None:
+        raise UsageError("--shapes: needs the modes of one scene; leave --sweep and --controller out")
+    printing.warnings(scene)
+    if along is not None:
+        return Answer(_swept(scene, along, controller))
+    from rig.analysis.linear.control_loop import loop
+
+    return Answer(loop(scene, controller))
 
 
-def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
+def _swept(scene: Scene, along: str, controller: str) -> Sweep:
     from rig.analysis.linear.control_loop import loop, sweep_loop
     from rig.analysis.linear.modes import dithers
     from rig.analysis.linear.sweep import sweep
     from rig.scenes.axis import axes
 
     faults: list[str] = []
-    if controller is not None:
+    if controller:
         try:
             loop(scene, controller)
         except SceneError as error:
             faults += error.faults
     try:
-        [axis] = axes(scene, {"--sweep": along}, controller or "")
+        [axis] = axes(scene, {"--sweep": along}, controller)
     except SceneError as error:
         faults += error.faults
     if faults:
         raise SceneError(scene.name, faults)
-    averaged = controller is None and dithers(scene, axis.key)
-    if not averaged:
+    if controller or not dithers(scene, axis.key):
         idle(scene, axis)
-    return sweep(scene, axis) if controller is None else sweep_loop(scene, axis, controller)
+    return sweep_loop(scene, axis, controller) if controller else sweep(scene, axis)
 
 
-def cycle(
-    scene: SceneName,
-    p: Changes = None,
-    longest: Annotated[
-        str | None,
-        typer.Option(
-            "--longest", metavar="TIME", help="Simulated time within which the motion must settle. Default: 120 s."
-        ),
-    ] = None,
-    figure: Figure = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+def cycle(scene: Scene, longest: float | None) -> Answer:
     """Find the limit cycle: period, time in stick, extremes, energy per period, Floquet multipliers.
 
     The plant runs alone: actuators are held, no controller acts, no sensor
@@ -158,51 +103,26 @@ def cycle(
     """
     from rig.analysis.cycles.cycle import limit_cycle
 
-    most = seconds(longest, "--longest")
-    loaded = the_scene(scene, changes(p))
-    printing.warnings(loaded)
+    printing.warnings(scene)
     with printing.status() as show:
 
         def watch(now: float, drift: float) -> None:
             agree = f", successive periods agree to {drift:.0e} of a period" if math.isfinite(drift) else ""
             show(f"{now:.3g} s simulated{agree}")
 
-        motion = limit_cycle(loaded, longest=most, watch=watch)
-    printing.result(motion, as_json)
-    draw(motion, figure)
-    printing.passed(motion.decided)
+        motion = limit_cycle(scene, longest=longest, watch=watch)
+    return Answer(motion, motion.decided)
 
 
 def identify(
-    scene: SceneName,
-    p: Changes = None,
-    runs: Annotated[
-        Path | None,
-        typer.Option("--runs", metavar="FILE", help="The recordings and what is free (TOML, see docs/identify.md)."),
-    ] = None,
-    following: Annotated[
-        str | None,
-        typer.Option(
-            "--next",
-            metavar="KEY=VALUES, ...",
-            help='Propose the next experiment among settings: "drive.speed=0.05 m/s:0.3 m/s:5, load.force=8 N, 16 N".',
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE", callback=new, help="Write a scene (TOML) and its covariance (JSON)."),
-    ] = None,
-    page: Page = None,
-    keep: Annotated[
-        Path, typer.Option("--folder", metavar="FOLDER", help="Folder in which evaluations are kept for a repetition.")
-    ] = Path("fits"),
-    workers: Annotated[
-        int | None, typer.Option(min=1, max=256, help="Number of processes. Default: one for each core.")
-    ] = None,
-    figure: Figure = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+    scene: Scene,
+    scene_name: str,
+    next: str | None,
+    workers: int | None,
+    runs: Path | None = None,
+    folder: Path = Path("fits"),
+    out: Annotated[Path | None, Option("FILE", "Write a scene (TOML) and its covariance (JSON).", check=new)] = None,
+) -> Answer:
     """Fit parameters of a rig to recordings: value, interval, and a verdict for each.
 
     Without --runs: run an experiment of the lever rig and evaluate it. Scenes with
@@ -212,81 +132,59 @@ def identify(
     Evaluations are kept: after an interruption the same command continues. Exit code
     1: no law fits, or a parameter cannot be identified.
     """
-    loaded = the_scene(scene, changes(p))
-    title = f"Parameters of {loaded.title or loaded.name}"
+    title = f"Parameters of {scene.title or scene.name}"
     if runs is None:
-        from rig.analysis.identification.lever import experiment as run
+        from rig.analysis.identification.lever import experiment
 
-        if following is not None or out is not None:
+        if next is not None or out is not None:
             raise UsageError("--next and --out need recordings: --runs FILE")
-        evaluated = run(loaded)
-        printing.result(evaluated, as_json, figure=figure, page=page)
-        draw(evaluated, figure)
-        _put(evaluated, title, page)
-        printing.passed(evaluated.complete)
-        return
+        evaluated = experiment(scene)
+        return Answer(evaluated, evaluated.complete, title=title)
     from rig.analysis.identification.identify import identify as fit
     from rig.analysis.identification.next_experiment import asked, propose
     from rig.analysis.identification.runs import prepared
     from rig.analysis.identification.written import write
 
-    settings = None if following is None else asked(following)
-    task = prepared(loaded, runs)
+    settings = None if next is None else asked(next)
+    task = prepared(scene, runs)
+    refused: list[UsageError] = []
     try:
         with printing.status() as show:
-            fitted = fit(task, keep, workers, lambda done: show(f"{counted(done, 'cycle')} computed"))
-        refused: UsageError | None = None
+            fitted = fit(task, folder, workers, lambda done: show(f"{counted(done, 'cycle')} computed"))
         if settings is not None:
             try:
                 with printing.bar("settings") as progress:
                     fitted = propose(fitted, settings, workers, progress)
             except UsageError as fault:  # the fit took minutes: its report comes first
-                refused = fault
+                refused = [fault]
     except KeyboardInterrupt:
-        printing.note(f"interrupted: finished cycles are kept in {keep}; the same command continues from there")
+        printing.note(f"interrupted: finished cycles are kept in {folder}; the same command continues from there")
         raise
-    more = {"figure": figure, "page": page}
+    more: dict[str, object] = {}
+    told = []
     if out is not None and fitted.told:
-        written_, beside = write(fitted, out, scene)
-        more |= {"scene_file": written_, "covariance": beside}
-    printing.result(fitted, as_json, **more)
-    draw(fitted, figure)
-    _put(fitted, title, page)
-    if out is not None and not as_json:
-        printing.line(f"\n{out}, {beside}" if fitted.told else f"\n{out} is not written: no parameter is identified")
-    if refused is not None:
-        raise refused
-    printing.passed(fitted.complete)
+        written_, beside = write(fitted, out, scene_name)
+        more = {"scene_file": written_, "covariance": beside}
+        told = [f"\n{out}, {beside}"]
+    elif out is not None:
+        told = [f"\n{out} is not written: no parameter is identified"]
 
+    def then() -> Iterator[str]:
+        yield from told
+        for fault in refused:
+            raise fault
 
-def _put(result: Result, title: str, page: Path | None) -> None:
-    """Write the page of a result."""
-    if page is not None:
-        from rig.analysis.report.page import result_page
-        from rig.machine.files import write_file
-
-        write_file(page, result_page(result, title).encode())
-
-
-Measure = Annotated[
-    bool,
-    typer.Option("--measure", help="Measure the time over the bus on this machine, as rig tool doctor does (1 s)."),
-]
+    return Answer(fitted, fitted.complete, more, title=title, then=then)
 
 
 def loop(
-    scene: SceneName,
-    p: Changes = None,
+    scene: Scene,
     net: Net = None,
-    controller: Annotated[
-        str | None, loop_option("Controller of the loop. Default: the only one of the scene.")
-    ] = None,
-    untold: Untold = None,
-    measure: Measure = False,
-    figure: Figure = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+    controller: str = "",
+    measure: Annotated[
+        bool, Option("", "Measure the time over the bus on this machine, as rig tool doctor does (1 s).")
+    ] = False,
+) -> LoopReport:
     """Report on a control loop: delay budget, margins, and decay rate over delay, jitter and loss of its link.
 
     The loop is linearised about steady sliding. One point is checked by
@@ -294,14 +192,10 @@ def loop(
     """
     from rig.analysis.linear.loop_report import report
 
-    given = changes(p)
-    asked = [] if controller is None else [controller]
-    loaded = the_scene(scene, given, {"--controller": added(asked), "--net": linked(net, given)}, untold)
-    name = next(iter([*named(asked), *loaded.controllers]), "")
-    if controller is None and len(loaded.controllers) != 1:
-        known = ", ".join(loaded.controllers) or "none"
-        raise UsageError(f"{loaded.name}: name the controller of the loop with --controller; there are: {known}")
-    printing.warnings(loaded)
+    if not controller and len(scene.controllers) != 1:
+        known = ", ".join(scene.controllers) or "none"
+        raise UsageError(f"{scene.name}: name the controller of the loop with --controller; there are: {known}")
+    printing.warnings(scene)
     bus = None
     if measure:
         from rig.qualify.doctor import round_trips
@@ -314,168 +208,92 @@ def loop(
 
             bus = float(np.quantile(trips, 0.99)) * 1e-9
     with printing.bar("points") as progress:
-        reported = report(loaded, name, bus, progress)
-    printing.result(reported, as_json)
-    draw(reported, figure)
-
-
-Runs = Annotated[
-    str,
-    typer.Option(
-        metavar="LIST",
-        help="Runs: up, down (continued from point to point), near, far (start near to or far from sliding).",
-    ),
-]
-Longest = Annotated[
-    str | None,
-    typer.Option(metavar="TIME", help="Longest simulated time for one point. Default: at least 480 slow periods."),
-]
-Workers = Annotated[int | None, typer.Option(min=1, max=256, help="Number of processes. Default: one for each core.")]
+        return report(scene, controller or next(iter(scene.controllers)), bus, progress)
 
 
 def map_(
-    scene: SceneName,
-    x: Annotated[
-        str,
-        typer.Option(
-            metavar="KEY=FROM:TO:COUNT", help='First axis, along which runs are continued: "drive.speed=1:8 rpm:36".'
-        ),
-    ],
-    y: Annotated[
-        str | None, typer.Option(metavar="KEY=FROM:TO:COUNT", help="Second axis: one row of the map for each value.")
-    ] = None,
-    p: Changes = None,
-    runs: Runs = "up,down,near,far",
-    output: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Plant output to evaluate. Default: the first output of the plant."),
-    ] = None,
-    longest: Longest = None,
-    workers: Workers = None,
+    scene: Scene,
+    x: str,
+    y: str | None,
+    output: str | None,
+    runs: tuple[str, ...],
+    longest: float | None,
+    workers: int | None,
+    out: Path,
+    force: bool,
     eigenvalues: Annotated[
-        bool,
-        typer.Option(
-            "--eigenvalues", help="Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."
-        ),
+        bool, Option("", "Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes.")
     ] = False,
     boundaries: Annotated[
-        bool,
-        typer.Option("--curves", help="Draw the curves of Hopf, fold and grazing points over the map (rig branches)."),
+        bool, Option("", "Draw the curves of Hopf, fold and grazing points over the map (rig branches).", "--curves")
     ] = False,
-    out: Results = Path("maps"),
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+) -> Answer:
     """Map the steady-state behaviour over one or two parameters: sliding, stick-slip, or both.
 
     One axis gives a bifurcation diagram. Results are kept: after an
     interruption the same command continues. --force draws a finished map again.
     """
     from rig.analysis import branches
-    from rig.analysis.map import Map, chart, job, regions_job, store_of
+    from rig.analysis.map import chart, job, regions_job, store_of
 
-    loaded = the_scene(scene, changes(p))
-    printing.warnings(loaded)
+    printing.warnings(scene)
     if eigenvalues:
-        todo = regions_job(loaded, x, y)
+        todo = regions_job(scene, x, y)
         name = "regions"
     else:
-        todo = job(loaded, x, y, output, tuple(separated(runs)), seconds(longest, "--longest"))
+        todo = job(scene, x, y, output, runs, longest)
         name = "map"
     if not todo.dithered:
-        idle(loaded, todo.x, todo.y)
+        idle(scene, todo.x, todo.y)
     store = store_of(todo, out)
     refuse(store.folder, (f"{name}.csv", f"{name}.png"), force)
     if boundaries and (todo.y is None or todo.dithered or eigenvalues):
         raise UsageError("--curves: needs a simulated map over two parameters, --x and --y")
     with printing.kept(store, "parts", len(todo.units)), printing.bar("rows" if y else "parts") as progress:
-        result = chart(todo, out, workers, progress)
+        result: Any = chart(todo, out, workers, progress)
     if not boundaries:
-        written(result, store.folder, name, as_json)
-        return
-    assert isinstance(result, Map)
+        return in_folder(result, store.folder, name)
     assert todo.y is not None
-    along = branches.job(loaded, f"{x.rpartition(':')[0]}", output)
+    along = branches.job(scene, f"{x.rpartition(':')[0]}", output)
     with (
         printing.kept(branches.curves_store(along, todo.y, out), "parts of curves"),
         printing.bar("points") as progress,
     ):
         lines = branches.curves(along, todo.y, out, progress)
-    written(result, store.folder, name, as_json, lines.over(result), curves=lines.to_json()["curves"])
-    if not as_json:
-        printing.line(f"\n{lines.text()}")
+    more = {"curves": lines.to_json()["curves"]}
+    return in_folder(result, store.folder, name, more, [f"\n{lines.text()}"], plot=lambda: lines.over(result))
 
 
 def branches(
-    scene: SceneName,
-    over: Annotated[
-        str,
-        typer.Option(metavar="KEY=FROM:TO", help='Parameter and its range: "drive.speed=0.05 m/s:0.8 m/s".'),
-    ],
-    p: Changes = None,
-    start: Annotated[
-        str,
-        typer.Option(
-            metavar="LIST",
-            help="What branches of cycles begin from: hopf (Hopf points of sliding), simulation (limit cycles in the "
-            "middle and at the ends of the range), a value to simulate at, the folder of a map, a recording.",
-        ),
-    ] = "hopf,simulation",
-    output: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Plant output of the figure. Default: the first output of the plant."),
-    ] = None,
-    second: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KEY=FROM:TO:COUNT", help="Second parameter: curves of the special points over both, not branches."
-        ),
-    ] = None,
+    scene: Scene,
+    over: str,
+    start: tuple[str, ...],
+    output: str | None,
+    second: str | None,
+    points: int,
+    out: Path,
+    force: bool,
     threshold: Annotated[
-        str | None,
-        typer.Option(
-            metavar="VALUE", help="Least knocks from sliding to stick-slip and back at this value of the parameter."
-        ),
+        str | None, Option("VALUE", "Least knocks from sliding to stick-slip and back at this value of the parameter.")
     ] = None,
     knock: Annotated[
-        str,
-        typer.Option(
-            metavar="PULSE", help='With --threshold: a pulse of an actuator, "load.force 20 ms", not an impulse.'
-        ),
+        str, Option("PULSE", 'With --threshold: a pulse of an actuator, "load.force 20 ms", not an impulse.')
     ] = "",
     alone: Annotated[
-        bool, typer.Option("--plant-alone", help="With --threshold: leave out the controllers of the scene.")
+        bool, Option("", "With --threshold: leave out the controllers of the scene.", "--plant-alone")
     ] = False,
     starts: Annotated[
         str | None,
-        typer.Option(
-            metavar="LIST",
-            help='With --threshold: share of starts that come to slide, "x=-2:2, x\'=0:2" (SI, uniform).',
-        ),
+        Option("RANGES", 'With --threshold: share of starts that come to slide, "x=-2:2, x\'=0:2" (SI, uniform).'),
     ] = None,
-    points: Annotated[int, typer.Option(min=2, max=100_000, help="Most points of a branch of cycles.")] = 400,
-    out: Results = Path("branches"),
-    figure: Figure = None,
-    page: Page = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+) -> Answer:
     """Follow stable and unstable motions over a parameter: where they begin, turn and end.
 
     Steady sliding and limit cycles with any sequence of stick, slip, lift-off
     and landing. Results are kept: after an interruption the same command
     continues. --force draws finished branches again.
     """
-    from rig.analysis.branches import (
-        Branches,
-        Curves,
-        Threshold,
-        curves,
-        curves_store,
-        job,
-        refuse_controllers,
-        store_of,
-    )
+    from rig.analysis.branches import Threshold, curves, curves_store, job, refuse_controllers, store_of
     from rig.analysis.branches import branches as follow
     from rig.scenes.axis import axes
 
@@ -486,12 +304,11 @@ def branches(
         ),
         (threshold and second, "--threshold needs branches; leave out --second"),
     )
-    loaded = the_scene(scene, changes(p))
-    printing.warnings(loaded)
+    printing.warnings(scene)
     if threshold:
-        refuse_controllers(loaded, alone)
-    todo = job(loaded, over, output, tuple(separated(start)), points)
-    along = next(iter(axes(loaded, {"--second": second})), None)
+        refuse_controllers(scene, alone)
+    todo = job(scene, over, output, start, points)
+    along = next(iter(axes(scene, {"--second": second})), None)
     name = "curves" if along else "branches"
     store = curves_store(todo, along, out) if along else store_of(todo, out)
     refuse(store.folder, (f"{name}.csv", f"{name}.png"), force)
@@ -507,23 +324,33 @@ def branches(
                 if threshold:
                     edge = Threshold.parse(followed, threshold, starts, knock, alone)
     more = {"threshold": edge.to_json()} if edge else {}
-    written(followed, store.folder, name, as_json, **more)
-    draw(followed, figure)
-    _put(followed, f"Branches of {loaded.title or loaded.name}", page)
-    if edge and not as_json:
-        printing.line(f"\n{edge.text()}")
+    title = f"Branches of {scene.title or scene.name}"
+    return in_folder(followed, store.folder, name, more, [f"\n{edge.text()}"] if edge else [], title=title)
 
 
-def written(result: Any, folder: Path, name: str, as_json: bool, figure: Any = None, **more: Any) -> None:
-    """Print a result that has a folder, as JSON with `more`; write its table and its figure as `name` there."""
+def in_folder(
+    result: Any,
+    folder: Path,
+    name: str,
+    more: Mapping[str, object] | None = None,
+    below: Iterable[str] = (),
+    plot: Callable[[], Figure] | None = None,
+    **how: Any,
+) -> Answer:
+    """Return the answer with a result whose table and figure are written as `name` to its folder.
+
+    `more`: of its JSON. `below`: printed below its text. `plot`: draws the figure, if it is not that of the result.
+    """
     from rig.machine.files import write_file
     from rig.view.palette import put
 
-    printing.result(result, as_json, folder=str(folder), **more)
-    if not as_json:
-        printing.line(f"\n{folder}/{name}.png, {name}.csv")
-    write_file(folder / f"{name}.csv", result.csv().encode())
-    put(figure or result.plot(), folder / f"{name}.png")
+    def then() -> Iterator[str]:
+        yield f"\n{folder}/{name}.png, {name}.csv"
+        write_file(folder / f"{name}.csv", result.csv().encode())
+        put((plot or result.plot)(), folder / f"{name}.png")
+        yield from below
+
+    return Answer(result, more={"folder": str(folder), **(more or {})}, then=then, **how)
 
 
 def idle(scene: Scene, *axes: Axis | None) -> None:
@@ -533,10 +360,14 @@ def idle(scene: Scene, *axes: Axis | None) -> None:
 
 
 COMMANDS = {
-    "modes": (modes, 'rig modes belt --sweep "drive.speed=0.05 m/s:0.4 m/s:50" --figure locus.png'),
-    "cycle": (cycle, 'rig cycle two_dof -p friction.mu=0.45 --longest "10 min"'),
-    "branches": (branches, 'rig branches belt --over "drive.speed=0.05 m/s:0.8 m/s"'),
-    "identify": (identify, "rig identify belt --runs runs.toml --out mine.toml --figure fit.png"),
-    "loop": (loop, "rig loop belt_normal_force --figure loop.png"),
-    "map": (map_, 'rig map belt --x "drive.speed=0.05 m/s:0.8 m/s:40" --y "load.force=10 N:30 N:5"'),
+    "modes": Made(
+        modes, 'rig modes belt --sweep "drive.speed=0.05 m/s:0.4 m/s:50" --figure locus.png', rig.sweep, "figure"
+    ),
+    "cycle": Made(cycle, 'rig cycle two_dof -p friction.mu=0.45 --longest "10 min"', rig.limit_cycle, "figure"),
+    "branches": Made(branches, 'rig branches belt --over "drive.speed=0.05 m/s:0.8 m/s"', rig.branches, "figure page"),
+    "identify": Made(
+        identify, "rig identify belt --runs runs.toml --out mine.toml --figure fit.png", rig.identify, "figure page"
+    ),
+    "loop": Made(loop, "rig loop belt_normal_force --figure loop.png", rig.loop, "figure"),
+    "map": Made(map_, 'rig map belt --x "drive.speed=0.05 m/s:0.8 m/s:40" --y "load.force=10 N:30 N:5"', rig.map),
 }

@@ -22,6 +22,7 @@ from rig.cli import (
     scenes,
     study,
 )
+from rig.cli.build import Made, build
 from rig.cli.options import Command, Group
 from rig.errors import ExitCode, RigError
 from rig.machine.process import MORE_FILES, NO_FILES
@@ -35,12 +36,12 @@ _app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-COMMANDS: Mapping[str, tuple[Any, str]] = {
+COMMANDS: Mapping[str, Made] = {
     name: command
     for module in (analysis, lesson, live, machine, measurements, processes, recorded, recordings, runs, scenes, study)
     for name, command in module.COMMANDS.items()
 }
-"""Name -> function, example."""
+"""The commands by name."""
 PANELS: Mapping[str, Mapping[str, str]] = {
     "Begin": {
         "demo": "a rig that sticks and slips: recording, figure, summary",
@@ -92,10 +93,11 @@ GROUPS = {
     "live": (
         "Change and stop a live run, look at its messages, or start its processes one by one.",
         {
-            "Use a live run": "tune connect disconnect knock pause step resume stop",
+            "Use a live run": "tune connect disconnect knock pause step resume stop topic",
             "Start processes one by one": "plant control record replay bridge",
         },
     ),
+    "topic": ("Show the messages on the bus of a run.", {"": "ls hz echo"}),
     "tool": (
         "Check this machine and the methods, and reproduce the figures of the papers.",
         {"": "doctor warmup clean torture reproduce"},
@@ -119,49 +121,43 @@ def _program(
 
 
 class Commands(Mapping[str, Any]):
-    """The commands of `panels`. One is made when it is asked for: to read the options of all takes 50 ms.
+    """The commands of `panels`. One is made when it is asked for: to read the options of all takes 50 ms."""
 
-    `made`: those that are there already.
-    """
-
-    def __init__(self, panels: Mapping[str, Iterable[str]], made: Mapping[str, Any]) -> None:
+    def __init__(self, panels: Mapping[str, Iterable[str]]) -> None:
         self._panels = {name: panel for panel, names in panels.items() for name in names}
-        self._made = {**made}
-        self._names = tuple(dict.fromkeys((*self._panels, *made)))
+        self._made: dict[str, Any] = {}
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:
-            self._made[name] = _group(name) if name in GROUPS else _command(name, self._panels[name])
+            self._made[name] = (_group if name in GROUPS else _command)(name, self._panels[name])
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
+        return iter(self._panels)
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len(self._panels)
 
 
 _SHORT = {name: about for commands in PANELS.values() for name, about in commands.items()}
 
 
 def _command(name: str, panel: str) -> Any:
-    function, example = COMMANDS[name]
+    made = COMMANDS[name]
     cls = live.CLASSES.get(name, Command)
-    epilog = f"Example:  {example}"
+    epilog = f"Example:  {made.example}"
     only = typer.Typer(add_completion=False)
-    only.command(name, cls=cls, epilog=epilog, short_help=_SHORT.get(name), rich_help_panel=panel or None)(function)
+    shown = only.command(name, cls=cls, epilog=epilog, short_help=_SHORT.get(name), rich_help_panel=panel or None)
+    shown(build(made))
     return typer.main.get_command(only)
 
 
-def _group(name: str) -> Any:
+def _group(name: str, panel: str) -> Any:
     about, panels = GROUPS[name]
     group = typer.Typer(name=name, cls=Group, help=about, no_args_is_help=True, add_completion=False)
-    group.callback()(_nothing)
+    group.callback(short_help=_SHORT.get(name), rich_help_panel=panel)(_nothing)
     made: Any = typer.main.get_command(group)
-    topic = {"topic": typer.main.get_command(live.topic)} if name == "live" else {}
-    made.commands = Commands({panel: names.split() for panel, names in panels.items()}, topic)
-    made.short_help = _SHORT[name]
-    made.rich_help_panel = next(panel for panel, names in PANELS.items() if name in names)
+    made.commands = Commands({panel: names.split() for panel, names in panels.items()})
     return made
 
 
@@ -171,7 +167,7 @@ def _nothing() -> None:
 
 program: Any = typer.main.get_command(_app)
 """The program with all commands."""
-program.commands = Commands(PANELS, {})
+program.commands = Commands(PANELS)
 
 
 def every() -> dict[str, Any]:

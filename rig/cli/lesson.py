@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from rig.cli import printing
-from rig.cli.options import Json
+from rig.cli.build import Made, Told
+from rig.parameters import Argument, Option
 
 if TYPE_CHECKING:
     from rig.lessons import Lesson
 
 
 def lesson(
-    number: Annotated[
-        int | None, typer.Argument(metavar="N", help="Number of the lesson. Default: list all lessons.")
-    ] = None,
-    solutions: Annotated[bool, typer.Option("--solutions", help="Print the solutions too.")] = False,
-    as_json: Json = False,
-) -> None:
+    number: Annotated[int | None, Argument("N", "Number of the lesson. Default: list all lessons.")] = None,
+    solutions: Annotated[bool, Option("", "Print the solutions too.")] = False,
+) -> Told:
     """List the lessons, or print lesson N without its solutions.
 
     `rig web` shows them with a button for each command.
@@ -31,16 +26,12 @@ def lesson(
     from rig.lessons import lessons
 
     if number is None:
-        _list(lessons(), as_json)
-        return
+        return _list(lessons())
     chosen = of(number)
     page = chosen.file.read_text(encoding="utf-8")
     if not solutions:
         page = page.replace(chosen.solutions, f"They are printed by `rig lesson {number} --solutions`.")
-    if as_json:
-        printing.report(_card(chosen) | {"page": page})
-    else:
-        _show(for_a_terminal(page))
+    return Told(_card(chosen) | {"page": page}, show=lambda: _show(for_a_terminal(page)))
 
 
 def _show(text: str) -> None:
@@ -64,13 +55,13 @@ def _card(lesson: Lesson) -> dict[str, Any]:
     }
 
 
-def _list(all_of_them: list[Lesson], as_json: bool) -> None:
-    if as_json:
-        printing.report([_card(lesson) for lesson in all_of_them])
-        return
-    rows = [(lesson.number, lesson.title, lesson.facts["time"], lesson.asked) for lesson in all_of_them]
-    printing.table("", ("lesson", "title", "time", "question"), rows)
-    printing.line("\nnext: rig lesson 1")
+def _list(all_of_them: list[Lesson]) -> Told:
+    def show() -> None:
+        rows = [(lesson.number, lesson.title, lesson.facts["time"], lesson.asked) for lesson in all_of_them]
+        printing.table("", ("lesson", "title", "time", "question"), rows)
+        printing.line("\nnext: rig lesson 1")
+
+    return Told([_card(lesson) for lesson in all_of_them], show=show)
 
 
 def for_a_terminal(text: str) -> str:
@@ -93,4 +84,4 @@ def for_a_terminal(text: str) -> str:
     return re.sub(r"\[(.+?)\]\(([^():]+)\)", place, text)
 
 
-COMMANDS: Mapping[str, tuple[Any, str]] = {"lesson": (lesson, "rig lesson 1")}
+COMMANDS = {"lesson": Made(lesson, "rig lesson 1")}

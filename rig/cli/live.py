@@ -6,15 +6,16 @@ import json
 import re
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from rig.cli import printing
-from rig.cli.options import LONGEST, Command, Group, Json, RunName, number
+from rig.cli.build import JSON, Made, Told
+from rig.cli.options import Command, RunName, number
 from rig.errors import BusError, UsageError
 from rig.extras import check
+from rig.parameters import Argument, Option
 from rig.printable import counted
 from rig.units import number_or_text, with_point
 
@@ -22,14 +23,15 @@ if TYPE_CHECKING:
     from rig.bus.port import Session
 
 
-topic = typer.Typer(
-    name="topic", cls=Group, no_args_is_help=True, add_completion=False, help="Show the messages on the bus of a run."
-)
-Pattern = Annotated[
-    str, typer.Argument(metavar="PATTERN", help='Topics: "*" matches one part of a name, "**" all following parts.')
-]
-Port = Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port on loopback. 0: any free one.")]
-For = Annotated[str, typer.Option("--for", metavar="TIME", help="Time to listen, in seconds or with a unit.")]
+Pattern = Annotated[str, Argument("PATTERN", 'Topics: "*" matches one part of a name, "**" all following parts.')]
+Port = Annotated[int, Option("PORT", "Port on loopback. 0: any free one.", low=0, high=65535)]
+For = Annotated[float, Option("TIME", "Time to listen, in seconds or with a unit.", "--for", low=0.01)]
+
+
+def listing(title: str, heads: Mapping[str, str], rows: Sequence[Mapping[str, Any]]) -> Told:
+    """Rows, as a table for a reader; `heads`: key of a row -> head of its column."""
+    cells = [[*map(row.__getitem__, heads)] for row in rows]
+    return Told(rows, show=lambda: printing.table(title, [*heads.values()], cells))
 
 
 class Numbers(Command):
@@ -47,15 +49,14 @@ class Numbers(Command):
 def tune(
     key: Annotated[
         str | None,
-        typer.Argument(metavar="KEY", help="Actuator or parameter, e.g. friction.mu_static. Without it: list all."),
+        Argument("KEY", "Actuator or parameter, e.g. friction.mu_static. Without it: list all."),
     ] = None,
     value: Annotated[
         str | None,
-        typer.Argument(metavar="VALUE", help='A number, or a number with a unit: "15 N". Without it: show the value.'),
+        Argument("VALUE", 'A number, or a number with a unit: "15 N". Without it: show the value.'),
     ] = None,
     run: RunName = None,
-    as_json: Json = False,
-) -> None:
+) -> Told:
     """Show or change a value of a live run. The change takes effect at the next step and is recorded.
 
     Without VALUE: show the current value. Without KEY: list everything that
@@ -67,8 +68,7 @@ def tune(
 
     with bus.join(run, role="operator", name="tune") as session:
         if key is None:
-            _list_tunable(session, as_json)
-            return
+            return _tunable(session)
         process, inner = _owner(session, key)
         body = {"get": [inner]} if value is None else {"set": {inner: number_or_text(with_point(value, key))}}
         try:
@@ -82,10 +82,10 @@ def tune(
     if owner:
         told = f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
     report = answer["values"] | ({"overruled": overruled} if overruled else {}) | {"run": session.run}
-    printing.either(as_json, report, f"{told}  (run {session.run})")
+    return Told(report, f"{told}  (run {session.run})")
 
 
-Name = Annotated[str, typer.Argument(metavar="NAME", help="A controller of the run, connected or not.")]
+Name = Annotated[str, Argument("NAME", "A controller of the run, connected or not.")]
 
 
 def connect(name: Name, run: RunName = None) -> None:
@@ -114,7 +114,7 @@ def resume(run: RunName = None) -> None:
 
 
 def step(
-    frames: Annotated[int, typer.Option(min=1, max=10_000, metavar="N", help="Number of frames.")] = 1,
+    frames: Annotated[int, Option("N", "Number of frames.", low=1, high=10_000)] = 1,
     run: RunName = None,
 ) -> None:
     """Compute single frames of a paused run: with each one its controllers receive one step."""
@@ -122,9 +122,7 @@ def step(
 
 
 def stop(
-    emergency: Annotated[
-        bool, typer.Option("--emergency", help="Set all actuators to their safe values at once, then stop.")
-    ] = False,
+    emergency: Annotated[bool, Option("", "Set all actuators to their safe values at once, then stop.")] = False,
     run: RunName = None,
 ) -> None:
     """End a live run in order. The recording contains it."""
@@ -135,7 +133,7 @@ def stop(
 
 
 def knock(
-    impulse: Annotated[str, typer.Argument(metavar="IMPULSE", help='In N s, or with a unit: "0.02 N*s".')],
+    impulse: Annotated[str, Argument("IMPULSE", 'In N s, or with a unit: "0.02 N*s".')],
     run: RunName = None,
 ) -> None:
     """Apply an impulse to the body of a live run. The recording contains it."""
@@ -183,7 +181,7 @@ def _parameters(session: Session, process: str) -> Any:
     return session.ask(f"param/{process}", {"list": True}, timeout=10.0)
 
 
-def _list_tunable(session: Session, as_json: bool) -> None:
+def _tunable(session: Session) -> Told:
     names = ("plant", *_controllers(session))
     answers = dict[str, Any]()
     for name in names:
@@ -199,34 +197,30 @@ def _list_tunable(session: Session, as_json: bool) -> None:
         for key, value in answer["values"].items()
     ]
     columns = ("key", "value", "unit", "of")
-    printing.listing(f"run {session.run}", dict(zip(columns, columns)), rows, as_json)
+    return listing(f"run {session.run}", dict(zip(columns, columns)), rows)
 
 
-@topic.command("ls", cls=Command, epilog="Example:  rig live topic ls")
-def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> None:
+def topic_ls(run: RunName = None, listen: For = 1.0) -> Told:
     """List the active topics, their senders and their contents."""
     from rig.bus import topics
 
-    heard = [(name, topics.of(name), count) for name, (count, _) in sorted(_heard("**", run, _time(listen)).items())]
+    heard = [(name, topics.of(name), count) for name, (count, _) in sorted(_heard("**", run, listen).items())]
     columns = ("topic", "message", "from", "heard", "about")
     rows = [dict(zip(columns, (name, of.message, of.sender, count, of.about))) for name, of, count in heard]
-    printing.listing("", dict(zip(columns, columns)), rows, as_json)
+    return listing("", dict(zip(columns, columns)), rows)
 
 
-@topic.command("hz", cls=Command, epilog='Example:  rig live topic hz "meas/*" --for 5')
-def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as_json: Json = False) -> None:
+def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = 2.0) -> Told:
     """Count messages per second of each topic, and lost messages."""
-    length = _time(listen)
-    heard = sorted(_heard(pattern, run, length).items())
-    rows = [{"topic": name, "hz": count / length, "lost": lost} for name, (count, lost) in heard]
-    printing.listing("", {"topic": "topic", "hz": "1/s", "lost": "lost"}, rows, as_json)
+    heard = sorted(_heard(pattern, run, listen).items())
+    rows = [{"topic": name, "hz": count / listen, "lost": lost} for name, (count, lost) in heard]
+    return listing("", {"topic": "topic", "hz": "1/s", "lost": "lost"}, rows)
 
 
-@topic.command("echo", cls=Command, epilog="Example:  rig live topic echo meas/vibrometer --count 3")
 def topic_echo(
     pattern: Pattern,
     run: RunName = None,
-    count: Annotated[int, typer.Option(min=0, help="Number of messages; 0: all, until the run ends or Ctrl-C.")] = 0,
+    count: Annotated[int, Option("", "Number of messages; 0: all, until the run ends or Ctrl-C.", low=0)] = 0,
 ) -> None:
     """Print messages as they arrive, one JSON object per line."""
     from google.protobuf.json_format import MessageToDict
@@ -248,10 +242,6 @@ def topic_echo(
                 shown += 1
 
 
-def _time(listen: str) -> float:
-    return number(listen, "--for", "s", 0.01, LONGEST)
-
-
 def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int, int]]:
     """Topic -> messages received and lost within `listen` seconds."""
     from rig import bus
@@ -267,9 +257,7 @@ def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int,
 
 def web(
     port: Port = 0,
-    no_open: Annotated[
-        bool, typer.Option("--no-open", help="Print the address only; do not open the browser.")
-    ] = False,
+    no_open: Annotated[bool, Option("", "Print the address only; do not open the browser.")] = False,
 ) -> None:
     """Serve the bench as a page in the browser: choose and start scenes, watch them live, change values.
 
@@ -299,7 +287,7 @@ def _say(text: str) -> None:
 def bridge(
     run: RunName = None,
     port: Port = 0,
-    as_json: Json = False,
+    as_json: JSON = False,
 ) -> None:
     """Offer the bus of a live run over WebSocket, for controllers and tools in other languages.
 
@@ -319,14 +307,17 @@ def bridge(
 CLASSES = {"tune": Numbers, "knock": Numbers}
 """Of commands that are read in a way of their own."""
 COMMANDS = {
-    "tune": (tune, 'rig live tune load.force "15 N"'),
-    "disconnect": (disconnect, "rig live disconnect nf"),
-    "connect": (connect, "rig live connect nf"),
-    "knock": (knock, 'rig live knock "0.02 N*s"'),
-    "pause": (pause, "rig live pause"),
-    "step": (step, "rig live step --frames 10"),
-    "resume": (resume, "rig live resume"),
-    "stop": (stop, "rig live stop   |   rig live stop --emergency"),
-    "web": (web, "rig web --no-open --port 8765"),
-    "bridge": (bridge, "rig live bridge --run mine"),
+    "tune": Made(tune, 'rig live tune load.force "15 N"'),
+    "disconnect": Made(disconnect, "rig live disconnect nf"),
+    "connect": Made(connect, "rig live connect nf"),
+    "knock": Made(knock, 'rig live knock "0.02 N*s"'),
+    "pause": Made(pause, "rig live pause"),
+    "step": Made(step, "rig live step --frames 10"),
+    "resume": Made(resume, "rig live resume"),
+    "stop": Made(stop, "rig live stop   |   rig live stop --emergency"),
+    "web": Made(web, "rig web --no-open --port 8765"),
+    "bridge": Made(bridge, "rig live bridge --run mine"),
+    "ls": Made(topic_ls, "rig live topic ls"),
+    "hz": Made(topic_hz, 'rig live topic hz "meas/*" --for 5'),
+    "echo": Made(topic_echo, "rig live topic echo meas/vibrometer --count 3"),
 }

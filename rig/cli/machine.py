@@ -5,42 +5,36 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from rig.cli import printing
-from rig.cli.options import Budget, Changes, Force, Json, Results, SceneName, accuracy, at, changes, share, the_scene
-from rig.cli.printing import draw, new_folder, refuse
+from rig.cli.build import Answer, Made, Told
+from rig.cli.options import Budget, accuracy, at, share
+from rig.cli.printing import refuse
 from rig.errors import UsageError
 from rig.machine.files import write_file
+from rig.parameters import Argument, Option
 
 if TYPE_CHECKING:
     from rig.papers.entry import Comparison
     from rig.qualify.cost.table import Row
     from rig.qualify.torture import Cell
-
-
-Target = Annotated[float, typer.Option(metavar="ERROR", help="Target relative error.")]
+    from rig.scenes.scene import Scene
 
 
 def cost(
-    scene: SceneName,
-    p: Changes = None,
+    scene: Scene,
     metric: Annotated[
-        str,
-        typer.Option(
-            metavar="MEASURE", help="Error measure for the recommendation. Default: worst, the largest of all measures."
-        ),
+        str, Option("MEASURE", "Error measure for the recommendation. Default: worst, the largest of all measures.")
     ] = "worst",
-    target: Target = 1e-3,
+    target: Annotated[float, Option("ERROR", "Target relative error.")] = 1e-3,
     budget: Budget = None,
-    out: Results = Path("cost"),
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+    out: Path = Path("cost"),
+    *,
+    force: bool,
+) -> Answer:
     """Measure error against compute time for each method and step, and recommend a setting.
 
     The errors are those of physical measures, such as period and amplitude.
@@ -53,14 +47,14 @@ def cost(
     from rig.qualify.cost import folder_of, recommended
     from rig.qualify.cost.report import CostReport, heads, lines, notes
     from rig.qualify.cost.table import front
+    from rig.view.palette import put
 
-    loaded = the_scene(scene, changes(p))
-    printing.warnings(loaded)
-    folder = folder_of(loaded, at(out))
+    printing.warnings(scene)
+    folder = folder_of(scene, at(out))
     refuse(folder, ("cost.png",), force)  # drawn last: a table without is not
     try:
         with printing.bar("settings") as progress:
-            measured = measure(loaded, out, progress)
+            measured = measure(scene, out, progress)
     except KeyboardInterrupt:
         printing.note(f"interrupted; the results so far are in {folder}")
         raise
@@ -83,31 +77,28 @@ def cost(
 
     report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
     report |= {"recommended": None if pick is None else pick.flat(), "why": why}
-    printing.reported(as_json, lambda: report, show)
-    if front(measured.rows, by):
-        draw(CostReport(measured, by, pick, most), folder / "cost.png")
-    if not as_json:
-        printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
-    printing.passed(pick is not None)
+
+    def then() -> Iterator[str]:
+        if front(measured.rows, by):
+            put(CostReport(measured, by, pick, most).plot(), folder / "cost.png")
+        yield f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}"
+
+    return Answer(Told(report, show=show), pick is not None, then=then)
 
 
 def torture(
-    quick: Annotated[bool, typer.Option("--quick", help="Short runs, about a minute. The default.")] = False,
-    full: Annotated[bool, typer.Option("--full", help="Every step and every case, over the whole duration.")] = False,
+    quick: Annotated[bool, Option("", "Short runs, about a minute. The default.")] = False,
+    full: Annotated[bool, Option("", "Every step and every case, over the whole duration.")] = False,
     case: Annotated[
         list[str] | None,
-        typer.Option(
-            "--case",
-            metavar="ID",
-            help="Run only this case (a name as in the table that is printed), or the case in this file. Repeatable.",
+        Option(
+            "ID", "Run only this case (a name as in the table that is printed), or the case in this file. Repeatable."
         ),
     ] = None,
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", callback=new_folder, help="Folder for the figure, JSON and JUnit files.")
-    ] = Path("torture"),
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+    out: Annotated[Path, Option("FOLDER", "Folder for the figure, JSON and JUnit files.")] = Path("torture"),
+    *,
+    force: bool,
+) -> Answer:
     """Run hard cases by methods by steps. Each cell is green, amber or red with one reason.
 
     Exit code 1: a default method is not green. The other methods are for
@@ -133,12 +124,9 @@ def torture(
 
         cells = hard_cases.matrix(wanted, not full, show, progress)
     report.keep(cells, out, not full)
-    if as_json:
-        printing.report([cell.to_json() for cell in cells])
-    else:
-        _table(cells)
-        printing.line(f"\n{out}/matrix.png, matrix.svg, matrix.json, junit.xml")
-    printing.passed(all(cell.good for cell in cells))
+    told = Told([cell.to_json() for cell in cells], show=lambda: _table(cells))
+    files = [f"\n{out}/matrix.png, matrix.svg, matrix.json, junit.xml"]
+    return Answer(told, all(cell.good for cell in cells), then=lambda: files)
 
 
 def _table(cells: list[Cell]) -> None:
@@ -157,23 +145,17 @@ def _table(cells: list[Cell]) -> None:
 
 
 def doctor(
-    scene: Annotated[
-        list[str] | None, typer.Argument(metavar="SCENE...", help="Names of scenes. Default: all shipped scenes.")
-    ] = None,
-    as_json: Json = False,
-) -> None:
+    scene: Annotated[list[str] | None, Argument("SCENE...", "Names of scenes. Default: all shipped scenes.")] = None,
+) -> Answer:
     """Measure this machine and predict which scenes run in real time with the timing verdict VALID."""
     from rig.qualify.doctor import doctor as examine
 
     diagnosis = examine(report=printing.note, names=scene or ())
-    printing.result(diagnosis, as_json)
-    printing.passed(diagnosis.ok)
+    return Answer(diagnosis, diagnosis.ok)
 
 
 def warmup(
-    scene: Annotated[
-        list[str] | None, typer.Argument(metavar="SCENE...", help="Names of scenes. Default: all shipped scenes.")
-    ] = None,
+    scene: Annotated[list[str] | None, Argument("SCENE...", "Names of scenes. Default: all shipped scenes.")] = None,
 ) -> None:
     """Compile the kernels of the shipped scenes, so that their first run starts without delay."""
     from rig.machine.scheduling import cores
@@ -207,13 +189,11 @@ def clean() -> None:
 
 
 def reproduce(
-    figure: Annotated[str, typer.Argument(metavar="FIGURE", help='Name of a figure, of a paper, or "all".')] = "",
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", callback=new_folder, help="Folder for the pictures and their page.")
-    ] = Path("gallery"),
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+    figure: Annotated[str, Argument("FIGURE", 'Name of a figure, of a paper, or "all".')] = "",
+    out: Annotated[Path, Option("FOLDER", "Folder for the pictures and their page.")] = Path("gallery"),
+    *,
+    force: bool,
+) -> Answer:
     """Make a figure of a paper again from a scene, and compare its numbers with published or reference values.
 
     Without FIGURE: list the figures. Exit code 1: a number does not agree that should.
@@ -224,12 +204,10 @@ def reproduce(
 
     if not figure:
         entries = again.pick("all")
-        if as_json:
-            printing.report([{"name": e.name, "title": e.title, "scenes": list(e.scenes)} for e in entries])
-        else:
-            rows = [(e.name, e.number, e.title, ", ".join(e.scenes)) for e in entries]
-            printing.table("", ("figure", "in the paper", "what it shows", "scenes"), rows)
-        return
+        values = [{"name": e.name, "title": e.title, "scenes": list(e.scenes)} for e in entries]
+        rows = [(e.name, e.number, e.title, ", ".join(e.scenes)) for e in entries]
+        heads = ("figure", "in the paper", "what it shows", "scenes")
+        return Answer(Told(values, show=lambda: printing.table("", heads, rows)))
     wanted = again.pick(figure)
     page = [] if (out / "numbers.json").exists() else ["README.md"]  # else it is the page of figures made before
     refuse(out, [*(f"{entry.name}{suffix}" for entry in wanted for suffix in (".png", ".svg")), *page], force)
@@ -238,14 +216,15 @@ def reproduce(
     machine = provenance(0, ())
     host = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
     write_file(out / "README.md", again.gallery_page(again.keep(results, out), host).encode())
-    if as_json:
-        printing.report([result.to_json() for result in results])
-    else:
+
+    def show() -> None:
         for result in results:
             title = f"{result.entry.name}: {result.entry.title} ({result.picture})"
             columns = ("number", "ours", "expected", "", "source", "bound", "")
             printing.table(title, columns, [_compared(comparison) for comparison in result.comparisons])
-    printing.passed(all(result.agrees for result in results))
+
+    told = Told([result.to_json() for result in results], show=show)
+    return Answer(told, all(result.agrees for result in results))
 
 
 def _compared(number: Comparison) -> tuple[str, ...]:
@@ -257,10 +236,10 @@ def _compared(number: Comparison) -> tuple[str, ...]:
 
 
 COMMANDS = {
-    "cost": (cost, "rig cost belt_c --target 1e-4 --budget 40%"),
-    "torture": (torture, "rig tool torture --case grazing"),
-    "clean": (clean, "rig tool clean"),
-    "doctor": (doctor, "rig tool doctor belt"),
-    "warmup": (warmup, "rig tool warmup pendulum"),
-    "reproduce": (reproduce, "rig tool reproduce kroeger-3"),
+    "cost": Made(cost, "rig cost belt_c --target 1e-4 --budget 40%"),
+    "torture": Made(torture, "rig tool torture --case grazing"),
+    "clean": Made(clean, "rig tool clean"),
+    "doctor": Made(doctor, "rig tool doctor belt"),
+    "warmup": Made(warmup, "rig tool warmup pendulum"),
+    "reproduce": Made(reproduce, "rig tool reproduce kroeger-3"),
 }

@@ -16,8 +16,10 @@ from typer import BadParameter
 from typer.core import TyperCommand, TyperGroup
 
 from rig.cli import printing
-from rig.cli.printing import new, new_folder, new_recording, reads
+from rig.cli.printing import named as not_empty
+from rig.cli.printing import new_recording, reads
 from rig.errors import UsageError
+from rig.parameters import Argument, Option
 from rig.units import number_or_text, with_point
 
 if TYPE_CHECKING:
@@ -26,9 +28,12 @@ if TYPE_CHECKING:
     from rig.scenes.places import Place
     from rig.scenes.scene import Scene
 
-_CONTROLLER = (
-    "one of the scene by its NAME, or one from a FILE, which is added under the file's name or NAME, or replaces one"
-)
+_EXAMPLES = {
+    "--over": 'KEY=VALUES, such as --over "load.force=10 N:30 N:5"',
+    "--follow": 'ACTUATOR = CHANNEL: "drive.speed = belt_speed"',
+    "--pair": 'CHANNEL = SIMULATED: "force = friction_force"',
+}
+"""Option -> how it is written."""
 SHORTEST, LONGEST = 1e-9, 1e6
 """Shortest and longest time [s] that can be asked for."""
 PACES = (1e-3, 1e6)
@@ -101,12 +106,23 @@ def scene_file(context: typer.Context, name: str | None) -> str | None:
     return name
 
 
-SceneName = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE", help="Name of a shipped scene (see rig list), or a TOML file.", callback=scene_file
-    ),
-]
+def recording(context: typer.Context, path: Path | None) -> Path | None:
+    """Check the path of a recording: no folder, pipe or device. Whoever reads it reports a file that does not exist."""
+    from rig.machine.files import regular
+
+    if path is not None:
+        not_empty("recording", path)
+        try:
+            regular(path)
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+        reads(context, path)
+    return path
+
+
+SceneName = Annotated[str, Argument("SCENE", "Name of a shipped scene (see rig list), or a TOML file.")]
 
 
 def paired(parameter: typer.CallbackParam, given: list[str] | None) -> list[str] | None:
@@ -120,125 +136,60 @@ def paired(parameter: typer.CallbackParam, given: list[str] | None) -> list[str]
     return given
 
 
-Changes = Annotated[
-    list[str] | None,
-    typer.Option(
-        "-p",
-        metavar="KEY=VALUE",
-        callback=paired,
-        help='Change a value: -p drive.speed="2 rpm". "none" removes it. Repeatable.',
-    ),
-]
-Untold = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--untold",
-        metavar="KEY=VALUE",
-        callback=paired,
-        help="Give the rig a value that its controllers do not know: they are designed without it. Repeatable.",
-    ),
-]
-Redesign = Annotated[
-    bool, typer.Option("--redesign", help="Tell the controllers all that is varied: they are designed for each rig.")
-]
-Controllers = Annotated[
-    list[str] | None,
-    typer.Option("--controller", metavar="NAME|[NAME=]FILE", help=f"A controller: {_CONTROLLER}. Repeatable."),
-]
 Net = Annotated[
     list[str] | None,
-    typer.Option(
-        "--net",
-        metavar="LINK: FAULTS",
-        help='Make a link between plant and controllers worse: "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, '
+    Option(
+        "LINK: FAULTS",
+        'Make a link between plant and controllers worse: "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, '
         'duplicate 0.1 %, reorder; seed 3", or "act/CONTROLLER: ...". Short for -p network... . Repeatable.',
+        "--net",
     ),
-]
-Json = Annotated[bool, typer.Option("--json", help="Print the report as JSON.")]
-Duration = Annotated[
-    str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit: "500 ms".')
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE",
-        callback=new_recording,
-        help="Recording to write (MCAP). Default: a new file in recordings/runs.",
-    ),
+    Option("FILE", "Recording to write (MCAP). Default: a new file in recordings/runs.", check=new_recording),
 ]
-Figure = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
-]
-Page = Annotated[
-    Path | None,
-    typer.Option("--page", metavar="FILE", callback=new, help="Write the report with its figure as a page (HTML)."),
-]
-Results = Annotated[
-    Path,
-    typer.Option(
-        "--out",
-        metavar="FOLDER",
-        callback=new_folder,
-        help="Folder for the results; each scene, map, study or search has a folder of its own in it.",
-    ),
-]
-Force = Annotated[bool, typer.Option("--force", is_eager=True, help="Overwrite existing files.")]
-RunName = Annotated[
-    str | None, typer.Option("--run", metavar="RUN", help="Name of the run. Default: the only live run.")
-]
-NewName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run.")]
+RunName = Annotated[str | None, Option("RUN", "Name of the run. Default: the only live run.", "--run")]
+NewName = Annotated[str | None, Option("RUN", "Name of the run.", "--run")]
 Pace = Annotated[
     str | None,
-    typer.Option(
-        "--pace",
-        metavar="FACTOR",
-        show_default=False,
-        help='Real-time factor: simulated seconds per second; "auto": 1, or the largest that holds on this machine; '
+    Option(
+        "FACTOR",
+        'Real-time factor: simulated seconds per second; "auto": 1, or the largest that holds on this machine; '
         '"max". Default: 1; with --lockstep: max.',
+        "--pace",
     ),
 ]
 Lockstep = Annotated[
-    bool,
-    typer.Option("--lockstep", help="Wait for every controller at every step, instead of following the wall clock."),
+    bool, Option("", "Wait for every controller at every step, instead of following the wall clock.", "--lockstep")
 ]
-Trust = Annotated[
-    bool,
-    typer.Option("--trust", help="Run the code of plants, sensors and other parts that the recording or run contains."),
-]
-Wait = Annotated[str, typer.Option(metavar="TIME", help="Longest wait for the run, in seconds or with a unit.")]
+Wait = Annotated[float, Option("TIME", "Longest wait for the run, in seconds or with a unit.", low=0)]
 When = Annotated[
     str | None,
-    typer.Option(
-        "--trigger",
-        metavar="CONDITION",
-        help='Record only around the instants at which a sensor or plant output is beyond a level: "vibrometer > 0.1 '
+    Option(
+        "CONDITION",
+        'Record only around the instants at which a sensor or plant output is beyond a level: "vibrometer > 0.1 '
         'm/s"; < for below, |NAME| for the absolute value. Writes NAME-001.mcap, NAME-002.mcap, ...',
+        "--trigger",
     ),
 ]
-Before = Annotated[
-    str | None, typer.Option(metavar="TIME", help="With --trigger: recorded time before it. Default: 2 s.")
-]
-After = Annotated[
-    str | None, typer.Option(metavar="TIME", help="With --trigger: recorded time after it. Default: 5 s.")
-]
+Before = Annotated[float | None, Option("TIME", "With --trigger: recorded time before it. Default: 2 s.", low=0)]
+After = Annotated[float | None, Option("TIME", "With --trigger: recorded time after it. Default: 5 s.", low=0)]
 Most = Annotated[
-    int | None,
-    typer.Option(min=1, max=999, metavar="N", help="With --trigger: largest number of recordings. Default: 100."),
+    int | None, Option("N", "With --trigger: largest number of recordings. Default: 100.", low=1, high=999)
 ]
 Budget = Annotated[
     str | None,
-    typer.Option(
-        "--budget",
-        metavar="SHARE",
-        help="Share of a frame that computing may take (99th percentile): 40%. Selects method and step.",
+    Option(
+        "SHARE", "Share of a frame that computing may take (99th percentile): 40%. Selects method and step.", "--budget"
     ),
 ]
 Accuracy = Annotated[
     float | None,
-    typer.Option(
+    Option(
+        "ERROR",
+        "Target relative error, e.g. 1e-4. Selects the cheapest method and step that rig cost measured here.",
         "--accuracy",
-        metavar="ERROR",
-        help="Target relative error, e.g. 1e-4. Selects the cheapest method and step that rig cost measured here.",
     ),
 ]
 
@@ -260,10 +211,17 @@ def changes(given: list[str] | None, option: str = "-p") -> dict[str, str]:
     return {key.strip(): with_point(value.strip(), f"{option} {key.strip()} =") for key, _, value in pairs}
 
 
-def loop_option(help_text: str) -> Any:
-    """The option --controller of a command that closes one loop."""
-    text = f"{help_text} A controller: {_CONTROLLER}."
-    return typer.Option("--controller", metavar="NAME|[NAME=]FILE", help=text)
+def assigned(given: Iterable[str] | None, option: str) -> dict[str, str]:
+    """Name -> text of all options "NAME = TEXT" with this name. Raises UsageError."""
+    texts: dict[str, str] = {}
+    for assignment in given or ():
+        name, _, text = (part.strip() for part in assignment.partition("="))
+        if not name or not text:
+            raise UsageError(f"{option} {assignment}: expected {_EXAMPLES[option]}")
+        if name in texts:
+            raise UsageError(f"{option} {assignment}: {name} is given twice")
+        texts[name] = text
+    return texts
 
 
 def named(given: Iterable[str] | None) -> dict[str, str]:
@@ -318,7 +276,7 @@ def the_scene(
     name: str,
     given: Mapping[str, object],
     options: Mapping[str, Mapping[str, object]] | None = None,
-    untold: list[str] | None = None,
+    untold: Mapping[str, object] | None = None,
     redesign: bool = False,
 ) -> Scene:
     """The scene of a command with the changes `given` with -p; `options`: other option -> its changes; -p wins.
@@ -337,7 +295,7 @@ def the_scene(
     scene = load(name, overrides, places)
     for line in scene.notes:
         printing.note(line)
-    return believing(scene, changes(untold, "--untold"), redesign)
+    return believing(scene, untold or {}, redesign)
 
 
 def with_option(option: str, keys: Iterable[str]) -> dict[str, Place]:
@@ -362,12 +320,12 @@ def number(given: str, option: str, unit: str, low: float, high: float, also: st
     return value
 
 
-def seconds(given: str | None, option: str = "--duration", low: float = SHORTEST) -> float | None:
+def seconds(given: str, option: str, low: float = SHORTEST) -> float:
     """A duration in seconds; a plain number is seconds."""
-    return None if given is None else number(given, option, "s", low, LONGEST, ', such as 2.5 or "500 ms"')
+    return number(given, option, "s", low, LONGEST, ', such as 2.5 or "500 ms"')
 
 
-def trigger(when: str | None, before: str | None, after: str | None, most: int | None) -> Trigger | None:
+def trigger(when: str | None, before: float | None, after: float | None, most: int | None) -> Trigger | None:
     """The trigger of a recorder; None without a condition. Raises UsageError."""
     if when is None:
         given = {"--before": before, "--after": after, "--most": most}
@@ -376,9 +334,9 @@ def trigger(when: str | None, before: str | None, after: str | None, most: int |
         return None
     from rig.record.windows import Trigger, condition
 
-    earlier = seconds(before or "2", "--before", 0.0)
-    later = seconds(after or "5", "--after", 0.0)
-    return Trigger(condition(when), earlier or 0.0, later or 0.0, most or 100)
+    earlier = 2.0 if before is None else before
+    later = 5.0 if after is None else after
+    return Trigger(condition(when), earlier, later, most or 100)
 
 
 def pace(given: str, others: str = ', or "max"') -> float | None:

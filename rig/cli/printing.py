@@ -13,18 +13,17 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from rig.errors import ExitCode, UsageError
+from rig.errors import UsageError
 from rig.machine.files import FIGURES, figure_format, recording_name, takes, unused
 from rig.machine.process import listened, tell
 from rig.printable import columns, printable, utf8
-from rig.results import Result
 
 if TYPE_CHECKING:
     from rig.analysis.pool import Store
@@ -87,22 +86,6 @@ def reported(as_json: bool, values: Callable[[], Any], show: Callable[[], None])
         show()
 
 
-def result(shown: Any, as_json: bool, **more: object) -> None:
-    """Print a result: its text, or as JSON, with `more`."""
-    reported(as_json, lambda: shown.to_json() | more, lambda: line(shown.text()))
-
-
-def either(as_json: bool, values: Any, *lines: str) -> None:
-    """Print a report as JSON, or its lines for a reader."""
-    reported(as_json, lambda: values, lambda: line("\n".join(lines)))
-
-
-def passed(good: bool) -> None:
-    """Leave with the exit code of a check that failed, unless it is `good`."""
-    if not good:
-        raise typer.Exit(ExitCode.FAILED)
-
-
 def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): _plain(inner) for key, inner in value.items()}
@@ -141,17 +124,6 @@ def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) ->
 
 def _texts(row: Sequence[object]) -> list[str]:
     return [printable(cell if isinstance(cell, str) else number(cell)) for cell in row]
-
-
-def listing(title: str, heads: Mapping[str, str], rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
-    """Print rows as JSON, or as a table; `heads`: key of a row -> head of its column."""
-    if as_json:
-        report(rows)
-        return
-    cells = list[list[Any]]()
-    for row in rows:
-        cells.append([row[key] for key in heads])
-    table(title, [*heads.values()], cells)
 
 
 def width() -> int:
@@ -414,11 +386,3 @@ def refuse(folder: Path, names: Iterable[str], force: bool) -> None:
     existing = [name for name in names if (folder / name).exists()]
     if existing and not force:
         raise UsageError(f"{folder}: has {', '.join(existing)}; name another folder, or add --force to replace them")
-
-
-def draw(result: Result, figure: Path | None, *how: object) -> None:
-    """Write the figure of a result to a file, if one is given; `how`: arguments of its `plot`."""
-    if figure is not None:
-        from rig.view.palette import put
-
-        put(result.plot(*how), figure)

@@ -3,89 +3,76 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli import printing
+from rig.cli.build import Made
 from rig.cli.options import (
     After,
     Before,
-    Changes,
-    Duration,
-    Force,
     Lockstep,
     Most,
     NewName,
     Out,
     Pace,
     RunName,
-    SceneName,
-    Trust,
-    Untold,
     Wait,
     When,
-    changes,
     live_pace,
+    recording,
     refuse_all,
-    seconds,
-    the_scene,
     trigger,
 )
 from rig.cli.printing import new
-from rig.cli.recordings import opened, recording
+from rig.cli.recordings import opened
+from rig.errors import ExitCode
 from rig.extras import check
+from rig.parameters import Argument, Option
 from rig.printable import printable
 
+if TYPE_CHECKING:
+    from rig.scenes.scene import Scene
+
 ControllersWait = Annotated[
-    str,
-    typer.Option(metavar="TIME", help="Longest wait for the controllers, in seconds or with a unit; 0: do not wait."),
+    float, Option("TIME", "Longest wait for the controllers, in seconds or with a unit; 0: do not wait.", low=0)
 ]
-ControllerName = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A controller of the scene, or a file.")]
-ShownLog = Annotated[
-    Path | None,
-    typer.Argument(metavar="[LOG]", help="A recording (MCAP). Default: a live run.", callback=recording),
-]
-Web = Annotated[bool, typer.Option("--web", help="Show the run on a page in the browser.")]
-RerunFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", callback=new, help="Write a rerun file (.rrd) instead of showing the run."),
-]
+ControllerName = Annotated[str, Argument("NAME|FILE", "A controller of the scene, or a file.")]
+ShownLog = Annotated[Path | None, Argument("[LOG]", "A recording (MCAP). Default: a live run.", check=recording)]
+Web = Annotated[bool, Option("", "Show the run on a page in the browser.", "--web")]
+RerunFile = Annotated[Path | None, Option("FILE", "Write a rerun file (.rrd) instead of showing the run.", check=new)]
 
 
 def plant(
-    scene: SceneName,
-    p: Changes = None,
-    untold: Untold = None,
+    scene: Scene,
+    untold: Mapping[str, object],
+    duration: float | None,
     speed: Pace = None,
     lockstep: Lockstep = False,
-    duration: Duration = None,
     name: NewName = None,
-    wait: ControllersWait = "30",
+    wait: ControllersWait = 30.0,
 ) -> None:
     """Start the plant with its sensors. Controllers, recorder and viewer may join at any time."""
     factor = live_pace(speed, lockstep)
-    length = seconds(duration)
-    overrides = changes(p)
-    patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.bench.live.outcome import Job, Outcome
     from rig.bench.live.plant_process import carry_out
     from rig.bench.live.status import Live
 
-    loaded = the_scene(scene, overrides, untold=untold)
-    printing.run_warnings(loaded, length)
+    printing.run_warnings(scene, duration)
     awaited: list[tuple[str, str]] = []
-    if patience:
-        awaited = [("controller", key) for key in loaded.controllers if key not in loaded.in_plant]
+    if wait:
+        awaited = [("controller", key) for key in scene.controllers if key not in scene.in_plant]
     job = Job.at(
         factor,
-        loaded,
+        scene,
         run=name,
         lockstep=lockstep,
-        duration=length,
+        duration=duration,
         expect=tuple(awaited),
-        wait=patience,
+        wait=wait,
         command=tuple(sys.argv),
     )
     live = Live()
@@ -99,17 +86,15 @@ def plant(
 
 def control(
     name: ControllerName,
+    overrides: Mapping[str, object],
+    trust: bool,
     run: RunName = None,
-    p: Changes = None,
-    trust: Trust = False,
-    wait: Wait = "10",
+    wait: Wait = 10.0,
 ) -> None:
     """Start one controller as a process: a controller of the scene, or your own from a file."""
-    overrides = changes(p)
-    patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.controllers.runtime.process import run as serve
 
-    serve(name, run, changes=overrides, wait=patience, trust=trust, say=printing.note)
+    serve(name, run, changes=overrides, wait=wait, trust=trust, say=printing.note)
 
 
 def record(
@@ -119,17 +104,18 @@ def record(
     before: Before = None,
     after: After = None,
     most: Most = None,
-    force: Force = False,
-    wait: Wait = "10",
+    wait: Wait = 10.0,
+    *,
+    force: bool,
 ) -> None:
     """Record a live run until it ends; with --trigger only windows around the instants at which a condition holds."""
-    patience = seconds(wait, "--wait", low=0.0) or 0.0
     chosen = trigger(when, before, after, most)
     from rig.record.recorder import record as write
 
-    recorded = write(run, out, wait=patience, replace=force, trigger=chosen, say=printing.note)
+    recorded = write(run, out, wait=wait, replace=force, trigger=chosen, say=printing.note)
     printing.line(recorded.text())
-    printing.passed(recorded.complete)
+    if not recorded.complete:
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def view(
@@ -137,12 +123,11 @@ def view(
     run: RunName = None,
     web: Web = False,
     save: RerunFile = None,
-    force: Force = False,
-    trust: Trust = False,
-    wait: Wait = "10",
+    wait: Wait = 10.0,
+    *,
+    trust: bool,
 ) -> None:
     """Show a recording or a live run in rerun: the rig, its curves, events, commands and protocol."""
-    patience = seconds(wait, "--wait", low=0.0) or 0.0
     refuse_all(
         (log and run is not None, f"{log} and --run {run}: name a recording or a live run, not both"),
         (save and save.suffix != ".rrd", f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
@@ -151,7 +136,7 @@ def view(
     if log is None:
         from rig.view.process import view as show
 
-        show(run, web=web, save=save, wait=patience, trust=trust, say=printing.note)
+        show(run, web=web, save=save, wait=wait, trust=trust, say=printing.note)
         return
     from rig.view.recording import view_run
 
@@ -159,11 +144,11 @@ def view(
 
 
 COMMANDS = {
-    "plant": (plant, "rig live plant pendulum --run mine"),
-    "control": (control, "rig live control nf --run mine"),
-    "record": (
+    "plant": Made(plant, "rig live plant pendulum --run mine"),
+    "control": Made(control, "rig live control nf --run mine"),
+    "record": Made(
         record,
         "rig live record --run mine   |   rig live record --trigger 'vibrometer > 0.1 m/s' --before 2 --after 5",
     ),
-    "view": (view, "rig view mine.mcap   |   rig view --run mine"),
+    "view": Made(view, "rig view mine.mcap   |   rig view --run mine"),
 }

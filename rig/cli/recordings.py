@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import rig
 from rig.cli import printing
-from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paired, refuse_all, separated
-from rig.cli.printing import named, reads, refuse, writable
+from rig.cli.build import Answer, Made, Told
+from rig.cli.options import at, number, pace, refuse_all
+from rig.cli.printing import named, refuse, writable
 from rig.errors import UsageError
 from rig.machine.files import RUNS
+from rig.parameters import Argument, Option
 from rig.printable import counted, printable
 from rig.units import number_or_text
 
@@ -28,25 +31,6 @@ NAMES = ("csv", "hdf5", "mat", "netcdf", "parquet", "wav")
 _LIST = f"{', '.join(NAMES[:-1])} or {NAMES[-1]}"
 RATES = (1e-3, 1e9)
 """Lowest and highest rate [Hz] that can be asked for."""
-
-
-def recording(context: typer.Context, path: Path | None) -> Path | None:
-    """Check the path of a recording: no folder, pipe or device. Whoever reads it reports a file that does not exist."""
-    from rig.machine.files import regular
-
-    if path is not None:
-        named("recording", path)
-        try:
-            regular(path)
-        except FileNotFoundError:
-            pass
-        except OSError as error:
-            raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
-        reads(context, path)
-    return path
-
-
-Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).", callback=recording)]
 
 
 def allow(log: Path, trust: bool) -> None:
@@ -80,30 +64,22 @@ def without_outputs(run: Run, log: Path | str) -> str:
 
 
 def replay(
-    log: Log,
+    log: Path,
+    trust: bool,
+    p: Annotated[
+        Mapping[str, str],
+        Option("KEY=VALUE", "Change a value of a controller of --into: -p controllers.nf.gain=300.", "-p"),
+    ],
     speed: Annotated[
-        str, typer.Option("--pace", metavar="FACTOR", help='Real-time factor: recorded seconds per second, or "max".')
+        str, Option("FACTOR", 'Real-time factor: recorded seconds per second, or "max".', "--pace")
     ] = "1.0",
     into: Annotated[
         list[str] | None,
-        typer.Option(
-            "--into",
-            metavar="CONTROLLER",
-            help="Start this controller too (NAME or FILE.py) and compare its commands with the recorded ones.",
+        Option(
+            "CONTROLLER", "Start this controller too (NAME or FILE.py) and compare its commands with the recorded ones."
         ),
     ] = None,
-    p: Annotated[
-        list[str] | None,
-        typer.Option(
-            "-p",
-            metavar="KEY=VALUE",
-            callback=paired,
-            help="Change a value of a controller of --into: -p controllers.nf.gain=300.",
-        ),
-    ] = None,
-    trust: Trust = False,
-    as_json: Json = False,
-) -> None:
+) -> Answer:
     """Play a recording back on the bus, for viewers and controllers.
 
     With --into each step waits for the command of the controller. With
@@ -113,34 +89,28 @@ def replay(
     from rig.bench.again.replay import replay as play
 
     allow(log, trust)
-    values = {key: number_or_text(value) for key, value in changes(p).items()}
+    values = {key: number_or_text(value) for key, value in p.items()}
     with printing.status() as show:
         replayed = play(log, into or (), pace(speed), values, show)
-    printing.result(replayed, as_json)
-    if replayed.fault:
-        printing.note(f"{log}: {replayed.fault}")
-    printing.passed(replayed.passed)
+    notes = [f"{log}: {replayed.fault}"] if replayed.fault else []
+    return Answer(replayed, replayed.passed, notes=notes)
 
 
-def verify(log: Log, trust: Trust = False, as_json: Json = False) -> None:
+def verify(log: Path, trust: bool) -> Answer:
     """Check a recording: complete, undamaged, and the same bits when it is simulated again."""
     from rig.bench.again.verify import verify as check
 
     allow(log, trust)
     with printing.bar("seconds simulated again") as progress:
         verified = check(log, progress)
-    printing.result(verified, as_json)
-    printing.passed(verified.passed)
+    return Answer(verified, verified.passed)
 
 
 def recover(
-    log: Log,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File to write. Default: NAME.recovered.mcap beside it.")
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+    log: Path,
+    force: bool,
+    out: Annotated[Path | None, Option("FILE", "File to write. Default: NAME.recovered.mcap beside it.")] = None,
+) -> Answer:
     """Recover a recording that was cut off or damaged: write all messages whose checksums are right to a new file.
 
     Exit code 1: messages were lost, or may have been (what followed a cut is
@@ -153,33 +123,26 @@ def recover(
         named("--out", out)
         recording_name(out)
     saved = save(log, out, force)
-    printing.either(
-        as_json,
+    told = Told(
         {**vars(saved), "complete": saved.complete},
         f"{saved.path}: {counted(saved.messages, 'message')}, {saved.seconds:.3f} s; the original: {saved.fault}",
         *(f"  skipped {place}" for place in saved.skipped),
         f"  {saved.losses()}",
     )
-    printing.passed(saved.complete)
+    return Answer(told, saved.complete)
 
 
 def runs(
-    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Where to look, or one recording.")] = RUNS,
-    tag: Annotated[
-        list[str] | None, typer.Option("--tag", metavar="TAG", help="Only runs with this tag. Repeatable.")
-    ] = None,
-    scene: Annotated[str | None, typer.Option(metavar="SCENE", help="Only runs of this scene.")] = None,
-    rebuild: Annotated[
-        bool, typer.Option("--rebuild", help="Read all files again, not only new and changed ones.")
-    ] = False,
-    as_json: Json = False,
-) -> None:
+    folder: Annotated[Path, Argument("[FOLDER]", "Where to look, or one recording.")] = RUNS,
+    tag: Annotated[list[str] | None, Option("TAG", "Only runs with this tag. Repeatable.")] = None,
+    scene: Annotated[str | None, Option("SCENE", "Only runs of this scene.")] = None,
+    rebuild: Annotated[bool, Option("", "Read all files again, not only new and changed ones.")] = False,
+) -> Told:
     """List recordings: scene, date, length, timing verdict, notes and tags."""
     from rig.record import run_list
 
     if folder == RUNS and not folder.exists():
-        printing.line(f"{folder}: no recordings yet; rig run SCENE makes one, and rig runs FOLDER looks elsewhere")
-        return
+        return Told([], f"{folder}: no recordings yet; rig run SCENE makes one, and rig runs FOLDER looks elsewhere")
     if not folder.exists():
         raise UsageError(f"{folder}: no such folder or recording")
     if folder.is_dir():
@@ -190,14 +153,14 @@ def runs(
         folder = folder.parent
     wanted = [listing for listing in listed if _fits(listing, tag or (), scene)]
     for listing in wanted:
-        _warn(listing.notes)
-    if as_json:
-        printing.report([_card(listing) for listing in wanted])
-    elif wanted:
-        columns = ("recording", "scene", "date", "length", "timing", "notes")
-        printing.table(f"recordings in {folder}", columns, [_row(listing, folder) for listing in wanted])
-    else:
-        printing.line(f"{folder}: {f'none of {len(listed)} recordings fits' if listed else 'no recordings'}")
+        for warning in _warnings(listing.notes):
+            printing.note(warning)
+    cards = [_card(listing) for listing in wanted]
+    if not wanted:
+        return Told(cards, f"{folder}: {f'none of {len(listed)} recordings fits' if listed else 'no recordings'}")
+    columns = ("recording", "scene", "date", "length", "timing", "notes")
+    rows = [_row(listing, folder) for listing in wanted]
+    return Told(cards, show=lambda: printing.table(f"recordings in {folder}", columns, rows))
 
 
 def _fits(listing: Listed, tags: Iterable[str], scene: str | None) -> bool:
@@ -236,13 +199,10 @@ def _row(listing: Listed, folder: Path) -> tuple[str, ...]:
 
 
 def note(
-    log: Log,
-    text: Annotated[
-        str | None, typer.Argument(metavar="TEXT", help="What to note. Without it the notes are printed.")
-    ] = None,
-    tag: Annotated[list[str] | None, typer.Option("--tag", metavar="TAG", help="Add a tag. Repeatable.")] = None,
-    as_json: Json = False,
-) -> None:
+    log: Path,
+    text: Annotated[str | None, Argument("TEXT", "What to note. Without it the notes are printed.")] = None,
+    tag: Annotated[list[str] | None, Option("TAG", "Add a tag. Repeatable.")] = None,
+) -> Answer:
     """Add a note or tags to a recording, or print its notes. They are kept in a file beside it."""
     from rig.record import user_notes
 
@@ -257,29 +217,18 @@ def note(
         "other": [vars(note) for note in notes.other],
         "unreadable": notes.unreadable,
     }
-    printing.either(as_json, report, *map(str, notes.found or [f"{log}: no notes"]))
-    if not as_json:
-        _warn(notes)
+    return Answer(Told(report, *map(str, notes.found or [f"{log}: no notes"])), notes=list(_warnings(notes)))
 
 
-def _warn(notes: Notes) -> None:
-    """Print what a reader of notes should know about their file."""
+def _warnings(notes: Notes) -> Iterator[str]:
+    """What a reader of notes should know about their file."""
     if other := len(notes.other):
-        printing.note(f"{notes.path}: {other} of its notes are on another recording that had this name")
+        yield f"{notes.path}: {other} of its notes are on another recording that had this name"
     if notes.unreadable:
-        printing.note(f"{notes.path}: {notes.unreadable} of its lines contain no note")
+        yield f"{notes.path}: {notes.unreadable} of its lines contain no note"
 
 
-def report(
-    context: typer.Context,
-    log: Log,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File to write (HTML). Default: NAME.html beside the recording.")
-    ] = None,
-    trust: Trust = False,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+def report(context: typer.Context, log: Path, out: Path | None, trust: bool, force: bool) -> Told:
     """Write one page about a recording that any browser opens: figures, timing verdict, measures, provenance.
 
     The page is one file and loads no other files.
@@ -293,50 +242,38 @@ def report(
 
     with printing.status(f"writing {path}"):
         size = write(run, log, path)
-    printing.either(as_json, {"path": path, "bytes": size, "damage": run.notes}, str(path))
+    return Told({"path": path, "bytes": size, "damage": run.notes}, str(path))
 
 
 def export(
     context: typer.Context,
-    log: Log,
-    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help=f"{_LIST}.")],
+    log: Path,
+    force: bool,
+    to: Annotated[str, Option("FORMAT", f"{_LIST}.")],
     only: Annotated[
-        str | None,
-        typer.Option(
-            "--only",
-            metavar="NAMES",
-            help="Outputs, sensors and controllers, separated by commas. Default: everything.",
-        ),
+        list[str] | None, Option("NAMES", "Outputs, sensors and controllers, separated by commas. Default: everything.")
     ] = None,
     rate: Annotated[
         str | None,
-        typer.Option(
-            "--rate",
-            metavar="RATE",
-            help='Filter and decimate faster outputs and sensors to this rate: "200 Hz". Whole fractions only.',
-        ),
+        Option("RATE", 'Filter and decimate faster outputs and sensors to this rate: "200 Hz". Whole fractions only.'),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="PATH",
-            help="File to write; for csv, parquet and wav a folder. Default: beside the recording, with its name.",
+        Option(
+            "PATH", "File to write; for csv, parquet and wav a folder. Default: beside the recording, with its name."
         ),
     ] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+) -> Told:
     """Write a recording for other programs: CSV, HDF5, MATLAB, netCDF, Parquet, WAV.
 
     There is one table for the outputs of the plant, one for the sensors of each
     rate, one for the commands of each controller and one for the events.
     """
     hertz = None if rate is None else number(rate, "--rate", "Hz", *RATES)
-    names = separated(only)
     refuse_all(
         (to not in NAMES, f"--to {to}: expected {_LIST}"),
         (
-            only is not None and not names,
+            only is not None and not only,
             "--only: expected names of outputs, sensors or controllers, separated by commas",
         ),
     )
@@ -352,7 +289,7 @@ def export(
     else:
         writable(context, "--out", path)
     run = opened(log)
-    exported = tables(run, names, hertz)
+    exported = tables(run, only or [], hertz)
     if chosen.folder:
         refuse(path, files(exported, to), force)
     with printing.status() as show:
@@ -361,15 +298,15 @@ def export(
         printing.note(note)
     contents = [vars(table) for table in written]
     report = {"path": path, "tables": contents, "notes": exported.notes, "damage": run.notes}
-    printing.either(as_json, report, f"{path}:", *(f"  {table}" for table in written))
+    return Told(report, f"{path}:", *(f"  {table}" for table in written))
 
 
 COMMANDS = {
-    "replay": (replay, "rig live replay recordings/golden/pendulum.mcap --into nf --pace max"),
-    "verify": (verify, "rig verify recordings/golden/pendulum.mcap"),
-    "recover": (recover, "rig recover recordings/runs/pendulum-20260101-120000.mcap"),
-    "runs": (runs, "rig runs recordings/runs --tag squeal"),
-    "note": (note, 'rig note recordings/runs/mine.mcap "new pad, second day" --tag squeal'),
-    "report": (report, "rig report recordings/golden/pendulum.mcap --out pendulum.html"),
-    "export": (export, "rig export recordings/golden/pendulum.mcap --to csv --only vibrometer,nf --rate '500 Hz'"),
+    "replay": Made(replay, "rig live replay recordings/golden/pendulum.mcap --into nf --pace max"),
+    "verify": Made(verify, "rig verify recordings/golden/pendulum.mcap"),
+    "recover": Made(recover, "rig recover recordings/runs/pendulum-20260101-120000.mcap"),
+    "runs": Made(runs, "rig runs recordings/runs --tag squeal"),
+    "note": Made(note, 'rig note recordings/runs/mine.mcap "new pad, second day" --tag squeal'),
+    "report": Made(report, "rig report recordings/golden/pendulum.mcap --out pendulum.html", rig.report),
+    "export": Made(export, "rig export recordings/golden/pendulum.mcap --to csv --only vibrometer,nf --rate '500 Hz'"),
 }

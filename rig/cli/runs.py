@@ -12,46 +12,37 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import rig
 from rig.cli import printing
+from rig.cli.build import Answer, Made, Told
 from rig.cli.options import (
     Accuracy,
     After,
     Before,
     Budget,
-    Changes,
-    Controllers,
-    Duration,
-    Figure,
-    Force,
-    Json,
     Lockstep,
     Most,
     Net,
     NewName,
     Out,
     Pace,
-    SceneName,
-    Trust,
-    Untold,
     When,
     accuracy,
     added,
-    changes,
     linked,
     live_pace,
+    recording,
     refuse_all,
-    scene_file,
-    seconds,
-    separated,
     share,
     the_scene,
     there,
     trigger,
 )
-from rig.cli.printing import draw, new_recording
-from rig.cli.recordings import allow, recording
+from rig.cli.printing import new_recording
+from rig.cli.recordings import allow
 from rig.errors import ControllerFailed, ExitCode, UsageError
 from rig.machine.process import told_to_stop
+from rig.parameters import Argument, Option
 from rig.units import number_or_text
 
 if TYPE_CHECKING:
@@ -59,13 +50,11 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 
-View = Annotated[bool, typer.Option("--view", help="Show the run live in rerun.")]
-Web = Annotated[bool, typer.Option("--web", help="Show the run live on a page in the browser.")]
+View = Annotated[bool, Option("", "Show the run live in rerun.", "--view")]
+Web = Annotated[bool, Option("", "Show the run live on a page in the browser.", "--web")]
 Only = Annotated[
-    str | None,
-    typer.Option(
-        "--only", metavar="NAMES", help="Sensors and outputs that --figure draws over time, separated by commas."
-    ),
+    list[str] | None,
+    Option("NAMES", "Sensors and outputs that --figure draws over time, separated by commas.", "--only"),
 ]
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
@@ -98,59 +87,54 @@ def demo(view: View = False, web: Web = False) -> None:
 
 
 def run(
-    scene: SceneName,
-    p: Changes = None,
-    untold: Untold = None,
-    controller: Controllers = None,
-    net: Net = None,
+    scene: Scene,
+    overrides: Mapping[str, object],
+    controllers: list[str],
+    duration: float | None,
     speed: Pace = None,
     lockstep: Lockstep = False,
-    duration: Duration = None,
+    net: Net = None,
     view: View = False,
     web: Web = False,
     name: NewName = None,
     out: Out = None,
-    figure: Figure = None,
     only: Only = None,
     when: When = None,
     before: Before = None,
     after: After = None,
     most: Most = None,
-    force: Force = False,
     budget: Budget = None,
     precision: Accuracy = None,
-    as_json: Json = False,
-) -> None:
+    *,
+    figure: Path | None,
+    force: bool,
+) -> Answer:
     """Run a scene in real time, with plant, controllers and recorder as processes."""
     factor = live_pace(speed, lockstep)
-    length = seconds(duration)
-    given = changes(p)
     names = listed(only, figure)
-    links = linked(net, given)
     windows = trigger(when, before, after, most)
     if windows is not None and figure is not None:
         raise UsageError("--figure: draws the recording of a whole run; --trigger records windows only")
     from rig.bench.live.outcome import keeps_up
     from rig.bench.live.supervise import run as supervise
 
-    loaded = the_scene(scene, given, {"--controller": added(controller), "--net": links}, untold)
-    there(controller, loaded)
-    drawable(names, loaded)
-    keeps_up(loaded, factor)
-    loaded = configured(loaded, given, precision, budget)
+    there(controllers, scene)
+    drawable(names, scene)
+    keeps_up(scene, factor)
+    scene = configured(scene, overrides, precision, budget)
     if windows is not None:  # the recorder would find what is wrong only when the run has begun
         from rig.record.windows import bound, refuse_existing
 
-        outputs = {name: output.unit for name, output in loaded.assemble().outputs.items()}
-        bound(windows.condition, outputs, {name: sensor.delivers for name, sensor in loaded.sensors.items()})
+        outputs = {name: output.unit for name, output in scene.assemble().outputs.items()}
+        bound(windows.condition, outputs, {name: sensor.delivers for name, sensor in scene.sensors.items()})
         if out is not None:
             refuse_existing(out, force)
-    printing.run_warnings(loaded, length)
+    printing.run_warnings(scene, duration)
     outcome = supervise(
-        loaded,
+        scene,
         pace=factor,
         lockstep=lockstep,
-        duration=length,
+        duration=duration,
         view=view,
         web=web,
         out=out,
@@ -158,20 +142,21 @@ def run(
         name=name,
         trigger=windows.options() if windows is not None else (),
     )
-    printing.result(outcome, as_json)
-    if figure is not None and outcome.log:
-        _draw(outcome.log, figure, names)
-    raise typer.Exit(outcome.exit_code)
+
+    def draw(path: Path) -> None:
+        if outcome.log:
+            _draw(outcome.log, path, names)
+
+    return Answer(outcome, draw=draw, code=outcome.exit_code)
 
 
-def listed(only: str | None, figure: Path | None) -> list[str]:
+def listed(only: list[str] | None, figure: Path | None) -> list[str]:
     """The names that --only lists. Raises UsageError without a figure or without names."""
-    names = separated(only)
     refuse_all(
         (only is not None and figure is None, "--only: chooses what --figure draws; add --figure FILE"),
-        (only is not None and not names, "--only: expected names of sensors or outputs, separated by commas"),
+        (only is not None and not only, "--only: expected names of sensors or outputs, separated by commas"),
     )
-    return names
+    return only or []
 
 
 def drawable(names: Collection[str], scene: Scene) -> None:
@@ -202,12 +187,13 @@ def configured(scene: Scene, overrides: Mapping[str, object], precision: float |
 def _draw(log: str, figure: Path, only: Collection[str] = ()) -> None:
     """Draw a recording."""
     from rig.cli.recordings import opened, without_outputs
+    from rig.view.palette import put
 
     run = opened(Path(log))
     if nothing := without_outputs(run, log):
         printing.note(f"no figure: {nothing}")
         return
-    draw(run, figure, only)
+    put(run.plot(only), figure)
     printing.note(f"figure {figure}")
 
 
@@ -220,11 +206,11 @@ def _start(context: typer.Context, text: str | None) -> str | None:
 
 Start = Annotated[
     str | None,
-    typer.Option(
+    Option(
+        "LOG@TIME",
+        "Continue a recording from this instant (12.5s, 300ms; without @TIME: its end) instead of a scene.",
         "--from",
-        metavar="LOG@TIME",
-        callback=_start,
-        help="Continue a recording from this instant (12.5s, 300ms; without @TIME: its end) instead of a scene.",
+        check=_start,
     ),
 ]
 
@@ -247,55 +233,46 @@ def instant_of(text: str) -> tuple[Path, float | None]:
 
 
 def simulate(
-    scene: Annotated[
-        str | None,
-        typer.Argument(metavar="SCENE", help="Name of a shipped scene, or a TOML file.", callback=scene_file),
-    ] = None,
+    scene: Annotated[str | None, Argument("SCENE", "Name of a shipped scene, or a TOML file.")] = None,
     start: Start = None,
-    p: Changes = None,
-    untold: Untold = None,
-    controller: Controllers = None,
     net: Net = None,
-    duration: Duration = None,
     method: Annotated[
         str | None,
-        typer.Option(
-            metavar="METHOD",
-            help="As clock.method: auto (default), exact, dopri5, dop853, rosenbrock, rk4, kick, smooth.",
-        ),
+        Option("METHOD", "As clock.method: auto (default), exact, dopri5, dop853, rosenbrock, rk4, kick, smooth."),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE", callback=new_recording, help="Recording to write (MCAP). Default: none."),
+        Path | None, Option("FILE", "Recording to write (MCAP). Default: none.", check=new_recording)
     ] = None,
-    figure: Figure = None,
     only: Only = None,
-    force: Force = False,
     budget: Budget = None,
     precision: Accuracy = None,
-    trust: Trust = False,
-    as_json: Json = False,
-) -> None:
+    *,
+    overrides: Mapping[str, str],
+    untold: Mapping[str, object],
+    controllers: list[str],
+    duration: float | None,
+    trust: bool,
+    figure: Path | None,
+    force: bool,
+) -> Answer:
     """Simulate a scene with its controllers in one process, as fast as possible.
 
     With --from: simulate a recording again up to an instant and continue
     from there. Values given with -p and a --duration count from that instant.
     """
-    length = seconds(duration)
-    overrides = changes(p)
     names = listed(only, figure)
     links = linked(net, overrides)
     by_method = {} if method is None else {"clock.method": method}
     given = {
         "SCENE": scene,
         "--untold": untold,
-        "--controller": controller,
+        "--controller": controllers,
         "--net": net,
         "--method": method,
         "--accuracy": precision,
         "--budget": budget,
     }
-    wrong = ", ".join(name for name, value in given.items() if value is not None)
+    wrong = ", ".join(name for name, value in given.items() if value not in (None, [], {}))
     neither = "name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s"
     refuse_all(
         (by_method.keys() & overrides.keys(), "--method and -p: both give clock.method; leave out one of them"),
@@ -305,20 +282,20 @@ def simulate(
     loaded: Scene | None = None
     if scene is not None:
         by_option: dict[str, Mapping[str, object]] = {
-            "--controller": added(controller),
+            "--controller": added(controllers),
             "--net": links,
             "--method": by_method,
         }
         loaded = the_scene(scene, overrides, by_option, untold)
-        there(controller, loaded)
+        there(controllers, loaded)
         drawable(names, loaded)
-        loaded = configured(loaded, overrides | by_method, precision, budget)
-        printing.run_warnings(loaded, length)
+        loaded = configured(loaded, {**overrides, **by_method}, precision, budget)
+        printing.run_warnings(loaded, duration)
     failed = False
     begin = time.perf_counter()
     with _asked_to_stop() as stop:
         try:
-            simulated = _simulated(loaded, start, overrides, length, trust, stop)
+            simulated = _simulated(loaded, start, overrides, duration, trust, stop)
         except ControllerFailed as error:  # what was computed is kept
             if error.run is None:  # it could not start
                 raise
@@ -330,19 +307,17 @@ def simulate(
 
         save(simulated, out, replace=force)  # another command may have written it since this one began
     from rig.scenes.scene import Scene
+    from rig.view.palette import put
 
-    printing.reported(
-        as_json,
+    told = Told(
         lambda: {**simulated.summary, "energy": simulated.energy, "events": simulated.events, "fault": simulated.fault},
-        lambda: printing.pairs(_summary(simulated, loaded or Scene.from_json(simulated.scene), wall, out, figure)),
+        show=lambda: printing.pairs(_summary(simulated, loaded or Scene.from_json(simulated.scene), wall, out, figure)),
     )
-    for text in _notes(simulated):
-        printing.note(text)
-    draw(simulated, figure, names)
     kinds = {event["kind"] for event in simulated.plant_events}
     stopped = not failed and (simulated.fault or "limit" in kinds)
     codes = {ExitCode.STOPPED: stopped, ExitCode.FAILED: failed or "lost" in kinds, ExitCode.INTERRUPTED: stop()}
-    raise typer.Exit(next((code for code, holds in codes.items() if holds), ExitCode.DONE))
+    code = next((code for code, holds in codes.items() if holds), ExitCode.DONE)
+    return Answer(told, notes=[*_notes(simulated)], draw=lambda path: put(simulated.plot(names), path), code=code)
 
 
 def _simulated(
@@ -354,7 +329,6 @@ def _simulated(
     stop: Callable[[], str],
 ) -> Run:
     """Simulate a scene, or continue a recording."""
-    import rig
     from rig.bench.live.rehearsal import marked
 
     with marked(None):
@@ -432,7 +406,12 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
 
 
 COMMANDS = {
-    "demo": (demo, "rig demo --view"),
-    "run": (run, 'rig run pendulum --view -p drive.speed="2 rpm"'),
-    "simulate": (simulate, "rig simulate pendulum --duration 10 --out pendulum.mcap --figure pendulum.png"),
+    "demo": Made(demo, "rig demo --view"),
+    "run": Made(run, 'rig run pendulum --view -p drive.speed="2 rpm"', rig.simulate, "figure"),
+    "simulate": Made(
+        simulate,
+        "rig simulate pendulum --duration 10 --out pendulum.mcap --figure pendulum.png",
+        rig.simulate,
+        "figure",
+    ),
 }

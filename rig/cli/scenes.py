@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Changes, Figure, Force, Json, SceneName, Untold, changes, the_scene
+from rig.cli.build import Answer, Made, Told
+from rig.cli.options import SceneName, the_scene
 from rig.cli.printing import new, writable
 from rig.errors import LogError, RigError, UsageError
 from rig.machine.files import write_file
+from rig.parameters import Argument, Option
 from rig.printable import counted
 
 if TYPE_CHECKING:
@@ -33,31 +35,30 @@ _MANY = 4  # numbers of a list that are shown one by one
 
 def list_scenes(
     folder: Annotated[
-        Path | None, typer.Argument(metavar="FOLDER", help="A folder with scene files. Default: the shipped scenes.")
+        Path | None, Argument("FOLDER", "A folder with scene files. Default: the shipped scenes.")
     ] = None,
-    as_json: Json = False,
-) -> None:
+) -> Told:
     """List the shipped scenes, or those in a folder; and parts that other packages have installed."""
     from rig.scenes import names
     from rig.scenes.shipped import FIRST, card, groups
 
     if folder is None:
-        cards = {name: {**card(name), "group": groups()[name]} for name in names()}
-        if as_json:
-            printing.report([*cards.values()])
-            return
-        printing.line(f"start with {FIRST}: rig run {FIRST} --view")
-        _print_cards([cards[name] for name in groups()])
+        by_name = {name: {**card(name), "group": groups()[name]} for name in names()}
+        cards = [*by_name.values()]
+        shown = [by_name[name] for name in groups()]
     else:
         from rig.scenes.inherit import cards as cards_of  # slow to import
 
-        in_folder = cards_of(folder)
-        if as_json:
-            printing.report(in_folder)
-            return
-        _print_cards(in_folder)
-    _list_installed()
-    printing.line("\nnext: rig explain SCENE | rig simulate SCENE | rig run SCENE --view")
+        cards = shown = cards_of(folder)
+
+    def show() -> None:
+        if folder is None:
+            printing.line(f"start with {FIRST}: rig run {FIRST} --view")
+        _print_cards(shown)
+        _list_installed()
+        printing.line("\nnext: rig explain SCENE | rig simulate SCENE | rig run SCENE --view")
+
+    return Told(cards, show=show)
 
 
 def _print_cards(cards: Sequence[Mapping[str, Any]]) -> None:
@@ -106,13 +107,10 @@ def _list_installed() -> None:
 
 def new_scene(
     context: typer.Context,
-    name: Annotated[str, typer.Argument(metavar="NAME", help="File to write, with or without .toml.")],
-    based_on: Annotated[
-        str, typer.Option(metavar="SCENE", help="Shipped scene, or TOML file, on which the new one is based.")
-    ],
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+    name: Annotated[str, Argument("NAME", "File to write, with or without .toml.")],
+    based_on: Annotated[str, Option("SCENE", "Shipped scene, or TOML file, on which the new one is based.")],
+    force: bool,
+) -> Told:
     """Write a new scene file that is based on another scene and contains only what differs.
 
     The file lists the main values as comments, with unit, range and origin.
@@ -134,22 +132,20 @@ def new_scene(
     write_file(file, draft(scene, base, str(file)).encode())
     typed = shlex.quote(str(file))
     next_steps = f"next: edit it | rig explain {typed} | rig simulate {typed}"
-    printing.either(as_json, {"file": str(file), "based_on": base}, f"{file}: based on {base}", next_steps)
+    return Told({"file": str(file), "based_on": base}, f"{file}: based on {base}", next_steps)
 
 
 def explain(
     scene: SceneName,
-    p: Changes = None,
-    untold: Untold = None,
-    everything: Annotated[bool, typer.Option("--all", help="Show default values too.")] = False,
+    overrides: Mapping[str, object],
+    untold: Mapping[str, object],
+    everything: Annotated[bool, Option("", "Show default values too.", "--all")] = False,
     measure: Annotated[
-        bool,
-        typer.Option("--measure", help="Measure each effect: compute time per step in ns, and change of the motion."),
+        bool, Option("", "Measure each effect: compute time per step in ns, and change of the motion.")
     ] = False,
-    figure: Figure = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+    *,
+    figure: Path | None,
+) -> Answer:
     """Show the contents of a scene: effects, state variables, origin of every value.
 
     For a recording (FILE.mcap): show which effects had no influence in the
@@ -162,38 +158,41 @@ def explain(
     if figure is not None and not measure:
         raise UsageError("--figure: draws the result of --measure; add --measure")
     if scene.endswith(".mcap"):
-        _audited(scene, as_json)
-        return
-    explanation = take_apart(the_scene(scene, changes(p), untold=untold))
+        return Answer(_audited(scene))
+    explanation = take_apart(the_scene(scene, overrides, untold=untold))
     loaded = explanation.scene
     if measure:
-        _measured(loaded, figure, as_json)
-        return
-    values = [v for v in explanation.values if everything or as_json or v.place or v.key in loaded.origins]
-    if as_json:
-        printing.report(
-            {
-                "scene": loaded.name,
-                "title": loaded.title,
-                "about": loaded.about,
-                "based_on": loaded.bases,
-                "notes": loaded.notes,
-                "plant": loaded.plant,
-                "states": explanation.states,
-                "frame_s": loaded.frame_ns / 1e9,
-                "step_s": loaded.step_ns / 1e9,
-                "slow": loaded.slow,
-                "duration_s": None if loaded.duration_ns is None else loaded.duration_ns / 1e9,
-                "effects": [vars(effect) for effect in explanation.effects],
-                "actuators": [vars(actuator) for actuator in explanation.actuators],
-                "faults": {name: dump(fault) for name, fault in loaded.faults.items()},
-                "network": {topic: dump(link) for topic, link in loaded.network.links.items()},
-                "controllers": _believed(loaded)[0],
-                "belief": lines(loaded),
-                "values": [_value(v) for v in values],
-            }
-        )
-        return
+        return _measured(loaded)
+
+    def values() -> dict[str, Any]:
+        return {
+            "scene": loaded.name,
+            "title": loaded.title,
+            "about": loaded.about,
+            "based_on": loaded.bases,
+            "notes": loaded.notes,
+            "plant": loaded.plant,
+            "states": explanation.states,
+            "frame_s": loaded.frame_ns / 1e9,
+            "step_s": loaded.step_ns / 1e9,
+            "slow": loaded.slow,
+            "duration_s": None if loaded.duration_ns is None else loaded.duration_ns / 1e9,
+            "effects": [vars(effect) for effect in explanation.effects],
+            "actuators": [vars(actuator) for actuator in explanation.actuators],
+            "faults": {name: dump(fault) for name, fault in loaded.faults.items()},
+            "network": {topic: dump(link) for topic, link in loaded.network.links.items()},
+            "controllers": _believed(loaded)[0],
+            "belief": lines(loaded),
+            "values": [_value(v) for v in explanation.values],
+        }
+
+    return Answer(Told(values, show=lambda: _print(explanation, scene, everything)))
+
+
+def _print(explanation: Explanation, scene: str, everything: bool) -> None:
+    """Print the contents of a scene. `scene`: the name that the user gave; `everything`: default values too."""
+    loaded = explanation.scene
+    values = [v for v in explanation.values if everything or v.place or v.key in loaded.origins]
     _print_screen(explanation, scene)
     effects = [(e.name, "on" if e.on else "absent", _with_states(e)) for e in explanation.effects]
     printing.described(f"effects: {counted(explanation.states, 'state')}", effects)
@@ -406,7 +405,7 @@ def _value(value: Value) -> dict[str, Any]:
     }
 
 
-def _audited(log: str, as_json: bool) -> None:
+def _audited(log: str) -> Told:
     from rig.cli.recordings import opened
 
     run = opened(Path(log))
@@ -415,31 +414,32 @@ def _audited(log: str, as_json: bool) -> None:
     judged = run.summary.get("audit", [])
     network = run.summary.get("network", {})
     faults = [(event["t_ns"] / 1e9, event["text"]) for event in run.plant_events if event["kind"] == "fault"]
-    if as_json:
-        happened = [{"t": t, "text": text} for t, text in faults]
-        printing.report({"log": log, "effects": judged, "network": network, "faults": happened})
-        return
-    state = [_acted(effect) for effect in judged]
-    shares = ["not judged" if e.get("unjudged") else f"{e['share']:.2g}" for e in judged]
-    remarks = [e["text"] if e["noted"] or e.get("unjudged") else "" for e in judged]
-    rows = list(zip((e["effect"] for e in judged), state, shares, remarks))
-    printing.table(
-        f"{log}: influence of each effect in this run",
-        ("effect", "", "share of the forces (limits: of the time)", "remark"),
-        rows,
-    )
-    if network:
-        printing.line()
-        messages = [(topic, *counts.values()) for topic, counts in network.items()]
-        printing.table("impaired links, number of messages", ("link", *next(iter(network.values()))), messages)
-    if faults:
-        printing.line()
-        printing.table("faults of sensors and actuators", ("t", ""), [(f"{t:g} s", text) for t, text in faults])
-    if not judged:
-        printing.line(
-            "no result: the run was too short, or no shipped scene of its plant has values for the absent effects\n"
-            "(rig explain SCENE --measure uses values of other plants too)"
+
+    def show() -> None:
+        state = [_acted(effect) for effect in judged]
+        shares = ["not judged" if e.get("unjudged") else f"{e['share']:.2g}" for e in judged]
+        remarks = [e["text"] if e["noted"] or e.get("unjudged") else "" for e in judged]
+        rows = list(zip((e["effect"] for e in judged), state, shares, remarks))
+        printing.table(
+            f"{log}: influence of each effect in this run",
+            ("effect", "", "share of the forces (limits: of the time)", "remark"),
+            rows,
         )
+        if network:
+            printing.line()
+            messages = [(topic, *counts.values()) for topic, counts in network.items()]
+            printing.table("impaired links, number of messages", ("link", *next(iter(network.values()))), messages)
+        if faults:
+            printing.line()
+            printing.table("faults of sensors and actuators", ("t", ""), [(f"{t:g} s", text) for t, text in faults])
+        if not judged:
+            printing.line(
+                "no result: the run was too short, or no shipped scene of its plant has values for the absent effects\n"
+                "(rig explain SCENE --measure uses values of other plants too)"
+            )
+
+    happened = [{"t": t, "text": text} for t, text in faults]
+    return Told({"log": log, "effects": judged, "network": network, "faults": happened}, show=show)
 
 
 def _acted(effect: Mapping[str, Any]) -> str:
@@ -449,7 +449,7 @@ def _acted(effect: Mapping[str, Any]) -> str:
     return f"absent, as in {effect['like']}" if effect["like"] else "absent"
 
 
-def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
+def _measured(scene: Scene) -> Answer:
     from rig.qualify import effects_measured
     from rig.record.provenance import provenance
 
@@ -458,22 +458,21 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
     methods = effects_measured.methods(scene)
     signals = [*effects_measured.signals(scene)]
     topics = [*effects_measured.topics(scene)]
-    if as_json:
-        printing.report(
-            {
-                "scene": scene.name,
-                "states": scene.assemble().system().n - 1,
-                "effects": [part.to_json() for part in parts],
-                "methods": methods,
-                "signals": [vars(rate) for rate in signals],
-                "topics": [vars(rate) for rate in topics],
-            }
-        )
-    else:
-        _print_measured(scene, parts, methods, {"outputs": signals, "topics of rig run": topics})
-    if figure is not None:
+    values = {
+        "scene": scene.name,
+        "states": scene.assemble().system().n - 1,
+        "effects": [part.to_json() for part in parts],
+        "methods": methods,
+        "signals": [vars(rate) for rate in signals],
+        "topics": [vars(rate) for rate in topics],
+    }
+    rates = {"outputs": signals, "topics of rig run": topics}
+
+    def draw(figure: Path) -> None:
         title = f"{scene.name}: its effects, on or absent"
         effects_measured.draw(parts, title, provenance(scene.seed), figure)
+
+    return Answer(Told(values, show=lambda: _print_measured(scene, parts, methods, rates)), draw=draw)
 
 
 def _print_measured(
@@ -509,20 +508,15 @@ def _print_measured(
 
 
 def fmu(
-    scene: SceneName,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", callback=new, help="FMU to write.")],
-    p: Changes = None,
+    scene: Scene,
+    out: Annotated[Path, Option("FILE", "FMU to write.", check=new)],
     inputs: Annotated[
         list[str] | None,
-        typer.Option(
-            "--input",
-            metavar="ACTUATOR",
-            help="Actuator that is an input; may be repeated. Default: all that can be commanded.",
+        Option(
+            "ACTUATOR", "Actuator that is an input; may be repeated. Default: all that can be commanded.", "--input"
         ),
     ] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+) -> Told:
     """Write a scene as an FMU for co-simulation (FMI 2.0), for controllers in other tools.
 
     Inputs are actuators; outputs are the sensors and the plant's own outputs,
@@ -535,21 +529,19 @@ def fmu(
     def listed(units: Mapping[str, str]) -> str:
         return ", ".join(f"{name} [{unit}]" for name, unit in units.items())
 
-    loaded = the_scene(scene, changes(p))
-    exported = export(loaded, out, inputs or ())
-    printing.either(
-        as_json,
+    exported = export(scene, out, inputs or ())
+    return Told(
         {"path": out, "inputs": exported.inputs, "outputs": exported.results},
         f"inputs   {listed(exported.inputs)}",
         f"outputs  {listed(exported.results)}",
-        f"step     {loaded.frame_ns * 1e-9:g} s, or a whole number of these",
+        f"step     {scene.frame_ns * 1e-9:g} s, or a whole number of these",
         f"fmu      {out}",
     )
 
 
 COMMANDS = {
-    "list": (list_scenes, "rig list"),
-    "new": (new_scene, "rig new mine --based-on belt"),
-    "explain": (explain, 'rig explain pendulum -p drive.speed="2 rpm"'),
-    "fmu": (fmu, "rig fmu belt --out plant.fmu"),
+    "list": Made(list_scenes, "rig list"),
+    "new": Made(new_scene, "rig new mine --based-on belt"),
+    "explain": Made(explain, 'rig explain pendulum -p drive.speed="2 rpm"', files="figure"),
+    "fmu": Made(fmu, "rig fmu belt --out plant.fmu"),
 }

@@ -83,7 +83,7 @@ def _carried(N0: float, name: str) -> tuple[float, float]:
     low = fold - 1.0
     high = fold + 0.6
     with tempfile.TemporaryDirectory() as folder:
-        chart = rig.map(scene, f"drive.speed={low} rpm:{high} rpm:9", runs=("up",), folder=folder, workers=1)
+        chart = rig.map(scene, f"drive.speed={low} rpm:{high} rpm:9", runs=("up",), out=folder, workers=1)
     assert isinstance(chart, Map)
     swept = rig.sweep(scene, "drive.speed", np.linspace(0.5 * RPM, 4.0 * RPM, 15))
     hopf = [crossing.value / RPM for crossing in swept.critical]

@@ -168,7 +168,7 @@ def recording(tmp_path_factory):
 def test_branches_begin_from_recordings_and_maps(tmp_path, recording, begin):
     start = recording
     if begin != "recording":
-        lab_map = lab.map("belt", "drive.speed=0.3:0.4:2", runs=("far",), folder=tmp_path / "maps", workers=1)
+        lab_map = lab.map("belt", "drive.speed=0.3:0.4:2", runs=("far",), out=tmp_path / "maps", workers=1)
         (lab_map.folder / "map.csv").write_text(lab_map.csv())  # as the command does
         start = lab_map if begin == "map" else lab_map.folder
     lowest = "0.06" if begin == "recording" else "0.25"  # the recorded speed is the end of the range
@@ -321,7 +321,7 @@ def test_a_study_of_random_starts_gives_the_share_that_comes_to_slide(bstab, tmp
     over = {"start.displacement": lab.uniform(-2.0, 2.0), "start.velocity": lab.uniform(0.0, 2.0)}
     for speed, least, most in ((1.1, 0.0, 0.0), (1.5, 0.1, 0.6), (1.85, 1.0, 1.0)):
         scene = lab.load("belt", {**BSTAB, "drive.speed": speed})
-        study = lab.study(scene, over, ["motion.slides"], samples=30, folder=tmp_path, workers=1)
+        study = lab.study(scene, over, ["motion.slides"], samples=30, out=tmp_path, workers=1)
         slides = study.values_of("motion.slides")
         assert least <= slides.mean() <= most
         assert f"{100.0 * slides.mean():.4g} % of 30 points come to slide" in study.text()
@@ -366,13 +366,13 @@ def test_curves_of_special_points_over_two_parameters(tmp_path):
     again: list[int] = []
     curves(todo, second, tmp_path, lambda done, total: again.append(done))
     assert (min(again), max(again)) == (3, 4)
-    result = lab.branches(loaded, over, second=loads, folder=tmp_path)
+    result = lab.branches(loaded, over, second=loads, out=tmp_path)
     hopf, grazing = result.curves
     assert hopf.first == pytest.approx([0.5 * math.log(N / 0.1) for N in hopf.second], abs=1e-10)
     assert (grazing.first[0], grazing.first[-1]) == pytest.approx((1.06527413, 3.01258884), abs=2e-8)
     assert "grazing fold" in result.text()
     assert len(result.plot().get_axes()[0].get_lines()) == 2
-    chart = lab.map(loaded, "drive.speed=1:3:2", "load.force=0.5:2:2", longest=20.0, folder=tmp_path, workers=1)
+    chart = lab.map(loaded, "drive.speed=1:3:2", "load.force=0.5:2:2", longest=20.0, out=tmp_path, workers=1)
     labels = {line.get_label() for line in result.over(chart).get_axes()[0].get_lines()}
     assert {"Hopf point", "grazing fold (contact)"} <= labels
 
@@ -488,7 +488,7 @@ def test_stick_slip_beside_a_steep_law_ends_at_a_canard(tmp_path, scene, low, hi
     [canard] = result.special("canard")
     assert {special.kind for special in result.specials} == {"canard"}
     chart = lab.map(
-        scene, f"drive.speed={canard - 4.5e-8}:{canard + 4.5e-8}:10", runs=("far",), folder=tmp_path, workers=1
+        scene, f"drive.speed={canard - 4.5e-8}:{canard + 4.5e-8}:10", runs=("far",), out=tmp_path, workers=1
     )
     assert (chart.state[RUNS.index("far"), 0] == STICK_SLIP).tolist() == [True] * 5 + [False] * 5
     family = Family(lab.load(scene, {"limits": "none"}), [result.axis])
@@ -722,7 +722,7 @@ def test_an_unbalance_of_an_own_plant_forces_motions_over_the_speed_of_its_drive
         assert np.array([p.low, p.high]) == pytest.approx(0.0024 + amplitude * np.array([-1.0, 1.0]), rel=1e-6)
         assert np.abs(p.multipliers) == pytest.approx(math.exp(-2.0 * p.period), abs=1e-8)
     with pytest.raises(UsageError, match="unbalance is on; curves over two parameters"):
-        lab.branches(scene, "drive.speed=0.8 m/s:1.5 m/s", second="load.force=10 N:20 N:2", folder=tmp_path)
+        lab.branches(scene, "drive.speed=0.8 m/s:1.5 m/s", second="load.force=10 N:20 N:2", out=tmp_path)
 
 
 def test_forced_motions_begin_where_the_starts_say_and_are_followed_once(tmp_path):

@@ -55,7 +55,7 @@ def test_many_events_in_a_frame_are_not_too_many_for_a_block_of_frames(tmp_path)
     a, b, w = 0.15 * 20.0 / 1e7, 0.06 / 1e5, 1e5
     period = 2.0 * a / 0.06 + (2.0 * math.pi - 2.0 * math.atan2(a, b)) / w
     assert limit_cycle(scene).period == pytest.approx(period, rel=1e-9)
-    chart = rig.map(scene, "drive.speed=0.05:0.07:2", runs=("near",), longest=0.01, folder=tmp_path, workers=1)
+    chart = rig.map(scene, "drive.speed=0.05:0.07:2", runs=("near",), longest=0.01, out=tmp_path, workers=1)
     assert not chart.why.any()
 
 

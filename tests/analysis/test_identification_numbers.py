@@ -186,7 +186,7 @@ def test_two_loads_identify_what_one_does_not():
 def proposed(number):
     base, ranges, _, entries = drawn(number, plants=("belt",), runs=((0.05, 16.0), (0.10, 26.0)))
     over = {"drive.speed": [0.05, 0.1, 0.2], "load.force": [8.0, 32.0]}
-    found = rig.identify(base, entries, ranges, starts=1, over=over)
+    found = rig.identify(base, entries, ranges, starts=1, next=over)
     best = found.proposals[0]
     at = tuple(best.settings[key][0] for key in ("drive.speed", "load.force"))
     *_, again = drawn(number, plants=("belt",), runs=((0.05, 16.0), (0.10, 26.0), at))

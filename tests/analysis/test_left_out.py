@@ -23,14 +23,14 @@ ALONE = {
     "sweep": lambda scene, folder: rig.sweep(scene, "drive.speed", (0.1, 0.2)),
     "cycle": lambda scene, folder: rig.limit_cycle(scene),
     "no cycle": lambda scene, folder: rig.limit_cycle(scene, longest=0.01),
-    "map": lambda scene, folder: rig.map(scene, SPEEDS, runs=("near",), folder=folder, workers=1, longest=0.5),
+    "map": lambda scene, folder: rig.map(scene, SPEEDS, runs=("near",), out=folder, workers=1, longest=0.5),
     "regions": regions,
-    "curves": lambda scene, folder: rig.branches(scene, RANGE, start=["hopf"], points=20, second=LOADS, folder=folder),
+    "curves": lambda scene, folder: rig.branches(scene, RANGE, start=["hopf"], points=20, second=LOADS, out=folder),
     "study": lambda scene, folder: rig.study(
-        scene, {"load.force": [18.0, 22.0]}, ["modes.growth", "run.rms"], duration=0.05, folder=folder, workers=1
+        scene, {"load.force": [18.0, 22.0]}, ["modes.growth", "run.rms"], duration=0.05, out=folder, workers=1
     ),
     "search": lambda scene, folder: rig.optimise(
-        scene, {"load.force": (18.0, 22.0)}, "modes.growth", evaluations=15, folder=folder, workers=1
+        scene, {"load.force": (18.0, 22.0)}, "modes.growth", evaluations=15, out=folder, workers=1
     ),
 }
 
@@ -53,7 +53,7 @@ def test_an_analysis_of_the_plant_alone_names_the_controllers(analysis, tmp_path
 
 def test_measures_of_whole_runs_leave_nothing_out(tmp_path):
     scene, loads = rig.load("belt_normal_force"), {"load.force": [18.0, 22.0]}
-    result = rig.study(scene, loads, ["run.rms"], duration=0.05, folder=tmp_path, workers=1)
+    result = rig.study(scene, loads, ["run.rms"], duration=0.05, out=tmp_path, workers=1)
     assert said(result, "plant alone") == (0, 0, 0)
 
 

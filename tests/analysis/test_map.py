@@ -20,7 +20,7 @@ FEW = "drive.speed=0.05:0.45:3"
 
 @pytest.fixture(scope="module")
 def belt(tmp_path_factory):
-    return rig.map("belt", SPEEDS, folder=tmp_path_factory.mktemp("maps"))
+    return rig.map("belt", SPEEDS, out=tmp_path_factory.mktemp("maps"))
 
 
 def test_regions_over_the_speed_are_those_of_the_reference(belt):
@@ -57,7 +57,7 @@ def test_a_run_that_is_carried_slowly_keeps_the_stick_slip_of_an_undamped_belt(t
     """Slip is an arc about rest under kinetic friction. It begins at the belt's speed, away from rest by the drop of
     friction over the stiffness.
     """
-    found = rig.map("belt_c", "drive.speed=0.02:0.2:7", folder=tmp_path, runs=("up", "down"))
+    found = rig.map("belt_c", "drive.speed=0.02:0.2:7", out=tmp_path, runs=("up", "down"))
     p = rig.load("belt_c").parameters
     drop = (p.friction.mu_static - p.friction.mu_kinetic) * p.load.force / p.body.stiffness
     arcs = np.hypot(drop, np.array(found.job.x.values) * np.sqrt(p.body.mass / p.body.stiffness))
@@ -68,7 +68,7 @@ def test_a_run_that_is_carried_slowly_keeps_the_stick_slip_of_an_undamped_belt(t
 
 def test_a_parameter_that_cannot_be_ramped_is_an_axis_too(tmp_path):
     """Less static friction, less stick-slip: over mu_static the cycle ends on the way down."""
-    found = rig.map("belt", "friction.mu_static=0.19:0.5:4", folder=tmp_path, runs=("up", "down"))
+    found = rig.map("belt", "friction.mu_static=0.19:0.5:4", out=tmp_path, runs=("up", "down"))
     assert found.state[RUNS.index("down"), 0, -1] == STICK_SLIP
     assert found.state[RUNS.index("up"), 0, 0] == SLIDING
     cycle = rig.limit_cycle(rig.load("belt"))
@@ -77,7 +77,7 @@ def test_a_parameter_that_cannot_be_ramped_is_an_axis_too(tmp_path):
 
 def test_a_pin_leaves_sliding_beyond_its_limit_of_friction(tmp_path):
     """Tilted pin: damping is used up at 0.727389; at 0.96 the vibration grows with 63 1/s until it sticks."""
-    found = rig.map("pin", "friction.mu=0.6:0.96:3", folder=tmp_path, runs=("near",), workers=1)
+    found = rig.map("pin", "friction.mu=0.6:0.96:3", out=tmp_path, runs=("near",), workers=1)
     near = found.state[RUNS.index("near"), 0].tolist()
     assert near[0] == SLIDING
     assert near[2] in (STICK_SLIP, VIBRATION)
@@ -86,7 +86,7 @@ def test_a_pin_leaves_sliding_beyond_its_limit_of_friction(tmp_path):
 
 def test_points_at_which_a_pin_jams_are_told_and_the_map_goes_on(tmp_path):
     """From 0.988 on it jams; the lowest value of the other axis is one at which it does not begin to move at all."""
-    found = rig.map("pin", "friction.mu=0.7:1.1:3", folder=tmp_path)
+    found = rig.map("pin", "friction.mu=0.7:1.1:3", out=tmp_path)
     jammed = found.job.x.values.index(1.1)
     assert [NAMES[state] for state in found.state[:, 0, jammed]] == ["stopped"] * 4
     assert all("jams: friction takes up all of the inertia" in why for why in found.why[:, 0, jammed])
@@ -99,7 +99,7 @@ def test_points_at_which_a_pin_jams_are_told_and_the_map_goes_on(tmp_path):
 def test_a_boundary_next_to_a_point_without_sliding_is_found(tmp_path):
     """slope(v0) F0 = d at 1.0375 N; at 0 N nothing presses. The columns of the report keep apart."""
     found = rig.map(
-        "belt", "load.force=0:40:5", "drive.speed=0.03:0.06:2", runs=("near",), longest=1.0, folder=tmp_path, workers=1
+        "belt", "load.force=0:40:5", "drive.speed=0.03:0.06:2", runs=("near",), longest=1.0, out=tmp_path, workers=1
     )
     loads = [2.0 / (6.4 * np.exp(-speed / 0.05)) for speed in (0.03, 0.06)]
     assert [row.tolist() for row in found.onsets] == [[pytest.approx(load, rel=1e-8)] for load in loads]
@@ -109,7 +109,7 @@ def test_a_boundary_next_to_a_point_without_sliding_is_found(tmp_path):
 
 
 def test_a_drive_that_stands_still_is_stuck(tmp_path):
-    found = rig.map("belt", "drive.speed=0:0.1:3", folder=tmp_path, runs=("up", "down"))
+    found = rig.map("belt", "drive.speed=0:0.1:3", out=tmp_path, runs=("up", "down"))
     assert [REGIONS[r] for r in found.regions[0]] == ["stuck", "III", "III"]
     assert found.state[0, 0, 0] == STUCK
     assert np.isnan(found.growth[0, 0])
@@ -124,5 +124,5 @@ def test_what_is_wrong_is_told():
 
 def test_a_scene_with_a_shunt_is_mapped_over_a_command(tmp_path):
     """Its system has a check with parameters of its own, which is compared between two values of the command."""
-    found = rig.map("belt_shunt", "drive.speed=0.05:0.3:3", folder=tmp_path, runs=("near", "up"), workers=1)
+    found = rig.map("belt_shunt", "drive.speed=0.05:0.3:3", out=tmp_path, runs=("near", "up"), workers=1)
     assert (found.regions > 0).all()

@@ -26,7 +26,7 @@ def frequencies(low, high, count):
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = tmp_path_factory.mktemp("maps")
-    return rig.map("two_dof_dither", frequencies(5, 20, 4), "dither.amplitude=5 N:80 N:8", folder=folder, workers=1)
+    return rig.map("two_dof_dither", frequencies(5, 20, 4), "dither.amplitude=5 N:80 N:8", out=folder, workers=1)
 
 
 @pytest.mark.parametrize(("column", "ratio"), [(0, 5), (1, 10), (3, 20)])

@@ -70,7 +70,7 @@ def ends(found, row=0):
 @pytest.fixture(scope="module")
 def uniform(tmp_path_factory):
     folder = tmp_path_factory.mktemp("maps")
-    return rig.map("lever", "drive.speed=0.5 rpm:6 rpm:12", folder=folder, workers=1, runs=("up", "down"))
+    return rig.map("lever", "drive.speed=0.5 rpm:6 rpm:12", out=folder, workers=1, runs=("up", "down"))
 
 
 def test_regions_of_the_uniform_disc(uniform):
@@ -98,7 +98,7 @@ def test_cycles_along_the_run(uniform, rpm, period, share, amplitude):
 @pytest.mark.slow
 def test_coulomb_friction_has_no_region_without_sliding_and_its_fold_grows_with_the_load(tmp_path):
     found = rig.map(
-        "lever_coulomb", "drive.speed=0.5 rpm:5 rpm:10", "load.force=10:30:3", folder=tmp_path, runs=("up", "near")
+        "lever_coulomb", "drive.speed=0.5 rpm:5 rpm:10", "load.force=10:30:3", out=tmp_path, runs=("up", "near")
     )
     assert {REGIONS[r] for r in found.regions.ravel()} == {"I", "II"}
     for row, fold in enumerate((1.452, 2.946, 4.468)):
@@ -108,7 +108,7 @@ def test_coulomb_friction_has_no_region_without_sliding_and_its_fold_grows_with_
 @pytest.mark.slow
 def test_a_sector_ends_stick_slip_earlier_and_leaves_the_loss_of_sliding(tmp_path):
     """45 degrees of another surface at 20 N: 3.37 rpm instead of 5.585 rpm, 2.08 rpm instead of 2.03 rpm."""
-    found = rig.map("lever_sector", "drive.speed=1.5 rpm:4.5 rpm:7", folder=tmp_path, workers=1, runs=("up", "down"))
+    found = rig.map("lever_sector", "drive.speed=1.5 rpm:4.5 rpm:7", out=tmp_path, workers=1, runs=("up", "down"))
     assert [REGIONS[r] for r in found.regions[0]] == ["III", "III", "II", "II", "I", "I", "I"]
     assert ends(found) == pytest.approx(3.37, abs=0.1)
     assert found.onsets[0] / RPM == pytest.approx([2.03444], abs=1e-4)

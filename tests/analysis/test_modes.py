@@ -71,7 +71,7 @@ def test_no_analysis_accepts_an_equilibrium_beyond_a_limit_of_the_scene(tmp_path
     ]
     speeds, dampings = (Axis.parse(text, scene) for text in ("drive.speed=0.05:0.07 m/s:2", "body.damping=1:2:2"))
     assert "beyond limits.displacement = 0.002 m" in regions(scene, speeds, dampings).text()
-    found = rig.map(scene, "drive.speed=0.05:0.07:2", runs=("near",), folder=tmp_path, workers=1)
+    found = rig.map(scene, "drive.speed=0.05:0.07:2", runs=("near",), out=tmp_path, workers=1)
     assert np.isnan(found.growth).all()
     assert not rig.limit_cycle(scene).found
 

@@ -24,7 +24,7 @@ def belt():
 @pytest.fixture(scope="module")
 def found(belt, tmp_path_factory):
     folder = tmp_path_factory.mktemp("searches")
-    return lab.optimise(belt, RANGES, distance, evaluations=45, duration=0.002, folder=folder, workers=1)
+    return lab.optimise(belt, RANGES, distance, evaluations=45, duration=0.002, out=folder, workers=1)
 
 
 def test_the_smallest_value_is_found(found):
@@ -56,7 +56,7 @@ def test_a_search_without_any_value_is_told(belt, tmp_path):
 )
 def test_what_is_wrong_is_named(belt, over, more, told):
     with pytest.raises(UsageError, match=told):
-        prepared(belt, over, **{"measure": "cycle.amplitude", **more})
+        prepared(belt, over, **{"minimise": "cycle.amplitude", **more})
 
 
 def test_the_command_writes_table_and_figure(rig, tmp_path):

@@ -38,7 +38,7 @@ def belt():
 def grid(belt, tmp_path_factory):
     """Four points, in two processes."""
     folder = tmp_path_factory.mktemp("studies")
-    return lab.study(belt, OVER, [*WANTED, fastest], duration=0.7, folder=folder, workers=2)
+    return lab.study(belt, OVER, [*WANTED, fastest], duration=0.7, out=folder, workers=2)
 
 
 def test_each_value_is_what_the_other_commands_find(belt, grid):
@@ -67,10 +67,10 @@ def test_the_points_are_those_of_the_grid_each_with_a_seed(belt, grid):
 
 
 def test_one_process_finds_the_same_bits_and_a_finished_study_is_not_computed_again(belt, grid, tmp_path, monkeypatch):
-    alone = lab.study(belt, OVER, [*WANTED, fastest], duration=0.7, folder=tmp_path, workers=1)
+    alone = lab.study(belt, OVER, [*WANTED, fastest], duration=0.7, out=tmp_path, workers=1)
     assert np.array_equal(alone.values, grid.values)
     monkeypatch.setattr(StudyRuns, "compute", None)
-    again = lab.study(belt, OVER, [*WANTED, fastest], duration=0.7, folder=tmp_path, workers=1)
+    again = lab.study(belt, OVER, [*WANTED, fastest], duration=0.7, out=tmp_path, workers=1)
     assert np.array_equal(again.values, grid.values)
 
 
@@ -105,7 +105,7 @@ def test_the_report_lists_points_and_the_range_of_each_measure(grid, tmp_path):
 def test_a_point_without_a_value_is_a_row_with_its_reason(belt, tmp_path):
     """At 1 m/s nothing sticks any more; a function that fails tells its line."""
     found = lab.study(
-        belt, {"drive.speed": [0.1, 1.0]}, ["cycle.period", broken], duration=0.1, folder=tmp_path, workers=1
+        belt, {"drive.speed": [0.1, 1.0]}, ["cycle.period", broken], duration=0.1, out=tmp_path, workers=1
     )
     assert np.isfinite(found.values[:, 0]).tolist() == [True, False]
     assert np.isnan(found.values[:, 1]).all()
@@ -119,14 +119,14 @@ def test_a_motion_that_settles_in_a_cycle_has_the_measures_of_the_cycle(tmp_path
     kinds = ("period", "frequency", "amplitude.arm_displacement", "stick_share")
     wanted = [f"{source}.{kind}" for kind in kinds for source in ("motion", "cycle")]
     wanted += ["motion.energy_per_cycle", "cycle.energy", "motion.growth_rate"]
-    [values] = lab.study(lab.load("lever"), {"load.force": [20.0]}, wanted, folder=tmp_path, workers=1).values
+    [values] = lab.study(lab.load("lever"), {"load.force": [20.0]}, wanted, out=tmp_path, workers=1).values
     assert values[:10:2] == pytest.approx(values[1:10:2], rel=1e-9)
     assert values[10] == 0.0
 
 
 def test_a_motion_that_settles_in_no_cycle_says_why(tmp_path):
     scene = lab.load("lever", {"drive.speed": "8 rpm"})
-    study = lab.study(scene, {"load.force": [20.0]}, ["motion.period", "motion.rms"], folder=tmp_path, workers=1)
+    study = lab.study(scene, {"load.force": [20.0]}, ["motion.period", "motion.rms"], out=tmp_path, workers=1)
     [reason] = study.reasons
     assert reason.startswith("no motion.period, which is a motion of kind smooth: no limit cycle found from the start")
     assert study.values[0, 1] > 0.0
@@ -244,7 +244,7 @@ def test_every_fault_is_told_at_once():
 
 def test_seeds_alone_give_the_runs_of_these_seeds_and_their_spread(tmp_path):
     scene = lab.load("belt_c_damped", {"noise.force": "0.01"})
-    found = lab.study(scene, {}, ["run.rms.velocity"], repeat=3, duration=0.5, folder=tmp_path, workers=1)
+    found = lab.study(scene, {}, ["run.rms.velocity"], repeat=3, duration=0.5, out=tmp_path, workers=1)
     assert found.work.plan.dimensions == {"repeat": 3}
     for k, value in enumerate(found.values[:, 0].tolist()):
         run = lab.simulate(replace(scene, seed=scene.seed + k), 0.5)
@@ -264,7 +264,7 @@ def test_recordings_of_chosen_points_are_kept_and_repeat(belt, tmp_path):
         ["run.highest.displacement"],
         duration=0.5,
         keep="run.highest.displacement > 3 mm",
-        folder=tmp_path,
+        out=tmp_path,
         workers=1,
     )
     assert found.values[:, 0].tolist() == sorted(found.values[:, 0])

@@ -97,7 +97,7 @@ def test_a_function_that_changes_arrays_in_place_changes_no_other_measure(belt, 
 
 
 def test_files_that_do_not_fit_on_the_disk_are_told_and_the_next_call_makes_them(belt, tmp_path):
-    asked = {"duration": 2.0, "keep": "run.highest.displacement > 0 mm", "folder": tmp_path, "workers": 1}
+    asked = {"duration": 2.0, "keep": "run.highest.displacement > 0 mm", "out": tmp_path, "workers": 1}
     over, told = ({"load.force": [10.0]}, ["run.highest.displacement"]), "cannot be written: File too large"
     with (
         largest_file(20_000),

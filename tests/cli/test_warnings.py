@@ -64,7 +64,7 @@ def test_a_parameter_of_an_effect_that_is_off_is_warned_of(
     def stop(*given, **named):
         raise UsageError(STOPPED)
 
-    for worker in ("sweep.sweep", "map.chart", "studies.study", "studies.search.search"):
+    for worker in ("linear.sweep.sweep", "map.chart", "studies.study", "studies.search.search"):
         monkeypatch.setattr(f"rig.analysis.{worker}", stop)
     where = () if command == "modes" else (f"--out={tmp_path}",)
     axis = {"modes": "--sweep", "map": "--x"}.get(command, "--over")

@@ -88,7 +88,7 @@ def _end_of_stick_slip() -> Answer:
     }  # fmt: skip
     with TemporaryDirectory() as folder:
         begin = time.process_time()
-        result = rig.branches(rig.load("belt", changes), "drive.speed=1 m/s:2 m/s", folder=folder)
+        result = rig.branches(rig.load("belt", changes), "drive.speed=1 m/s:2 m/s", out=folder)
         return Answer(result.special("grazing")[0], time.process_time() - begin)
 
 

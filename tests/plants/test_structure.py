@@ -337,7 +337,7 @@ def test_ranges_of_a_training_are_read_and_values_outside_are_named(tmp_path, mo
     assert (
         along.growth[lightly] > -0.5 * 2.0 * np.pi * along.frequency[lightly]
     ).all()  # the reduction holds for these
-    study = rig.study(scene, {"factors.friction": [2.0, 4.0]}, "modes.growth", folder=tmp_path / "studies", workers=1)
+    study = rig.study(scene, {"factors.friction": [2.0, 4.0]}, "modes.growth", out=tmp_path / "studies", workers=1)
     assert study.names == ["modes.growth", "modes.error", "modes.outside"]
     worst = np.nanmax(along.errors, axis=1)
     assert study.values == pytest.approx(np.array([along.largest, worst, [0, 0, 1]])[:, ::2].T, rel=1e-6)

@@ -94,7 +94,7 @@ def test_a_study_runs_the_rig_that_its_controllers_do_not_know(tmp_path):
     """The observer is designed with the mass: a point of a study is the run with an untold mass."""
     name, at_once, masses = "belt_normal_force_displacement", {"controllers.nf.enable_at": 0.0}, (4.5, 5.5)
     scene = load(name, at_once)
-    study = rig.study(scene, {"body.mass": masses}, [last_displacement], duration=0.5, folder=tmp_path, workers=1)
+    study = rig.study(scene, {"body.mass": masses}, [last_displacement], duration=0.5, out=tmp_path, workers=1)
     seeded = (replace(scene, seed=seed) for seed in count(scene.seed))  # as the points of a study
     runs = [rig.simulate(each, 0.5, untold={"body.mass": mass}) for each, mass in zip(seeded, masses)]
     told = [rig.simulate(load(name, {**at_once, "body.mass": mass}), 0.5) for mass in masses]

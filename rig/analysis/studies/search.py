@@ -24,7 +24,7 @@ from rig.analysis.studies.factors import Factor, factors
 from rig.analysis.studies.functions import check_not_loading
 from rig.analysis.studies.measures import Measure, measures, one_unit
 from rig.analysis.studies.runs import MOST, Plan, StudyRuns, check_length, first_seed
-from rig.errors import Faults
+from rig.errors import Faults, UsageError
 from rig.machine.files import csv_table
 from rig.printable import columns, counted
 from rig.quantities import whole
@@ -168,19 +168,22 @@ class SearchRuns(StudyRuns):
 def prepared(
     scene: Scene,
     over: Mapping[str, Any],
-    measure: str | Callable[[Run], Any],
-    largest: bool = False,
+    minimise: str | Callable[[Run], Any] | None = None,
+    maximise: str | Callable[[Run], Any] | None = None,
     evaluations: int = EVALUATIONS,
     seed: int | None = None,
     duration: float | None = None,
 ) -> SearchRuns:
     """Return a checked search of `scene`; `over`: key -> range, "10 N:30 N" or (10.0, 30.0).
 
-    Raises SceneError, UsageError with every fault that is found.
+    `minimise`, `maximise`: the measure, one of the two. Raises SceneError, UsageError with every fault that is found.
     """
     check_not_loading()
+    given_measures = [measure for measure in (minimise, maximise) if measure is not None]
+    if len(given_measures) != 1:
+        raise UsageError("state one measure: minimise, such as cycle.amplitude, or maximise")
     faults = Faults()
-    wanted: tuple[Measure, ...] = faults(lambda: measures(scene, [measure])[:1], ())
+    wanted: tuple[Measure, ...] = faults(lambda: measures(scene, given_measures)[:1], ())
     ranges = {key: _range(given) for key, given in over.items()} if isinstance(over, Mapping) else {}
     given = {key: ends for key, ends in ranges.items() if ends is not None}
     faults.found += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key in ranges if key not in given]
@@ -196,7 +199,8 @@ def prepared(
     most = faults(lambda: whole("evaluations", evaluations, 1, MOST), least)
     if most < least:
         faults.found.append(f"evaluations = {most}: must be at least {least} for {counted(len(ranges), 'parameter')}")
-    work = SearchRuns(scene, Plan(varied, 1, "", 1, first, alike=True), wanted, duration, largest, most)
+    plan = Plan(varied, 1, "", 1, first, alike=True)
+    work = SearchRuns(scene, plan, wanted, duration, maximise is not None, most)
     faults(lambda: check_length(scene, duration, work.of_run), None)
     faults.raise_found()
     return work
