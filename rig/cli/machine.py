@@ -51,7 +51,7 @@ def cost(
     most = share(budget)
     from rig.qualify.cost import cost as measure
     from rig.qualify.cost import folder_of, recommended
-    from rig.qualify.cost.report import CostReport, heads, lines, notes
+    from rig.qualify.cost.report import CostReport
     from rig.qualify.cost.table import front
 
     loaded = the_scene(scene, changes(p))
@@ -72,20 +72,18 @@ def cost(
     except UsageError as error:
         why = str(error)
 
+    result = CostReport(measured, by, pick, most)
+
     def show() -> None:
-        title = f"{measured.scene}: error and compute time on this machine"
-        printing.table(title, heads(measured), lines(measured, by, pick))
-        printing.line()
-        for line in notes(measured, by):
-            printing.line(f"  {line}")
+        printing.line(result.text())
         recommendation = why if pick is None else pick.text(by)
         printing.line(f"\nrecommended for a relative error of {wanted:g}: {recommendation}")
 
-    report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
+    report = result.to_json() | {"folder": str(folder)}
     report |= {"recommended": None if pick is None else pick.flat(), "why": why}
     printing.reported(as_json, lambda: report, show)
     if front(measured.rows, by):
-        draw(CostReport(measured, by, pick, most), folder / "cost.png")
+        draw(result, folder / "cost.png")
     if not as_json:
         printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
     printing.passed(pick is not None)

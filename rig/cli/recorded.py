@@ -169,7 +169,7 @@ def _option(flag: str, metavar: str, text: str, read: Callable[[str, str, Run], 
 class Analysis(NamedTuple):
     """An analysis of a recording: a function of `rig.analysis.recorded`, which takes a run and the `options` by name.
 
-    Its result has `text`, `to_json`, `plot`, and `csv` if it is a `table` of numbers. `show`: how the text is printed.
+    Its result has `text`, `to_json`, `plot`, and `csv` if it is a `table` of numbers.
     """
 
     function: str
@@ -177,7 +177,6 @@ class Analysis(NamedTuple):
     options: Mapping[str, Option]
     example: str
     table: bool = True
-    show: Callable[[Any], None] | None = None
 
     def command(self) -> Callable[..., None]:
         """Return the command: it reads the options, reports all faults at once, prints, writes and draws."""
@@ -210,10 +209,7 @@ class Analysis(NamedTuple):
                 values = {name: value for name, value in values.items() if name not in _SPAN}
             result: Any = faults(lambda: getattr(recorded, self.function)(run, **values), None)
             faults.raise_found()
-            if self.show and not as_json:
-                self.show(result)
-            else:
-                printing.result(result, as_json, figure=figure, **({"csv": csv} if self.table else {}))
+            printing.result(result, as_json, figure=figure, **({"csv": csv} if self.table else {}))
             if csv is not None:
                 write_file(csv, result.csv().encode())
             draw(result, figure)
@@ -237,12 +233,6 @@ def _empty(faults: Faults, begin: float, end: float) -> bool:
     if begin >= end:
         faults.found.append(f"--from {begin:g} s to {end:g} s: the time span is empty; --to must be later")
     return begin >= end
-
-
-def _stages(amplitudes: Any) -> None:
-    printing.table(amplitudes.TITLE, amplitudes.COLUMNS, amplitudes.table())
-    if amplitudes.sticks:
-        printing.line(amplitudes.sticks.text())
 
 
 _SIGNAL = _option("--signal", "NAME", "Sensor or plant output to analyse. Default: a sensor that measures vibration.")
@@ -356,7 +346,6 @@ ANALYSES = {
         _SPAN,
         "rig analyse amplitude recordings/runs/lever-20260101-120000.mcap --from '4 s'",
         table=False,
-        show=_stages,
     ),
 }
 
