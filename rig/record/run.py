@@ -120,12 +120,12 @@ class Run(RunData, Result):
     def to_pandas(self) -> dict[str, DataFrame]:
         """Return one frame for each table: outputs, sensors of each rate, commands of each controller, events.
 
-        The index is the time [s]; `frame.attrs["units"]` has the unit of each column. Raises rig.errors.UsageError if
-        pandas is not installed.
+        Columns have the names of the run. The index is the time [s]; `frame.attrs["units"]` has their units. Raises
+        rig.errors.UsageError if pandas is not installed.
         """
         from rig.record.export.tables import frames, tables
 
-        return frames(tables(self))
+        return frames(tables(self, plain=False))
 
     def to_xarray(self) -> DataTree:
         """Return a tree with one dataset for each table of `to_pandas`, over the coordinate `time` [s].

@@ -353,7 +353,8 @@ class Identified(Result):
         rows = []
         for p in self.parameters:
             stated = p.stated if p.key in of_scene else None  # another law has keys that the scene lacks
-            rows.append((p.key, p.value, p.low, p.high, stated, _plain(p.unit), p.verdict))
+            ends = (p.low, p.high) if math.isfinite(p.low) else (None, None)
+            rows.append((p.key, p.value, *ends, stated, _plain(p.unit), p.verdict))
         return Table("parameters", [Column("key"), *numbers, Column("unit"), Column("verdict")], rows)
 
     def _runs(self) -> Table:
