@@ -113,6 +113,7 @@ class AgainstScene(Result):
             "follows": dict(self.followed),
             "constant": {name: value for name, (value, _) in self.constant.items()},
             "pairs": {pair.channel: pair.simulated_as for pair in self.pairs},
+            "measures": [{"percent": measure.percent} for measure in self.measures],  # not rounded
             "notes": list(self.notes),
         }
 
