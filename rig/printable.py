@@ -44,6 +44,11 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def with_unit(name: str, unit: str) -> str:
+    """A name with its unit, if it has one: the head of a column, the label of an axis."""
+    return name if unit in ("", "1") else f"{name} [{unit}]"
+
+
 def distinct(names: Iterable[str], numbered: str) -> list[str]:
     """Names of which none stands twice: later ones get a number, in the form `numbered`, such as "{} ({})"."""
     made: dict[str, None] = {}

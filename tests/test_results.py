@@ -1,9 +1,13 @@
 """Every result has a figure and an HTML form, made in one way."""
 
 import ast
+import csv
+import html
 import inspect
 import io
+import math
 import os
+import re
 import subprocess
 import sys
 from functools import partial
@@ -16,14 +20,16 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 import rig
+from rig import results
 from rig.analysis import recorded
 from rig.analysis.cycles.motion_measures import Setting
 from rig.cli import app
 from rig.errors import RigError, SceneError, UsageError
+from rig.printable import with_unit
 from rig.qualify.cost.report import CostReport
 from rig.qualify.cost.table import Row, Table
 from rig.qualify.cost.timing import Cost, Spread
-from rig.results import Result, html_of
+from rig.results import Column, Result
 from rig.view.palette import encoded
 
 GOLDEN = Path(__file__).parents[1] / "recordings" / "golden"
@@ -136,9 +142,9 @@ def test_a_result_has_a_figure_and_an_html_form(name, tmp_path, monkeypatch):
     figure = result.plot()
     assert isinstance(figure, Figure)
     monkeypatch.setattr(type(result), "plot", lambda _: figure)  # drawn once
-    html = result._repr_html_()
-    assert html.count("<img ") == html.count("data:image/png;base64,") == 1
-    assert html.startswith(html_of(result.text()))
+    page = result._repr_html_()
+    assert page.count("<img ") == page.count("data:image/png;base64,") == 1
+    assert page.startswith(result.html())
     printed, lines = repr(result).splitlines(), result.text().splitlines()
     assert printed[:40] == lines[:40]
     assert len(printed) == len(lines) or printed[40:] == [f"... and {len(lines) - 40} more lines: .text() returns all"]
@@ -175,30 +181,96 @@ def test_what_a_function_of_rig_returns_is_a_result():
     assert names - NO_RESULTS <= MADE.keys()
 
 
-def test_lines_with_columns_in_common_become_a_table_and_nothing_is_markup():
-    rows = "  mode     growth 1/s\n  flutter         1.5\n  <i>          -20"
-    text = f"a <b>scene</b>: 2 modes\n\n{rows}\n  a line of words"
+@pytest.mark.parametrize("name", MADE)
+def test_text_html_csv_and_json_have_the_same_tables(name, tmp_path):
+    result = MADE[name](tmp_path)
+    lines = [line.split() for line in result.text().splitlines()]
+    for owner, table in tables(result):
+        shown = re.findall(r"<tr>(.*?)</tr>", table.html())
+        rows = [[html.unescape(cell) for cell in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row)] for row in shown]
+        texts = [" ".join(row).split() for row in rows]
+        at = lines.index(texts[0])
+        assert lines[at : at + len(texts)] == texts
+        heads, *values = csv.reader(io.StringIO(table.csv()))
+        assert len(values) == len(table.rows)
+        places = {head_of(column): k for k, column in enumerate(table.columns)}
+        for cells, row in zip(rows[1:], values):
+            for head, cell in zip(rows[0], cells, strict=True):
+                assert_same(table.columns[places[head]], cell, row[places[head]])
+        names = [column.name for column in table.columns]
+        assert heads == [with_unit(column.name, column.unit) for column in table.columns]
+        if name != "Scene":  # its JSON is that of a scene
+            records = owner.to_json()[table.name]
+            assert len(records) == len(values)
+            assert all(record.keys() >= {*names} for record in records)
 
-    head, table, tail = html_of(text).splitlines()
-    assert "&lt;b&gt;scene&lt;/b&gt;: 2 modes" in head
-    assert table.count("<tr>") == 3
-    assert [cell.partition("<")[0] for cell in table.split('0">')[1:]] == [
-        "mode",
-        "growth 1/s",
-        "flutter",
-        "1.5",
-        "&lt;i&gt;",
-        "-20",
+
+def tables(result):
+    """(result, table) of every table of a result and of the results that are part of it."""
+    for part in result.shown():
+        if isinstance(part, Result):
+            yield from tables(part)
+        elif isinstance(part, results.Table):
+            yield result, part
+
+
+def head_of(column):
+    return with_unit(column.name, column.shown or column.unit)
+
+
+def assert_same(column, cell, written):
+    """A cell of a text and one of a CSV file: the same text, or the same number with the digits that are shown."""
+    if written == cell or (written in ("", "nan") and cell in ("", "-", "none")):
+        return
+    shown = re.split(" to |, ", cell)
+    for one, value in zip(shown, map(float, written.split()), strict=True):
+        flag = {"yes": 1.0, "no": 0.0}.get(one)
+        assert value == flag or one == column.cell(value)
+
+
+def test_a_table_has_units_scales_ranges_and_missing_values_and_nothing_in_it_is_markup():
+    columns = (
+        Column("<i>"),
+        Column("share", "1", ".1f", "%", 0.01),
+        Column("at", "m", "z.1f", "mm", 1e-3),
+        Column("band", "Hz", ".3g"),
+        Column("note"),
+    )
+    rows = [
+        ("a <b>", 0.123456, -1e-5, (1.0, 2.0), ""),
+        ("c", None, 0.0015, [], ""),
+        ("d", math.nan, 1.0, [3.0, 4.5], ""),
     ]
-    assert "a line of words" in tail
+    table = results.Table("places", columns, rows, 2)
+    assert table.text().splitlines() == [
+        "  <i>    share [%]  at [mm]  band [Hz]",
+        "  a <b>       12.3      0.0     1 to 2",
+        "  c              -      1.5       none",
+        "  and 1 more",
+    ]
+    assert "<i>" not in table.html()
+    assert "a &lt;b&gt;" in table.html()
+    assert table.html().count("<tr>") == 3
+    assert table.csv().splitlines() == [
+        "<i>,share,at [m],band [Hz],note",
+        "a <b>,0.123456,-1e-05,1 2,",
+        "c,,0.0015,,",
+        "d,nan,1,3 4.5,",
+    ]
+    assert table.records()[0] == {"<i>": "a <b>", "share": 0.123456, "at": -1e-5, "band": (1.0, 2.0), "note": ""}
+
+
+def test_a_result_without_a_table_has_no_csv():
+    with pytest.raises(UsageError, match="no table"):
+        sound(None).csv()
 
 
 @pytest.mark.parametrize("name", ["pendulum", "brake_shunt", "plate", "tip_knock"])
-def test_the_overview_of_a_run_is_one_table(name):
-    html = html_of(golden(name).text())
-    assert html.startswith("<table")
-    assert html.count("<table") == html.count("</table>") == 1
-    assert html.endswith("</table>")
+def test_the_overview_of_a_run_has_tables_of_outputs_and_sensors(name):
+    run = golden(name)
+    names = [table.name for _, table in tables(run)]
+    assert names == ["outputs", "sensors"][: 1 + bool(run.measurements)]
+    assert {record["name"] for record in run.to_json()["sensors"]} == run.measurements.keys()
 
 
 SCENES = {
@@ -251,9 +323,9 @@ def test_where_nothing_can_be_drawn_the_text_is_shown_with_the_reason():
     scene = rig.load("plate_free")
     with pytest.raises(UsageError, match="no contact with friction"):
         scene.plot()
-    html = scene._repr_html_()
-    assert "plate.density" in html
-    assert html.endswith("<p>No figure: nothing to draw: the rig has no contact with friction</p>")
+    page = scene._repr_html_()
+    assert "plate.density" in page
+    assert page.endswith("<p>No figure: nothing to draw: the rig has no contact with friction</p>")
 
 
 def test_matplotlib_is_imported_where_something_is_drawn():

@@ -45,7 +45,7 @@ def cost(
     most = share(budget)
     from rig.qualify.cost import cost as measure
     from rig.qualify.cost import folder_of, recommended
-    from rig.qualify.cost.report import CostReport, heads, lines, notes
+    from rig.qualify.cost.report import CostReport
     from rig.qualify.cost.table import front
     from rig.view.palette import put
 
@@ -66,21 +66,19 @@ def cost(
     except UsageError as error:
         why = str(error)
 
+    result = CostReport(measured, by, pick, most)
+
     def show() -> None:
-        title = f"{measured.scene}: error and compute time on this machine"
-        printing.table(title, heads(measured), lines(measured, by, pick))
-        printing.line()
-        for line in notes(measured, by):
-            printing.line(f"  {line}")
+        printing.line(result.text())
         recommendation = why if pick is None else pick.text(by)
         printing.line(f"\nrecommended for a relative error of {wanted:g}: {recommendation}")
 
-    report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
+    report = result.to_json() | {"folder": str(folder)}
     report |= {"recommended": None if pick is None else pick.flat(), "why": why}
 
     def then() -> Iterator[str]:
         if front(measured.rows, by):
-            put(CostReport(measured, by, pick, most).plot(), folder / "cost.png")
+            put(result.plot(), folder / "cost.png")
         yield f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}"
 
     return Answer(Told(report, show=show), pick is not None, then=then)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Collection, Iterator
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -18,7 +17,7 @@ from rig.machine.files import recording_name
 from rig.printable import counted
 from rig.record.film_points import grouped
 from rig.record.run_data import Commands, Integers, Reals, RunData, Samples, period
-from rig.results import Result
+from rig.results import Column, Result, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,18 +29,21 @@ LINES = 12
 """Most outputs, and most sensors, that have a line each."""
 WIDTH = 120
 """Most characters of a line."""
-_LABEL = 40  # widest column of names
+_RANGE = (Column("name"), Column("lowest", digits=".6g"), Column("highest", digits=".6g"), Column("unit"))
 
 
-def overview(run: RunData) -> str:
-    """Return scene, length, timing verdict, outputs and sensors with their ranges, controllers, events and damage.
-
-    All texts begin in one column, so that the notebook shows them as one table.
-    """
-    rows = [*_rows(run)]
-    label = min(max(len(name) for name, _ in rows), _LABEL)
-    lines = (f"{name:<{label}}  {text}".rstrip() for name, text in rows)
-    return "\n".join(line if len(line) <= WIDTH else f"{line[: WIDTH - 4]} ..." for line in lines)
+def overview(run: RunData) -> Iterator[str | Table]:
+    """Yield scene, length, timing verdict, controllers, events and damage, outputs and sensors with their ranges."""
+    for name, text in _rows(run):
+        line = f"{name}: {text}"
+        yield line if len(line) <= WIDTH else f"{line[: WIDTH - 4]} ..."
+    if not run.measured:
+        yield f"\noutputs: {counted(run.time.size, 'row')}{_rate(np.rint(run.time * 1e9).astype(np.int64))}"
+        if run.signals:
+            yield _outputs(run)
+    if run.measurements:
+        yield "\nsensors"
+        yield _sensors(run)
 
 
 def _rows(run: RunData) -> Iterator[tuple[str, str]]:
@@ -51,11 +53,6 @@ def _rows(run: RunData) -> Iterator[tuple[str, str]]:
     else:
         yield "run", f"{_scene(run)}, {length:g} s, step {run.step_ns / 1e6:g} ms"
         yield "timing", _timing(run)
-        yield "outputs", f"{counted(run.time.size, 'row')}{_rate(np.rint(run.time * 1e9).astype(np.int64))}"
-        yield from _some(_outputs(run), len(grouped(run.signals)))
-    if run.measurements:
-        yield "sensors", str(len(run.measurements))
-        yield from _some(_sensors(run), len(run.measurements))
     commands = (f"{name}: {counted(sent.tick.size, 'command')}" for name, sent in run.commands.items())
     yield "controllers", ", ".join(commands) or "none"
     kinds = Counter(event["kind"] for event in run.events)
@@ -84,31 +81,27 @@ def _timing(run: RunData) -> str:
     return f"{verdict}: {', '.join(map(str, reasons))}" if reasons else str(verdict)
 
 
-def _some(rows: Iterator[tuple[str, str]], count: int) -> Iterator[tuple[str, str]]:
-    yield from islice(rows, LINES)
-    if count > LINES:
-        yield f"  and {count - LINES} more", ""
-
-
-def _outputs(run: RunData) -> Iterator[tuple[str, str]]:
+def _outputs(run: RunData) -> Table:
+    rows = []
     for name, members in grouped(run.signals).items():
-        unit = run.units.get(members[0], "") + (f" at {len(members)} points" if len(members) > 1 else "")
-        yield f"  {name}", f"{_range([run.signals[member] for member in members])} {unit}"
+        ends = _range([run.signals[member] for member in members])
+        rows.append((name, *ends, run.units.get(members[0], ""), len(members) if len(members) > 1 else ""))
+    return Table("outputs", (*_RANGE, Column("points", digits=".0f")), rows, LINES)
 
 
-def _sensors(run: RunData) -> Iterator[tuple[str, str]]:
+def _sensors(run: RunData) -> Table:
+    rows = []
     for name, (t_ns, v) in run.measurements.items():
+        step = period(t_ns)
         unit = run.units.get(f"meas/{name}", "")
-        rows = counted(v.size, "row")
-        yield f"  {name}", f"{_range([v])} {unit}, {rows}{_rate(t_ns)}"
+        rows.append((name, *_range([v]), unit, v.size, 1e9 / step if step else None))
+    return Table("sensors", (*_RANGE, Column("rows", digits=".0f"), Column("rate", "Hz", ".6g")), rows, LINES)
 
 
-def _range(values: list[Reals]) -> str:
-    finite = [v[np.isfinite(v)] for v in values]
-    known = [v for v in finite if v.size]
-    if not known:
-        return "no value"
-    return f"{min(v.min() for v in known):.6g} .. {max(v.max() for v in known):.6g}"
+def _range(values: list[Reals]) -> tuple[float, float] | tuple[None, None]:
+    """The lowest and the highest value, if there is any."""
+    finite = np.concatenate([v[np.isfinite(v)] for v in values])
+    return (float(finite.min()), float(finite.max())) if finite.size else (None, None)
 
 
 def _rate(t_ns: Integers) -> str:
@@ -127,12 +120,12 @@ class Run(RunData, Result):
     def to_pandas(self) -> dict[str, DataFrame]:
         """Return one frame for each table: outputs, sensors of each rate, commands of each controller, events.
 
-        The index is the time [s]; `frame.attrs["units"]` has the unit of each column. Raises rig.errors.UsageError if
-        pandas is not installed.
+        Columns have the names of the run. The index is the time [s]; `frame.attrs["units"]` has their units. Raises
+        rig.errors.UsageError if pandas is not installed.
         """
         from rig.record.export.tables import frames, tables
 
-        return frames(tables(self))
+        return frames(tables(self, plain=False))
 
     def to_xarray(self) -> DataTree:
         """Return a tree with one dataset for each table of `to_pandas`, over the coordinate `time` [s].
@@ -170,6 +163,6 @@ class Run(RunData, Result):
             raise self.failure
         return self
 
-    def text(self) -> str:
-        """Return the overview as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the overview."""
         return overview(self)

@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from rig.errors import SceneError
+from rig.printable import with_unit
+from rig.results import Column
 from rig.scenes.belief import varied
 from rig.scenes.faults import near, shortened, shown, unit_of
 from rig.scenes.scene import Scene
@@ -158,10 +160,9 @@ class Axis:
         """The key with its unit, for a table."""
         return with_unit(self.key, self.shown)
 
-    @property
-    def si_label(self) -> str:
-        """The key with the unit of `values`, for a table of them."""
-        return with_unit(self.key, self.unit)
+    def column(self, name: str = "", digits: str = ".6g") -> Column:
+        """Return the column `name`, by default the key, of a table with values in SI and texts in the unit `shown`."""
+        return Column(name or self.key, self.unit, digits, self.shown, self.scale)
 
     @property
     def title(self) -> str:
@@ -197,11 +198,6 @@ def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") ->
     if faults:
         raise SceneError(scene.name, faults)
     return parsed
-
-
-def with_unit(name: str, unit: str) -> str:
-    """Return the head of a column: a name with its unit, if it has one."""
-    return name if unit in ("", "1") else f"{name} [{unit}]"
 
 
 def value_count(text: str) -> int:

@@ -17,7 +17,7 @@ from rig.effects import knock
 from rig.errors import SceneError
 from rig.parts import Parts, trust_scene
 from rig.quantities import Section, faults_of
-from rig.results import Result
+from rig.results import Column, Result, Table
 from rig.scenes import part_faults, rooms, sections
 from rig.scenes.faults import shown
 from rig.scenes.network import Link, Network
@@ -198,21 +198,17 @@ class Scene(Result):
             values.update(sections.values_of(section, prefix))
         return values
 
-    def text(self) -> str:
-        """Return every value with its unit and origin, as text."""
-        rows = [("value (SI)", "", "unit", "origin")]
+    def shown(self) -> Iterator[str | Table]:
+        """Yield every value with its unit and origin."""
+        rows = []
         for key, (value, unit) in self.values().items():
             shown = f"{value:.6g}" if isinstance(value, float) else f"{value!s:.60}"
             origin = self.origins[key].origin if key in self.origins else "default"
             rows.append((key, shown, unit, origin))
-        widths = [max(map(len, column)) for column in zip(*rows)]
-        lines = [f"{self.name}: {self.title}", ""]
-        for row in rows:
-            cells = "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths))
-            lines.append(f"  {cells.rstrip()}")
-        return "\n".join(lines)
+        yield f"{self.name}: {self.title}\n"
+        yield Table("values", [*map(Column, ("key", "value (SI)", "unit", "origin"))], rows)
 
-    def to_json(self) -> str:
+    def to_json(self) -> str:  # type: ignore[override]
         """The scene as JSON text; `from_json` gives an equal scene back."""
         parts = rooms.foreign(self.plant, self.parameters, self.sensors.values(), self.controllers.values())
         content: dict[str, Any] = {

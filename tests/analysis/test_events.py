@@ -189,7 +189,7 @@ def test_events_lie_over_the_eigenvalues_of_a_scene():
     assert result.events[0].growing == pytest.approx(f, rel=2e-3)
     assert growth == pytest.approx(0.18, rel=1e-3)
     assert result.to_json()["events"][0]["at"]["normal_force"] == pytest.approx(0.5, rel=0.02)
-    assert "scene 1/s" in result.text()
+    assert "scene growth [1/s]" in result.text()
     with pytest.raises(UsageError, match="name it"):
         lab.events(run, over="two_dof", key="load.force", at=["surface_speed"])
     with pytest.raises(SceneError, match="did you mean"):

@@ -60,7 +60,7 @@ def test_a_belt_gives_back_its_parameters(twin, found):
         assert abs(math.log(parameter.value / truth[parameter.key])) < 3.3 * sd, parameter.key  # 99.9 %
         assert 1e-3 < sd < 0.15
     assert all(run.p > 1e-3 and run.cycles >= 10 and 1.0 < run.rms < 3.0 for run in found.best.runs)
-    assert "p of the misfit" in found.text()
+    assert "p: of the misfit" in found.text()
     assert "load.force cannot be told beside friction.mu_static, friction.mu_dynamic" in found.text()
     assert found.plot().axes
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 import rig
-from rig.results import html_of
 
 SPEEDS, LOADS = "drive.speed=0.1 m/s:0.2 m/s:2", "load.force=18 N:22 N:2"
 RANGE = "drive.speed=0.2 m/s:0.8 m/s"
@@ -37,7 +36,7 @@ ALONE = {
 
 def said(result, text):
     """How often the text, the HTML and the JSON of a result contain a text."""
-    return result.text().count(text), html_of(result.text()).count(text), str(result.to_json()).count(text)
+    return result.text().count(text), result.html().count(text), str(result.to_json()).count(text)
 
 
 @pytest.mark.parametrize(

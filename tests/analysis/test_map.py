@@ -37,7 +37,7 @@ def test_the_run_up_loses_the_cycle_at_the_end_of_the_branch(belt):
     end, down = belt.ends[:, 0]
     assert end == pytest.approx([0.675032752, 0.675032752], abs=1e-8)
     assert end.mean() == pytest.approx(KROGER["A_stick_slip_exists_up_to_v0"], abs=5e-6)
-    assert "0.675032752 m/s" in belt.text()
+    assert belt.text().split()[-3:] == ["0.207944154", "0.675032752", "-"]
     assert np.isnan(down).all()
 
 
@@ -97,15 +97,16 @@ def test_points_at_which_a_pin_jams_are_told_and_the_map_goes_on(tmp_path):
 
 
 def test_a_boundary_next_to_a_point_without_sliding_is_found(tmp_path):
-    """slope(v0) F0 = d at 1.0375 N; at 0 N nothing presses. The columns of the report keep apart."""
+    """slope(v0) F0 = d at 1.0375 N; at 0 N nothing presses."""
     found = rig.map(
         "belt", "load.force=0:40:5", "drive.speed=0.03:0.06:2", runs=("near",), longest=1.0, out=tmp_path, workers=1
     )
     loads = [2.0 / (6.4 * np.exp(-speed / 0.05)) for speed in (0.03, 0.06)]
     assert [row.tolist() for row in found.onsets] == [[pytest.approx(load, rel=1e-8)] for load in loads]
-    lines = found.text().splitlines()
-    head = next(line for line in lines if "sliding loses stability" in line)
-    assert all(line[head.index("sliding") :].startswith(f"{load:.6g} N  ") for line, load in zip(lines[-2:], loads))
+    lines = found.text().splitlines()[-2:]
+    assert [line.split() for line in lines] == [
+        [f"{speed:g}", f"{load:.9g}", "-", "-"] for speed, load in zip((0.03, 0.06), loads)
+    ]
 
 
 def test_a_drive_that_stands_still_is_stuck(tmp_path):

@@ -71,7 +71,7 @@ def test_a_rig_that_slides_anyway_needs_no_dither_and_one_that_is_too_weak_throu
 def test_it_is_told_and_written(found):
     assert "leading order" in found.text()
     lines = found.csv().splitlines()
-    assert lines[0] == "dither.frequency [Hz],leading [N],averaged [N],simulated_lost [N],simulated_kept [N]"
+    assert lines[0] == "dither.frequency [Hz],leading [N],averaged [N],simulated_lost [N],simulated_kept [N],deviation"
     assert len(lines) == 5
     json.dumps(found.to_json())
 

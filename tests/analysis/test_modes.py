@@ -245,7 +245,7 @@ def test_what_keeps_a_rig_from_sliding_is_told(name, changes, why, counts):
     assert not found.sliding.exists
     assert why in found.sliding.why
     assert found.sliding.counts is counts
-    assert ("growth 1/s" in found.text()) is counts
+    assert ("growth [1/s]" in found.text()) is counts
 
 
 def test_equilibrium_tells_the_film() -> None:

@@ -44,7 +44,7 @@ def test_the_sample_nearest_to_each_time_is_taken(run):
     assert (closed.fraction, opened.fraction, opened.force, opened.largest) == (1.0, 0.0, 0.0, 0.0)
     assert closed.force == pytest.approx(closed.pressures.sum() * 0.043 * 0.0253 / 8)
     last = found.text().splitlines()[-1]
-    assert last.split()[:2] == ["0.40000", "0"]
+    assert last.split()[:3] == ["film", "0.40000", "0"]
     assert last.split().count("-") == 4  # nothing presses: no centre, no place
 
 

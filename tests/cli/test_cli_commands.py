@@ -188,9 +188,9 @@ def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):
     asked = ("map", "belt", "--x", "drive.speed=0.15:0.25 m/s:2", "--runs", "near", "--out", str(tmp_path))
     code, out, _ = rig(*asked, "--workers", "2")
     assert code == 0
-    assert re.search(r"I +sliding, no vibration found +1 point$", out, re.MULTILINE)
+    assert re.search(r"I +sliding, no vibration found +1$", out, re.MULTILINE)
     assert "I: no vibration found from near sliding\n" in out
-    assert "0.207944 m/s" in out
+    assert "0.207944154" in out
     [folder] = tmp_path.iterdir()
     assert {"map.png", "map.csv"} <= {path.name for path in folder.iterdir()}
     assert (

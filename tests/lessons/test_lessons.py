@@ -139,8 +139,8 @@ rig modes belt
 ```
 
 ```text
-  mode     growth 1/s  ...
-  flutter         3.6  ...
+  kind     growth [1/s]  ...
+  flutter           3.6  ...
   ...
   normal_force = 21 N
 ```
@@ -176,8 +176,8 @@ def test_a_wrong_number_does_not_agree(tmp_path):
     assert growth.value == pytest.approx(3.6553, abs=1e-3)
     renew(read(file))
     assert read(file).commands[0].printed == (
-        "  mode     growth 1/s  ...",
-        "  flutter         3.65529  ...",
+        "  kind     growth [1/s]  ...",
+        "  flutter           3.65529  ...",
         "  ...",
         "  normal_force = 20 N",
     )

@@ -13,7 +13,7 @@ from rig.errors import UsageError
 from rig.model import assembly
 from rig.qualify.cost import Row, Table, cost, folder_of, recommended
 from rig.qualify.cost.measuring import steps_of_film
-from rig.qualify.cost.report import heads, lines, notes
+from rig.qualify.cost.report import CostReport, notes
 from rig.qualify.cost.table import runs_needed
 from rig.qualify.cost.timing import QUIET, Cost, Spread, spread
 from rig.scenes.protocol import Hold
@@ -189,7 +189,7 @@ def test_a_film_of_points_is_measured_by_statistics_of_several_runs(tmp_path):
         assert all(0.0 <= row.floors[name] <= error < 0.3 for name, error in row.errors.items())
     assert recommended(table.rows, "worst", 0.3, None) in table.rows
     assert "half of the 95 % interval of the means of 8 runs" in "\n".join(notes(table, "worst"))
-    (head, part), row = heads(table)[2:4], lines(table, "worst", None)[0]
-    assert (head, part) == ("error", "by statistics")
-    assert float(row[3]) == pytest.approx(table.rows[0].floor(table.rows[0].worst), rel=0.1)
+    row = CostReport(table).to_json()["rows"][0]
+    assert row["error"] == table.rows[0].error("worst")
+    assert row["by statistics"] == table.rows[0].floor(table.rows[0].worst)
     assert Table.read(folder_of(scene, tmp_path)).rows == table.rows

@@ -205,6 +205,25 @@ def test_frames_and_tree(run, tmp_path):
         assert read.identical(found)
 
 
+def test_frames_have_the_names_that_the_run_prints(run):
+    """Exported files have plain ones: a slash is none of NetCDF, and `time` is the name of their first column."""
+    named = dataclasses.replace(
+        run,
+        signals={"pad/force": run.signals["velocity"], "mode": run.signals["displacement"]},
+        measurements={"time": run.measurements["slow"], "laser/2": run.measurements["slow"]},
+        commands={"my loop": run.commands["feedback"]},
+    )
+    frames = named.to_pandas()
+    printed = [row[0] for part in named.shown() if not isinstance(part, str) for row in part.rows]
+    assert [*frames["outputs"], *frames["sensors_25_Hz"]] == ["pad/force", "mode", "mode_2", "time", "laser/2"]
+    assert printed == ["pad/force", "mode", "time", "laser/2"]
+    assert [*frames] == ["outputs", "sensors_25_Hz", "commands_my loop", "events"]
+    assert frames["outputs"]["pad/force"].to_numpy() == pytest.approx(run.signals["velocity"], nan_ok=True)
+    plain = {table.name: [column.name for column in table.columns] for table in tables(named)}
+    assert plain["sensors_25_Hz"] == ["time_2", "laser_2"]
+    assert "commands_my_loop" in plain
+
+
 def test_chosen_names(run):
     both = dataclasses.replace(
         run,

@@ -25,9 +25,8 @@ from rig.analysis.cycles.return_map import FLAT, Family
 from rig.analysis.linear.sweep import sweep
 from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
 from rig.errors import UsageError
-from rig.machine.files import csv_table
-from rig.printable import columns
-from rig.results import Result
+from rig.printable import distinct
+from rig.results import Column, Result, Table
 from rig.scenes.axis import Axis
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
@@ -89,31 +88,27 @@ class Curves(Result):
         figure: Figure = map.with_lines(self.lines())
         return figure
 
-    def csv(self) -> str:
-        """Return every point as a line of a CSV file; parameters in SI."""
-        head = ["curve", self.second.si_label, self.axis.si_label]
-        rows = [[c.name, q, p] for c in self.curves for q, p in zip(c.second, c.first)]
-        return csv_table([head, *rows]).decode()
+    def listed(self) -> Table:
+        """Return a row for each point; parameters in SI."""
+        rows = [(c.name, q, p) for c in self.curves for q, p in zip(c.second, c.first)]
+        return Table("points", (Column("curve"), self.second.column(), self.axis.column()), rows)
 
-    def text(self) -> str:
-        """Return the report as text."""
-        lines = [f"{self.scene.name}: special points over {self.axis.label} and {self.second.label}"]
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the special points at each value of the second parameter."""
+        yield f"{self.scene.name}: special points over {self.axis.label} and {self.second.label}"
         if alone := left_out(self.scene):
-            lines.append(f"  {alone}")
-        lines.append("")
-        rows: list[tuple[str, ...]] = [(self.second.label, *(curve.name for curve in self.curves))]
+            yield f"  {alone}"
+        yield ""
+        names = distinct((curve.name for curve in self.curves), "{} ({})")
         known = [dict(zip(curve.second, curve.first)) for curve in self.curves]
-        for value in self.second.values:
-            cells = (self.axis.text(k[value], 10) if value in k else "" for k in known)
-            rows.append((self.second.text(value), *cells))
-        lines += columns(rows, "<" + ">" * len(self.curves))
+        rows = [(value, *(points.get(value) for points in known)) for value in self.second.values]
+        yield Table("specials", [self.second.column(), *(self.axis.column(name, ".10g") for name in names)], rows)
         for curve in self.curves:
             if curve.why:
-                lines.append(f"  {curve.name}: {curve.why}")
-        return "\n".join(lines)
+                yield f"  {curve.name}: {curve.why}"
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values; parameters in SI."""
+    def facts(self) -> dict[str, Any]:
+        """Return the curves; parameters in SI."""
         return {
             "scene": self.scene.name,
             "left_out": left_out(self.scene),

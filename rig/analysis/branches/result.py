@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from rig.machine.files import csv_table
-from rig.printable import columns
-from rig.results import Result
-from rig.scenes.axis import Axis, with_unit
+from rig.results import Column, Result, Table
+from rig.scenes.axis import Axis
 from rig.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -173,29 +171,33 @@ class Branches(Result):
         """Return the values (SI) of the special points of a kind, such as "hopf", "grazing", "jump"."""
         return [special.value for special in self.specials if special.kind == kind]
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the special points, the branches, and what was not computed."""
         axis = self.axis
         low = axis.text(min(axis.values))
         high = axis.text(max(axis.values))
-        lines = [f"{self.scene.name}: branches over {axis.label} from {low} to {high}, output {self.output}", ""]
-        rows: list[tuple[str, ...]] = [("special point", axis.label, "accuracy", "period s", "")]
-        for special in self.specials:
-            at = f"{special.value / axis.scale:.12g}"
-            accuracy = f"{special.accuracy / axis.scale:.0e}" if math.isfinite(special.accuracy) else ""
-            period = f"{special.period:.8g}" if special.period == special.period else ""
-            rows.append((special.name, at, accuracy, period, special.why))
-        lines += columns(rows, "<>>><") if len(rows) > 1 else ["  no special point"]
-        rows = [("branch", "points", "from", "to", "stability", "ends at")]
+        yield f"{self.scene.name}: branches over {axis.label} from {low} to {high}, output {self.output}\n"
+        yield self._special_points() if self.specials else "  no special point"
+        rows: list[tuple[Any, ...]] = []
         for branch in self.branches:
-            if branch.points:
-                begin, last = (axis.text(branch.points[i].value, 8) for i in (0, -1))
-                end = "" if branch.end is None else self._end(branch.end)
-                rows.append((branch.name, str(len(branch.points)), begin, last, _stability(branch.points), end))
-        lines += ["", *columns(rows, "<>>><<")]
+            begin, last = (branch.points[i].value for i in (0, -1)) if branch.points else (math.nan, math.nan)
+            end = "" if branch.end is None else self._end(branch.end)
+            rows.append((branch.name, len(branch.points), begin, last, _stability(branch.points), end))
+        ends = (axis.column(name, ".8g") for name in ("from", "to"))
+        columns = (Column("branch"), Column("points", digits=".0f"), *ends, Column("stability"), Column("ends at"))
+        yield ""
+        yield Table("branches", columns, rows)
         worst = max((point.residual for *_, point in self.points()), default=0.0)
-        lines += ["", f"  largest residual of a return map: {worst:.1e} of the range of each state"]
-        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+        yield f"\n  largest residual of a return map: {worst:.1e} of the range of each state"
+        yield from (f"  {note}" for note in self.notes)
+
+    def _special_points(self) -> Table:
+        accuracy = self.axis.column("accuracy", ".0e")
+        place = (self.axis.column(digits=".12g"), accuracy, Column("period", "s", ".8g"))
+        rows = [
+            (special.name, special.value, special.accuracy, special.period, special.why) for special in self.specials
+        ]
+        return Table("specials", (Column("name"), *place, Column("why")), rows)
 
     def _end(self, end: SpecialPoint) -> str:
         return _ENDS.get(end.kind, end.name)
@@ -204,8 +206,8 @@ class Branches(Result):
         """Where a branch ends, with the value in SI."""
         return f"{self._end(branch.end)}, {branch.end.value:.12g} {self.axis.unit}" if branch.end else ""
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values; parameters in SI."""
+    def facts(self) -> dict[str, Any]:
+        """Return the branches with all points; parameters in SI."""
         return {
             "scene": self.scene.name,
             "key": self.axis.key,
@@ -262,16 +264,17 @@ class Branches(Result):
         dataset: Dataset = xarray.Dataset(variables, coordinates, {"scene": self.scene.name})
         return dataset
 
-    def csv(self) -> str:
-        """Return every point as a line of a CSV file; the head names the units."""
-        head = ["branch", "motion", self.axis.si_label, with_unit("low", self.unit), with_unit("high", self.unit)]
-        head += ["period [s]", "stick share", "stable", "largest multiplier", "branch ends at"]
-        rows: list[list[Any]] = [head]
+    def listed(self) -> Table:
+        """Return a row for each point of each branch."""
+        output = (Column("low", self.unit), Column("high", self.unit))
+        rest = (Column("stick share"), Column("stable"), Column("largest multiplier"), Column("branch ends at"))
+        columns = (Column("branch"), Column("motion"), self.axis.column(), *output, Column("period", "s"), *rest)
+        rows = []
         for number, branch, point in self.points():
             end = self._last(branch) if point is branch.points[-1] else ""
             row = [number, branch.name, point.value, point.low, point.high, point.period, point.stick]
             rows.append([*row, int(point.stable), point.largest_multiplier, end])
-        return csv_table(rows).decode()
+        return Table("points", columns, rows)
 
     def at(self, value: float) -> list[tuple[Branch, Point]]:
         """Return the motions at a value (SI) of the parameter, interpolated between neighbouring points."""

@@ -9,6 +9,7 @@ that sticks erases the disturbance: its multiplier is zero.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -16,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.cycles.repetition import REPEAT
-from rig.printable import columns, counted
-from rig.results import Result
+from rig.printable import counted
+from rig.results import Column, Result, Table
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -128,8 +129,8 @@ class Cycle(Result):
         """Whether the cycle is unstable: a small disturbance grows from period to period."""
         return self.multiplier > 1.0 + max(10.0 * self.floquet.error, REPEAT)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
+    def facts(self) -> dict[str, Any]:
+        """Return the cycle, without its outputs over time."""
         if not self.found:
             kept = ("scene", "method", "found", "decided", "why", "after", "left_out")
             return {name: getattr(self, name) for name in kept}
@@ -138,34 +139,39 @@ class Cycle(Result):
         drawn = ("time", "outputs", "rig", "state")  # for figures and Python: thousands of numbers
         return {**{name: value for name, value in vars(self).items() if name not in drawn}, **derived}
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield period, times of stick, the range of each output, multipliers and energy."""
         alone = [f"  {self.left_out}"] if self.left_out else []
         if not self.found:
-            return "\n".join([f"{self.scene}: {self.why}", *alone])
+            yield f"{self.scene}: {self.why}"
+            yield from alone
+            return
         attracts = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT)
         sticks = any(self.stick_time.values())
         kind = "limit cycle" if sticks or attracts or self.repels else "periodic motion"
         kind = f"{'unstable ' * self.repels}{kind}{'' if sticks else ' in which nothing sticks'}"
         newton = f", the last of the way by {counted(self.newton, 'step')} of Newton's method" if self.newton else ""
-        lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}", *alone]
-        lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]
+        yield f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}"
+        yield from alone
+        yield f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"
         for name, time in self.stick_time.items():
-            lines += [f"  {name} sticks for {time:.10g} s, {100.0 * time / self.period:.4g} % of the period"]
-        rows: list[tuple[str, ...]] = [("output", "lowest", "highest", "amplitude", "stick starts", "stick ends", "")]
+            yield f"  {name} sticks for {time:.10g} s, {100.0 * time / self.period:.4g} % of the period"
+        numbers = ("lowest", "highest", "amplitude", "stick starts", "stick ends")
+        columns = [Column("output"), *(Column(name, digits=".8g") for name in numbers), Column("unit")]
+        rows = []
         largest: dict[str, float] = {}
         for name, ends in self.extremes.items():
             largest[self.units[name]] = max(largest.get(self.units[name], 0.0), *map(abs, ends))
         for name, ends in self.extremes.items():
             values = (*ends, self.amplitude[name], self.stick_start.get(name), self.stick_end.get(name))
             none = _ROUNDING * largest[self.units[name]]
-            cells = ("" if value is None else f"{value if abs(value) > none else 0.0:.8g}" for value in values)
-            rows.append((name, *cells, self.units[name]))
-        lines += ["", *columns(rows, "<>>>>><")]
-        lines += ["", f"  Floquet multipliers: {self.floquet.text()}"]
+            rounded = (0.0 if value is not None and abs(value) <= none else value for value in values)
+            rows.append((name, *rounded, self.units[name]))
+        yield ""
+        yield Table("ranges", columns, rows)
+        yield f"\n  Floquet multipliers: {self.floquet.text()}"
         terms = ", ".join(f"{name} {v:.6g}" for name, v in self.energy.items() if name != "error" and v)
-        lines += ["", f"  energy in a cycle [J]: {terms}; residual {abs(self.energy['error']):.1e}"]
-        return "\n".join(lines)
+        yield f"\n  energy in a cycle [J]: {terms}; residual {abs(self.energy['error']):.1e}"
 
 
 def _multiplier(value: complex, small: float) -> str:

@@ -26,9 +26,9 @@ from rig.analysis.identification.influence import Influence
 from rig.analysis.identification.responses import Response
 from rig.analysis.identification.runs import Free, Law, Task
 from rig.analysis.identification.slips import MEASURES
-from rig.printable import columns, counted
+from rig.printable import counted
 from rig.record.run import Reals
-from rig.results import Result, csv_text
+from rig.results import Column, Result, Table
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 
@@ -315,48 +315,75 @@ class Identified(Result):
         """The parameters that are written into a scene: identified, also weakly, of a law that fits."""
         return tuple(p for p in self.parameters if p.verdict in (IDENTIFIED, WEAK))
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table | Result]:
+        """Yield parameters, runs, predictions, laws, and the next experiments."""
         best = self.best
         how = "from experiments"
         if any(run.evidence.run.kind == "cycles" for run in best.runs):
             how = "cycle by cycle" if best.repeats else "by measures of cycles"
         law = f", law {best.law.name}" if best.law.name else ""
         runs_and_law = f"{counted(len(best.runs), 'run')}{law}"
-        lines = [f"{self.task.scene.name}: {runs_and_law}, {how}; {best.evaluations} evaluations"]
-        alone = left_out(self.task.scene)
-        lines += [f"  {alone}"] if alone else []
-        rows = [("", "found", "90 % from", "to", "stated", "", "verdict")]
-        of_scene = self.task.scene.values()
-        for p in self.parameters:
-            stated = f"{p.stated:.5g}" if p.key in of_scene else "-"  # another law has keys that the scene lacks
-            ends = (f"{p.low:.5g}", f"{p.high:.5g}") if math.isfinite(p.low) else ("-", "-")
-            rows.append((p.key, f"{p.value:.5g}", *ends, stated, _plain(p.unit), p.verdict))
-        lines += columns(rows, "<>>>><<")
-        runs = [("run", "cycles", "left out", "rms / noise", "p of the misfit")]
-        for run in best.runs:
-            rms = f"{run.rms:.3g}" if best.repeats else "-"
-            misfit = f"{run.p:.2g}" if math.isfinite(run.p) else "-"
-            runs.append((run.name, str(run.cycles), str(run.dropped), rms, misfit))
-        lines += ["", *columns(runs, "<>>>>")]
+        yield f"{self.task.scene.name}: {runs_and_law}, {how}; {best.evaluations} evaluations"
+        if alone := left_out(self.task.scene):
+            yield f"  {alone}"
+        yield "  low to high: interval of 90 %; rms: over the noise; p: of the misfit"
+        yield self.listed()
+        yield ""
+        yield self._runs()
         for run in best.predicted:
-            lines += ["", *_prediction(run)]
+            yield f"\n{run.name} (not fitted), {_told(run)}"
+        if table := self._predictions():
+            yield table
         if len(self.fits) > 1:
-            head = "rms / noise" if best.repeats else "deviation between runs"
-            table = [("law", head, "p of the misfit", "", UNKNOWN)]
-            for fit in self.fits:
-                unknown = ", ".join(p.key for p in fit.parameters if p.verdict == UNKNOWN)
-                outcome = "fits" if fit.fits else "does not fit"
-                table.append((fit.law.name, f"{fit.size:.3g}", f"{fit.p:.2g}", outcome, unknown))
-            lines += ["", *columns(table, "<>><<")]
+            size = "size: rms over the noise" if best.repeats else "size: deviation between runs"
+            yield f"\n  {size}"
+            yield self._laws()
         words = [*best.words()]
-        lines += ["", *(f"  {word}" for word in words)] if words else []
+        if words:
+            yield ""
+            yield from (f"  {word}" for word in words)
         for proposal in self.proposals:
-            lines += ["", *proposal.lines()]
-        return "\n".join(lines)
+            yield ""
+            yield proposal
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
+    def listed(self) -> Table:
+        """Return the parameters."""
+        numbers = [Column(name, digits=".5g") for name in ("value", "low", "high", "stated")]
+        of_scene = self.task.scene.values()
+        rows = []
+        for p in self.parameters:
+            stated = p.stated if p.key in of_scene else None  # another law has keys that the scene lacks
+            ends = (p.low, p.high) if math.isfinite(p.low) else (None, None)
+            rows.append((p.key, p.value, *ends, stated, _plain(p.unit), p.verdict))
+        return Table("parameters", [Column("key"), *numbers, Column("unit"), Column("verdict")], rows)
+
+    def _runs(self) -> Table:
+        repeats = self.best.repeats
+        counts = (Column(name, digits=".0f") for name in ("cycles", "left_out"))
+        columns = (Column("name"), *counts, Column("rms", digits=".3g"), Column("p", digits=".2g"))
+        rows = [(r.name, r.cycles, r.dropped, r.rms if repeats else None, r.p) for r in self.best.runs]
+        return Table("runs", columns, rows)
+
+    def _predictions(self) -> Table | None:
+        """The measures of the runs that were not fitted, beside their bands of 95 %."""
+        numbers = (Column(name, digits=".4g") for name in ("measured", "predicted", "low", "high"))
+        rows = []
+        for run in self.best.predicted:
+            for name, measure in _measures(run).items():
+                rows.append((run.name, name, *measure.values(), run.inside[name]))
+        columns = (Column("run"), Column("measure"), *numbers, Column("inside"))
+        return Table("predictions", columns, rows) if rows else None
+
+    def _laws(self) -> Table:
+        rows = []
+        for fit in self.fits:
+            unknown = ", ".join(p.key for p in fit.parameters if p.verdict == UNKNOWN)
+            rows.append((fit.law.name, fit.size, fit.p, fit.fits, unknown))
+        numbers = (Column("size", digits=".3g"), Column("p", digits=".2g"))
+        return Table("laws", (Column("law"), *numbers, Column("fits"), Column(UNKNOWN)), rows)
+
+    def facts(self) -> dict[str, Any]:
+        """Return method, parameters, runs, laws and proposals."""
         best = self.best
         offsets = zip(best.offsets.names, best.z[len(best.law.free) :], best.offsets.sizes)
         return {
@@ -372,16 +399,11 @@ class Identified(Result):
             "runs": [
                 {"name": r.name, "cycles": r.cycles, "left_out": r.dropped, "rms": r.rms, "p": r.p} for r in best.runs
             ],
-            "predicted": [_prediction_json(run) for run in best.predicted],
+            "predicted": [{"name": run.name, "why": run.why, "measures": _measures(run)} for run in best.predicted],
             "laws": [_law_json(fit) for fit in self.fits],
             "notes": [*best.words()],
             "next": [proposal.to_json() for proposal in self.proposals],
         }
-
-    def csv(self) -> str:
-        """Return the parameters as CSV."""
-        rows = [(p.key, p.unit, p.value, p.low, p.high, p.stated, p.verdict) for p in self.parameters]
-        return csv_text(("parameter", "unit", "value", "90 % from", "to", "stated", "verdict"), rows)
 
     def predict(self, name: str) -> RunFit:
         """The run `name` that was not fitted, beside its bands. Raises KeyError."""
@@ -410,18 +432,9 @@ def _plain(unit: str) -> str:
     return "" if unit == "1" else unit
 
 
-def _prediction(run: RunFit) -> Iterator[str]:
-    """The lines of a run that was not fitted."""
-    if run.response is None:
-        yield f"{run.name} (not fitted): no prediction: {run.why}"
-        return
-    yield f"{run.name} (not fitted), {counted(run.cycles, 'cycle')}"
-    rows: list[tuple[str, ...]] = [("", "measured", "predicted", "95 % from", "to", "")]
-    for i, name in enumerate(MEASURES[:4]):
-        measured, expected, band = (float(v[i]) for v in (run.measures, run.model, run.band))
-        values = (f"{math.exp(v):.4g}" for v in (measured, expected, expected - band, expected + band))
-        rows.append((name, *values, "inside" if run.inside[name] else "outside"))
-    yield from columns(rows, "<>>>><")
+def _told(run: RunFit) -> str:
+    """What there is of a run that was not fitted."""
+    return f"no prediction: {run.why}" if run.response is None else counted(run.cycles, "cycle")
 
 
 def _law_json(fit: LawFit) -> dict[str, Any]:
@@ -429,8 +442,11 @@ def _law_json(fit: LawFit) -> dict[str, Any]:
     return {"law": fit.law.name, "size": fit.size, "p": fit.p, "fits": fit.fits, "verdicts": verdicts}
 
 
-def _prediction_json(run: RunFit) -> dict[str, Any]:
-    measures = {
+def _measures(run: RunFit) -> dict[str, dict[str, float]]:
+    """The measures of a run that was not fitted, their predictions and bands of 95 %; none without a prediction."""
+    if run.response is None:
+        return {}
+    return {
         name: {
             "measured": math.exp(run.measures[i]),
             "predicted": math.exp(run.model[i]),
@@ -439,4 +455,3 @@ def _prediction_json(run: RunFit) -> dict[str, Any]:
         }
         for i, name in enumerate(MEASURES[:4])
     }
-    return {"name": run.name, "why": run.why, "measures": measures if run.response is not None else {}}

@@ -33,8 +33,8 @@ from rig.analysis.identification.twins import SEED, on_cycle, simulated
 from rig.analysis.pool import Arrays, Work, carry_out, temporary
 from rig.analysis.studies.factors import factors
 from rig.errors import NumericsError, RigError, UsageError
-from rig.printable import columns
 from rig.record.run import Reals
+from rig.results import Column, Result, Table
 from rig.scenes.belief import varied
 
 _LONGER = 4.0
@@ -43,7 +43,7 @@ _SHOWN = 5  # proposals, the best ones
 
 
 @dataclass(frozen=True)
-class Proposal:
+class Proposal(Result):
     """Settings of a run, predicted intervals (half widths relative to the values), and the log determinant."""
 
     settings: dict[str, tuple[float, str]]
@@ -52,19 +52,19 @@ class Proposal:
     determinant: float
     seconds: float
 
-    def lines(self) -> Iterator[str]:
-        """The proposal as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the settings and the intervals."""
         settings = []
         for key, (value, unit) in self.settings.items():
             text = f"{key} = {value:.4g}"
             settings.append(text if unit == "1" else f"{text} {unit}")
-        yield f"next: {', '.join(settings)}, {self.seconds:.3g} s"
-        rows = [("half of the interval of 90 %", "now", "predicted")]
-        rows += [(key, f"{100.0 * self.now[key]:.3g} %", f"{100.0 * w:.3g} %") for key, w in self.widths.items()]
-        yield from columns(rows, "<>>")
+        yield f"next: {', '.join(settings)}, {self.seconds:.3g} s; half of the interval of 90 %:"
+        numbers = (Column(name, "1", ".3g", "%", 0.01) for name in ("now", "predicted"))
+        rows = [(key, self.now[key], width) for key, width in self.widths.items()]
+        yield Table("intervals", (Column("parameter"), *numbers), rows)
 
-    def to_json(self) -> dict[str, Any]:
-        """The proposal as JSON values."""
+    def facts(self) -> dict[str, Any]:
+        """Return settings and intervals."""
         settings = {key: value for key, (value, _) in self.settings.items()}
         return {"settings": settings, "widths": self.widths, "now": self.now, "seconds": self.seconds}
 

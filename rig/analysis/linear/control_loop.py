@@ -32,9 +32,8 @@ from rig.analysis.linear.sweep import Sweep, along
 from rig.design import numbers
 from rig.design.linearised import Plant, Sampled, linear, linear_form, sampled
 from rig.errors import PartError, SceneError, Singular
-from rig.printable import columns
 from rig.quantities import unit_of
-from rig.results import Result
+from rig.results import Column, Result, Table
 from rig.scenes.axis import Axis
 from rig.scenes.belief import lines as belief_lines
 from rig.scenes.belief import of_varied
@@ -205,8 +204,8 @@ class Loop(Result):
         w = np.concatenate([np.geomspace(1e-2 * slowest, top, GRID), *around])
         return np.unique(w[(w > 0.0) & (w < top)])
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
+    def facts(self) -> dict[str, Any]:
+        """Return gains and margins."""
         ends = self.gain_range
         return {
             "scene": self.scene,
@@ -217,7 +216,6 @@ class Loop(Result):
             "period": self.model.period,
             "delay": self.delay,
             "stable": self.growth < 0.0,
-            "modes": [{"growth": g, "frequency": f} for g, f in self._closed_modes()],
             "gain_range": None if ends is None else list(ends),
             "gain_ranges": [list(limits) for limits in self.gain_ranges],
             "margins": self.margins,
@@ -230,25 +228,23 @@ class Loop(Result):
         rates = [rate for rate in self.spectrum.rates if rate.imag >= 0.0]
         return [(float(rate.real), float(rate.imag) / (2.0 * math.pi)) for rate in rates]
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the modes of the closed loop, the gains and the margins."""
         late = f"delay {1e3 * self.delay:g} ms, " if self.delay else ""
         hold = f"{late}sample and hold at {1e3 * self.model.period:g} ms"
-        lines = [
-            f"{self.scene}: loop of {self.controller} ({self.through}), gain {self.gain:g} {self.unit}".rstrip(),
-            f"  linearised about steady sliding, within all limits; {hold}, exactly discretised",
-            *([f"  {self.left_out}"] if self.left_out else []),
-            *(f"  {line}" for line in self.belief),
-            "",
-        ]
-        modes = self._closed_modes()
-        rows = [("vibration mode", "growth 1/s", "frequency Hz")]
-        rows += [("grows" if g > 0.0 else "decays", f"{g:.6g}", f"{f:.6g}") for g, f in modes[:MOST]]
-        lines += columns(rows, "<>>")
-        lines += [f"  and {len(modes) - MOST} that decay faster"] if len(modes) > MOST else []
-        lines += ["", *self._ranges()]
-        lines += self.margin_lines("ms more, then it grows at {delay_hertz:.5g} Hz") if self.margins else []
-        return "\n".join(lines)
+        yield f"{self.scene}: loop of {self.controller} ({self.through}), gain {self.gain:g} {self.unit}".rstrip()
+        yield f"  linearised about steady sliding, within all limits; {hold}, exactly discretised"
+        if self.left_out:
+            yield f"  {self.left_out}"
+        yield from (f"  {line}" for line in self.belief)
+        yield ""
+        columns = (Column("kind"), Column("growth", "1/s", ".6g"), Column("frequency", "Hz", ".6g"))
+        rows = [("grows" if g > 0.0 else "decays", g, f) for g, f in self._closed_modes()]
+        yield Table("modes", columns, rows, MOST)
+        yield ""
+        yield from self._ranges()
+        if self.margins:
+            yield from self.margin_lines("ms more, then it grows at {delay_hertz:.5g} Hz")
 
     def margin_lines(self, delay: str) -> Iterator[str]:
         """Lines of text on the margins; `delay`: what follows the delay margin."""

@@ -18,8 +18,8 @@ from rig.analysis.linear.control_loop import Loop, ends, loop
 from rig.analysis.linear.jump_linear import Growth, fits, jump_growth, mean_age, worst_case
 from rig.analysis.linear.loop_check import Checked, simulated
 from rig.errors import SceneError
-from rig.printable import columns, counted
-from rig.results import Result
+from rig.printable import counted
+from rig.results import Column, Result, Table
 from rig.scenes.explain import explain
 from rig.scenes.network import Link, Network, described
 from rig.scenes.scene import Scene
@@ -125,8 +125,8 @@ class LoopReport(Result):
             return None
         return abs(self.computed - self.checked.growth) / abs(self.checked.growth)
 
-    def to_json(self) -> dict[str, Any]:
-        """The report as JSON values."""
+    def facts(self) -> dict[str, Any]:
+        """Return the loop, the curves and the check."""
         return {
             "scene": self.scene,
             "controller": self.found.controller,
@@ -143,21 +143,24 @@ class LoopReport(Result):
             "notes": self.notes,
         }
 
-    def text(self) -> str:
-        """The report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the delay budget, the margins, the decay rates over the links, and the check."""
         hertz = abs(self.found.spectrum.rates[0].imag) / (2.0 * math.pi)
         total = sum(item.seconds for item in self.items)
-        rows = [("delay budget", f"ms at {hertz:.4g} Hz", "deg", "origin")]
-        for item in self.items:
-            phase = f"{360 * item.seconds * hertz:.3g}"
-            rows.append((item.part, f"{1e3 * item.seconds:.4g}", phase, item.origin))
-        rows.append(("sum", f"{1e3 * total:.4g}", f"{360 * total * hertz:.3g}", ""))
-        lines = [f"{self.scene}: loop of {self.found.controller} ({self.found.through})"]
+        yield f"{self.scene}: loop of {self.found.controller} ({self.found.through})"
         for remark in (self.found.left_out, *self.found.belief):
             if remark:
-                lines.append(f"  {remark}")
-        lines += ["", *columns(rows, "<>><")]
-        return "\n".join([*lines, "", *self._margins(), "", *self._curves(), "", *self._check()])
+                yield f"  {remark}"
+        yield f"\n  delay budget: {1e3 * total:.4g} ms, {360 * total * hertz:.3g} deg at {hertz:.4g} Hz"
+        delay = Column("delay", "s", ".4g", "ms", 1e-3)
+        columns = (Column("part"), delay, Column("phase", "deg", ".3g"), Column("origin"))
+        rows = [(item.part, item.seconds, 360 * item.seconds * hertz, item.origin) for item in self.items]
+        yield Table("budget", columns, rows)
+        yield ""
+        yield from self._margins()
+        yield from self._curves()
+        yield ""
+        yield from self._check()
 
     def _margins(self) -> Iterator[str]:
         yield f"  decay rate at steady sliding {-self.growth:.6g} 1/s, with its links in the mean square"
@@ -169,12 +172,12 @@ class LoopReport(Result):
             high = f"to {most:.4g} times" if math.isfinite(most) else "to any multiple of"
             yield f"  gain margin: stable {low} {high} its gain of {self.found.gain:g}"
 
-    def _curves(self) -> Iterator[str]:
+    def _curves(self) -> Iterator[str | Table]:
         for curve in self.curves:
-            unit, scale = ("%", 1e2) if curve.key == "loss" else ("ms", 1e3)
-            rows = [(f"{curve.key} of the sensor's link, {unit}", *(f"{scale * v:.3g}" for v in curve.values))]
-            rows += [("decay rate 1/s", *(f"{-g:.4g}" for g in curve.growth))]
-            yield from columns(rows, "<" + ">" * len(curve.values))
+            units = ("1", ".3g", "%", 0.01) if curve.key == "loss" else ("s", ".3g", "ms", 1e-3)
+            columns = (Column(f"{curve.key} of the sensor's link", *units), Column("growth", "1/s", ".4g"))
+            yield ""
+            yield Table(f"growth over {curve.key}", columns, [*zip(curve.values, curve.growth)])
         yield "  rates of the mean square (jump linear system), with independent ages of messages (docs/worse_loops.md)"
 
     def _check(self) -> Iterator[str]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from rig.model.assembly import Nodes
 from rig.model.system import Finding
-from rig.printable import columns
 from rig.record.film_points import grouped
-from rig.results import Result
+from rig.results import Column, Result, Table
 
 _LONG = 4  # a shape with more shares of the energy than these does not fit into a line
 _MOST = 6  # shares that are shown of a long shape
@@ -109,22 +108,8 @@ class Modes(Result):
     nodes: Nodes | None = field(default=None, compare=False)
     left_out: str = ""
 
-    COLUMNS: ClassVar = ("mode", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")
-
-    def table(self) -> list[tuple[str, float, float, float, str]]:
-        """Return a row for each mode, in the order of COLUMNS."""
-        kinds = [(mode.kind, mode) for mode in self.sliding.modes]
-        if self.dithered is not None:
-            how = "forced" if self.slow else "dithered"
-            kinds += [(f"{mode.kind}, {how}", mode) for mode in self.dithered.modes]
-        rows = []
-        for kind, mode in kinds:
-            shape = shape_text(mode.shape, mode.energy)
-            rows.append((kind, mode.growth, mode.frequency, mode.damping, shape))
-        return rows
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
+    def facts(self) -> dict[str, Any]:
+        """Return the equilibrium, the modes with their shapes, the dither and the findings."""
         dither: dict[str, Any] | None = None
         if self.dithered is not None:
             dither = {"amplitude": self.amplitude, "unit": self.unit, "hertz": self.hertz, "slow": self.slow}
@@ -145,39 +130,43 @@ class Modes(Result):
             content["up_to"] = self.up_to
         return content
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the equilibrium, the modes, the dither and the findings."""
         sliding = self.sliding
         what = "steady sliding" if sliding.coefficient else "at rest"
-        lines = [f"{self.scene}: {'' if sliding.exists else 'no '}{what} ({self.mode})"]
+        yield f"{self.scene}: {'' if sliding.exists else 'no '}{what} ({self.mode})"
         if self.left_out:
-            lines.append(f"  {self.left_out}")
+            yield f"  {self.left_out}"
         if sliding.exists:
-            lines += self._outputs()
+            yield from self._outputs()
         else:
-            lines.append(f"  no steady sliding at these values: {sliding.why}")
+            yield f"  no steady sliding at these values: {sliding.why}"
         if sliding.pulls:
-            lines.append(f"  {sliding.pulls} points would have to pull; the modes below count all points as closed")
+            yield f"  {sliding.pulls} points would have to pull; the modes below count all points as closed"
         if sliding.exists or sliding.counts:
-            lines += ["", *self._table_lines()]
+            yield ""
+            yield _table("modes", sliding.modes)
             if math.isfinite(self.up_to):
                 reduction = f"the reduction of the structure holds up to {self.up_to:g} Hz"
-                lines.append(f"  {reduction}; higher and heavily damped modes are left out")
+                yield f"  {reduction}; higher and heavily damped modes are left out"
         if self.notes:
-            lines += ["", *(f"  warning: {note}" for note in self.notes)]
+            yield ""
+            yield from (f"  warning: {note}" for note in self.notes)
         if self.free:
-            free = [(name, f"{hertz:.6g}") for name, hertz in self.free.items()]
-            lines += ["", "  natural frequencies of parts by themselves [Hz]:", *columns(free, "<>")]
+            yield "\n  natural frequencies of parts by themselves"
+            yield Table("parts", [Column("part"), Column("frequency", "Hz", ".6g")], [*self.free.items()])
         if self.limits:
             known = [f"{name} {mu:.6g}" if math.isfinite(mu) else f"{name} never" for name, mu in self.limits.items()]
-            lines += ["", f"  coefficients of friction at the limits: {', '.join(known)}"]
+            yield f"\n  coefficients of friction at the limits: {', '.join(known)}"
         if self.dithered is not None:
-            lines += ["", *self._dither_lines(self.dithered)]
+            yield ""
+            yield from self._dither_lines(self.dithered)
+            if self.dithered.modes:
+                yield _table("dithered", self.dithered.modes)
         if self.findings:
-            lines.append("")
+            yield ""
         for finding in self.findings:
-            lines.append(f"  {finding.level}: {finding.what}\n    {finding.remedy}")
-        return "\n".join(lines)
+            yield f"  {finding.level}: {finding.what}\n    {finding.remedy}"
 
     def summary(self) -> str:
         """Return the stability in one sentence: the mode that grows fastest, or that decays most slowly."""
@@ -199,20 +188,6 @@ class Modes(Result):
             else:
                 span = f"{min(values):.6g} to {max(values):.6g} {unit}"
                 yield f"  {common.removesuffix('_of')} of {len(names)} points: {span}"
-
-    def _table_lines(self) -> Iterator[str]:
-        """The table of modes; with a column of estimated errors if any is known."""
-        rows = [self.COLUMNS]
-        for kind, growth, frequency, damping, shape in self.table():
-            rows.append((kind, f"{growth:.6g}", f"{frequency:.6g}", f"{damping:.4g}", shape))
-        errors = [mode.error for mode in self.sliding.modes]
-        if all(error is None for error in errors):
-            return columns(rows, "<>>><")
-        cells = ["estimated error"]
-        for error in errors:
-            cells.append("" if error is None else f"{error:.1e}")
-        cells += [""] * (len(rows) - len(cells))  # of dithered modes none is known
-        return columns([(*row[:4], cell, row[4]) for row, cell in zip(rows, cells)], "<>>>><")
 
     def _dither_lines(self, dithered: Sliding) -> list[str]:
         """What dither does: averaged friction, or the forced motion and why the friction is not averaged."""
@@ -249,6 +224,24 @@ def shape_text(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str
     if left:
         text += f"; {left} with less than {100.0 * least:.2g} %"
     return text
+
+
+def _table(name: str, modes: Sequence[Mode]) -> Table:
+    """A table of modes; with a column of estimated errors if any is known."""
+    estimated = any(mode.error is not None for mode in modes)
+    columns = (
+        Column("kind"),
+        Column("growth", "1/s", ".6g"),
+        Column("frequency", "Hz", ".6g"),
+        Column("damping", "1", ".4g"),
+        *[Column("error", "1", ".1e")] * estimated,
+        Column("share of the energy"),
+    )
+    rows = []
+    for mode in modes:
+        shape = shape_text(mode.shape, mode.energy)
+        rows.append((mode.kind, mode.growth, mode.frequency, mode.damping, *[mode.error] * estimated, shape))
+    return Table(name, columns, rows)
 
 
 def _stability(sliding: Sliding) -> str:

@@ -21,9 +21,7 @@ from rig.analysis.cycles.averaged import averaged, not_fast
 from rig.analysis.linear.eigenvalue_curves import NOTHING, Growth, limits, none
 from rig.analysis.linear.modes import GENERATOR, Slow, missing
 from rig.errors import Singular
-from rig.machine.files import csv_table
-from rig.printable import columns
-from rig.results import Result
+from rig.results import Column, Result, Table
 from rig.scenes.axis import Axis, heading
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
@@ -59,26 +57,29 @@ class Regions(Result):
     exists: NDArray[np.bool_]
     edges: tuple[tuple[tuple[float, bool], ...], ...]
 
-    def text(self) -> str:
-        """Return the report as text: a line for each y."""
-        lines = [f"{self.scene.name}: where sliding grows into vibration, over {self.x.label}"]
+    def shown(self) -> Iterator[str | Table]:
+        """Yield a row for each y."""
+        yield f"{self.scene.name}: where sliding grows into vibration, over {self.x.label}"
         if alone := left_out(self.scene):
-            lines.append(f"  {alone}")
-        lines.append("")
-        rows = [(self.y.label, "largest growth 1/s", "unstable")]
+            yield f"  {alone}"
+        yield ""
+        columns = (
+            self.y.column(),
+            Column("largest growth", "1/s", ".6g"),
+            self.x.column("unstable", ".8g"),
+            Column("note"),
+        )
+        rows = []
         for i, value in enumerate(self.y.values):
             known = self.growth[i][np.isfinite(self.growth[i])]
-            if known.size:
-                bands = ", ".join(f"{start} to {end}" for start, end in self._bands(i))
-                rows.append((self.y.text(value), f"{known.max():.6g}", bands or "nowhere"))
-            else:
-                rows.append((self.y.text(value), "", NOTHING))
-        lines += columns(rows, "<><")
+            largest = float(known.max()) if known.size else None
+            rows.append((value, largest, [*self._bands(i)], "" if known.size else NOTHING))
+        yield Table("rows", columns, rows)
         absent = ~self.exists & np.isfinite(self.growth)
         if absent.any():
             share = 100.0 * absent.mean()
             why = "the contact would pull, or an output exceed its limit"
-            lines += ["", f"  at {share:.2g} % of the points nothing slides steadily: {why}"]
+            yield f"\n  at {share:.2g} % of the points nothing slides steadily: {why}"
         without = np.argwhere(np.isnan(self.growth))
         if len(without):
             row, column = without[0]
@@ -86,10 +87,9 @@ class Regions(Result):
             y = self.y.values[row]
             at = f"{self.x.key} = {self.x.text(x)}, {self.y.key} = {self.y.text(y)}"
             why = self._missing({self.y.key: y, self.x.key: x})
-            lines += ["", f"  no steady sliding at {len(without)} of {self.growth.size} points; first at {at}: {why}"]
+            yield f"\n  no steady sliding at {len(without)} of {self.growth.size} points; first at {at}: {why}"
         apart = self.x.text(float(np.abs(np.diff(self.x.values)).max()), 3)
-        lines += ["", f"  sampled every {apart} of {self.x.key}; bands closer together may be missed"]
-        return "\n".join(lines)
+        yield f"\n  sampled every {apart} of {self.x.key}; bands closer together may be missed"
 
     def _missing(self, values: dict[str, float]) -> str:
         """The reason why there is no steady sliding at these values."""
@@ -100,22 +100,22 @@ class Regions(Result):
         except Slow as error:
             return f"the dither of {error}"
 
-    def _bands(self, row: int) -> Iterator[tuple[str, str]]:
+    def _bands(self, row: int) -> Iterator[tuple[float, float]]:
         edges = sorted(self.edges[row])
         low, high = sorted((self.x.values[0], self.x.values[-1]))
         first = self.growth[row, int(np.argmin(self.x.values))]  # nan where there is no sliding: not unstable
-        start = self.x.text(low) if first > 0.0 else None
+        start = low if first > 0.0 else None
         for value, unstable in edges:
             if unstable:
-                start = self.x.text(value, 8)
+                start = value
             elif start is not None:
-                yield start, self.x.text(value, 8)
+                yield start, value
                 start = None
         if start is not None:
-            yield start, self.x.text(high)
+            yield start, high
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values in SI units."""
+    def facts(self) -> dict[str, Any]:
+        """Return axes, growth, frequencies and edges in SI units."""
         edges = []
         for row in self.edges:
             edges.append([{"x": x, "becomes": "unstable" if unstable else "stable"} for x, unstable in row])
@@ -130,14 +130,20 @@ class Regions(Result):
             "edges": edges,
         }
 
-    def csv(self) -> str:
-        """Return a line for each point; the head names the units."""
-        rows: list[list[Any]] = [[self.x.si_label, self.y.si_label, "growth [1/s]", "frequency [Hz]", "exists"]]
+    def listed(self) -> Table:
+        """Return a row for each point."""
+        columns = (
+            self.x.column(),
+            self.y.column(),
+            Column("growth", "1/s"),
+            Column("frequency", "Hz"),
+            Column("exists"),
+        )
+        rows = []
         for j, y in enumerate(self.y.values):
             for i, x in enumerate(self.x.values):
-                exists = int(self.exists[j, i])
-                rows.append([x, y, float(self.growth[j, i]), float(self.frequency[j, i]), exists])
-        return csv_table(rows).decode()
+                rows.append([x, y, float(self.growth[j, i]), float(self.frequency[j, i]), int(self.exists[j, i])])
+        return Table("points", columns, rows)
 
 
 def regions(scene: Scene, x: Axis, y: Axis) -> Regions:

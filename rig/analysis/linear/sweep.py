@@ -22,8 +22,7 @@ from threadpoolctl import threadpool_limits
 from rig.analysis.linear import eigenvalue_curves as curves
 from rig.analysis.linear.modes import dithers, motion
 from rig.analysis.linear.modes_report import shape_text
-from rig.printable import columns
-from rig.results import Result
+from rig.results import Column, Result, Table
 from rig.scenes.axis import Axis, fixed
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
@@ -306,8 +305,8 @@ class Sweep(Result):
         known = both[np.isfinite(both).all(axis=1)]
         return tuple(sorted(known[0].tolist())) if known.size else ()
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values; a number that is not there is null."""
+    def facts(self) -> dict[str, Any]:
+        """Return axis, branches, critical values and gaps."""
         branches = []
         for k, (growth, frequency) in enumerate(zip(self.growth.T, self.frequency.T)):
             if np.isfinite(growth).any():
@@ -340,27 +339,27 @@ class Sweep(Result):
             content["outside"] = list(self.outside)
         return content
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the critical values, the gaps, and the largest growth over the axis."""
         axis = self.axis
         what = f"the loop of {self.loop}" if self.loop else "steady sliding"
         if self.friction:
             what += f", {self.friction},"
-        lines = [f"{self.scene}: {what} over {axis.label}", *(f"  {line}" for line in self.belief)]
+        yield f"{self.scene}: {what} over {axis.label}"
+        yield from (f"  {line}" for line in self.belief)
         if self.left_out:
-            lines.append(f"  {self.left_out}")
+            yield f"  {self.left_out}"
         for critical in self.critical:
-            lines += self._critical_lines(critical)
+            yield from self._critical_lines(critical)
         if not self.critical:
             where = "where the rig slides steadily" if self.gaps else "between these ends"
-            lines.append(f"  no critical value {where}")
+            yield f"  no critical value {where}"
         for gap in self.gaps:
             line = f"  {gap.note} {self._span(gap)}"
-            lines.append(f"{line}: {gap.why}" if gap.why else line)
-        lines += self._estimated()
-        lines += [f"  sampled every {axis.text(self.resolution, 3)}; critical values closer together may be missed"]
-        lines += ["", *self._table_lines()]
-        return "\n".join(lines)
+            yield f"{line}: {gap.why}" if gap.why else line
+        yield from self._estimated()
+        yield f"  sampled every {axis.text(self.resolution, 3)}; critical values closer together may be missed\n"
+        yield self._table()
 
     def _critical_lines(self, critical: Critical) -> Iterator[str]:
         """A critical value, the modes that meet there, and the shape of the mode."""
@@ -375,28 +374,35 @@ class Sweep(Result):
         if critical.energy:
             yield f"    {shape_text(critical.shape, critical.energy)} (share of the energy)"
 
-    def _table_lines(self) -> Iterator[str]:
+    def _table(self) -> Table:
         """The table over the axis; with a column of estimated errors if they are known."""
         estimated = bool(self.errors.size)
-        head = [self.axis.label, "largest growth 1/s", "frequency Hz", "growing modes"]
-        rows = [[*head, *["largest error"] * estimated, ""]]
+        columns = [
+            self.axis.column(),
+            Column("largest growth", "1/s", ".6g"),
+            Column("frequency", "Hz", ".6g"),
+            Column("growing modes", digits=".0f"),
+            *[Column("largest error", "1", ".1e")] * estimated,
+            Column("note"),
+        ]
+        rows = []
         for i, (value, rates, note) in enumerate(zip(self.axis.values, self.rates, self.notes)):
             remarks = [note] if note else []
             if any(self.outside[i : i + 1]):
                 remarks.append("outside of the trained range")
-            cells = ["", "", ""]
-            error = ""
+            values: list[float | None] = [None, None, None]
+            error = None
             known = rates[np.isfinite(rates)]
             if known.size:
                 top = rates[int(np.nanargmax(rates.real))]
                 hertz = abs(top.imag) / (2.0 * math.pi)
                 growing = int(np.count_nonzero((known.real > curves.none(known)) & (known.imag >= 0.0)))
-                cells = [f"{top.real:.6g}", f"{hertz:.6g}", f"{growing or ''}"]
+                values = [float(top.real), hertz, growing]
                 if estimated:
                     errors = self.errors[i][np.isfinite(self.errors[i])]
-                    error = f"{max(errors):.1e}" if errors.size else ""
-            rows.append([self.axis.text(value), *cells, *[error] * estimated, ", ".join(remarks)])
-        return columns(rows, "<>>>" + ">" * estimated + "<")
+                    error = max(errors, default=None)
+            rows.append([value, *values, *[error] * estimated, ", ".join(remarks)])
+        return Table("rows", columns, rows)
 
     def _estimated(self) -> Iterator[str]:
         """The largest estimated error with its place, and what lies outside of the trained range."""

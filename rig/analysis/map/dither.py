@@ -15,7 +15,7 @@ Source: Thomsen, J. Sound Vib. 228 (1999); Liu and Ouyang, Meccanica 55 (2020), 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -32,9 +32,7 @@ from rig.analysis.map.job import Job
 from rig.analysis.pool import Arrays
 from rig.bench.free_rig import FreeRig
 from rig.errors import NumericsError
-from rig.machine.files import csv_table
-from rig.printable import columns
-from rig.results import Result
+from rig.results import Column, Result, Table
 from rig.scenes.left_out import left_out
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
@@ -75,39 +73,29 @@ class Boundary(Result):
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.simulated.mean(axis=1) / self.averaged - 1.0)
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the amplitudes over the frequency."""
         x, y = self.job.x, self.job.y
         assert y is not None
-        lines = [f"{self.job.scene.name}: smallest amplitude of dither that keeps the rig sliding"]
+        yield f"{self.job.scene.name}: smallest amplitude of dither that keeps the rig sliding"
         if alone := left_out(self.job.scene):
-            lines.append(f"  {alone}")
-        lines.append("")
-        rows: list[tuple[str, ...]] = [(x.label, "leading order", "averaged", "simulated", "to averaged")]
-        for i, frequency in enumerate(x.values):
-            low, high = self.simulated[i] / y.scale
-            deviation = self.deviation[i]
-            text = f"{100.0 * deviation:+.2f} %" if np.isfinite(deviation) else ""
-            leading = _least(self.leading[i] / y.scale)
-            average = _least(self.averaged[i] / y.scale)
-            simulated = f"{low:.6g} to {high:.6g}" if 0.0 < high < math.inf else _least(high)
-            rows.append((x.text(frequency), leading, average, simulated, text))
-        lines += columns(rows, "<>>>>")
+            yield f"  {alone}"
+        yield ""
+        yield self.listed()
         least = y.text(min(y.values))
         most = y.text(max(y.values))
-        lines += ["", f"  amplitudes in {y.shown}; any: the rig slides from the smallest on, {least}"]
-        lines += [f"  none: it does not slide even at the largest, {most}"]
+        yield "\n  leading: averaged to leading order; deviation: simulated from averaged"
+        yield f"  0: the rig slides from the smallest on, {least}; inf: it does not slide even at the largest, {most}"
         slow = []
         for frequency in x.values:
             rig = _Shaken(x.at(self.job.scene, frequency), None)
             if not_fast(rig.system, rig.sine, rig.cosine):
                 slow.append(x.text(frequency))
         if slow:
-            lines.append(f"  too slow for an average: {', '.join(slow)}")
-        return "\n".join(lines)
+            yield f"  too slow for an average: {', '.join(slow)}"
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values in SI units."""
+    def facts(self) -> dict[str, Any]:
+        """Return axes and amplitudes in SI units."""
         x, y = self.job.x, self.job.y
         assert y is not None
         return {
@@ -122,20 +110,14 @@ class Boundary(Result):
             "folder": str(self.folder),
         }
 
-    def csv(self) -> str:
-        """Return a line for each frequency; the head names the units."""
-        unit = self.job.y.unit if self.job.y else ""
+    def listed(self) -> Table:
+        """Return a row for each frequency."""
+        x, y = self.job.x, self.job.y
+        assert y is not None
         names = ("leading", "averaged", "simulated_lost", "simulated_kept")
-        head = [self.job.x.si_label, *(f"{name} [{unit}]" for name in names)]
-        rows = zip(self.job.x.values, self.leading, self.averaged, *self.simulated.T)
-        return csv_table([head, *rows]).decode()
-
-
-def _least(amplitude: float) -> str:
-    """The smallest amplitude that suffices, in words if any one does or none."""
-    if amplitude == 0.0:
-        return "any"
-    return f"{amplitude:.6g}" if math.isfinite(amplitude) else "none"
+        columns = (x.column(), *map(y.column, names), Column("deviation", "1", "+.2f", "%", 0.01))
+        amplitudes = np.column_stack([self.leading, self.averaged, self.simulated, self.deviation]).tolist()
+        return Table("boundary", columns, [(value, *row) for value, row in zip(x.values, amplitudes)])
 
 
 def put_together(job: Job, rows: dict[int, Arrays], folder: Path) -> Boundary:

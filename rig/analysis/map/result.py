@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from rig.analysis.map.job import CARRIED, RUNS, Job
 from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STOPPED, STUCK, UNDECIDED, VIBRATION
 from rig.analysis.pool import Arrays
-from rig.machine.files import csv_table
-from rig.printable import columns, counted
-from rig.results import Result
+from rig.printable import counted
+from rig.results import Column, Result, Table
 from rig.scenes.axis import Axis
 from rig.scenes.left_out import left_out
 
@@ -52,7 +51,6 @@ _UNITS = {
     "rms": "output",
 }
 _LOCATED = 1e-6  # of its value: the end of a vibration that is known so well is one number
-_ROWS = 12  # of boundaries, on the screen
 
 
 @dataclass(frozen=True)
@@ -117,30 +115,29 @@ class Map(Result):
         """Return the figure with further lines, (name, x, y) in SI."""
         return self._drawn(lines)
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the number of points of each region, and the boundaries."""
         job = self.job
         settings = job.settings
         span = "; ".join([_span(axis) for axis in (job.x, job.y) if axis is not None])
-        lines = [f"{job.scene.name}: {span}", f"  runs: {', '.join(settings.runs)}; output {settings.output}"]
+        yield f"{job.scene.name}: {span}"
+        yield f"  runs: {', '.join(settings.runs)}; output {settings.output}"
         if alone := left_out(job.scene):
-            lines.append(f"  {alone}")
-        lines.append("")
-        counts = np.bincount(self.regions.ravel(), minlength=len(REGIONS))
-        rows = [
-            (REGIONS[region], MEANING[region], counted(counts[region], "point")) for region in SHOWN if counts[region]
-        ]
-        lines += columns(rows, "<<>")
+            yield f"  {alone}"
+        yield ""
+        counts = np.bincount(self.regions.ravel(), minlength=len(REGIONS)).tolist()
+        rows = [(REGIONS[region], MEANING[region], counts[region]) for region in SHOWN if counts[region]]
+        yield Table("counts", (Column("region"), Column("meaning"), Column("points", digits=".0f")), rows)
         if (self.regions == ONE).any():
             starts = ", ".join(_STARTS[run] for run in RUNS if run in settings.runs)
-            lines += ["", f"  I: no vibration found {starts}"]
-            lines += ["     another start may reach one: carry the runs from where the rig vibrates, with an axis that"]
-            lines += ["     begins or ends there"]
+            yield f"\n  I: no vibration found {starts}"
+            yield "     another start may reach one: carry the runs from where the rig vibrates, with an axis that"
+            yield "     begins or ends there"
         if "near" in settings.runs:
-            lines += ["", f"  {self._disagreements()}"]
-        lines += self._stopped()
-        lines += ["", *self._boundaries()]
-        return "\n".join(lines)
+            yield f"\n  {self._disagreements()}"
+        yield from self._stopped()
+        yield "\n  onset: sliding loses stability; up_ends, down_ends: run-up and run-down lose vibration"
+        yield self._boundaries()
 
     def _disagreements(self) -> str:
         wrong = self.disagreement
@@ -164,28 +161,18 @@ class Map(Result):
         count = self.regions.size
         return ["", f"  a run had to stop at {len(where)} of {count} points; first at {at}: {why}"]
 
-    def _boundaries(self) -> Iterator[str]:
+    def _boundaries(self) -> Table:
         x, y = self.job.x, self.job.y
-        heads = ("sliding loses stability", "run-up loses vibration", "run-down loses vibration")
-        table: list[tuple[str, ...]] = [(y.label, *heads) if y else heads]
-        rows = range(len(self.onsets))
-        shown = sorted({round(r) for r in np.linspace(0, rows[-1], min(_ROWS, len(rows)))})
-        for row in shown:
-            onset = ", ".join(x.text(v) for v in self.onsets[row]) or "-"
-            cells = (onset, *(self._end(end[row]) for end in self.ends))
-            table.append((y.text(y.values[row]), *cells) if y else cells)
-        yield from columns(table, "<" * len(table[0]))
-        if len(shown) < len(rows):
-            yield f"  and {len(rows) - len(shown)} more rows"
+        columns = [y.column()] if y else []
+        columns += [x.column(name, ".9g") for name in ("onset", "up_ends", "down_ends")]
+        rows = []
+        for row, onset in enumerate(self.onsets):
+            values = (onset.tolist(), *(_end(*end[row].tolist()) for end in self.ends))
+            rows.append((y.values[row], *values) if y else values)
+        return Table("boundaries", columns, rows)
 
-    def _end(self, end: Array) -> str:
-        x = self.job.x
-        if end[1] - end[0] <= _LOCATED * abs(end[1]):
-            return x.text(float(end.mean()), 9)
-        return "-" if np.isnan(end[0]) else f"{end[0] / x.scale:.6g} to {x.text(end[1])}"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values; boundaries in SI."""
+    def facts(self) -> dict[str, Any]:
+        """Return axes, regions, boundaries in SI, and all points."""
         x, y = self.job.x, self.job.y
         regions = []
         for row in self.regions.tolist():
@@ -229,20 +216,18 @@ class Map(Result):
                         record[f"{run}_{name}"] = float(self.tables[name][at])
             yield record
 
-    def csv(self) -> str:
-        """Return every point as a line of a CSV file; the head names the units."""
+    def listed(self) -> Table:
+        """Return a row for each point."""
         records = list(self.points())
-        head = map(self._head, records[0])
-        return csv_table([head, *(record.values() for record in records)]).decode()
+        return Table("points", [*map(self._column, records[0])], [[*record.values()] for record in records])
 
-    def _head(self, name: str) -> str:
-        """The name of a column of numbers with its unit."""
+    def _column(self, name: str) -> Column:
         for axis in (self.job.x, self.job.y):
             if axis is not None and axis.key == name:
-                return axis.si_label
+                return axis.column()
         run, _, quantity = name.partition("_")
         unit = _UNITS.get(quantity if run in RUNS else name, "")
-        return f"{name} [{self.unit if unit == 'output' else unit}]" if unit else name
+        return Column(name, self.unit if unit == "output" else unit)
 
 
 def gathered(job: Job, rows_of: dict[int, Arrays], folder: Path) -> Map:
@@ -275,6 +260,11 @@ def gathered(job: Job, rows_of: dict[int, Arrays], folder: Path) -> Map:
     why = tables.pop("why")
     lines = tuple(np.array(values) for values in onsets)
     return Map(job, unit_of_output, state, tables, why, growth, frequency, lines, ends, folder)
+
+
+def _end(last: float, first: float) -> float | tuple[float, float]:
+    """Where a vibration ends: between two values, or at one that is known well; NaN if it does not."""
+    return (last, first) if first - last > _LOCATED * abs(first) else 0.5 * (last + first)
 
 
 def _span(axis: Axis) -> str:

@@ -32,12 +32,11 @@ from rig.analysis.recorded.spectrum import spectrum
 from rig.analysis.recorded.stick_slip import StickSlip, stick_slip
 from rig.bench.run.simulate import simulate
 from rig.errors import Faults, UsageError
-from rig.printable import columns
 from rig.quantities import finite
 from rig.record.run import Reals, Run, Samples
 from rig.record.run_data import MEASURED, signals, unknown
 from rig.record.track import followed, samples
-from rig.results import Result
+from rig.results import Column, Result, Table
 from rig.scenes import checks, rooms
 from rig.scenes.protocol import STEPS, Follow, Track, flat
 from rig.scenes.scene import Scene
@@ -104,8 +103,8 @@ class AgainstScene(Result):
         """Whether no measure deviates by more than this share of its measured value."""
         return all(measure.same or abs(measure.percent) <= 100.0 * tolerance for measure in self.measures)
 
-    def to_json(self) -> dict[str, Any]:
-        """The result as plain values for JSON."""
+    def facts(self) -> dict[str, Any]:
+        """Return what follows what, and the measures."""
         return {
             "recording": self.recording,
             "scene": self.scene,
@@ -114,24 +113,28 @@ class AgainstScene(Result):
             "follows": dict(self.followed),
             "constant": {name: value for name, (value, _) in self.constant.items()},
             "pairs": {pair.channel: pair.simulated_as for pair in self.pairs},
-            "measures": [_as_json(measure) for measure in self.measures],
+            "measures": [{"percent": measure.percent} for measure in self.measures],  # not rounded
             "notes": list(self.notes),
         }
 
-    def text(self) -> str:
-        """Return the report as text."""
-        lines = [f"{self.recording} against {self.scene}, {self.begin:g} to {self.end:g} s"]
+    def shown(self) -> Iterator[str | Table]:
+        """Yield what follows what, and the measures."""
+        yield f"{self.recording} against {self.scene}, {self.begin:g} to {self.end:g} s"
         ways = [f"{name} follows {channel}" for name, channel in self.followed.items()]
         ways += [f"{name} is {value:g} {unit}" for name, (value, unit) in self.constant.items()]
-        lines += [f"  {', '.join(ways)}"] if ways else []
-        lines += [f"  {pair.channel}: simulated as {pair.simulated_as}" for pair in self.pairs]
-        lines += [f"  {note}" for note in self.notes]
-        rows = [("channel", "measure", "measured", "simulated", "unit", "deviation")]
-        for m in self.measures:
-            percent = "" if math.isnan(m.percent) else f"{round(m.percent, 6) + 0.0:+.3g} %"
-            measured, simulated = ("" if math.isnan(value) else f"{value:.5g}" for value in (m.first, m.second))
-            rows.append((m.channel, m.name, measured, simulated, m.unit, percent))
-        return "\n".join([*lines, *columns(rows, "<<>><>")])
+        yield from [f"  {', '.join(ways)}"] if ways else []
+        yield from (f"  {pair.channel}: simulated as {pair.simulated_as}" for pair in self.pairs)
+        yield from (f"  {note}" for note in self.notes)
+        columns = (
+            Column("channel"),
+            Column("measure"),
+            Column("measured", digits=".5g"),
+            Column("simulated", digits=".5g"),
+            Column("unit"),
+            Column("percent", digits="+z.3g"),
+        )
+        rows = [(m.channel, m.name, m.first, m.second, m.unit, round(m.percent, 6)) for m in self.measures]
+        yield Table("measures", columns, rows)
 
 
 def against_scene(
@@ -378,14 +381,3 @@ def _stick_measures(first: StickSlip, second: StickSlip) -> Iterator[Measure]:
         yield Measure("contact", told, unit, first.median(name)[0], second.median(name)[0])
     yield Measure("contact", "stick share", "1", first.share, second.share)
     yield Measure("contact", "slips", "1", float(len(first.slips)), float(len(second.slips)))
-
-
-def _as_json(measure: Measure) -> dict[str, Any]:
-    return {
-        "channel": measure.channel,
-        "measure": measure.name,
-        "unit": measure.unit,
-        "measured": measure.first,
-        "simulated": measure.second,
-        "percent": measure.percent,
-    }

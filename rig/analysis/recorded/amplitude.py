@@ -13,7 +13,6 @@ neither cycles nor a frequency.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,10 +24,9 @@ from numpy.typing import NDArray
 from rig.analysis.recorded import stick_speeds
 from rig.analysis.recorded.series import scene_name
 from rig.errors import UsageError
-from rig.printable import columns
 from rig.record.film_points import read
 from rig.record.run import Run
-from rig.results import Result
+from rig.results import Column, Result, Table
 from rig.view.curves import Span
 
 Array = NDArray[np.float64]
@@ -85,33 +83,31 @@ class Amplitudes(Result):
 
     FIGURE: ClassVar = "rig.analysis.recorded.channel_figures:amplitudes_figure"
     TITLE: ClassVar = "amplitude: half of peak to valley, mean over the cycles"
-    COLUMNS: ClassVar = ("stage", "sensor", "mean", "amplitude", "cycles", "frequency")
 
     scene: str
     rows: tuple[Row, ...]
     sticks: stick_speeds.Stages | None
 
-    def table(self) -> list[tuple[str, str, str, str, str, str]]:
-        """Return a row of texts for each sensor and stage, in the order of COLUMNS."""
-        return [
-            (
-                row.stage,
-                row.sensor,
-                f"{row.mean:.5g} {row.unit}",
-                "-" if math.isnan(row.found.half) else f"{row.found.half:.5g} {row.unit}",
-                str(row.found.cycles),
-                f"{row.found.frequency:.5g} Hz" if row.found.cycles else row.why,
-            )
-            for row in self.rows
-        ]
+    def shown(self) -> Iterator[str | Table]:
+        """Yield a row for each sensor and stage, and the speeds of stick."""
+        yield f"{self.scene}: {self.TITLE}\n"
+        columns = (
+            Column("stage"),
+            Column("sensor"),
+            Column("mean", digits=".5g"),
+            Column("amplitude", digits=".5g"),
+            Column("unit"),
+            Column("cycles", digits=".0f"),
+            Column("frequency", "Hz", ".5g"),
+            Column("why"),
+        )
+        rows = [(r.stage, r.sensor, r.mean, r.found.half, r.unit, *r.found[2:], r.why) for r in self.rows]
+        yield Table("rows", columns, rows)
+        if self.sticks:
+            yield self.sticks.text()
 
-    def text(self) -> str:
-        """Return the report as text."""
-        lines = [f"{self.scene}: {self.TITLE}", "", *columns([self.COLUMNS, *self.table()], "<<<<><")]
-        return "\n".join([*lines, *([self.sticks.text()] if self.sticks else [])])
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
+    def facts(self) -> dict[str, Any]:
+        """Return the rows with all values, and the speeds of stick."""
         rows = [{**row._asdict(), "found": {**row.found._asdict(), "why": row.why}} for row in self.rows]
         return {"rows": rows, "stages": self.sticks._asdict() if self.sticks else None}
 

@@ -22,13 +22,13 @@ from rig.analysis.recorded.series import scene_name
 from rig.analysis.recorded.stick_speeds import stuck
 from rig.errors import RigError, UsageError
 from rig.parts import is_binary
-from rig.printable import columns, counted
+from rig.printable import counted
 from rig.record.compare import Comparison, Difference, Series, series_of
 from rig.record.compare import compare as compare_signals
 from rig.record.film_points import read
 from rig.record.run import Run
 from rig.record.statistics import whole_signals
-from rig.results import Result
+from rig.results import Column, Result, Table
 from rig.view.curves import described
 
 # Parts of a recorded scene on which no result depends, or which only describe where values came from
@@ -142,8 +142,8 @@ class Compared(Result):
             return "equal"
         return "within tolerance" if channel.within(self.tolerance) else "differs"
 
-    def to_json(self) -> dict[str, Any]:
-        """The comparison as plain values."""
+    def facts(self) -> dict[str, Any]:
+        """Return the outcome, and all channels and measures."""
         return {
             "agree": self.agree,
             "identical": self.signals.identical,
@@ -159,11 +159,8 @@ class Compared(Result):
             "notes": list(self.notes),
         }
 
-    def text(self) -> str:
-        """The comparison as text."""
-        return "\n".join(self._lines())
-
-    def _lines(self) -> Iterator[str]:
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the outcome, the values of the scenes that differ (SI), the channels, the measures that differ."""
         signals = self.signals
         if signals.identical:
             yield f"identical: {counted(signals.compared, 'number')}, bit by bit"
@@ -172,43 +169,54 @@ class Compared(Result):
             yield f"agree at all common instants: {counted(signals.compared, 'number')}, {how}"
         else:
             yield f"differ; {counted(signals.compared, 'number')} compared at common instants"
+        if not signals.identical:
+            yield "A is the first recording, B the second"
         yield from self.labels if self.labels != ("A", "B") else ()
         yield from self.notes
         if self.values:
-            yield "scene"
-            yield from columns((("value (SI)", "A", "B"), *self.values[:_LISTED]), "<<<")
-            if len(self.values) > _LISTED:
-                yield f"  and {len(self.values) - _LISTED} more; --json lists all"
+            yield "scene, values in SI"
+            yield Table("scene", [*map(Column, Value._fields)], self.values, _LISTED)
         if self.actions:
             yield "done by operators in one of the runs only"
             yield from (f"  {measure}" for measure in self.actions)
         if not signals.identical:
-            yield "channels"
-            yield from columns(self._signals(), "<<<<")
+            yield "channels: largest deviation over the range, at the time worst; first difference; samples in one only"
+            yield self._signals()
         for name in signals.missing:
             yield f"{name} is in only one of the two recordings"
         other = [measure for measure in self.measures if not measure.same]
         if other:
             yield f"measures from {self.begin:g} s to {self.end:g} s that differ"
-            rows = [("channel", "measure", "A", "B", "unit", "B - A")]
-            for m in other:
-                values = (_number(m.first), _number(m.second), m.unit, _percent(m.percent))
-                rows.append((m.channel, m.name, *values))
-            yield from columns(rows, "<<>><>")
+            columns = (
+                Column("channel"),
+                Column("measure"),
+                Column("first", digits=".6g"),
+                Column("second", digits=".6g"),
+                Column("unit"),
+                Column("percent", digits="+.3g"),
+            )
+            rows = [(m.channel, m.name, m.first, m.second, m.unit, m.percent) for m in other]
+            yield Table("differences", columns, rows)
         if self.measures and len(other) < len(self.measures):
             yield f"{len(self.measures) - len(other)} measures are equal"
 
-    def _signals(self) -> Iterator[tuple[str, str, str, str]]:
-        yield "channel", "outcome", "largest deviation", "first difference"
-        for channel in self.signals.signals:
-            worst = ""
-            notes = []
-            if channel.differing:
-                worst = f"{channel.deviation:.3g} of the range, t = {channel.worst:.6g} s"
-                notes.append(f"t = {channel.time:.9g} s: {channel.first!r} and {channel.second!r}")
-            if any(channel.alone):
-                notes.append(f"samples in one only: {channel.alone[0]} in A, {channel.alone[1]} in B")
-            yield channel.topic, self.outcome(channel), worst, "; ".join(notes)
+    def _signals(self) -> Table:
+        """The channels: largest deviation, over the range, at the time `worst`; values at the first difference."""
+        columns = (
+            Column("topic"),
+            Column("outcome"),
+            Column("deviation", "1", ".3g"),
+            Column("worst", "s", ".6g"),
+            Column("time", "s", ".9g"),
+            Column("first"),
+            Column("second"),
+            Column("alone", digits=".0f"),
+        )
+        rows: list[tuple[Any, ...]] = []
+        for c in self.signals.signals:
+            values = (c.deviation, c.worst, c.time, c.first, c.second) if c.differing else (None,) * 5
+            rows.append((c.topic, self.outcome(c), *values, [*c.alone]))
+        return Table("signals", columns, rows)
 
 
 def compare(
@@ -369,11 +377,3 @@ def _events(run: Run, begin: float, end: float) -> float:
     if not times.size or end <= begin:
         return math.nan
     return float(np.count_nonzero((times >= begin) & (times <= end))) / (end - begin)
-
-
-def _number(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.6g}"
-
-
-def _percent(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:+.3g} %"

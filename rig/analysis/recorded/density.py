@@ -17,10 +17,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rig.analysis.recorded.series import squared
-from rig.printable import columns
 from rig.record.run import Reals
 from rig.record.run_data import BRIDGED
-from rig.results import Result, csv_text
+from rig.results import Column, Result, Table
 
 FEWEST = 32
 """Samples in a window."""
@@ -99,33 +98,31 @@ class Averaged(Result):
         """Unit of the density."""
         return f"{squared(self.unit)}/Hz" if self.per == "s" else f"{squared(self.unit)}*{self.per}"
 
-    def _report(self, head: list[str]) -> str:
-        """The report: its `head`, what was lost, and the strongest lines."""
+    def _report(self) -> Iterator[str | Table]:
+        """What was lost, and the strongest lines."""
         d = self.density
         mean_square = max(d.rms**2, 1e-300)
-        lost = [f"  {self.gaps}"] if self.gaps else []
+        yield from [f"  {self.gaps}"] if self.gaps else []
         if self.bridged or d.left_out:
-            lost.append(
+            yield (
                 f"  {self.bridged} of them are bridged by lines over gaps of up to {BRIDGED} samples; "
                 f"{d.left_out} windows with longer gaps are left out"
             )
-        rows = [
-            (f"{line.at:.6g}", f"{line.rms:.4g}", f"{100.0 * line.rms**2 / mean_square:.3g} %", f"{line.density:.3g}")
-            for line in self.lines
-        ]
-        titles = (
-            f"{self.AXIS} {self.axis_unit}",
-            f"RMS {self.unit}",
-            "of the mean square",
-            f"density {self.density_unit}",
+        yield f"  RMS about the mean, over these windows: {d.rms:.5g} {self.unit}\n"
+        columns = (
+            Column("at", self.axis_unit, ".6g"),
+            Column("rms", self.unit, ".4g"),
+            Column("of the mean square", "1", ".3g", "%", 0.01),
+            Column("density", self.density_unit, ".3g"),
         )
-        none = [f"  no line is {_STANDS_OUT:g} dB above its surroundings and has a millionth of the mean square"]
-        table = columns([titles, *rows], ">>>>") if rows else none
-        rms = f"  RMS about the mean, over these windows: {d.rms:.5g} {self.unit}"
-        return "\n".join([*head, *lost, rms, "", *table])
+        rows = [(line.at, line.rms, line.rms**2 / mean_square, line.density) for line in self.lines]
+        if rows:
+            yield Table("lines", columns, rows)
+        else:
+            yield f"  no line is {_STANDS_OUT:g} dB above its surroundings and has a millionth of the mean square"
 
-    def _values(self) -> dict[str, Any]:
-        """The fields as JSON values; the density is in `csv`."""
+    def facts(self) -> dict[str, Any]:
+        """Return the settings; the density is in `csv`."""
         return {
             "scene": self.scene,
             "signal": self.name,
@@ -136,7 +133,7 @@ class Averaged(Result):
             "rms": self.density.rms,
             "samples_bridged": self.bridged,
             "gaps": self.gaps,
-            "lines": [line._asdict() for line in self.lines],
+            "lines": [],
         }
 
     def rows(self) -> Iterator[tuple[str | float, ...]]:
@@ -144,9 +141,9 @@ class Averaged(Result):
         for f, s in zip(self.density.f.tolist(), self.density.s.tolist()):
             yield self.AXIS, f, self.axis_unit, s, self.density_unit
 
-    def csv(self) -> str:
-        """Return `rows` as CSV."""
-        return csv_text(["axis", "at", "unit", "density", "unit of density"], self.rows())
+    def listed(self) -> Table:
+        """Return `rows` as a table."""
+        return Table("density", [*map(Column, ("axis", "at", "unit", "density", "unit of density"))], [*self.rows()])
 
 
 def welch(v: Reals, rate: float, count: int) -> Density:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from rig.analysis.recorded.growth import grown, mixed
 from rig.analysis.recorded.series import Series, drive, known, scene_name, series, vibration
 from rig.errors import SceneError, Untrusted, UsageError
-from rig.printable import columns, counted
+from rig.printable import counted
 from rig.record.run import Reals, Run
-from rig.results import Result, csv_text
+from rig.results import Column, Result, Table
 from rig.units import same_unit
 
 if TYPE_CHECKING:
@@ -108,52 +108,36 @@ class Events(Result):
     """Eigenvalues of a scene over a key whose values are the channel `beside`."""
     beside: str = ""
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the settings and the events."""
         head = f"{self.scene}: {counted(len(self.events), 'event')} of {self.name} [{self.unit}]"
-        lines = [f"{head}; tones above {self.lowest:.4g} Hz, windows of {1e3 * self.window:.4g} ms"]
-        lines += [f"  {self.notes}"] if self.notes else []
+        yield f"{head}; tones above {self.lowest:.4g} Hz, windows of {1e3 * self.window:.4g} ms"
+        yield from [f"  {self.notes}"] if self.notes else []
         if not self.events:
-            return "\n".join([*lines, "  no tone rises out of the noise"])
-        titles = (
-            "begin s",
-            "end s",
-            "frequency Hz",
-            f"RMS {self.unit}",
-            "over noise dB",
-            "growth 1/s",
-            "90 %",
-            "growing Hz",
-            "decay 1/s",
-            *(f"{name} {unit}" for name, unit in self.others.items()),
-            *(("scene Hz", "scene 1/s") if self.sweep else ()),
-            "",
+            yield "  no tone rises out of the noise"
+            return
+        yield "  level: over the noise; low, high: growth with 90 %; cut: goes on beyond an end or a gap"
+        columns = (
+            Column("begin", "s", ".4f"),
+            Column("end", "s", ".4f"),
+            Column("frequency", "Hz", ".2f"),
+            Column("rms", self.unit, ".4g"),
+            Column("level", "dB", ".1f"),
+            Column("growth", "1/s", ".4g"),
+            Column("low", "1/s", ".4g"),
+            Column("high", "1/s", ".4g"),
+            Column("growing", "Hz", ".6g"),
+            Column("decay", "1/s", ".4g"),
+            Column("cut"),
+            Column("harmonics", digits=".0f"),
+            *(Column(name, unit, ".4g") for name, unit in self.others.items()),
+            *((Column("scene frequency", "Hz", ".4g"), Column("scene growth", "1/s", ".4g")) if self.sweep else ()),
         )
-        rows = [titles, *(self._row(event) for event in self.events)]
-        return "\n".join([*lines, *columns(rows, ">" * (len(titles) - 1) + "<")])
+        yield Table("events", columns, [*map(self._row, self.events)])
 
-    def _row(self, e: Event) -> tuple[str, ...]:
+    def _row(self, event: Event) -> tuple[Any, ...]:
         """An event in the columns of the report."""
-        interval = f"{e.low:.4g} .. {e.high:.4g}" if math.isfinite(e.low) else ""
-        notes = []
-        if e.cut:
-            notes.append("cut at begin and end" if e.cut == "both" else f"cut at the {e.cut}")
-        if e.harmonics:
-            notes.append(counted(e.harmonics, "harmonic"))
-        return (
-            f"{e.begin:.4f}",
-            f"{e.end:.4f}",
-            f"{e.frequency:.2f}",
-            f"{e.rms:.4g}",
-            f"{e.level:.1f}",
-            _number(e.growth),
-            interval,
-            _number(e.growing, 6),
-            _number(e.decay),
-            *map(_number, e.at.values()),
-            *(map(_number, self.eigenvalue(e)) if self.sweep else ()),
-            ", ".join(notes),
-        )
+        return (*event[:-1], *event.at.values(), *(self.eigenvalue(event) if self.sweep else ()))
 
     def over(self, scene: Scene, key: str = "drive.speed") -> Events:
         """Return the events with the eigenvalues of a scene over `key`, whose values are a channel of `Event.at`.
@@ -197,8 +181,8 @@ class Events(Result):
         known = [mode for mode in modes if math.isfinite(mode[0] + mode[1])]
         return min(known, key=lambda mode: abs(mode[0] - event.linear), default=(math.nan, math.nan))
 
-    def to_json(self) -> dict[str, Any]:
-        """The events as plain values for JSON."""
+    def facts(self) -> dict[str, Any]:
+        """Return the settings, the events, and the eigenvalues of the scene."""
         return {
             "scene": self.scene,
             "channel": self.name,
@@ -209,13 +193,6 @@ class Events(Result):
             "events": [event._asdict() for event in self.events],
             "over": self.sweep and self.sweep.to_json(),
         }
-
-    def csv(self) -> str:
-        """The events as CSV."""
-        units = ("s", "s", "Hz", self.unit, "dB", "1/s", "1/s", "1/s", "Hz", "1/s", "", "")
-        head = [f"{name} {unit}".strip() for name, unit in zip(Event._fields, units)]
-        head += [f"{name} {unit}" for name, unit in self.others.items()]
-        return csv_text(head, ([*event[:-1], *event.at.values()] for event in self.events))
 
 
 class _Track(NamedTuple):
@@ -566,7 +543,3 @@ def _families(tones: list[_Tone], rate: float) -> Iterator[tuple[_Tone, int]]:
     for i, tone in enumerate(tones):
         if i not in bases:
             yield tone, len({order for k, order in bases.values() if k == i and order > 1})
-
-
-def _number(value: float, digits: int = 4) -> str:
-    return f"{value:.{digits}g}" if math.isfinite(value) else "-"

@@ -9,6 +9,7 @@ come from the contact state and not from the RMS: the last stick of a run-up and
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -19,9 +20,9 @@ from rig.analysis.recorded.series import Series, channels, drive, scene_name, vi
 from rig.analysis.recorded.speed_branches import Branch, branches
 from rig.analysis.recorded.stick_speeds import short, stuck
 from rig.errors import Faults, UsageError
-from rig.printable import columns, counted
+from rig.printable import counted
 from rig.record.run import Reals, Run
-from rig.results import Result, csv_text
+from rig.results import Column, Result, Table
 
 _PERIODS = 5.0  # default window, in periods of the slowest strong vibration
 _LONGEST = 0.25  # share of the shortest branch: a longer window blurs all of it
@@ -116,24 +117,21 @@ class Hysteresis(Result):
         with np.errstate(invalid="ignore"):
             return np.sqrt(np.bincount(where, square[known], _BINS) / count)  # type: ignore[no-any-return]
 
-    def text(self) -> str:
-        """Return the report as text."""
-        unit = self.unit
+    def shown(self) -> Iterator[str | Table]:
+        """Yield how the RMS was computed, the branches of the speed, and the RMS over the speed."""
         over = self.over_unit
         periods = self.window * self.frequency
         window = f"{self.window:.4g} s"
         if self.frequency:
             window += f" ({periods:.3g} periods of {self.frequency:.4g} Hz)"
         smear = f"{self.over} changes by up to {self.smear:.3g} {over} in it"
-        lines = [
-            f"{self.scene}: RMS of {self.name} [{unit}] over {self.over} [{over}]",
-            f"  RMS about the mean, in a centred window of {window}; {smear}",
-            *(f"  {gap}" for gap in self.gaps),
-        ]
+        yield f"{self.scene}: RMS of {self.name} [{self.unit}] over {self.over} [{over}]"
+        yield f"  RMS about the mean, in a centred window of {window}; {smear}"
+        yield from (f"  {gap}" for gap in self.gaps)
         if 0.0 < periods < _WHOLE:
-            lines.append("  the window is shorter than a period: the RMS follows the vibration itself")
+            yield "  the window is shorter than a period: the RMS follows the vibration itself"
         if self.lost:
-            lines.append(f"  {counted(self.lost, 'window')} left out: less than half of the samples are there")
+            yield f"  {counted(self.lost, 'window')} left out: less than half of the samples are there"
         for curve in self.curves:
             branch = curve.branch
             stuck = ""
@@ -141,22 +139,21 @@ class Hysteresis(Result):
                 at = f"at {curve.stick:.5g} {over}" if math.isfinite(curve.stick) else "none"
                 stuck = f", {'last' if branch.rises else 'first'} stick {at}"
             way = f"run-{'up' if branch.rises else 'down'} {branch.begin:.5g} to {branch.end:.5g} s"
-            lines.append(f"  {way}, {branch.first:.5g} to {branch.last:.5g} {over}{stuck}")
+            yield f"  {way}, {branch.first:.5g} to {branch.last:.5g} {over}{stuck}"
         if not self.modes and not self.events:
-            lines.append("  contact states were not recorded: stick is unknown")
+            yield "  contact states were not recorded: stick is unknown"
         else:
             missed = "" if self.events else ": shorter sticks may be missed"
-            lines.append(f"  contact states were recorded every {self.modes:.3g} s{missed}")
+            yield f"  contact states were recorded every {self.modes:.3g} s{missed}"
         if self.up > self.down:
-            lines.append(
-                f"  between {self.down:.5g} and {self.up:.5g} {over} it sticks and slips only while the speed rises"
-            )
-        head = (f"{self.over} {over}", f"rising {unit}", f"falling {unit}")
-        rows = [tuple(map(_number, row)) for row in self.rows()]
-        return "\n".join([*lines, "", *columns([head, *rows], ">>>")])
+            yield f"  between {self.down:.5g} and {self.up:.5g} {over} it sticks and slips only while the speed rises"
+        yield ""
+        units = (over, self.unit, self.unit)
+        columns = [Column(name, unit, ".5g") for name, unit in zip(Row._fields, units)]
+        yield Table("rows", columns, self.rows())
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values; the windows one by one are in `csv`."""
+    def facts(self) -> dict[str, Any]:
+        """Return the settings and the branches; the windows one by one are in `csv`."""
         return {
             "scene": self.scene,
             "signal": self.name,
@@ -175,24 +172,23 @@ class Hysteresis(Result):
             "branches": [
                 {**curve.branch._asdict(), "rises": curve.branch.rises, "stick": curve.stick} for curve in self.curves
             ],
-            "rows": [row._asdict() for row in self.rows()],
         }
 
-    def csv(self) -> str:
-        """Return every window as a line: branch, direction, time, speed, RMS; empty where it is not known."""
-        head = (
-            "branch",
-            "direction",
-            "time [s]",
-            f"{self.over} [{self.over_unit}]",
-            f"rms of {self.name} [{self.unit}]",
+    def listed(self) -> Table:
+        """Return every window: branch, direction, time, speed, RMS; empty where it is not known."""
+        columns = (
+            Column("branch"),
+            Column("direction"),
+            Column("time", "s"),
+            Column(self.over, self.over_unit),
+            Column(f"rms of {self.name}", self.unit),
         )
-        rows = (
-            (number, "rising" if curve.branch.rises else "falling", t, speed, "" if math.isnan(rms) else rms)
+        rows = [
+            (number, "rising" if curve.branch.rises else "falling", t, speed, None if math.isnan(rms) else rms)
             for number, curve in enumerate(self.curves, 1)
             for t, speed, rms in zip(curve.t.tolist(), curve.speed.tolist(), curve.rms.tolist())
-        )
-        return csv_text(head, rows)
+        ]
+        return Table("windows", columns, rows)
 
 
 def hysteresis(
@@ -282,7 +278,3 @@ def _stick(times: Reals, branch: Branch, t: Reals, v: Reals) -> float:
     if not sticks.size:
         return math.nan
     return float(np.interp(sticks.max() if branch.rises else sticks.min(), t, v))
-
-
-def _number(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.5g}"

@@ -12,6 +12,7 @@ stretch of time in which the channel has no gap and the speed keeps its sign and
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -23,6 +24,7 @@ from rig.errors import Faults, UsageError
 from rig.printable import counted
 from rig.record.run import Reals, Run
 from rig.record.run_data import bridge
+from rig.results import Table
 
 DRIVE = "drive"
 """The default of `orders`: the speed of the drive, whatever its output is called."""
@@ -68,26 +70,23 @@ class Orders(Averaged):
         """What an order is counted in."""
         return self.counted_in
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the settings and the strongest lines."""
         d = self.density
         per = self.per
         speeds = f"{self.slowest:.4g} to {self.fastest:.4g} {per}/s"
         windows = f"{counted(d.windows, 'Hann window')} of {self.window:.4g} {per}"
-        return self._report(
-            [
-                f"{self.scene}: orders of {self.name} [{self.unit}] over {self.over}, cycles per {per}",
-                f"  {self.start:.5g} to {self.end:.5g} s, {speeds}; orders up to {self.highest:.4g} 1/{per}",
-                "  resampled at even steps: band-limited and cubic interpolation, low-pass filter, decimation",
-                f"  density: mean of {windows}, half overlapping; lines {d.step:.4g} 1/{per} apart",
-                f"  map: Hann windows of {self.map_window:.4g} {per}",
-            ]
-        )
+        yield f"{self.scene}: orders of {self.name} [{self.unit}] over {self.over}, cycles per {per}"
+        yield f"  {self.start:.5g} to {self.end:.5g} s, {speeds}; orders up to {self.highest:.4g} 1/{per}"
+        yield "  resampled at even steps: band-limited and cubic interpolation, low-pass filter, decimation"
+        yield f"  density: mean of {windows}, half overlapping; lines {d.step:.4g} 1/{per} apart"
+        yield f"  map: Hann windows of {self.map_window:.4g} {per}"
+        yield from self._report()
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values; the density is in `csv`."""
+    def facts(self) -> dict[str, Any]:
+        """Return the settings; the density is in `csv`."""
         kept = ("over", "per", "start", "end", "slowest", "fastest", "highest")
-        return self._values() | {name: getattr(self, name) for name in kept}
+        return super().facts() | {name: getattr(self, name) for name in kept}
 
 
 def orders(run: Run, name: str = "", over: str = DRIVE, first: float = 0.0, last: float = math.inf) -> Orders:

@@ -22,7 +22,7 @@ from rig.printable import counted
 from rig.record.run import Reals, Run
 from rig.record.run_data import TRUE
 from rig.record.run_list import portrait_pair
-from rig.results import Result, csv_text
+from rig.results import Column, Result, Table
 
 SAME = 1e-3
 """Share of the range of a channel: points of a section that are this close count as one."""
@@ -69,15 +69,15 @@ class Portrait(Result):
     section: Section | None
     gaps: tuple[str, ...]
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str]:
+        """Yield the ranges and the section."""
         axes = f"{self.y_name} [{self.y_unit}] over {self.x_name} [{self.x_unit}]"
         span = f"{self.t[0]:.5g} to {self.t[-1]:.5g} s"
-        lines = [f"{self.scene}: {axes}, {span}, {counted(self.t.size, 'sample')}"]
-        lines += [f"  {gap}" for gap in self.gaps]
+        yield f"{self.scene}: {axes}, {span}, {counted(self.t.size, 'sample')}"
+        yield from (f"  {gap}" for gap in self.gaps)
         for name, unit, v in ((self.x_name, self.x_unit, self.x), (self.y_name, self.y_unit, self.y)):
-            lines.append(f"  {name}: {np.nanmin(v):.6g} to {np.nanmax(v):.6g} {unit}")
-        return "\n".join([*lines, *self._section()])
+            yield f"  {name}: {np.nanmin(v):.6g} to {np.nanmax(v):.6g} {unit}"
+        yield from self._section()
 
     def _section(self) -> Iterator[str]:
         s = self.section
@@ -103,8 +103,8 @@ class Portrait(Result):
         else:
             yield "  at least three crossings are needed to find a repetition"
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values, with the points of the section."""
+    def facts(self) -> dict[str, Any]:
+        """Return the ranges, and the section with its points."""
         sides = {"x": self.x, "y": self.y}
         values = {f"{side}_range": [float(np.nanmin(v)), float(np.nanmax(v))] for side, v in sides.items()}
         names = ("scene", "x_name", "x_unit", "y_name", "y_unit")
@@ -121,11 +121,11 @@ class Portrait(Result):
             "section": section,
         }
 
-    def csv(self) -> str:
-        """Return a line for each point of the section, or without one for each sample: time [s], x, y."""
+    def listed(self) -> Table:
+        """Return a row for each point of the section, or without one for each sample: time [s], x, y."""
         points = self.section or self
-        head = ["time [s]", f"{self.x_name} [{self.x_unit}]", f"{self.y_name} [{self.y_unit}]"]
-        return csv_text(head, zip(points.t.tolist(), points.x.tolist(), points.y.tolist()))
+        columns = (Column("time", "s"), Column(self.x_name, self.x_unit), Column(self.y_name, self.y_unit))
+        return Table("points", columns, [*zip(points.t.tolist(), points.x.tolist(), points.y.tolist())])
 
 
 def portrait(

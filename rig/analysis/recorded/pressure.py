@@ -6,7 +6,7 @@ recording 200 per second. The vibration is faster, so that a map shows one insta
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -14,11 +14,10 @@ import numpy as np
 
 from rig.analysis.recorded.series import scene_name
 from rig.errors import UsageError
-from rig.printable import columns
 from rig.record.film_points import Points, points_of
 from rig.record.run import Reals, Run
 from rig.record.statistics import Instant, characteristic
-from rig.results import Result, csv_text
+from rig.results import Column, Result, Table
 
 MOST = 20
 """Largest number of instants in a figure."""
@@ -57,8 +56,8 @@ class Pressure(Result):
     spacing: float
     """Interval between samples of the recording [s]."""
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the sizes of the contacts, and a row for each map."""
         surfaces = {surface.name: surface for surface in self.points.surfaces}
         sizes = []
         for name, s in surfaces.items():
@@ -67,33 +66,29 @@ class Pressure(Result):
             points = " x ".join(map(str, s.shape))
             size = f"{points} points on {1e3 * (high_x - low_x):.4g} x {1e3 * (high_y - low_y):.4g} mm"
             sizes.append(f"{size} ({name})" if len(surfaces) > 1 else size)
-        lines = [
-            f"{self.scene}: contact pressure, {', '.join(sizes)}, recorded every {1e3 * self.spacing:.3g} ms",
-            f"  {WHERE if 'film' in surfaces else 'coordinates of the mesh'}; a map is one instant, not a mean",
-            "",
-        ]
-        x, y = (f"{axis} mm" for axis in self.points.surfaces[0].axes)
-        rows: list[tuple[str, ...]] = [
-            ("time s", "in contact", f"centre {x}", y, "force N", "largest MPa", f"at {x}", y, "")
-        ]
+        yield f"{self.scene}: contact pressure, {', '.join(sizes)}, recorded every {1e3 * self.spacing:.3g} ms"
+        yield f"  {WHERE if 'film' in surfaces else 'coordinates of the mesh'}; a map is one instant, not a mean\n"
+        axes = self.points.surfaces[0].axes
+        columns = (
+            Column("contact"),
+            Column("time", "s", ".5f"),
+            Column("fraction", "1", ".0f", "%", 0.01),
+            *(Column(f"centre {axis}", "m", "z.1f", "mm", 1e-3) for axis in axes),
+            Column("force", "N", ".1f"),
+            Column("largest", "Pa", ".3f", "MPa", 1e6),
+            *(Column(f"largest at {axis}", "m", "z.1f", "mm", 1e-3) for axis in axes),
+            Column("why"),
+        )
+        rows: list[tuple[Any, ...]] = []
         for shown in self.maps:
             place = surfaces[shown.contact].places[int(np.nanargmax(shown.pressures))]
-            pressed = shown.largest > 0.0
-            contact = shown.contact if len(surfaces) > 1 else ""
-            row = (
-                f"{shown.time:.5f}",
-                f"{100 * shown.fraction:.0f} %",
-                *_millimetres(shown.centre, pressed),
-                f"{shown.force:.1f}",
-                f"{1e-6 * shown.largest:.3f}",
-                *_millimetres(place, pressed),
-                ", ".join(filter(None, (contact, shown.why))),
-            )
-            rows.append(row)
-        return "\n".join([*lines, *columns(rows, ">>>>>>>><")])
+            centre, at = (shown.centre, map(float, place)) if shown.largest > 0.0 else ((None,) * 2, (None,) * 2)
+            pressure = (shown.force, shown.largest)
+            rows.append((shown.contact, shown.time, shown.fraction, *centre, *pressure, *at, shown.why))
+        yield Table("maps", columns, rows)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values in SI; pressures of a film by lines across, from the rear."""
+    def facts(self) -> dict[str, Any]:
+        """Return points and maps in SI; pressures of a film by lines across, from the rear."""
         maps = [
             {**shown._asdict(), "pressures": shown.pressures.tolist(), "largest": shown.largest} for shown in self.maps
         ]
@@ -103,16 +98,16 @@ class Pressure(Result):
             contacts[surface.name] = lines | {"area": surface.area.reshape(surface.shape).tolist()}
         return {"scene": self.scene, "contacts": contacts, "spacing": self.spacing, "maps": maps}
 
-    def csv(self) -> str:
-        """Return a line for each point of each map: time [s], coordinates [m], pressure [Pa], contact."""
+    def listed(self) -> Table:
+        """Return a row for each point of each map: time [s], coordinates [m], pressure [Pa], contact."""
         places = {surface.name: surface.places.tolist() for surface in self.points.surfaces}
-        rows = (
+        rows = [
             (m.time, x, y, p, m.contact)
             for m in self.maps
             for (x, y), p in zip(places[m.contact], m.pressures.ravel().tolist())
-        )
-        x, y = self.points.surfaces[0].axes
-        return csv_text(("time [s]", f"{x} [m]", f"{y} [m]", "pressure [Pa]", "contact"), rows)
+        ]
+        units = {"time": "s", **dict.fromkeys(self.points.surfaces[0].axes, "m"), "pressure": "Pa", "contact": ""}
+        return Table("points", [*map(Column, units, units.values())], rows)
 
 
 def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
@@ -166,8 +161,3 @@ def _asked(run: Run, at: Sequence[float]) -> list[Instant]:
 def _seconds(times: list[float]) -> str:
     """Times [s] as a list in words."""
     return ", ".join(f"{t:g} s" for t in times)
-
-
-def _millimetres(place: Iterable[float], pressed: bool) -> list[str]:
-    """Coordinates [m] in mm; "-" if nothing presses."""
-    return [f"{round(1e3 * float(v), 1) + 0.0:.1f}" if pressed else "-" for v in place]

@@ -27,10 +27,10 @@ from rig.analysis.recorded.pulses import force_window, pulses
 from rig.analysis.recorded.resonances import Complex, Resonance, resonances
 from rig.analysis.recorded.series import Series, channels, same, scene_name
 from rig.errors import Faults, UsageError
-from rig.printable import columns, counted
+from rig.printable import counted
 from rig.record.run import Integers, Reals, Run
 from rig.record.run_data import bridge
-from rig.results import Result, csv_text
+from rig.results import Column, Result, Table
 
 _WINDOWS = 16  # Hann windows, end to end, in the time span, by default
 _FLOOR = 1e-10  # share of the input's largest spectral density: lines below it count as not excited
@@ -92,8 +92,8 @@ class Response(Result):
         """Distance between lines [Hz]."""
         return 1.0 / self.window
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield how the response was estimated, what can be trusted, and the resonances."""
         kind = "Hann, half overlapping" if self.tapered else "from pulse to pulse"
         windows = f"{counted(self.windows, 'window')} of {self.window:.4g} s"
         known = np.isfinite(self.h)
@@ -105,34 +105,29 @@ class Response(Result):
         bridged = f"  {self.bridged} missing samples are bridged by straight lines" if self.bridged else ""
         lost = "windows are left out: a longer gap, or they end after the last sample"
         left_out = f"  {self.left_out} {lost}" if self.left_out else ""
-        lines = [
-            f"{self.scene}: response of {self.output} [{self.output_unit}] to {self.input} [{self.input_unit}], "
-            f"{span} at {self.rate:.6g} Hz",
-            f"  H1: mean of {windows} ({kind}), {self.independent:.4g} independent; lines {self.step:.4g} Hz apart",
-            *([] if self.tapered else ["  the input counts as zero between the pulses (force window)"]),
-            *(f"  {gap}" for gap in self.gaps),
-            *filter(None, (bridged, left_out)),
-            excited,
-            *self._trusted(),
-            *self._doubts(),
-        ]
+        channels = f"response of {self.output} [{self.output_unit}] to {self.input} [{self.input_unit}]"
+        yield f"{self.scene}: {channels}, {span} at {self.rate:.6g} Hz"
+        yield f"  H1: mean of {windows} ({kind}), {self.independent:.4g} independent; lines {self.step:.4g} Hz apart"
+        yield from [] if self.tapered else ["  the input counts as zero between the pulses (force window)"]
+        yield from (f"  {gap}" for gap in self.gaps)
+        yield from filter(None, (bridged, left_out))
+        yield excited
+        yield from self._trusted()
+        yield from self._doubts()
         if not self.resonances:
-            none = "  no resonance: no peak of 6 dB has a random error below 10 % and fits a pole pair"
-            return "\n".join([*lines, none])
-        head = ("frequency Hz", "damping ratio", f"magnitude {self.unit}", "at Hz", "coherence", "random error")
-        rows = [
-            (
-                f"{r.frequency:.6g}",
-                f"{r.damping:.4g}",
-                f"{r.magnitude:.4g}",
-                f"{r.at:.5g}",
-                "-" if math.isnan(r.coherence) else f"{r.coherence:.4g}",
-                _percent(r.error),
-            )
-            for r in self.resonances
-        ]
-        how = "  resonances: fit of one pole pair to the lines about each peak"
-        return "\n".join([*lines, how, "", *columns([head, *rows], ">>>>>>")])
+            yield "  no resonance: no peak of 6 dB has a random error below 10 % and fits a pole pair"
+            return
+        yield "  resonances: fit of one pole pair to the lines about each peak\n"
+        columns = (
+            Column("frequency", "Hz", ".6g"),
+            Column("damping", "1", ".4g"),
+            Column("magnitude", self.unit, ".4g"),
+            Column("at", "Hz", ".5g"),
+            Column("coherence", "1", ".4g"),
+            Column("error", "1", ".3g", "%", 0.01),
+        )
+        rows = [(r.frequency, r.damping, r.magnitude, r.at, r.coherence, r.error) for r in self.resonances]
+        yield Table("resonances", columns, rows)
 
     def _trusted(self) -> Iterator[str]:
         if self.windows < 2:
@@ -160,8 +155,8 @@ class Response(Result):
                 "more time between the pulses"
             )
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values; the lines are in `csv`."""
+    def facts(self) -> dict[str, Any]:
+        """Return settings and resonances; the lines are in `csv`."""
         return {
             "scene": self.scene,
             "input": self.input,
@@ -185,11 +180,11 @@ class Response(Result):
             "resonances": [resonance._asdict() for resonance in self.resonances],
         }
 
-    def csv(self) -> str:
+    def listed(self) -> Table:
         """Return the lines: frequency [Hz], magnitude, phase [degrees], coherence, random error of the magnitude."""
-        head = ("frequency [Hz]", f"magnitude [{self.unit}]", "phase [degree]", "coherence", "random error")
+        units = {"frequency": "Hz", "magnitude": self.unit, "phase": "degree", "coherence": "", "random error": ""}
         values = (self.f, np.abs(self.h), np.degrees(np.angle(self.h)), self.coherence, self.error)
-        return csv_text(head, zip(*(v.tolist() for v in values)))
+        return Table("lines", [*map(Column, units, units.values())], [*zip(*(v.tolist() for v in values))])
 
 
 def response(

@@ -113,19 +113,17 @@ class Sound(Result):
         """The largest absolute sample, in `unit`."""
         return float(np.abs(self.v).max())
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str]:
+        """Yield the level and the squeals."""
         windows = f"in {1e3 * WINDOW:g} ms from {self.level.min():.1f} to {self.level.max():.1f} dB"
-        lines = [
-            f"{self.scene}: {self.channel}, {len(self.v) / self.rate:.2f} s at {self.rate:g} Hz",
-            f"  level {self.overall:.1f} {self.reference}, {windows}; peak {self.peak:.3g} {self.unit}",
-        ]
-        lines += [f"  missing, counted as silence: {counted(self.missing, 'sample')}"] if self.missing else []
-        lines += [f"  squeal {squeal}" for squeal in self.squeals]
-        silent = f"  no squeal: no tone above {LOWEST / 1e3:g} kHz exceeds {self.threshold:.1f} dB"
-        return "\n".join(lines if self.squeals else [*lines, silent])
+        yield f"{self.scene}: {self.channel}, {len(self.v) / self.rate:.2f} s at {self.rate:g} Hz"
+        yield f"  level {self.overall:.1f} {self.reference}, {windows}; peak {self.peak:.3g} {self.unit}"
+        yield from [f"  missing, counted as silence: {counted(self.missing, 'sample')}"] if self.missing else []
+        yield from (f"  squeal {squeal}" for squeal in self.squeals)
+        if not self.squeals:
+            yield f"  no squeal: no tone above {LOWEST / 1e3:g} kHz exceeds {self.threshold:.1f} dB"
 
-    def to_json(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """Return the fields as JSON values; samples and spectrum are left out."""
         return {
             "scene": self.scene,

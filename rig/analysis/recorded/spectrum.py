@@ -19,6 +19,7 @@ from rig.errors import Faults, UsageError
 from rig.printable import counted
 from rig.record.run import Run
 from rig.record.run_data import bridge
+from rig.results import Result, Table
 
 _OF_MAP = 80  # the same of a spectrogram, whose windows are shorter to show the course
 _PERIODS = 5.0  # smallest number of periods of the slowest strong vibration in a default window of the spectrogram
@@ -39,23 +40,22 @@ class Spectrum(Averaged):
     seconds: float
     orders: Orders | None = None
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table | Result]:
+        """Yield the settings and the strongest lines, and the orders."""
         d = self.density
         span = f"{self.start:.5g} to {self.start + self.seconds:.5g} s"
         windows = f"{counted(d.windows, 'Hann window')} of {self.window:.4g} s"
-        report = self._report(
-            [
-                f"{self.scene}: spectrum of {self.name} [{self.unit}], {span} at {self.rate:.6g} Hz",
-                f"  power spectral density: mean of {windows}, half overlapping; lines {d.step:.4g} Hz apart",
-                f"  spectrogram: Hann windows of {self.map_window:.4g} s, lines {self.map.f[1]:.4g} Hz apart",
-            ]
-        )
-        return f"{report}\n\n{self.orders.text()}" if self.orders else report
+        yield f"{self.scene}: spectrum of {self.name} [{self.unit}], {span} at {self.rate:.6g} Hz"
+        yield f"  power spectral density: mean of {windows}, half overlapping; lines {d.step:.4g} Hz apart"
+        yield f"  spectrogram: Hann windows of {self.map_window:.4g} s, lines {self.map.f[1]:.4g} Hz apart"
+        yield from self._report()
+        if self.orders:
+            yield ""
+            yield self.orders
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values; the density is in `csv`."""
-        return self._values() | {
+    def facts(self) -> dict[str, Any]:
+        """Return the settings; the density is in `csv`."""
+        return super().facts() | {
             "rate": self.rate,
             "start": self.start,
             "seconds": self.seconds,

@@ -24,6 +24,7 @@ the algorithm of the smoothing, Kim, Koh, Boyd, Gorinevsky, SIAM Review 51 (2009
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -33,10 +34,10 @@ from numpy.typing import NDArray
 from rig.analysis.recorded.common_grid import aligned
 from rig.analysis.recorded.series import Series, scene_name, series
 from rig.errors import UsageError
-from rig.printable import columns, counted
+from rig.printable import counted
 from rig.record.run import Reals, Run
 from rig.record.run_data import BRIDGED, bridge, gaps
-from rig.results import Result, csv_text
+from rig.results import Column, Result, Table
 from rig.units import same_unit
 
 Bools = NDArray[np.bool_]
@@ -127,12 +128,11 @@ class StickSlip(Result):
         low, middle, high = np.percentile(values, [25.0, 50.0, 75.0])
         return float(middle), float(low), float(high)
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the medians of the slips and the friction over the slip speed."""
         share = f"{100.0 * self.share:.3g} % of the time"
         size = f"{self.threshold:.4g} {self.speed_unit}"
-        lines = [f"{self.scene}: {counted(len(self.slips), 'slip')}, stick {share}; threshold {size}"]
-        rows = [("", "median", "quartiles", "unit")]
+        yield f"{self.scene}: {counted(len(self.slips), 'slip')}, stick {share}; threshold {size}"
         kinds = [
             ("stick time", "stick", "s"),
             ("motion time", "motion", "s"),
@@ -140,11 +140,10 @@ class StickSlip(Result):
         ]
         forces = (("breakaway force", "breakaway"), ("force at the end", "restick"))
         kinds += [(title, name, self.force_unit) for title, name in forces if self.force_unit]
-        for title, name, unit in kinds:
-            middle, low, high = self.median(name)
-            if math.isfinite(middle):
-                rows.append((title, f"{middle:.5g}", f"{low:.5g} .. {high:.5g}", unit))
-        lines += columns(rows, "<>><") if len(rows) > 1 else []
+        rows = [(title, *self.median(name), unit) for title, name, unit in kinds]
+        numbers = (Column(name, digits=".5g") for name in ("median", "lower quartile", "upper quartile"))
+        if self.slips:
+            yield Table("medians", [Column("of"), *numbers, Column("unit")], rows)
         notes = {
             "samples replaced (spikes)": self.spikes,
             "samples held by the sensor": self.held,
@@ -154,35 +153,30 @@ class StickSlip(Result):
             "slips joined": self.joined,
         }
         told = [f"{count} {what}" for what, count in notes.items() if count]
-        lines += [f"  {', '.join(told)}"] if told else []
+        yield from [f"  {', '.join(told)}"] if told else []
+        columns = (
+            Column("speed", self.speed_unit, ".5g"),
+            Column("friction", self.force_unit, ".5g"),
+            Column("error", self.force_unit, ".2g"),
+            Column("samples", digits=".0f"),
+        )
         for curve, way in ((self.up, "rising"), (self.down, "falling")):
             if curve is not None and curve.speed.size:
-                unit = "coefficient" if self.coefficient else self.force_unit
-                lines += ["", f"friction over {way} slip speed"]
-                table = [("speed " + self.speed_unit, unit, "standard error", "samples")]
-                table += [(f"{v:.5g}", f"{f:.5g}", f"{e:.2g}", f"{n:.0f}") for v, f, e, n in zip(*curve)]
-                lines += columns(table, ">>>>")
-        return "\n".join(lines)
+                yield f"\nfriction over {way} slip speed, its mean and standard error"
+                yield Table(way, columns, [*zip(*(values.tolist() for values in curve))])
 
-    def to_json(self) -> dict[str, Any]:
-        """The result as plain values for JSON."""
+    def facts(self) -> dict[str, Any]:
+        """Return the slips and the curves."""
         curves = {way: curve._asdict() if curve else None for way, curve in (("up", self.up), ("down", self.down))}
         slips = [{**slip._asdict(), "motion": slip.motion} for slip in self.slips]
         counts = ("spikes", "held", "bridged", "missing", "cut", "joined")
         fields = {"scene": self.scene, "threshold": self.threshold, "share": self.share, "slips": slips, **curves}
         return fields | {name: getattr(self, name) for name in counts}
 
-    def csv(self) -> str:
-        """The slips as CSV."""
-        head = (
-            "begin s",
-            "end s",
-            "stick s",
-            f"breakaway {self.force_unit}",
-            f"end {self.force_unit}",
-            f"peak {self.speed_unit}",
-        )
-        return csv_text(head, self.slips)
+    def listed(self) -> Table:
+        """Return the slips."""
+        units = ("s", "s", "s", self.force_unit, self.force_unit, self.speed_unit)
+        return Table("slips", [*map(Column, Slip._fields, units)], self.slips)
 
     def law(self, falling: bool = False) -> str:
         """The friction as a table of a scene: `[friction]` with the law "table". Raises UsageError without a load.

@@ -20,10 +20,9 @@ from rig.analysis.studies.measures import one_unit
 from rig.analysis.studies.runs import REPEAT, SAMPLE, StudyRuns
 from rig.errors import OutputError, UsageError
 from rig.extras import needed
-from rig.machine.files import csv_table, write_file
-from rig.printable import columns, counted
-from rig.results import Result
-from rig.scenes.axis import with_unit
+from rig.machine.files import write_file
+from rig.printable import counted
+from rig.results import Column, Result, Table
 from rig.view.palette import put
 
 if TYPE_CHECKING:
@@ -107,11 +106,8 @@ class StudyResult(Result):
                 whole[m] = sobol.total_order.reshape(2, -1)[0]
         return Indices(tuple(factor.key for factor in plan.drawn), first, whole)
 
-    def text(self) -> str:
-        """Return the report as text."""
-        return "\n".join(self._lines())
-
-    def _lines(self) -> Iterator[str]:
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the points if they are few, each measure over all points, and the Sobol indices."""
         plan = self.work.plan
         varied = []
         for factor in plan.factors:
@@ -123,14 +119,17 @@ class StudyResult(Result):
         if self.work.left_out:
             yield f"  {self.work.left_out}"
         if len(self.values) <= _FEW:
-            yield from ["", *self._table()]
+            yield ""
+            yield self.listed()
         yield ""
-        rows: list[tuple[str, ...]] = [("measure", "median", "least", "greatest", "unit", "missing")]
+        numbers = (Column(name, digits=".5g") for name in ("median", "least", "greatest"))
+        columns = (Column("measure"), *numbers, Column("unit"), Column("missing", digits=".0f"))
+        rows = []
         for m, (name, unit) in enumerate(zip(self.names, self.units)):
             v = self.values[np.isfinite(self.values[:, m]), m]
-            numbers = (f"{np.median(v):.5g}", f"{v.min():.5g}", f"{v.max():.5g}") if v.size else ("-", "-", "-")
-            rows.append((name, *numbers, unit, f"{len(self.values) - v.size or ''}"))
-        yield from columns(rows, "<>>><>")
+            values = (float(np.median(v)), float(v.min()), float(v.max())) if v.size else (None,) * 3
+            rows.append((name, *values, unit, len(self.values) - v.size))
+        yield Table("measures", columns, rows)
         if SLIDES in self.names:
             yield from self._share(self.values[:, self.names.index(SLIDES)])
         if OUTSIDE in self.names:
@@ -139,7 +138,8 @@ class StudyResult(Result):
                 share = f"{outside} of {len(self.values)} points"
                 yield f"  warning: {share} lie outside of the trained range ({OUTSIDE} is 1)"
         if (shares := self.indices) is not None:
-            yield from ["", *self._index_table(shares)]
+            yield "\n  shares of the variance, alone and in all"
+            yield self._shares(shares)
         if computed := self.provenance.get("processors"):
             yield f"  computed on {computed}; results have the same bits on processors of one type only"
         counts = Counter(why for why in self.reasons if why)
@@ -164,35 +164,26 @@ class StudyResult(Result):
         texts = [f"{factor.key} = {factor.axis.text(value)}" for factor, value in values]
         return ", ".join([*texts, f"seed {plan.seed_of(point)}"])
 
-    def _table(self) -> Iterator[str]:
-        rows = [(*(factor.axis.label for factor in self.work.plan.factors), *map(with_unit, self.names, self.units))]
-        for at, values in zip(self.points, self.values):
-            keys = (f"{v / factor.axis.scale:.6g}" for factor, v in zip(self.work.plan.factors, at))
-            rows.append((*keys, *(f"{v:.6g}" if np.isfinite(v) else "-" for v in values)))
-        return columns(rows, "<" * len(self.work.plan.factors) + ">" * len(self.names))
+    def _shares(self, indices: Indices) -> Table:
+        columns = (Column("measure"), Column("parameter"), Column("first", digits=".2f"), Column("whole", digits=".2f"))
+        rows = []
+        for name, first, whole in zip(self.names, indices.first.tolist(), indices.whole.tolist()):
+            rows += [(name, *row) for row in zip(indices.keys, first, whole)]
+        return Table("shares", columns, rows)
 
-    def _index_table(self, indices: Indices) -> Iterator[str]:
-        rows = [("share of the variance", *(f"{key}" for key in indices.keys))]
-        for m, name in enumerate(self.names):
-            pairs = zip(indices.first[m], indices.whole[m])
-            rows.append((name, *(f"{a:.2f} alone, {b:.2f} in all" if np.isfinite(a) else "-" for a, b in pairs)))
-        return columns(rows, "<" + ">" * len(indices.keys))
-
-    def records(self) -> Iterator[dict[str, Any]]:
-        """Yield every point as a flat record: parameters (SI), seed, measures, reason."""
+    def listed(self) -> Table:
+        """Return a row for each point: parameters (SI), seed, measures, reason."""
         plan = self.work.plan
+        measures = (Column(name, unit, ".6g") for name, unit in zip(self.names, self.units))
+        seed = Column("seed", digits=".0f")
+        columns = [*(factor.axis.column() for factor in plan.factors), seed, *measures, Column("reason")]
+        rows = []
         for k, (at, values) in enumerate(zip(self.points.tolist(), self.values.tolist())):
-            record: dict[str, Any] = {factor.key: value for factor, value in zip(plan.factors, at)}
-            yield record | {"seed": plan.seed_of(k)} | dict(zip(self.names, values)) | {"reason": self.reasons[k]}
+            rows.append((*at, plan.seed_of(k), *values, self.reasons[k]))
+        return Table("points", columns, rows)
 
-    def csv(self) -> str:
-        """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
-        measures = map(with_unit, self.names, self.units)
-        head = [*(factor.axis.si_label for factor in self.work.plan.factors), "seed", *measures, "reason"]
-        return csv_table([head, *(record.values() for record in self.records())]).decode()
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the result as JSON values; parameters in SI."""
+    def facts(self) -> dict[str, Any]:
+        """Return plan, points and Sobol indices; parameters in SI."""
         plan = self.work.plan
         indices: dict[str, Any] | None = None
         if self.indices is not None:
@@ -207,7 +198,7 @@ class StudyResult(Result):
             "belief": self.work.belief,
             "left_out": self.work.left_out,
             "units": dict(zip(self.names, self.units)) | {factor.key: factor.axis.unit for factor in plan.factors},
-            "points": list(self.records()),
+            "points": self.listed().records(),
             "indices": indices,
             "recordings": {str(point): str(path) for point, path in self.recordings.items()},
             "folder": str(self.folder),

@@ -9,7 +9,7 @@ those of a study: when the same search is started again, it reads them and conti
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,13 +25,11 @@ from rig.analysis.studies.functions import check_not_loading
 from rig.analysis.studies.measures import Measure, measures, one_unit
 from rig.analysis.studies.runs import MOST, Plan, StudyRuns, check_length, first_seed
 from rig.errors import Faults, UsageError
-from rig.machine.files import csv_table
-from rig.printable import columns, counted
+from rig.printable import counted
 from rig.quantities import whole
 from rig.record.provenance import provenance
 from rig.record.run import Run
-from rig.results import Result
-from rig.scenes.axis import with_unit
+from rig.results import Column, Result, Table
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -88,32 +86,37 @@ class SearchResult(Result):
             return {}
         return {factor.key: float(v) for factor, v in zip(self.factors, self.points[self.best])}
 
-    def text(self) -> str:
-        """Return the report as text."""
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the best value and its parameters."""
         what = f"{'largest' if self.largest else 'smallest'} {self.measure}"
         counts = Counter(why for why in self.reasons if why)
         missing = [f"  {count} points have no value: {why}" for why, count in counts.most_common(3)]
         if self.best is None:
-            return "\n".join([f"{self.scene.name}: no point has a value of {self.measure}", *missing])
+            yield f"{self.scene.name}: no point has a value of {self.measure}"
+            yield from missing
+            return
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
-        lines = [f"{self.scene.name}: {what} {self.value:.6g}{unit}, point {self.best + 1} of {len(self.values)}"]
+        yield f"{self.scene.name}: {what} {self.value:.6g}{unit}, point {self.best + 1} of {len(self.values)}"
         for remark in (*self.belief, self.left_out):
             if remark:
-                lines.append(f"  {remark}")
-        lines.append("")
-        rows: list[tuple[str, ...]] = [("parameter", "best", "from", "to", "")]
+                yield f"  {remark}"
+        yield ""
+        numbers = (Column(name, digits=".6g") for name in ("best", "from", "to"))
+        columns = (Column("parameter"), *numbers, Column("unit"), Column("note"))
+        rows = []
         for factor, value in zip(self.factors, self.points[self.best].tolist()):
             low, high = factor.axis.values
             note = ""
             if min(value - low, high - value) < _CLOSE * (high - low):
                 note = "at the end of its range: a wider one may hold a better point"
-            rows.append((factor.key, *(factor.axis.text(v) for v in (value, low, high)), note))
-        lines += [*columns(rows, "<>>><"), ""]
-        lines += [f"  the points have {'converged' if self.settled else _APART}"]
-        return "\n".join([*lines, *missing])
+            shown = (v / factor.axis.scale for v in (value, low, high))
+            rows.append((factor.key, *shown, factor.axis.shown, note))
+        yield Table("best", columns, rows)
+        yield f"\n  the points have {'converged' if self.settled else _APART}"
+        yield from missing
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values; parameters in SI."""
+    def facts(self) -> dict[str, Any]:
+        """Return the best value and its parameters; parameters in SI."""
         return {
             "scene": self.scene.name,
             "measure": self.measure,
@@ -129,13 +132,12 @@ class SearchResult(Result):
             "folder": str(self.folder),
         }
 
-    def csv(self) -> str:
-        """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
-        head = [*(factor.axis.si_label for factor in self.factors), with_unit(self.measure, self.unit), "reason"]
-        rows: list[list[Any]] = [head]
-        for point, value, why in zip(self.points.tolist(), self.values.tolist(), self.reasons):
-            rows.append([*point, value, why])
-        return csv_table(rows).decode()
+    def listed(self) -> Table:
+        """Return a row for each point; parameters in SI."""
+        parameters = (factor.axis.column() for factor in self.factors)
+        columns = (*parameters, Column(self.measure, self.unit), Column("reason"))
+        points = zip(self.points.tolist(), self.values.tolist(), self.reasons)
+        return Table("points", columns, [(*point, value, why) for point, value, why in points])
 
 
 @dataclass(frozen=True)

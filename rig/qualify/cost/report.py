@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from rig import results
 from rig.analysis.cycles.motion_measures import THEORY
 from rig.errors import UsageError
-from rig.printable import columns
 from rig.qualify.cost.table import WORST, Row, Table, front
 from rig.qualify.cost.timing import Spread
-from rig.results import Result
+from rig.results import Column, Result
 from rig.view import palette
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, SKY, VERMILION, headline, page, printed
 
@@ -27,8 +27,7 @@ COLOURS = {"exact": BLUE, "dopri5": VERMILION, "rosenbrock": SKY, "rk4": GREEN, 
 MARKS = {"exact": "D", "dopri5": "o", "rosenbrock": "P", "rk4": "s", "kick": "^", "smooth": "v"}
 STYLE = palette.STYLE | {"axes.titlesize": "large", "lines.linewidth": 1.5}
 LEAST = 1e-16  # errors of zero are drawn at this value
-_COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "rt factor", "")
-_OF_STATISTICS = "by statistics"
+_TIME = "us/ms"
 _SHORT = 100.0  # ratio of the ends of an axis up to which labels of minor ticks have room beside those of the decades
 _FEW = 3.0  # ratio up to which there may be no tick at 2, at 5 or at a decade, and all minor ticks have labels
 
@@ -44,49 +43,48 @@ class CostReport(Result):
     pick: Row | None = None
     budget: float | None = None
 
-    def text(self) -> str:
-        """Return the table and the notes on it as text."""
-        table = self.table
-        align = "<<>><>>>>><" if table.statistical else "<<><>>>>><"
-        rows = columns([heads(table), *lines(table, self.metric, self.pick)], align)
-        remarks = (f"  {note}" for note in notes(table, self.metric))
-        return "\n".join([f"{table.scene}: error and compute time on this machine", "", *rows, "", *remarks])
+    def shown(self) -> Iterator[str | results.Table]:
+        """Yield a row for each setting, and the notes on them."""
+        yield f"{self.table.scene}: error and compute time on this machine\n"
+        yield self._settings()
+        yield ""
+        yield from (f"  {note}" for note in notes(self.table, self.metric))
 
+    def _settings(self) -> results.Table:
+        """The settings; the errors of statistics with the part of statistics."""
+        statistical = self.table.statistical
+        best = front(self.table.rows, self.metric)
+        columns = (
+            Column("method"),
+            Column("setting"),
+            Column("error", "1", ".1e"),
+            *[Column("by statistics", "1", ".1e")] * statistical,
+            Column("of"),
+            *(Column(name, _TIME, ".3g") for name in ("p50", "p99", "p99_low", "p99_high")),
+            Column("share_p99", "1", ".2f", "%", 0.01),
+            Column("factor", "1", ".6g"),
+            Column("note"),
+        )
+        rows: list[tuple[Any, ...]] = []
+        for row in self.table.rows:
+            method, _, dial = str(row.setting).partition(" at ")
+            if row.fault:
+                rows.append((method, dial, *[None] * (1 + statistical), "", *[None] * 6, row.fault))
+                continue
+            name = row.worst if self.metric == WORST else self.metric
+            errors = (row.error(self.metric), *[row.floor(name)] * statistical)
+            times = (row.cost.p50.value, row.cost.p99.value, row.cost.p99.low, row.cost.p99.high)
+            mark = ""
+            if row is self.pick:
+                mark = "recommended"
+            elif row in best:
+                mark = "front"
+            rows.append((method, dial, *errors, name, *times, row.share, row.cost.factor.value, mark))
+        return results.Table("rows", columns, rows)
 
-def heads(table: Table) -> tuple[str, ...]:
-    """Return the heads of the columns; the errors of statistics have one more, with the part of statistics."""
-    return (*_COLUMNS[:3], _OF_STATISTICS, *_COLUMNS[3:]) if table.statistical else _COLUMNS
-
-
-def lines(table: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
-    """Return the rows of the table as text, in the columns of `heads`."""
-    best = front(table.rows, metric)
-    rows = []
-    for row in table.rows:
-        method, _, dial = str(row.setting).partition(" at ")
-        if row.fault:
-            rows.append((method, dial, row.fault, *[""] * (len(heads(table)) - 3)))
-            continue
-        name = row.worst if metric == WORST else metric
-        cells = [method, dial, _error(row.error(metric))]
-        if table.statistical:
-            cells.append(f"{row.floor(name):.1e}")
-        p99 = row.cost.p99
-        cells += [name, f"{row.cost.p50.value:.3g}", f"{p99.value:.3g}", f"{p99.low:.3g} .. {p99.high:.3g}"]
-        factor = row.cost.factor.value
-        cells += [f"{row.share:.2%}", f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}"]
-        mark = ""
-        if row is pick:
-            mark = "recommended"
-        elif row in best:
-            mark = "front"
-        rows.append((*cells, mark))
-    return rows
-
-
-def _error(error: float) -> str:
-    """An error in a cell; infinite if the mode set changes differ."""
-    return f"{error:.1e}" if math.isfinite(error) else "differs"
+    def facts(self) -> dict[str, Any]:
+        """Return the whole table."""
+        return {**vars(self.table), "rows": [row.flat() for row in self.table.rows]}
 
 
 def _agreement(table: Table, metric: str) -> str:
@@ -106,9 +104,7 @@ def notes(table: Table, metric: str) -> list[str]:
     out = [f"{table.kind}, {table.seconds:.4g} s simulated; {_agreement(table, metric)}"]
     out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in table.orders.items()]
     if any(math.isinf(error) for row in table.rows for error in row.errors.values()):
-        out.append(
-            "differs: the mode set changes are not those of the reference, so that their times cannot be compared"
-        )
+        out.append("inf: the mode set changes are not those of the reference, so that their times cannot be compared")
     return out + [f"{method} left out: {why}" for method, why in table.left_out.items()]
 
 

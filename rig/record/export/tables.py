@@ -141,8 +141,10 @@ class _Chosen:
     events: bool = False
 
 
-def tables(run: RunData, only: Sequence[str] = (), rate: float | None = None) -> Tables:
+def tables(run: RunData, only: Sequence[str] = (), rate: float | None = None, plain: bool = True) -> Tables:
     """Return the tables of `run`, or of the outputs, sensors and controllers that `only` names.
+
+    `plain`: with names that can be those of files and groups; otherwise with the names of the run.
 
     `only` takes "events" and "mode" as well, and the common part of the names of a film's points ("pressure"). A name
     that a sensor and an output share is the sensor; `truth/NAME` is the output. `rate` [Hz]: signals recorded at a
@@ -158,7 +160,8 @@ def tables(run: RunData, only: Sequence[str] = (), rate: float | None = None) ->
     made = [*_outputs(run, times, outputs, chosen.mode), *_sensors(run, sensors)]
     made += [_commands(run, name) for name in chosen.controllers]
     made += [_events(run)] if chosen.events else []
-    return Tables(tuple(_named(made)), (*_aliased(run, chosen, times), *reduced.notes))
+    named = _distinct(map(_plain, made), (TIME,)) if plain else _distinct(made)
+    return Tables(tuple(named), (*_aliased(run, chosen, times), *reduced.notes))
 
 
 def _aliased(run: RunData, chosen: _Chosen, times: Integers) -> Iterator[str]:
@@ -276,10 +279,17 @@ def _events(run: RunData) -> Table:
     return Table(EVENTS, t_ns, tuple(columns))
 
 
-def _named(made: list[Table]) -> Iterator[Table]:
-    """The tables with names that can be those of files and groups; no name stands twice, nor that of a column."""
-    names = distinct((re.sub(r"\W", "_", table.name) for table in made), "{}_{}")
+def _plain(table: Table) -> Table:
+    """The table with names that can be those of files and groups."""
+    columns = tuple(replace(column, name=column.name.replace("/", "_")) for column in table.columns)
+    return replace(table, name=re.sub(r"\W", "_", table.name), columns=columns)
+
+
+def _distinct(made: Iterable[Table], taken: tuple[str, ...] = ()) -> Iterator[Table]:
+    """The tables; no name stands twice, nor that of a column, which also differs from those that are `taken`."""
+    made = list(made)
+    names = distinct((table.name for table in made), "{}_{}")
     for name, table in zip(names, made):
-        plain = distinct((TIME, *(column.name.replace("/", "_") for column in table.columns)), "{}_{}")[1:]
-        columns = tuple(replace(column, name=label) for label, column in zip(plain, table.columns))
+        labels = distinct((*taken, *(column.name for column in table.columns)), "{}_{}")[len(taken) :]
+        columns = tuple(replace(column, name=label) for label, column in zip(labels, table.columns))
         yield replace(table, name=name, columns=columns)

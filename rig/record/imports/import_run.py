@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from rig.record.imports.text_table import BLOCK
 from rig.record.provenance import package_version
 from rig.record.run_data import Integers, Reals
 from rig.record.writer import Writer
-from rig.results import Result
+from rig.results import Column, Result, Table
 
 _SLICE_NS = 250_000_000  # of a message. chosen
 # Fewest and most samples of a message. chosen: 32 to 512 KiB
@@ -126,19 +126,21 @@ class Imported(Result):
     missing: int = 0
     """Number of values that were left out because there was none."""
 
-    def text(self) -> str:
-        """Channels with ranges, and the time bases."""
-        rows = [f"{self.path}: {counted(len(self.channels), 'channel')}"]
+    def shown(self) -> Iterator[str | Table]:
+        """Yield the channels with their ranges, and the time bases."""
+        yield f"{self.path}: {counted(len(self.channels), 'channel')}"
+        numbers = (Column("lowest", digits=".6g"), Column("highest", digits=".6g"))
+        rows = []
         for name, source in self.channels.items():
             unit, low, high = self.ranges[name]
-            rows.append(f"  {name:<20} {_span(low, high)} {'' if unit == '1' else unit}  from {source}".rstrip())
-        rows += [f"  {base.text()}" for base in self.bases]
+            rows.append((name, *((low, high) if low <= high else (None, None)), unit, source))
+        yield Table("columns", (Column("channel"), *numbers, Column("unit"), Column("from")), rows)
+        yield from (f"  {base.text()}" for base in self.bases)
         if self.missing:
-            rows.append(f"  {counted(self.missing, 'missing value')} left out")
-        return "\n".join(rows)
+            yield f"  {counted(self.missing, 'missing value')} left out"
 
-    def to_json(self) -> dict[str, object]:
-        """The same as plain values."""
+    def facts(self) -> dict[str, Any]:
+        """Return channels, ranges and time bases."""
         bases = [base.to_json() for base in self.bases]
         return {
             "path": str(self.path),
