@@ -1,7 +1,6 @@
 """An option is stated once: on a function of `rig`, or on that of its command; those of all commands in one place."""
 
 from inspect import signature
-from types import SimpleNamespace
 from typing import Annotated
 
 import pytest
@@ -11,7 +10,7 @@ from rig.cli import build
 from rig.cli.app import COMMANDS, every
 from rig.cli.stated import stated
 from rig.errors import ExitCode
-from rig.parameters import Option, common
+from rig.parameters import Option
 
 SAID_OTHERWISE = {"simulate": {"scene"}, "diff": {"first", "second"}, "import": {"files", "out"}}
 """Arguments that a command may do without, or that are files where the function takes what has been read."""
@@ -32,27 +31,6 @@ def test_what_a_function_of_rig_states_is_an_option_of_its_command():
         assert not left, name
         for one, option in (stated(made.of) if made.of else {}).items():
             assert option.option.help in (helps[one], "Name of a shipped scene (see rig list), or a TOML file."), name
-
-
-@pytest.mark.parametrize("flag", ["--json", "--figure", "--page", "--csv", "--force", "--trust", "-p", "--untold"])
-def test_an_option_of_several_commands_says_the_same_in_each(flag):
-    helps = {
-        name: one.help
-        for name, command in every().items()
-        for one in command.params
-        if flag in one.opts and name != "live replay"  # its -p changes a controller only
-    }
-    assert len(helps) > 1
-    assert len({*helps.values()}) == 1
-
-
-def test_one_name_of_a_parameter_has_one_text():
-    texts = {}
-    for function in (common, *(made.of for made in COMMANDS.values() if made.of)):
-        for name, one in stated(function).items():
-            if name in ("overrides", "untold", "redesign", "duration", "seed", "workers", "cluster", "begin", "end"):
-                texts.setdefault(name, set()).add((one.flag, one.option))
-    assert {len(told) for told in texts.values()} == {1}
 
 
 def twice(
@@ -81,19 +59,6 @@ def test_texts_become_the_values_of_the_parameters():
     assert got == {"length": 0.5, "names": ["a", "b"], "most": 4}
     with pytest.raises(package.errors.UsageError, match="--length is '3 kg'; expected a unit that converts to s"):
         _called(work, length="3 kg")
-
-
-def test_a_result_is_printed_and_its_exit_code_follows(capsys):
-    result = SimpleNamespace(text=lambda: "a text", to_json=lambda: {"a": 1})
-
-    def work(**given) -> "build.Answer":
-        return build.Answer(result, good=False, more={"b": 2}, then=lambda: ["below"])
-
-    for as_json, printed in ((False, "a text\nbelow\n"), (True, '{\n  "a": 1,\n  "b": 2\n}\n')):
-        with pytest.raises(build.typer.Exit) as left:
-            _called(work, as_json=as_json)
-        assert left.value.exit_code == ExitCode.FAILED
-        assert capsys.readouterr().out == printed
 
 
 def test_an_argument_may_have_the_name_of_a_file_that_others_write(rig):
