@@ -41,8 +41,9 @@ from rig.solve.film_steps import COUNTED
 from rig.solve.records import CLOSED, OPEN
 from rig.stability.linearisation import sliding_key, steady
 from rig.structure import estimate
-from rig.structure.full import Full, Part, Points
+from rig.structure.full import Doubt, Full, Part, Points
 from rig.structure.reduced import Reduced
+from rig.structure.stated import Stated
 
 Array = NDArray[np.float64]
 _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong to one contact
@@ -67,6 +68,11 @@ class Parameters(Tables):
     def continuing(self, begun: Self) -> Self:
         """See `Section.continuing`: the reduced structure keeps its basis."""
         return self.on_basis(basis_in_run(self, begun))
+
+    @property
+    def stated(self) -> Stated | None:
+        """What is stated of mass, contacts and bodies; None for typed matrices."""
+        return None if self.structure.typed else Stated.of(reduced(self))
 
     @property
     def contact_surfaces(self) -> Iterator[Surface]:
@@ -151,6 +157,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         for coordinate, share in row(model.vectors[f"actuators.{name}.at"]).items():
             a.push(coordinate, {state: share * value for state, value in pushed.items()})
     springs = [points.springs(given) for points in model.contacts]
+    if p.stated is not None:
+        a.judges.append(partial(_doubts, p.stated.doubts))
     if p.friction is not None:
         dampers = [points.dampers(given) for points in model.contacts]
         _add_contacts(a, p, model, springs, dampers, speed, row)
@@ -249,9 +257,12 @@ def _accuracy(p: Tables, whole: Reduced, jacobian: Array, errors_only: bool) -> 
     worst = estimates.relative.max(initial=0.0)
     if worst > p.reduction.error:
         hertz = estimates.values[int(estimates.relative.argmax())].imag / (2.0 * math.pi)
+        remedy = "use more modes or vectors, or a lower reduction.up_to"
+        if p.reduction.residual == "spring":
+            remedy = 'use reduction.residual = "attachment", or more modes'
         notes.append(
             f"the estimated error at {hertz:.4g} Hz is {worst:.1e}, above reduction.error {p.reduction.error:g}; "
-            "use more modes or vectors, or a lower reduction.up_to"
+            f"{remedy}"
         )
     return Accuracy(estimates.values, estimates.relative, tuple(notes))
 
@@ -401,6 +412,12 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers
         ),
     }
     a.judges.append(tension)
+
+
+def _doubts(doubts: tuple[Doubt, ...], system: System, step: float) -> Iterator[Finding]:
+    """What may be wrong with the structure."""
+    for what, remedy in doubts:
+        yield Finding("warning", what, 0.0, remedy)
 
 
 def tension(system: System, step: float) -> Iterator[Finding]:

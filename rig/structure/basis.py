@@ -33,7 +33,10 @@ Told = Callable[[str, float], object]
 """Is told what is being computed, and the share of the whole that is done."""
 DENSE = 300
 """Most rows of kind "whole" [chosen]: their matrices are dense, and a propagator of as many states takes minutes."""
-_SOURCES = ("full.py", "eigenvalues.py", "reduced.py", "basis.py", "snapshots.py", "estimate.py")
+_SOURCES = (
+    *("matrix_files.py", "mesh.py", "read.py", "faces.py", "contacts.py", "rows.py", "plausible.py"),
+    *("full.py", "eigenvalues.py", "reduced.py", "basis.py", "snapshots.py", "estimate.py"),
+)
 _WIDER = 1.5  # the highest mode of a basis over the highest frequency that is wanted
 _REFINED = 3  # each reduces the error of the flexibility left out by shift / (lowest w^2 left out)
 

@@ -68,7 +68,11 @@ def _shape(modes: Modes, mode: Mode) -> Shape:
     largest = np.unravel_index(int(np.abs(moved).argmax()), moved.shape)
     moved = moved / (moved[largest] or 1.0)
     axis = int((np.abs(moved) ** 2).sum(axis=0).argmax())
-    return Shape(f"{mode.frequency:.5g} Hz, growth {mode.growth:.4g} 1/s", moved, axis)
+    title = f"{mode.frequency:.5g} Hz, growth {mode.growth:.4g} 1/s"
+    region = next(iter(mode.regions), "")
+    if region:
+        title += f", {region} {100.0 * mode.regions[region]:.2g} %"
+    return Shape(title, moved, axis)
 
 
 def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[float], None]:
