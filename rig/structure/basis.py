@@ -147,6 +147,11 @@ def build(full: Full, reduction: Reduction, told: Told | None = None) -> Reduced
 
 def _of_modes(full: Full, reduction: Reduction, tell: Told) -> Reduced:
     """Kind "modes"."""
+    if reduction.modes > full.rows:
+        raise UsageError(
+            f"reduction.modes is {reduction.modes} and the matrices have {full.rows} rows, which have no more modes: "
+            "ask for fewer"
+        )
     closed = reduction.contact == "closed" and bool(full.contacts)
     if closed and reduction.residual == "spring":
         raise UsageError(

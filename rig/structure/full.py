@@ -59,17 +59,18 @@ class Part:
 class Met:
     """How much of a slave meets its master.
 
-    `nodes`: of the slave faces along the normal; `pairs`: those that meet a master face within the search, of all
-    nodes of rows from a file. `offered`, `met`: their areas [m^2]; `gap`: the largest of a pair [m]. `asked`: points
+    `nodes`: of the slave faces along the normal; `pairs`: those that meet a master face within the search. `offered`,
+    `met`: their areas [m^2]; `gap`: the largest of a pair [m]. Rows of a file name the nodes and areas that meet, and
+    offer no others (None); on the ground they have no gap (None). `asked`: points
     that the scene asks for, 0 for one at each node. `doubts`: what may be wrong. `slaves`: numbers of the nodes that
     take part.
     """
 
     nodes: int
     pairs: int
-    offered: float
+    offered: float | None
     met: float
-    gap: float
+    gap: float | None
     asked: int = 0
     doubts: tuple[Doubt, ...] = ()
     slaves: frozenset[int] = field(default=frozenset(), repr=False, compare=False)

@@ -23,9 +23,15 @@ class Contact:
     @property
     def text(self) -> str:
         """The contact in one line."""
-        points = f"{self.points} of {self.met.asked} points" if self.met.asked else f"{self.points} points"
-        area = f"area met {self.met.met:.4g} m^2 of {self.met.offered:.4g} m^2 offered"
-        return f"{points}; {self.met.pairs} of {self.met.nodes} nodes meet; {area}; largest gap {self.met.gap:.3g} m"
+        met = self.met
+        points = f"{self.points} of {met.asked} points" if met.asked else f"{self.points} points"
+        if met.offered is None:
+            pairs = f"{met.nodes} slave nodes; area {met.met:.4g} m^2 as its rows give it"
+        else:
+            area = f"area met {met.met:.4g} m^2 of {met.offered:.4g} m^2 offered"
+            pairs = f"{met.pairs} of {met.nodes} nodes meet; {area}"
+        gap = "on the ground" if met.gap is None else f"largest gap {met.gap:.3g} m"
+        return f"{points}; {pairs}; {gap}"
 
 
 @dataclass(frozen=True)

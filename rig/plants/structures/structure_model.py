@@ -286,7 +286,7 @@ def full(p: Tables) -> tuple[Full, Mesh]:
 
     def points(name: str, contact: Contact, finer: int) -> Points:
         if contact.rows is not None:
-            return contact_rows(name, Path(contact.rows), whole)
+            return contact_rows(name, Path(contact.rows), whole, read.UNITS[p.structure.units])
         if contact.gap is not None and contact.along is not None:
             gap = sp.csr_array(vector(contact.gap)[None])
             along = sp.csr_array(vector(contact.along)[None])
