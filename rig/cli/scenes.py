@@ -238,8 +238,8 @@ def _print_screen(explanation: Explanation, typed: str) -> None:
         ("what is uncertain", _uncertain(explanation)),
     ):
         printing.described(title, [row for row in rows if row[1]])
-    if explanation.stated is not None:
-        printing.described("what meets", [*explanation.stated.lines(), *explanation.stated.warnings()])
+    if stated := explanation.stated:
+        printing.described("mass and contacts", [*stated.lines(), *stated.warnings()])
     printing.paragraph(f"next: rig simulate {name} | rig modes {name} | rig run {name} --view")
     printing.line()
 

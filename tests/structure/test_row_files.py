@@ -105,21 +105,24 @@ stiffness = "1e10 N/m^3"
 speed = "0.1 m/s"
 [load]
 force = "10 N"
-at = {{ top = {{ node = 2, direction = "-z" }} }}
+at = {{ top = {{ node = 2, direction = "{pull}" }} }}
 [friction]
 law = "constant"
 mu = 0.3
 """
 
 
-def written(folder, units, kind="whole", modes=2):
-    """Two nodes above each other with three rows each, in m, kg or in mm, t."""
+def written(folder, units, kind="whole", modes=2, upper=((1e5, 0, 5e4), (0, 2e5, 0), (5e4, 0, 3e5)), pull="-z"):
+    """Two nodes above each other with three rows each, in m, kg or in mm, t.
+
+    `upper`: the stiffness that holds the upper node [N/m]; `pull`: the direction of its load.
+    """
     length = {"m-kg-s": 1.0, "mm-t-s": 1e-3}[units]
     folder.mkdir()
     scipy.io.mmwrite(folder / "M.mtx", scipy.sparse.coo_array(np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5]) * length))
-    stiffness = np.diag([4e5, 5e5, 6e5, 1e5, 2e5, 3e5])
+    stiffness = np.diag([4e5, 5e5, 6e5, 0.0, 0.0, 0.0])
     stiffness[0, 2] = stiffness[2, 0] = 5e4
-    stiffness[3, 5] = stiffness[5, 3] = 5e4
+    stiffness[3:, 3:] = upper
     scipy.io.mmwrite(folder / "K.mtx", scipy.sparse.coo_array(stiffness * length), symmetry="general")
     (folder / "nodes.csv").write_text(f"node,x,y,z\n1,0,0,0\n2,0,0,{0.1 / length}\n")
     order = [f"{node},{direction}" for node in (1, 2) for direction in "xyz"]
@@ -127,7 +130,7 @@ def written(folder, units, kind="whole", modes=2):
     (folder / "contact.csv").write_text(
         f"1,normal,2,z,1\n1,normal,1,z,-1\n1,along,2,x,1\n1,along,1,x,-1\n1,area,,,{1e-4 / length**2}\n"
     )
-    (folder / "scene.toml").write_text(SCENE.format(units=units, kind=kind, modes=modes))
+    (folder / "scene.toml").write_text(SCENE.format(units=units, kind=kind, modes=modes, pull=pull))
     return scenes.load(folder / "scene.toml")
 
 
@@ -140,6 +143,13 @@ def test_a_scene_in_millimetres_is_the_scene_in_metres(tmp_path):
     assert millimetres.stated.contacts["pad"].met.met == pytest.approx(1e-4)
     assert "1 slave nodes; area 0.0001 m^2 as its rows give it; largest gap 0.1 m" in millimetres.text()
     assert millimetres.stated.total == pytest.approx(1.5)
+
+
+def test_a_body_that_nothing_holds_is_named(tmp_path):
+    """The upper node is held by the contact alone, and the load pulls it away."""
+    scene = written(tmp_path / "loose", "m-kg-s", upper=np.diag([1e5, 2e5, 0.0]), pull="z")
+    [finding] = [finding for finding in rig.modes(scene).findings if "no contact presses" in finding.what]
+    assert finding.what == "no contact presses, and no spring holds body of node 2"
 
 
 def test_more_modes_than_rows_are_refused_at_once(tmp_path):
