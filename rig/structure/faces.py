@@ -20,7 +20,7 @@ from rig.structure.mesh import Mesh, Numbers
 FACING = 0.5
 """Least cosine between the normal and a face that takes part."""
 
-_PAIRS = 20_000_000  # of lines and triangles that `facing` tries: 2 s. Of more lines it takes some at equal intervals
+_PAIRS = 10_000_000  # of lines and triangles that `facing` tries: 3 s. Of more lines it takes some at equal intervals
 _AT_ONCE = 500_000  # of these pairs
 _INSIDE = 1e-9  # of a triangle: a line through its edge meets it
 

@@ -4,11 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
+import skfem
 from disc_with_pads import contacts, disc, paired
+from skfem.helpers import dot
+from skfem.models import elasticity
 
 from rig.structure import plausible
 from rig.structure.basis import Reduction, build
 from rig.structure.contacts import Contact, contact_points
+from rig.structure.full import Full, Part
 from rig.structure.mesh import Selection
 from rig.structure.reduced import Reduced
 from rig.structure.stated import Stated
@@ -106,9 +111,9 @@ def test_the_speed_of_sound_is_that_of_the_materials():
     assert plausible.doubts(disc()[0]) == ()
 
 
-@pytest.mark.parametrize(("stiffness", "mass"), [(1e-6, 1.0), (1e6, 1.0), (1.0, 1e12), (1.0, 1e-9)])
+@pytest.mark.parametrize(("stiffness", "mass"), [(1e-6, 1.0), (1e6, 1.0), (1.0, 1e-3), (1.0, 1e-12)])
 def test_a_speed_of_sound_of_no_material_is_doubted(stiffness, mass):
-    """An elastic modulus in MPa or in uPa; a density in t/mm^3 or in a unit beyond."""
+    """An elastic modulus in MPa or in uPa; a density in g/cm^3 or in t/mm^3."""
     [(what, remedy)] = plausible.doubts(scaled(stiffness, mass))
     assert "speed of sound of about" in what
     assert "units" in remedy
@@ -171,3 +176,34 @@ def test_the_share_of_a_network_stays_beside_those_of_bodies():
     shares = stated.shares(shape, {"x": 0.3, "y": 0.3, "charge": 0.4}, ("x", "y", "x'", "y'", "charge"))
     assert shares == pytest.approx({"charge": 0.4, "a": 0.3, "b": 0.3})
     assert stated.shares({"charge": 1.0}, {"charge": 1.0}, ("x", "y", "charge")) == {}
+
+
+ELEMENTS = {
+    "C3D8": (skfem.MeshHex, skfem.ElementHex1),
+    "C3D27": (skfem.MeshHex, skfem.ElementHex2),
+    "C3D4": (skfem.MeshTet, skfem.ElementTetP1),
+    "C3D10": (skfem.MeshTet, skfem.ElementTetP2),
+}
+
+
+@pytest.mark.parametrize("kind", ELEMENTS)
+@pytest.mark.parametrize("size", [(0.1, 0.1, 0.1), (0.1, 0.1, 0.002), (0.1, 0.001, 0.002)])
+@pytest.mark.parametrize(("young", "poisson", "density"), [(2.1e11, 0.3, 7850.0), (2e6, 0.49, 1100.0)])
+def test_the_speed_of_sound_hardly_depends_on_elements_and_sizes(kind, size, young, poisson, density):
+    """Cubes, sheets and bars of steel and of rubber, 3 x 4 x 2 elements: within a factor of three."""
+    mesh_type, element = ELEMENTS[kind]
+    mesh = mesh_type.init_tensor(*(np.linspace(0.0, side, count) for side, count in zip(size, (4, 5, 3))))
+    basis = skfem.Basis(mesh, skfem.ElementVector(element()))
+    stiffness = elasticity.linear_elasticity(*elasticity.lame_parameters(young, poisson)).assemble(basis)
+    mass = density * skfem.BilinearForm(lambda u, v, _: dot(u, v)).assemble(basis)
+    places = basis.doflocs.T
+    _, node = np.unique(np.round(places / 1e-6), axis=0, return_inverse=True)
+    order = np.argsort(node, kind="stable")
+    direction = np.zeros(len(node), dtype=np.int64)
+    direction[order] = np.arange(len(node)) % 3
+    xyz = np.zeros((node.max() + 1, 3))
+    xyz[node] = places
+    parts = (Part("M", "mass", sp.csr_array(mass)), Part("K", "stiffness", sp.csr_array(stiffness)))
+    full = Full(parts, node + 1, direction, ids=np.arange(1, len(xyz) + 1), xyz=xyz)
+    longitudinal = np.sqrt(young * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson)) / density)
+    assert 1.0 / 3.0 < plausible.speed_of_sound(full) / longitudinal < 3.0
