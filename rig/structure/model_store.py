@@ -177,11 +177,10 @@ def _take(of: str, content: bytes, model: T) -> T:
 
 def _tell_lost(path: Path, content: bytes) -> None:
     """Say that a model that was stored at `path` is built again, and why."""
-    if content:
-        why = "cannot be read: the file is damaged"
-    else:
-        why = f"was deleted, because all models together exceed {LIMIT / (1 << 30):.3g} GiB"
-    _log.warning("a reduced model is built again: %s was stored and %s", path, why)
+    why = "cannot be read: the file is damaged"
+    if not content:
+        why = f"was deleted, because all models together exceeded {LIMIT / (1 << 30):.3g} GiB"
+    _log.warning("a reduced model that was stored is built again: %s %s", path, why)
 
 
 def _keep(path: Path, content: bytes) -> None:

@@ -114,3 +114,13 @@ def test_other_rigs_state_nothing():
     assert laboratory.modes("belt").stated is None
     assert "structure" not in laboratory.modes("structure").to_json()
     assert explain(scenes.load("structure")).stated is None
+
+
+def test_pictures_of_shapes_name_the_body_that_moves_most(folder, tmp_path):
+    modes = laboratory.modes(scenes.load(folder / "disc.toml"))
+    figure = modes.plot()
+    figure.savefig(tmp_path / "modes.png")  # the rules of figures: no text overlaps another
+    first = modes.sliding.modes[0]
+    [title] = [axes.get_title() for axes in figure.axes if axes.get_title().startswith(f"{first.frequency:.5g} Hz")]
+    region = next(iter(first.regions))
+    assert title.endswith(f"\n{region} {100.0 * first.regions[region]:.2g} % of the energy")
