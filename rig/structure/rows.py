@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from rig.errors import SceneError
 from rig.structure.faces import FACING, unit
-from rig.structure.full import Array, Full, Met, Points
+from rig.structure.full import Array, Doubt, Full, Met, Points
 from rig.structure.mesh import NOTHING, Mesh, direction_number, few, lines_of, tried
 from rig.units import brief
 
@@ -19,6 +19,8 @@ OPENED = 0.01
 """Largest offset of the two sides of a gap row over the extent of its nodes. A tilt opens it by offset times angle."""
 SMALL = 1e-12
 """Least area of a point over the surface of the mesh [chosen]: less is another unit."""
+DOUBTED = 1e-6
+"""Least area of a contact over the surface of the mesh without a warning [chosen]."""
 WHAT = ("normal", "along", "area", "radius")
 """What a line of a file of contact rows gives."""
 SIZES = {"area": 2, "radius": 1}
@@ -173,7 +175,7 @@ def contact_rows(name: str, path: Path, full: Full, length: float = 1.0) -> Poin
     place[known] = full.xyz[np.searchsorted(full.ids, full.node[known])]
     position = abs(normal) @ place / abs(normal).sum(axis=1)[:, None]
     sliding = _leading(given, "along", full)
-    met = _met(normal, _leading(given, "normal", full), area, full)
+    met = _met(name, normal, _leading(given, "normal", full), area, full)
     points = Points(name, normal, along, area, given.sizes("radius"), position, sliding, met=met)
     _check_opening(given, points, full)
     if given.faults:
@@ -231,7 +233,7 @@ def _leading(given: _Lines, what: str, full: Full) -> Array:
     return np.asarray(directions / np.maximum(sizes, np.finfo(float).tiny))
 
 
-def _met(normal: sp.csr_array, directions: Array, area: Array, full: Full) -> Met | None:
+def _met(name: str, normal: sp.csr_array, directions: Array, area: Array, full: Full) -> Met | None:
     """How the sides of rows meet whose slaves move along `directions` [point, 3]; None without places of the nodes."""
     entries = normal.tocoo()
     point, row = entries.coords
@@ -257,7 +259,15 @@ def _met(normal: sp.csr_array, directions: Array, area: Array, full: Full) -> Me
     gaps = abs(((sides[0] - sides[1]) * directions).sum(axis=1))
     slaves = frozenset(full.ids[at[weight > 0.0]].tolist())
     gap = float(np.nanmax(gaps)) if np.isfinite(gaps).any() else None
-    return Met(len(slaves), len(slaves), None, float(area.sum()), gap, slaves=slaves)
+    whole = float(area.sum())
+    surface, _ = _surface(full)
+    doubts: tuple[Doubt, ...] = ()
+    if whole < DOUBTED * surface:
+        what = (
+            f"contacts.{name}: its rows give an area of {whole:.3g} m^2; the surface of the mesh is {surface:.3g} m^2"
+        )
+        doubts = ((what, "check the areas: they are in the units of structure.units"),)
+    return Met(len(slaves), len(slaves), None, whole, gap, doubts=doubts, slaves=slaves)
 
 
 def _check_opening(given: _Lines, points: Points, full: Full) -> None:

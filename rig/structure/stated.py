@@ -91,10 +91,12 @@ class Stated:
         `shape`: amplitude of each state; `energy`: share of each coordinate and network state; `names`: of the states,
         the coordinates first. Empty for a structure without bodies, and for a mode that does not move it.
         """
+        if not self.masses:
+            return {}
         coordinates = names[: len(self.mass)]
         displacements = np.array([shape.get(name, 0.0) for name in coordinates], dtype=np.complex128)
         whole = _kinetic(self.mass, displacements)
-        if not whole or not self.masses:
+        if not whole:
             return {}
         beside = {name: share for name, share in energy.items() if name not in coordinates}
         of_structure = 1.0 - sum(beside.values())

@@ -91,6 +91,11 @@ def test_a_face_beyond_the_search_is_told_wherever_contacts_are_stated(folder, r
     out = " ".join(out.split())
     assert "27 of 45 nodes meet" in out
     assert "of its slave take no part" in out
+    code, out, _ = rig("explain", str(folder / "worn.toml"), "--json")
+    content = json.loads(out)["structure"]
+    assert content["contacts"]["pad_up"]["pairs"] == 27
+    assert content["contacts"]["pad_up"]["points"] == 19
+    assert content["doubts"] == [warning.what]
 
 
 def test_the_report_of_a_recording_states_them_without_the_files(folder, tmp_path):

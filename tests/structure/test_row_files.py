@@ -56,6 +56,16 @@ def test_a_file_states_its_nodes_its_area_and_the_gap(tmp_path, nodes):
     assert contact_rows("up", path, disc()[0]).met.gap is None
 
 
+def test_an_area_in_another_unit_is_doubted(tmp_path, nodes):
+    """Square metres in a file of millimetres."""
+    path = tmp_path / "rows.csv"
+    path.write_text(lines(*nodes))
+    [(what, remedy)] = contact_rows("up", path, disc()[0], 1e-3).met.doubts
+    assert what.startswith("contacts.up: its rows give an area of 1e-10 m^2; the surface of the mesh is 0.1")
+    assert "structure.units" in remedy
+    assert contact_rows("up", path, disc()[0]).met.doubts == ()
+
+
 BAD = [
     ({"l3": "1,normal,99999,z,-1"}, "line 3: node 99999 is not in the mesh"),
     ({"l3": "1,normal,1,z,-1"}, "line 3: the matrices have no row of 1 z"),

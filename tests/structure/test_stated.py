@@ -1,5 +1,7 @@
 """What is stated of a structure: its mass, how much of a contact meets, what may be wrong, and which bodies move."""
 
+import io
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -167,6 +169,23 @@ def test_shares_of_bodies_are_those_of_the_full_matrices_and_are_stored():
         of_region = moved_rows[rows]
         expected = (of_region.conj() @ (mass[rows][:, rows] @ of_region)).real / kinetic
         assert shares[name] == pytest.approx(expected, abs=1e-5)  # the basis is stored in single precision
+
+
+def test_a_model_of_an_earlier_version_states_nothing():
+    sides = tuple(paired((1, 1)))
+    at = {side.stiffness_key: 1e11 for side in sides}
+    content = build(replace(disc()[0], contacts=sides, total=1.0), Reduction(modes=2, at=at)).to_bytes()
+    with np.load(io.BytesIO(content)) as file:
+        arrays = dict(file)
+    head = json.loads(arrays["head"].tobytes())
+    for key in ("met", "total", "doubts", "masses"):
+        del head[key]
+    arrays["head"] = np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)
+    earlier = io.BytesIO()
+    np.savez(earlier, **arrays)
+    stated = Stated.of(Reduced.from_bytes(earlier.getvalue()))
+    assert [*stated.lines(), *stated.warnings()] == []
+    assert stated.shares({"q1": 1.0}, {"q1": 1.0}, ("q1", "q2")) == {}
 
 
 def test_the_share_of_a_network_stays_beside_those_of_bodies():
