@@ -183,6 +183,7 @@ def explain(
             "network": {topic: dump(link) for topic, link in loaded.network.links.items()},
             "controllers": _believed(loaded)[0],
             "belief": lines(loaded),
+            **({"structure": explanation.stated.to_json()} if explanation.stated else {}),
             "values": [_value(v) for v in explanation.values],
         }
 
@@ -236,6 +237,8 @@ def _print_screen(explanation: Explanation, typed: str) -> None:
         ("what is uncertain", _uncertain(explanation)),
     ):
         printing.described(title, [row for row in rows if row[1]])
+    if stated := explanation.stated:
+        printing.described("mass and contacts", [*stated.lines(), *stated.warnings()])
     printing.paragraph(f"next: rig simulate {name} | rig modes {name} | rig run {name} --view")
     printing.line()
 

@@ -39,10 +39,11 @@ from rig.plants.structures.structure_tables import Tables, Turning
 from rig.quantities import Hand
 from rig.solve.film_steps import COUNTED
 from rig.solve.records import CLOSED, OPEN
-from rig.stability.linearisation import sliding_key, steady
+from rig.stability.linearisation import Steady, sliding_key, steady
 from rig.structure import estimate
-from rig.structure.full import Full, Part, Points
+from rig.structure.full import Doubt, Full, Part, Points
 from rig.structure.reduced import Reduced
+from rig.structure.stated import Stated
 
 Array = NDArray[np.float64]
 _SAME = 1e-9  # of the largest entry: rows of the sliding that are equal belong to one contact
@@ -67,6 +68,11 @@ class Parameters(Tables):
     def continuing(self, begun: Self) -> Self:
         """See `Section.continuing`: the reduced structure keeps its basis."""
         return self.on_basis(basis_in_run(self, begun))
+
+    @property
+    def stated(self) -> Stated | None:
+        """What is stated of mass, contacts and bodies; None for typed matrices."""
+        return None if self.structure.typed else Stated.of(reduced(self))
 
     @property
     def contact_surfaces(self) -> Iterator[Surface]:
@@ -151,6 +157,9 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         for coordinate, share in row(model.vectors[f"actuators.{name}.at"]).items():
             a.push(coordinate, {state: share * value for state, value in pushed.items()})
     springs = [points.springs(given) for points in model.contacts]
+    stated = p.stated
+    if stated is not None and stated.doubts:
+        a.judges.append(partial(_doubts, stated.doubts))
     if p.friction is not None:
         dampers = [points.dampers(given) for points in model.contacts]
         _add_contacts(a, p, model, springs, dampers, speed, row)
@@ -249,9 +258,12 @@ def _accuracy(p: Tables, whole: Reduced, jacobian: Array, errors_only: bool) -> 
     worst = estimates.relative.max(initial=0.0)
     if worst > p.reduction.error:
         hertz = estimates.values[int(estimates.relative.argmax())].imag / (2.0 * math.pi)
+        remedy = "use more modes or vectors, or a lower reduction.up_to"
+        if p.reduction.residual == "spring":
+            remedy = 'use reduction.residual = "attachment", or more modes'
         notes.append(
             f"the estimated error at {hertz:.4g} Hz is {worst:.1e}, above reduction.error {p.reduction.error:g}; "
-            "use more modes or vectors, or a lower reduction.up_to"
+            f"{remedy}"
         )
     return Accuracy(estimates.values, estimates.relative, tuple(notes))
 
@@ -275,7 +287,7 @@ def _modal(table: tuple[tuple[float, float], ...], mass: Array, stiffness: Array
 
 def _add_contacts(
     a: Assembly,
-    p: Tables,
+    p: Parameters,
     model: Full,
     springs: list[Array],
     dampers: list[Array],
@@ -315,7 +327,7 @@ def _add_contacts(
         "slip_speed": Output({f"w:{first}": 1.0}, "m/s", Plot()),
         "surface_speed": Output(dict(a.surface(first)), "m/s", role="drive"),
     }
-    a.judges.append(tension)
+    a.judges.append(partial(tension, p.stated))
 
 
 def _as_film(a: Assembly, p: Tables) -> bool:
@@ -343,7 +355,7 @@ def _as_film(a: Assembly, p: Tables) -> bool:
     return bool(damped) or mode_sets > CROWD
 
 
-def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers: list[Array], speed: Row) -> None:
+def _add_film(a: Assembly, p: Parameters, model: Full, springs: list[Array], dampers: list[Array], speed: Row) -> None:
     """Make the contacts points of a film, with outputs of each point.
 
     Without `shear` a point is as stiff along the sliding as across it. The slip speed of a point is that between the
@@ -400,10 +412,27 @@ def _add_film(a: Assembly, p: Tables, model: Full, springs: list[Array], dampers
             {state: radius_of_first * value for state, value in speed.items()}, "m/s", role="drive"
         ),
     }
-    a.judges.append(tension)
+    a.judges.append(partial(tension, p.stated))
 
 
-def tension(system: System, step: float) -> Iterator[Finding]:
+def _doubts(doubts: tuple[Doubt, ...], system: System, step: float) -> Iterator[Finding]:
+    """What may be wrong with the structure."""
+    for what, remedy in doubts:
+        yield Finding("warning", what, 0.0, remedy)
+
+
+def _unheld(at: Steady, stated: Stated | None) -> str:
+    """What nothing holds, in words: of a meshed structure the body or node set that moves most."""
+    names = at.system.coordinates
+    if at.unheld and stated is not None and stated.masses:
+        count = len(names)
+        loose = np.linalg.svd(at.A[count : 2 * count, :count])[2][-1]
+        shares = stated.shares(dict(zip(names, loose.tolist())), {}, names)
+        return f"no spring holds {next(iter(shares))}"
+    return at.unheld.partition(";")[0]
+
+
+def tension(stated: Stated | None, system: System, step: float) -> Iterator[Finding]:
     """What nothing holds, also with every contact open if none presses, and points that would have to pull."""
     if system.film is not None:  # its forces are those of the contacts already
         start = system.start.copy()
@@ -414,17 +443,17 @@ def tension(system: System, step: float) -> Iterator[Finding]:
     apart = ""
     remedy = "hold it by a support or by a contact that presses"
     if not at.balanced:
-        if unheld := at.unheld:
-            yield Finding("error", unheld.partition(";")[0], 0.0, remedy)
+        if unheld := _unheld(at, stated):
+            yield Finding("error", unheld, 0.0, remedy)
         return
     forces = (at.modes.normal @ at.x + at.modes.normal_t @ at.T).tolist()
     pulls = sorted((force, normal.name) for force, normal in zip(forces, system.normals) if force <= 0.0)
     if pulls and len(pulls) == len(forces):
         slip, _, limiters, *_ = system.modes(key)
         lifted = [OPEN if k.opens else CLOSED for k in system.normals]
-        apart = steady(system, system.key(slip, lifted, limiters)).unheld
+        apart = _unheld(steady(system, system.key(slip, lifted, limiters)), stated)
     if apart:
-        yield Finding("error", f"no contact presses, and {apart.partition(';')[0]}", 0.0, remedy)
+        yield Finding("error", f"no contact presses, and {apart}", 0.0, remedy)
     elif pulls:
         shown = ", ".join(f"{name} ({force:.3g} N)" for force, name in pulls[:4])
         more = f" and {len(pulls) - 4} more" if len(pulls) > 4 else ""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from rig.errors import PartError, SceneError
+from rig.structure import model_store
 
 if TYPE_CHECKING:
     from rig.plants.structures.contact_map import Surface
@@ -35,7 +36,8 @@ class Points:
     def of(cls, scene: Scene) -> Self | None:
         """Return the points of a scene; None if it has none with places, or a bonded film."""
         try:
-            surfaces = tuple(getattr(scene.parameters, "contact_surfaces", ()))
+            with model_store.using(scene.models):
+                surfaces = tuple(getattr(scene.parameters, "contact_surfaces", ()))
         except SceneError:  # the files of the structure are gone
             return None
         return cls(surfaces, largest_load(scene)) if surfaces else None

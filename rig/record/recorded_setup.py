@@ -20,7 +20,7 @@ from rig.structure import model_store
 
 MEDIA_TYPE = "application/zstd"
 _FOLDER = "model/"
-_LARGEST = model_store.LIMIT  # bytes; a damaged length must not claim the memory of the machine
+_LARGEST = model_store.MEMORY  # bytes; a damaged length must not claim the memory of the machine
 
 
 def name(model: bytes) -> str:

@@ -18,6 +18,7 @@ from rig.quantities import ORIGINS
 from rig.scenes import part_faults, places, sections
 from rig.scenes.scene import Scene
 from rig.scenes.variants import about, optional
+from rig.structure.stated import Stated
 
 DEFAULT = places.Origin("default")
 UNSTATED = places.Origin("not stated")
@@ -81,12 +82,13 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A scene taken apart."""
+    """A scene taken apart. `stated`: mass and contacts of a meshed structure."""
 
     scene: Scene
     effects: tuple[Effect, ...]
     actuators: tuple[Actuator, ...]
     values: tuple[Value, ...]
+    stated: Stated | None = None
 
     @property
     def states(self) -> int:
@@ -99,7 +101,7 @@ def explain(scene: Scene) -> Explanation:
     inputs = scene.assemble().inputs
     actuators = [Actuator(name, i.unit, i.low, i.high, i.value, i.safe) for name, i in inputs.items()]
     values = [_placed(scene, value) for value in _values(scene)]
-    return Explanation(scene, tuple(_effects(scene)), tuple(actuators), tuple(values))
+    return Explanation(scene, tuple(_effects(scene)), tuple(actuators), tuple(values), scene.stated)
 
 
 def _placed(scene: Scene, value: Value) -> Value:

@@ -26,6 +26,7 @@ from rig.scenes.protocol import STEPS, Clock, Step, flat, knock_durations, moves
 from rig.scenes.source import FORMAT
 from rig.sensors.chain.instants import common_step
 from rig.structure import model_store
+from rig.structure.stated import Stated
 
 if TYPE_CHECKING:
     from rig.bus.impaired_link import ImpairedLink
@@ -170,6 +171,15 @@ class Scene(Result):
         asked = {section.reads for section in self.sensors.values()} | self.limits.keys()
         made.outputs = {name: output for name, output in made.outputs.items() if not output.on_request or name in asked}
         return made
+
+    @property
+    def stated(self) -> Stated | None:
+        """What its meshed structure states of mass, contacts and bodies; None for other rigs.
+
+        Raises SceneError if the files of the structure cannot be read.
+        """
+        with model_store.using(self.models):
+            return getattr(self.parameters, "stated", None)
 
     @property
     def bases(self) -> tuple[str, ...]:

@@ -33,7 +33,10 @@ Told = Callable[[str, float], object]
 """Is told what is being computed, and the share of the whole that is done."""
 DENSE = 300
 """Most rows of kind "whole" [chosen]: their matrices are dense, and a propagator of as many states takes minutes."""
-_SOURCES = ("full.py", "eigenvalues.py", "reduced.py", "basis.py", "snapshots.py", "estimate.py")
+_SOURCES = (
+    *("matrix_files.py", "mesh.py", "read.py", "faces.py", "contacts.py", "rows.py", "plausible.py"),
+    *("full.py", "eigenvalues.py", "reduced.py", "basis.py", "snapshots.py", "estimate.py"),
+)
 _WIDER = 1.5  # the highest mode of a basis over the highest frequency that is wanted
 _REFINED = 3  # each reduces the error of the flexibility left out by shift / (lowest w^2 left out)
 
@@ -144,6 +147,11 @@ def build(full: Full, reduction: Reduction, told: Told | None = None) -> Reduced
 
 def _of_modes(full: Full, reduction: Reduction, tell: Told) -> Reduced:
     """Kind "modes"."""
+    if reduction.modes > full.rows:
+        raise UsageError(
+            f"reduction.modes is {reduction.modes} and the matrices have {full.rows} rows, which have no more modes: "
+            "ask for fewer"
+        )
     closed = reduction.contact == "closed" and bool(full.contacts)
     if closed and reduction.residual == "spring":
         raise UsageError(

@@ -15,10 +15,11 @@ from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from rig.errors import SceneError
-from rig.structure.faces import FACING, meeting, surface, unit
-from rig.structure.full import Array, Full, Points
+from rig.structure.faces import FACING, Surface, facing, meeting, surface, unit
+from rig.structure.full import Array, Doubt, Full, Met, Points
 from rig.structure.mesh import Mesh, Numbers, Selection, tried
 
 _EVEN = 1e-9  # of a cell: a node on the boundary of two belongs to the lower one, whatever the rounding
@@ -79,15 +80,16 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
     met = meeting(own.corners.mean(axis=1), across, other, contact.search, len(mesh.ids))[0]
     sizes = np.linalg.norm(own.outward, axis=1) * met  # without faces that meet nothing, such as the sides of a pad
     area = np.zeros(len(mesh.ids))
-    facing = np.zeros((len(mesh.ids), 3))
+    inward = np.zeros((len(mesh.ids), 3))
     np.add.at(area, own.nodes, own.shares * sizes[:, None])
-    inward = -(own.outward * met[:, None])
-    np.add.at(facing, own.nodes, own.shares[:, :, None] * inward[:, None, :])
+    against = -(own.outward * met[:, None])
+    np.add.at(inward, own.nodes, own.shares[:, :, None] * against[:, None, :])
     at = np.flatnonzero(area) if met.any() else np.unique(own.nodes[own.shares > 0.0])
     if toward is None and met.any():
-        normal = unit(facing[at])
+        normal = unit(inward[at])
     else:
         normal = np.tile(across[0], (len(at), 1))
+    face_met = met
     met, weights, gap, miss = meeting(mesh.xyz[at], normal, other, contact.search, len(mesh.ids))
     if not area.any() or not met.any():
         closest = int(np.argmin(np.hypot(gap, miss)))
@@ -97,10 +99,20 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
             if miss[closest]:
                 what += f" and lies {miss[closest]:.3g} m beyond the master"
         raise SceneError("", [f"no pair lies within search = {contact.search:g} m: {what}; check sets and normal"])
+    found = Met(
+        nodes=len(np.unique(own.nodes[own.shares > 0.0])),
+        pairs=int(met.sum()),
+        offered=float(np.linalg.norm(own.outward, axis=1).sum()),
+        met=float(area[at[met]].sum()),
+        gap=float(gap[met].max()),
+        asked=contact.points[0] * contact.points[1] if contact.points else 0,
+        doubts=_beyond(contact, mesh, own, other, across, face_met, at[~met], area[at[~met]], inward[at[~met]]),
+        slaves=frozenset(mesh.ids[at[met]].tolist()),
+    )
     at = at[met]
     normal = normal[met]
     weights = weights[met]
-    if own.closed and (facing[at] * normal).sum() < 0.0:
+    if own.closed and (inward[at] * normal).sum() < 0.0:
         normal = -normal
     place = mesh.xyz[at]
     area = area[at]
@@ -121,7 +133,42 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
         radius=mean @ radius if contact.axis is not None else np.ones(len(cells)),
         position=mean @ place,
         sliding=unit(mean @ sliding),
+        met=found,
     )
+
+
+def _beyond(
+    contact: Contact,
+    mesh: Mesh,
+    own: Surface,
+    other: Surface,
+    across: Array,
+    met: NDArray[np.bool_],
+    lost: Numbers,
+    area: Array,
+    inward: Array,
+) -> tuple[Doubt, ...]:
+    """The part of the slave that a master face faces beyond the search.
+
+    `met` [face]: those within. `lost`: nodes of faces within that are beyond themselves, with their `area`, and minus
+    their normals.
+    """
+    outward = np.where((own.outward * across).sum(axis=1) < 0.0, -1.0, 1.0)[:, None] * across
+    places = np.concatenate([own.corners.mean(axis=1)[~met], mesh.xyz[lost]])
+    directions = np.concatenate([outward[~met], -unit(inward)])
+    sizes = np.concatenate([np.linalg.norm(own.outward, axis=1)[~met], area])
+    distance = facing(places, directions, other, own.closed, contact.search)
+    faced = np.isfinite(distance) & (distance > contact.search)
+    if not faced.any():
+        return ()
+    share = sizes[~np.isnan(distance)].sum() / sizes.sum()
+    nearest = distance[faced].min()
+    farthest = distance[faced].max()
+    what = (
+        f"contacts.{contact.name}: {sizes[faced].sum() / share:.3g} m^2 of its slave take no part: the master faces "
+        f"them {nearest:.3g} to {farthest:.3g} m away, beyond search = {contact.search:g} m"
+    )
+    return ((what, f"raise contacts.{contact.name}.search, or leave these nodes out of the slave"),)
 
 
 def _sliding(contact: Contact, mesh: Mesh, at: Numbers, normal: Array) -> tuple[Array, Array]:

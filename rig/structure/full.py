@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Matrix = Any
 """A sparse array of a full structure, a dense one of a reduced structure."""
 Of = Literal["mass", "damping", "stiffness"]
+Doubt = tuple[str, str]
+"""What may be wrong with a structure, and what to do."""
 FRICTION = "friction.mu"
 """The number of the scene that is the coefficient of friction of all points."""
 STACK = ("piezo.first", "piezo.second")
@@ -54,13 +56,35 @@ class Part:
 
 
 @dataclass(frozen=True)
+class Met:
+    """How much of a slave meets its master.
+
+    `nodes`: of the slave faces along the normal; `pairs`: those that meet a master face within the search. `offered`,
+    `met`: their areas [m^2]; `gap`: the largest of a pair [m]. Rows of a file name the nodes and areas that meet, and
+    offer no others (None); on the ground they have no gap (None). `asked`: points
+    that the scene asks for, 0 for one at each node. `doubts`: what may be wrong. `slaves`: numbers of the nodes that
+    take part.
+    """
+
+    nodes: int
+    pairs: int
+    offered: float | None
+    met: float
+    gap: float | None
+    asked: int = 0
+    doubts: tuple[Doubt, ...] = ()
+    slaves: frozenset[int] = field(default=frozenset(), repr=False, compare=False)
+
+
+@dataclass(frozen=True)
 class Points:
     """The points of one contact: rows [point, row] of the gap and of the relative displacement along the sliding.
 
     A gap that closes is negative: N_c = -k_c normal_c x - d_c normal_c x' with k_c and d_c = stiffness and damping per
     area times `area` [m^2]. The slip speed is `radius` times the speed of the drive minus along_c x'; `radius` is 1 for
     sliding along a line. `position` [point, 3] and `sliding` [point, 3], a unit vector, are for pictures. `flexibility`
-    [point] in m/N is in series with the spring of each point: what a basis leaves out.
+    [point] in m/N is in series with the spring of each point: what a basis leaves out. `met`: how much of the slave
+    meets the master, if a mesh or a file tells.
     """
 
     name: str
@@ -71,6 +95,7 @@ class Points:
     position: Array
     sliding: Array
     flexibility: Array | float = 0.0
+    met: Met | None = None
 
     @property
     def friction_key(self) -> str:
@@ -117,7 +142,8 @@ class Full:
     `node`, `direction` [row]; `ids` [node number], `xyz` [node, 3] in m; `faces` [face, 4]: the corners of outer faces,
     places in `ids`, the last one twice for a triangle. `vectors` [row]: directions of loads, sensors and
     actuators by name: the force of one newton, or the row of a displacement. `finer`: the same contacts with more
-    points, for a check of their number.
+    points, for a check of their number. `total` [kg]: the mass of all rows along one direction, None where no direction
+    is known. `regions`: rows of bodies and of sets, by name. `doubts`: what may be wrong, beside that of the contacts.
     """
 
     parts: tuple[Part, ...]
@@ -129,6 +155,9 @@ class Full:
     vectors: Mapping[str, Array] = field(default_factory=dict)
     finer: tuple[Points, ...] = ()
     faces: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int32))
+    total: float | None = None
+    regions: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def rows(self) -> int:

@@ -61,7 +61,7 @@ class Mesh:
     `faces` [face, 8]: places in `ids`, corners first, then midside nodes; -1 beyond the last. `within` [face, 3]: the
     middle of the element, which is not a number for shells. `tied`: a keyword that makes nodes follow others;
     `following`: nodes that do by *EQUATION. `layered`: it has elements that CalculiX expands to solids, with several
-    rows of one node and direction.
+    rows of one node and direction. `groups`: nodes of element sets, by name in capitals.
     """
 
     ids: Numbers
@@ -72,6 +72,7 @@ class Mesh:
     tied: str = ""
     following: frozenset[int] = frozenset()
     layered: bool = False
+    groups: Mapping[str, Numbers] = field(default_factory=dict)
 
     def at(self, nodes: Numbers) -> Numbers:
         """The places in `ids` of node numbers that the mesh has."""
@@ -194,13 +195,19 @@ def read_mesh(path: Path, length: float) -> Mesh:
         sets[name] = np.unique(np.array(sorted(members), dtype=np.int64))
         if missing := sorted(members - deck.nodes.keys()):
             deck.faults.append(f"{path.name}: set {name} contains node {missing[0]}, which is not in the mesh")
-    for number, (_, nodes) in deck.elements.items():
-        if missing := sorted(set(nodes) - deck.nodes.keys()):
+    for number, (_, corners) in deck.elements.items():
+        if missing := sorted(set(corners) - deck.nodes.keys()):
             deck.faults.append(f"{path.name}: element {number} has node {missing[0]}, which is not in the mesh")
     if deck.faults:
         raise SceneError("", few(deck.faults, path.name))
     xyz = np.array([deck.nodes[number] for number in ids.tolist()]) * length
-    return Mesh(ids, xyz, sets, *_faces(deck.elements, ids, xyz), deck.tied, frozenset(deck.following), deck.layered)
+    groups: dict[str, Numbers] = {}
+    for name, elements in deck.groups.items():
+        nodes = [np.array(deck.elements[number][1]) for number in sorted(elements & deck.elements.keys())]
+        groups[name] = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *nodes]))
+    faces, within = _faces(deck.elements, ids, xyz)
+    following = frozenset(deck.following)
+    return Mesh(ids, xyz, sets, faces, within, deck.tied, following, deck.layered, groups)
 
 
 class _Deck:

@@ -1,6 +1,7 @@
 """The store of reduced models of structures: a model takes seconds to build, is built once, and is part of a recording.
 
 A file contains one model. Its name is the hash of everything that the model depends on. The reader checks the content.
+Of a model that was deleted to make room an empty file remains: who builds it again is told why.
 The environment variable `RIG_MODELS` sets the folder. A file that another user can have written is ignored.
 
 A re-simulation uses the model of the recording, whatever this machine would build: the recording offers the bytes
@@ -27,8 +28,12 @@ from rig.machine import files
 P = ParamSpec("P")
 T = TypeVar("T")
 
-LIMIT = 1 << 26
-"""Largest size of all models together [bytes]; the least recently used ones are deleted beyond it [chosen]."""
+LIMIT = 2 << 30
+"""Largest size of all stored models together [bytes]; the least recently used ones are deleted beyond it [chosen]."""
+MEMORY = 1 << 26
+"""Largest size of a model of a recording, and of all offered models together [bytes] [chosen]."""
+MARKS = 1000
+"""Most empty files of deleted models that are kept; each says that its model was there [chosen]."""
 _CACHED = 4  # results, of each plant
 _INSTEAD = "RIG_MODELS to another folder"
 _log = logging.getLogger("rig")
@@ -54,7 +59,7 @@ def offer(content: bytes) -> str:
     name = digest(content)
     OFFERED[name] = content
     OFFERED.move_to_end(name)
-    left = LIMIT
+    left = MEMORY
     for known in reversed(list(OFFERED)):
         left -= len(OFFERED[known])
         if left < 0 and known != name:
@@ -97,12 +102,16 @@ def stored_or_built(
     if offered is not None:
         with suppress(ValueError):
             return _take(of, offered, read(offered))
-    with suppress(OSError, ValueError):
+    with suppress(OSError):
         content = files.own_bytes(path, _INSTEAD)
-        model = read(content)
-        with suppress(OSError):  # of a folder that cannot be written
-            os.utime(path)
-        return _take(of, content, model)
+        try:
+            model = read(content)
+        except ValueError:
+            _tell_lost(path, content)
+        else:
+            with suppress(OSError):  # of a folder that cannot be written
+                os.utime(path)
+            return _take(of, content, model)
     made = build()
     content = write(made)
     try:
@@ -166,11 +175,34 @@ def _take(of: str, content: bytes, model: T) -> T:
     return model
 
 
+def _tell_lost(path: Path, content: bytes) -> None:
+    """Say that a model that was stored at `path` is built again, and why."""
+    why = "cannot be read: the file is damaged"
+    if not content:
+        why = f"was deleted, because all models together exceeded {LIMIT / (1 << 30):.3g} GiB"
+    _log.warning("a reduced model that was stored is built again: %s %s", path, why)
+
+
 def _keep(path: Path, content: bytes) -> None:
-    """Write a file atomically and delete the least recently used ones beyond `LIMIT`."""
+    """Write a file atomically and empty the least recently used ones beyond `LIMIT`."""
     if not files.trusted(path.parent, _INSTEAD):
         return
     files.own_folder(path.parent)
+    _write(path, content)
+    left = LIMIT
+    deleted = 0
+    for _, size, file in sorted(_files(path.parent), reverse=True):
+        left -= size
+        deleted += not size
+        with suppress(OSError):
+            if size and left < 0 and file != path:
+                _write(file, b"")
+            elif deleted > MARKS and not size:
+                file.unlink()
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file atomically."""
     draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}")
     try:
         draft.write_bytes(content)
@@ -180,12 +212,6 @@ def _keep(path: Path, content: bytes) -> None:
         with suppress(OSError):
             draft.unlink()
         raise
-    left = LIMIT
-    for _, size, file in sorted(_files(path.parent), reverse=True):
-        left -= size
-        if left < 0 and file != path:
-            with suppress(OSError):
-                file.unlink()
 
 
 def _files(folder: Path) -> list[tuple[float, int, Path]]:

@@ -12,7 +12,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rig.structure import eigenvalues
 from rig.structure.eigenvalues import Complex
-from rig.structure.full import Array, Full, Part, Points
+from rig.structure.full import Array, Doubt, Full, Met, Part, Points
 
 Kind = Literal["modes", "snapshots", "whole"]
 _FORMAT = 1  # version of the bytes
@@ -37,7 +37,8 @@ class Reduced:
     in single precision gives shapes on the nodes, x = basis q. `up_to` [rad/s]: highest frequency that the basis is
     made for, 0 for all. `trained`: the range of each number of the scene that the basis is made for, empty for kinds
     that hold for every number; `points`: where snapshots were taken; `error`: the largest relative error that was
-    estimated over the range. `rigid`: the number of modes at frequency zero.
+    estimated over the range. `rigid`: the number of modes at frequency zero. `masses` [coordinate, coordinate]: of each
+    region of the structure, by name.
     """
 
     kind: Kind
@@ -48,6 +49,7 @@ class Reduced:
     points: tuple[Mapping[str, float], ...] = ()
     error: float = 0.0
     rigid: int = 0
+    masses: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def coordinates(self) -> int:
@@ -85,6 +87,7 @@ class Reduced:
         arrays |= {name: getattr(self.model, name) for name in ("node", "direction", "ids", "xyz", "faces")}
         arrays |= {f"part{i}": part.matrix for i, part in enumerate(self.model.parts)}
         arrays |= {f"vector{i}": vector for i, vector in enumerate(self.model.vectors.values())}
+        arrays |= {f"mass{i}": mass for i, mass in enumerate(self.masses.values())}
         for title, contacts in (("contact", self.model.contacts), ("finer", self.model.finer)):
             for i, points in enumerate(contacts):
                 arrays |= {f"{title}{i}.{name}": getattr(points, name) for name in _POINTS}
@@ -100,6 +103,10 @@ class Reduced:
             "vectors": list(self.model.vectors),
             "contact": [points.name for points in self.model.contacts],
             "finer": [points.name for points in self.model.finer],
+            "met": [_plain(points.met) for points in self.model.contacts],
+            "total": self.model.total,
+            "doubts": self.model.doubts,
+            "masses": list(self.masses),
         }
         file = io.BytesIO()
         text = json.dumps(head).encode()
@@ -119,7 +126,9 @@ class Reduced:
                 Part(name, of, arrays[f"part{i}"], key, power, factor)
                 for i, (name, of, key, power, factor) in enumerate(head["parts"])
             )
+            met = [_met(stored) for stored in head.get("met", [None] * len(head["contact"]))]  # as faces
             contacts = _stored_points(arrays, "contact", head["contact"])
+            contacts = tuple(replace(points, met=of) for points, of in zip(contacts, met, strict=True))
             finer = _stored_points(arrays, "finer", head["finer"])
             vectors = {name: arrays[f"vector{i}"] for i, name in enumerate(head["vectors"])}
             node = arrays["node"]
@@ -131,12 +140,14 @@ class Reduced:
                 raise ValueError
             if not np.isin(faces, np.arange(len(ids))).all():
                 raise ValueError
-            model = Full(parts, node, direction, ids, xyz, contacts, vectors, finer, faces)
+            model = Full(parts, node, direction, ids, xyz, contacts, vectors, finer, faces, head.get("total"))
+            model = replace(model, doubts=_doubts(head.get("doubts", ())))
+            masses = {name: arrays[f"mass{i}"] for i, name in enumerate(head.get("masses", ()))}
             trained = {key: (float(low), float(high)) for key, (low, high) in head["trained"].items()}
             points = tuple(head["points"])
             error = head["error"]
             rigid = head["rigid"]
-            reduced = cls(head["kind"], model, arrays["basis"], head["up_to"], trained, points, error, rigid)
+            reduced = cls(head["kind"], model, arrays["basis"], head["up_to"], trained, points, error, rigid, masses)
             if not parts:
                 raise ValueError
             size = reduced.basis.shape[1]
@@ -154,6 +165,21 @@ def _stored_points(arrays: Mapping[str, Any], title: str, names: Sequence[str]) 
         members = [arrays[f"{title}{i}.{member}"] for member in _POINTS]
         contacts.append(Points(name, *members))
     return tuple(contacts)
+
+
+def _plain(met: Met | None) -> dict[str, Any] | None:
+    """What is stored of the meeting of a contact."""
+    if met is None:
+        return None
+    return {of.name: getattr(met, of.name) for of in fields(met) if of.name != "slaves"}
+
+
+def _met(stored: Mapping[str, Any] | None) -> Met | None:
+    return None if stored is None else Met(**{**stored, "doubts": _doubts(stored["doubts"])})
+
+
+def _doubts(stored: Sequence[Sequence[str]]) -> tuple[Doubt, ...]:
+    return tuple((what, remedy) for what, remedy in stored)
 
 
 def orthonormal(vectors: Array, mass: Any, modes: int = 0) -> Array:
@@ -191,12 +217,24 @@ def projected(full: Full, basis: Array, stiffness: Any, **described: Any) -> Red
     small = basis.T @ (stiffness @ basis)
     _, turn = np.linalg.eigh(0.5 * (small + small.T))
     basis = eigenvalues.signed(basis @ turn)
-    return Reduced(model=_on(full, basis), basis=basis.astype(np.float32), **described)
+    masses = _masses(full, basis)
+    return Reduced(model=_on(full, basis), basis=basis.astype(np.float32), masses=masses, **described)
 
 
 def as_they_are(full: Full) -> Reduced:
     """The full structure as dense matrices, without a basis: kind "whole"."""
-    return Reduced("whole", _on(full, np.eye(full.rows)), np.eye(full.rows, dtype=np.float32))
+    basis = np.eye(full.rows)
+    return Reduced("whole", _on(full, basis), basis.astype(np.float32), masses=_masses(full, basis))
+
+
+def _masses(full: Full, basis: Array) -> dict[str, Array]:
+    """The mass of each region in the coordinates of the basis."""
+    mass: Any = full.matrix("mass", dict.fromkeys(full.keys, 1.0))
+    masses = {}
+    for name, rows in full.regions.items():
+        of_rows = basis[rows]
+        masses[name] = np.asarray(of_rows.T @ (mass[rows][:, rows] @ of_rows))
+    return masses
 
 
 def _on(full: Full, basis: Array) -> Full:
@@ -213,7 +251,7 @@ def _on(full: Full, basis: Array) -> Full:
     vectors = {name: vector @ basis for name, vector in full.vectors.items()}
     contacts = _rows(full.contacts, basis)
     finer = _rows(full.finer, basis)
-    return replace(full, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer)
+    return replace(full, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer, regions={})
 
 
 def _unit(part: Part) -> Part:

@@ -26,7 +26,7 @@ _STOPS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5e
 """viridis (matplotlib, public domain) at even steps."""
 COUNT = 256
 _CENTRE = "#e4322b"
-_BETWEEN = 0.3  # gap between two contacts on a map, over the width of the first
+_BETWEEN = 0.3  # gap between two contacts on a map, over the width of the widest
 
 
 def table() -> NDArray[np.uint8]:
@@ -52,6 +52,7 @@ def draw_map(axes: Axes, surfaces: Sequence[Surface], maps: Sequence[Reals], sca
     """
     from matplotlib.collections import PolyCollection
 
+    widest = max(1e3 * float(np.ptp(surface.corners[:, :, 0])) for surface in surfaces)
     begin = 0.0
     middles: list[float] = []
     for surface, pressures in zip(surfaces, maps):
@@ -61,7 +62,7 @@ def draw_map(axes: Axes, surfaces: Sequence[Surface], maps: Sequence[Reals], sca
         right = float(cells[:, :, 0].max())
         by = begin - left if len(surfaces) > 1 else 0.0
         cells = cells + np.array([by, 0.0])
-        begin = by + right + _BETWEEN * (right - left)
+        begin = by + right + _BETWEEN * widest
         middles.append(by + 0.5 * (left + right))
         shades = colours(pressed, scale) / 255.0
         axes.add_collection(PolyCollection(list(cells), facecolors=shades, edgecolors=shades, linewidths=0.3))

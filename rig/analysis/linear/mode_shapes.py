@@ -42,11 +42,15 @@ _GREY = (176, 182, 192)
 
 
 class Shape(NamedTuple):
-    """A mode on the nodes: `moved` [node, 3], complex, the largest component of size one; `axis` that moves most."""
+    """A mode on the nodes: `moved` [node, 3], complex, the largest component of size one; `axis` that moves most.
+
+    `place`: the body or node set that moves most.
+    """
 
     title: str
     moved: NDArray[np.complex128]
     axis: int
+    place: str = ""
 
     def at(self, phase: float) -> Array:
         """The displacement [node, 3] at a phase."""
@@ -68,7 +72,10 @@ def _shape(modes: Modes, mode: Mode) -> Shape:
     largest = np.unravel_index(int(np.abs(moved).argmax()), moved.shape)
     moved = moved / (moved[largest] or 1.0)
     axis = int((np.abs(moved) ** 2).sum(axis=0).argmax())
-    return Shape(f"{mode.frequency:.5g} Hz, growth {mode.growth:.4g} 1/s", moved, axis)
+    title = f"{mode.frequency:.5g} Hz, growth {mode.growth:.4g} 1/s"
+    region = next(iter(mode.regions), "")
+    place = f"{region} {100.0 * mode.regions[region]:.2g} % of the energy" if region else ""
+    return Shape(title, moved, axis, place)
 
 
 def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[float], None]:
@@ -92,7 +99,7 @@ def panels(figure: Figure | SubFigure, modes: Modes, most: int) -> Callable[[flo
         for drawing in axes.collections:
             drawing.set_clip_on(False)
         axes.set_axis_off()
-        axes.set_title(shape.title, fontsize=10, y=0.98)
+        axes.set_title(f"{shape.title}\n{shape.place}".rstrip(), fontsize=10, y=0.98)
 
     def move(phase: float) -> None:
         for shape, draw in movers:
@@ -191,7 +198,10 @@ def _rerun(modes: Modes, path: Path) -> None:
     triangles = triangles[(np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)]
     shown = shapes(modes, MOST)
     names = [f"mode_{i}" for i in range(1, len(shown) + 1)]
-    views = [rrb.Spatial3DView(origin=name, name=shape.title) for name, shape in zip(names, shown)]
+    views = [
+        rrb.Spatial3DView(origin=name, name=f"{shape.title}, {shape.place}".rstrip(", "))
+        for name, shape in zip(names, shown)
+    ]
     stream = rr.RecordingStream(f"friction-rig mode shapes of {modes.scene}", recording_id=f"shapes {modes.scene}")
     try:
         stream.save(path, default_blueprint=rrb.Blueprint(rrb.Tabs(*views), collapse_panels=True))

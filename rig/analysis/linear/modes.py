@@ -32,6 +32,7 @@ from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
 from rig.structure.eigenvalues import DAMPED
+from rig.structure.stated import Stated
 
 Array = NDArray[np.float64]
 GENERATOR = ("dither.sin", "dither.cos")
@@ -96,6 +97,9 @@ def modes(scene: Scene) -> Modes:
         accuracy = assembly.accuracy(moving, False)
         sliding = _estimated(sliding, accuracy)
         notes = accuracy.notes
+    stated = scene.stated
+    if stated is not None:
+        sliding = replace(sliding, modes=tuple(_placed(mode, stated, system.names) for mode in sliding.modes))
     result = Modes(
         scene=scene.name,
         mode=system.describe(at.modes.key) + ", at rest on its bristles" * rests,
@@ -108,6 +112,7 @@ def modes(scene: Scene) -> Modes:
         limits=assembly.limits,
         notes=notes,
         left_out=left_out(scene),
+        stated=stated,
     )
     if GENERATOR[0] not in system.names:
         return result
@@ -261,6 +266,11 @@ def _estimated(sliding: Sliding, accuracy: Accuracy) -> Sliding:
     for mode, error in zip(sliding.modes, accuracy.of(rates).tolist()):
         vibrations.append(replace(mode, error=None if math.isnan(error) else error))
     return replace(sliding, modes=tuple(vibrations))
+
+
+def _placed(mode: Mode, stated: Stated, names: Sequence[str]) -> Mode:
+    """The same with the bodies or node sets that move."""
+    return replace(mode, regions=stated.shares(mode.shape, mode.energy, names))
 
 
 def _forced(assembly: Assembly, at: Steady, motion: Forced) -> Sliding:

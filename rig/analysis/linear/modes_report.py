@@ -11,10 +11,12 @@ from rig.model.assembly import Nodes
 from rig.model.system import Finding
 from rig.record.film_points import grouped
 from rig.results import Column, Result, Table
+from rig.structure.stated import Stated
 
 _LONG = 4  # a shape with more shares of the energy than these does not fit into a line
 _MOST = 6  # shares that are shown of a long shape
 _LEAST = 0.01  # of the energy: the smallest share that is shown
+_REGIONS = 3  # bodies or node sets that are shown
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,7 @@ class Mode:
     `energy`: share of each coordinate in the kinetic energy, and of each network state in the network's energy, which
     makes metres, radians and volts comparable. `shape`: amplitude of each state; the one with the largest share is 1.
     `error`: of a reduced structure, the estimated error of the eigenvalue over its size; None if it is not known.
+    `regions`: of a meshed structure, the share of each body or node set instead, the largest first.
     """
 
     growth: float
@@ -32,6 +35,7 @@ class Mode:
     shape: dict[str, complex]
     energy: dict[str, float]
     error: float | None = None
+    regions: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:
@@ -86,7 +90,7 @@ class Modes(Result):
     `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: critical coefficients of friction in
     closed form (infinite: never reached). `notes`: what the reduction of a structure leaves open, a sentence each;
     `up_to` [Hz]: it holds up to it; modes above, and heavily damped ones, are left out. `nodes`: of shapes.
-    `left_out`: the controllers that do not act, in words.
+    `left_out`: the controllers that do not act, in words. `stated`: mass and contacts of a meshed structure.
     """
 
     FIGURE: ClassVar = "rig.analysis.linear.figures:modes_figure"
@@ -107,6 +111,7 @@ class Modes(Result):
     up_to: float = math.inf
     nodes: Nodes | None = field(default=None, compare=False)
     left_out: str = ""
+    stated: Stated | None = field(default=None, compare=False)
 
     def facts(self) -> dict[str, Any]:
         """Return the equilibrium, the modes with their shapes, the dither and the findings."""
@@ -128,6 +133,8 @@ class Modes(Result):
         if math.isfinite(self.up_to):
             content["notes"] = list(self.notes)
             content["up_to"] = self.up_to
+        if self.stated is not None:
+            content["structure"] = self.stated.to_json()
         return content
 
     def shown(self) -> Iterator[str | Table]:
@@ -141,6 +148,8 @@ class Modes(Result):
             yield from self._outputs()
         else:
             yield f"  no steady sliding at these values: {sliding.why}"
+        if self.stated is not None:
+            yield from (f"  {what}: {words}" for what, words in self.stated.lines())
         if sliding.pulls:
             yield f"  {sliding.pulls} points would have to pull; the modes below count all points as closed"
         if sliding.exists or sliding.counts:
@@ -206,21 +215,26 @@ class Modes(Result):
         return [line, f"    not averaged: {self.slow}", f"    {forced}"]
 
 
-def shape_text(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str:
+def shape_text(
+    shape: Mapping[str, complex], energy: Mapping[str, float], regions: Mapping[str, float] | None = None
+) -> str:
     """Return a shape as text: energy share and angle of each coordinate and network state; only the large ones of many.
 
-    Without energy: size and angle of each state.
+    With `regions`: the shares of these. Without energy: size and angle of each state.
     """
+    if regions:
+        large = [(name, share) for name, share in regions.items() if share >= _LEAST]
+        return ", ".join(f"{name} {100.0 * share:.3g} %" for name, share in large[:_REGIONS])
     if not energy:
         return ", ".join(f"{name} {abs(v):.3g} at {_degrees(v)} deg" for name, v in shape.items())
     least = _LEAST
     if len(energy) > _LONG:
         rising = sorted(energy.values())
         least = max(_LEAST, rising[-min(_MOST, len(energy))])
-    large = {name: share for name, share in energy.items() if share >= least}
-    parts = [f"{name} {100.0 * share:.3g} % at {_degrees(shape[name])} deg" for name, share in large.items()]
+    shown = {name: share for name, share in energy.items() if share >= least}
+    parts = [f"{name} {100.0 * share:.3g} % at {_degrees(shape[name])} deg" for name, share in shown.items()]
     text = ", ".join(parts)
-    left = sum(share > 0.0 for share in energy.values()) - len(large)
+    left = sum(share > 0.0 for share in energy.values()) - len(shown)
     if left:
         text += f"; {left} with less than {100.0 * least:.2g} %"
     return text
@@ -239,7 +253,7 @@ def _table(name: str, modes: Sequence[Mode]) -> Table:
     )
     rows = []
     for mode in modes:
-        shape = shape_text(mode.shape, mode.energy)
+        shape = shape_text(mode.shape, mode.energy, mode.regions)
         rows.append((mode.kind, mode.growth, mode.frequency, mode.damping, *[mode.error] * estimated, shape))
     return Table(name, columns, rows)
 
@@ -289,4 +303,6 @@ def _plain_mode(mode: Mode) -> dict[str, Any]:
     }
     if mode.error is not None:
         content["error"] = mode.error
+    if mode.regions:
+        content["regions"] = dict(mode.regions)
     return content

@@ -9,7 +9,7 @@ without following a branch. Where friction falls with a kink, growth may jump ov
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -46,7 +46,7 @@ class Critical:
     becomes       what this mode becomes as the key rises: "unstable" or "stable"
     branch        number of its branch in the sweep; `frequency` [Hz]
     shape         amplitude of each state; the one with most of the energy is 1; `energy`: share of each coordinate and
-                  network state in the energy (rig.analysis.linear.modes)
+                  network state in the energy (rig.analysis.linear.modes); `regions`: of bodies instead
     below, above  number of growing eigenvalues just below and just above the value, of all modes; None where there is
                   no steady sliding or the axis ends
     """
@@ -60,6 +60,7 @@ class Critical:
     energy: dict[str, float]
     below: int | None = None
     above: int | None = None
+    regions: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def sides(self) -> str:
@@ -317,7 +318,10 @@ class Sweep(Result):
         critical_values = []
         for critical in self.critical:
             shape = {name: [v.real, v.imag] for name, v in critical.shape.items()}
-            critical_values.append({**vars(critical), "shape": shape, "pair": list(self.pair(critical))})
+            values = {**vars(critical), "shape": shape, "pair": list(self.pair(critical))}
+            if not critical.regions:
+                del values["regions"]
+            critical_values.append(values)
         content = {
             "scene": self.scene,
             "loop": self.loop or None,
@@ -372,7 +376,8 @@ class Sweep(Result):
             both = " and ".join(f"{hertz:.5g}" for hertz in pair)
             yield f"    the modes of {both} Hz meet (frequencies at {self.axis.text(self.axis.values[0])})"
         if critical.energy:
-            yield f"    {shape_text(critical.shape, critical.energy)} (share of the energy)"
+            shape = shape_text(critical.shape, critical.energy, critical.regions)
+            yield f"    {shape} (share of the energy)"
 
     def _table(self) -> Table:
         """The table over the axis; with a column of estimated errors if they are known."""
@@ -432,7 +437,16 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
     how = {None: "", True: "friction averaged over the dither", False: "without the dither"}[dithered]
     with threadpool_limits(1, "blas"):  # a hundred rows take twice as long with two threads
         swept = along(scene.name, axis, spectrum, fixed=fixed(scene, [axis]))
-    return replace(swept, friction=how, left_out=left_out(scene))
+    critical = tuple(_placed(value, axis.at(scene, value.value), swept.states) for value in swept.critical)
+    return replace(swept, friction=how, left_out=left_out(scene), critical=critical)
+
+
+def _placed(critical: Critical, scene: Scene, states: Sequence[str]) -> Critical:
+    """The same with the bodies or node sets of the structure of `scene` that move."""
+    stated = scene.stated
+    if stated is None:
+        return critical
+    return replace(critical, regions=stated.shares(critical.shape, critical.energy, states))
 
 
 def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fixed: str = "") -> Sweep:

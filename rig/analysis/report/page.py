@@ -106,6 +106,7 @@ def page(run: Run, log: Path) -> str:
         "Controllers": sections.controllers(run, scene),
         "Sensors": sections.sensors(run, scene, marks),
         "Events": sections.events(run),
+        "Mass and contacts": sections.structure(scene),
         "Values of the scene": sections.values(run, scene, why),
         "Provenance": sections.provenance(run, sha),
         "Notes of users": sections.notes(noted),

@@ -18,6 +18,7 @@ from rig.analysis.recorded.amplitude import measured, stages
 from rig.analysis.recorded.comparison import flattened
 from rig.analysis.report.elements import Html, element, facts, joined, number, sketch, table
 from rig.bench.live import status
+from rig.errors import SceneError
 from rig.printable import counted
 from rig.record import statistics, user_notes
 from rig.record.run import Commands, Integers, Reals, Run
@@ -236,6 +237,18 @@ def values(run: Run, scene: Scene | None, why: str) -> Html:
     carried = {name: content for name, content in recorded.items() if name != "parts"}  # their text is no value
     texts = [(key, value(content)) for key, content in flattened(carried)]
     return joined((element("p", why, class_="doubtful"), table("Values as recorded", ("key", "value"), texts)))
+
+
+def structure(scene: Scene | None) -> Html:
+    """Return mass and contacts of a meshed structure, and what may be wrong; empty for other rigs."""
+    try:
+        stated = scene.stated if scene is not None else None
+    except SceneError:  # the recording has no model, and the files are not there
+        return Html()
+    if stated is None:
+        return Html()
+    warnings = [element("p", f"{word}: {text}", class_="doubtful") for word, text in stated.warnings()]
+    return joined((facts(stated.lines()), *warnings))
 
 
 def provenance(run: Run, digest: str) -> Html:

@@ -22,7 +22,7 @@ from pydantic import BaseModel
 
 from rig.errors import SceneError, UsageError
 from rig.plants.structures.structure_tables import Contact, Line, Place, Tables, Turning
-from rig.structure import basis, model_store, read
+from rig.structure import basis, model_store, plausible, read
 from rig.structure.contacts import Contact as MeshContact
 from rig.structure.contacts import contact_points
 from rig.structure.full import FRICTION, Full, Points
@@ -286,7 +286,7 @@ def full(p: Tables) -> tuple[Full, Mesh]:
 
     def points(name: str, contact: Contact, finer: int) -> Points:
         if contact.rows is not None:
-            return contact_rows(name, Path(contact.rows), whole)
+            return contact_rows(name, Path(contact.rows), whole, read.UNITS[p.structure.units])
         if contact.gap is not None and contact.along is not None:
             gap = sp.csr_array(vector(contact.gap)[None])
             along = sp.csr_array(vector(contact.along)[None])
@@ -331,4 +331,7 @@ def full(p: Tables) -> tuple[Full, Mesh]:
             parts += [replace(part, of="damping", name=f"Rayleigh {part.name}", key=key) for part in proportional]
     if len(finer) < len(contacts):
         finer = ()
-    return replace(whole, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer), mesh
+    whole = replace(whole, parts=tuple(parts), contacts=contacts, vectors=vectors, finer=finer)
+    total = None if p.structure.typed else plausible.total_mass(whole)
+    regions = plausible.regions(whole, mesh)
+    return replace(whole, total=total, regions=regions, doubts=plausible.doubts(whole)), mesh
