@@ -23,7 +23,7 @@ from rig.bus import encode, run_setup
 from rig.errors import OutputError, UsageError
 from rig.printable import counted
 from rig.quantities import Condition, finite
-from rig.record.imports.channel_map import Channel, ChannelMap, proposed
+from rig.record.imports.channel_map import Channel, ChannelMap, proposed, stated_fault
 from rig.record.imports.measurement_file import MeasurementFile, opened
 from rig.record.imports.text_table import BLOCK
 from rig.record.provenance import package_version
@@ -38,6 +38,8 @@ _MOST = 1 << 16
 _GAP = 1.5  # periods: a longer distance of two samples is a gap
 _EVEN = 0.01  # of a period
 _TOLD = 20  # faults of a file that are listed; of more their number
+_SPARSE = 8.0  # periods for each sample: with more the shift of a channel is not looked for. chosen
+_FARTHEST = 9e9  # s: times in ns reach no farther
 _ALIKE = 0.5  # least correlation of a channel that two files have in common
 FRAME_NS = 1_000_000
 """Period at which a replay publishes a measurement, and a controller is asked."""
@@ -160,17 +162,22 @@ class Listed:
 
     rows: list[tuple[str, str, str, float, float, int, float]]
     """File, column, unit, lowest and highest value, number of values, samples per second (0: not stated) [Hz]."""
+    left_out: list[tuple[str, str, str]]
+    """File, column, and why it is not read."""
     bases: list[TimeBase]
     proposal: ChannelMap
 
     def text(self) -> str:
         """A line for each column, the time bases, and the proposal as TOML."""
-        width = max(len(row[1]) for row in self.rows)
+        names = [row[1] for row in self.rows] + [name for _, name, _ in self.left_out]
+        width = max(map(len, names))
         lines = []
         for file, name, unit, low, high, count, rate in self.rows:
             at = f" at {rate:.6g} Hz" if rate > 0.0 else ""
             values = f"{_span(low, high)} {unit or '(no unit stated)'}, {counted(count, 'value')}{at}"
-            lines.append(f"{file}: {name:<{width}}  {values}")
+            fault = f"; {told}" if unit and (told := stated_fault(unit)) else ""
+            lines.append(f"{file}: {name:<{width}}  {values}{fault}")
+        lines += [f"{file}: {name:<{width}}  not read: {why}" for file, name, why in self.left_out]
         lines += [base.text() for base in self.bases]
         proposal = self.proposal.text()
         ask = "; replace each ? by the unit" if "?" in proposal else ""
@@ -180,12 +187,13 @@ class Listed:
     def to_json(self) -> dict[str, object]:
         """The same as plain values."""
         proposal = {"time": self.proposal.time, "rate": self.proposal.rate, "channels": dict(self.proposal.channels)}
-        return {"columns": self.rows, "proposal": proposal}
+        return {"columns": self.rows, "left_out": self.left_out, "proposal": proposal}
 
 
 def listed(paths: Sequence[Path]) -> Listed:
     """Read the files through and propose a map. Raises UsageError with the faults of all of them."""
     rows = []
+    left_out = []
     bases = []
     together = ChannelMap()
     for file in _all_opened(paths):
@@ -213,13 +221,14 @@ def listed(paths: Sequence[Path]) -> Listed:
             name = column.name
             ends = (float(low[name]), float(high[name]))
             rows.append((file.path.name, name, column.unit, *ends, count[name], column.rate))
+        left_out += [(file.path.name, name, why) for name, why in file.left_out.items()]
         proposal = proposed(file, [name for name in names if name in rising and times[name].samples > 1])
         time = proposal.time.partition(",")[0]
         bases += [times[time]] if time else []
         together = ChannelMap(
             {**together.channels, **proposal.channels}, together.time or proposal.time, together.rate or proposal.rate
         )
-    return Listed(rows, bases, together)
+    return Listed(rows, left_out, bases, together)
 
 
 def import_files(
@@ -318,25 +327,41 @@ class _Part:
                 self.expected = size if stated else round(size * max(self.file.path.stat().st_size / BLOCK, 1.0))
             done = dict[str, tuple[Reals, Reals]]()
             for i, channel in enumerate(self.channels):
+                rows = row + np.arange(block[channel.column][0].size)
                 t, v = block[channel.column]
-                if i == 0 or self.time == "":
-                    faults.times(t, last.get(channel.column, -np.inf), row, self.time or channel.column)
-                last[channel.column] = float(t[-1]) if t.size else last.get(channel.column, -np.inf)
+                if self.skip_missing:
+                    timed = np.isfinite(t)
+                    rows, t, v = rows[timed], t[timed], v[timed]
+                    self.missing += timed.size - t.size
+                if i == 0 or self.time == "" or self.skip_missing:
+                    faults.times(t, last.get(channel.column, -np.inf), rows, self.time or channel.column)
+                last[channel.column] = float(np.max(t, initial=last.get(channel.column, -np.inf), where=np.isfinite(t)))
                 if i == 0 and t.size and not faults.count:
                     base.add(t)
                 lost = ~np.isfinite(v)
-                if lost.any():
-                    if self.skip_missing:
-                        self.missing += int(lost.sum())
-                        t, v = t[~lost], v[~lost]
-                    else:
-                        faults.missing(lost, row, channel.column)
-                done[channel.name] = t + self.shift, channel.values(v)
+                if self.skip_missing:
+                    rows, t, v = rows[~lost], t[~lost], v[~lost]
+                    self.missing += int(lost.sum())
+                else:
+                    faults.missing(lost, rows, channel.column)
+                scaled = channel.values(v)
+                faults.infinite(np.isinf(scaled) & np.isfinite(v), rows, channel)
+                done[channel.name] = t + self.shift, scaled
             row += size
             if not faults.count:
                 yield done
         (self._faults_of_rows() if faults.count and self.file.rows else faults).raised()
         faults.raised()
+
+    def samples(self, column: str) -> tuple[Reals, Reals]:
+        """All times and values of a column. Raises UsageError with the faults of the file."""
+        pieces = [block[column] for block in self._timed_or_refused()]
+        t, v = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+        known = np.isfinite(t) & np.isfinite(v)
+        if not known.all() and not self.skip_missing:
+            for _ in self.blocks(TimeBase(self.file.path.name)):
+                pass
+        return t[known], v[known]
 
     def _timed_or_refused(self) -> Iterator[dict[str, tuple[Reals, Reals]]]:
         """`timed` for all channels. Raises UsageError with the faults of rows, and those of the values beside them."""
@@ -356,12 +381,13 @@ class _Part:
         faults = _Faults(self.file.path)
         last = -np.inf
         for row, values in self.file.rows([self.time, *columns]) if self.file.rows else ():
-            if self.time in values:
-                t = np.array([values[self.time] * self.scale])
-                faults.times(t, last, row, self.time)
-                last = float(t[0])
+            number = np.array([row])
+            t = np.array([values.get(self.time, np.nan) * self.scale])
+            if self.time in values and not (self.skip_missing and np.isnan(t[0])):
+                faults.times(t, last, number, self.time)
+                last = last if np.isnan(t[0]) else float(t[0])
             for column in () if self.skip_missing else columns:
-                faults.missing(np.isnan([values.get(column, 0.0)]), row, column)
+                faults.missing(np.isnan([values.get(column, 0.0)]), number, column)
         return faults
 
     def timed(self, names: Sequence[str]) -> Iterator[dict[str, tuple[Reals, Reals]]]:
@@ -373,8 +399,11 @@ class _Part:
             for name in names:
                 column = self.file.column(name)
                 v = block[name]
-                if self.time and block[self.time].size == v.size and not column.rate:
+                if self.time and not column.rate:
                     t = block[self.time] * self.scale
+                    if t.size != v.size:
+                        sizes = f"{name} has {counted(v.size, 'value')}, {self.time} has {t.size}"
+                        raise UsageError(f"{self.file.path}: {sizes}: it is not the time of this column")
                 else:
                     t = column.start + (done[name] + np.arange(v.size)) / (column.rate or self.rate)
                 done[name] += v.size
@@ -390,20 +419,30 @@ class _Faults:
         self._told = list[str]()
         self.count = 0
 
-    def times(self, t: Reals, last: float, row: int, name: str) -> None:
-        """Note times that do not increase, or are none."""
-        before = np.concatenate(([last], t[:-1]))
-        for i in np.flatnonzero(~(t > before)):
-            if not np.isfinite(t[i]):
-                what = "is no number"
-            else:
-                what = "is that of the row before" if t[i] == before[i] else "falls"
-            self._note(row + int(i), name, f"the time {t[i]:.9g} s {what}")
+    def times(self, t: Reals, last: float, rows: Integers, name: str) -> None:
+        """Note times that do not increase, are none, or lie too far from 0."""
+        known = np.isfinite(t)
+        latest = np.maximum.accumulate(np.where(known, np.arange(t.size), -1))  # place of the latest known time
+        latest = np.concatenate(([-1], latest[:-1])) if t.size else latest
+        before = np.where(latest < 0, last, t[latest]) if t.size else t
+        for i in np.flatnonzero(~(t > before) | (np.abs(t) > _FARTHEST)):
+            if not known[i]:
+                self._note(int(rows[i]), name, "there is no time")
+                continue
+            what = "is that of the row before" if t[i] == before[i] else "falls"
+            if t[i] > before[i]:
+                what = f"lies beyond {_FARTHEST:g} s; state its unit"
+            self._note(int(rows[i]), name, f"the time {t[i]:.9g} s {what}")
 
-    def missing(self, lost: NDArray[np.bool_], row: int, name: str) -> None:
+    def missing(self, lost: NDArray[np.bool_], rows: Integers, name: str) -> None:
         """Note values that are not there."""
         for i in np.flatnonzero(lost):
-            self._note(row + int(i), name, "there is no value")
+            self._note(int(rows[i]), name, "there is no value")
+
+    def infinite(self, lost: NDArray[np.bool_], rows: Integers, channel: Channel) -> None:
+        """Note values that are too large in SI."""
+        for i in np.flatnonzero(lost):
+            self._note(int(rows[i]), channel.column, f"too large for a double in {channel.unit}")
 
     def _note(self, row: int, name: str, what: str) -> None:
         self.count += 1
@@ -414,7 +453,7 @@ class _Faults:
         """Raise UsageError if there are any."""
         if self.count:
             more = [f"{self._path}: {self.count - _TOLD} more"] if self.count > _TOLD else []
-            hints = ["--skip-missing leaves them out" * any("no value" in told for told in self._told)]
+            hints = ["--skip-missing leaves them out" * any("there is no " in told for told in self._told)]
             hints += ["--rate RATE takes no times from the file" * any("the time" in told for told in self._told)]
             raise UsageError("\n".join([*self._told, *more, *filter(None, hints)]))
 
@@ -430,14 +469,16 @@ def _parts(files: Sequence[MeasurementFile], given: ChannelMap, join: str, skip_
         rate = finite(given.rate, "Hz") if given.rate else 0.0
     except ValueError as fault:
         raise UsageError(f"--rate {given.rate}: {fault}") from None
+    if given.rate and rate <= 0.0:
+        raise UsageError(f"--rate {given.rate}: expected more than 0 Hz")
     for file in files:
         where = str(file.path)
-        own = {column.name for column in file.columns}
+        own = {column.name for column in file.columns} | file.left_out.keys()
         mine = given.channels if len(files) == 1 else {c: text for c, text in given.channels.items() if c in own}
         met |= mine.keys()
         try:
-            made = ChannelMap(mine).channels_of(file.columns, where)
-            time, scale = given.time_column(file.columns, where) if not rate else ("", 1.0)
+            made = ChannelMap(mine).channels_of(file.columns, where, file.left_out)
+            time, scale = given.time_column(file.columns, where, file.left_out) if not rate else ("", 1.0)
             untimed = [c.column for c in made if not (time or rate or file.column(c.column).rate)]
             if untimed:
                 raise UsageError(f'{where}: no time for {", ".join(untimed)}: add --time "COLUMN, s" or --rate "2 kHz"')
@@ -462,8 +503,9 @@ def _join(parts: Sequence[_Part], join: str) -> None:
         channel = next((c for c in part.channels if name in (c.name, c.column)), None)
         if channel is None:
             raise UsageError(f"--join {join}: {part.file.path} has no channel {name}")
-        pieces = [block[channel.column] for block in part.timed([channel.column])]
-        t, v = (np.concatenate(column) for column in zip(*pieces))
+        t, v = part.samples(channel.column)
+        if t.size < 2:
+            raise UsageError(f"--join {join}: {part.file.path}: {name} has {counted(t.size, 'value')} with a time")
         whole.append((t, channel.values(v), channel.unit))
     if condition is not None:
         instants = [_fired(*samples, condition, part) for samples, part in zip(whole, parts)]
@@ -499,6 +541,9 @@ def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where
     from scipy.signal import correlate, correlation_lags
 
     step = min(float(np.median(np.diff(t))) for t, *_ in (first, other))
+    for t, *_ in (first, other):
+        if float(t[-1] - t[0]) > _SPARSE * step * t.size:
+            raise UsageError(f"{where}: most of its time is a gap; name a trigger, CHANNEL > VALUE UNIT")
     a = _resampled(*first[:2], step)
     b = _resampled(*other[:2], step)
     c = correlate(a, b)
@@ -540,7 +585,7 @@ def _written(
     )
     stated = (part.file.began_ns for part in parts if part.file.began_ns is not None)
     began_ns = next(stated, parts[0].file.path.stat().st_mtime_ns)  # else the date of the file
-    began_ns += round(begin * 1e9)
+    began_ns = max(began_ns + round(begin * 1e9), 0)
     ranges = {name: (unit, np.inf, -np.inf) for name, unit in units.items()}
     writer = Writer(draft, setup, MADE)
     try:
@@ -585,8 +630,14 @@ def _written(
         writer.close(account, {"map": given.text(), "time": told})
     finally:
         writer.abandon()
-    sources = {c.name: f"{part.file.path.name}, {c.column}" for part in parts for c in part.channels}
+    sources = {c.name: _source(part, c) for part in parts for c in part.channels}
     return Imported(out, sources, ranges, bases, sum(part.missing for part in parts))
+
+
+def _source(part: _Part, channel: Channel) -> str:
+    """File and column of a channel."""
+    other = f" (the file states {channel.stated}; the map decides)" if channel.stated else ""
+    return f"{part.file.path.name}, {channel.column}{other}"
 
 
 def _cuts(t_ns: Integers) -> list[int]:
