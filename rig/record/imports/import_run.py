@@ -212,8 +212,9 @@ def listed(paths: Sequence[Path]) -> Listed:
                 count[name] += known.size
                 low[name] = min(low[name], known.min(initial=np.inf))
                 high[name] = max(high[name], known.max(initial=-np.inf))
-                if name in rising and known.size == v.size and v[0] > last[name] and np.all(np.diff(v) > 0.0):
-                    times[name].add(v)
+                if name in rising and known.size == v.size and v[0] > last[name] and np.all(v[1:] > v[:-1]):
+                    with np.errstate(over="ignore"):  # a column that rises may be no time
+                        times[name].add(v)
                     last[name] = v[-1]
                 else:
                     rising.discard(name)

@@ -245,7 +245,7 @@ def _parquet(path: Path) -> MeasurementFile:
 
     def blocks(names: Collection[str]) -> Iterator[Block]:
         begins: dict[str, int] = {}
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             for batch in file.iter_batches(columns=[labels[name] for name in names]):
                 yield {name: _seconds(batch[labels[name]], begins, name) for name in names}
 

@@ -17,7 +17,9 @@ from rig.record.imports.instrument_units import is_unit
 SEPARATORS = (";", "\t", ",", "|", " ")
 NO_VALUE = ("", "nan", "NaN", "NAN", "NA", "n/a", "N/A", "null", "-")
 _SHOWN = 100  # rows that tell what a column is. chosen
-_HEADINGS = 60  # lines above the rows in which names and units are looked for. chosen
+_HEADINGS = 60  # lines above the rows in which names with units in brackets are looked for. chosen
+_UNITS_ABOVE = 5  # the same of a line of names above a line of units. chosen
+_END = "***"  # of a header of LabVIEW
 _EXPONENT = r"(?:[eE][-+]?\d+)?"
 # Characters that group the digits of a number, by its decimal mark
 _GROUPS = {".": ",'\u2019\xa0\u202f ", ",": ".'\u2019\xa0\u202f "}
@@ -147,7 +149,7 @@ class Form:
             (cells for cells in headings if _have_units(cells)), headings[0] if headings else [""] * self.width
         )
         if not _have_units(labels):
-            for named, stated in zip(headings[1:], headings, strict=False):
+            for named, stated in zip(headings[1:_UNITS_ABOVE], headings, strict=False):
                 if _are_units(stated) and sum(map(bool, named)) >= max(sum(map(bool, stated)), self.width - self.ended):
                     units = [cell.strip("[]() ") for cell in stated]
                     labels = named
@@ -156,7 +158,12 @@ class Form:
         stamped = tuple(any(map(clock_times.is_time, column)) for column in columns)
         left_out = tuple(self._left_out(label, column) for label, column in zip(labels, columns, strict=True))
         units = ["s" if stamp else unit for unit, stamp in zip(units, stamped, strict=True)]
-        return tuple(label or f"column {i}" for i, label in enumerate(labels, 1)), tuple(units), stamped, left_out
+        return (
+            tuple(label.rstrip(": ") or f"column {i}" for i, label in enumerate(labels, 1)),
+            tuple(units),
+            stamped,
+            left_out,
+        )
 
     @property
     def merit(self) -> tuple[int, bool, int, int]:
@@ -180,7 +187,7 @@ class Form:
         headings = list[list[str]]()
         for line in reversed(above):
             cells = self.heading(line)
-            if cells is None:
+            if cells is None or line.startswith(_END):
                 break
             headings.append(cells)
         return headings

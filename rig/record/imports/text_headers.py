@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from rig.errors import UsageError
 from rig.record.imports import clock_times
 
 _LABVIEW = "LabVIEW Measurement"
+_MARKS = re.compile(r"[:,;\t]+")
 _X = "X_Value"  # its column of times
 _COMMENT = "Comment"
 _STEPS = ("XInc", "XIncrement", "Sample Interval", "Delta_X")
@@ -31,13 +33,12 @@ class TextHeader(NamedTuple):
 
 def read(lines: Sequence[str], separator: str, labels: Sequence[str]) -> TextHeader:
     """Read the lines above the columns `labels`."""
+    is_labview = bool(lines) and lines[0].strip().startswith(_LABVIEW)
     table: dict[str, list[str]] = {}
     for line in lines:
-        key, *cells = (cell.strip().strip('"') for cell in line.split(separator))
-        table[key.rstrip(": ")] = cells
-    if lines and lines[0].strip().startswith(_LABVIEW):
-        return _labview(table, labels)
-    return _oscilloscope(table, labels)
+        key, *cells = (cell.strip(' "') for cell in (line.split(separator) if is_labview else _MARKS.split(line)))
+        table[key] = cells
+    return _labview(table, labels) if is_labview else _oscilloscope(table, labels)
 
 
 def _labview(table: Mapping[str, Sequence[str]], labels: Sequence[str]) -> TextHeader:
