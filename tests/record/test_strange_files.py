@@ -1,4 +1,4 @@
-"""Files of many kinds, made from known signals: they become recordings to the last digit, or are refused in one line."""
+"""Files of many kinds, made from known signals: they become recordings to the last digit, or are refused."""
 
 import os
 from dataclasses import dataclass, field
@@ -6,7 +6,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import io as scipy_io
 
@@ -132,11 +131,28 @@ def with_gap(values, *places):
 
 def uff(path, unit):
     pyuff = pytest.importorskip("pyuff")
-    about = dict(
-        binary=0, func_type=1, rsp_node=1, rsp_dir=1, ref_dir=1, ref_node=1, data=V, x=T, id1="v", rsp_ent_name="a",
-        ref_ent_name="b", abscissa_spacing=1, abscissa_spec_data_type=17, ordinate_spec_data_type=11, num_pts=T.size,
-        orddenom_spec_data_type=0, abscissa_inc=T[1], abscissa_min=0.0, ord_data_type=4, ordinate_axis_units_lab=unit,
-    )  # fmt: skip
+    about = {
+        "binary": 0,
+        "func_type": 1,
+        "rsp_node": 1,
+        "rsp_dir": 1,
+        "ref_dir": 1,
+        "ref_node": 1,
+        "data": V,
+        "x": T,
+        "id1": "v",
+        "rsp_ent_name": "a",
+        "ref_ent_name": "b",
+        "abscissa_spacing": 1,
+        "abscissa_spec_data_type": 17,
+        "ordinate_spec_data_type": 11,
+        "num_pts": T.size,
+        "orddenom_spec_data_type": 0,
+        "abscissa_inc": T[1],
+        "abscissa_min": 0.0,
+        "ord_data_type": 4,
+        "ordinate_axis_units_lab": unit,
+    }
     pyuff.UFF(str(path)).write_sets([pyuff.prepare_58(**about)], "add")
 
 
@@ -339,7 +355,9 @@ KINDS = {
         becomes={"v": ("m/s", V), "n": SPEED},
     ),
     "Keysight, increments.csv": Kind(
-        lines("Type:,raw", "Points:,200", "XInc:,0.001", "XOrg:,-0.1", "YUnits:,Volt", "Data:", *rows(lambda t, v, n: v)),
+        lines(
+            "Type:,raw", "Points:,200", "XInc:,0.001", "XOrg:,-0.1", "YUnits:,Volt", "Data:", *rows(lambda t, v, n: v)
+        ),
         ["Data = v, 1 m/s/V"],
         "",
     ),
@@ -371,7 +389,10 @@ KINDS = {
         becomes={"n": SPEED, "v": ("m/s", V)},
     ),
     "LabVIEW.lvm": Kind(
-        lines(*(line.format(columns="One") for line in LVM), *rows(lambda t, v, n: f"{comma(t)}\t{comma(v)}\t{comma(n, 3)}\t")),
+        lines(
+            *(line.format(columns="One") for line in LVM),
+            *rows(lambda t, v, n: f"{comma(t)}\t{comma(v)}\t{comma(n, 3)}\t"),
+        ),
         ["v = v", "n = n"],
         "X_Value",
         becomes={"v": ("m/s", V), "n": SPEED},
@@ -383,16 +404,23 @@ KINDS = {
         becomes={"v": ("m/s", V), "n": SPEED},
     ),
     "20,000 columns.csv": Kind(
-        lines(",".join(["t [s]", *(f"c{i} [m/s]" for i in range(20_000))]), *(",".join(["0." + str(i)] * 20_001) for i in range(4))),
+        lines(
+            ",".join(["t [s]", *(f"c{i} [m/s]" for i in range(20_000))]),
+            *(",".join(["0." + str(i)] * 20_001) for i in range(4)),
+        ),
         ["c19999 = v"],
         becomes={"v": ("m/s", [0.0, 0.1, 0.2, 0.3])},
         t=[0.0, 0.1, 0.2, 0.3],
     ),
-    "20,000 columns.mat": Kind(
-        lambda path: scipy_io.savemat(path, {"t": T[:3], "x": np.ones((20_000, 1, 3)).reshape(20_000, 3) * T[:3]}),
-        ["x.20000 = v, m/s"],
+    "three dimensions.mat": Kind(
+        lambda path: scipy_io.savemat(path, {"t": T, "v": V, "x": np.ones((2, 3, 4)), "H": V + 1j * V, "k": 1.0}),
+        ["v = v, m/s"],
         "t, s",
-        refused=("there is no column 'x.20000'",),
+        left_out={
+            "x": "it has 3 dimensions",
+            "H": "it is complex: a spectrum or a transfer function",
+            "k": "it is a single value",
+        },
     ),
     "a pipe.csv": Kind(lambda path: os.mkfifo(path), refused=("is no file, but a directory, a pipe or a device",)),
     "a directory.csv": Kind(lambda path: path.mkdir(), refused=("is no file, but a directory",)),
@@ -473,7 +501,7 @@ KINDS = {
     "sensitivity 0.csv": Kind(
         lines("t [s],v [V]", "0,1", "1,2"), ["v = v, 0 m/s/V"], refused=("a scale of 0 leaves nothing of the column",)
     ),
-}  # fmt: skip
+}
 
 UNCLOSED = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves its file open
 

@@ -181,10 +181,12 @@ def proposed(file: MeasurementFile, rising: Iterable[str]) -> ChannelMap:
     time = named[0] if named and not all(column.rate for column in file.columns) else None
     rest = [column for column in file.columns if column is not time]
     names: dict[str, str] = {}
+    taken = set[str]()
     for column in rest:
         slug = _SLUG.sub("_", column.name.lower()).strip("_") or "channel"
         slug = slug if slug[0].isalpha() else f"c{slug}"
-        names[column.name] = slug if slug not in names.values() else f"{slug}_{len(names) + 1}"
+        names[column.name] = slug if slug not in taken else f"{slug}_{len(names) + 1}"
+        taken.add(names[column.name])
     channels = {column.name: f"{names[column.name]}, {_proposed_unit(column.unit)}" for column in rest}
     untimed = time is None and not all(column.rate for column in rest)
     return ChannelMap(

@@ -1,8 +1,8 @@
 """What the units mean that instruments and their programs write, and the SI unit that their values become.
 
 A unit is a whole text of `_WHOLE`, or a product and quotient of the symbols and words below. What is not in these
-tables is unknown: nothing is guessed. A unit with two meanings is refused with both ways to write it, and so is a result
-that is no quantity of a bench, such as kg/A.
+tables is unknown: nothing is guessed. A unit with two meanings is refused with both ways to write it. A result that is
+no quantity of a bench, such as kg/A, is refused too.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ _WORDS = {
     **dict.fromkeys(("millivolt", "millivolts", "mvolt", "mvolts"), "mV"),
     **dict.fromkeys(("amp", "amps", "ampere", "amperes"), "A"),
     **dict.fromkeys(("milliamp", "milliamps", "milliampere"), "mA"),
-    **dict.fromkeys(("ohms",), "ohm"),
+    **dict.fromkeys(("ohm", "ohms"), "ohm"),
     **dict.fromkeys(("sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"), "s"),
     **dict.fromkeys(("msec", "msecs", "millisecond", "milliseconds"), "ms"),
     **dict.fromkeys(("usec", "microsecond", "microseconds"), "us"),
@@ -314,7 +314,8 @@ def _of_one(written: str, target: str, text: str) -> Meaning:
 
 def _whole(written: str) -> str:
     """The unit that a text is as a whole, or the text."""
-    return _WHOLE.get(written.lower(), written)
+    low = written.lower()
+    return _WHOLE.get(low) or (written if written in _SYMBOLS else _WORDS.get(low, written))
 
 
 def _converted(factor: float, powers: Powers, target: str, text: str) -> Meaning:

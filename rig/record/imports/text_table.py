@@ -162,7 +162,8 @@ class TextTable:
                     for batch in reader:
                         if ragged:
                             break
-                        yield {name: self._values(batch.column(name), name in times) for name in wanted}
+                        columns = zip(wanted, batch.columns, strict=True)  # by name it takes the square of their number
+                        yield {name: self._values(column, name in times) for name, column in columns}
             except pa.ArrowInvalid as fault:
                 raise UsageError(self._faults(names, wanted) or f"{self.path}: {fault}") from None
         if ragged:
