@@ -168,7 +168,7 @@ def test_the_remedies_of_a_unit_that_cannot_be_used_work(tmp_path, unit):
         ("kg", "ch = a, N", "N", 2.0),
         ("m/s", "ch = a, mm/s", "m/s", 2e-3),
         ("EU", "ch = a, 3 mm/EU", "m", 6e-3),
-        ("EU", "ch = a, 3 mm", "m", 6e-3),
+        ("m/s", "ch = a, 3 N/(m/s)", "N", 6.0),
         ("m/s", "ch = a, 3 N/V", "N", 6.0),
         ("mV", "ch = a, 3 N/V", "N", 6e-3),
         ("mV/V", "ch = a, 2 kN/(mV/V)", "N", 4e3),
@@ -179,6 +179,14 @@ def test_the_remedies_of_a_unit_that_cannot_be_used_work(tmp_path, unit):
 )
 def test_the_map_decides_over_the_file(tmp_path, stated, entry, unit, value):
     assert made(tmp_path, entry, stated) == (unit, pytest.approx(value, rel=1e-12))
+
+
+@pytest.mark.parametrize("stated", ["V", "mV/V", "EU", "m/s"])
+def test_a_scale_that_is_not_per_the_unit_of_the_column_is_refused_with_one_that_is(tmp_path, stated):
+    with pytest.raises(UsageError, match="expected a scale per") as caught:
+        made(tmp_path, "ch = a, 3 N, offset 1 N", stated)
+    (way,) = re.findall(r'"(ch = [^"]+)"', str(caught.value))
+    assert made(tmp_path, way, stated) == ("N", pytest.approx(7.0, rel=1e-12))
 
 
 def test_a_unit_that_the_map_replaces_is_told(tmp_path):

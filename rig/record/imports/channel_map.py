@@ -230,7 +230,8 @@ def _channel(column: Column, text: str, where: str) -> Channel:
     scales = [part for part in parts if part and part is not offset]
     if len(scales) > 1 or "?" in text:
         raise UsageError(f"{told}: expected NAME, SCALE UNIT such as vibrometer, 125 mm/s/V")
-    number, unit = parted(scales[0]) if scales and scales[0][0] in "+-.0123456789" else ("", "".join(scales))
+    scaled = bool(scales) and scales[0][0] in "+-.0123456789" and scales[0] != "1"
+    number, unit = parted(scales[0]) if scaled else ("", "".join(scales))
     scale = _number(number, told) if number else 1.0
     if number and scale == 0.0:
         raise UsageError(f"{told}: a scale of 0 leaves nothing of the column; state what one unit of it is")
@@ -248,6 +249,10 @@ def _channel(column: Column, text: str, where: str) -> Channel:
         size = f"{number} {way}/{f'({per})' if '/' in per else per}" if per else f"{number} {way}".strip()
         return ", ".join(filter(None, (f"{column.name} = {name}", size, offset)))
 
+    if number and not per and ratio != 1.0 and column.unit:
+        scale_of = f"{number} {unit}/{f'({column.unit})' if '/' in column.unit else column.unit}"
+        way = ", ".join(filter(None, (f"{column.name} = {name}", scale_of, offset)))
+        raise UsageError(f'{told}: the column is in {column.unit}; expected a scale per {column.unit}, such as "{way}"')
     source = "that the file states, " if own else ""
     target, factor, shift = _in_si(unit, told, source, mapped)
     added = 0.0
