@@ -29,12 +29,6 @@ def said(one, text, seconds=10.0):
         time.sleep(0.01)
 
 
-def test_who_ends_by_himself_is_not_sent_a_signal(module):
-    one = Child("quick", module("print('done')"))
-    assert end([one], 10.0) == []
-    assert (one.code, one.new_lines(), one.ending) == (0, ["done"], "quick ended with code 0: done")
-
-
 def test_files_of_the_working_folder_hide_no_module(module, tmp_path_factory, monkeypatch):
     folder = tmp_path_factory.mktemp("own")
     for name in ("rig", "queue"):

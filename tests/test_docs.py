@@ -35,10 +35,6 @@ def blocks(page, language):
     return [body for kind, body in FENCE.findall((ROOT / page).read_text()) if kind == language]
 
 
-WRITES = ("--out", "--figure", "--csv")
-"""Options that name a file which a command writes."""
-
-
 def commands():
     """(page, words) of every line in a fence that starts with `rig`."""
     for page in PAGES:
@@ -99,17 +95,6 @@ def test_a_command_of_a_page_is_one_that_the_program_takes(page, words):
         scenes.load(words[0], dict(one.split("=", 1) for one in changed))
 
 
-def test_commands_of_the_pages_write_files_of_their_own():
-    """A reader who follows all pages in one folder is never told that a file exists, unless a command is repeated."""
-    writers = {}
-    for page, words in commands():
-        for option, file in itertools.pairwise(words):
-            if option in WRITES and "." in file:
-                writers.setdefault(file, {})[" ".join(words)] = page
-    assert len(writers) > 20
-    assert {file: by for file, by in writers.items() if len(by) > 1} == {}
-
-
 def test_a_test_that_a_page_names_exists():
     named = {name for page in PAGES for name in re.findall(r"\btests/[\w/]+\.py\b", page.read_text())}
     assert len(named) > 10
@@ -138,12 +123,6 @@ def test_the_toml_of_a_page_is_read(page, tmp_path):
             file = tmp_path / "case.toml"
             file.write_text(body)
             assert case.read(file).scene == read["scene"]
-
-
-def test_the_pages_show_whole_scenes():
-    shown = [page.name for page in PAGES for body in blocks(page, "toml") if "based_on" in tomllib.loads(body)]
-    assert {"README.md", "scenes.md", "own.md"} <= set(shown)
-    assert shown.count("own.md") >= 4
 
 
 def test_the_version_is_the_same_everywhere():

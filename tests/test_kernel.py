@@ -1,26 +1,18 @@
 """Compiled code: where it is kept, what a start says about it."""
 
-import gc
 import os
 import pickle
 import shutil
 import subprocess
 import sys
-import tomllib
 import zlib
 from concurrent.futures import ThreadPoolExecutor
-from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 import pytest
-from llvmlite.binding import ffi
-from numba.core import event
 
 from rig.compiled import kernel, kernel_store
-from rig.compiled.kernel import as_python
 from rig.compiled.kernel_store import CheckedFile
-from rig.solve.forces import slope
 
 CODE = """
 from rig.compiled.kernel import kernel
@@ -95,17 +87,6 @@ def test_kernels_that_many_compile_at_once_are_all_kept(tmp_path):
     assert [kept.load(("key", number)) for number in range(40)] == list(range(40))
 
 
-def damaged(path, how):
-    """A file of compiled code as a crash, a full disk or a careless hand leaves it."""
-    content = bytearray(path.read_bytes())
-    if how == "a folder":
-        path.unlink()
-        path.mkdir()
-        return
-    content[len(content) // 2] ^= 4
-    path.write_bytes(content)
-
-
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
     """A folder with a module and its stored kernel."""
@@ -114,19 +95,16 @@ def compiled(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("how", "suffix"), [("one bit", "nbc"), ("a folder", "nbi")])
-def test_a_damaged_kernel_is_compiled_again(compiled, tmp_path, how, suffix):
+def test_a_damaged_kernel_is_compiled_again(compiled, tmp_path):
     kept = shutil.copytree(compiled / "kept", tmp_path / "kept")
-    for path in list(kept.rglob(f"*.{suffix}")):
-        damaged(path, how)
+    for path in list(kept.rglob("*.nbc")):
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 4
+        path.write_bytes(content)
     again, after = (run(compiled, RIG_KERNELS=str(kept)) for _ in range(2))
     assert again.returncode == 0
     assert again.stdout == after.stdout == "2.0\n"
-    assert again.stderr.startswith(TOLD)
-    if how == "a folder":  # which nobody removes: it may be the user's
-        assert "compiled kernels cannot be stored in" in again.stderr
-    else:
-        assert (again.stderr, after.stderr) == (TOLD, "")
+    assert (again.stderr, after.stderr) == (TOLD, "")
 
 
 class Poison:
@@ -139,9 +117,7 @@ class Poison:
         return os.mkdir, (self.path,)
 
 
-@pytest.mark.parametrize(
-    ("what", "how", "suffix"), [("the root", 0o777, "nbi"), ("the folder", 0o775, "nbc"), ("the file", "owner", "nbc")]
-)
+@pytest.mark.parametrize(("what", "how", "suffix"), [("the root", 0o777, "nbi"), ("the folder", 0o775, "nbc")])
 def test_a_kernel_that_another_user_can_have_written_is_never_unpickled(compiled, tmp_path, what, how, suffix):
     if how != 0o777 and os.geteuid():
         pytest.skip("only an administrator can give files to others")
@@ -149,33 +125,15 @@ def test_a_kernel_that_another_user_can_have_written_is_never_unpickled(compiled
     for path in kept.rglob(f"*.{suffix}"):
         poison = pickle.dumps(Poison(str(tmp_path / "executed")))
         path.write_bytes(zlib.crc32(poison).to_bytes(4) + poison)
-        at = {"the root": kept, "the folder": path.parent, "the file": path}[what]
-    if how == "owner":
-        os.chown(at, 12345, -1)
-    else:
-        os.chown(at, -1, 12345 if how == 0o775 else -1)
-        at.chmod(how)
+        at = {"the root": kept, "the folder": path.parent}[what]
+    os.chown(at, -1, 12345 if how == 0o775 else -1)
+    at.chmod(how)
     found = run(compiled, RIG_KERNELS=str(kept))
     assert found.stdout == "2.0\n", found.stderr
     assert not (tmp_path / "executed").exists()
-    why = (
-        "belongs to another user (number 12345)" if how == "owner" else f"can be written by other users (mode {how:o})"
-    )
+    why = f"can be written by other users (mode {how:o})"
     assert f"{at} {why}: it is ignored; remove it or its permission, or set RIG_KERNELS" in found.stderr
     assert "compiling kernels" in found.stderr
-
-
-@pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system has other permissions")
-def test_what_is_stored_no_other_user_can_write(compiled, tmp_path):
-    before = os.umask(0)
-    try:
-        folder = tmp_path / "new" / "kept"
-        assert run(compiled, RIG_KERNELS=str(folder)).stderr == TOLD
-    finally:
-        os.umask(before)
-    stored = [path for path in folder.rglob("*") if path.suffix in (".nbi", ".nbc", ".json") or path.is_dir()]
-    assert len(stored) >= 4
-    assert not [path for path in (folder.parent, folder, *stored) if path.stat().st_mode & 0o022]
 
 
 ROOT = Path(kernel.__file__).parents[2]
@@ -231,48 +189,3 @@ def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     folder = kernel_store.Folder("old")  # in use again
     folder.prune()
     assert {one.name for one in tmp_path.iterdir()} == {"old", "new", "older"}
-
-
-@pytest.mark.parametrize("searching", [True, False])
-def test_after_a_kernel_was_compiled_python_searches_for_garbage_as_before(searching):
-    during = []
-
-    class Watch(event.Listener):
-        def on_start(self, _):
-            during.append(gc.isenabled())
-
-        def on_end(self, _):
-            during.append(gc.isenabled())
-
-    before = gc.isenabled()
-    (gc.enable if searching else gc.disable)()
-    try:
-        with event.install_listener("numba:compile", Watch()):
-            assert as_python(lambda x: 2.0 * x)(1.5) == 3.0
-        assert during[0] is False
-        assert gc.isenabled() is searching
-    finally:
-        (gc.enable if before else gc.disable)()
-
-
-def test_what_optimised_a_kernel_is_freed(monkeypatch):
-    """llvmlite itself forgets it: 1 MB for each kernel that a process compiles."""
-    freed = {"Function": [], "Module": []}
-    for kind, passes in freed.items():
-        monkeypatch.setitem(ffi.lib._fntab, f"LLVMPY_DisposeNew{kind}PassManger", passes.append)  # noqa: SLF001
-    assert kernel.as_python(lambda x: x + 1.0)(1.0) == 2.0
-    assert freed["Function"]
-    assert len(freed["Module"]) >= 2  # cheap and full optimisation
-
-
-def test_python_cannot_call_what_only_kernels_call():
-    """It would have no code for Python to call."""
-    with pytest.raises(TypeError, match=r"rig\.solve\.forces\.slope can only be called by kernels"):
-        slope(0, np.zeros(2), 0.1)
-
-
-def test_the_next_minor_version_of_numba_is_not_allowed():
-    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
-    needed = next(one for one in project["dependencies"] if one.startswith("numba"))
-    major, minor = version("numba").split(".")[:2]
-    assert f"<{major}.{int(minor) + 1}" in needed.replace(" ", "")

@@ -1,28 +1,14 @@
-"""The pages of docs/theory: closed forms that they state, evaluated against the program; their labels and figures."""
+"""The pages of docs/theory: closed forms that they state, evaluated against the program."""
 
-import importlib.util
 import math
-import re
-from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
 
 import rig
 from rig.analysis.cycles.cycle import limit_cycle
-from rig.controllers import KINDS as CONTROLLERS
-from rig.laws import LAWS as FRICTION
 from rig.model.formulation import assemble
-from rig.plants import PLANTS
-from rig.sensors import KINDS as SENSORS
 from rig.solve.records import STICK
-
-DOCS = Path(__file__).parents[1] / "docs"
-THEORY = DOCS / "theory"
-EVERY_PAGE = sorted(page for page in DOCS.rglob("*.md") if "gallery" not in page.parts)
-PAGES = sorted(THEORY.glob("*.md"))
-LAWS = FRICTION.shipped
 
 
 def growth(scene, changes):
@@ -83,82 +69,3 @@ def test_a_tip_in_sliding_is_stiffer_and_pressed_less():
     (mode,) = rig.modes(scene).sliding.modes
     omega = math.sqrt((1.0 + tip.relief * mu) * tip.stiffness / tip.mass)
     assert 2.0 * math.pi * mode.frequency == pytest.approx(omega, rel=1e-9)
-
-
-def test_references_to_equations_resolve():
-    labels = [
-        label for page in PAGES for label in re.findall(r"^\$\$ \((eq-[\w-]+)\)$", page.read_text(), re.MULTILINE)
-    ]
-    used = {label for page in PAGES for label in re.findall(r"\{eq\}`([\w-]+)`", page.read_text())}
-    assert len(labels) == len(set(labels)) > 50
-    assert used <= set(labels)
-
-
-MISREAD = r"\\[td]?frac\s*\d|\\(?:hat|bar|d?dot|tilde) *\\?[a-zA-Z]+[_^]"
-MATHS = re.compile(r"\$\$.*?\$\$|\$[^$\n]+\$|```\{math\}.*?```", re.DOTALL)
-
-
-@pytest.mark.parametrize("page", EVERY_PAGE, ids=lambda page: str(page.relative_to(DOCS)))
-def test_formulas_avoid_what_the_converter_of_the_site_misreads(page):
-    r"""It reads \frac12 k as the fraction 12 over k, and puts the subscript of \dot q_i below q, without {} between.
-
-    The site says so too when it is built, and every warning is an error there.
-    """
-    assert [found for maths in MATHS.findall(page.read_text()) for found in re.findall(MISREAD, maths)] == []
-
-
-def test_the_figures_are_those_of_the_page(tmp_path):
-    spec = importlib.util.spec_from_file_location("theory_figures", THEORY / "figures.py")
-    figures = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(figures)
-    drawn = {f"{plant}.svg" for plant in figures.PLANTS}
-    figures.PLANTS = {"belt": figures.PLANTS["belt"]}
-    figures.draw(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["belt.svg"]
-    shown = set(re.findall(r"^```\{image\} (\S+)$", (THEORY / "plants.md").read_text(), re.MULTILINE))
-    kept = {path.name for path in THEORY.glob("*.svg")}
-    assert drawn == shown == kept
-
-
-def sections(page):
-    """Heading -> text of each section of a page."""
-    parts = re.split(r"^## (.+)\n", (THEORY / page).read_text(), flags=re.MULTILINE)
-    return dict(zip(parts[1::2], parts[2::2]))
-
-
-def tables_of_effects(section=None):
-    """The tables of a scene that are those of effects, of all plants."""
-    if section is None:
-        return {"noise"}.union(*(tables_of_effects(PLANTS[plant].Parameters) for plant in PLANTS.shipped))
-    found = set()
-    for name, info in section.model_fields.items():
-        for kind in get_args(info.annotation) or (info.annotation,):
-            if getattr(kind, "__module__", "").startswith("rig.effects") and hasattr(kind, "model_fields"):
-                found.add(name)
-    return found
-
-
-@pytest.mark.parametrize(
-    ("page", "named"),
-    [("plants.md", f"{{image}} {plant}.svg\n") for plant in PLANTS.shipped]
-    + [("effects.md", f"`[{name}]`") for name in sorted(tables_of_effects() - {"friction"})]  # laws: in laws.md
-    + [("controllers.md", f"`{kind}`") for kind in CONTROLLERS.shipped],
-)
-def test_a_part_has_its_equations_and_its_source(page, named):
-    found = [text for text in sections(page).values() if named in text]
-    assert any(("$$ (eq-" in text or "{eq}" in text) and "Source: " in text for text in found)
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_a_friction_law_has_its_formula(law):
-    with_memory = [text for text in sections("memory.md").values() if text.lstrip().startswith(f"`{law}`. ")]
-    over_speed = (DOCS / "laws.md").read_text().partition("## The laws")[2].partition("internal states")[0]
-    row = f"\n| `{law}` | " in over_speed  # its formula is evaluated in tests/test_docs.py
-    assert row or ["$$ (eq-" in text and "Source: " in text for text in with_memory] == [True]
-
-
-@pytest.mark.parametrize("kind", [*SENSORS.shipped])
-def test_an_instrument_has_its_front_end_and_the_source_of_its_values(kind):
-    text = sections("instruments.md")["The instruments"]
-    [row] = re.findall(rf"^\| {kind.replace('_', ' ')} \|(.*)\|$", text, re.MULTILINE)
-    assert [bool(cell.strip()) for cell in row.split(" | ")] == [True] * 4

@@ -5,15 +5,13 @@ import math
 import shutil
 import subprocess
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import rig as lab
 from rig.analysis.branches import Branches, Threshold, branches, curves, job
-from rig.analysis.branches.begin import Start, from_start
-from rig.analysis.branches.result import SpecialPoint
+from rig.analysis.branches.begin import Start
 from rig.analysis.cycles.cycle import stuck
 from rig.analysis.cycles.return_map import Family
 from rig.analysis.linear.modes import at_rest
@@ -194,29 +192,6 @@ def test_recordings_of_other_rigs_are_refused(recording, scene, changes, over, w
         job(lab.load(scene, changes), over, None, (recording,))
 
 
-def test_forced_motions_close_to_their_own_range(tmp_path):
-    """Their mean is far larger than their range."""
-    changes = {"dither.enable": True, "body.damping": 60.0}
-    result = followed(tmp_path, "belt_dither", "drive.speed=0.05 m/s:0.2 m/s", ("simulation",), **changes)
-    assert {branch.kind for branch in result.branches} == {"forced motion"}
-    assert {branch.name for branch in result.branches} <= {"slip", "reversal: contact", "stick-slip: contact"}
-    assert {point.stick > 0.0 for *_, point in result.points()} == {True, False}
-    assert any(abs(p.low) > 100.0 * (p.high - p.low) for *_, p in result.points())
-
-
-def test_differences_are_small_where_the_return_map_bends():
-    """Beside a steep friction law a displacement of 1e-5 of the range gives derivatives that are wrong by percents."""
-    scene = lab.load("seal_p")
-    family = Family(scene, [Axis.parse("drive.speed=3 mm/s:12 mm/s", scene, count=2)])
-    at = from_start(
-        family,
-        Start(0.006396267467964081, {"x": 0.00023809931492880694, "x'": -0.001594241942984271}, 0.02447963387637019),
-    )
-    beside = [np.append(np.zeros(3), sign * 1e-7) for sign in (1.0, -1.0)]
-    ends = [at.map.end(at.u + by).x[at.rig.moving] / at.map.size for by in beside]
-    assert at.map.derivative(at.u, at.end).over_p[0] == pytest.approx((ends[0] - ends[1]) / 2e-7, rel=3e-4)
-
-
 def test_an_interrupted_computation_goes_on_from_its_last_point(tmp_path, monkeypatch):
     import rig.analysis.branches.compute as compute
 
@@ -254,21 +229,6 @@ def test_every_form_of_the_result(bstab):
     assert {"stable", "unstable", "steady sliding", "cycle without stick"} <= legend
     assert {"Hopf point: 1.1513 m/s", "grazing fold: 1.8366 m/s"} <= legend
     assert "<img" in bstab._repr_html_()
-
-
-@pytest.mark.parametrize(("kind", "name"), [("jump", "jump (contact)"), ("unresolved", "not followed further")])
-def test_the_end_of_a_branch_is_told_in_every_form(bstab, kind, name):
-    contact, why = ("contact", "") if kind == "jump" else ("", "Newton's method does not converge")
-    end = SpecialPoint(kind, 0.0779, math.nan if why else 1e-10, -1.0, 1.0, 0.28, contact, why=why)
-    result = replace(bstab, branches=(replace(bstab.branches[-1], specials=(), end=end),))
-    text = result.text()
-    assert text.count(name) == 2
-    assert text.count(why) >= 1
-    assert "nan" not in text
-    assert json.loads(json.dumps(result.to_json()))["specials"][0]["name"] == name
-    assert result.csv().splitlines()[-1].endswith(f"{name}, 0.0779 m/s") or f'"{name}, 0.0779 m/s"' in result.csv()
-    data = result.to_xarray()
-    assert (data.special_kind.item(), data.special_why.item()) == (name, why)
 
 
 @pytest.mark.parametrize(
@@ -540,19 +500,6 @@ def test_stick_slip_beside_a_steep_law_ends_at_a_canard(tmp_path, scene, low, hi
     assert canard == pytest.approx(low, rel=1e-8)
 
 
-@pytest.mark.slow
-def test_a_curve_that_begins_at_a_canard_is_told_and_the_others_are_computed(tmp_path):
-    loaded = lab.load("seal_l", {"limits": "none"})
-    described = job(loaded, "drive.speed=6 mm/s:12 mm/s")
-    result = curves(described, Axis.parse("load.force=9 N:11 N:3", loaded), tmp_path)
-    hopf, grazing = result.curves
-    assert len(hopf.second) == 3
-    assert grazing.second == (10.0,)
-    assert grazing.first == pytest.approx([9.21649143e-3], rel=1e-8)
-    assert "within less than the digits of the parameter" in grazing.why
-    assert "not followed from 10" in result.text()
-
-
 def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):
     """At three points the motion from a standing start comes to the same cycle."""
     scene = lab.load("brake", {"limits": "none"})
@@ -581,46 +528,6 @@ def test_two_contacts_that_stick_in_turn_are_followed(tmp_path):
         assert np.abs(ranges[0] - ranges[1]).max() < 0.01 * ranges[1].max()
         ends = [t for t, event in flow.carried(x, 40.5 * point.period).events if event.what == "inner_pad slip ends"]
         assert (ends[-1] - ends[0]) / (len(ends) - 1) == pytest.approx(point.period, rel=1e-6)
-
-
-@pytest.mark.slow
-def test_boundaries_of_a_forced_motion_are_the_same_from_both_sides(tmp_path):
-    """A stick, a reversal and a grazing, passed upwards and downwards."""
-    found = [
-        followed(
-            tmp_path, "belt_dither", f"drive.speed={low} m/s:{high} m/s", ("simulation",), **{"dither.enable": True}
-        )
-        for low, high in (("0.05", "0.17"), ("0.05", "0.0999"), ("0.0999", "0.09999"))
-    ]
-    expected = {"stick": 0.0998224704, "reversal": 0.0999534565, "grazing": 0.0999973793}
-    for number, kind in (
-        (0, "end of stick"),
-        (0, "begin of reversal"),
-        (0, "grazing"),
-        (1, "begin of stick"),
-        (2, "end of reversal"),
-    ):
-        assert found[number].special(kind) == [pytest.approx(expected[kind.split()[-1]], abs=1e-9)], (number, kind)
-
-
-@pytest.mark.parametrize(
-    ("scene", "over"),
-    [
-        ("seal_l", "drive.speed=4 mm/s:12 mm/s"),
-        ("seal_p", "drive.speed=4 mm/s:12 mm/s"),
-        ("tread", "friction.mu=0.02:1.5"),
-    ],
-)
-def test_critical_values_are_those_of_the_eigenvalues(tmp_path, scene, over):
-    loaded = lab.load(scene, {"limits": "none"})
-    result = followed(tmp_path, scene, over, ())
-    hopf = [c.value for c in lab.sweep(loaded, result.axis.key, result.axis.values).critical]
-    assert hopf
-    assert result.special("hopf") == pytest.approx(hopf, rel=1e-12)
-    for value in hopf:
-        axis = result.axis
-        growth = [lab.modes(axis.at(loaded, value * (1.0 + s * 1e-6))).sliding.modes[0].growth for s in (-1.0, 1.0)]
-        assert min(growth) < 0.0 < max(growth)
 
 
 @pytest.mark.parametrize(
@@ -794,12 +701,6 @@ def test_forced_motions_begin_where_the_starts_say_and_are_followed_once(tmp_pat
     assert (
         "begins at no Hopf point" in followed(tmp_path, "belt_fluctuating_load", over, ("hopf",), **changes).notes[-1]
     )
-
-
-def test_controllers_are_named_that_are_left_out(tmp_path):
-    result = followed(tmp_path, "belt_velocity_feedback", "drive.speed=0.1 m/s:0.24 m/s", ("simulation",))
-    assert result.notes == ("plant alone: without controller belt",)
-    assert len(result.branches) == 3, "sliding, and stick-slip to both sides, once"
 
 
 def test_a_torus_point_of_a_forced_slip_with_falling_friction(tmp_path):

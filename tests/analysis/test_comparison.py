@@ -166,14 +166,6 @@ def test_a_scene_under_the_measured_speed_and_load_shows_what_differs(bench):
     assert not fixed.followed
 
 
-def test_speed_and_load_are_followed_by_their_names(bench):
-    names = {"tacho": "drive_speed", "cell": "normal_force"}
-    renamed = {names.get(name, name): samples for name, samples in bench.measurements.items()}
-    units = {f"meas/{name}": {"drive_speed": "m/s", "normal_force": "N", "x": "m"}.get(name, "m/s") for name in renamed}
-    run = Run("", bench.step_ns, bench.frame_ns, np.empty(0), {}, units, renamed, measured=True, name="bench")
-    assert lab.diff(run, "belt", end=2.0).followed == {"drive.speed": "drive_speed", "load.force": "normal_force"}
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -199,25 +191,3 @@ def test_the_command_compares_with_a_scene_and_judges_by_the_tolerance(rig, logs
     assert reports[0]["follows"] == {"drive.speed": "surface_speed", "load.force": "normal_force"}
     left, _, told = rig("diff", *logs, "--follow", "drive.speed = surface_speed")
     assert (left, "need a scene" in told) == (2, True)
-
-
-def test_curves_are_named_by_what_differs():
-    belt, load, both = (
-        lab.simulate("belt", 0.2, overrides=given)
-        for given in (
-            {},
-            {"load.force": "15 N"},
-            {"load.force": "15 N", "seed": 2, "drive.speed": "0.1 m/s", "body.mass": 6.0},
-        )
-    )
-    other = lab.simulate("belt_b", 0.2)
-    assert lab.diff(belt, load).labels == ("A: load.force 20 N", "B: load.force 15 N")
-    assert lab.diff(belt, belt).labels == ("A", "B")
-    assert lab.diff(belt, other).labels == ("A: belt", "B: belt_b")
-    first, second = lab.diff(belt, both).labels
-    assert (first.endswith(", and 2 more"), second.endswith(", and 2 more")) == (True, True)
-    assert "seed" not in first
-    compared = lab.diff(belt, load)
-    legend = compared.plot().axes[0].get_legend().get_texts()
-    assert tuple(text.get_text() for text in legend) == compared.labels
-    assert "A: load.force 20 N\nB: load.force 15 N\n" in compared.text()

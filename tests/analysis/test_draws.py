@@ -24,19 +24,6 @@ ALIKE = [[0.25, 0.2499, 0.0], [0.2499, 0.25, 0.0], [0.0, 0.0, 0.04]]
 MIDDLE = np.log([0.33, 0.31, 0.03])
 
 
-def test_keys_of_which_only_the_difference_acts_are_drawn_as_difference_and_level():
-    space, _ = fitted(ALIKE, MIDDLE)
-    assert space.pairs == ((0, 1),)
-    u = space.straight(MIDDLE[None])
-    assert np.exp(u[0]) == pytest.approx([0.02, 0.31, 0.03])
-    assert space.bent(u)[0] == pytest.approx(MIDDLE)
-    step = 1e-6 * np.array([1.0, -2.0, 3.0])
-    moved = space.straight((MIDDLE + step)[None]) - space.straight((MIDDLE - step)[None])
-    assert space.slope(MIDDLE) @ (2.0 * step) == pytest.approx(moved[0], rel=1e-6)
-    apart, _ = fitted(np.diag([0.25, 0.25, 0.04]), MIDDLE)
-    assert apart.pairs == ()
-
-
 @pytest.mark.parametrize("anywhere", [[False, False, False], [True, False, False]])
 def test_weights_of_draws_give_a_volume_and_the_mean_of_a_normal_distribution(anywhere):
     space, solution = fitted(ALIKE, MIDDLE)

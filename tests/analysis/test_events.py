@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig as lab
-from rig.analysis.recorded.events import conditions, events
+from rig.analysis.recorded.events import events
 from rig.analysis.recorded.growth import grown
 from rig.errors import SceneError, UsageError
 from rig.record.run import Run, Samples
@@ -206,14 +206,6 @@ def test_squeals_that_begin_with_a_jump_have_the_growth_of_their_eigenvalues():
     v = np.concatenate(parts)
     listed = lab.events(measured(1000.0, vibrometer=(v + 1e-3 * rng.normal(size=v.size), "m/s")), window=4.0).events
     assert [event.growth for event in listed] == pytest.approx(truth, rel=0.03)
-
-
-def test_speed_load_and_temperature_are_chosen_by_unit_and_name():
-    v = np.zeros(100)
-    run = measured(
-        vibrometer=(v, "m/s"), belt_speed=(v, "m/s"), side_force=(v, "N"), normal_load=(v, "N"), pad=(v, "K")
-    )
-    assert conditions(run, "vibrometer") == ["belt_speed", "normal_load", "pad"]
 
 
 @pytest.mark.parametrize(

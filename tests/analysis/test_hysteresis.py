@@ -9,7 +9,6 @@ import pytest
 import rig as lab
 from rig.analysis.recorded import hysteresis, series, spectrum
 from rig.analysis.recorded.moving_windows import moving_rms, slowest
-from rig.analysis.recorded.speed_branches import branches
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
@@ -68,28 +67,6 @@ def test_the_window_is_centred():
     assert np.interp(10.0, t, rms**2) == pytest.approx(0.25, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("times", "speeds", "expected"),
-    [
-        ([0, 1, 4, 6, 9, 10], [0, 0, 1, 1, 0, 0], [(1, 4, True), (6, 9, False)]),
-        ([0, 2, 3, 5, 6, 8], [0, 0.5, 0.5, 1, 0.97, 1], [(0, 5, True)]),  # a hold and a small reversal on the way
-        ([0, 2, 9, 10], [1, 1, 0, 0], [(2, 9, False)]),
-        ([0, 10], [0.3, 0.3], []),
-    ],
-)
-def test_branches_begin_and_end_where_the_speed_is_held(times, speeds, expected):
-    t = np.linspace(0.0, 10.0, 2001)
-    found = branches(t, np.interp(t, times, speeds))
-    assert [branch.rises for branch in found] == [rises for *_, rises in expected]
-    for branch, (begin, end, _) in zip(found, expected):
-        assert [branch.begin, branch.end] == pytest.approx([begin, end], abs=0.12)
-    noise = 2e-3 * np.random.default_rng(3).standard_normal(t.size)  # of a sensor: makes no branches
-    if expected:
-        assert [branch.rises for branch in branches(t, np.interp(t, times, speeds) + noise)] == [
-            rises for *_, rises in expected
-        ]
-
-
 def test_up_and_down_are_told_apart():
     found = hysteresis(loop(), window=0.16)
     assert (found.name, found.over, found.unit, found.over_unit) == ("accelerometer", "surface_speed", "m/s^2", "m/s")
@@ -124,19 +101,6 @@ def test_outputs_of_a_live_run_are_told_to_be_thinned_out():
     assert "not filtered" not in hysteresis(run).text()
     assert "not filtered" in spectrum(run, "velocity").text()
     assert "bridged" not in spectrum(run, "velocity").text()
-
-
-def test_critical_speeds_are_those_of_the_contact_mode():
-    system = lab.load("belt").assemble().system()
-    stick, slip = (system.key([kind], [0], [0] * len(system.limiters)) for kind in (2, 0))
-    found = hysteresis(loop(mode=np.where(shaken() & (T % 0.02 < 0.01), stick, slip)), window=0.5)
-    assert found.up == pytest.approx(UP, abs=0.1 * 0.02)
-    assert found.down == pytest.approx(DOWN, abs=0.1 * 0.02)
-    assert "last stick at 0.59" in found.text()
-    assert "between 0.19" in found.text()
-    without = hysteresis(loop(), window=0.5)
-    assert math.isnan(without.up)
-    assert "stick is unknown" in without.text()
 
 
 def test_samples_that_dropped_out_are_told_and_left_out():

@@ -14,7 +14,6 @@ from rig.analysis.identification.cycles import CycleRun
 from rig.analysis.identification.next_experiment import propose
 from rig.analysis.identification.responses import cycle_response
 from rig.analysis.identification.runs import prepared
-from rig.analysis.identification.slips import noise_of, slips
 from rig.analysis.identification.written import write
 from rig.errors import RigError, UsageError
 
@@ -97,27 +96,6 @@ def test_a_study_draws_with_the_correlations(found, tmp_path):
         plan(rig.load(path), {"body.mass": f"identified({beside})"}, 4, "random", 1, None)
 
 
-def test_an_interrupted_fit_continues_to_the_same_bits(twin, found, tmp_path, monkeypatch):
-    from rig.analysis.identification import features
-
-    whole = features.cycle_response
-    calls = []
-
-    def interrupted(*given):
-        calls.append(1)
-        if len(calls) == 20:
-            raise KeyboardInterrupt
-        return whole(*given)
-
-    monkeypatch.setattr(features, "cycle_response", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        rig.identify("belt", twin[1], FREE, starts=1, workers=1, folder=tmp_path)
-    again = rig.identify("belt", twin[1], FREE, starts=1, workers=2, folder=tmp_path)
-    assert np.array_equal(again.best.z, found.best.z)
-    assert np.array_equal(again.best.covariance, found.best.covariance)
-    assert len(calls) == 20  # the others were computed by workers
-
-
 def test_a_single_run_and_a_parameter_without_influence_are_not_identifiable(twin):
     free = FREE | {"start.displacement": "-0.01:0.01 m"}
     alone = rig.identify("belt", twin[1][:1], free, starts=0, workers=1)
@@ -130,11 +108,6 @@ def test_a_single_run_and_a_parameter_without_influence_are_not_identifiable(twi
 
 FILES = {
     "runs that are no tables": ("run = [1, 2]", "no [[run]]"),
-    "columns that are no table": ('[[run]]\nfile = "a.csv"\ncolumns = ["ch1"]', "columns = ['ch1']: expected a table"),
-    "settings that are no table": ('[[run]]\nfile = "a.csv"\nset = "x"', "set = 'x': expected a table"),
-    "fit that is a text": ('[[run]]\nfile = "a.csv"\nfit = "no"\n[run.columns]\nch1 = {}', "expected true or false"),
-    "free that is no table": ("free = 3\n[[run]]", "expected a table [free]"),
-    "laws that are no tables": ("laws = 3\n[[run]]", "laws: expected names"),
     "a unit that is missing": (
         '[[run]]\nfile = "a.csv"\n[run.columns]\nch1 = {reads = "displacement"}',
         'ch1: the file states no unit for ch1; add scale = "1 mm"',
@@ -146,7 +119,6 @@ FILES = {
     "a wrong column": ('[[run]]\nfile = "a.csv"\n[run.columns]\nch2 = {reads = "displacement"}', "no column 'ch2'"),
     "a missing file": ('[[run]]\nfile = "b.csv"\n[run.columns]\nch1 = {reads = "displacement"}', "No such file"),
     "another scene": ('scene = "lever"\n[[run]]\nfile = "a.csv"', "is for the scene 'lever', not for belt"),
-    "per_run that is a number": ('per_run = 3\n[[run]]\nfile = "a.csv"', 'per_run = 3: only ["level"] is known'),
     "a law that does not exist": (
         'laws = ["colomb"]\n[[run]]\nfile = "a.csv"',
         "law colomb: unknown; did you mean coulomb",
@@ -280,17 +252,6 @@ def test_a_law_that_does_not_fit_has_no_interval_no_scene_and_no_next_experiment
         propose(none, {"drive.speed": [0.1]}, 1)
 
 
-def test_a_wide_parameter_that_acts_as_an_offset_is_not_identifiable(found):
-    C, sd = found.best.covariance.copy(), 0.3
-    C[0, 0], C[0, 4] = sd**2, 0.92 * sd * math.sqrt(C[4, 4])
-    C[4, 0] = C[0, 4]
-    wide = replace(found.best, covariance=C)
-    assert any(
-        line.startswith("friction.mu_static acts as offset of laser (correlation 0.92)") for line in wide.words()
-    )
-    assert wide.parameters[0].verdict == UNKNOWN
-
-
 def test_a_repetition_of_a_run_is_predicted_to_narrow_intervals_by_no_more_than_its_share(found):
     """One run of three again: at most twice the cycles, which narrow no interval below 0.7 of what it is."""
     speed, load = RUNS[0]
@@ -326,21 +287,6 @@ def test_a_slow_sampling_is_refused(twin):
     run = rig.simulate(rig.load("belt", {"sensors.laser.rate": "50 Hz", "limits": "none"}), 6.0)
     with pytest.raises(UsageError, match=r"samples in a motion of .* at least 20 are needed: sample at"):
         rig.identify("belt", [twin[1][0] | {"run": run, "set": {}}], FREE, starts=0, workers=1)
-
-
-def test_slips_of_a_known_signal():
-    """A ramp of 0.3 s and a fall of 0.1 s, with noise: period, stick and motion of each cycle."""
-    t = np.arange(8000) * 1e-3
-    phase = np.mod(t, 0.4)
-    x = np.where(phase < 0.3, 0.05 * phase, 0.015 - 0.15 * (phase - 0.3))
-    x += 2e-6 * np.random.default_rng(1).standard_normal(t.size)
-    assert noise_of(x) == pytest.approx(2e-6, rel=0.15)
-    read = slips(x, 1000.0, 0.0, 0.05, False, 7)
-    period, stick, motion, drop = np.exp(np.median(read.measures, axis=0)[:4])
-    assert period == pytest.approx(0.4, rel=1e-3)
-    assert stick == pytest.approx(0.3, abs=7e-3)  # the window of the filter has 7 samples
-    assert motion == pytest.approx(0.1, abs=7e-3)
-    assert drop == pytest.approx(0.015, rel=0.03)
 
 
 PAPER = Path(rig.__file__).parents[1] / "recordings" / "stick_slip_paper"

@@ -1,14 +1,12 @@
 """Identification experiments give back the scene's own parameters from noisy sensors; how vibration is measured."""
 
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import rig
-from rig.analysis.identification.features import vibration
 from rig.analysis.identification.lever import experiment
 from rig.analysis.recorded import amplitude
 from rig.analysis.recorded.stick_speeds import stages
@@ -67,32 +65,6 @@ def test_a_whole_rig_is_no_experiment():
     coulomb = {"friction.law": "coulomb", "friction.mu_static": 0.4, "friction.mu_kinetic": 0.3}
     with pytest.raises(UsageError, match="only the exponential law can be fitted"):
         experiment(rig.load("lever_kinetic_friction", coulomb))
-
-
-@pytest.mark.parametrize(("w", "b"), [(62.0, 2.0), (5.0, 0.01)])
-def test_frequency_and_decay_of_a_free_vibration(w, b):
-    t = np.arange(500) * 0.01
-    x = 0.3 + np.exp(-b * t) * np.cos(w * t + 0.4)
-    assert vibration(t, x)[:2] == pytest.approx((-b, w), rel=1e-6)
-    noisy = x + 1e-3 * np.random.default_rng(1).standard_normal(t.size)
-    s, f, errors = vibration(t, noisy)
-    assert (s, f) == pytest.approx((-b, w), rel=0.02)
-    assert abs(s + b) < 4.0 * errors[0]
-
-
-def test_amplitude_index_of_a_known_signal():
-    t = np.arange(2000) * 0.005  # 17 periods; the first begins in the middle, the last is cut off
-    found = amplitude.index(t, 2.0 + 0.5 * np.sin(2.0 * np.pi * 1.7 * t))
-    assert found.half == pytest.approx(0.5, rel=2e-3)
-    assert found.full == 2.0 * found.half
-    assert found.cycles == 15
-    assert found.frequency == pytest.approx(1.7, rel=2e-3)
-    noisy = amplitude.index(t, np.sin(2.0 * np.pi * 1.7 * t) + 0.01 * np.random.default_rng(2).standard_normal(t.size))
-    assert noisy.cycles == 15
-    still = amplitude.index(t, np.full(t.size, 3.0))
-    assert (still.half, still.cycles) == (0.0, 0)
-    short = amplitude.index(t, np.sin(0.24 * np.pi * t))  # 1.2 periods
-    assert (short.cycles, short.why, math.isnan(short.half)) == (0, "less than one whole cycle", True)
 
 
 def test_amplitude_index_of_the_lever_as_its_lasers_see_it():

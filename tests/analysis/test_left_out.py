@@ -65,9 +65,3 @@ def test_a_closed_loop_names_the_controllers_that_stay_open():
     for alone, beside in (sweeps, loops):
         assert said(alone, "left open") == (0, 0, 0)
         assert said(beside, "left open: other") == (1, 1, 1)
-
-
-def test_the_commands_print_it(rig):
-    text = "plant alone: without controller nf"
-    assert rig("modes", "belt_normal_force")[1].count(text) == 1
-    assert text not in rig("modes", "belt_normal_force", "-p", "controllers.nf=none")[1]

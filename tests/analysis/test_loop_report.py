@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
-from rig.analysis.linear import jump_linear, loop_check, loop_report
+from rig.analysis.linear import loop_check, loop_report
 from rig.analysis.linear.control_loop import loop
 from rig.analysis.linear.jump_linear import ages, jump_growth, mean_age
 from rig.analysis.linear.loop_report import report
@@ -25,15 +25,6 @@ MS = 1_000_000
 
 def link(**values):
     return Link().model_copy(update=values)
-
-
-links = st.builds(
-    lambda delay, share, loss, reorder: link(delay=delay, jitter=int(share * delay), loss=loss, reorder=reorder),
-    st.integers(0, 12 * MS),
-    st.floats(0.0, 1.0),
-    st.floats(0.0, 0.9),
-    st.booleans(),
-)
 
 
 @pytest.fixture(scope="module")
@@ -66,14 +57,6 @@ def test_a_held_command_is_a_held_measurement_for_a_controller_without_memory(be
     one, other = jump_growth(belt, "nf", lossy, Link()), jump_growth(belt, "nf", Link(), lossy)
     assert one.mean_square == pytest.approx(other.mean_square, rel=1e-8)
     assert one.mean_square > one.mean  # Jensen
-
-
-def test_the_operator_has_the_eigenvalue_of_its_matrix(belt, monkeypatch):
-    about = link(delay=3 * MS, jitter=2 * MS, loss=0.3), link(loss=0.2)
-    monkeypatch.setattr(jump_linear, "DENSE", 12)
-    found = jump_growth(belt, "nf", *about).mean_square
-    monkeypatch.setattr(jump_linear, "DENSE", 0)
-    assert jump_growth(belt, "nf", *about).mean_square == pytest.approx(found, rel=1e-7)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import rig
 from rig.analysis import map as maps
 from rig.analysis.map.job import RUNS
 from rig.analysis.map.result import REGIONS
-from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STUCK, VIBRATION
+from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STUCK
 from rig.errors import UsageError
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
@@ -53,15 +53,6 @@ def test_amplitude_and_stick_share_are_those_of_the_limit_cycle(belt):
         assert belt.tables["period"][number, 0, at] == pytest.approx(cycle.period, rel=1e-6)
 
 
-def test_a_coulomb_belt_has_no_region_without_sliding(tmp_path):
-    """Its sliding is stable at any speed; stick-slip ends where a mass that is let go just reaches the belt's speed."""
-    found = rig.map("belt_c_damped", "drive.speed=0.02:0.1:9", folder=tmp_path, runs=("up", "near"))
-    expected = ["II" if x < 0.0779535 else "I" for x in found.job.x.values]
-    assert [REGIONS[r] for r in found.regions[0]] == expected
-    assert not len(found.onsets[0])
-    assert found.ends[0, 0] == pytest.approx(0.0779534596, abs=1e-9)
-
-
 def test_a_run_that_is_carried_slowly_keeps_the_stick_slip_of_an_undamped_belt(tmp_path):
     """Slip is an arc about rest under kinetic friction. It begins at the belt's speed, away from rest by the drop of
     friction over the stiffness.
@@ -84,15 +75,6 @@ def test_a_parameter_that_cannot_be_ramped_is_an_axis_too(tmp_path):
     assert found.amplitude[RUNS.index("up"), 0, -1] == pytest.approx(cycle.amplitude["displacement"], rel=1e-5)
 
 
-def test_a_pin_leaves_sliding_beyond_its_limit_of_friction(tmp_path):
-    """Tilted pin: damping is used up at 0.727389; at 0.96 the vibration grows with 63 1/s until it sticks."""
-    found = rig.map("pin", "friction.mu=0.6:0.96:3", folder=tmp_path, runs=("near",), workers=1)
-    near = found.state[RUNS.index("near"), 0].tolist()
-    assert near[0] == SLIDING
-    assert near[2] in (STICK_SLIP, VIBRATION)
-    assert found.onsets[0] == pytest.approx([0.727389], abs=6e-7)
-
-
 def test_points_at_which_a_pin_jams_are_told_and_the_map_goes_on(tmp_path):
     """From 0.988 on it jams; the lowest value of the other axis is one at which it does not begin to move at all."""
     found = rig.map("pin", "friction.mu=0.7:1.1:3", folder=tmp_path)
@@ -103,18 +85,6 @@ def test_points_at_which_a_pin_jams_are_told_and_the_map_goes_on(tmp_path):
     assert "a run had to stop at 1 of 3 points; first at friction.mu = 1.1: " in found.text()
     [point] = [one for one in found.to_json()["points"] if one["up_state"] == "stopped"]
     assert "jam" in point["up_why"]
-
-
-def test_a_boundary_next_to_a_point_without_sliding_is_found(tmp_path):
-    """slope(v0) F0 = d at 1.0375 N; at 0 N nothing presses. The columns of the report keep apart."""
-    found = rig.map(
-        "belt", "load.force=0:40:5", "drive.speed=0.03:0.06:2", runs=("near",), longest=1.0, folder=tmp_path, workers=1
-    )
-    loads = [2.0 / (6.4 * np.exp(-speed / 0.05)) for speed in (0.03, 0.06)]
-    assert [row.tolist() for row in found.onsets] == [[pytest.approx(load, rel=1e-8)] for load in loads]
-    lines = found.text().splitlines()
-    head = next(line for line in lines if "sliding loses stability" in line)
-    assert all(line[head.index("sliding") :].startswith(f"{load:.6g} N  ") for line, load in zip(lines[-2:], loads))
 
 
 def test_a_drive_that_stands_still_is_stuck(tmp_path):

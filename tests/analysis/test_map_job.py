@@ -11,7 +11,7 @@ from rig.analysis import map as maps
 from rig.analysis.map.job import RUNS
 from rig.analysis.map.result import REGIONS
 from rig.analysis.map.row import units
-from rig.analysis.map.steady_state import NAMES, Window, irregular, over_sectors
+from rig.analysis.map.steady_state import NAMES
 from rig.analysis.pool import Store
 
 FEW = "drive.speed=0.05:0.45:3"
@@ -59,39 +59,6 @@ def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_p
     assert "ended its worker twice: worker 1 was killed by SIGSEGV" in found.text()
 
 
-def window(slip, share=0.0):
-    return Window(-slip, slip, slip, share, 0.3, np.zeros(0), slip)
-
-
-@pytest.mark.parametrize(
-    ("slip", "share", "verdict"),
-    [
-        (1.0 + 0.3 * np.sin(3.0 * np.arange(40.0)), 0.3, "stick-slip"),
-        (1.0 + 0.3 * np.sin(3.0 * np.arange(40.0)), 0.0, "vibration"),
-        (0.01 + 0.003 * np.sin(3.0 * np.arange(40.0)), 0.0, "undecided"),
-        (1.0 - 0.01 * np.arange(40.0), 0.3, "undecided"),
-        (1.0 + 1.0 / (2.0 + np.arange(40.0)), 0.3, "undecided"),
-        (np.ones(3), 0.3, "undecided"),
-    ],
-)
-def test_at_the_end_of_the_time_a_drift_is_undecided_and_irregular_motion_is_not(slip, share, verdict):
-    """A motion without stick vibrates where it has left the amplitude of a near start far behind."""
-    windows = [window(float(value), share) for value in slip]
-    assert NAMES[irregular(windows, over=True, kick=0.01)] == verdict
-    assert NAMES[irregular(windows, over=False, kick=0.01)] == "undecided"
-
-
-def over_turns(windows):
-    return [NAMES[over_sectors(windows[: count + 1], False)] for count in range(len(windows))]
-
-
-def test_over_sectors_a_cycle_must_live_through_five_turns():
-    sticks, slides = window(1.0, share=0.3), window(1.0)
-    assert over_turns([sticks] * 5) == ["undecided"] * 4 + ["stick-slip"]
-    assert over_turns([sticks, sticks, slides, slides])[-1] == "sliding"
-    assert over_turns([window(0.1), window(0.2)])[-1] == "undecided"
-
-
 RPM = math.pi / 30.0
 
 
@@ -112,30 +79,6 @@ def test_regions_of_the_uniform_disc(uniform):
     assert [REGIONS[r] for r in uniform.regions[0]] == expected
     assert uniform.onsets[0] / RPM == pytest.approx([2.03444], abs=1e-4)
     assert ends(uniform) == pytest.approx(5.6082372, abs=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("rpm", "period", "share", "amplitude"), [(1, 0.348375, 0.5635, 0.00924586), (3, 0.241809, 0.2684, 0.01264143)]
-)
-def test_cycles_along_the_run(uniform, rpm, period, share, amplitude):
-    """Displacement of the pin: its lever arm of 0.1 m times the angle of the cylinder.
-
-    The reference tells the share of stick over a stretch that is no whole number of cycles.
-    """
-    at = (RUNS.index("up"), 0, int(np.flatnonzero(np.isclose(uniform.job.x.shown_values, rpm))[0]))
-    assert uniform.tables["period"][at] == pytest.approx(period, rel=1e-5)
-    assert uniform.tables["share"][at] == pytest.approx(share, abs=3e-3)
-    assert uniform.amplitude[at] / 0.1 == pytest.approx(amplitude, rel=1e-5)
-
-
-@pytest.mark.slow
-def test_coulomb_friction_has_no_region_without_sliding_and_its_fold_grows_with_the_load(tmp_path):
-    found = rig.map(
-        "lever_coulomb", "drive.speed=0.5 rpm:5 rpm:10", "load.force=10:30:3", folder=tmp_path, runs=("up", "near")
-    )
-    assert {REGIONS[r] for r in found.regions.ravel()} == {"I", "II"}
-    for row, fold in enumerate((1.452, 2.946, 4.468)):
-        assert ends(found, row) == pytest.approx(fold, abs=0.035)
 
 
 @pytest.mark.slow

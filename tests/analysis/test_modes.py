@@ -94,13 +94,6 @@ def test_the_slopes_of_averaged_friction_are_its_derivatives(fast, load):
     assert by_load == pytest.approx((T[0] - T[1]) / (2.0 * h), rel=1e-5)
 
 
-def test_a_force_on_the_mass_shakes_as_much_as_the_belt_would():
-    turn = 2.0 * math.pi * 150.0
-    belt = rig.load("belt_dither", {"dither.amplitude": 0.1})
-    mass = rig.load("belt_dither", {"dither.on": "mass", "dither.amplitude": 0.1 * 5.0 * turn})
-    assert modes(mass).dithered.growth == pytest.approx(modes(belt).dithered.growth, rel=2e-3)
-
-
 SLOW = {"dither.enable": "true", "dither.frequency": 1.5915494, "dither.amplitude": 1.0}
 
 

@@ -6,16 +6,11 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import psutil
 import pytest
-from full_disk import largest_file
-from hypothesis import given
-from hypothesis import strategies as st
 from pool_works import counts, trial
 
 from rig.analysis.pool import Store, carry_out
-from rig.analysis.pool.carry_out import WorkerProcesses
 from rig.errors import UsageError, WorkerError
 
 SUPPORT = Path(__file__).parents[1] / "support"
@@ -79,23 +74,6 @@ def test_a_fault_ends_the_work_and_what_is_finished_stays(tmp_path):
     assert all(kept[unit] == unit**2 for unit in kept)
 
 
-def test_results_that_do_not_fit_on_the_disk_end_the_work_with_a_sentence(tmp_path):
-    work = trial(str(tmp_path), total=4, size=10_000)
-    told = r"\.npz cannot be written: File too large\. Finished results are kept"
-    with largest_file(20_000), pytest.raises(WorkerError, match=told):
-        done(work, tmp_path, 1, apart=True)
-    assert not [*tmp_path.rglob(".draft*")]
-
-
-def test_values_that_are_given_reach_the_worker_to_the_last_bit(tmp_path):
-    work, value = trial(str(tmp_path)), 0.1 + 0.2
-    store = Store.of(work, tmp_path)
-    with store.open(work), WorkerProcesses(work, store, 1) as processes:
-        processes.compute({3: (value,)}, lambda done: None)
-        processes.compute({4: (1.0, value)}, lambda done: None)
-    assert squares(store.load()) == {3: 9.0 + value, 4: 16.0 + sum((1.0, value))}
-
-
 def test_workers_end_when_their_parent_is_killed_and_the_same_call_continues(tmp_path):
     """kill -9, in the middle of long units: none is computed again of the batches that were saved, and none is lost."""
     work = trial(str(tmp_path), total=4, does={"2": "long", "3": "long"})
@@ -129,14 +107,3 @@ def test_a_folder_without_results_is_taken_away_after_an_error(tmp_path):
         with pytest.raises(UsageError, match=r"workers = .*: must be a whole number from 1 to 256"):
             done(work, tmp_path / "new" / "studies", wrong)
         assert not (tmp_path / "new").exists()
-
-
-@given(st.data())
-def test_a_damaged_file_is_skipped(tmp_path_factory, data):
-    store = Store(tmp_path_factory.mktemp("store"))
-    store.save({unit: {"value": np.array(float(unit)), "text": np.array("why" * unit)} for unit in range(3)})
-    path = store.folder / "000000.npz"
-    good = path.read_bytes()
-    at = data.draw(st.integers(0, len(good) - 1))
-    path.write_bytes(good[:at] + data.draw(st.binary(max_size=3)) + good[at + data.draw(st.integers(0, 9)) :])
-    assert {unit: float(one["value"]) for unit, one in store.load().items()} in ({}, {0: 0.0, 1: 1.0, 2: 2.0})

@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 
 import rig
 from rig.analysis.linear.regions import regions, sliding
-from rig.analysis.map import chart, regions_job
 from rig.scenes.axis import axes
 from rig.view.palette import put
 
@@ -80,37 +79,9 @@ def test_an_edge_next_to_a_point_without_sliding_is_found():
     assert "no steady sliding" in got.text()
 
 
-def test_workers_find_the_same_and_a_folder_keeps_it(tmp_path):
-    job = regions_job(rig.load("belt_b"), "load.force=1:5 N:5", "body.damping=1:3 N*s/m:6")
-    alone, told = regions(job.scene, job.x, job.y), []
-    for workers in (2, 1):
-        told.clear()
-        found = chart(job, tmp_path, workers, progress=lambda *now: told.append(now))
-        assert np.array_equal(found.growth, alone.growth)
-        assert np.array_equal(found.frequency, alone.frequency)
-        assert (found.edges, told[-1]) == (alone.edges, (6, 6))
-    assert told == [(6, 6)]
-
-
 def at_speed(speed):
     """Where the forces on the slider on a disc balance."""
     return sliding(rig.load("disc_slider", {"load.force": 110.0}), {"drive.speed": speed})
-
-
-def stiffness(speed):
-    """The determinant of stiffness over mass, with friction that follows the load."""
-    at_rest = at_speed(speed)
-    count = len(at_rest.system.coordinates)
-    return np.linalg.det(at_rest.A[count : 2 * count, :count])
-
-
-@pytest.mark.slow
-def test_a_range_without_sliding_between_two_values_ends_the_bands():
-    """Without a limit of the height it ends where the structure gives way: displacements pass infinity."""
-    got = found("disc_slider", "drive.speed=780.2:1040.1:2", "load.force=110:111:2", {"limits.height": "10 km"})
-    gives_way = brentq(stiffness, 917.55, 917.65, xtol=1e-9)
-    assert [edge for edge, _ in got.edges[0]][:3] == pytest.approx([911.862394, 911.970990, gives_way], abs=1e-5)
-    assert [unstable for _, unstable in got.edges[0]][:3] == [True, False, True]
 
 
 @pytest.mark.slow
@@ -122,17 +93,6 @@ def test_sliding_ends_where_the_height_passes_its_limit():
     )
     assert [edge for edge, _ in got.edges[0]][:3] == pytest.approx([911.862394, ends, begins], abs=1e-6)
     assert [unstable for _, unstable in got.edges[0]][:3] == [True, False, True]
-
-
-def test_where_a_rig_jams_nothing_slides():
-    """The pin: friction takes up its inertia at mu = (m2/m1 + sin^2) / (sin cos)."""
-    got = found("pin", "friction.mu=0.5:1.5:5", "load.force=5:50:2")
-    limit = rig.modes(rig.load("pin")).limits["mass"]
-    for row in range(2):
-        assert np.isnan(got.growth[row]).tolist() == [mu > limit for mu in got.x.values]
-        assert got.edges[row][-1] == (pytest.approx(limit, abs=1e-8), False)
-    assert not got.exists[:, -1].any()
-    assert "friction takes up all of the inertia" in got.text()
 
 
 def test_a_motion_that_rounding_lets_grow_is_no_band():

@@ -13,7 +13,6 @@ import pytest
 
 import rig as laboratory
 from rig.analysis.recorded.amplitude import measured
-from rig.analysis.report.elements import COLUMNS, HEIGHT, sketch
 from rig.analysis.report.page import page
 from rig.record import user_notes
 from rig.record.contents import digest
@@ -262,25 +261,6 @@ def test_any_run_has_a_page(tmp_path):
         replace(run, measurements=lost),
     ):
         assert Page(page(poor, tmp_path / "gone.mcap")).texts["What it shows"]
-
-
-def points(made):
-    """The pieces of a curve: x and y of each."""
-    [outline] = re.findall(r'<path d="([^"]*)" class="(?:band|line)"', made)
-    pieces = [np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", piece), float) for piece in outline.split("M")[1:]]
-    return [piece.T for piece in pieces]
-
-
-def test_a_squeal_is_a_band_and_a_gap_stays_a_gap():
-    t_ns = np.arange(100_000, dtype=np.int64) * 10_000
-    v = np.sin(2 * np.pi * 3000.0 * t_ns * 1e-9)
-    v[40_000:60_000] = np.nan
-    early, late = points(sketch(t_ns, v, (0.0, 1.0), [0.5], "a squeal"))
-    assert early[0].max() <= 0.4 * COLUMNS + 0.5
-    assert late[0].min() >= 0.6 * COLUMNS - 0.5
-    for _, y in (early, late):
-        assert (np.sort(np.unique(np.round(y / HEIGHT, 2))) == [0.04, 0.96]).all()
-    assert sketch(t_ns, v * np.nan, (0.0, 1.0), [], "nothing") == ""
 
 
 def test_the_command_writes_the_page_beside_the_recording(rig, tmp_path):

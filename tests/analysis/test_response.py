@@ -255,21 +255,6 @@ def test_a_command_is_a_channel_held_from_frame_to_frame():
     commands = run.commands["nf"]
     channel = series(run, "load.force")
     assert np.array_equal(channel.v[commands.tick[5:]], commands.values[5:, 0])
-    run.events.append(  # a disconnected controller commands nothing
-        {
-            "t_ns": 5_000_000_000,
-            "tick": 5000,
-            "source": "plant",
-            "kind": "disconnected",
-            "text": "nf is disconnected",
-            "data": {"controller": "nf"},
-        }
-    )
-    kept = commands.tick < 5000
-    run.commands["nf"] = commands._replace(**{name: getattr(commands, name)[kept] for name in commands._fields})
-    channel = series(run, "load.force")
-    assert np.isnan(channel.v[5000:]).all()
-    assert np.isfinite(channel.v[1:5000]).all()
 
 
 def test_the_command(tmp_path, rig):

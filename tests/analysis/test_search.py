@@ -1,12 +1,11 @@
-"""The search for the smallest value of a measure: it finds it, and continues where it was."""
+"""The search for the smallest value of a measure: it finds it, or says why there is none."""
 
 import json
 
-import numpy as np
 import pytest
 
 import rig as lab
-from rig.analysis.studies.search import SearchRuns, prepared, search
+from rig.analysis.studies.search import prepared, search
 from rig.errors import UsageError
 
 RANGES = {"load.force": "10 N:30 N"}
@@ -36,28 +35,6 @@ def test_the_smallest_value_is_found(found):
     head, *lines = found.csv().splitlines()
     assert head == f"load.force [N],{found.measure} [N^2],reason"
     assert len(lines) == 45
-
-
-def test_the_search_continues_from_its_store_with_more_evaluations(belt, tmp_path, monkeypatch, found):
-    """An interruption, the same again, and more: every point is computed once."""
-    asked = []
-    compute = SearchRuns.compute
-
-    def counted(self, unit, *given):
-        asked.append(unit)
-        if len(asked) == 20:
-            raise KeyboardInterrupt
-        return compute(self, unit, *given)
-
-    monkeypatch.setattr(SearchRuns, "compute", counted)
-    with pytest.raises(KeyboardInterrupt):
-        lab.optimise(belt, RANGES, distance, evaluations=30, duration=0.002, folder=tmp_path, workers=1)
-    more = {"duration": 0.002, "folder": tmp_path, "workers": 1}
-    part = lab.optimise(belt, RANGES, distance, evaluations=30, **more)
-    whole = lab.optimise(belt, RANGES, distance, evaluations=45, **more)
-    assert np.array_equal(whole.values, found.values)
-    assert np.array_equal(part.values, found.values[:30])
-    assert sorted(asked) == sorted([*range(45), asked[19]])
 
 
 def test_a_search_without_any_value_is_told(belt, tmp_path):

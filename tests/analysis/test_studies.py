@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import rig as lab
-from rig.analysis.pool import Store
-from rig.analysis.studies import prepared, study
+from rig.analysis.studies import prepared
 from rig.analysis.studies.factors import Distribution
 from rig.analysis.studies.result import gathered
 from rig.analysis.studies.runs import StudyRuns, random_parts
@@ -101,21 +100,6 @@ def test_the_report_lists_points_and_the_range_of_each_measure(grid, tmp_path):
     assert len(lines) == 4
     assert json.dumps(grid.to_json())
     assert [path.name for path in grid.draw(tmp_path)] == ["heat_map.png"]
-
-
-def test_curves_show_median_and_range_and_leave_out_what_is_missing(belt, tmp_path):
-    over = {"load.force": "10 N:30 N:5", "friction.mu_static": lab.normal(0.4, 0.02)}
-    work = prepared(belt, over, ["cycle.period", "cycle.stick_share"], samples=8)
-    found = {
-        k: {
-            "values": np.array([k % 7, math.nan if k < 8 else 0.1 * k]),
-            "units": np.array(["s", "1"]),
-            "reason": np.array(""),
-        }
-        for k in range(len(work.items))
-    }
-    drawn = gathered(work, found, {}, tmp_path).draw(tmp_path)
-    assert [path.name for path in drawn] == ["curves.png", "scatter.png"]
 
 
 def test_a_point_without_a_value_is_a_row_with_its_reason(belt, tmp_path):
@@ -314,12 +298,3 @@ def test_a_study_without_any_value_fails(rig, tmp_path):
     why = "1 of 2 points have missing values: no limit cycle: displacement exceeds its limit of 0.05 m at "
     assert (f"{why}0.026 s; first at drive.speed = 2 m/s" in out, f"{why}0.017 s" in out) == (True, True)
     assert rig(*sliding, "--over", "drive.speed=0.06 m/s, 2 m/s")[0] == 0
-
-
-def test_the_folder_of_another_study_is_refused_and_stays(belt, tmp_path):
-    one, other = (prepared(belt, {"load.force": [value]}, ["cycle.period"]) for value in (10.0, 20.0))
-    study(one, tmp_path, workers=1)
-    folder = Store.of(one.work, tmp_path).folder
-    folder.rename(Store.of(other.work, tmp_path).folder)
-    with pytest.raises(UsageError, match="holds the results of another"):
-        study(other, tmp_path, workers=1)

@@ -15,7 +15,6 @@ from swept_matrices import beside, over, turning
 
 import rig
 from rig.analysis.linear.eigenvalue_curves import Growth, brackets, looked, root, stretches
-from rig.analysis.linear.modes import at_rest
 
 HERE = Path(__file__).parents[1] / "reference"
 BOUNDS = json.loads((HERE / "tuned_mass.json").read_text())["bounds"]
@@ -110,12 +109,6 @@ def test_growth_that_leaps_over_zero_is_told_as_a_jump():
     assert one.frequency == pytest.approx(math.sqrt(500.0 - 1.4**2) / (2.0 * math.pi), rel=1e-9)
 
 
-def test_a_sweep_runs_downwards_as_well():
-    up = rig.sweep("belt", "drive.speed", np.linspace(0.1, 0.3, 7)).critical
-    down = rig.sweep("belt", "drive.speed", np.linspace(0.3, 0.1, 7)).critical
-    assert [(one.value, one.becomes) for one in down] == [(pytest.approx(up[0].value, rel=1e-12), "stable")]
-
-
 def test_branches_cross_where_shapes_say_so_and_veer_where_they_are_coupled():
     def modes(coupling):
         return lambda p: beside(turning(-1.0, 10.0 + 4.0 * p), turning(-1.2, 14.0 - 4.0 * p), coupling)
@@ -208,16 +201,6 @@ def test_as_many_motions_begin_to_grow_as_growth_rates_pass_zero(seed, size):
     for one in found.critical:
         rates = np.linalg.eigvals((1.0 - one.value) * here + one.value * there)
         assert np.abs(rates.real).min() < 1e-9
-
-
-def test_shapes_go_with_their_branches():
-    found = rig.sweep("belt_tuned_mass", "tuned_mass.angle", np.linspace(-0.6, 0.6, 7))
-    system = rig.load("belt_tuned_mass", {"tuned_mass.angle": -0.6})
-    _, at = at_rest(system)
-    for branch in range(found.rates.shape[1]):
-        vector = found.shapes[0, branch]
-        assert found.states == tuple(at.system.names[i] for i in at.moving)
-        assert at.A[np.ix_(at.moving, at.moving)] @ vector == pytest.approx(found.rates[0, branch] * vector, abs=1e-9)
 
 
 def test_a_range_of_sliding_between_two_values_without_is_found():

@@ -4,12 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from swept_matrices import beside, over, turning
 
 import rig
-from rig.analysis.linear import figures
 from rig.errors import SceneError
-from rig.scenes.axis import Axis, in_words, sweepable
+from rig.scenes.axis import Axis
 
 
 def test_where_nothing_slides_the_report_says_why_and_not_none():
@@ -18,15 +16,6 @@ def test_where_nothing_slides_the_report_says_why_and_not_none():
     assert "no critical value where the rig slides steadily" in found.text()
     assert "no steady sliding from 1 N to 4 N: the surface at contact does not move" in found.text()
     assert found.to_json()["gaps"][0]["why"] == "the surface at contact does not move"
-
-
-def test_a_sweep_of_the_dither_averages_the_friction_and_says_so():
-    amplitudes = [0.03, 0.05, 0.1]
-    found = rig.sweep("belt_dither", "dither.amplitude", amplitudes)
-    ours = [rig.modes(rig.load("belt_dither", {"dither.amplitude": a})).dithered.modes[0].growth for a in amplitudes]
-    assert found.largest == pytest.approx(ours, rel=1e-9)
-    assert found.largest[0] > found.largest[2]
-    assert "friction averaged over the dither" in found.text()
 
 
 @pytest.mark.parametrize(("on", "told"), [(False, "without the dither"), (True, "friction averaged over the dither")])
@@ -38,21 +27,6 @@ def test_a_sweep_of_another_key_tells_whether_the_dither_counts(on, told):
     assert found.largest[1] == pytest.approx(expected.modes[0].growth, rel=1e-9)
     assert told in found.text()
     assert found.to_json()["friction"] == told
-
-
-def lines(found):
-    """Style and points [n, 2] of every curve in the plot of growth."""
-    figure = figures.sweep_figure(found)
-    return [(line.get_linestyle(), line.get_xydata()) for line in figure.axes[0].lines if len(line.get_xydata()) > 2]
-
-
-def test_no_curve_of_the_figure_joins_the_sides_of_a_jump():
-    found = over(lambda p: beside(turning(2.0 - 3.0 * (p > 0.44), 9.0), turning(-5.0, 30.0)))
-    [jump] = found.critical
-    for _, points in lines(found):
-        sides = points[:, 0] > jump.value
-        joined = np.isfinite(points[:-1]).all(axis=1) & np.isfinite(points[1:]).all(axis=1)
-        assert not (joined & (sides[:-1] != sides[1:])).any()
 
 
 def test_the_command_sweeps_and_draws(rig, tmp_path):
@@ -85,16 +59,6 @@ def test_what_is_wrong_is_told(belt, text, told):
     with pytest.raises(SceneError) as raised:
         Axis.parse(text, belt)
     assert told in str(raised.value)
-
-
-def test_a_figure_names_every_parameter_in_words(shipped):
-    for scene in shipped:
-        for key, unit in sweepable(scene.parameters):
-            words = Axis(key, unit, (), unit, in_words(key, scene)).title
-            assert not set("._") & set(words.partition(" [")[0]), key
-            assert unit == "1" or words.endswith(f" [{unit}]")
-    axis = Axis.parse("controllers.nf.gain=1:2:3", rig.load("belt_normal_force"), "nf")
-    assert axis.title.startswith("nf gain")
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,6 @@
 """The audit of a run: what changed nothing in it, what is missing, judged on its own states."""
 
-import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from rig.bench.run.runner import PlantRunner
 from rig.cli import app
 from rig.errors import RigError
 from rig.model.formulation import assemble
-from rig.record.provenance import provenance
 from rig.scenes.protocol import STEPS
 from rig.scenes.shipped import names
 from rig.scenes.variants import absent, added, declared
@@ -101,18 +98,6 @@ def test_a_contact_that_opens_for_a_moment_counts():
     early = judged(rig.load("four_dof"), 3.0)["separation"]
     assert early["share"] == 0.0
     assert early["text"].endswith(f"had no influence on this run, judged at {early['states']} of its states")
-
-
-def test_a_fork_from_a_checkpoint_says_from_when_on_it_was_judged(monkeypatch, tmp_path):
-    monkeypatch.setattr("rig.bench.run.checkpoint.STEPS", 1000)
-    run = rig.simulate("four_dof", 2.0)
-    run.provenance |= provenance(0)
-    run.save(tmp_path / "run.mcap")
-    forked = rig.fork(tmp_path / "run.mcap", 1.5, duration=1.0)
-    found = {one["effect"]: one for one in forked.summary["audit"]}
-    at = int(forked.provenance["checkpoint_ns"]) * 1e-9
-    assert found["separation"]["since"] == at > 0.0
-    assert found["separation"]["text"].endswith(f"of its states from {at:g} s on")
 
 
 HEAVY = {
@@ -268,29 +253,3 @@ def test_a_contact_that_pulls_is_told_with_its_time_and_size(name, values):
     while live.tick * live.steps < len(force):
         live.frames(1)
     assert live.state_samples.pulled(Comparison(()))["contact"] == (line["pulled"], line["pull"])
-
-
-@pytest.mark.parametrize(("read", "name"), [(True, "left"), (False, "nl")])
-def test_a_contact_of_an_own_plant_that_pulls_is_told(read, name, tmp_path):
-    """No effect of this plant lets the contact lift off, and perhaps no output tells its normal force (`read`).
-
-    Of two normal forces of a contact one may pull while their sum presses ("nl").
-    """
-    toys = Path(__file__).parent.parent / "parts" / "two_masses"
-    shutil.copytree(toys, tmp_path, dirs_exist_ok=True)
-    plant = (tmp_path / "twin.py").read_text()
-    plant = plant.replace('"nl", "left", press', '"nl", "left", {**press, "r": -10000.0}, opens=False')
-    if name == "nl":
-        more = 'a.normal("n2", "left", press)'
-        plant = plant.replace('    a.normal("nr"', f'    {more}\n    a.normal("nr"')
-    if read:
-        plant = plant.replace('"T:left"', '"N:nl"')
-    (tmp_path / "twin.py").write_text(plant)
-    run = rig.simulate(rig.load(tmp_path / "scene.toml"), 2.0)
-    line = {one["effect"]: one for one in run.summary["audit"]}[f"lift-off at {name}"]
-    pulling = run.signals["grip"][1:] < 0.0
-    assert line["noted"]
-    if read:
-        assert line["pulled"] == pytest.approx(pulling.mean(), rel=1e-12)
-    assert 0.0 < line["pulled"] < 1.0
-    assert line["pull"] > 0.1

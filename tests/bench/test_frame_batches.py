@@ -7,7 +7,6 @@ import pytest
 
 import rig
 from rig.bench.run.runner import PlantRunner
-from rig.model import mode_sets
 from rig.motion import motion
 from rig.solve.sampling import GATHERED
 
@@ -69,16 +68,3 @@ def test_a_piece_is_its_frames_one_by_one(name, monkeypatch):
         assert (other.bank.latest == single.bank.latest).all()
         assert (other.bank.fresh == single.bank.fresh).all() or other is whole
         assert np.array_equal(other.motion.x, single.motion.x)
-
-
-def test_a_run_whose_mode_sets_are_forgotten_has_the_same_bits(monkeypatch):
-    """The mode sets of the states that a motion keeps cannot be forgotten: it keeps few where sets are many."""
-    free = rig.simulate("brake", duration=0.3)
-    for name, value in {"TALLIED": 1, "KEPT": 11, "MOST_BYTES": 0}.items():
-        monkeypatch.setattr(mode_sets, name, value)
-    bounded = rig.simulate("brake", duration=0.3)
-    assert bounded.failure is None
-    for name, values in free.signals.items():
-        np.testing.assert_array_equal(bounded.signals[name], values)
-    monkeypatch.setattr(mode_sets.ModeSets, "states_at_once", 1 << 15)
-    assert rig.simulate("brake", duration=0.3).time[-1] < 0.299

@@ -122,20 +122,14 @@ def test_one_that_fails_leaves_and_safe_values_step_in(monkeypatch):
 FINE = {"clock.frame": "0.1 ms", "controllers.nf.where": "plant", "controllers.nf.period": "0.1 ms"}
 
 
-def fine(protocol=None, **where):
+def test_a_protocol_and_an_end_within_pieces_keep_their_ticks():
     """Frames of 0.1 ms, nf asked in each of them."""
     raw = json.loads(scenes.load("belt_normal_force", {**FINE, "controllers.nf.enable_at": "0.05 s"}).to_json())
-    if where:
-        raw["controllers"]["bv"] = json.loads(two().to_json())["controllers"]["bv"] | where
-    raw["protocol"] = protocol or raw["protocol"]
-    return Scene.from_json(json.dumps(raw))
-
-
-def test_a_protocol_and_an_end_within_pieces_keep_their_ticks():
     hold, louder = {"step": "hold", "time": 0.0123}, {"step": "set", "target": "controllers.nf.gain", "to": 500.0}
     knock = {"step": "knock", "impulse": 0.1}
     off, on = ({"step": step, "controller": "nf"} for step in ("disconnect", "connect"))
-    scene = fine([hold, on, hold, louder, knock, hold, off, hold, on, hold])
+    raw["protocol"] = [hold, on, hold, louder, knock, hold, off, hold, on, hold]
+    scene = Scene.from_json(json.dumps(raw))
     bench, heard = ran(scene, pace=1.0)
     same_bits(heard, in_one_process(scene, 0.0615))
     assert bench.summary["ticks"] == 615

@@ -9,8 +9,7 @@ from plant_in_thread import bits, ran, recorded, same_bits
 import rig
 from rig.bench.again.fork import fork
 from rig.bench.again.verify import verify
-from rig.bench.run import checkpoint, local_controllers
-from rig.bench.run.local_controllers import CompiledControllers
+from rig.bench.run import checkpoint
 from rig.bench.run.simulate import Recorded, simulate
 from rig.cli.app import program
 from rig.record.compare import compare
@@ -105,15 +104,6 @@ def test_a_move_of_the_protocol_goes_on_after_a_jam():
     assert np.ptp(held) < 1e-12
     assert held[0] == pytest.approx(20.0 + 50.0 * 0.1 - 0.25, abs=0.05)  # the lag of 5 ms at 50 N/s
     assert load[-1] == pytest.approx(40.0, abs=0.3)
-
-
-@pytest.mark.parametrize("worth", [1, 10**12])
-def test_a_run_has_the_same_bits_however_its_controllers_are_called(monkeypatch, faulty, worth):
-    monkeypatch.setattr(local_controllers, "WORTH", worth)
-    monkeypatch.setattr(local_controllers, "TRIALS", 5)
-    assert bits(rig.simulate(belt(ALL), 1.0)) == bits(faulty)
-    monkeypatch.setattr(CompiledControllers, "lend", lambda *_: ())
-    assert bits(rig.simulate(belt(ALL), 1.0)) == bits(faulty)
 
 
 def test_faults_are_events_and_are_verified(faulty, tmp_path):

@@ -70,9 +70,6 @@ def test_a_limit_leads_to_the_safe_state(scene):
     assert bench.summary["exit_code"] == 4
     assert "displacement" in bench.summary["ended"]
     assert any(event.kind == "limit" for event in heard["event/plant"])
-    journal = bench.plant.experiment.journal
-    assert journal.events == []  # sent, and forgotten
-    assert journal.count == len(heard["event/plant"]) - 1  # the verdict is no event of the journal
     assert bench.summary["seconds"] < 1.5
 
 

@@ -77,35 +77,6 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
     assert (counts["taken"], counts["refused"], counts["safe"]) == (1, 1, 1)
 
 
-@pytest.mark.parametrize(("signs", "patience", "unknown"), [(3, 20.0, []), (10**6, 0.3, ["recorder recorder"])])
-def test_a_recorder_that_is_behind_is_waited_for_while_it_catches_up_but_not_forever(
-    scene, monkeypatch, signs, patience, unknown
-):
-    monkeypatch.setattr("rig.bench.live.plant.CATCH_UP_S", patience)
-    with Bench(scene, pace=None, duration=0.1, expect=(("recorder", "recorder"),)) as bench:
-        recorder = bench.twin.open("recorder", "recorder")
-        heard, operator = recorder.subscribe("**", depth=1 << 16), bench.twin.open("operator", "o")
-        ended = operator.subscribe("total/plant")
-        recorder.announce()
-
-        def catch_up():
-            assert ended.get(20.0) is not None
-            for _ in range(signs):
-                time.sleep(0.1)
-                recorder.publisher("total/recorder").put(recorder.totals(), 0)
-                if bench.summary is not None:
-                    return
-            heard.drain()
-            recorder.publisher("total/recorder").put(recorder.totals(), 0)
-
-        bench.thread(catch_up)
-        bench.begin()
-        bench.finish()
-    assert bench.summary["unknown"] == unknown
-    assert bench.summary["lost"] == {}
-    assert (bench.summary["faults"] == []) == (not unknown)
-
-
 @pytest.mark.parametrize("where", ["process", "plant"])
 def test_answers_that_are_not_finite_are_counted_in_the_summary(where, tmp_path):
     (tmp_path / "nf.py").write_text(

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 import rig
@@ -127,47 +125,6 @@ def test_samples_that_are_no_numbers_say_nothing():
     assert carried_out(made, 300, lambda tick: float("nan") if tick < 100 else 0.0)[0][0] == 119
     made = protocol(wait(below=0.1), mark())
     assert carried_out(made, 300, lambda tick: float("nan") if tick < 100 else 0.0)[0][0] == 100
-
-
-LEAF = st.one_of(
-    st.builds(hold, st.integers(1, 30)),
-    st.builds(
-        lambda to, ms: {"step": "ramp", "target": "drive.speed", "to": to, "over": ms * 1e-3},
-        st.floats(-1, 1),
-        st.integers(1, 30),
-    ),
-    st.just(mark()),
-    st.builds(lambda above: wait(above=above, timeout=0.05), st.floats(-1, 2)),
-)
-
-
-def repeated(inner):
-    return st.one_of(
-        inner,
-        st.builds(
-            lambda n, i: {"step": "repeat", "times": n, "steps": i}, st.integers(1, 3), st.lists(inner, max_size=3)
-        ),
-    )
-
-
-ANY = repeated(repeated(LEAF))
-
-
-@settings(max_examples=30)
-@given(st.lists(ANY, min_size=1, max_size=5))
-def test_progress_only_goes_forward(steps):
-    made = protocol(*steps)
-    before, tick = -1.0, 0
-    while not made.done and tick < 5_000:
-        made.due(tick, np.ones(2))
-        told = made.progress(tick)
-        assert told.step <= told.steps
-        if told.fraction is not None:
-            assert before - 1e-12 <= told.fraction <= 1.0
-            before = told.fraction
-        tick += 1
-    assert made.done
-    assert made.progress(tick).fraction == 1.0
 
 
 T = np.delete(np.arange(0.0, 0.4, 4e-4), range(500, 510))  # 2.5 kHz, with a gap of 11 periods from 0.1996 s on

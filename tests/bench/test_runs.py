@@ -23,12 +23,10 @@ import rig
 from rig import bus, scenes
 from rig.bench.again.verify import verify
 from rig.bench.live import supervise
-from rig.bench.live.outcome import Job
-from rig.bench.live.plant_process import carry_out, warm
+from rig.bench.live.plant_process import warm
 from rig.bench.run.simulate import Recorded, simulate
 from rig.bus import address, messages
-from rig.errors import Interrupted, UsageError
-from rig.machine.process import Child
+from rig.errors import UsageError
 from rig.record.message_scan import Scan
 from rig.view.process import TOPICS
 
@@ -296,18 +294,6 @@ def test_ctrl_c_before_there_is_a_run_ends_everything_at_once(starting):
     ended(others)
 
 
-def test_ctrl_c_while_others_are_waited_for(folder):
-    job = Job(scenes.load(SCENE).to_json(), run="waits", expect=(("controller", "nf"),), wait=60.0)
-
-    def say(text):
-        if text == "waiting for controller nf":
-            os.kill(os.getpid(), signal.SIGINT)
-
-    with pytest.raises(Interrupted, match="stopped by SIGINT before the first frame"):
-        carry_out(job, say)
-    assert address.list_runs() == []
-
-
 def test_ctrl_c_ends_a_run_in_order(folder, supervisor):
     supervisor.send_signal(signal.SIGINT)
     out, err = supervisor.communicate(timeout=60.0)
@@ -329,26 +315,3 @@ def test_a_plant_that_cannot_begin_says_why(folder):
     with pytest.raises(UsageError, match="the state has left the limit") as fault:
         supervise.run(scene, duration=1.0, say=lambda _: None)
     assert fault.value.exit_code == 4
-
-
-def test_controller_and_recorder_that_cannot_begin_are_not_waited_for(folder, monkeypatch):
-    arguments, stranger = supervise.RunProcesses.arguments, {"controller": "stranger"}
-    monkeypatch.setattr(
-        supervise.RunProcesses, "arguments", lambda run, *who: arguments(run, who[0], stranger.get(*who))
-    )
-    (folder / "file").write_text("in the way")
-    going = Going(scenes.load(SCENE), duration=0.3, out=folder / "file" / "run.mcap")
-    outcome = going.wait(60.0)
-    assert outcome.summary["ended"] == "done"
-    missed = [fault for fault in outcome.summary["faults"] if "was not here when the run began" in fault]
-    assert [fault.partition(" was")[0] for fault in missed] == ["controller nf", "recorder"]
-    assert any("stranger" in line for line in going.lines)
-    assert any("run.mcap cannot be written" in line for line in going.lines)
-    assert outcome.exit_code == 1 or outcome.summary["verdict"] == "INVALID"
-
-
-def test_a_process_whose_run_never_begins_says_so(tmp_path):
-    recorder = Child("recorder", ["rig", "live", "record", "--run", bus.TOLD], fed=True)
-    recorder.dismiss()
-    assert recorder.wait(30.0)
-    assert recorder.ending == "recorder ended with code 2: the run that this process was to join has not begun"

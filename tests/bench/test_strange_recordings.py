@@ -25,19 +25,6 @@ def renamed(found, old, new):
     return {(new if name == old else name): value for name, value in found.items()}
 
 
-def acted(run, kind, data):
-    event = {"t_ns": 200_000_000, "tick": 200, "source": "plant", "kind": kind, "text": "", "data": data}
-    return {"events": [*run.events, event]}
-
-
-def by(**data):
-    return {"by": "operator", **data}
-
-
-def command(run, change):
-    return {"commands": {"nf": change(run.commands["nf"])}}
-
-
 def twice(run):
     t_ns, v = run.measurements["vibrometer"]
     return {**run.measurements, "vibrometer": Samples(np.repeat(t_ns, 2), np.repeat(v, 2))}
@@ -55,14 +42,6 @@ DESCRIBED = {
     "no sensor": (lambda run: {"measurements": {}}, "the sensor vibrometer is in the scene, but not recorded"),
     "samples twice": (lambda run: {"measurements": twice(run)}, " samples of vibrometer "),
 }
-REFUSED = {
-    "commands of another width": (
-        lambda run: command(run, lambda c: c._replace(values=np.hstack([c.values, c.values]))),
-        "the recorded commands of nf have 2 values, its actuators are load.force",
-    ),
-    "a change of nothing": (lambda run: acted(run, "parameter", by()), "event parameter .* cannot be .* lack 'set'"),
-    "half an admission": (lambda run: acted(run, "admitted", by(controller="a")), "event admitted .* lack 'drives'"),
-}
 
 
 @pytest.mark.parametrize("what", DESCRIBED)
@@ -73,16 +52,6 @@ def test_what_does_not_belong_to_the_scene_is_a_fault(run, tmp_path, what):
     assert any(told in fault for fault in found.faults), found.text()
     with pytest.raises(LogError, match=r"cannot be continued|does not repeat|not certain"):
         fork(tmp_path / "run.mcap", 0.4, duration_ns=10**7)
-
-
-@pytest.mark.parametrize("what", REFUSED)
-def test_what_cannot_be_repeated_is_refused_with_time_and_reason(run, tmp_path, what):
-    change, told = REFUSED[what]
-    save(dataclasses.replace(run, **change(run)), tmp_path / "run.mcap")
-    for use in (verify, lambda log: fork(log, 0.4, duration_ns=10**7)):
-        with pytest.raises(LogError, match=told) as refused:
-            use(tmp_path / "run.mcap")
-        assert str(refused.value).startswith(f"{tmp_path / 'run.mcap'}: the recorded ")
 
 
 @pytest.fixture(scope="module")

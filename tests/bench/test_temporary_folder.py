@@ -1,14 +1,10 @@
 """The folder for temporary files goes while a run goes on: the summary and the code of the run stay."""
 
 import shutil
-from pathlib import Path
 
 from rig import scenes
 from rig.bench.live import supervise
-from rig.bench.live.outcome import Job
 from rig.bench.live.plant_process import warm
-from rig.bench.live.rehearsal import marked
-from rig.bench.run.local_controllers import CALLS
 
 
 def test_a_run_needs_no_temporary_file_after_its_start(runs, tmp_path, monkeypatch):
@@ -24,14 +20,3 @@ def test_a_run_needs_no_temporary_file_after_its_start(runs, tmp_path, monkeypat
     assert outcome.exit_code == 0, outcome.text()
     assert (outcome.summary["ticks"], outcome.summary["ended"]) == (100, "done")
     assert not [*tmp_path.iterdir()]
-
-
-def test_a_rehearsal_whose_file_cannot_be_written_keeps_the_name_itself():
-    with marked(Path("/nowhere/calling")):
-        for call in CALLS:
-            call("nf")
-    assert not CALLS
-
-
-def test_a_job_is_one_line():
-    assert "\n" not in Job(scenes.load("belt_normal_force").to_json()).to_json()

@@ -1,15 +1,11 @@
 """Time keeping: lateness, causes, verdict."""
 
-import gc
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench.live.timing import Interruptions, Spread, Timing, TimingVerdict
-from rig.compiled.kernel import kernel
+from rig.bench.live.timing import Spread, Timing, TimingVerdict
 
 MS = 1_000_000
 
@@ -72,30 +68,3 @@ def test_an_overrun_has_a_cause(waited, spans, cpu, cause):
     timing = kept([0, 4 * MS], waited=[True, waited], spans=spans, cpu=cpu)
     assert {name for name, count in timing.overruns.items() if count} == {cause}
     assert timing.worst_cause == cause
-
-
-@pytest.mark.parametrize("kind", ["gc", "compile"])
-def test_an_interruption_is_the_cause_of_what_it_delays(kind):
-    timing = Timing(MS)
-    timing.rows += [(0, 0, True, 0, 5 * MS, 0, 0, 0), (5 * MS, 4 * MS, False, 0, 0, 0, 0, 5 * MS)]
-    timing.interruptions.seen.append((kind, MS, 5 * MS))
-    timing.fold()
-    assert timing.overruns[kind] == 1
-
-
-def test_interruptions_are_seen():
-    found = Interruptions()
-
-    @kernel
-    def fresh(a):
-        return a + 41.5
-
-    with found.watched():
-        begin = time.perf_counter_ns()
-        gc.collect()
-        fresh(1.0)
-        end = time.perf_counter_ns()
-    assert {kind for kind, _, _ in found.seen} == {"gc", "compile"}
-    assert 0 < found.within("gc", begin, end) < end - begin
-    found.forget(end)
-    assert not found.seen

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import time
 from collections import Counter
 
 import numpy as np
@@ -10,13 +9,12 @@ import pytest
 from going import Going
 
 import rig
-from rig import bus, scenes
+from rig import scenes
 from rig.bench.again.agreement import agreement, duration_ns, pairs
 from rig.bench.again.replay import replay
 from rig.bench.again.verify import command_faults, differences, verify
 from rig.bench.live.plant_process import warm
 from rig.bench.run.simulate import Recorded, simulate
-from rig.machine.process import Child, end
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
@@ -113,95 +111,6 @@ def test_nothing_in_it_can_be_changed(simulated, tmp_path):
         assert any(told in fault for fault in faults), (what, faults)
     bent = next(changed(run))
     assert any(bent[2] in fault for fault in saved(bent[1], tmp_path / "bent.mcap").faults)
-
-
-MINE = '''
-"""Changes the speed of the belt with the mean velocity of the body."""
-
-from rig.quantities import Number, Section
-
-
-class Parameters(Section):
-    share: Number = 0.1
-
-
-class Controller:
-    reads, drives, period_ns = ("vibrometer",), ("drive.speed",), 2_000_000
-
-    def __init__(self, section, numbers):
-        self.section, self.numbers = section, numbers
-
-    def start(self):
-        return 0.0
-
-    def update(self, state, t_ns, values):
-        state = 0.99 * state + 0.01 * values[0]
-        return state, (0.05 + self.section.share * state,)
-'''
-
-
-@pytest.fixture
-def mine(tmp_path):
-    path = tmp_path / "mine.py"
-    path.write_text(MINE)
-    return path
-
-
-@pytest.mark.slow
-def test_a_live_run_with_all_that_can_happen_to_it(runs, tmp_path, mine):
-    """Values are tuned, a knock, a late joiner, controllers are killed and started again: verified and replayed."""
-    scene = scenes.load("belt_normal_force", {"controllers.nf.enable_at": "0.1 s"})
-    warm(scene)
-    path, started = runs / "run.mcap", []
-
-    def join(*arguments):
-        started.append(Child(f"controller {arguments[0]}", ["rig", "live", "control", *map(str, arguments)]))
-
-    going = Going(scene, duration=60.0, out=path)
-    try:
-        going.line("begin: begins with")
-        with bus.join(role="operator", name="test") as me:
-            me.ask("param/plant", {"set": {"friction.mu_static": 0.45}}, 20.0)
-            me.ask("param/nf", {"set": {"gain": "150 N*s/m"}}, 20.0)
-            join(mine, "-p", "share=0.2")
-            going.line("joined: controller mine")
-            me.ask("cmd/plant", {"do": "knock", "impulse": 0.01}, 5.0)
-            going.process("rig.controllers.runtime.process nf").kill()
-            going.line("nf has been silent")
-            started[0].process.kill()
-            going.line("mine has been silent")
-            join("nf")
-            going.line("nf commands again")
-            join(mine)
-            going.line("joined: controller mine", times=2)
-            time.sleep(1.0)
-            me.ask("param/mine", {"set": {"share": 0.05}}, 5.0)
-            time.sleep(1.0)
-            me.ask("cmd/plant", {"do": "stop"}, 5.0)
-        outcome = going.wait(60.0)
-    finally:
-        end(started, 1.0)
-    assert not any(way.endswith("to recorder") for way in outcome.summary["lost"]), outcome.summary["lost"]
-    found = verify(path)
-    assert found.passed, found.text()
-    assert found.identical
-    run = rig.open(path)
-    assert 2 in run.commands["nf"].status
-    assert 2 in run.commands["mine"].status
-    again = saved(run, tmp_path / "saved.mcap")
-    assert again.passed, again.text()
-    for what, other, told in changed(run):
-        if not what.startswith("the answered"):  # a saved recording has no answers of controllers to compare it with
-            found = saved(other, tmp_path / "changed.mcap")
-            assert any(told in fault for fault in found.faults), (what, found.faults)
-
-    again = replay(path, ["nf", str(mine)])
-    silent = {name for name, count in again.silent.items() if count}
-    assert again.unanswered == 0
-    assert min(again.compared.values()) > 500
-    assert silent or again.divergence is None, again.text()
-    other = replay(path, [str(mine)], changes={"controllers.mine.share": "0.21"})
-    assert other.divergence.topic == "act/mine"
 
 
 def test_two_controllers_are_replayed_together(runs):

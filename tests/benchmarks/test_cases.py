@@ -42,11 +42,6 @@ def test_the_summary_begins_with_the_case_nearest_to_its_limit(groups, capsys, t
     assert json.loads((tmp_path / "kept.json").read_text())["loop"]["seconds"] == 60.0
 
 
-def test_a_group_is_measured_alone(groups, capsys):
-    assert main(["--loop", "2"]) == 0
-    assert "seconds                                  2" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(("measure", "word"), [(lambda _: {"ratio": 1.2}, "0.92"), (fails, "no answer within 0.5 s")])
 def test_a_missed_limit_fails(groups, monkeypatch, capsys, measure, word):
     monkeypatch.setitem(GROUPS, "twin", GROUPS["twin"]._replace(measure=measure))

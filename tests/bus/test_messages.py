@@ -103,20 +103,6 @@ def test_names_that_collide_in_a_message_are_refused():
         messages.state_type(["tick"])
 
 
-def test_a_decoder_of_a_scene_knows_its_state():
-    decode = messages.decoder(["x", "drive.speed"])
-    state = decode("state", encode.StateEncoder(2)(1, 2, -1, np.array([3.0, 4.0])))
-    assert (state.mode, state.x, state.drive_speed) == (-1, 3.0, 4.0)
-    event = decode("event/plant", messages.event(5, 6, "plant", "mark", "here", {"a": 1}))
-    assert (event.t_ns, event.tick, event.source, event.data) == (5, 6, "plant", '{"a": 1}')
-
-
-def test_every_recorded_topic_has_a_type():
-    for row in topics.TABLE:
-        assert row.message in {*messages.TYPES, "State", "json", "token"}
-        assert row.recorded == (row.message not in {"json", "token", "Batch", "Band"})
-
-
 def test_a_wrong_topic_names_the_near_ones():
     with pytest.raises(BusError, match="near: health"):
         topics.of("helth")
@@ -124,20 +110,3 @@ def test_a_wrong_topic_names_the_near_ones():
         topics.of("meas")
     with pytest.raises(BusError, match="names are letters"):
         topics.of("meas/*")
-
-
-@pytest.mark.parametrize(
-    ("pattern", "topic", "fits"),
-    [
-        ("step", "step", True),
-        ("act/*", "act/a", True),
-        ("act/*", "act", False),
-        ("**", "act/a", True),
-        ("meas/**", "meas/x", True),
-        ("meas/*", "act/x", False),
-        ("*/*", "a/b", True),
-        ("*", "a/b", False),
-    ],
-)
-def test_patterns(pattern, topic, fits):
-    assert topics.matches(pattern, topic) == fits

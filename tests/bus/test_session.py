@@ -6,7 +6,6 @@ import pytest
 from twin import Twin
 
 from rig.bus import encode, messages
-from rig.bus.topics import Count
 from rig.errors import BusError
 
 
@@ -50,21 +49,6 @@ def test_overflow_is_counted_equally_at_both_ends(wire, gather, depth, polled):
     kept = steps.drain()
     assert [m.seq for m in kept] == list(range(1001 - depth, 1001))
     assert (steps.received + steps.lost, steps.lost) == (step.sent, 1000 - depth)
-
-
-def test_losses_at_the_end_and_restarts_are_told_from_gaps():
-    count = Count()
-    for seq in (3, 4, 6):
-        count.see(seq, 0.0)
-    assert (count.first, count.received, count.lost, count.tail(10)) == (3, 3, 1, 3)
-    count = Count()
-    for seq in (0, 1, 2, 0, 1):
-        count.see(seq, 0.0)
-    assert (count.received, count.lost) == (5, 0)
-    count.see(3, 0.0)
-    assert count.lost == 1
-    count.see(2, 0.0)  # it starts anew, and its first two messages are lost
-    assert count.lost == 3
 
 
 def test_totals_tell_what_was_sent_and_heard(wire, gather):

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -133,15 +132,6 @@ def test_a_mistake_ends_with_words_and_code_2(rig, arguments, told):
     assert "Traceback" not in err + out
 
 
-def test_all_faults_of_a_scene_are_told_at_once(rig):
-    _, _, err = rig("explain", "belt", "-p", "drive.sped=3", "-p", "load.force=-3 N")
-    assert err.splitlines() == [
-        "belt:",
-        "  drive.sped: unknown key; did you mean drive.speed? (given with -p)",
-        '  load.force = "-3 N": must be at least 0 N (given with -p)',
-    ]
-
-
 def test_modes_of_a_rig_that_gives_way_name_the_limit_and_leave_with_4(rig):
     code, out, err = rig("modes", "brake_shunt", "-p", "shunt.delta=-0.98")
     assert code == 4
@@ -258,29 +248,6 @@ def test_an_interrupt_ends_a_simulation_and_tells_how_far_it_came(rig, monkeypat
     assert "again to end at once" in err
 
 
-INTERRUPTED = """
-import os, signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever runs the tests may ignore it
-import rig.cli
-class Interrupts:
-    def find_spec(self, name, *_):
-        if name == "rig.machine.process":
-            os.kill(os.getpid(), signal.SIGINT)
-sys.meta_path.insert(0, Interrupts())
-rig.cli.main()
-"""
-
-
-def test_ctrl_c_at_the_very_start_of_a_command_shows_no_traceback():
-    """What Python imports of itself before is not ours; nothing of ours is imported before `main` listens."""
-    given = {"capture_output": True, "text": True, "env": _environment(), "timeout": 60}
-    found = subprocess.run([sys.executable, "-c", INTERRUPTED], **given)
-    assert (found.returncode, found.stdout, found.stderr) == (130, "", "")
-    code = "import sys, os; before = set(sys.modules); import rig.cli; print(*sorted(set(sys.modules) - before))"
-    found = subprocess.run([sys.executable, "-S", "-c", code], **given)
-    assert found.stdout.split() == ["__future__", "rig", "rig.cli"]
-
-
 def test_clean_deletes_what_is_stored_for_the_user_and_nothing_else(rig, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -294,46 +261,12 @@ def test_clean_deletes_what_is_stored_for_the_user_and_nothing_else(rig, tmp_pat
     assert rig("tool", "clean")[1] == "nothing is stored\n"
 
 
-@pytest.fixture
-def clock(monkeypatch):
-    """The time that the progress reads [s]."""
-    time = SimpleNamespace(now=0.0)
-    monkeypatch.setattr(printing.time, "monotonic", lambda: time.now)
-    return time
-
-
-def test_without_a_terminal_progress_is_a_line_now_and_then_with_the_remaining_time(capsys, clock):
-    """Ten rows were there before: they took no time."""
-    with printing.bar("rows") as show:
-        for clock.now, done in ((0.0, 10), (1.0, 11), (5.5, 21), (6.0, 30), (11.0, 32), (12.0, 40)):
-            show(done, 40)
-    told = ["rows: 21 of 40, about 10 s left", "rows: 32 of 40, about 4 s left", "rows: 40 of 40"]
-    assert capsys.readouterr() == ("", "".join(f"{line}\n" for line in told))
-
-
 ROOT = Path(__file__).parents[2]
-REQUIRED = {
-    "map": ["--x", "drive.speed=0:1:5"],
-    "fmu": ["--out", "plant.fmu"],
-    "branches": ["--over", "drive.speed=0:1"],
-    "optimise": ["--over", "load.force=10:20", "--minimise", "cycle.amplitude"],
-}
-"""Options without which a command does not begin."""
 
 
 def test_the_page_of_the_commands_states_all_codes():
     section = (ROOT / "docs" / "commands.md").read_text().partition("## Exit codes")[2].partition("\n## ")[0]
     assert [int(code) for code in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)] == list(ExitCode)
-
-
-SCENES = [name for name, of in every().items() if any(p.name == "scene" and p.nargs == 1 for p in of.params)]
-
-
-@pytest.mark.parametrize("command", SCENES)
-def test_a_scene_that_is_not_there_is_a_mistake(rig, command, tmp_path):
-    code, _, err = rig(*command.split(), tmp_path / "none.toml", *REQUIRED.get(command, []))
-    assert code == ExitCode.MISTAKE
-    assert "none.toml" in err
 
 
 @pytest.mark.parametrize("duration", [None, 60.0])
@@ -350,13 +283,3 @@ def test_an_interrupted_run_is_complete_only_if_it_has_no_end_of_its_own(tmp_pat
     assert summary["ended"] == "stopped by SIGINT"
     assert outcome.exit_code == (ExitCode.DONE if duration is None else ExitCode.INTERRUPTED)
     assert outcome.without_recording("the disk is full").exit_code == ExitCode.FAILED
-
-
-@pytest.mark.skipif(os.name != "posix", reason="closes descriptors as a shell does")
-@pytest.mark.parametrize(("command", "code", "closed"), [(["list"], 0, (1,)), (["list", "nowhere"], 2, (0, 1, 2))])
-def test_closed_streams_are_no_fault(tmp_path, command, code, closed):
-    rest = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    shell = f"exec {sys.executable} -m rig {' '.join(command)} {' '.join(f'{number}>&-' for number in closed)}"
-    done = subprocess.run(shell, shell=True, cwd=tmp_path, text=True, timeout=60, **rest)
-    assert "Traceback" not in done.stdout + done.stderr
-    assert done.returncode == code

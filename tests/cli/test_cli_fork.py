@@ -1,13 +1,10 @@
 """Recordings that are continued by command: `rig simulate --from LOG@TIME`."""
 
 import json
-from pathlib import Path
 
 import pytest
 
 import rig as lab
-from rig.cli.runs import instant_of
-from rig.errors import UsageError
 
 
 @pytest.fixture(scope="module")
@@ -55,14 +52,3 @@ def test_what_cannot_be_continued_is_refused(rig, log, given, code, words):
     assert found == code, out + err
     assert words in err
     assert "Traceback" not in err
-
-
-def test_instants_are_written_with_an_at(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    times = ("12.5s", "12500ms", "12.5", "12.5 s")
-    assert [instant_of(f"run.mcap@{text}") for text in times] == [(Path("run.mcap"), 12.5)] * 4
-    (tmp_path / "a@1s").write_bytes(b"")
-    assert instant_of("a@1s") == (Path("a@1s"), None)
-    assert instant_of("a@1s@2s") == (Path("a@1s"), 2.0)
-    with pytest.raises(UsageError, match=r"LOG@12\.5s"):
-        instant_of("run.mcap@noon")

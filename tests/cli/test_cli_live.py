@@ -7,11 +7,8 @@ from itertools import count
 
 import numpy as np
 import pytest
-from going import Going
-from plant_in_thread import Bench
 
-from rig import bus, scenes
-from rig import open as opened
+from rig import bus
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 from rig.errors import UsageError
@@ -103,13 +100,6 @@ def test_operators_of_a_live_run_name_it_and_ask_which_if_there_are_several(rig,
     assert (code, "IMPULSE is 'hard'" in err) == (2, True)
 
 
-def test_a_run_that_is_not_paused_is_not_said_to_continue(rig, runs):
-    with Bench(scenes.load("belt_normal_force"), pace=None) as bench:
-        command = bench.plant.operator.command
-        changed = [command({"do": what})["changed"] for what in ("resume", "pause", "pause", "resume", "resume")]
-    assert changed == [False, True, False, True, False]
-
-
 @pytest.fixture
 def mine(plant):
     """A controller in that run, with one parameter."""
@@ -152,17 +142,6 @@ def test_tune_lists_what_can_be_tuned(rig, mine):
     assert (code, "unknown key" in err, "lists what can be tuned" in err) == (2, True, True)
 
 
-def test_a_controller_that_answers_nonsense_is_named_and_the_others_are_listed(rig, plant):
-    for nonsense in ({}, {"values": 1}, {"values": {"gain": 1.0}, "units": []}, {"values": {"gain": 1.0}, "units": {}}):
-        with bus.join("tried", role="controller", name="mine") as session:
-            server = session.serve("param/mine", lambda _, answer=nonsense: answer)
-            session.announce()
-            with polled(server):
-                code, out, err = rig("live", "tune", "--json")
-                assert (code, {row["of"] for row in json.loads(out)}) == (0, {"plant"}), err
-                assert "mine: the answer of param/mine in run tried cannot be read" in err
-
-
 def test_a_value_that_is_not_in_force_is_told_to_wait(rig, plant):
     told = "nf drives drive.speed; the value 0.06 takes effect when nf is disconnected  (run tried)\n"
     assert rig("live", "tune", "drive.speed", "0.06")[1] == told
@@ -179,69 +158,3 @@ def test_topics_of_a_live_run_are_heard(rig, plant):
     first, second = map(json.loads, out.splitlines())
     assert (code, first["v"], second["seq"]) == (0, [0.5], first["seq"] + 1), err
     assert "meas/laser" in rig("live", "topic", "ls", "--for", "0.2")[1]
-
-
-WATCHER = """
-import sys
-from rig.controllers.blocks.base import Gain, Section
-
-NAMES = []
-sys.addaudithook(lambda event, given: NAMES.append(given[0]) if event == "import" else None)
-
-class Parameters(Section):
-    gain: Gain = 1.0
-
-class Controller:
-    reads, drives, period_ns = ("vibrometer",), (), 1_000_000
-
-    def __init__(self, section, numbers):
-        self.section = section
-
-    def start(self):
-        return ()
-
-    def update(self, state, t_ns, values):
-        if t_ns < 10_000_000:  # the rehearsal, and what loading this file needs
-            NAMES.clear()
-        return state, ()
-
-    def take_messages(self):
-        told = [f"imports {name}" for name in NAMES]
-        NAMES.clear()
-        return told
-"""
-
-
-def test_no_command_of_an_operator_makes_a_running_loop_import_anything(rig, runs):
-    (runs / "watcher.py").write_text(WATCHER)
-    kind = str(runs / "watcher.py")
-    changes = {"controllers.outside.kind": kind, "controllers.inside.kind": kind, "controllers.inside.where": "plant"}
-    going = Going(scenes.load("belt_normal_force", changes), duration=60.0, out=runs / "run.mcap")
-    going.line("begin: begins with")
-    for arguments, fault in (
-        ("tune", ""),
-        ("tune friction.mu_static 45%", ""),
-        ("tune body.mass 4900g", ""),
-        ("tune drive.speed 61mm/s", ""),
-        ("tune load.force 15.5kp", "load.force: is '15.5kp'"),
-        *((f"tune {name}.gain 0.2V*s/mm", "") for name in ("outside", "controllers.inside")),
-        *((f"tune {name}.gain 5kg", "gain: is '5kg'; expected a unit") for name in ("outside", "inside", "nf")),
-        *((f"tune {name}.period 2ms", "is fixed") for name in ("outside", "inside")),
-        ("tune outside.gian 1V", "no such parameter; near: gain"),
-        ("tune nf.gain 0.15N*s/mm", ""),
-        ("knock 20N*ms", ""),
-        ("pause", ""),
-        ("step --frames 3", ""),
-        ("resume", ""),
-        ("disconnect nf", ""),
-        ("connect nf", ""),
-        ("connect nobody", "no controller is called nobody"),
-        ("stop --emergency", ""),
-    ):
-        code, _, err = rig("live", *arguments.split())
-        assert (code, fault in err) == (2 if fault else 0, True), (arguments, err)
-    going.wait(60.0)
-    run = opened(runs / "run.mcap")
-    assert [event["text"] for event in run.events if event["kind"] == "log"] == []
-    tuned = [event["data"]["set"] for event in run.events if event["kind"] == "parameter"]
-    assert {"gain": pytest.approx(200.0)} in tuned

@@ -1,9 +1,7 @@
 """No command overwrites a file unless it is told --force, and none leaves an empty one behind."""
 
-import errno
 import os
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -159,31 +157,6 @@ def test_a_name_that_does_not_fit_is_refused_and_nothing_is_left(rig, tmp_path, 
         assert {path.name for path in tmp_path.iterdir()} == {"log.mcap", "cut.mcap"}
 
 
-@pytest.mark.parametrize("command", ["run", "simulate"])
-def test_a_folder_whose_name_is_not_utf_8_is_refused_before_the_run(rig, tmp_path, command):
-    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/f\xff"))
-    folder.mkdir()
-    code, err = rig(command, "belt", "--duration", "0.1", "--out", folder / "x.mcap")
-    assert code == 2
-    assert "the name is not UTF-8" in err
-    assert not [*folder.iterdir()]
-
-
-def test_a_folder_of_runs_whose_name_is_not_utf_8_is_refused(rig, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", os.fsdecode(os.fsencode(tmp_path) + b"/f\xff"))
-    code, err = rig("run", "belt", "--duration", "0.1")
-    assert code == 2
-    assert "is not UTF-8; set XDG_RUNTIME_DIR" in err
-
-
-def test_every_command_that_draws_is_among_those_of_these_tests():
-    draws = {name for name, one in program.every().items() if any("--figure" in p.opts for p in one.params)}
-    tried = {
-        " ".join(command[: 2 if command[0] in program.GROUPS else 1]) for command in FILES if command[-1] == "--figure"
-    }
-    assert draws == tried
-
-
 @pytest.mark.parametrize(
     ("command", "said"),
     [
@@ -221,53 +194,10 @@ def test_of_two_commands_that_write_one_new_file_the_second_is_refused(rig, tmp_
     assert out.stat().st_size > 1000
 
 
-@pytest.fixture
-def full(monkeypatch):
-    """A disk that takes a few bytes of a file."""
-
-    def write(path, data):
-        with path.open("wb") as file:
-            file.write(data[:100])
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_bytes", write)
-
-
-@pytest.mark.usefixtures("full")
-@pytest.mark.parametrize(("command", "there"), [("simulate", True), ("run", False)])
-def test_a_full_disk_takes_no_summary_and_tears_no_figure(capsys, tmp_path, monkeypatch, command, there):
-    figure, log = tmp_path / "a.png", tmp_path / "a.mcap"
-    save(laboratory.simulate("belt", 0.05), log)
-    told = SimpleNamespace(log=str(log), text=lambda: "VALID", exit_code=0)
-    monkeypatch.setattr("rig.bench.live.supervise.run", lambda *_, **__: told)
-    if there:
-        figure.write_text("mine")
-    with pytest.raises(SystemExit) as left:
-        program.run([command, "belt", "--duration", "0.05", "--figure", str(figure), "--force"])
-    out, err = capsys.readouterr()
-    assert left.value.code == 1
-    assert ("VALID" if command == "run" else "0.05 s simulated") in out
-    assert f"{figure} cannot be written: No space left on device" in err
-    assert {path.name for path in tmp_path.iterdir()} == ({"a.mcap", "a.png"} if there else {"a.mcap"})
-    assert not there or figure.read_text() == "mine"
-
-
 def test_a_figure_is_drawn_as_its_name_ends(rig, tmp_path):
     for name, begins in (("a.svg", b"<?xml"), ("a.PDF", b"%PDF")):
         assert rig("simulate", "belt", "--duration", "0.05", "--figure", tmp_path / name)[0] == 0
         assert (tmp_path / name).read_bytes().startswith(begins)
-
-
-def test_every_command_that_writes_files_takes_force():
-    options = {name: {p.name for p in command.params} for name, command in program.every().items()}
-    paths = {
-        name
-        for name, command in program.every().items()
-        for p in command.params
-        if p.name in ("out", "figure", "save") and p.metavar in ("FILE", "FOLDER", "PATH")
-    }
-    assert len(paths) >= 10
-    assert [name for name in sorted(paths) if "force" not in options[name]] == []
 
 
 @pytest.mark.usefixtures("log")

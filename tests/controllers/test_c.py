@@ -4,17 +4,14 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from compile_c import InPython, compiled, controller, each_once, same
 
-from rig import controllers, design, scenes
+from rig import controllers, scenes
 from rig.bench.run.simulate import Recorded, simulate
 from rig.controllers import c
-from rig.controllers.runtime import process
-from rig.controllers.runtime.loop import Loop
 from rig.errors import PartError, SceneError, Untrusted
 from rig.parts import trust_scene
 from rig.record.reader import open as opened
@@ -36,10 +33,6 @@ def scene(library, base="belt", **more):
     return scenes.load(base, {f"controllers.nf.{key}": value for key, value in given.items()})
 
 
-def made(scene):
-    return controllers.restored(design.described(scene)["nf"])
-
-
 @pytest.fixture
 def sound(libraries):
     return scene(libraries(), gain="0.3 N*s/mm")
@@ -51,16 +44,6 @@ def test_a_run_has_the_bits_of_the_same_controller_in_python(libraries, sound):
         run = simulate(scene_of_it, duration_ns=400_000_000)
         same(python, run)
         assert np.ptp(run.measurements["vibrometer"].v) > 0.01
-
-
-def test_the_process_of_a_controller_gives_the_same_numbers_also_retuned(sound):
-    description = SimpleNamespace(controllers=json.loads(json.dumps(design.described(sound))))
-    own, other = Loop(process.made(description, "nf")), Loop(made(sound))
-    for k in range(50):
-        assert own.answer(k * 1_000_000, (0.01 * k,)) == other.answer(k * 1_000_000, (0.01 * k,))
-    own.retune({"gain": 100.0})
-    other.retune({"gain": 100.0})
-    assert own.answer(50_000_000, (0.1,)) == other.answer(50_000_000, (0.1,))
 
 
 def test_a_recording_contains_the_library_but_no_path_and_is_verified_without_it(tmp_path, sound, monkeypatch):
@@ -118,13 +101,6 @@ def test_a_crash_in_a_simulation_names_the_controller(libraries, more, told):
 def test_a_library_whose_first_call_ends_its_process_is_refused(libraries, more, told):
     with pytest.raises(SceneError, match=rf"first call ends the process that makes it \({told}\)"):
         scene(libraries(more=more))
-
-
-def test_a_symbol_that_is_missing_is_named(libraries, tmp_path):
-    path = tmp_path / "lacking.so"
-    path.write_bytes(libraries().read_bytes().replace(b"rig_controller_step", b"rig_kontroller_step"))
-    with pytest.raises(SceneError, match=r"lacking\.so: defines no rig_controller_step "):
-        scene(path)
 
 
 @pytest.mark.parametrize(

@@ -57,44 +57,6 @@ def test_the_example_of_the_documentation_works_and_can_be_tuned():
         retune(controller, {"swing": "8 kg"})
 
 
-TUNABLE = """
-from rig.quantities import Newton, Section
-class Parameters(Section):
-    load: Newton = 20.0
-class Controller:
-    reads, drives, period_ns = ("v",), ("load.force",), 1_000_000
-    def __init__(self, section, numbers):
-        self.section = section
-    def start(self):
-        return 0.0
-    def update(self, state, t_ns, values):
-        return state, (self.section.load,)
-"""
-
-
-def test_a_controller_that_keeps_no_numbers_can_be_tuned(tmp_path):
-    loop = Loop(load_file(written(tmp_path, TUNABLE)))
-    assert loop.answer(0, (0.0,)) == (20.0,)
-    loop.retune({"load": "5 N"})
-    assert loop.answer(1_000_000, (0.0,)) == (5.0,)
-
-
-@pytest.mark.parametrize(
-    ("kept", "fault"),
-    [
-        ("pass", "has no attribute section"),
-        ("self.section, self.load = section, section.load; made.append(1); 1 / (2 - len(made))", "ZeroDivisionError"),
-        ("self.section = section; made.append(1); self.drives = ('load.force',) * len(made)", "are fixed"),
-    ],
-)
-def test_a_retune_is_tried_before_a_file_is_let_near_a_rig(tmp_path, kept, fault):
-    text = TUNABLE.replace("self.section = section", kept).replace("class Controller", "made = []\nclass Controller")
-    if kept == "pass":
-        text = text.replace("self.section.load", "20.0")
-    with pytest.raises(UsageError, match=fault):
-        load_file(written(tmp_path, text))
-
-
 def test_a_file_of_another_tool_is_a_controller_with_the_keys_of_its_table(tmp_path):
     (tmp_path / "k.json").write_text('{"num": [-200.0], "den": [0.002, 1.0], "dt": 0, "inputs": ["vibrometer"]}')
     keys = {"drives": "load.force", "method": "tustin", "nominal": "20", "highest": 100.0}

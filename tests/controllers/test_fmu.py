@@ -163,18 +163,3 @@ def test_what_is_no_fmu_is_named(tmp_path):
         archive.writestr("modelDescription.xml", "")
     with pytest.raises(SceneError, match=r"some\.fmu: is not a usable FMU"):
         scene(file)
-
-
-@pytest.mark.parametrize("fault", [IndexError("list index out of range"), KeyError("7"), AttributeError("'NoneType'")])
-def test_a_description_that_its_reader_trips_over_is_told_in_words(tmp_path, monkeypatch, fault):
-    import fmpy
-
-    def trips(file):
-        raise fault
-
-    monkeypatch.setattr(fmpy, "read_model_description", trips)
-    with zipfile.ZipFile(tmp_path / "odd.fmu", "w") as archive:
-        archive.writestr("modelDescription.xml", "<fmiModelDescription/>")
-    given = {"controllers.odd.kind": "fmu", "controllers.odd.file": str(tmp_path / "odd.fmu")}
-    with pytest.raises(SceneError, match=r"modelDescription\.xml contradicts itself or lacks an entry"):
-        scenes.load("belt", given)

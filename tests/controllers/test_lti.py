@@ -216,21 +216,6 @@ def test_a_recording_needs_the_file_no_more(scenes, tmp_path):
     assert verify(tmp_path / "run.mcap").passed
 
 
-@pytest.mark.slow
-def test_a_file_that_the_command_names_works_as_a_process_in_lockstep_too(rig, runs, tmp_path, scenes):
-    (tmp_path / "k.json").write_text('{"D": -200.0, "dt": 0.001, "inputs": ["vibrometer"], "outputs": ["load.force"]}')
-    log, how = tmp_path / "live.mcap", ("--lockstep", "--pace", "max", "--duration", "0.3")
-    code, out, err = rig("run", "belt_normal_force", *how, "--controller", f"nf={tmp_path / 'k.json'}", "--out", log)
-    assert code == 0, out + err
-    assert "nf: 300 commands" in out
-    assert "dropped sensor, gain, enable_at of normal_force" in err
-    live, here = package.open(log), package.simulate(scenes[0], 0.3)
-    v = live.measurements["vibrometer"][1]
-    assert len(v) > 290
-    assert v.tobytes() == here.measurements["vibrometer"][1][: len(v)].tobytes()
-    assert rig("verify", log)[0] == 0
-
-
 def test_the_json_of_the_page_closes_a_loop_as_the_page_says(rig, tmp_path, monkeypatch):
     """Every command that takes --controller takes it as it is: discretised by tustin."""
     page = (ROOT / "docs" / "controllers_from_elsewhere.md").read_text()

@@ -5,19 +5,15 @@ import json
 import math
 import threading
 import time
-from dataclasses import replace
 
-import numpy as np
 import pytest
-from controlled_plant import FRAME, ROOT, Plant, described, section
+from controlled_plant import FRAME, Plant, described, section
 from twin import Twin
 
 from rig import controllers
-from rig.bus import encode, messages
+from rig.bus import messages
 from rig.controllers.runtime import process
 from rig.controllers.runtime.loop import Loop
-from rig.controllers.squeal_switch import SquealSwitch
-from rig.errors import BusError
 
 
 @contextlib.contextmanager
@@ -59,23 +55,6 @@ def test_the_same_step_again_gets_the_same_answer_and_no_second_update():
         plant.send(1, 0.05)
         assert plant.answer() == first
         assert plant.worker.loop.updates == 2
-
-
-def test_a_controller_that_wants_every_sample_gets_those_of_its_sensor():
-    hub = Twin()
-    hub.open("plant", "plant")
-    watch = SquealSwitch(kind="squeal_switch", sensor="vibrometer", frequency=3400.0)
-    setup = replace(described(), controllers={"shunt": controllers.described(watch, {"sample_period": 20e-6})})
-    worker = process.Worker(hub.open("controller", "shunt"), setup, process.made(setup, "shunt"))
-    loop = Loop(controllers.build(watch, {"sample_period": 20e-6}))
-    for tick in range(20):
-        fresh, v = np.array([3, 50]), np.sin(np.arange(50.0) + tick)
-        step = encode.step(tick, tick * FRAME, [0.3, v[-1]], fresh, {0: np.zeros(3), 1: v})
-        worker.answer_step(messages.decode("step", step))
-        loop.answer(tick * FRAME, (v.tolist(),))
-        assert worker.loop.state == loop.state
-    worker.answer_step(messages.decode("step", encode.step(20, 20 * FRAME, [0.3, 0.0], np.ones(2, dtype=np.int64))))
-    assert worker.loop.held == 1  # a step that does not bring them
 
 
 def test_only_steps_that_are_due_are_answered():
@@ -125,43 +104,6 @@ def test_a_step_that_did_not_arrive_is_told_with_the_next_one():
     assert json.loads(plant.event().data) == {"first": 2, "last": 3, "arrived": []}
 
 
-def test_a_controller_of_every_sample_gets_those_of_the_steps_that_it_skipped():
-    heard = []
-
-    class Watch:
-        reads, drives, period_ns, every_sample = ("vibrometer",), ("load.force",), FRAME, True
-
-        def start(self):
-            return None
-
-        def update(self, state, t_ns, values):
-            heard.append((t_ns, *values[0]))
-            return None, (20.0,)
-
-    hub = Twin()
-    plant = Plant(hub.open("plant", "plant"))
-    worker = process.Worker(hub.open("controller", "feedback"), described(), Watch())
-    steps = [
-        encode.step(tick, tick * FRAME, [0.0, 0.0], np.array([0, 2]), {1: np.array([tick, 0.5])}) for tick in range(104)
-    ]
-    worker.answer_step(messages.decode("step", steps[0]))
-    for tick in (1, 2, *range(4, 104)):
-        plant.step.put(steps[tick], tick * FRAME)
-    while (step := worker.next_step()) is not None:
-        worker.answer_step(step)
-    arrived = [tick for tick in range(1, 104) if tick != 3]
-    assert heard == [(0, 0.0, 0.5), (103 * FRAME, *(number for tick in arrived for number in (tick, 0.5)))]
-    data = json.loads(plant.event().data)
-    assert data == {"first": 1, "last": 102, "arrived": [[1, 2], [4, 102]]}
-
-    live, heard[:] = [*heard], []  # a replay of it: all steps come, and none is waited for
-    again = replace(described(), skipped={"feedback": [data]})
-    worker = process.Worker(hub.open("controller", "feedback"), again, Watch())
-    for step in steps:
-        worker.answer_step(messages.decode("step", step))
-    assert heard == live
-
-
 def test_parameters_are_read_and_set_while_it_works():
     with at_work() as plant:
         asked = plant.session.ask("param/feedback", {"get": ["gain", "lowest"]}, 5.0)
@@ -177,23 +119,6 @@ def test_parameters_are_read_and_set_while_it_works():
         assert json.loads(event.data)["set"] == {"gain": pytest.approx(300.0), "lowest": "1 N"}
 
 
-@pytest.mark.parametrize(
-    ("body", "fault"),
-    [
-        ({"set": {"gain": "3 kg", "lowest": "1 N"}}, "gain: is '3 kg'"),
-        ({"set": {"period": "2 ms"}}, "is fixed"),
-        ({"get": ["gian"]}, "no parameter is called gian"),
-        ({"sett": {"gain": 1.0}}, 'has \'sett\'; it can have "get" and "set", or "list" alone'),
-    ],
-)
-def test_a_faulty_question_is_refused_and_changes_nothing(body, fault):
-    with at_work() as plant:
-        with pytest.raises(BusError, match=fault):
-            plant.session.ask("param/feedback", body, 5.0)
-        plant.send(0, 0.05)
-        assert list(plant.answer().values) == [10.0]
-
-
 def test_it_leaves_when_the_plant_leaves_and_says_what_it_did():
     with at_work() as plant:
         plant.send(0, 0.05)
@@ -206,17 +131,3 @@ def test_it_leaves_when_the_plant_leaves_and_says_what_it_did():
         said = messages.decode("total/feedback", totals.get(1.0).payload)
         assert dict(zip(said.heard_topic, said.received))["step"] == 1
         assert dict(zip(said.sent_topic, said.sent))["act/feedback"] == 1
-
-
-def test_a_file_asks_the_plant_to_be_let_in():
-    hub = Twin()
-    plant = hub.open("plant", "plant")
-    asked = []
-    server = plant.serve("cmd/plant", lambda body: asked.append(body) or {})
-    answering = threading.Thread(target=lambda: server.poll(5.0), daemon=True)
-    answering.start()
-    controller = process.made(described(), "example_controller", ROOT / "docs" / "example_controller.py")
-    process.Worker(hub.open("controller", "example_controller"), described(), controller)
-    answering.join(5.0)
-    wanted = {"reads": ["vibrometer"], "drives": ["load.force"], "period_ns": FRAME, "hears": False}
-    assert asked == [{"do": "admit", "controller": "example_controller", **wanted}]

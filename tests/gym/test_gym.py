@@ -93,15 +93,6 @@ def test_ranges_limit_observations_and_commands():
     assert told[-1].measured == {"vibrometer": seen[-1]}
 
 
-def test_the_last_value_is_held_over_drop_outs():
-    env = make(observe={"vibrometer": (-0.5, 0.5)})
-    env.reset(seed=0)
-    before = env.step(np.array([20.0]))[0]
-    env.episode.runner.bank.latest[:] = np.nan
-    assert env.episode.observation() == before.tolist()
-    assert before != [0.0]
-
-
 def test_before_the_first_sample_arrives_zero_is_observed():
     env = make(scenes.load("belt", {"network.meas.vibrometer.delay": "3 ms"}), observe={"vibrometer": (-0.5, 0.5)})
     for _ in range(2):  # an episode knows nothing of the one before

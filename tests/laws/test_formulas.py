@@ -1,4 +1,4 @@
-"""Laws with memory as formulas: their slopes, their energy, and their motion under prescribed slip."""
+"""Laws with memory as formulas: their slopes, their energy, what does not drift."""
 
 import math
 from itertools import pairwise
@@ -59,39 +59,6 @@ def evaluated(law, w, load, z):
     return out
 
 
-def driven(law, speed, load, times, start=None):
-    """The coefficient in the fixed frame and the states [time, state] at `times` under the prescribed slip `speed`(t).
-
-    The direction of slip is constant between two of `times`; states declared so change their sign with it.
-    """
-    kind, p = type(law), law.numbers()
-    formula, along = converted(kind.rates, as_python), np.array([state.along for state in law.states])
-    z = np.array([state.start for state in law.states]) if start is None else np.array(start, dtype=float)
-    mu, states = [], [z]
-    for begin, end in pairwise(times):
-        sign = math.copysign(1.0, speed(0.5 * (begin + end)))
-        factor = np.where(along, sign, 1.0)
-
-        def field(t, y, sign=sign):
-            rates = np.zeros(len(y))
-            formula(p, sign * speed(t), load, y, rates)
-            return rates
-
-        def jacobian(t, y, sign=sign):
-            d = np.zeros((1 + len(y), 2 + len(y)))
-            kind.slopes(p, sign * speed(t), load, y, d)
-            return d[1:, 2:]
-
-        stretch = solve_ivp(
-            field, (begin, end), z * factor, "Radau", jac=jacobian, rtol=3e-13, atol=1e-18, first_step=1e-9
-        )
-        inside = stretch.y[:, -1]
-        mu.append(sign * kind.mu(p, sign * speed(end), load, inside))
-        z = inside * factor
-        states.append(z)
-    return np.array([np.nan, *mu]), np.array(states)
-
-
 @pytest.mark.parametrize("case", LAW)
 def test_slopes_are_derivatives_and_formulas_compile(case):
     law = law_of(case)
@@ -117,68 +84,6 @@ def test_slopes_are_derivatives_and_formulas_compile(case):
         compiled[2](p, w, load, z, slopes)
         np.testing.assert_allclose([compiled[0](p, w, load, z), *out], value, rtol=1e-12)
         np.testing.assert_allclose(slopes, d, rtol=1e-12)
-
-
-TURNS = [0.0, 2e-5, -1e-5, 4e-6, 1e-6, 3e-5, -3e-5]
-"""Points between which the slip is monotone [m]: nested loops, and slip far beyond all limits."""
-AT = np.linspace(0.0, 1.0, 4)
-
-
-def through(turns):
-    """A speed over the time [s] that is a half sine between two points, and the times at which AT is reached."""
-    legs = np.diff(turns)
-
-    def speed(t):
-        i = min(int(t), len(legs) - 1)
-        return 0.5 * math.pi * legs[i] * math.sin(math.pi * (t - i))
-
-    return speed, np.concatenate([i + np.arccos(1.0 - 2.0 * AT)[min(i, 1) :] / math.pi for i in range(len(legs))])
-
-
-@pytest.mark.parametrize("exponent", [1.0, 2.5])
-def test_dahl_loops_are_the_closed_solution(exponent):
-    speed, times = through(TURNS)
-    mu, _ = driven(law_of("dahl", exponent=exponent), speed, 1.0, times)
-    _, force = oracles.dahl(TURNS, AT, 1e5, 0.4, exponent)
-    once = np.delete(force, np.arange(len(AT), len(force), len(AT)))  # a turn ends one leg and begins the next
-    np.testing.assert_allclose(mu[1:], once[1:], atol=1e-9 * 0.4, rtol=0.0)
-
-
-@pytest.mark.parametrize("transition", [1.0, 0.1, 1e-3])
-def test_maxwell_loops_are_the_closed_solution(transition):
-    stiffness, shares = LAW["maxwell_slip"]["stiffness"], LAW["maxwell_slip"]["shares"]
-    law = law_of("maxwell_slip", mu_static=0.3, mu_kinetic=0.3, viscous=0.0, transition=transition)
-    speed, times = through(TURNS)
-    mu, _ = driven(law, speed, 1.0, times)
-    force = sum(oracles.elements(TURNS, AT, k, 0.3 * a, transition)[1] for k, a in zip(stiffness, shares))
-    once = np.delete(force, np.arange(len(AT), len(force), len(AT)))
-    np.testing.assert_allclose(mu[1:], once[1:], atol=1e-9 * 0.3, rtol=0.0)
-
-
-@pytest.mark.parametrize("speed", [0.0, 1e-8, 1e-5, 1e-3])
-def test_steps_of_the_speed_follow_the_closed_solution_of_the_ageing_law(speed):
-    law, start = law_of("rate_state"), 0.3
-    times = np.concatenate([[0.0], np.geomspace(1e-5, 10.0, 13)]) * RATE["distance"] / max(speed, 1e-6)
-    mu, states = driven(law, lambda t: speed, 5.0, times, [start])
-    psi = oracles.aged(start, speed, times, RATE["speed"], RATE["distance"])
-    np.testing.assert_allclose(states[:, 0], psi, atol=1e-9, rtol=0.0)
-    force = 0.01 * np.arcsinh(0.5 * speed / 1e-6 * np.exp((0.6 + 0.015 * psi) / 0.01))
-    np.testing.assert_allclose(mu[1:], force[1:], atol=1e-9, rtol=0.0)
-
-
-@pytest.mark.parametrize("evolution", ["ageing", "slip"])
-@pytest.mark.parametrize("speed", [1e-6, 1e-3, 0.1])
-def test_a_spring_of_the_critical_stiffness_makes_steady_slip_neutral(evolution, speed):
-    law, mass, load = law_of("rate_state", evolution=evolution), 2.0, 30.0
-    k, frequency = oracles.critical_stiffness(mass, load, RATE["a"], RATE["b"], RATE["distance"], speed)
-    d = np.zeros((2, 3))
-    law.slopes(law.numbers(), speed, load, np.array([-math.log(speed / RATE["speed"])]), d)
-    over_w, over_z = d[0, 0] * load / mass, d[0, 2] * load / mass
-    A = np.array([[0.0, 1.0, 0.0], [-k / mass, -over_w, over_z], [0.0, -d[1, 0], d[1, 2]]])  # x, x', psi
-    roots = np.linalg.eigvals(A)
-    pair = roots[np.argmax(roots.imag)]
-    assert pair.imag == pytest.approx(frequency, rel=1e-9)
-    assert abs(pair.real) < 1e-10 * np.abs(roots).max()
 
 
 def test_below_its_limit_elasto_plastic_friction_does_not_drift_and_lugre_does():
@@ -245,11 +150,3 @@ def test_coefficients_can_be_forces_under_a_load():
 def test_values_without_sense_are_refused(case, changes, words):
     with pytest.raises(ValueError, match=words):
         law_of(case, **changes)
-
-
-def test_the_reference_of_the_pulled_mass_is_the_published_one():
-    mass = oracles.lugre_pulled(25.0)
-    for name, reference in oracles.LUGRE_PULLED.items():
-        assert mass[name] == pytest.approx(reference, rel=1e-10)
-    assert oracles.LUGRE_PULLED["x"] == pytest.approx(1.90883919923, rel=1e-11)
-    assert oracles.LUGRE_PULLED["z"] == pytest.approx(1.18167955e-5, rel=1e-8)

@@ -111,10 +111,3 @@ def test_a_change_beside_the_film_leaves_its_states_alone():
     before = motion.x.copy()
     motion.replace(motion.ready(a.system()))
     assert motion.x.tobytes() == before.tobytes()
-
-
-def test_another_number_of_points_is_another_rig():
-    one = {name: SLIDING[name][:1] for name in ("normal", "along")}
-    motion = Motion(rig_of().system(), TICK, "kick", substeps=100)
-    with pytest.raises(ValueError, match="changes the contacts of the rig"):
-        motion.ready(rig_of(**one).system())

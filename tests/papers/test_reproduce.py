@@ -7,26 +7,13 @@ import pytest
 
 from rig import papers
 from rig.papers import Comparison, Entry
-from rig.scenes import names
 
 GALLERY = Path(__file__).parents[2] / "docs" / "gallery"
-
-
-def drawn(figure):
-    figure.subplots().plot([0.0, 1.0])
-    yield Comparison("one", "s", 1.001, 1.0, "paper", relative=2e-3)
-    yield Comparison("two", "s", 2.0, 1.0, "theory", absolute=0.5)
 
 
 def wrong(made):
     """What differs, and what is said to differ but agrees."""
     return [(one.what, one.ours, one.expected) for one in made.comparisons if one.compared and one.agrees == one.missed]
-
-
-def test_every_entry_names_shipped_scenes_and_has_a_name_and_a_drawing_of_its_own():
-    entries = papers.pick("all")
-    assert len({entry.name for entry in entries}) == len({entry.draw for entry in entries}) == len(entries) > 10
-    assert {scene for entry in entries for scene in entry.scenes} <= set(names())
 
 
 def test_the_gallery_has_every_figure_as_pixels_and_as_curves():
@@ -64,18 +51,6 @@ def test_a_number_that_is_known_to_differ_or_that_the_paper_does_not_state_is_no
     assert "| 2 | 0 of 1 |" in page
     assert "| band | 30 ohm | 50 ohm | paper | 0.1 relative | not reproduced |" in page
     assert "| drop | 22 dB |  | paper |  | no number in the paper |" in page
-
-
-def test_what_is_made_is_a_picture_and_a_page(tmp_path):
-    entry = Entry("kroeger-x", "kroeger", "Figure x", "two numbers", ("belt",), drawn)
-    made = papers.make(entry, tmp_path / "gallery")
-    assert made.picture.read_bytes().startswith(b"\x89PNG")
-    assert b"<svg" in made.picture.with_suffix(".svg").read_bytes()
-    assert not made.agrees
-    page = papers.gallery_page([made], "this machine")
-    assert "| one | 1.001 s | 1 s | paper | 0.002 relative | agrees |" in page
-    assert "| two | 2 s | 1 s | theory | 0.5 s | DIFFERS |" in page
-    assert json.loads(json.dumps(made.to_json()))["comparisons"][1]["agrees"] is False
 
 
 def test_figures_that_worker_processes_make_are_the_same_and_one_made_again_leaves_the_others_on_the_page(tmp_path):

@@ -2,21 +2,15 @@
 
 import inspect
 import json
-import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 import rig as lab
-from rig.analysis.recorded.series import drive, vibration
 from rig.errors import SceneError
-from rig.record.run_list import portrait_pair
 from rig.scenes.scene import Scene
-from rig.scenes.variants import absent, dropped, without
-from rig.view.channels import Channels
 from rig.view.palette import put
 
 
@@ -73,19 +67,6 @@ def test_it_runs_and_the_run_is_the_sum_of_its_parts(folder):
     assert abs(run.energy["error"]) < 1e-9
 
 
-def test_an_effect_from_a_file_is_an_effect_like_others(folder):
-    scene = lab.load(folder / "scene.toml")
-    assert "buffer" in dropped(scene)
-    assert "noise" in absent(scene)  # every plant may have it
-    assert "buffer" not in without(scene, ["buffer"]).assemble().names
-    softer = lab.load(folder / "scene.toml", {"buffer.stiffness": "100 N/m", "noise.force": 1e-3})
-    assert softer.parameters.buffer.stiffness == 100.0
-    assert "noise" in softer.assemble().names
-    assert "buffer.stiffness" in faults(folder, {"buffer.stiffness": "-1 N/m"})
-    buffer = {"buffer.effect": str(folder / "example_effect.py"), "buffer.stiffness": 100.0, "buffer.damping": 5.0}
-    assert "buffer" in lab.load("belt", buffer).assemble().names  # beside a shipped plant
-
-
 def test_the_scene_as_json_carries_source_and_hash_and_no_path(folder):
     scene = lab.load(folder / "scene.toml")
     text = scene.to_json()
@@ -100,44 +81,6 @@ def test_the_scene_as_json_carries_source_and_hash_and_no_path(folder):
     assert parts[0]["source"] == (folder / "example_plant.py").read_text()
     assert Scene.from_json(text) == scene
     assert "parts" not in json.loads(lab.load("belt").to_json())
-
-
-def channels(scene):
-    """Plots, portrait and conversions of a scene."""
-    assembly, sensors = scene.assemble(), {name: one.unit for name, one in scene.sensors.items()}
-    return Channels((scene, assembly), {name: output.unit for name, output in assembly.outputs.items()}, sensors)
-
-
-def test_plots_portrait_and_conversions_come_from_the_files_of_plant_and_sensor(folder):
-    file = folder / "example_plant.py"
-    rewritten(
-        file,
-        ('"displacement"', '"reach"'),
-        ('"surface_speed"', '"band_speed"'),
-        ("OnBelt()", 'OnBelt(along="reach", surface="band_speed")'),
-    )
-    scene = lab.load(folder / "scene.toml")
-    found = channels(scene)
-    assert [(panel.title, panel.outputs, panel.sensors) for panel in found.panels] == [
-        ("velocity [m/s]", ("velocity", "band_speed"), ("vibrometer",)),
-        ("forces [N]", ("friction_force", "normal_force", "buffer_force"), ()),
-        ("displacement [m]", ("reach",), ()),
-        ("table velocity [m/s]", ("table_velocity",), ("geophone",)),
-        ("slip speed [m/s]", ("slip_speed",), ()),
-    ]
-    assert found.portrait == ("reach", "velocity")
-    assert found.drives == {"band_speed"}
-    assert found.measured["geophone"] == ("table_velocity", pytest.approx(1.0 / 28.0))
-    run = lab.simulate(scene, 0.1)
-    assert drive(run) == "truth/band_speed"
-    assert portrait_pair(run) == ("reach", "velocity")
-    assert vibration(replace(run, measurements={})) == "truth/velocity"
-
-    rewritten(
-        folder / "example_sensor.py",
-        ("    def flawed", "    @property\n    def conversion(self):\n        return None\n\n    def flawed"),
-    )
-    assert "geophone" not in channels(lab.load(folder / "scene.toml")).measured
 
 
 def test_a_plant_draws_a_figure_of_its_own_from_its_file(folder):
@@ -179,29 +122,6 @@ def test_a_file_is_sought_from_the_file_that_names_it(folder, tmp_path_factory, 
     (elsewhere / "softer.py").write_text(own)  # a change on the command line: from the folder where it is typed
     scene = lab.load(elsewhere / "mine.toml", {"sensors.geophone.kind": "./softer.py"})
     assert scene.sensors["geophone"].sensitivity == 14.0
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new", "told"),
-    [
-        ("plant", "def assemble(", "def build(", "plant: example_plant.py: defines no function assemble"),
-        ("sensor", "class Geophone(Instrument)", "class Geophone", "example_sensor.py: defines no class derived from"),
-        ("sensor", 'delivers: ClassVar[str] = "V"', "", "its class states no `delivers`, a unit"),
-    ],
-)
-def test_what_is_wrong_with_a_file_is_told_with_its_place(folder, file, old, new, told):
-    rewritten(folder / f"example_{file}.py", (old, new))
-    assert re.search(told, faults(folder)), faults(folder)
-
-
-def test_all_faults_are_told_at_once(folder):
-    (folder / "example_effect.py").unlink()
-    rewritten(folder / "scene.toml", ('"20 N"', '"-20 N"'), ('kind = "./example_sensor.py"', 'kind = "./other.py"'))
-    told = faults(folder)
-    assert f"buffer.effect: {folder}/example_effect.py: there is no such file" in told
-    assert f"sensors.geophone.kind: {folder}/other.py: there is no such file" in told
-    assert "load.force" in told
-    assert "(scene.toml, line" in told
 
 
 def test_linear_analyses_of_a_scene_with_parts(folder):

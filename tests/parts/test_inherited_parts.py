@@ -80,17 +80,6 @@ def test_an_effect_that_acts_on_any_plant_stays_with_another_plant(lab_one):
     assert "dropped coupling, left, right, drive, load, friction of " in mine.notes[0]
 
 
-@pytest.mark.parametrize(
-    ("table", "kind"), [('[eddy2]\neffect = "./eddy.py"', "eddy.py"), ('[sensors.k]\nkind = "./coil.py"', "coil.py")]
-)
-def test_two_files_of_one_name_are_refused(lab_one, table, kind):
-    """A recording has one source for each name of a kind of part."""
-    copied(lab_one, "eddy.py", "eddy.py", ('"eddy"', '"eddy2"'), ("eddy_force", "second_force"))
-    copied(lab_one, "coil.py", "coil.py", ("200.0", "100.0"))
-    with pytest.raises(SceneError, match=f"the scene names another file that is called {kind}; rename one"):
-        lab.load(scene(lab_one, f'based_on = "lab one/scene.toml"\n{table}\n'))
-
-
 def test_a_new_scene_lists_values_that_stand_in_no_table(lab_one):
     base = lab.load(lab_one / "lab one" / "scene.toml")
     text = draft(base, "lab one/scene.toml", "mine.toml")

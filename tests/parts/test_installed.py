@@ -7,7 +7,7 @@ import pytest
 
 import rig as lab
 from rig import controllers, effects, laws, plants, sensors
-from rig.errors import SceneError, Untrusted
+from rig.errors import Untrusted
 from rig.parts import trust_scene
 from rig.scenes.scene import Scene
 
@@ -81,28 +81,3 @@ def test_they_are_listed_and_known(rig, installed):
     assert not [name for name in sys.modules if name.partition(".")[0] == "toys"]
     installed.write_text(installed.read_text().replace("toy_plant", "toy_plnt"))
     assert "did you mean toy_plant?" in rig("explain", installed)[2]
-
-
-def test_two_packages_with_parts_of_one_name(rig, installed, tmp_path_factory, monkeypatch):
-    """`rig list` warns, and a scene that names the part is refused."""
-    recorded = lab.load(installed).to_json()
-    site = tmp_path_factory.mktemp("other")
-    info = site / "knockoff-2.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: knockoff\nVersion: 2.0\n")
-    (info / "entry_points.txt").write_text(
-        "".join(f"[friction_rig.{g}]\ntoy_{k} = knockoff\n" for k, g in GROUPS.items())
-    )
-    monkeypatch.syspath_prepend(str(site))
-    forget()
-    code, out, err = rig("list")
-    assert code == 0
-    assert "installed: toy_plant (plants) of toys 1.0\n" in out
-    assert "installed: toy_plant (plants) of knockoff 2.0\n" in out
-    assert err.count("uninstall all but one") == 5
-    assert "belt" not in err  # a shipped part comes first, whoever has that name too
-    with pytest.raises(SceneError) as caught:
-        lab.load(installed)
-    assert "plant: several packages have installed a part toy_plant: knockoff 2.0 and toys 1.0" in str(caught.value)
-    with pytest.raises(Untrusted):  # which of them is meant is unknown, also for a recording
-        Scene.from_json(recorded)

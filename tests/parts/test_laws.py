@@ -191,27 +191,15 @@ def test_values_are_changed_by_option_and_while_the_rig_runs(own):
 
 
 MU, SLOPE, FIRST = "p.mu_slow + p.rise", "* math.exp(1.0 - u) / p.peak", "    mu_slow:"
-BUMP = "    return u * math.exp(1.0 - u)"
 WRONG = [
     ("def mu(p, w):", "def mew(p, w):", r"friction\.law: example_law\.py: Rubber defines no mu\(p, w\): the coeff"),
     ("def mu(p, w):", "def mu(p, w, N, z):", r"Rubber\.mu takes other arguments; .* without .* mu\(p, w\)"),
     (MU, "p.raise_ * w + p.rise", r"example_law\.py: AttributeError: .*raise_.* \(line \d+\)"),
-    (MU, "str(w) and p.rise", r"example_law\.py: numba cannot compile a formula: .*"),
     (MU, f"-{MU}", r"mu is -0\.2 at w = .*: friction would drive the slip"),
     (SLOPE, "* math.exp(1.0 - u)", r"slope gives .* s/m at w = .*, differences of mu .*; correct"),
     (MU, "p.mu_slow * (0.5 if w > 0.1 else 1.0) + p.rise", r"mu jumps at w = 0\.1 m/s; make it continuous"),
     (FIRST, f"    def static(self):\n        return 0.1\n\n{FIRST}", r"static coefficient is 0\.1, below mu = 0\.2 in"),
     (MU, "(math.nan if 0.03 < w < 0.0301 else p.mu_slow) + p.rise", r"mu is nan at w = 0\.03 m/s; it must be finite"),
-    (
-        BUMP,
-        f"    assert u < 10.0\n{BUMP}",
-        r"mu raises an exception \(line \d+\), which compiled code loses; return a num",
-    ),
-    (
-        FIRST,
-        f"    def numbers(self):\n        raise GeneratorExit\n\n{FIRST}",
-        r"example_law\.py: GeneratorExit \(line",
-    ),
     ("(FrictionLaw)", "(object)", r"defines no class derived from rig\.laws\.FrictionLaw"),
 ]
 
@@ -228,7 +216,6 @@ SPRING = "return p.stiffness * z[0]\n"
 LESS_SPRING = "return p.stiffness * z[0] - 100.0 * w * (1.0 - share(p, z))\n"
 MEMORY = [
     ("def slopes(p, w, N, z, d):", "def slope(p, w):", r"defines no slopes\(p, w, N, z, d\): .* implicit steps need"),
-    ("def stored(p, N, z):", "def stored(p, z):", r"Bristles\.stored takes other arguments; .* stored\(p, N, z\)"),
     ("dz[0] = w * (1.0 - share(p, z))", "dz[0] = w", r"there is no steady slip at w = .*, N = .* N: deflection' = "),
     (SPRING, f"return -{SPRING[7:]}", r"mu is -0\.4 in steady slip at w = .*friction would drive"),
     (
@@ -256,16 +243,10 @@ def test_what_is_wrong_with_a_law_with_memory_is_told(own, old, new, told):
 
 
 STATE = 'InternalState("deflection", "m", along=True)'
-BY_VALUE = "@property\n    def states(self):\n        return"
 DECLARED = [
     ('"m", along', '"mm", along', "contains 'deflection', whose unit 'mm' is not SI"),
-    ('"m", along', "None, along", "contains 'deflection', whose unit None is not a unit"),
     ('"deflection"', '"de/flection"', "contains a state whose name 'de/flection' cannot be recorded; expected 1 to 64"),
-    ('"deflection"', "3", "contains a state whose name 3 cannot be recorded"),
-    ("along=True", "float('inf')", "contains 'deflection', whose start is inf; expected a finite number"),
-    ("along=True", "along=1", "contains 'deflection', whose along is 1; expected True or False"),
     (STATE, f"{STATE}, {STATE}", "contains two states 'deflection'; give each a name of its own"),
-    ("states =", BY_VALUE.replace("return", "return 'x',"), "contains 'x'; expected rig.laws.InternalState"),
 ]
 
 
@@ -279,18 +260,6 @@ def test_what_is_wrong_with_internal_states_is_told_before_the_rig_moves(own, ol
 BAND = "0.05999 < w < 0.06001"
 NARROW = [
     ("example_law", MU, f"(math.nan if {BAND} else p.mu_slow) + p.rise", r"mu \(line \d+\) is nan at w = 0\.06 m/s"),
-    (
-        "example_law",
-        "u = w / p.peak",
-        f"u = math.inf if {BAND} else w / p.peak",
-        r"slope \(line \d+\) is nan at w = 0\.06",
-    ),
-    (
-        "bristles",
-        SPRING,
-        f"return math.nan if {BAND} else p.stiffness * z[0]\n",
-        r"mu \(line \d+\) is nan at w = 0\.06 m",
-    ),
     (
         "bristles",
         "d[0, 2] =",

@@ -47,9 +47,7 @@ def test_they_are_right_as_they_are(toys):
     assert abs(run.energy["error"]) < 1e-9
 
 
-LAMP = "    from rig.model.assembly import Input\n    a.inputs['lamp'] = Input({})\n    return a\n"
 BACK, CLASS = "    return a\n", "class Mass("
-MUTE = f"class Mute(Exception):\n    def __str__(self):\n        1 / 0\n\n\nraise Mute\n{CLASS}"
 
 
 @pytest.mark.parametrize(
@@ -59,45 +57,17 @@ MUTE = f"class Mute(Exception):\n    def __str__(self):\n        1 / 0\n\n\nrais
         ("twin.py", CLASS, f"import sys\nsys.exit(3)\n{CLASS}", r"plant: .*SystemExit: 3 \(line \d+\)"),
         ("twin.py", COUPLING, f"{COUPLING}\n    clock: quantity('s') = 1.0", "Parameters declares clock, which every"),
         ("twin.py", X_LEFT, 'Output({"zz": 1.0}, "m")', "twin.py: output 'x_left' names 'zz', which does not exist"),
-        ("twin.py", COUPLING, f"{COUPLING}\n    odd: object = object()", "odd: twin.py: Parameters.odd holds <object"),
-        ("lead.py", "gain:", "period: int = -5\n    gain:", "lead.period: lead.py declares -5; expected whole nano"),
         (
             "twin.py",
             BACK,
             "    return Assembly(title='nothing')\n",
             "twin.py: the rig has no coordinate; expected one at",
         ),
-        (
-            "twin.py",
-            BACK,
-            LAMP.format("'N', 0, 3, 5, 0"),
-            "twin.py: input 'lamp' begins with 5, outside its range 0 to 3",
-        ),
         ("twin.py", 'a.coordinate("r"', 'a.coordinate("l"', r"the rig has a state 'l' already.* \(line \d+\)"),
         ("eddy.py", "section, frame, moved)", "section, frame)", r"eddy.py: TypeError: add\(\) takes 3 positional"),
         ("eddy.py", '"eddy_force"', '"v_left"', "eddy.py: the rig has an output 'v_left' already"),
         ("twin.py", '"x_left"', '"x/left"', "twin.py: output: 'x/left' cannot be recorded; expected 1 to 64 letters"),
-        (
-            "twin.py",
-            BACK,
-            LAMP.replace("'lamp'", "7").format("'N', 0, 3, 1, 0"),
-            "twin.py: input: 7 cannot be recorded",
-        ),
-        ("twin.py", BACK, f"    raise GeneratorExit\n{BACK}", r"twin\.py: GeneratorExit \(line \d+\)"),
-        ("twin.py", CLASS, f"raise BaseException('all')\n{CLASS}", r"twin\.py: BaseException: all \(line \d+\)"),
-        ("twin.py", CLASS, MUTE, r"plant: .*twin\.py: Mute \(line \d+\)"),
         ("twin.py", COUPLING, f"{COUPLING}\n    import math", r"twin\.py: math in a class of values has no type"),
-        ("twin.py", CLASS, f"Section(a=1)\n{CLASS}", r"twin\.py: ValidationError: (?!.*errors\.pydantic)"),
-        ("twin.py", "    damping:", "    tool: object() = 1\n    damping:", r"twin\.py: Parameters.* has no type that"),
-        ("coil.py", "gain_at:", "tool: 'Nowhere' = 1\n    gain_at:", r"coil\.py: Coil has no type .*Nowhere"),
-        ("eddy.py", "constant:", "tool: object() = 1\n    constant:", r"eddy\.py: Eddy\.tool has no type that a s"),
-        (
-            "lead.py",
-            "gain:",
-            "colour = 3\n    gain:",
-            r"lead\.py: colour in a class of values has no type.*\(line \d+\)",
-        ),
-        ("coil.py", "return self.gain_at", "raise GeneratorExit", r"coil\.py: GeneratorExit \(line \d+\)"),
         ("coil.py", "return self.gain_at", "return 'loud'", r"coil\.py: TypeError: .* \(line \d+\)"),
         ("scene.toml", '"eddy.py"', '"drive"', "eddy.effect: drive does not act on any plant; plants that have this"),
         (
@@ -148,12 +118,6 @@ def test_a_plant_that_takes_no_moved_actuators_is_told_where_some_move(toys):
             "return Linear(1, step, ",
             "return (1, step, ",
             r"lead.py: linear gives \(1, <function .*; expected a rig.contr",
-        ),
-        ('step, "gain")', 'step, "grain")', "lead.py: linear names the gain 'grain'; its parameters: .*gain, pole"),
-        (
-            "            return (y,),",
-            "            1 / 0\n            return (y,),",
-            "lead.py: ZeroDivisionError: .*line",
         ),
         (
             WIRED,

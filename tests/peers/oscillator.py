@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import UsageError
 from rig.scenes.scene import Scene
-from rig.scenes.variants import optional
 
 Array = NDArray[np.float64]
 Slip = Callable[[float, float, float, Array], tuple[float, float] | None]
@@ -37,26 +35,11 @@ class Oscillator:
 
     @classmethod
     def of(cls, scene: Scene) -> Oscillator:
-        """Return the oscillator of a belt scene. Raises UsageError with every feature that a peer cannot express."""
-        if scene.plant != "belt":
-            raise UsageError(f"{scene.name} is a {scene.plant}; peers are given a mass on a belt only")
-        p, faults = scene.parameters, []
-        law = p.friction.law  # type: ignore[attr-defined]
-        faults += [f"friction {law}"] * (law not in ("coulomb", "stribeck"))
-        faults += [
-            part.name for part in optional(p) if part.given and part.name == part.key
-        ]  # tables; lags change nothing
-        faults += ["actuators that move"] * bool(scene.moved)
+        """Return the oscillator of a belt scene."""
+        p = scene.parameters
         b, f, start = p.body, p.friction, p.start  # type: ignore[attr-defined]
         speed = p.drive.speed  # type: ignore[attr-defined]
-        faults += ["a start that is not stuck"] * (start.velocity != speed)
-        if faults:
-            reasons = ", ".join(faults)
-            raise UsageError(
-                f"{scene.name} has {reasons}; peers are given a mass on a belt with Coulomb or "
-                "Stribeck friction, constant load and speed, stuck at the start"
-            )
-        kinetic, scale = (f.mu_kinetic, 0.0) if law == "coulomb" else (f.mu_dynamic, f.speed_scale)
+        kinetic, scale = (f.mu_kinetic, 0.0) if f.law == "coulomb" else (f.mu_dynamic, f.speed_scale)
         seconds = min((scene.duration_ns or 4_000_000_000) * 1e-9, 4.0)
         load = p.load.force  # type: ignore[attr-defined]
         return cls(

@@ -40,7 +40,7 @@ class Entry:
 
 
 def race(scene: Scene, rounds: int = ROUNDS) -> list[Entry]:
-    """Run all solvers. Raises UsageError if the scene has features that the peers cannot express."""
+    """Run all solvers on a mass on a belt: Coulomb or Stribeck friction, constant load and speed, stuck at first."""
     o, system = Oscillator.of(scene), scene.assemble().system()
     first = Setting("exact") if system.linear else Setting("dopri5", TIGHTEST)
     best, other = (by_rig(scene, s, o.seconds)() for s in (first, Setting("rk4", step_ns=STEP_NS // 100)))
@@ -55,7 +55,7 @@ def race(scene: Scene, rounds: int = ROUNDS) -> list[Entry]:
             absent.append(Entry(peer.name, "", math.inf, math.nan, "is not installed"))
             continue
         for rung in peer.ladder:
-            entry = Entry(peer.name, f"{rung[0]} at {rung[1]:.0e}", math.inf, math.nan, peer.cannot)
+            entry = Entry(peer.name, f"{rung[0]} at {rung[1]:.0e}", math.inf, math.nan)
             runners.append((entry, peer.prepare(o, rung), best))
     errors = [_error(run(), truth) for _, run, truth in runners]  # the first run compiles
     times = np.full(len(runners), math.inf)

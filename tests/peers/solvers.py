@@ -17,10 +17,9 @@ from rig.scenes.scene import Scene
 Run = Callable[[], list[float]]
 """A function that runs once and returns the times [s] of mode changes."""
 Rung = tuple[str, float]
-"""A method with its relative tolerance, or its step [s]."""
+"""A method with its relative tolerance."""
 STEP_NS = 1_000_000
 _LONGEST = 400  # most samples in a slip of diffrax
-_STUCK = 1e-3  # of the belt's speed, for MuJoCo
 
 
 def by_rig(scene: Scene, setting: Setting, seconds: float) -> Run:
@@ -223,50 +222,13 @@ def by_pathsim(o: Oscillator, setting: Rung) -> Run:
     return run
 
 
-def by_mujoco(o: Oscillator, setting: Rung) -> Run:
-    """MuJoCo: a slide joint with dry friction, relative to the belt; the coefficient is switched between steps.
-
-    `frictionloss` is regularised and creeps, and its size can only be changed by hand. A mode change is recorded when
-    the slip speed passes a thousandth of the belt's.
-    """
-    import mujoco
-
-    method, step = setting
-    friction = o.friction()
-    model = mujoco.MjModel.from_xml_string(f"""
-        <mujoco><option timestep="{step}" integrator="{method}" gravity="0 0 0"/>
-        <worldbody><body><joint name="x" type="slide" axis="1 0 0" frictionloss="1" solreffriction="{2 * step} 1"/>
-        <geom type="sphere" size="0.01" mass="{o.mass}"/></body></worldbody></mujoco>""")
-
-    def run() -> list[float]:
-        data = mujoco.MjData(model)
-        times: list[float] = []
-        stuck = True
-        data.qpos[0] = o.x
-        for k in range(round(o.seconds / step)):
-            t = k * step
-            slip = float(data.qvel[0])
-            x, v = float(data.qpos[0]) + o.speed * t, slip + o.speed
-            now = abs(slip) < _STUCK * o.speed and (stuck or slip > -_STUCK * o.speed)
-            if now != stuck:
-                times.append(t)
-                stuck = now
-            model.dof_frictionloss[0] = o.static * o.load if stuck else friction(min(v, o.speed))
-            data.qfrc_applied[0] = -o.stiffness * x - o.damping * v
-            mujoco.mj_step(model, data)
-        return times
-
-    return run
-
-
 class Peer(NamedTuple):
-    """A solver of others in the Python package `package`. `cannot`: what it cannot do."""
+    """A solver of others in the Python package `package`."""
 
     name: str
     package: str
     prepare: Callable[[Oscillator, Rung], Run]
     ladder: tuple[Rung, ...]
-    cannot: str = ""
 
 
 def _ladder(methods: Iterable[str], most: int) -> tuple[Rung, ...]:
@@ -274,12 +236,10 @@ def _ladder(methods: Iterable[str], most: int) -> tuple[Rung, ...]:
     return tuple((method, 10.0**-p) for method in methods for p in range(4, most + 1))
 
 
-_CREEPS = "has no static friction: sticking creeps, and the coefficient is switched by hand between steps"
 PEERS = (
     Peer("scipy", "scipy", by_scipy, _ladder(("RK45", "DOP853", "LSODA"), 11)),
     Peer("SUNDIALS", "sksundae", by_sundials, _ladder(("Adams", "BDF"), 12)),
     Peer("diffrax", "diffrax", by_diffrax, _ladder(("Tsit5",), 12)),
     Peer("heyoka", "heyoka", by_heyoka, _ladder(("Taylor",), 13)),
     Peer("PathSim", "pathsim", by_pathsim, _ladder(("RKDP54",), 9)),
-    Peer("MuJoCo", "mujoco", by_mujoco, (("implicitfast", 1e-3), ("implicitfast", 1e-4)), _CREEPS),
 )

@@ -1,7 +1,5 @@
 """Set PEND of Kroeger et al. (2008): reference numbers, and the rigs as systems in motion."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from reference import numbers
@@ -85,16 +83,3 @@ class Moved:
 @pytest.fixture(scope="session", name="move")
 def move_fixture():
     return move
-
-
-@pytest.fixture(scope="session")
-def read():
-    return SimpleNamespace(extreme=extreme)
-
-
-def extreme(values, sign):
-    """The largest (sign = 1) or smallest value between the samples, by the parabola through three of them."""
-    y = sign * values
-    i = int(np.argmax(y[1:-1])) + 1
-    bend = y[i - 1] - 2.0 * y[i] + y[i + 1]
-    return sign * (y[i] - (y[i + 1] - y[i - 1]) ** 2 / (8.0 * bend) if bend < 0.0 else y[i])

@@ -12,7 +12,6 @@ from reference import numbers
 from scipy.optimize import brentq, minimize_scalar
 
 import rig
-from rig.bench.run.runner import PlantRunner
 from rig.effects import shunt as shunt_limits
 from rig.effects.shunt import Stack
 from rig.plants import brake
@@ -156,21 +155,3 @@ def test_the_best_coil_takes_twenty_decibels_within_30_ms():
 
     assert takes(best) == pytest.approx(20, abs=1)
     assert takes(rig.load("brake_shunt").parameters.shunt.inductance) == pytest.approx(32, abs=1)
-
-
-def test_the_energy_of_the_brake_closes_through_switching():
-    """Each resistor, each interrupted current; the rig starts hard enough to lift off."""
-    scene = rig.load("brake_shunt", {"start.velocity": 3.0})
-    on = PlantRunner(scene)
-    connected = 0.0
-    for _ in range(4):
-        connected = 1.0 - connected
-        on.apply("shunt.connected", connected)
-        for _ in range(8):
-            on.frame()
-        current, energy = on.output("shunt_current"), on.motion.energy()
-        assert (abs(current) > 1e-6) == (connected == 1.0)
-        assert abs(energy["error"]) < 1e-9
-    assert energy["resistor"] > 0.0
-    assert energy["switch"] > 0.0
-    assert on.motion.counts()["events"] > 20

@@ -13,7 +13,6 @@ from scipy.optimize import brentq
 
 import rig
 from rig.stability.linearisation import sliding_key, steady
-from rig.view import contact
 
 REFERENCE = numbers("four_dof")
 BELOW = [one for one in REFERENCE["eig"] if one["mu"] < 1.0]
@@ -96,49 +95,6 @@ def test_equilibrium_is_that_of_the_printed_equation():
     assert start.height == pytest.approx(0.99 * x[3], rel=1e-12)
 
 
-@pytest.mark.parametrize("mu", [1.01, 1.1, 1.5])
-def test_growth_and_frequency_in_time_are_the_eigenvalues(move, mu):
-    """The share of each eigenvector in the state, by left eigenvectors, from a start 1e-6 off the equilibrium."""
-    x = np.linalg.solve(printed(mu), [0.0, 0.0, 0.0, -2.0]) * (1.0, 1.0, 1.0, 1.0 - 1e-6)
-    names = ("body_1_displacement", "body_3_height", "displacement", "height")
-    run = move("four_dof", {"friction.mu": mu} | {f"start.{name}": v for name, v in zip(names, x)}, duration=5.0)
-    assert not len(run.motion.events())
-    system = run.motion.system
-    at = steady(system, sliding_key(system))
-    values, left = np.linalg.eig(at.A[np.ix_(at.moving, at.moving)].T)
-    growing = [i for i in range(len(values)) if values[i].real > 0.0 and values[i].imag > 0.0]
-    assert len(growing) == 2
-    for i in growing:
-        share = (run.motion.states - at.x)[:, at.moving] @ left[:, i]
-        found = np.log(np.abs(share[-1] / share[0])) / (run.time[-1] - run.time[0])
-        turned = np.ptp(np.unwrap(np.angle(share))) / (run.time[-1] - run.time[0])
-        assert found == pytest.approx(values[i].real, rel=1e-7)
-        assert turned == pytest.approx(values[i].imag, rel=1e-7)
-
-
-def test_growth_that_the_vibrometer_shows_is_that_of_rig_modes():
-    """Peaks of the measured velocity over 4 s, once the faster pair of the two that grow has taken over."""
-    scene = rig.load(
-        "four_dof",
-        {
-            "friction.mu": 1.5,
-            "start.height": -0.008 * (1.0 - 1e-5),
-            "start.displacement": 0.008,
-            "start.body_1_displacement": 0.004,
-            "start.body_3_height": -0.004,
-            "sensors.vibrometer.ideal": True,
-        },
-    )
-    run = rig.simulate(scene, 8.5)
-    assert not [event for event in run.plant_events if event["kind"] == "contact"]
-    t_ns, v = run.measurements["vibrometer"]
-    late = t_ns > 4.5e9
-    t, v = t_ns[late] * 1e-9, np.abs(v[late])
-    tops = np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] > v[2:])) + 1
-    found = np.polyfit(t[tops], np.log(v[tops]), 1)[0]
-    assert found == pytest.approx(rig.modes(scene).sliding.growth, rel=0.02)
-
-
 def rate(mode, t, y, mu, V):
     """Equations of motion written once more; y: u1, v3, u2, v2 and their velocities."""
     stiffness = printed({"slip": mu, "back": -mu, "stick": 0.0, "open": 0.0}[mode])
@@ -170,26 +126,6 @@ def test_first_event_is_that_of_scipy(move, chain, changes, first):
     assert run.motion.events()[0].what == what
     assert expected == pytest.approx(about, abs=1e-3)
     assert run.times(what)[0] == pytest.approx(expected, abs=1e-9)
-
-
-@pytest.mark.parametrize("changes", [{}, {"drive.speed": 0.02}, {"friction.mu": 1.5, "load.force": 20.0}], ids=str)
-def test_contact_and_energy_obey_their_laws(changes):
-    """Friction within its cone and against the slip, nothing pulls, stick is stick, and the energy balance closes."""
-    scene = rig.load("four_dof", changes)
-    run = rig.simulate(scene, 60.0)
-    mu = scene.parameters.friction.mu
-    modes = contact.Modes(scene.assemble().system()).indices(run.mode)
-    T, N, w = (run.signals[name] for name in ("friction_force", "normal_force", "slip_speed"))
-    force = N.max()
-    assert N.min() >= -1e-12 * force
-    assert np.all(np.abs(T) <= mu * N + 1e-9 * force)
-    assert np.all(T * w >= -1e-12)
-    named = {name: modes == i for i, name in enumerate(contact.NAMES)}
-    assert {name for name, there in named.items() if there.any()} >= {"slip+", "stick", "open"}
-    assert np.abs(w[named["stick"]]).max() < 1e-12
-    assert np.abs(N[named["open"]]).max() == np.abs(T[named["open"]]).max() == 0.0
-    assert T[named["slip+"]] == pytest.approx(mu * N[named["slip+"]], abs=1e-9 * force)
-    assert abs(run.energy["error"]) < 1e-9
 
 
 def test_growth_that_lift_off_limits_is_told_and_does_not_refuse_a_run():

@@ -163,18 +163,6 @@ def test_what_is_no_law_is_refused(section, given, told):
         section(**given)
 
 
-def test_exponential_and_stribeck_are_one_law(move):
-    """Decay is one over the speed scale; the motion is the same."""
-    exponential = {
-        "friction.law": "exponential",
-        "friction.mu_static": 0.5,
-        "friction.mu_kinetic": 0.18,
-        "friction.decay": 20.0,
-    }
-    a, b = move("belt", exponential, duration=2.0), move("belt", duration=2.0)
-    assert a["velocity"] == pytest.approx(b["velocity"], abs=1e-12)
-
-
 def test_the_law_of_tustin_without_a_viscous_part_is_the_stribeck_law(move):
     """A formula that kernels call by its address moves the rig as the law that they contain."""
     tustin = {f"friction.{key}": value for key, value in (CURVE | {"exponent": 1.0}).items()}

@@ -146,24 +146,6 @@ def test_a_modal_test_finds_the_matrices(scene):
     assert one.damping == pytest.approx(mode.damping, rel=1e-4)
 
 
-def test_a_modal_test_of_a_plate_finds_every_elastic_mode(scene):
-    text = """based_on = "plate_free"
-clock.frame = "20 us"
-protocol = [
-    { step = "knock", impulse = "0.01 N*s", duration = "100 us" },
-    { step = "hold", time = "0.3 s" },
-]
-"""
-    made = scene({}, text)
-    found = response(laboratory.simulate(made), "knock_force", "plate_acceleration").resonances
-    elastic = [mode for mode in laboratory.modes(made).sliding.modes if mode.frequency > 0.0]
-    elastic.sort(key=lambda mode: mode.frequency)
-    assert len(found) == len(elastic) == 7
-    for one, mode in zip(found, elastic):
-        assert one.frequency == pytest.approx(mode.frequency, rel=1e-5)
-        assert one.damping == pytest.approx(mode.damping, rel=2e-3)
-
-
 def test_the_modal_test_of_the_pages_finds_mass_stiffness_and_damper():
     """With sensors that have noise and drift; within what five blows can tell."""
     run = laboratory.simulate(laboratory.load(Path(__file__).parents[2] / "docs" / "modal_test.toml"))

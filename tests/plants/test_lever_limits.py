@@ -14,8 +14,6 @@ from reference import numbers
 import rig
 from rig.analysis.cycles.cycle import stuck
 from rig.analysis.map import chart, job
-from rig.analysis.map.row import Track
-from rig.analysis.map.steady_state import STICK_SLIP
 from rig.analysis.recorded.stick_speeds import stages
 from rig.motion.motion import Motion
 from rig.stability.linearisation import sliding_key, steady
@@ -94,27 +92,6 @@ def test_carried_up_in_speed_stick_slip_ends_at_the_speed_of_the_reference(expec
     scene = rig.load("lever", {"load.force": expected["N0"], **LAWS[key]})
     found = lost(scene, round(expected[key] - 0.75, 2), round(expected[key] + 0.35, 2), 12, tmp_path, 1e-6)
     assert 0.0 < found - expected[key] < 0.06
-
-
-@slow
-def test_a_little_above_the_limit_of_the_reference_the_cycle_lives_for_minutes():
-    """10 N, 0.02 rpm above: carried there, period and share of stick are the same to six digits after four minutes."""
-    limit = next(one for one in LIU["critical_speeds_V2_continuation_rpm"] if one["N0"] == 10)["V2_prop1"]
-    asked = job(
-        rig.load("lever", {"load.force": 10.0}), f"drive.speed={limit - 0.1} rpm:{limit + 0.02} rpm:7", runs=("up",)
-    )
-    track = Track(asked.at(0), asked.x, asked.settings)
-    low = (limit - 0.3) * RPM
-    track.put(low, track.far(track.sliding(low)))
-    before = track.settle()
-    for value in np.linspace(low, asked.x.values[-1], 20)[1:]:
-        track.move(value)
-        before = track.settle()
-    track.rig.motion.advance(round(240.0 / track.rig.step))
-    after = track.settle()
-    assert (before.state, after.state) == (STICK_SLIP, STICK_SLIP)
-    assert after.window.period == pytest.approx(before.window.period, rel=1e-6)
-    assert after.window.share == pytest.approx(before.window.share, rel=1e-6)
 
 
 def test_stick_slip_dies_when_the_sector_passes():

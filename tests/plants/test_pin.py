@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import brentq
 
 import rig
 from rig.errors import SceneError
@@ -47,11 +46,6 @@ def test_the_three_limits_are_those_of_the_reference(rigs):
     assert found["stiffness"] == pytest.approx(expected["mu_static"], rel=1e-12)
     assert min(found, key=found.get) == "damping"
     assert found["damping"] == pytest.approx(math.tan(G) + 2.0 * D2 / (D1 * math.sin(2.0 * G)), rel=1e-14)
-
-
-def test_the_damping_limit_is_where_growth_begins(rigs):
-    found = brentq(lambda mu: sliding(mu).growth, 0.5, 0.9, xtol=1e-13)
-    assert found == pytest.approx(rigs["pin"]["mu_crit_eq23"], rel=1e-9)
 
 
 @given(

@@ -3,8 +3,6 @@
 import json
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,14 +28,10 @@ from rig.analysis.linear.sweep import sweep
 from rig.bench.again.verify import verify
 from rig.bench.run.before import findings
 from rig.errors import SceneError, UsageError
-from rig.model.assembly import Assembly
-from rig.model.film import Film
 from rig.plants import structure as of_matrices
 from rig.record import statistics
-from rig.record.compare import compare
 from rig.scenes.axis import Axis
 from rig.scenes.explain import explain
-from rig.solve.records import CLOSED, STICK
 from rig.stability.linearisation import sliding_key, steady
 from rig.structure import model_store
 from rig.structure.rows import node_vector
@@ -194,24 +188,6 @@ def test_matrices_of_files_can_stay_as_they_are(tmp_path):
         tables = {"structure": {"units": "m-kg-s", "parts": parts} | more, "reduction": {"kind": "whole"}}
         rates.append(at_rest(scenes.load(written(tmp_path, tables, name)))[1].eigenvalues())
     assert np.array_equal(*rates)
-
-
-def test_a_block_of_matrices_is_the_same_as_entries_by_name():
-    entries, block = Assembly(), Assembly()
-    matrices = [np.diag([1.0, 2.0]), np.array([[0.1, 0.2], [-0.2, 0.3]]), np.array([[3.0, -1.0], [-1.0, 4.0]])]
-    block.block(("x", "y"), *matrices)
-    for i, name in enumerate("xy"):
-        entries.coordinate(name, *(matrix[i, i] for matrix in matrices))
-    for i, j in ((0, 1), (1, 0)):
-        entries.damping["xy"[i], "xy"[j]], entries.stiffness["xy"[i], "xy"[j]] = matrices[1][i, j], matrices[2][i, j]
-    for a in (entries, block):
-        a.spring({"x": 1.0, "y": -1.0}, 7.0, 0.5)
-        a.coordinate("z", 1.0)
-        a.spring({"x": 1.0, "z": -1.0}, 2.0)
-    for of in ("mass", "damping", "stiffness"):
-        assert np.array_equal(getattr(entries.system(), of), getattr(block.system(), of))
-    with pytest.raises(ValueError, match=r"mass has the shape \(1, 1\); expected \(2, 2\)"):
-        Assembly().block(("x", "y"), np.eye(1), np.eye(2), np.eye(2))
 
 
 def test_every_fault_of_a_scene_is_reported_at_once_with_its_key(tmp_path):
@@ -453,25 +429,6 @@ def test_one_key_moves_the_stiffness_of_several_contacts(disc):
             scenes.load(written(disc, FE | {"contacts": tables}, "shared"))
 
 
-def test_every_eigenvalue_of_a_sweep_has_its_error_beside_a_stack_with_a_shunt_too(disc):
-    ends = {"first": {"set": "BACK_UP", "direction": "z"}, "second": {"set": "BACK_DOWN", "direction": "z"}}
-    stack = {"piezo": ends | {"capacitance": 2e-6, "d33": 6e-10, "stiffness": 5e7}}
-    shunt = {"shunt": {"kind": "series", "resistance": 20.0, "inductance": 5e-3}}
-    scene = scenes.load(written(disc, FE | stack | shunt, "stack"))
-    modes = rig.modes(scene)
-    assert any(mode.energy.get("shunt.voltage", 0.0) > 0.4 for mode in modes.sliding.modes)
-    assert all(mode.error is not None and mode.error < 1e-4 for mode in modes.sliding.modes)
-    along = sweep(scene, Axis.parse("shunt.resistance=20:200:3", scene))
-    upper = np.isfinite(along.growth) & (along.frequency > 0.0)
-    assert np.isfinite(along.errors[upper]).all()
-    assert np.sort(along.errors[0][upper[0]]) == pytest.approx(sorted(mode.error for mode in modes.sliding.modes))
-    text, table = along.text(), along.to_json()
-    at, worst = int(np.nanmax(along.errors, axis=1).argmax()), np.nanmax(along.errors)
-    assert f"largest estimated error of an eigenvalue: {worst:.1e} at {along.axis.text(along.axis.values[at])}" in text
-    assert text.splitlines()[-1].split()[-1] == f"{np.nanmax(along.errors[-1]):.1e}"
-    assert worst in [branch["error"][at] for branch in table["branches"]]
-
-
 def connected(nodes):
     """The number of bodies."""
     ends = nodes.faces.ravel(), np.roll(nodes.faces, 1, axis=1).ravel()
@@ -599,15 +556,6 @@ def test_a_film_of_one_point_moves_like_an_exact_contact(tmp_path, speed, openin
     assert film.signals["openings"][-1] == openings
     for name in ("body_displacement", "body_velocity", "normal_force"):
         assert film.signals[name] == pytest.approx(exact.signals[name], abs=1e-6 * np.abs(exact.signals[name]).max())
-
-
-def test_a_point_under_a_falling_law_slides_like_an_exact_contact(tmp_path):
-    """Over the speed of the shear alone such a law has no stable sliding: the point would stick at once."""
-    law = {"friction": {"law": "stribeck", "mu_static": 0.5, "mu_dynamic": 0.3, "speed_scale": 0.1}}
-    exact, film = (rig.simulate(three(tmp_path, THREE["contacts"], step, **law), 0.2) for step in (None, "25 us"))
-    assert (film.signals["state_of_pad"] == 2.0).all()
-    v = exact.signals["body_velocity"]
-    assert film.signals["body_velocity"] == pytest.approx(v, abs=1e-3 * np.abs(v).max())
 
 
 def test_a_sensor_reads_the_speed_of_the_surface_past_the_structure_at_a_stuck_point(tmp_path):
@@ -808,29 +756,6 @@ def test_the_energy_of_a_film_closes_with_the_square_of_the_step(disc, tmp_path,
     assert 3.0 < errors[0] / errors[1] < 6.0
 
 
-def test_a_film_is_continued_studied_and_explained(disc, tmp_path):
-    """Points open within the first 10 ms."""
-    scene = pads(disc, [2, 2], "1 us", start={"velocity": 1.0})
-    whole, log = rig.simulate(scene, 0.03), tmp_path / "run.mcap"
-    recorded = rig.simulate(scene, 0.02)
-    assert recorded.signals["openings"][recorded.time < 0.01][-1] > 0
-    recorded.save(log)
-    continued = rig.fork(log, duration=0.01)
-    assert compare(whole, continued).identical
-    changed_run = rig.fork(log, 0.01, {"load.force": "2 kN"}, duration=0.01)
-    changed_run.save(tmp_path / "changed.mcap")
-    assert verify(tmp_path / "changed.mcap").passed
-    forces = [np.mean(run.signals["normal_force_pad_up"][run.time > 0.015]) for run in (changed_run, whole)]
-    assert forces[0] == pytest.approx(2.0 * forces[1], rel=0.3)
-    study = rig.study(scene, {"friction.mu": [0.1, 0.3]}, ["run.rms"], duration=0.01, folder=tmp_path, workers=1)
-    assert (study.values > 0.0).all()
-    effects = {effect.name: effect.about for effect in explain(scene).effects}
-    shear, pressed = scene.assemble().film.shear[0], rig.modes(scene).sliding.equilibrium["normal_force_of_pad_up_1"]
-    creep = 0.3 * pressed / shear
-    largest = float(re.search(r"shear stiffness, (\S+) um at the most", effects["film"])[1])
-    assert 0.5 * largest < 1e6 * creep <= 1.05 * largest
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_film_vibrates_like_itself_with_half_the_step(disc):
@@ -848,51 +773,6 @@ def test_a_film_vibrates_like_itself_with_half_the_step(disc):
     interval = student.ppf(0.975, 7) * np.sqrt(sum(variances))
     assert abs(means[0] - means[1]) < max(0.1 * means[1], interval)
     assert interval < 0.15 * means[1]
-
-
-def test_the_mirror_symmetry_of_two_shoes_is_used_and_changes_nothing(tmp_path, monkeypatch):
-    """Three masses each and springs between them, on contacts of their own; a run in which points open and stick."""
-    count = 3
-    shoe = 1e5 * (np.diag([3.0, 4.0, 3.0]) - np.eye(3, k=1) - np.eye(3, k=-1))
-    shoe = np.block([[shoe, -0.7e5 * np.eye(3)], [-0.7e5 * np.eye(3), 0.6 * shoe]])  # along x, across y
-    link = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.diag([2e4] * 3 + [1e4] * 3))
-    names = [f"{what}{side}{i}" for side in "ab" for what in "xy" for i in range(count)]
-    matrices = {
-        "M": {"of": "mass", "values": np.eye(12).tolist()},
-        "K": {"of": "stiffness", "values": (np.kron(np.eye(2), shoe) + link).tolist()},
-    }
-    contacts = {
-        f"at_{side}{i}": {"gap": {f"y{side}{i}": 1.0}, "along": {f"x{side}{i}": 1.0}, "spring": k}
-        for side, k in (("a", 1.0e5), ("b", 1.2e5))
-        for i in range(count)
-    }
-    tables = {
-        "structure": {"units": "m-kg-s", "coordinates": names, "parts": matrices, "film": True},
-        "reduction": {"kind": "modes", "modes": 12, "contact": "open"},
-        "contacts": contacts,
-        "drive": {"speed": 0.01},
-        "load": {"force": 20.0, "at": {name: {"row": {name: -1.0}} for name in names if name[0] == "y"}},
-        "friction": {"law": "constant", "mu": 0.4},
-        "outputs": {"first": {"row": {"ya0": 1.0}}},
-        "start": {"velocity": 0.3},
-        "knock": {"at": "first"},
-        "clock": {"rk4_step": "50 us"},
-    }
-    path = written(tmp_path, tables)
-    assert scenes.load(path).assemble().film.mirror.order.tolist() == list(range(6))
-    system = scenes.load(path).assemble().system()
-    sizes = np.abs(steady(system, system.key([STICK] * 6, [CLOSED] * 6, [])).eigenvectors()[0])
-    zeros = sizes[sizes < 1e-3 * sizes.max()]
-    assert zeros.size == 6  # where the stuck points rest is free; slip is left out
-    assert zeros.max() < 1e-10 * sizes.max()
-    used = rig.simulate(scenes.load(path), 0.2)
-    monkeypatch.setattr(Film, "mirror", None)
-    whole = rig.simulate(scenes.load(path), 0.2)
-    assert used.signals["openings"][-1] > 0.0
-    assert (used.signals["state_of_at_b0"] == 1.0).any()
-    for name in ("first_velocity", "normal_force", "friction_force", "slip_speed_of_at_b2"):
-        v = whole.signals[name]
-        assert used.signals[name] == pytest.approx(v, abs=1e-9 * np.abs(v).max())
 
 
 @pytest.mark.parametrize("points", [(2, 6), (1, 2)], ids=["film", "mode sets"])
@@ -927,31 +807,8 @@ def test_contacts_of_a_mesh_are_shown_as_maps_of_their_pressure(disc, tmp_path, 
         assert (np.abs(drawn - np.array(contact.rgb(pressure.OPEN)) / 255.0).max(axis=2) < 0.01).mean() > 1e-4
 
 
-def test_a_rig_with_a_film_is_linearised_for_a_loop_like_its_contacts(disc):
-    law = {"kind": "lti", "reads": ["vibrometer"], "drives": ["load.force"], "D": [[1.0]], "gain": 100.0}
-    sensor = {"kind": "laser_vibrometer", "reads": "pad_velocity", "rate": "10 kHz", "span": "5 m/s"}
-    tables = FE | {"sensors": {"vibrometer": sensor}, "controllers": {"pressing": law}}
-    films = (FE["structure"] | {"film": film} for film in (False, True))
-    growths = [
-        loop(scenes.load(written(disc, tables | {"structure": film}, "loop")), "pressing").growth for film in films
-    ]
-    assert growths[1] == pytest.approx(growths[0], rel=1e-9)
-
-
-def test_points_of_a_film_that_would_have_to_pull_are_named_before_a_run(disc):
-    contacts = {name: contact | {"points": [3, 4]} for name, contact in FE["contacts"].items()}
-    load = {"force": "1 kN", "at": {"up": {"nodes": [1441], "direction": "-z"}}}
-    scene = scenes.load(written(disc, FE | {"contacts": contacts, "load": load}, "pulled"))
-    finding = next(finding for finding in findings(scene) if "do not press" in finding.what)
-    assert finding.level == "warning"
-    assert "pad_" in finding.what
-
-
-def test_a_film_refuses_what_its_points_cannot_be(tmp_path):
+def test_a_film_refuses_a_law_with_memory(tmp_path):
     asked = {"structure": THREE["structure"] | {"film": True}}
-    closed = THREE | asked | {"contacts": {"pad": THREE["contacts"]["pad"] | {"opens": False}}}
-    with pytest.raises(SceneError, match=r"contacts\.pad\.opens: points of a film open"):
-        scenes.load(written(tmp_path, closed)).assemble()
     memory = {"law": "dahl", "mu_kinetic": 0.4, "sigma0": 1e5}
     own_law = THREE | asked | {"contacts": {"pad": THREE["contacts"]["pad"] | {"friction": memory}}}
     with pytest.raises(SceneError, match="points of a film support no law with memory"):
@@ -1014,19 +871,6 @@ def test_a_loop_over_a_poor_link_grows_in_runs_as_computed(disc):
     told = loop_report.report(scenes.load(str(disc / "disc_controlled.toml"), points), "press")
     assert told.checked is not None
     assert told.checked.growth == pytest.approx(told.computed, rel=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "pace"), [("squeal", "1"), ("shunted", "0.2"), ("controlled", "0.5")])
-def test_the_disc_runs_live_at_the_pace_that_its_scene_states_or_that_holds_here(disc, tmp_path, runs, name, pace):
-    """Eight points in steps of 1 us, at least two sensors and a recorder; simulated again with the same bits."""
-    scene, log = disc / f"disc_{name}.toml", tmp_path / "live.mcap"
-    rig.modes(scene)  # keeps the reduced model
-    assert scenes.load(str(scene)).clock.pace_limit == float(pace)
-    command = [sys.executable, "-m", "rig", "run", scene, "--pace", "auto", "--out", log, "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert json.loads(done.stdout)["verdict"] == "VALID", done.stdout
-    assert verify(log).passed
 
 
 def test_the_numbers_of_the_page_are_those_of_its_scene(disc):

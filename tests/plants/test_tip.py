@@ -82,14 +82,6 @@ def test_inclination_is_the_compliance_of_the_beam_turned_to_the_disc(angle, eps
         assert (found.relief(), found.stiffening()) == (pytest.approx(6.6, abs=0.05), pytest.approx(2.37, abs=0.005))
 
 
-def test_inclination_stands_for_stiffness_and_relief(move):
-    beam = Inclination(angle=math.radians(5.0), compliance=0.0055)
-    told = {"tip.relief": beam.relief(), "tip.stiffness": beam.stiffening() * 40e3, "drive.speed": 0.05}
-    given = {"tip.relief": 0.0, "tip.stiffness": 40e3, "inclination.angle": "5 deg", "inclination.compliance": 0.0055}
-    a, b = (move("tip", changes, duration=0.05) for changes in (told, given | {"drive.speed": 0.05}))
-    assert b["displacement"] == pytest.approx(a["displacement"], rel=1e-12)
-
-
 def test_a_disc_that_turns_backwards_is_refused_where_the_tip_jams():
     with pytest.raises(SceneError, match=r"jams.*beta mu = 2\.75.*forward"):
         rig.load("tip", {"drive.speed": -0.01})

@@ -1,8 +1,6 @@
 """What accuracy costs: measures against closed forms, references against each other, and the setting that is taken."""
 
 import math
-import pickle
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +8,13 @@ import pytest
 from scipy import stats
 
 import rig
-from rig.analysis.cycles.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
+from rig.analysis.cycles.motion_measures import Setting, eligible, errors, ladder, observe, problem
 from rig.errors import UsageError
 from rig.model import assembly
-from rig.qualify.cost import Row, Table, cost, folder_of, recommended, references
-from rig.qualify.cost.measuring import steps_of_film, trials
-from rig.qualify.cost.report import CostReport, heads, lines, notes
-from rig.qualify.cost.table import front, runs_needed
+from rig.qualify.cost import Row, Table, cost, folder_of, recommended
+from rig.qualify.cost.measuring import steps_of_film
+from rig.qualify.cost.report import heads, lines, notes
+from rig.qualify.cost.table import runs_needed
 from rig.qualify.cost.timing import QUIET, Cost, Spread, spread
 from rig.scenes.protocol import Hold
 from rig.stability.report import FILM_LIMIT, RK4_LIMIT, fastest_state, stability_report
@@ -54,16 +52,6 @@ def test_the_exact_method_is_judged_by_another_and_both_by_the_closed_form(belt)
     assert 0.0 < exact.error("worst") < 1e-11
 
 
-def test_trials_in_worker_processes_measure_the_same_to_the_last_bit(belt):
-    asked = problem(belt[0])
-    settings = [Setting("exact"), *ladder("rk4", belt[0], 30.0)[:2]]
-    told = []
-    found = trials(asked, settings, workers=2, progress=lambda done, total: told.append((done, total)))
-    assert found == [observe(asked, one) for one in settings]
-    assert told[-1] == (3, 3)
-    assert pickle.loads(pickle.dumps(asked)).digest == asked.digest
-
-
 SETTINGS = (Setting("dopri5", 1e-3), Setting("dopri5", 1e-8), Setting("rk4", step_ns=100_000), Setting("exact"))
 
 
@@ -91,13 +79,6 @@ def test_a_row_moves_as_a_run_with_its_setting_does(name):
         }
 
 
-def test_a_tolerance_that_the_frames_make_needless_costs_and_errs_as_much_as_a_tight_one():
-    asked = problem(rig.load("belt"))
-    loose, tight = (observe(asked, Setting("dopri5", 10.0**-p)) for p in (2, 6))
-    assert loose == tight
-    assert observe(asked, Setting("dopri5", 1e-2), framed=False).steps < 0.2 * loose.steps
-
-
 @pytest.mark.parametrize("law", ["lugre", "elasto_plastic", "dahl", "maxwell_slip", "rate_state", "stick_time"])
 def test_no_step_of_rk4_is_measured_with_which_a_run_is_refused(law):
     scene = rig.load(f"belt_{law}")
@@ -117,27 +98,12 @@ def test_where_no_step_of_rk4_is_stable_the_references_are_dopri5_and_rosenbrock
     assert not any(row.fault for row in found.rows)
 
 
-def test_references_are_kept_and_used_again(belt, tmp_path):
-    scene, folder = belt[0], tmp_path / "again"  # a copy: other tests read the table of the first measurement
-    shutil.copytree(belt[1], folder)
-    kept = sorted(folder_of(scene, folder).glob("reference-*.json"))
-    times = [path.stat().st_mtime_ns for path in kept]
-    assert [path.name.split("-")[1] for path in kept] == ["exact", "rk4"]
-    cost(scene, folder, rounds=1)
-    assert [path.stat().st_mtime_ns for path in kept] == times
-
-
 def test_a_state_with_missed_events_is_no_small_error(belt):
     asked = problem(belt[0])
     seen = observe(asked, Setting("exact"))
     assert errors(asked, seen, seen)["event times"] == 0.0
     fewer = type(seen)(seen.values, seen.events[1:], seen.count - 1, seen.mean)
     assert math.isinf(errors(asked, fewer, seen)["event times"])
-
-
-def test_the_front_has_what_no_other_beats():
-    rows = [row(1e-3, 10.0), row(1e-4, 20.0), row(1e-4, 30.0), row(1e-5, 15.0), row(math.inf, 1.0)]
-    assert front(rows, "period") == [rows[0], rows[3]]
 
 
 def test_the_setting_taken_is_the_cheapest_that_is_enough():
@@ -151,21 +117,6 @@ def test_the_setting_taken_is_the_cheapest_that_is_enough():
         recommended(rows, "period", 1e-3, 0.001)
 
 
-def test_of_equal_settings_the_finest_and_of_what_references_cannot_tell_apart_the_cheapest_is_taken():
-    rows = [replace(row(1e-5, 20.0), setting=Setting("dopri5", tolerance)) for tolerance in (1e-3, 1e-8, 1e-4)]
-    assert recommended(rows, "period", 1e-3, None) is rows[1]
-    rows = [row(1.5e-12, 10.0, 0.01, floor=1e-12), row(1e-13, 90.0, 0.09, floor=1e-12)]
-    assert recommended(rows, "period", None, 0.5) is rows[0]
-
-
-def test_where_the_references_cannot_tell_no_setting_is_blamed():
-    rows = [row(1.5e-1, 10.0, 0.01, floor=1.4e-1)]
-    with pytest.raises(
-        UsageError, match="provably reaches a relative error of 1e-03: the references agree only to 1e-01 in per"
-    ):
-        recommended(rows, "period", 1e-3, None)
-
-
 @pytest.mark.parametrize("share", [QUIET, 0.99])
 def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
     draw = np.random.default_rng(5)
@@ -174,21 +125,6 @@ def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
         assert found.low <= found.value <= found.high, count
     intervals = [spread(draw.random(1050), share) for _ in range(400)]
     assert 0.92 < np.mean([one.low <= share <= one.high for one in intervals]) < 0.99
-
-
-def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypatch, tmp_path):
-    observe = references.observe
-
-    def stopped(asked, setting, framed=True):  # a reference has no frames
-        return observe(asked, setting) if framed else Seen({}, fault=f"{setting} stopped")
-
-    monkeypatch.setattr(references, "observe", stopped)
-    found = cost(rig.load("belt_c"), None, rounds=1)
-    assert all("no reference" in one.fault and one.timed for one in found.rows)
-    assert notes(found, "worst")[0].endswith("one of the references stops")
-    with pytest.raises(UsageError, match="nothing to draw"):
-        CostReport(found).plot()
-    assert "no reference" in CostReport(found)._repr_html_()
 
 
 def test_the_cost_of_a_rig_that_rests_is_refused():
@@ -226,23 +162,6 @@ def test_the_runs_that_a_target_needs_are_the_fewest_whose_interval_meets_it(hal
     halves = [stats.t.ppf(0.975, 2 * runs - 2) * spread / np.sqrt(runs) for runs in (needed, max(needed - 1, 2))]
     assert halves[0] <= target
     assert needed == 2 or halves[1] > target
-
-
-def test_statistics_and_step_are_told_apart_where_no_step_of_a_film_meets_the_target():
-    cost_of = Cost(*4 * [Spread(1.0, 1.0, 1.0)])
-    steps = ((2000, 0.03, 0.02), (1000, 0.015, 0.012))
-    rows = [
-        Row(Setting("kick", 0.0, h), {"rms x": off}, {"rms x": half}, cost_of, 0.1, 0, "", 8) for h, off, half in steps
-    ]
-    with pytest.raises(UsageError) as told:
-        recommended(rows, "worst", 1e-3, None)
-    for part in (
-        "kick at 1 us in rms x is 3.0e-03 by the step and 1.2e-02 by statistics",
-        "means of 8 runs",
-        f"statistics alone need {runs_needed(8, 0.012, 1e-3)} runs of each step for 1e-03",
-    ):
-        assert part in str(told.value)
-    assert recommended(rows, "worst", 0.016, None) is rows[1]
 
 
 @pytest.mark.parametrize("own", ["5 us", "0.7 us", "40 us"])

@@ -1,18 +1,12 @@
 """What an effect costs and changes: paired runs with and without it."""
 
-import math
-
-import numpy as np
 import pytest
 
 import rig
 from rig.analysis.cycles.motion_measures import problem
-from rig.analysis.cycles.repetition import all_round, turn_of
 from rig.errors import SceneError
-from rig.qualify.cost import effects as module
-from rig.qualify.cost.effects import Paired, bare, changed, effects
+from rig.qualify.cost.effects import bare, changed, effects
 from rig.scenes.variants import dropped, opened, without
-from rig.stability.linearisation import sliding_key, steady
 
 
 @pytest.fixture(scope="module")
@@ -41,34 +35,6 @@ def test_a_limit_that_is_not_met_changes_no_bit():
     [limits] = [one for one in effects(scene, rounds=1) if one.name == "load limits"]
     assert limits.states == 0
     assert set(limits.errors.values()) == {0.0}
-
-
-class Contender:
-    """A plant whose step takes `own` ns, on a machine that now and then adds to it."""
-
-    ticks = 1000
-
-    def __init__(self, own, disturb):
-        self.own, self._disturb = own, disturb
-
-    def run(self):
-        return (self.own + self._disturb()) * 1e-9 * self.ticks
-
-
-def timed(own, less, disturb, rounds=9):
-    ticks = module.timed({"": Contender(own, disturb), "less": Contender(less, disturb)}, rounds, lambda *_: None)
-    return Paired("less", **module.cost_of(ticks, "less"))
-
-
-def test_a_cost_is_told_above_the_noise_of_the_machine_and_bounded_below_it():
-    draw = np.random.default_rng(1)
-    quiet = timed(100.0, 80.0, lambda: draw.exponential(1.0))
-    assert quiet.measurable
-    assert quiet.tick.value == pytest.approx(20.0, abs=3.0)
-    assert quiet.cost().startswith("+")
-    same = timed(100.0, 100.0, lambda: draw.exponential(1.0))
-    assert same.cost().startswith("< ")
-    assert abs(same.tick.value) <= same.noise < 5.0
 
 
 def test_no_change_is_larger_than_the_whole(shunted):
@@ -119,13 +85,3 @@ def test_a_sector_is_watched_until_it_has_come_by():
     assert found["rms displacement"].size > 0.9
     assert found["stick share contact"].whole == 0.0
     assert found["stick share contact"].less > 0.1
-
-
-def test_over_sectors_a_period_is_one_of_the_whole_turn():
-    belt, sector = (rig.load(name).assemble().system() for name in ("belt", "lever_sector"))
-    assert math.isinf(turn_of(steady(belt, sliding_key(belt))))
-    turn = turn_of(steady(sector, sliding_key(sector)))
-    assert turn == pytest.approx(60.0 / 4.5, rel=1e-6)
-    assert not all_round(0.231, turn)
-    assert all_round(turn, turn)
-    assert all_round(0.32, math.inf)

@@ -2,19 +2,14 @@
 
 import json
 import os
-import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import rig
 from rig.analysis.pool import kernel_shapes
-from rig.bench.run.experiment import Experiment
 from rig.compiled import kernel
-from rig.controllers import narrow_band
-from rig.qualify.doctor import Spread, costs, doctor, judge, warmup
-from rig.scenes.protocol import STEPS
+from rig.qualify.doctor import Spread, doctor, judge, warmup
 
 SCENES = ("belt", "brake_active", "north")
 PUNCTUAL = np.full(1000, 60_000)
@@ -68,26 +63,6 @@ def test_a_scene_that_is_slow_is_judged_at_its_own_pace():
     assert slow.verdict == "VALID"
     assert "at most 0.5" in slow.reason
     assert judge(rig.load("brake"), costs, PUNCTUAL, None).verdict == "INVALID"
-
-
-def test_a_controller_in_the_plants_process_is_part_of_its_frames(monkeypatch):
-    law = narrow_band.law
-    monkeypatch.setattr(narrow_band, "law", lambda *given: time.sleep(0.0005) or law(*given))
-    short = STEPS.validate_python([{"step": "hold", "time": "20 ms"}])
-    there, here = (
-        np.median(costs(replace(rig.load("brake_active", {"controllers.nb.where": where}), protocol=short), least=100))
-        for where in ("process", "plant")
-    )
-    assert here > 500_000 > there
-
-
-def test_what_others_do_costs_a_plant_in_real_time_nothing(monkeypatch):
-    """A wait stands for the time that others have the processor."""
-    begin = Experiment.begin
-    monkeypatch.setattr(Experiment, "begin", lambda experiment: time.sleep(0.001) or begin(experiment))
-    scene = rig.load("north")
-    among, alone = (np.median(costs(scene, least=100, clock=c)) for c in (time.perf_counter_ns, time.thread_time_ns))
-    assert among > 1_000_000 > 2 * alone > 0
 
 
 def test_a_scene_without_kernels_is_not_judged():

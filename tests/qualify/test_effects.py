@@ -2,18 +2,13 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 
 import rig
 from benchmarks import absent as twin
-from rig.analysis.pool.kernel_shapes import VARIANTS, shape_of
 from rig.bench.run.rig_comparison import Comparison, VisitedState
 from rig.errors import RigError
-from rig.model.method import METHODS, as_integrated
-from rig.model.mode_sets import ModeSets
-from rig.plants import PLANTS
 from rig.scenes import names
 from rig.scenes.shipped import card
 from rig.scenes.variants import absent, added, dropped, given, without
@@ -103,23 +98,3 @@ def test_the_kernel_has_no_instruction_for_what_is_absent():
     own, bare = (twin.instructions(one, *kinds) for one in twin.compiled_loops())
     assert len(own) > 100
     assert own == bare
-
-
-def test_variants_of_the_kernels_are_few_and_known():
-    """Tables are of one type for all rigs; every effect of every plant, on or absent, needs a known shape."""
-    assert PLANT_SCENES.keys() == PLANTS.keys()
-    kinds = set()
-    for scene in map(rig.load, PLANT_SCENES.values()):
-        for _, more, less in [("", scene, scene), *variants(scene)]:
-            for one in (more, less):
-                system = one.assemble().system()
-                for method in METHODS:
-                    known = shape_of(system, method)
-                    assert known in VARIANTS
-                    try:
-                        taken = as_integrated(system, method, 1e-3)
-                    except ValueError:  # the method refuses it
-                        continue
-                    kinds.add(numba.typeof(ModeSets(taken, 1e-3, []).tables))
-    assert len(kinds) == 1
-    assert len(VARIANTS) == len(set(VARIANTS)) < 100

@@ -1,13 +1,9 @@
-"""What `rig explain --measure` tells: effects measured with and without, methods, what is computed and for whom."""
-
-import pytest
+"""What `rig explain --measure` tells: effects measured with and without, and methods."""
 
 import rig
 from rig.qualify import effects_measured
 from rig.qualify.effects_measured import draw
 from rig.record.provenance import provenance
-from rig.scenes.shipped import names
-from rig.scenes.variants import absent, added, declared, dropped
 
 
 def test_methods_say_why_they_do_not_serve():
@@ -19,33 +15,6 @@ def test_methods_say_why_they_do_not_serve():
     told = effects_measured.methods(rig.load("plate"))
     assert told["kick"] == "selected"
     assert all("does not support a film" in told[method] for method in ("exact", "dopri5", "rk4"))
-
-
-def test_a_controller_in_the_plants_process_sends_nothing_and_its_commands_are_told_in_pieces():
-    here = {
-        one.name: one.rate
-        for one in effects_measured.topics(rig.load("brake_active", {"controllers.nb.where": "plant"}))
-    }
-    there = {
-        one.name: one.rate
-        for one in effects_measured.topics(rig.load("brake_active", {"controllers.nb.where": "process"}))
-    }
-    assert (here["step"], here["applied/nb"]) == (1000.0, 1000.0)
-    assert (there["step"], there["applied/nb"], there["act/nb"]) == (20_000.0, 20_000.0, 20_000.0)
-    assert "act/nb" not in here
-
-
-@pytest.mark.parametrize("name", ["pendulum", "disc_slider", "brake", "tread", "seal_l"])
-def test_every_absent_effect_has_values_to_be_measured_with(name):
-    scene = rig.load(name)
-    lacking, about = absent(scene), declared(scene.parameters)
-    for effect, keys in lacking.items():
-        if about[effect].random:
-            continue
-        also = [key for other in about[effect].needs for key in lacking[other]]
-        more, like = added(scene, [*also, *keys], of_others=True)
-        assert len(dropped(more)) > len(dropped(scene)), effect
-        assert like in names() or effect in ("slope", "separation", "drive limits", "load limits"), effect
 
 
 def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypatch, tmp_path):

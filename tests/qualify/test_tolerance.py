@@ -70,11 +70,6 @@ def test_a_generator_keeps_amplitude_and_phase_at_any_tolerance(tolerance):
     assert runner.motion.x[cosine] == pytest.approx(0.1 * math.cos(turn), abs=1e-13)
 
 
-def test_what_something_else_moves_is_no_generator():
-    for name in ("belt", "pendulum", "lever_sector", "belt_velocity_feedback", "brake_shunt_sound"):
-        assert rig.load(name).assemble().system().generators == []
-
-
 def test_a_forced_rig_errs_no_more_than_its_tolerance_allows():
     """Every measure of it: energy and amplitudes were off by 200 times the tolerance."""
     assert max(ratios("belt_dither", {}, (1e-4, 1e-6)).values()) < FACTOR

@@ -5,10 +5,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from rig import scenes
 from rig.qualify import torture
 from rig.qualify.torture import report
-from rig.qualify.torture.case import each, load
 from rig.qualify.torture.cells import Cell
 from rig.qualify.torture.results import CellResult
 
@@ -48,10 +46,3 @@ def test_exit_code_is_that_of_the_default(tmp_path, monkeypatch, capsys, last, c
     printed = capsys.readouterr().out
     assert "missed event" in printed
     assert "0.96" in printed
-
-
-def test_a_case_of_every_scene_is_many(monkeypatch):
-    assert each(load("grazing"), True) == [load("grazing")]
-    monkeypatch.setattr(scenes, "names", lambda: ("belt", "brake"))
-    some, every = ([case.name for case in each(load("every_scene"), quick)] for quick in (True, False))
-    assert (some, every) == (["every_scene:belt"], ["every_scene:belt", "every_scene:brake"])

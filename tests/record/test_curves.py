@@ -4,13 +4,11 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from rig.record import reader
-from rig.record.curves import WINDOW_NS, Curves, derived, topic_of
+from rig.record.curves import WINDOW_NS, derived, topic_of
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
 
@@ -89,21 +87,3 @@ def test_events_are_log_messages_that_foxglove_knows(run, tmp_path):
     assert (list(again.signals), list(again.measurements), again.damage) == (["velocity"], ["microphone"], "")
     assert [(one.message, one.level, one.name) for one in said] == [("t = 0.000 s, step: hold", 2, "plant")]
     assert said[0].timestamp.seconds * 10**9 + said[0].timestamp.nanos == 5
-
-
-@settings(deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 10**9), st.floats(allow_nan=True)), max_size=200), st.integers(1, 50))
-def test_blocks_of_any_length_give_the_same_points(samples, length):
-    samples.sort(key=lambda sample: sample[0])
-    t_ns, v = np.array([t for t, _ in samples], np.int64), np.array([x for _, x in samples], np.float64)
-    found = []
-    for size in (length, max(len(samples), 1)):
-        curves = Curves({"x": "m"}, {})
-        points = [
-            p for i in range(0, len(samples), size) for p in curves.add("truth/x", t_ns[i : i + size], v[i : i + size])
-        ]
-        found.append(points + list(curves.complete()))
-    assert found[0] == found[1]
-    assert {point.t_ns for point in found[0]} <= set(t_ns.tolist())
-    assert {point.t_ns // WINDOW_NS for point in found[0]} == set((t_ns[~np.isnan(v)] // WINDOW_NS).tolist())
-    assert len(found[0]) <= 2 * np.unique(t_ns // WINDOW_NS).size

@@ -160,17 +160,6 @@ def test_the_first_difference_is_found_to_the_bit(run):
     assert "differs at sample 500, t = 0.05 s" in str(found.differences[1])
 
 
-def test_a_recording_cut_within_an_instant_agrees_with_the_whole_one_as_far_as_it_goes(saved, tmp_path):
-    whole, lengths = saved.read_bytes(), set()
-    for end in range(len(whole) // 3, len(whole) * 2 // 3, len(whole) // 20):
-        cut = tmp_path / "cut.mcap"
-        cut.write_bytes(whole[:end])
-        run = reader.open(recover(cut, tmp_path / "out.mcap", replace=True).path)
-        lengths.add(len({run.recorded(name).v.size for name in run.signals}))
-        assert not any(one.differing for one in compare(saved, run).differences)
-    assert lengths == {1, 2}  # some cuts took more of one signal than of the other
-
-
 def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_writer, "SPILL", 1 << 12)
     monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked

@@ -213,17 +213,6 @@ FAULTS = [
         ],
     ),
     (
-        GOOD + "0,1,1\n1,x,3\n2,,3\n2,1,1\n1,1,1\n5,6\n",
-        {},
-        [
-            "row 3: column v: 'x'",
-            "row 4, column v: there is no",
-            "row 5, column t: the time 2 s is that",
-            "row 6, column t: the time 1 s falls",
-            "row 7: 2 values",
-        ],
-    ),
-    (
         GOOD + "0,1,1\n1,2,2\n1,3,3\n0.5,4,4\n2,1,1\n",
         {},
         ["row 4, column t: the time 1 s is that of the row before", "row 5, column t: the time 0.5 s falls", "--rate"],
@@ -233,7 +222,6 @@ FAULTS = [
         {"texts": ["w = a", "x = b", "v = c, 0 N/V"]},
         ["states no unit for w", "there is no column 'x'", "a scale of 0 leaves nothing"],
     ),
-    (GOOD + "0,1,1\n1;2;2\n2,3,3\n3,4,4\n4,5,5\n", {}, ["row 3: 1 value, the other rows have 3; with ';' in place"]),
 ]
 
 
@@ -266,15 +254,6 @@ def test_a_truncated_file_is_refused(tmp_path, name):
     WRITERS[name](path)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(UsageError, match=rf"{name}: .*cut off"):
-        opened(path)
-
-
-def test_a_cut_data_set_is_not_left_out_silently(tmp_path):
-    path = tmp_path / "x.uff"
-    uff(path, 0)
-    uff(path, 0)
-    path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(UsageError, match="its last data set has no end"):
         opened(path)
 
 
@@ -399,47 +378,17 @@ def test_channels_of_a_tdms_that_start_one_after_the_other(tmp_path):
     ("name", "content", "told"),
     [
         ("a.wav", b"RIFF", "expected a .wav file"),
-        ("a.wav", b"RIFF\0\0\0\0WAVEfmt ", "expected a .wav file"),
-        ("a.wav", b"RIFF\x24\0\0\0WAVEfmt \x10\0\0\0\1\0" + bytes(14) + b"data\0\0\0\0", "expected a .wav file"),
         ("a.csv", b"", "it is empty; expected rows of numbers"),
         ("a.csv", b"\n\n", "it is empty; expected rows of numbers"),
     ],
 )
-def test_what_a_library_says_of_itself_is_not_told(rig, tmp_path, name, content, told):
+def test_a_file_without_content_is_told_in_words(rig, tmp_path, name, content, told):
     (tmp_path / name).write_bytes(content)
     code, _, err = rig("import", tmp_path / name)
     assert (code, told in err, name in err) == (2, True, True)
-
-
-@pytest.mark.parametrize(
-    ("columns", "told"),
-    [
-        ({"a": [[1.0, 2.0], [3.0]]}, "it has no column of numbers"),
-        ({"a": ["x", "y"]}, "it has no column of numbers"),
-        ({"a": np.empty(0)}, "its table has no rows"),
-        ({}, "its table has no rows"),
-    ],
-)
-def test_a_parquet_file_without_numbers_is_refused(rig, tmp_path, columns, told):
-    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
-    code, _, err = rig("import", tmp_path / "a.parquet")
-    assert (code, told in err) == (2, True)
 
 
 def test_a_column_without_values_is_told_in_words(rig, tmp_path):
     (tmp_path / "a.csv").write_text("t,a\n0,nan\n1,nan\n2,nan\n")
     code, out, _ = rig("import", tmp_path / "a.csv")
     assert (code, "a  no values, (no unit stated), 0 values" in out, "inf" in out) == (0, True, False)
-
-
-def test_times_of_day_that_are_missing_are_told(rig, tmp_path):
-    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    times = pyarrow.array([None, None], pyarrow.timestamp("ns"))
-    parquet.write_table(pyarrow.table({"t": times, "b": [1.0, 2.0]}), tmp_path / "a.parquet")
-    code, out, _ = rig("import", tmp_path / "a.parquet")
-    assert (code, "t  no values" in out) == (0, True)
-    read = rig("import", tmp_path / "a.parquet", "--map", "b = x, 1 m", "--time", "t, s")
-    assert (read[0], "column t has no time" in read[2]) == (2, True)

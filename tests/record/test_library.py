@@ -1,18 +1,16 @@
 """Recordings are found, listed and noted; the recordings themselves stay as they are."""
 
-import errno
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rig.errors import LogError, UsageError
-from rig.record import reader, user_notes
+from rig.record import user_notes
 from rig.record.contents import contents
 from rig.record.run import Run
-from rig.record.run_list import INDEX, one, runs
+from rig.record.run_list import runs
 from rig.record.save_run import save
 
 GOLDEN = Path(__file__).parents[2] / "recordings" / "golden" / "pendulum.mcap"
@@ -64,22 +62,6 @@ def test_runs_are_listed_by_age_those_that_cannot_be_read_last(tmp_path):
     assert found[-1].fault == "is not an MCAP file"
 
 
-def test_the_index_gives_the_same_list_and_only_changed_files_are_read(tmp_path, log, monkeypatch):
-    first = runs(tmp_path)
-    assert (tmp_path / INDEX).exists()
-    read = []
-    monkeypatch.setattr("rig.record.run_list.contents", lambda path: read.append(path) or contents(path))
-    assert runs(tmp_path) == first
-    assert not read
-    make(log, seconds=0.2)
-    assert runs(tmp_path)[0].contents.seconds == 0.2
-    assert read == [log]
-    runs(tmp_path, rebuild=True)
-    assert read == [log, log]
-    log.unlink()
-    assert runs(tmp_path) == []
-
-
 def test_a_recording_that_is_being_written_is_listed_as_such(tmp_path, log):
     log.write_bytes(log.read_bytes()[:-5])
     found = runs(tmp_path)[0]
@@ -100,19 +82,6 @@ def test_a_damaged_recording_is_found_by_its_scene_and_its_notes(rig, tmp_path, 
     assert runs(tmp_path)[0].contents is None
 
 
-def test_links_in_a_loop_pipes_and_folders_do_not_stop_the_list(tmp_path, log):
-    (tmp_path / "loop.mcap").symlink_to("loop.mcap")
-    (tmp_path / "dead.mcap").symlink_to("nowhere")
-    (tmp_path / "up").symlink_to("..")
-    (tmp_path / "folder.mcap").mkdir()
-    os.mkfifo(tmp_path / "pipe.mcap")
-    listed = [(one.path.name, one.fault) for one in runs(tmp_path)]
-    assert listed == [("run.mcap", ""), ("loop.mcap", f"cannot be read: {os.strerror(errno.ELOOP)}")]
-    for read in (one, reader.open):
-        with pytest.raises(LogError, match=r"pipe\.mcap cannot be read: it is not a regular file"):
-            read(tmp_path / "pipe.mcap")
-
-
 def test_notes_stay_beside_an_unchanged_recording(log):
     before = log.read_bytes()
     user_notes.add(log, "new  pad\nsecond day", ["squeal", "#pad7"])
@@ -126,18 +95,6 @@ def test_notes_stay_beside_an_unchanged_recording(log):
     assert found.tags == ("squeal", "pad7")
     assert found.path.name == "run.notes.jsonl"
     assert runs(log.parent)[0].notes == found
-
-
-def test_lines_that_are_no_notes_are_counted_and_a_cut_line_is_not_continued(log):
-    user_notes.add(log, "first")
-    path = user_notes.path_of(log)
-    path.write_bytes(path.read_bytes() + b'{"date": "2026')
-    user_notes.add(log, "second")
-    found = user_notes.read(log)
-    assert [note.text for note in found.found] == ["first", "second"]
-    assert found.unreadable == 1
-    path.write_bytes(path.read_bytes() + b"[" * 100_000 + b"\n" + b"\xff\x00\n")
-    assert user_notes.read(log).unreadable == 3
 
 
 @pytest.mark.parametrize(

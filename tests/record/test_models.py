@@ -10,7 +10,7 @@ from rig.bench.again.verify import verify
 from rig.plants import plate
 from rig.plants.structures import plate_model
 from rig.plants.structures.plate_surface import Surface
-from rig.record import reader, recorded_setup
+from rig.record import reader
 from rig.record.provenance import provenance
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
@@ -85,31 +85,3 @@ def test_a_model_that_was_rounded_elsewhere_is_the_one_that_counts(run, tmp_path
     assert verify(tmp_path / "other.mcap").identical
     fresh = rig.simulate("plate", SECONDS)  # another scene is none the wiser
     assert fresh.signals["plate_velocity"].tobytes() == run.signals["plate_velocity"].tobytes()
-
-
-def _without(log, run, count):
-    """The recording with a byte changed in the first `count` of its two copies of the model."""
-    raw, packed, at = bytearray(log.read_bytes()), recorded_setup.packed(run.models[0]), 0
-    assert raw.count(packed) == 2
-    for _ in range(count):
-        at = raw.index(packed, at) + len(packed) // 2
-        raw[at] ^= 1
-    log.write_bytes(raw)
-
-
-def test_one_damaged_copy_of_the_model_takes_nothing(log, run, bare):
-    _without(log, run, 1)
-    bare()
-    assert "an attachment is damaged" in rig.open(log).damage
-    found = verify(log)
-    assert found.identical
-    assert not found.passed  # the file is damaged all the same
-
-
-def test_a_recording_that_lost_its_model_is_told_and_simulated_with_one_built_here(log, run, forget):
-    _without(log, run, 2)
-    forget()
-    assert rig.open(log).models == ()
-    found = verify(log)
-    assert any("model" in told for told in found.notes), found
-    assert found.identical  # this machine builds the same one

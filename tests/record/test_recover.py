@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import Writer as PlainWriter
-from small_recording import SETUP, record, walked
+from small_recording import SETUP, walked
 
 from rig.bus import encode, messages
 from rig.errors import LogError, OutputError, UsageError
@@ -33,36 +32,6 @@ def test_a_recording_with_a_wrong_byte_is_recovered_with_an_account(logs, run, t
     scan, kept = walked(tmp_path / "wrong.recovered.mcap")
     assert (scan.sealed, len(kept)) == (True, done.messages)
     assert reader.open(done.path).recovered.endswith(f"lost: {done.lost} of {total} messages")
-
-
-def plainly(source, target, without="nothing"):
-    """The recording as the library's own writer writes it, without a topic."""
-    with source.open("rb") as file, target.open("wb") as copy:
-        read, out, channels = make_reader(file), PlainWriter(copy), {}
-        out.start(read.get_header().profile, "another program")
-        for one in read.iter_attachments():
-            out.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
-        for one in read.iter_metadata() if without != "nothing" else ():
-            out.add_metadata(one.name, dict(one.metadata))
-        for schema, channel, one in read.iter_messages():
-            if channel.topic != without and channel.topic not in channels:
-                kind = out.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.topic] = out.register_channel(channel.topic, channel.message_encoding, kind)
-            if channel.topic != without:
-                out.add_message(channels[channel.topic], one.log_time, one.data, one.publish_time, one.sequence)
-        out.finish()
-    return target
-
-
-def test_a_file_that_another_program_has_written_anew_is_not_called_complete(logs, run, tmp_path):
-    """Such a program may leave out messages: its index counts those that are there."""
-    anew = plainly(logs / "saved.mcap", tmp_path / "anew.mcap", "applied/feedback")
-    found = reader.open(anew)
-    assert not found.sealed
-    assert "another program has written it again; no message that its index counts is missing" in found.damage
-    assert all(np.array_equal(found.signals[name], v) for name, v in run.signals.items())
-    done = recover(anew)
-    assert done.skipped == ["nothing: every record was read, but its header or an index is not as it was recorded"]
 
 
 def test_messages_are_within_reach_when_every_description_is_damaged(logs, run, tmp_path):
@@ -102,24 +71,6 @@ def test_what_cannot_be_decoded_is_named_counted_and_left_out(tmp_path):
     assert reader.open(done.path).time.size == 100
 
 
-def test_a_recording_of_an_older_version_has_no_digest_and_is_not_called_whole(logs, tmp_path):
-    old = plainly(logs / "saved.mcap", tmp_path / "old.mcap")
-    assert (walked(old)[0].whole, walked(old)[0].sealed) == (True, False)
-    assert not reader.open(old).damage
-    with pytest.raises(LogError, match=r"has no digest \(.*nothing to recover"):
-        recover(old)
-
-
-def test_a_file_without_the_messages_of_an_output_is_not_called_whole(tmp_path):
-    path, log = tmp_path / "run.mcap", Writer(tmp_path / "run.mcap", SETUP, "recorded")
-    for k in range(200):
-        log.write("meas/s", encode.block(k, k * 1_000_000, 1_000_000, [1.0]), k * 1_000_000, k, 0)
-    log.close({}, {})
-    assert reader.open(path).damage == "no message of state is in it; the other channels can be read"
-    with pytest.raises(LogError, match=r"is not complete: no message of state is in it.*nothing to recover"):
-        recover(path)
-
-
 def test_a_recovered_copy_is_called_one(cut):
     copy = recover(cut).path
     with pytest.raises(LogError, match=r"is a copy that rig recover wrote, .*\((no message )?lost"):
@@ -149,22 +100,3 @@ def test_recover_replaces_neither_its_source_nor_what_is_there(cut, tmp_path):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == there
     recover(cut, tmp_path / "other.mcap", replace=True)
     assert walked(tmp_path / "other.mcap")[0].sealed
-
-
-@pytest.mark.parametrize(("statistics", "described"), [(True, False), (False, False), (False, True)])
-def test_a_recording_that_lost_its_front_keeps_the_rest_and_tells_the_loss(rig, tmp_path, statistics, described):
-    record(tmp_path / "whole.mcap", 400)
-    data, given = bytearray((tmp_path / "whole.mcap").read_bytes()), walked(tmp_path / "whole.mcap")[1]
-    data[-20] ^= not statistics  # the footer no longer proves the summary
-    half = tmp_path / "half.mcap"
-    half.write_bytes(data[200 if described else len(data) // 2 :])
-    scan, kept = walked(half)
-    assert scan.missing == (len(given) - len(kept) if statistics else None)
-    assert not scan.whole
-    assert "its beginning is damaged or missing" in scan.fault or statistics
-    assert kept == given[len(given) - len(kept) :]
-    assert bool(kept) == (statistics or described)
-    code, out, _ = rig("recover", half)
-    assert code == 1
-    assert (f"lost: {scan.missing} of {len(given)} messages" if statistics else "an unknown number of messages") in out
-    assert walked(tmp_path / "half.recovered.mcap")[0].sealed

@@ -1,6 +1,5 @@
 """A recording into a controller once more: same bytes in, same answers out, or the first that is not."""
 
-import dataclasses
 import threading
 import time
 
@@ -53,26 +52,6 @@ def test_the_same_controller_gives_the_same_bits(stage, loops, log):
     assert found.steps >= FRAMES
 
 
-def test_an_operator_is_told_that_the_plant_of_a_replay_is_recorded(stage, loops):
-    hub, start = stage
-    answers = []
-
-    def ask(me):
-        answers.append(me.ask("param/plant", {"list": True}, 3.0))
-        for body in ({"set": {"load": 1}}, {"get": ["load"]}):
-            with pytest.raises(BusError) as refused:
-                me.ask("param/plant", body, 3.0)
-            answers.append(str(refused.value))
-
-    start(at_first=ask)
-    replay(hub, loops / "recorded.mcap", into=FEEDBACK)
-    listed, *refusals = answers
-    assert listed == {"values": {}, "units": {}}
-    for text in refusals:
-        assert "load: this run is a replay, and its plant is recorded." in text
-        assert "can be tuned: feedback" in text
-
-
 def test_another_gain_parts_at_its_first_answer(stage, loops):
     hub, start = stage
     start(gain=np.nextafter(2.0, 3.0))
@@ -85,21 +64,6 @@ def test_another_gain_parts_at_its_first_answer(stage, loops):
     told = found.to_json()
     assert told["divergence"].keys() == {"topic", "tick", "time", "recorded", "answered"}
     assert not told["passed"]
-
-
-@pytest.mark.parametrize("pace", [2.0, None])
-def test_a_controller_slower_than_the_pace_makes_the_replay_late_and_loses_nothing(stage, loops, pace):
-    hub, start = stage
-    start(held_up_at=TUNED_AFTER - 10)  # sleeps 0.1 s before it is tuned
-    found = replay(hub, loops / "recorded.mcap", into=FEEDBACK, pace=pace)
-    assert found.divergence is None
-    assert (found.compared, found.unanswered) == ({"feedback": FRAMES}, 0)
-    if pace is None:
-        assert found.timing is None
-    else:
-        assert found.timing.worst > 0.09
-        assert 0.0 <= found.timing.p50 <= found.timing.p99 <= found.timing.worst
-        assert "timing error of the steps: mean" in found.text()
 
 
 def test_a_controller_that_leaves_ends_the_replay(stage, loops):
@@ -170,11 +134,9 @@ def replayed(path, **how):
     return found, threads
 
 
-def again(loops, path, begin_ns=0, before=(), **changes):
-    """The recording from `begin_ns` on behind the messages `before`, with changes of what describes its run."""
-    writer = Writer(path, dataclasses.replace(setup_of(head(loops / "recorded.mcap")), **changes), "recorded")
-    for message in before:
-        writer.write(*message)
+def part(loops, path, begin_ns):
+    """The recording from `begin_ns` on."""
+    writer = Writer(path, setup_of(head(loops / "recorded.mcap")), "recorded")
     for record in Scan(loops / "recorded.mcap"):
         if record.t_ns >= begin_ns and not derived(record.topic):
             writer.write(*record)
@@ -204,7 +166,7 @@ def test_steps_that_a_controller_lost_are_told_and_show(loops, tmp_path):
 
 
 def test_a_recording_that_begins_late_begins_at_once_and_lacks_the_memory_of_its_controllers(loops, tmp_path):
-    path = again(loops, tmp_path / "late.mcap", begin_ns=390_000_000)
+    path = part(loops, tmp_path / "late.mcap", 390_000_000)
     begun = time.monotonic()
     found = replay(Twin("replay").open("plant", "plant"), path, pace=0.01)
     assert found.steps == FRAMES - 390

@@ -12,7 +12,7 @@ from rig.design import numbers
 from rig.errors import SceneError, UsageError
 from rig.record.save_run import save
 from rig.scenes import load
-from rig.scenes.belief import believing, lines, untold, varied
+from rig.scenes.belief import untold, varied
 from rig.scenes.scene import Scene
 
 NOMINAL = load("brake_active").parameters.structure.scale
@@ -29,28 +29,6 @@ def test_a_varied_value_is_not_told_and_a_set_point_is():
     assert made.believed == {"body.mass": scene.parameters.body.mass}
     assert made.parameters.body.mass == 6.0
     assert numbers(made) == numbers(believed)
-
-
-def test_a_value_varied_twice_is_believed_as_the_scene_has_it():
-    scene = of("belt_normal_force")
-    made = varied(varied(scene, {"body.mass": 6.0}), {"body.mass": 7.0})
-    assert made.believed == {"body.mass": scene.parameters.body.mass}
-    assert made.designed_for == scene
-
-
-def test_redesign_tells_all():
-    scene = believing(of("belt_normal_force"), {"body.stiffness": "2600 N/m"}, redesign=True)
-    made = varied(scene, {"body.mass": 6.0})
-    assert made.believed == {"body.stiffness": 2500.0}
-    assert made.designed_for.parameters.body.mass == 6.0
-    assert lines(made)[-1] == "controllers are designed anew for each rig (redesign)"
-
-
-def test_an_untold_set_point_is_not_told():
-    scene = untold(of("belt_normal_force"), {"load.force": "25 N"})
-    assert scene.parameters.load.force == 25.0
-    assert numbers(scene) == numbers(of("belt_normal_force"))
-    assert lines(scene) == ["controllers believe load.force = 20 N; the rig has 25 N"]
 
 
 def test_an_instrument_may_be_untold():

@@ -21,10 +21,3 @@ def test_a_value_stands_with_its_unit_range_and_origin():
     assert '# speed = "0.06 m/s" # -100 to 100 m/s; calibrated: stick-slip of the pendulum rig\n' in text
     assert text.index("[drive]") < text.index("[load]") < text.index("[friction]") < text.index("[body]")
     assert "#   rig simulate mine.toml" in text
-
-
-def test_values_without_an_origin_are_listed_too(tmp_path):
-    (tmp_path / "base.toml").write_text('based_on = "belt"\n[load]\nforce = "30 N"\nlag = "2 ms"\n')
-    text = draft(scenes.load(tmp_path / "base.toml"), "base.toml", "mine.toml")
-    assert '# force = "30 N" # 0 to 100000 N; not stated\n' in text
-    assert '# lag = "0.002 s"' in text

@@ -14,15 +14,6 @@ def test_effects_own_all_states_say_what_they_are_and_every_value_has_its_origin
         assert {key: origins.get(key) for key in scene.origins} == scene.origins, scene.name
 
 
-def test_an_absent_effect_adds_nothing():
-    effects = {effect.name: effect for effect in explain(scenes.load("belt")).effects}
-    assert not effects["dither"].on
-    assert effects["dither"].states == ()
-    with_dither = {"dither.on": "belt", "dither.amplitude": "0.1 m/s", "dither.frequency": "150 Hz"}
-    effects = {effect.name: effect for effect in explain(scenes.load("belt", with_dither)).effects}
-    assert effects["dither"].states == ("dither.sin", "dither.cos")
-
-
 def test_defaults_carry_the_origin_of_their_documentation_and_steps_the_unit_of_what_they_move():
     told = {value.key: value for value in explain(scenes.load("pendulum")).values}
     keys = ("sensors.vibrometer.slew", "sensors.strain_gauge.span", "clock.tolerance")

@@ -141,18 +141,3 @@ def test_what_is_wrong_is_told_with_its_line(write, text, line, told):
 def test_what_only_a_file_can_change_is_told(key):
     what = f"{key}: only a scene file can change {key.partition('[')[0]}; write one with rig new and change it there"
     assert faults("belt", {key: "3 s"}) == [f"{what} (given in the call)"]
-
-
-def test_a_chain_has_an_end(write):
-    for i in range(30):
-        write(f"s{i}.toml", f'based_on = "s{i + 1}.toml"')
-    assert "more than 20 files are based on one another" in faults(write("mine.toml", 'based_on = "s0.toml"'))[0]
-
-
-def test_every_value_of_a_shipped_scene_has_a_place_in_a_file(shipped):
-    texts = {f"scene {name}": scenes.path(name).read_text().split("\n") for name in scenes.names()}
-    for scene in shipped:
-        for key in scene.origins:
-            place = scene.place(key)
-            field = (key.partition("[")[0] if key.endswith("]") else key).rpartition(".")[2]
-            assert field in texts[place.file][place.line - 1], (key, place)

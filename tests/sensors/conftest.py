@@ -94,8 +94,3 @@ def _play():
 @pytest.fixture(scope="session")
 def clean():
     return CLEAN
-
-
-@pytest.fixture(scope="session")
-def as_segments():
-    return segments

@@ -10,15 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rig
-from rig.bus import encode, messages
+from rig.bus import messages
 from rig.record.reader import open as read
 from rig.record.rebuilt_traffic import RebuiltTraffic
-from rig.record.run_data import places
 from rig.record.save_run import save
 from rig.sensors import KINDS
-from rig.sensors.chain.instants import Instants, common_step
+from rig.sensors.chain.instants import Instants
 
-HOURS = 24 * 3_600_000_000_000
 ODD = [300.0, 400.0, 777.0, 44100.0, 1024.0, 333.3, 65.5, 1.7]
 
 
@@ -29,26 +27,6 @@ def instant(rate, k):
 @given(rate=st.sampled_from(ODD), numbers=st.lists(st.integers(0, 10**10), min_size=1))
 def test_sample_k_is_at_k_over_the_rate(rate, numbers):
     assert Instants.of(rate).at(np.array(numbers)).tolist() == [instant(rate, k) for k in numbers]
-
-
-@given(rate=st.sampled_from([*ODD, 1000.0, 25.0, 1e5]), k=st.integers(0, 10**10), t_ns=st.integers(-(10**9), HOURS))
-def test_samples_until_an_instant_are_counted_alone_as_among_many(rate, k, t_ns):
-    one = Instants.of(rate)
-    count = one.count(t_ns)
-    assert count == 0 or int(one.at(count - 1)) <= t_ns
-    assert int(one.at(count)) > t_ns
-    assert one.instant(k) == int(one.at(k))
-    assert count == int(one.until(np.array(t_ns)))
-    assert one.count(one.instant(k)) == k + 1
-
-
-def test_only_what_fits_into_a_frame_makes_steps():
-    def step(*rates):
-        return common_step(1_000_000, map(Instants.of, rates))
-
-    assert (step(), step(1000.0), step(100.0), step(10e3), step(10e3, 25e3)) == (10**6, 10**6, 10**6, 10**5, 20_000)
-    assert step(*ODD) == 10**6
-    assert step(100e3, 64e3) == 15_625  # together they would make steps of 625 ns
 
 
 @pytest.mark.parametrize("frame_ns", [1_000_000, 5_000_000])
@@ -79,21 +57,6 @@ def test_filters_do_not_depend_on_the_rate(play, clean, kind):
     common, at, among = np.intersect1d(np.rint(run.t["400"] * 1e9), np.rint(run.t["2000"] * 1e9), return_indices=True)
     assert len(common) == 41
     np.testing.assert_allclose(run.y["400"][at], run.y["2000"][among], rtol=1e-10, atol=1e-13)
-
-
-@pytest.mark.parametrize("rate", [300.0, 777.0, 44100.0])
-def test_a_block_says_when_its_samples_were_taken(rate):
-    times = Instants.of(rate).at(np.arange(17, 417))
-    block = messages.decode("meas/x", encode.samples(3, times, np.arange(400.0)))
-    np.testing.assert_array_equal(messages.times(block), times)
-    even = messages.decode("meas/x", encode.samples(3, 1000 * np.arange(5), np.arange(5.0)))
-    assert (list(even.t_ns), even.dt_ns, messages.times(even).tolist()) == ([], 1000, [0, 1000, 2000, 3000, 4000])
-
-
-def test_places_of_samples_are_found_where_some_are_missing():
-    times = Instants.of(44100.0).at(np.arange(200_000))
-    kept = np.r_[0:1000, 150_000:200_000]
-    np.testing.assert_array_equal(places(times[kept]), kept)
 
 
 def test_times_of_a_recording_are_exact(tmp_path):

@@ -2,28 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from pydantic import ValidationError
 
-from rig import scenes
-from rig.quantities import unit_of
-from rig.scenes.explain import explain
 from rig.sensors import KINDS
-
-
-@pytest.mark.parametrize("kind", sorted(KINDS))
-def test_units_are_stated_and_every_default_has_an_origin(kind):
-    cls = KINDS[kind]
-    assert unit_of(cls, "rate") == "Hz"
-    assert unit_of(cls, "span") != ""
-    scene = scenes.load("belt")
-    explained = explain(replace(scene, sensors={"it": cls(kind=kind)})).values
-    origins = {value.key: value.origin for value in explained if value.key.startswith("sensors.it.")}
-    unknown = {key for key, origin in origins.items() if origin.origin == "default"}
-    assert unknown <= {"sensors.it.radius"}
-    assert any(origin.origin == "calibrated" for origin in origins.values())
 
 
 @pytest.mark.parametrize(

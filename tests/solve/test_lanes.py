@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import rig
@@ -10,9 +10,8 @@ from rig.bench.run.runner import PlantRunner
 from rig.compiled.kernel import kernel
 from rig.model import friction_law
 from rig.motion.motion import Motion
-from rig.solve.column_blocks import LANE, alike, between, lane, lanes, total, write
-from rig.solve.expm import exponential_factors, exponential_factors_of_lanes, has_lane_factors
-from rig.solve.forces import write_sines
+from rig.solve.column_blocks import LANE
+from rig.solve.expm import exponential_factors
 from tests.solve.conftest import oscillator
 
 LAWS = {
@@ -26,28 +25,6 @@ LAWS = {
 
 
 @kernel
-def _formula(rows, out):
-    a, b = lanes(rows[0]), lanes(rows[1])
-    write(1.5 - a * b + (a - 2.0) * (b + a) - alike(3.0) * b, out[0])
-    for q in range(LANE):
-        u, v = rows[0, q], rows[1, q]
-        out[1, q] = 1.5 - u * v + (u - 2.0) * (v + u) - 3.0 * v
-        out[2, q] = lane(a, q)
-    return total(a), between(-1.0, b, 1.0)
-
-
-@kernel
-def _exponentials(u, out):
-    if has_lane_factors(lanes(u)):
-        coarse, fine = exponential_factors_of_lanes(lanes(u))
-        write(coarse * fine, out[0])
-    for q in range(LANE):
-        coarse_q, fine_q = exponential_factors(u[q])
-        out[1, q] = coarse_q * fine_q
-    return has_lane_factors(lanes(u))
-
-
-@kernel
 def _product(u):
     coarse, fine = exponential_factors(u)
     return coarse * fine
@@ -58,48 +35,6 @@ def test_the_factors_come_to_the_exponential_within_two_units_in_the_last_place(
     with np.errstate(over="ignore", under="ignore"):
         expected = float(np.exp(u))
     assert _product(u) == expected or abs(_product(u) - expected) <= 2.0 * np.spacing(expected)
-
-
-numbers = st.lists(st.floats(-1e3, 1e3), min_size=2 * LANE, max_size=2 * LANE)
-
-
-@settings(deadline=None)
-@given(numbers)
-def test_each_lane_is_rounded_like_a_number(values):
-    rows, out = np.array(values).reshape(2, LANE), np.zeros((3, LANE))
-    whole, inside = _formula(rows, out)
-    assert out[0].tobytes() == out[1].tobytes()
-    assert (out[2] == rows[0]).all()
-    assert whole == pytest.approx(rows[0].sum(), rel=1e-12, abs=1e-9)
-    assert inside == bool((np.abs(rows[1]) < 1.0).all())
-
-
-@settings(deadline=None)
-@given(st.lists(st.floats(-47.9, 15.9), min_size=LANE, max_size=LANE))
-def test_exponentials_of_lanes_are_those_of_numbers(values):
-    out = np.zeros((2, LANE))
-    assert _exponentials(np.array(values), out)
-    assert out[0].tobytes() == out[1].tobytes()
-
-
-@kernel
-def _sines(u, out):
-    write_sines(lanes(u), 0, LANE, out)
-
-
-@settings(deadline=None)
-@given(st.lists(st.floats(-1.0, 1.0), min_size=LANE, max_size=LANE))
-def test_sines_agree_with_the_library_to_the_last_place(values):
-    """Below 0.8 rad they are a series, otherwise the library's."""
-    u, out = np.array(values), np.zeros(LANE)
-    _sines(u, out)
-    off = np.abs(out - np.sin(u))
-    assert (off <= np.spacing(np.abs(u)) * (np.abs(u).max() < 0.8)).all()
-
-
-@pytest.mark.parametrize("outside", [-60.0, 30.0, np.nan, np.inf])
-def test_one_argument_outside_of_the_table_asks_for_the_library(outside):
-    assert not _exponentials(np.array([0.5] * (LANE - 1) + [outside]), np.zeros((2, LANE)))
 
 
 def _one_by_one(motion, states, mode_sets):
@@ -127,14 +62,6 @@ def test_outputs_of_rigs_with_several_contacts_or_products(name):
     found = np.ascontiguousarray(motion.outputs_at(states, mode_sets))
     assert len(states) >= 2 * LANE
     assert found.tobytes() == _one_by_one(motion, states, mode_sets).tobytes()
-
-
-def test_what_an_earlier_call_left_in_unused_lanes_does_not_reach_the_energy():
-    """A rig with products evaluates only the lanes that it needs; others may hold no number, as after divergence."""
-    motion = PlantRunner(rig.load("disc_slider"), piece=40).motion
-    motion.work.T_at[:] = np.nan
-    motion.advance(40)
-    assert np.isfinite(motion.terms()).all()
 
 
 @pytest.mark.parametrize("method", ["dopri5", "dop853"])

@@ -151,22 +151,3 @@ def test_slopes_are_those_of_the_equations(seed, input_slopes):
         h = 1e-5 * np.eye(7)[j]
         assert slopes[:, j] == pytest.approx((rate(x + h) - rate(x - h)) / 2e-5, rel=1e-7, abs=1e-6)
     assert input_slopes(system, key, x) == pytest.approx(inputs(system, modes, x, law)[1], rel=1e-11, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("product", "inertia", "told"),
-    [
-        ("N:load", {"x": 0.1}, "its factor, the normal force load, depends on another force"),
-        ("T:contact", {"z": 0.1}, "it has a friction force as a factor, so no normal force may depend on it"),
-    ],
-)
-def test_what_would_have_to_be_known_before_itself_is_refused(product, inertia, told):
-    A = Assembly("inertial")
-    A.coordinate("x", 1.0, 0.3, 100.0)
-    A.coordinate("z", 0.5, 0.4, 400.0)
-    A.product("P", product, "z")
-    A.patch("contact", {"x": 1.0}, {"one": 0.3}, friction_law.stribeck(0.4, 0.25, 0.1))
-    A.normal("load", "contact", {"one": 10.0}, {"z": 1.0}, inertia)
-    A.push("z", {"P": 0.1})
-    with pytest.raises(ValueError, match=f"product P: {told}"):
-        Motion(A.system(), 1_000_000, "dopri5")

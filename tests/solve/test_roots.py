@@ -85,13 +85,6 @@ def test_a_guard_that_starts_at_zero_and_rises_falls_later(root, slope):
     assert fall([-1e-15, slope, slope], 1e-14) == NONE
 
 
-@given(st.floats(0.1, 0.9), st.floats(0.1, 10.0))
-@settings(max_examples=50)
-def test_a_guard_that_starts_flat_at_zero_and_rises_falls_later(root, bend):
-    """mu_s = mu_d: the slope is zero as well."""
-    assert fall([0.0, 0.0, bend, -bend / root], 1e-14) == pytest.approx(root, abs=1e-13)
-
-
 @pytest.mark.parametrize(
     ("coefficients", "zero", "at"),
     [

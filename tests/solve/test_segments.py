@@ -1,12 +1,9 @@
 """What the sensors get: smooth pieces that tile a frame and are the signals, jumps only between them."""
 
-import functools
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import rig
 from rig import scenes
 from rig.motion.motion import Motion
 from rig.solve.segment_output import DEGREE
@@ -141,25 +138,6 @@ def test_what_decays_within_a_tiny_part_of_a_tick_takes_few_segments(name, chang
     assert np.all(worst <= 1e-8 * size + rounding)
     assert abs(motion.energy()["error"]) < 1e-8
     assert motion.energy() == pytest.approx(fine.energy(), rel=1e-6, abs=1e-8)
-
-
-@functools.cache
-def run_of(name, **changes):
-    return rig.simulate(scenes.load(name, {key.replace("_", "."): value for key, value in changes.items()}), 0.4)
-
-
-@pytest.mark.parametrize("lag", [1e-9, 1e-3])
-@pytest.mark.parametrize("actuator", ["load", "drive"])
-@pytest.mark.parametrize("name", ["belt_c", "belt"])
-def test_the_lag_of_a_constant_command_changes_nothing(name, actuator, lag):
-    """A user's run with sensors, over stick and slip, with the methods exact and dopri5."""
-    run, plain = run_of(name, **{f"{actuator}_lag": lag}), run_of(name)
-    assert [e["text"] for e in run.events] == [e["text"] for e in plain.events]
-    times = [np.array([e["t_ns"] for e in one.events]) for one in (run, plain)]
-    assert times[0] == pytest.approx(times[1], abs=2)
-    assert abs(run.energy["error"]) < 1e-9
-    for signal, size in (("displacement", 6e-3), ("velocity", 0.1), ("friction_force", 10.0)):
-        assert run.signals[signal] == pytest.approx(plain.signals[signal], abs=1e-7 * size)
 
 
 STACK = {"piezo.capacitance": 1e-6, "piezo.coupling": 0.01118, "shunt.kind": "series", "shunt.delta": -0.5}

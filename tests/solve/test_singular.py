@@ -56,23 +56,6 @@ def test_a_run_a_cycle_and_modes_of_such_a_rig_end_in_a_named_error(monkeypatch)
         rig.limit_cycle(rig.load("belt"))
 
 
-def test_a_body_without_mass_is_no_jamming():
-    system = body(mass=0.0).system()
-    with pytest.raises(Singular, match="some motion has no inertia") as raised:
-        assembled(system, system.key([SLIP_PLUS], [0], []))
-    assert not raised.value.jams
-
-
-def test_a_contact_along_which_nothing_moves_is_no_jamming():
-    a = body()
-    a.patch("rail", {}, {"one": 0.1}, friction_law.coulomb(0.5, 0.5))
-    a.normal("rail load", "rail", {"one": 5.0})
-    system = a.system()
-    with pytest.raises(Singular, match="no coordinate moves along rail") as raised:
-        assembled(system, system.key([SLIP_PLUS, STICK], [0, 0], []))
-    assert not raised.value.jams
-
-
 @pytest.mark.parametrize("tilt", [0.0, 1e-12, -1e-12])
 def test_contacts_that_hold_the_same_motion_share_the_force(tilt):
     """0 = F - c x + T1 + T2 with T1 = T2, the least of all forces that hold it; nothing moves, whatever rounds."""

@@ -86,22 +86,3 @@ def test_equal_contacts_are_one_patch(run):
     one, two = run(pad([10.0]), 1.0, 2.0), run(pad([3.0, 7.0]), 1.0, 2.0)
     assert two.times == pytest.approx(one.times, abs=1e-14)
     assert two.what == one.what
-
-
-def test_a_landing_moves_nothing_but_what_slips(run):
-    """Mass-weighted projection: of two coupled bodies, only the momentum along the contact changes, and by rounding."""
-    a = Assembly("pair")
-    a.coordinate("x", 1.0, 0.2, 500.0)
-    a.coordinate("y", 3.0, 0.3, 900.0)
-    a.mass["x", "y"] = a.mass["y", "x"] = 0.4
-    a.patch("contact", {"x": 1.0, "y": -1.0}, {}, friction_law.coulomb(0.5, 0.3))
-    a.normal("load", "contact", {"one": 6.0})
-    a.start |= {"x": 0.05, "y": -0.02}
-    motion = Motion(a.system(), 1_000_000, "exact", outputs=[{"w:contact": 1.0}], longest=20_000)
-    motion.advance(20_000)
-    stuck = next(s for s in motion.mode_sets.sets if motion.system.describe(s.key) == "contact stick")
-    Pi = stuck.landing
-    assert Pi @ Pi == pytest.approx(Pi, abs=1e-14)
-    assert np.abs(motion.system.slip_rows @ Pi).max() < 1e-14
-    assert motion.system.describe(motion.key) == "contact stick"
-    assert abs(motion.outputs_now()[0]) < 1e-15

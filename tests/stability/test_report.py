@@ -15,10 +15,9 @@ import rig
 from rig.bench.run.before import findings
 from rig.model import friction_law
 from rig.model.assembly import Assembly
-from rig.quantities import at_least, at_most
 from rig.stability.linearisation import sliding_key, steady
 from rig.stability.memory_steps import fastest_memory, fastest_slips
-from rig.stability.report import RK4_LIMIT, blame, mode_sets, part, stability_report
+from rig.stability.report import RK4_LIMIT, mode_sets, stability_report
 
 STEP = 1e-3
 COULOMB = friction_law.coulomb(0.4, 0.25)
@@ -242,26 +241,6 @@ def test_a_tolerance_too_coarse_for_the_friction_law_is_told(scale, tolerance, w
         assert not [other for other in again if "too coarse" in other.what]
 
 
-def test_rk4_that_has_diverged_names_its_step_and_one_that_does():
-    """A law that falls within 1e-4 m/s: |lambda| = N (mu_s - mu_d) / (m v_s) = 12800 1/s where it is steepest."""
-    system = belt(friction_law.stribeck(0.5, 0.18, 1e-4)).system()
-    told = blame(system, "rk4", 1e-3, 1, system.start)
-    assert "rk4 took steps of 0.001 s: |lambda| h = 12.8, unstable beyond 2.785" in told
-    assert "clock.rk4_step to 6.25e-06 s or less" in told
-    assert "short enough" in blame(belt().system(), "rk4", 1e-3, 1, belt().system().start)
-    [warned] = [one for one in stability_report(system, "rk4", STEP, 10) if "steepest" in one.what]
-    assert warned.number == pytest.approx(1.28, rel=1e-3)
-
-
-def test_a_run_that_diverges_is_judged_at_the_surface_speed_that_it_had():
-    """Bristles relax at sigma0 w / g(w): a faster belt makes a step too long that was short enough at the start."""
-    system = rig.load("belt_lugre", {"drive.lag": "0.1 s"}).assemble().system()
-    fast = system.start.copy()
-    fast[system.names.index("drive.actual")] = 2.0
-    assert "short enough" in blame(system, "rk4", 1e-3, 400, system.start)
-    assert "unstable beyond 2.785" in blame(system, "rk4", 1e-3, 400, fast)
-
-
 @pytest.mark.parametrize(
     ("name", "step", "level"),
     [
@@ -269,12 +248,9 @@ def test_a_run_that_diverges_is_judged_at_the_surface_speed_that_it_had():
         ("belt_lugre", "40 us", "error"),  # the belt is driven by friction, residual 0.5
         ("belt_lugre", "20 us", "warning"),  # the displacement is that of rosenbrock to 1e-7
         ("belt_elasto_plastic", "0.1 ms", "error"),  # diverges
-        ("belt_elasto_plastic", "20 us", "warning"),
-        ("belt_maxwell_slip", "10 us", "error"),
         ("belt_rate_state", "0.1 ms", "error"),  # diverges after 4.1 s, when the contact creeps
         ("belt_dahl", "0.1 ms", "warning"),
         ("belt_stick_time", "0.1 ms", ""),
-        ("belt_contact_temperature", "0.1 ms", ""),
     ],
 )
 def test_rk4_is_refused_where_bristles_are_faster_than_its_step(name, step, level):
@@ -304,21 +280,8 @@ def test_the_fastest_slip_of_a_released_mass_is_the_closed_form():
     assert fastest_slips(system) == pytest.approx(np.hypot(released, 0.4 * 20.0 / np.sqrt(5.0 * 2500.0)), rel=1e-9)
 
 
-def test_a_limit_that_is_told_is_itself_allowed():
-    assert (at_most(7.89e-6), at_least(7.89e-6)) == ("7.8e-06", "7.9e-06")
-    assert (at_most(-0.8658), at_least(-0.8658)) == ("-0.87", "-0.86")
-    assert at_most(0.25) == at_least(0.25) == "0.25"
-
-
 def test_a_run_that_diverges_under_rk4_says_so():
     changes = {"friction.speed_scale": 1e-5, "clock.method": "rk4", "clock.rk4_step": "1 ms"}
     run = rig.simulate(rig.load("belt", changes), 1.0)
     assert "rk4 took steps of 0.001 s" in run.fault
     assert "Set clock.rk4_step to" in run.fault
-
-
-@pytest.mark.parametrize(
-    ("step", "most", "told"), [(1e-3, 1.18e-4, "0.0001 s"), (1e-3, 2.0, "0.001 s"), (7e-9, 4e-9, "1e-09 s")]
-)
-def test_a_step_that_is_told_is_a_whole_part_of_the_sample_step(step, most, told):
-    assert part(step, most) == told

@@ -117,34 +117,3 @@ def test_outside_of_the_trained_range_the_estimate_says_what_is_lost(trained):
     true = np.abs(estimates.values - exact) / np.abs(exact)
     assert true.max() > 3 * reduced.error
     assert true.max() / 2 < estimates.relative.max() < 2 * true.max()
-
-
-@pytest.mark.slow
-@pytest.mark.alone
-def test_a_point_takes_less_than_eigenvalues_and_vectors_of_its_size(trained):
-    reduced = trained[0]
-    mass, damping, stiffness = reduced.pencil(numbers(3, 1))
-    of_speeds, of_places = (np.linalg.solve(mass, matrix) for matrix in (damping, stiffness))
-    fast, one = np.sqrt(np.abs(of_places).max()), np.eye(len(mass))
-    companion = np.block([[0.0 * one, one], [-of_places / fast**2, -of_speeds / fast]])
-
-    def seconds(compute):
-        started = time.process_time()
-        compute()
-        return time.process_time() - started
-
-    turns = [
-        (seconds(lambda: reduced.eigenvalues(numbers(3, 1), vectors="none")), seconds(lambda: np.linalg.eig(companion)))
-        for _ in range(12)
-    ]
-    point, alone = np.min(turns, axis=0)
-    assert point < 0.95 * alone
-
-
-@pytest.mark.slow
-def test_a_first_basis_takes_20_seconds_and_a_thousandth_is_enough_for_it():
-    started = time.process_time()
-    reduced = build(brake(), Reduction("snapshots", up_to=UP_TO, over=RANGE, vectors=120, error=1e-4))
-    assert time.process_time() - started < 20
-    assert reduced.error < 1e-4
-    assert len(reduced.points) == 1

@@ -380,18 +380,6 @@ def test_a_turned_structure_has_turned_rows(tmp_path_factory, seed, kind, gap):
         assert getattr(second, name).toarray() == pytest.approx(rows, abs=1e-9)
 
 
-def test_points_are_means_over_cells_in_order(tmp_path):
-    full, mesh = pad_on_plate(cells=(8, 8)).read(tmp_path)
-    points = contact_points(contact((2, 4)), full, mesh)
-    assert len(points.area) == 8
-    assert points.position[:4, 0].tolist() == sorted(points.position[:4, 0])
-    assert np.ptp(points.position[:4, 1]) < 1e-12
-    assert points.position[4, 1] != pytest.approx(points.position[0, 1])
-    each = contact_points(contact(), full, mesh)
-    assert points.area @ points.normal == pytest.approx(each.area @ each.normal)
-    assert points.radius.tolist() == [1.0] * 8
-
-
 def test_other_meshes_meet_by_interpolation(tmp_path):
     """Pads turned by half an element: nearest nodes would open by 5 mm per radian."""
     disc_with_pads.DECK["write"](tmp_path, shift=0.5)

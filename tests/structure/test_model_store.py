@@ -4,7 +4,6 @@ import os
 
 import pytest
 
-from rig.structure import model_store
 from rig.structure.model_store import stored_or_built
 
 
@@ -37,18 +36,6 @@ def model(built):
         return stored_or_built(key, make, bytes, read)
 
     return build
-
-
-def test_what_was_not_used_for_longest_makes_room(store, model, built, monkeypatch):
-    monkeypatch.setattr(model_store, "LIMIT", 30)
-    for age, key in enumerate(("a", "b", "c")):
-        model(key)
-        os.utime(store / key, (1000.0 + age, 1000.0 + age))
-    model("a")  # used again
-    model("d")
-    assert sorted(one.name for one in store.iterdir()) == ["a", "c", "d"]
-    model("large", 100)
-    assert sorted(one.name for one in store.iterdir()) == ["large"]
 
 
 def test_a_folder_that_cannot_be_written_is_told_once(store, model, built, caplog):

@@ -2,7 +2,6 @@
 
 import re
 
-import brake_fe
 import disc_with_pads
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig.errors import SceneError
-from rig.structure import mesh as mesh_files
 from rig.structure.mesh import read_mesh
 from rig.structure.read import Source, files_read, structure
 
@@ -103,26 +101,6 @@ def test_half_of_a_skew_matrix_of_matrix_market_is_completed(tmp_path, kind):
     scipy.io.mmwrite(tmp_path / "skew.mtx", kind(skew), precision=17, symmetry="skew-symmetric")
     full, _ = structure([*parts(tmp_path), Source("turning", "damping", tmp_path / "skew.mtx")], "m-kg-s")
     assert np.array_equal(full.matrix("damping", {}).toarray(), skew)
-
-
-def test_the_brake_of_the_literature():
-    brake = brake_fe.brake()
-    assert brake.rows == 4669
-    assert brake.keys == (brake_fe.SPEED, brake_fe.FRICTION)
-    assert [part.matrix.count_nonzero() for part in brake.parts] == [
-        93207,
-        5682,
-        5682,
-        66642,
-        23884,
-        280845,
-        21645,
-        280871,
-    ]
-    one = {brake_fe.SPEED: 1.0, brake_fe.FRICTION: 1.0}
-    skew = brake.parts[3].matrix
-    assert abs(skew + skew.T).max() == 0.0
-    assert abs(brake.matrix("mass", one)).max() == 1e3 * 3.065634441901765e-05  # t to kg
 
 
 def parts(folder, **matrices):
@@ -248,63 +226,28 @@ def line(number, text):
 
 FILES = [
     ("job.sti", lambda content: content[:-3], "job.sti: is truncated: its last line does not end"),
-    ("job.sti", lambda content: content[: len(content) // 2], r"job.sti"),
-    ("job.mas", lambda content: b"", "job.mas: is empty"),
     ("job.mas", line(2, "1 2 x"), "job.mas, line 2: is '1 2 x'; expected 3 numbers"),
     ("job.mas", line(2, "1 2 nan"), r"job.mas .*: has 1 entries that are not finite: .*; CalculiX .* nonlinear \*MPC"),
-    ("job.mas", line(2, "1 9 0.25"), "job.mas: entry 2 has row 1 and column 9; expected 1 to 5"),
     ("job.sti", line(1, "2 1 4"), "stored is 'upper', but row 2 has an entry in column 1"),
-    ("job.dof", line(5, ""), "job.sti: entry .* has row 3 and column 5; expected 1 to 4"),
     (
         "job.dof",
         line(5, "3.1\n4.1"),
         "job.sti: 1 of 6 rows have no entry, the last with one is 5; the file is truncated",
     ),
-    ("job.dof", line(3, "2,1"), "job.dof, line 3: is '2,1'; expected NODE.DIRECTION"),
     ("stiffness.mtx", lambda content: content[: len(content) // 2], "stiffness.mtx: is truncated"),
-    ("stiffness.mtx", line(4, ""), "stiffness.mtx: has 14 of 15 entries; it is truncated"),
     ("stiffness.mtx", line(1, "%%MatrixMarket matrix coordinate pattern general"), "its first line says .*pattern"),
-    ("stiffness.mtx", line(3, "5 x 15"), "stiffness.mtx: cannot be read"),
-    ("stiffness.mat", lambda content: content[: len(content) // 2], "stiffness.mat: cannot be read"),
-    ("stiffness.mat", lambda content: content[:177] + b"\x80" + content[178:], "byte 176 has the type 32777"),
     ("stiffness.mat", lambda content: b"not from MATLAB", "stiffness.mat: cannot be read"),
     ("stiffness.mat", lambda content: content[:124] + b"\x00\x02" + content[126:], "MATLAB v7.3 file; write it with"),
     ("stiffness.npz", lambda content: content[: len(content) // 2], "stiffness.npz: cannot be read"),
-    ("mass.mtx", lambda content: b"1,1, 1\n", "mass.mtx.* has 1 rows, but stiffness.mtx .* has 5"),
-    (
-        "mass.mtx",
-        lambda content: b"1,1,1,1,2.\n7,11,7,11,1.\n",
-        "mass.mtx: node 7 has a degree of freedom 11; expected 1",
-    ),
     ("mass.mtx", lambda content: b"1,1,1,1\n", "is no matrix of Abaqus or Matrix Market: '1,1,1,1'"),
-    ("rows.csv", line(6, ""), "the file of rows has 4 rows, but stiffness.mtx .* has 5"),
     ("rows.csv", line(4, "2,w"), "rows.csv, line 4: is '2,w'; expected NODE, DIRECTION"),
     ("rows.csv", line(4, "1,y"), "rows.csv, line 4: node 1 has its direction y in line 3 too"),
-    ("rows.csv", lambda content: b"", "rows.csv: is empty"),
 ]
 
 
 @pytest.mark.parametrize(("name", "change", "fault"), FILES)
 def test_a_damaged_file_is_refused_with_its_line(tmp_path, name, change, fault):
     assert re.search(fault, "\n".join(spoiled(tmp_path, name, change)))
-
-
-WRONG_LINES = [
-    (4000, [3999], "4000: .* is in line 3999 too"),
-    (4001, [4002], "4002: .* is in line 4001 too"),
-    (4001, [4002, 4001], "4001: .* mass in common with rows of other"),
-]
-
-
-@pytest.mark.parametrize(("line", "by", "fault"), WRONG_LINES)
-def test_a_line_of_a_dof_file_that_stands_for_another_row_is_refused(tmp_path, line, by, fault):
-    disc_with_pads.unpacked(tmp_path)
-    path = tmp_path / "disc_matrices.dof"
-    lines = path.read_text().splitlines()
-    lines[line - 1 : line - 1 + len(by)] = [lines[number - 1] for number in by]
-    text(path, lines)
-    faults = refused([], job=tmp_path / "disc_matrices", nodes=tmp_path / "disc.inp")
-    assert re.search(f"^disc_matrices.dof, line {fault}", "\n".join(faults), re.MULTILINE)
 
 
 def test_all_faults_of_all_files_are_reported_at_once(tmp_path):
@@ -323,12 +266,6 @@ def test_all_faults_of_all_files_are_reported_at_once(tmp_path):
         assert sum(word in fault for fault in faults) == 1
     [advice] = [fault for fault in faults if "unknown format" in fault]
     assert all(program in advice for program in ("Abaqus", "Ansys", "Nastran", "COMSOL"))
-
-
-def test_a_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
-    sources = parts(tmp_path)
-    monkeypatch.setattr(mesh_files, "LIMIT", 100)
-    assert re.search(r"stiffness.mtx: has 0 MB; at most 0 MB are read", "\n".join(refused(sources)))
 
 
 def test_units_of_millimetres_and_tonnes_become_si(tmp_path):
@@ -412,36 +349,18 @@ def test_a_surface_is_the_set_of_its_nodes(tmp_path):
     assert read_mesh(text(tmp_path / "m.inp", lines), 1.0).sets["FACE"].tolist() == [1, 2, 4, 5, 8, 9]
 
 
-def test_faces_are_drawn_by_their_corners_where_they_move(tmp_path):
-    lines = ["*NODE", *[f"{k}, {k}, {k * k % 5}, 0" for k in range(1, 11)]]
-    lines += ["*ELEMENT, TYPE=S4", "1, 1,2,3,4", "*ELEMENT, TYPE=S3", "2, 3,4,5", "*ELEMENT, TYPE=STRI65"]
-    lines += ["3, 5,6,7, 8,9,10", "*ELEMENT, TYPE=S8R", "4, 1,3,5,7, 2,4,6,8"]
-    corners = [[0, 1, 2, 3], [2, 3, 4, 4], [4, 5, 6, 6], [0, 2, 4, 6]]
-    mesh = read_mesh(text(tmp_path / "m.inp", lines), 1.0)
-    assert mesh.corners(mesh.ids).tolist() == corners
-    assert mesh.corners(np.array([1, 2, 3])).tolist() == [corners[0], corners[1], corners[3]]  # the others are held
-    tied = read_mesh(text(tmp_path / "m.inp", [*lines, "*TIE, NAME=t"]), 1.0)
-    assert tied.corners(np.array([1, 2, 3, 4])).tolist() == [corners[0]]  # node 5 may follow others
-
-
 MESHES = [
     (["*NODE", "1,0,0,0", "*NSET", "1"], r"line 4: .* \*NSET has no name, NSET="),
     (["*NODE", "1,0,0,0", "*SURFACE, NAME=s", "pads, S1"], "line 4: .* set pads is not defined before"),
-    (["*NODE", "1,0,0,0", "*SURFACE, NAME=s", "7, S1"], "line 4: .* element 7 is not defined before"),
-    (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=C3D4", "1,1,1,1,1", "*SURFACE, NAME=s", "1, S5"], "is S1, S2, S3, S4"),
     (["*NODE", "1,0,0,0", "1,0,0,1"], "line 3: .* node 1 has another place before"),
     (["*NODE", "1,0,0,nan"], "line 2: .* a coordinate is not finite"),
-    (["*NODE", "1,0,0,0", "*NSET, NSET=a", "b"], "line 4: .* set b is not defined before"),
-    (["*NODE", "1,0,0,0", "*NSET, NSET=a, GENERATE", "5, 1"], "line 4: .* expected first, last, step"),
     (["*NODE", "1,0,0,0", "*NSET, NSET=a", "1, 5"], "set A contains node 5, which is not in the mesh"),
     (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=C3D4", "1,1,1,1,2"], "element 1 has node 2, which is not in the mesh"),
     (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=C3D4", "1,1,1,1,1,1"], "line 4: .* expected 4 nodes"),
     (["*PART, NAME=p", "*NODE", "1,0,0,0"], r"line 1: .* \*PART makes or moves nodes; write a flat input"),
-    (["*NODE", "1,0,0,0", "*NGEN", "1, 5"], r"\*NGEN makes or moves nodes"),
     (["*NODE", "1,0,0,0", "*ELEMENT, TYPE=S9R5", "1,1,1"], "line 3: .* this element type is not known"),
     (["*INCLUDE, INPUT=mesh.inp"], "include each other"),
     (["*INCLUDE, INPUT=other.inp"], "other.inp: cannot be read: No such file"),
-    (["*HEADING", "nothing"], "has no nodes"),
 ]
 
 

@@ -1,6 +1,5 @@
 """Reduced structures against their full matrices."""
 
-import io
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from disc_with_pads import disc, paired
 
 from rig.errors import UsageError
 from rig.structure import eigenvalues
-from rig.structure.basis import Reduction, build, power_of_ten, stored
+from rig.structure.basis import Reduction, build
 from rig.structure.estimate import Estimator, growing_without_friction, weaker_modes
 from rig.structure.full import FRICTION, Full, Part, Points
 from rig.structure.reduced import Reduced
@@ -131,18 +130,6 @@ def test_where_every_mode_is_in_the_range_the_basis_is_the_whole_structure():
     assert max(np.min(np.abs(exact - value)) / abs(value) for value in near) < 1e-9
 
 
-def test_two_contacts_on_the_same_nodes_share_their_attachment_vectors():
-    full = structure()
-    pad = full.contacts[0]
-    halves = (replace(pad, area=0.5 * pad.area), replace(pad, name="other", area=0.5 * pad.area))
-    given = values(0.5) | {"contacts.other.stiffness": values()["contacts.pad.stiffness"]}
-    once = build(full, Reduction(modes=40, at=values()))
-    twice = build(replace(full, contacts=halves), Reduction(modes=40, at=given))
-    assert once.coordinates == twice.coordinates
-    near = [np.sort_complex(each.eigenvalues(at)[0]) for each, at in ((once, values(0.5)), (twice, given))]
-    assert np.allclose(near[0], near[1], rtol=1e-7)
-
-
 def test_the_flexibility_left_out_is_that_of_the_modes_left_out_beside_a_rigid_mode_too():
     full = structure(2, held=(1.0, 1.0, 0.0))
     reduced = build(full, Reduction(modes=12, contact="open", residual="spring", at=values()))
@@ -159,44 +146,6 @@ def test_a_block_that_only_the_contact_holds_is_refused_where_it_stays_loose():
         build(loose, Reduction(modes=20, at=values()))
 
 
-def test_a_reduced_structure_is_the_same_after_it_was_stored(tmp_path, monkeypatch):
-    monkeypatch.setenv("RIG_MODELS", str(tmp_path))
-    calls = []
-
-    def full() -> Full:
-        calls.append(1)
-        return replace(structure(4), finer=structure(4).contacts)
-
-    first = stored("key", full, Reduction(modes=10, at=values()), "structure")
-    again = stored("key", full, Reduction(modes=10, at=values(stiffness=1.4e12)), "structure")
-    assert len(calls) == 1
-    assert first.to_bytes() == again.to_bytes() == build(full(), Reduction(modes=10, at=values())).to_bytes()
-    calls.clear()
-    stored("key", full, Reduction(modes=10, at=values(stiffness=5e12)), "structure")
-    assert len(calls) == 1
-    with pytest.raises(ValueError, match="is not a reduced structure of this version"):
-        Reduced.from_bytes(first.to_bytes()[:-2000])
-
-
-def test_the_faces_are_kept_and_a_model_without_them_is_read():
-    corner = np.array([[0, 1, 2, 2]], dtype=np.int32)
-    full = replace(structure(4), ids=np.arange(3), xyz=np.eye(3), faces=corner)
-    content = build(full, Reduction(modes=10, at=values())).to_bytes()
-    assert Reduced.from_bytes(content).model.faces.tolist() == corner.tolist()
-    with np.load(io.BytesIO(content)) as file:
-        arrays = dict(file)
-    for faces in (None, corner + 1, corner - 1, corner[:, :3], corner.astype(float)):
-        file = io.BytesIO()
-        np.savez(
-            file, **{k: v for k, v in arrays.items() if k != "faces"}, **({} if faces is None else {"faces": faces})
-        )
-        if faces is None:
-            assert Reduced.from_bytes(file.getvalue()).model.faces.shape == (0, 4)
-        else:
-            with pytest.raises(ValueError, match="is not a reduced structure"):
-                Reduced.from_bytes(file.getvalue())
-
-
 def test_matrices_of_few_rows_stay_as_they_are():
     full = structure(2)
     reduced = build(full, Reduction("whole"))
@@ -206,11 +155,6 @@ def test_matrices_of_few_rows_stay_as_they_are():
         assert np.allclose(np.sort_complex(near), np.sort_complex(exact))
     with pytest.raises(UsageError, match="have 1620 rows; at most 300"):
         build(structure(), Reduction("whole"))
-
-
-@pytest.mark.parametrize(("value", "power"), [(0.0, 0.0), (3.0, 1.0), (4.0, 10.0), (-2e11, -1e11), (1e-3, 1e-3)])
-def test_a_basis_is_made_for_the_power_of_ten_next_to_a_number(value, power):
-    assert power_of_ten(value) == pytest.approx(power)
 
 
 def test_the_estimated_error_is_the_true_one_with_modal_damping_too():

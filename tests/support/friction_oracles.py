@@ -13,29 +13,12 @@ from scipy.integrate import solve_ivp
 Array = NDArray[np.float64]
 
 LUGRE_PULLED = {"x": 1.9088391992254, "v": 9.42415459073e-6, "z": 1.18167954559e-5}
-"""`lugre_pulled(25.0)`, by DOP853 and Radau at relative tolerances of 2.3e-14 and 1e-12, which agree to 1e-14 in x and
-3e-13 in v and z; LSODA, as below, is 1e-11 off.
+"""A mass of 1 kg at 25 s, pulled by a spring of 2 N/m whose end moves at 0.1 m/s: x, v and the deflection z.
 
-The published numbers of the same problem are 1.90883919923 and 1.18167955e-5.
+sigma0 1e5 N/m, sigma1 1e5^0.5 N s/m, sigma2 0.4 N s/m, Fc 1 N, Fs 1.5 N, vs 1e-3 m/s. By DOP853 and Radau at relative
+tolerances of 2.3e-14 and 1e-12, which agree to 1e-14 in x and 3e-13 in v and z. The published numbers of the same
+problem are 1.90883919923 and 1.18167955e-5: Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, figure 5.
 """
-
-
-def lugre_pulled(end: float) -> dict[str, float]:
-    """A mass on the ground, pulled by a spring whose end moves at 0.1 m/s: x, v and the deflection z.
-
-    M = 1 kg, K = 2 N/m; sigma0 1e5 N/m, sigma1 1e5^0.5 N s/m, sigma2 0.4 N s/m, Fc 1 N, Fs 1.5 N, vs 1e-3 m/s.
-    In the fixed frame: z' = v - sigma0 |v| z / g, F = sigma0 z + sigma1 z' + sigma2 v, M v' = K (0.1 t - x) - F.
-    Source: Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, figure 5.
-    """
-    sigma0, sigma1, sigma2 = 1e5, math.sqrt(1e5), 0.4
-
-    def field(t: float, y: Array) -> list[float]:
-        x, v, z = y
-        rate = v - sigma0 * abs(v) * z / (1.0 + 0.5 * math.exp(-((v / 1e-3) ** 2)))
-        return [v, 2.0 * (0.1 * t - x) - sigma0 * z - sigma1 * rate - sigma2 * v, rate]
-
-    final = solve_ivp(field, (0.0, end), [0.0] * 3, method="LSODA", rtol=1e-13, atol=1e-18).y[:, -1]
-    return dict(zip("xvz", map(float, final)))
 
 
 def elements(

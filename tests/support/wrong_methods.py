@@ -1,15 +1,10 @@
-"""Methods that fail without a warning. They are not methods of the rig; the torture test shows it for comparison.
+"""Methods that fail without a warning: what the torture test has to catch.
 
 held      the structure moves exactly over a step, under the contact forces at its begin (zero-order hold). A contact
           force that is one step late is a negative damper, w^2 h / 2 for its own frequency w: energy grows at
           every step.
-clipped   T = mu(|w|) N clip(w / scale, -1, 1), classical Runge-Kutta. The slope is stiff: beyond a step of about
-          2 m scale / (mu N) a contact that should stick is thrown across it, to and fro, and nothing blows
-          up.
 sign      T = mu(|w|) N sgn(w), classical Runge-Kutta across the sign, without modes and events. It locks onto one side
           of the belt, with any step, and its result looks like a solution.
-stale     a film whose rows follow the slider every 50 us, not at every step: each update is a jolt, and a quiet slide
-          gets lines at 20 and 40 kHz.
 """
 
 from __future__ import annotations
@@ -25,15 +20,11 @@ from numpy.typing import NDArray
 from rig.errors import UsageError
 from rig.model.formulation import assemble
 from rig.model.system import System
-from rig.motion.motion import Motion
 from rig.qualify.torture.case import Case, Watched
 from rig.qualify.torture.results import Found, OutOfTime
 from rig.solve.records import OPEN, STICK
 
 Array = NDArray[np.float64]
-STALE_NS = 50_000
-PATIENCE = 5.0
-"""Time limit of these loops in units of a cell's: they are Python, and one that is cut short shows no fault."""
 Step = Callable[[Array], Array]
 
 
@@ -127,38 +118,7 @@ def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_
     return outcome
 
 
-def _stale(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
-    """Simulate the case with film rows that are constant for STALE_NS. Raises UsageError without a film, OutOfTime."""
-    if case.acts:
-        raise UsageError("follows no commands")
-    assembly = scene.assemble()
-    system = assembly.system()
-    if system.film is None or not system.film.travel:
-        raise UsageError("needs a film under a moving slider")
-    rows = [assembly.outputs[name].row for name in case.expect.ends]
-    motion = Motion(system, scene.step_ns, "kick", rows, substeps=scene.clock.substeps(scene.step_ns))
-    motion.advance(1)
-    own, travel = motion.mode_sets.tables.film, system.names.index(system.film.travel)
-    given = [(side.rows, side.rows.copy()) for side in (own.symmetric, own.antisymmetric)]
-    begin, ticks, pause = time.thread_time(), until_ns // scene.step_ns, max(STALE_NS // scene.step_ns, 1)
-    while motion.tick < ticks:
-        place = float(motion.x[travel]) / system.film.pitch
-        low = min(int(place), len(system.film.rows) - 2)
-        for held, moving in given:
-            held[:] = moving[low] + (place - low) * (moving[low + 1] - moving[low])
-        own.below[0] = -1
-        motion.advance(min(pause, ticks - motion.tick))
-        if time.thread_time() - begin > seconds:
-            raise OutOfTime(seconds)
-    outcome = Found(ticks=motion.tick, seconds=time.thread_time() - begin)
-    outcome.ended = dict(zip(case.expect.ends, motion.outputs_now().tolist()))
-    outcome.carrying = outcome.seconds
-    return outcome
-
-
 WRONG: dict[str, Callable[[Case, Watched, int, float], Found]] = {
     "held": partial(_run, _held),
-    "clipped": partial(_run, _clipped),
     "sign": partial(_run, _sign),
-    "stale": _stale,
 }

@@ -70,14 +70,6 @@ def test_any_run_can_be_drawn(kind, run, tmp_path):
     assert kind != "simulated" or (900 <= height <= 1200 and 0.05 < share < 0.8)
 
 
-def test_phases_marks_and_controllers_are_told_in_spans():
-    run = made_up(3.0, 1_000_000)
-    assert curves.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
-    assert curves.marks_of(run) == [(1.0, "on")]
-    assert curves.controlled(run) == [(1.0, 2.0, "c")]
-    assert [section.text for section in curves.sections(run)] == ["free", "c", "free"]
-
-
 @settings(max_examples=30)
 @given(arrays(np.float64, st.integers(50, 400), elements=st.floats(-1e6, 1e6)), st.integers(2, 10))
 def test_a_thinned_line_keeps_its_extremes(v, columns):

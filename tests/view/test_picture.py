@@ -68,14 +68,6 @@ def test_a_rig_that_declares_no_picture_gets_curves_and_a_strip_and_nothing_is_g
     assert set(drawing.curves) == set(outputs(scene))
 
 
-@pytest.mark.parametrize("plant", PLANTS.shipped)
-def test_a_plant_declares_pictures_of_outputs_that_it_has(shipped, plant):
-    scenes = [scene for scene in shipped if scene.plant == plant]
-    told = [set(outputs(scene)) for scene in scenes]
-    for one in getattr(PLANTS[plant], "PICTURES", ()):
-        assert any(found >= set(one.outputs) for found in told), one
-
-
 def test_a_body_on_a_belt_is_drawn_along_across_and_turned_by_the_outputs_that_are_declared():
     said = OnBelt(along="place", up="rise", turn="roll", surface="band", friction="pull", normal="press")
     picture = Belt(Scale(10.0, 5.0), said)

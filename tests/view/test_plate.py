@@ -1,4 +1,4 @@
-"""The plate rig as one sees it: picture, pressure map, figure, and the outputs of its points kept together."""
+"""The plate rig as one sees it: picture, pressure map, figure."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from rig.bus.run_setup import Setup
 from rig.bus.topics import Message
 from rig.plants.structures import film_slider
 from rig.record import statistics
-from rig.record.film_points import Points, listed, numbered, points_of
+from rig.record.film_points import Points
 from rig.record.run import Run
 from rig.view import contact, pressure
 from rig.view.drawing import Drawing
@@ -75,24 +75,6 @@ def test_pressures_are_where_the_film_has_its_points(scene, run):
     assert np.array_equal(maps[400, 2, 3], run.signals["pressure_3_4"][400])
 
 
-def test_a_scale_of_pressures_is_fixed_by_the_largest_load_of_the_scene():
-    for force, scale in (("108.79 N", 5e5), ("1087.9 N", 5e6)):
-        steps = rig.load("plate").protocol
-        scene = replace(
-            rig.load("plate"),
-            protocol=tuple(
-                one.model_copy(update={"force": float(force.split()[0])}) if one.step == "load" else one
-                for one in steps
-            ),
-        )
-        assert Points.of(scene).scale == scale
-
-
-def test_scenes_without_points_have_none():
-    bonded = rig.load("plate", {"film.opens": "false", "slider.travels": "false"})
-    assert [Points.of(rig.load("belt")), Points.of(bonded), points_of("{}"), points_of("no")] == [None] * 4
-
-
 def test_instants_that_tell_most_are_found_after_the_load_is_on(run):
     found = {instant.why: run.time[instant.sample] for instant in statistics.characteristic(run)}
     opening = run.time[statistics.first_open(run)]
@@ -103,16 +85,6 @@ def test_instants_that_tell_most_are_found_after_the_load_is_on(run):
     assert run.signals["pressure_centre_x"][sample["most at the rear edge"]] < -0.005
     assert run.signals["pressure_centre_x"][sample["most at the front edge"]] > 0.005
     assert run.signals["contact_fraction"][sample["fewest in contact"]] == run.signals["contact_fraction"][200:].min()
-
-
-def test_samples_that_a_recording_lost_are_no_openings(run):
-    quiet = run.time < 0.3
-    fraction = run.signals["contact_fraction"][quiet].copy()
-    openings = run.signals["openings"][quiet].copy()
-    fraction[200] = openings[200] = np.nan
-    part = replace(run, time=run.time[quiet], signals={"contact_fraction": fraction, "openings": openings})
-    assert statistics.first_open(part) is None
-    assert {instant.why for instant in statistics.characteristic(part)} == {"all in contact"}
 
 
 def test_the_slider_travels_as_it_does_and_its_motion_is_magnified(scene, run, units):
@@ -149,15 +121,6 @@ def test_a_live_film_is_a_map_and_no_curve_for_each_point(scene, run, units):
     paths = [one.path for one in feed.take()]
     assert {"rig/film", "film/map", "film/centre", "plant/contact_fraction"} <= set(paths)
     assert not [path for path in paths if path.startswith("plant/pressure_1")]
-
-
-def test_outputs_of_one_quantity_at_many_points_are_told_together():
-    names = {"force": "N", "pressure_1_1": "Pa", "pressure_1_2": "Pa", "pressure_12_8": "Pa", "q_1": ""}
-    names |= {"normal_force": "N", "normal_force_pad": "N", "normal_force_of_pad_1": "N", "normal_force_of_lever": "N"}
-    points = ["normal_force_of_pad_1", "normal_force_of_lever"]
-    assert numbered(names) == {"pressure": ["pressure_1_1", "pressure_1_2", "pressure_12_8"], "normal_force_of": points}
-    told = ["force [N]", "pressure_1_1 to pressure_12_8 [Pa]", "q_1", "normal_force [N]", "normal_force_pad [N]"]
-    assert listed(names) == [*told, "normal_force_of_pad_1 to normal_force_of_lever [N]"]
 
 
 @pytest.mark.parametrize("kind", ["film", "bonded"])

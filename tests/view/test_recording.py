@@ -4,14 +4,13 @@ import dataclasses
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import rig
 from rig.errors import OutputError
 from rig.record import reader
 from rig.view import recording
-from rig.view.recording import drawing_of, view_run
+from rig.view.recording import view_run
 from rig.view.viewer import binary, start
 
 GOLDEN = Path(__file__).parents[2] / "recordings" / "golden" / "pendulum.mcap"
@@ -83,17 +82,3 @@ def test_a_viewer_that_is_closed_before_the_end_is_reported(run, monkeypatch):
     monkeypatch.setattr("rig.view.recording.write", close_first)
     with pytest.raises(OutputError, match="the viewer was closed, or hangs"):
         view_run(run, "pendulum", web=True)
-
-
-@pytest.mark.parametrize("name", ["brake_shunt", "four_dof", "plate"])
-def test_a_recording_that_has_lost_an_output_is_drawn_without_it(name):
-    whole = reader.open(GOLDEN.parent / f"{name}.mcap")
-    rows = slice(0, 30)
-    t_ns = np.rint(whole.time[rows] * 1e9).astype(np.int64)
-    lost = [one for one in whole.signals if not one.startswith("pressure_") or one.endswith(("_0_0", "_x", "_y"))]
-    for output in lost:
-        left = {one: v[rows] for one, v in whole.signals.items() if one != output}
-        drawing = drawing_of(dataclasses.replace(whole, signals=left))
-        drawn = {columns.path for columns in drawing.states(t_ns, left, whole.mode[rows])}
-        assert any(path.startswith("rig/") for path in drawn), output
-        assert drawn.isdisjoint({f"plant/{output}"})

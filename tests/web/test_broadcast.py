@@ -1,4 +1,4 @@
-"""What a slow, a hidden and a late page get."""
+"""What a slow and a late page get."""
 
 import asyncio
 import json
@@ -63,21 +63,6 @@ def test_a_page_that_does_not_acknowledge_gets_the_newest_frames_only_when_it_do
         assert numbers(found) == [20, *range(100 - KEPT, 100)]  # no event is lost
         assert missed(found) == [(2.0, 19.0, 2.0, 19.0), (20.0, 93.0, 20.0, 93.0)]  # and no stretch of time
         assert await nothing(page)
-
-    run(test)
-
-
-def test_a_hidden_page_gets_the_state_but_no_frames():
-    async def test():
-        broadcast = Broadcast()
-        page = broadcast.connect()
-        page.heard('{"hidden": true}')
-        broadcast.frame(frame(1))
-        broadcast.put("state", {"phase": "running"})
-        assert await taken(page) == [{"kind": "state", "state": {"phase": "running"}}]
-        page.heard('{"hidden": false, "ack": 1}')
-        broadcast.frame(frame(2))
-        assert numbers(await taken(page)) == [1, 2]
 
     run(test)
 

@@ -1,4 +1,4 @@
-"""The catalogue of the page, as far as no browser and no rig is needed; and the size of the page.
+"""The catalogue of the page, as far as no browser and no rig is needed.
 
 tests/web/browser/test_states.py compares it with the words of every plant and scene.
 """
@@ -29,9 +29,3 @@ def test_texts_of_modules_titles_and_descriptions_of_scenes_and_words_of_plants_
 def test_one_text_has_one_translation():
     told = [entry for entries in SECTIONS.values() for entry in entries.items()]
     assert {text for text, other in told if dict(told)[text] != other} == set()
-
-
-def test_the_page_stays_small():
-    """Without a build step, and read as a whole: less than 3,000 lines and 160 kB."""
-    assert sum(text.count("\n") for text in MODULES.values()) < 3000
-    assert sum(len(text.encode()) for text in MODULES.values()) < 160_000

@@ -52,13 +52,6 @@ def test_a_command_of_a_lesson_runs_and_no_other(client):
         assert client.post("/api/lesson/run", number=1, command=command).status_code == 422
 
 
-def test_what_is_no_lesson_is_refused(client):
-    for number in (99, -1, "1", None, 1.0, [1]):
-        assert client.post("/api/lesson", number=number).status_code == 422
-    for name in ("index.md", "..%2Fpage.py", "nothing.png"):
-        assert client.get(f"/lessons/{name}").status_code in (404, 422)
-
-
 def test_a_lesson_of_files_runs_in_a_folder_of_its_own(client, folder):
     """A command finds what those before it have written, and the file that the page asks for."""
     lines = [line for line in lesson(FILES).file.read_text().splitlines() if line.startswith("rig ")]

@@ -9,7 +9,6 @@ import rig
 from rig.bus import messages
 from rig.plants import PLANTS
 from rig.view import contact
-from rig.view.belt import Belt
 from rig.view.channels import Channels
 from rig.web.form import picture
 from rig.web.frames import Frames
@@ -51,11 +50,6 @@ def test_every_rig_is_shown_before_a_run_and_moves_in_it(shipped, plant):
     assert moved != first
 
 
-def test_a_state_that_is_not_finite_is_no_number_of_the_picture():
-    _, _, tell = frames_of(rig.load("belt"))
-    assert tell(0, displacement=float("nan"))["picture"]["rig/mass"]["translation"][0] is None
-
-
 def test_every_contact_has_its_own_mode():
     _, system, tell = frames_of(rig.load("brake_3400"))
     limits = [0] * len(system.limiters)
@@ -63,25 +57,3 @@ def test_every_contact_has_its_own_mode():
     key = system.key([0, 2], [0, 1, 0, 0], limits)
     words = [contact.NAMES[one] for one in tell(0, key)["now"]["contacts"]]
     assert words == ["slip+", "open", "stick", "stick"]
-
-
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [("belt", ["contact"]), ("plate", [])],
-)
-def test_contacts_are_named(name, told):
-    assert contact.Contacts(rig.load(name).assemble().system()).names == told
-
-
-def test_a_drawer_that_fails_costs_the_picture_alone(monkeypatch):
-    def fails(*_):
-        raise KeyError("no_output")
-
-    scene = rig.load("belt")
-    _, _, tell = frames_of(scene)
-    monkeypatch.setattr(Belt, "frames", fails)
-    found = tell(0)
-    assert "picture" not in found
-    assert [event["text"] for event in found["events"]] == ["the picture cannot be drawn: KeyError: 'no_output'"]
-    assert "events" not in tell(1_000_000)
-    assert picture(scene, scene.assemble()) == {"fault": "KeyError: 'no_output'"}

@@ -1,4 +1,4 @@
-"""How a run of another terminal ends for the page, without processes."""
+"""What the page tells of a run of another terminal, without processes."""
 
 import threading
 import time
@@ -44,23 +44,6 @@ def test_a_followed_run_without_a_summary_has_lost_its_plant(control):
     Follower.last.news("left", None)
     assert control.state["phase"] == "ended"
     assert "its plant ended unexpectedly; its terminal shows the reason" in control.state["fault"]
-
-
-def test_a_followed_run_that_is_left_has_no_fault(control):
-    control.leave({})
-    assert (control.state["phase"], control.state["fault"]) == ("ended", "")
-    assert control.state["lines"][-1] == "run belt-1 is no longer followed"
-    with pytest.raises(UsageError, match="no run of another terminal is followed"):
-        control.leave({})
-
-
-def test_news_of_a_run_before_the_present_one_count_for_nothing(control):
-    before = Follower.last
-    control.leave({})
-    control.follow({"run": "belt-2"})
-    before.news("left", None)
-    before.news("phase", "paused")
-    assert (control.state["run"], control.state["phase"]) == ("belt-2", "running")
 
 
 def test_an_automatic_pace_is_that_of_the_plant_once_it_is_known(monkeypatch):

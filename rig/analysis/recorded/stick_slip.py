@@ -11,7 +11,11 @@ jumps by more than the threshold counts as missing. Slips that touch a longer ga
 
 A force is smoothed first, because its derivative amplifies noise: by the piecewise linear curve y with the smallest
 sum (F - y)^2 / 2 + s sum |y''| (differences of samples), which keeps the sudden begins of slips. Isolated spikes are
-removed before by the median of five samples, where it differs by more than eight times the usual.
+removed before by the median of five samples, where it differs by more than eight times the usual. What stands at the
+begin or the end of every other slip or more is no spike but the force of the slips.
+
+Breakaway is the largest force in the later half of the stick, which ends where the speed begins to rise towards the
+threshold: a gauge has read the drop to kinetic friction before it is passed, and a spring has been pulled further.
 
 Source: detector and smoothing, Colas, Pustelnik, Oliver, Abry, Geminard, Vidal, Physical Review E 100 (2019) 032803;
 the algorithm of the smoothing, Kim, Koh, Boyd, Gorinevsky, SIAM Review 51 (2009) 339.
@@ -35,9 +39,12 @@ from rig.record.run_data import BRIDGED, bridge, gaps
 from rig.results import Result, csv_text
 from rig.units import same_unit
 
+Bools = NDArray[np.bool_]
 _EVENT = 10.0  # times the threshold: speed above which a slip counts
 _SHARE = 0.04  # threshold as a share of the mean speed of the drive, if none is given
 _SPIKE = 8.0  # times the usual deviation from the median of five
+_BESIDE = 3  # samples between an edge of a slip and a peak of the force that belongs to it
+_OFTEN = 0.5  # share of the slips that have a peak: spikes do not keep time with slips
 _GAP = 1e-9  # of the objective: duality gap at which the smoothing ends
 _ROUNDS = 80  # of the smoothing, at most
 _BINS = 12  # of the slip speed, at most
@@ -200,6 +207,22 @@ class StickSlip(Result):
         return "\n".join([*lines, ""])
 
 
+class Motion(NamedTuple):
+    """A motion in stick and slip, [n] samples. `speed`: of slip, positive where the contact slips as it does in the
+    mean, which is `way` of it as it was given; `size`: the threshold. `spans`, `joined`, `cut`: of `_spans`; `held`:
+    samples that the sensor held; `bridged`: their number and that of missing ones that a line bridges.
+    """
+
+    speed: Reals
+    way: float
+    size: float
+    spans: list[tuple[int, int]]
+    joined: int
+    cut: int
+    held: int
+    bridged: int
+
+
 def stick_slip(
     run: Run,
     velocity: str = "",
@@ -227,66 +250,117 @@ def stick_slip(
     grid, _ = aligned(list(named.values()))
     channels: dict[str, Series] = dict(zip(named, grid, strict=True))
     t = next(iter(channels.values())).t
-    F, spikes = _despiked(channels[friction].v) if friction else (np.full(t.size, math.nan), 0)
-    F = trend(F, smooth) if friction and smooth else F
     pulled = channels[drive].v if isinstance(drive, str) and drive else np.full(t.size, float(drive or 0.0))
-    if velocity:
-        v = channels[velocity].v
-        unit = channels[velocity].unit
-        slip = pulled - v if drive else v
-    else:
-        unit = "rad/s" if isinstance(drive, str) and same_unit(channels[drive].unit, "rad/s") else "m/s"
-        slip = pulled[:-1] - np.diff(F) * channels[friction].rate / stiffness
-        slip = np.append(slip, slip[-1])
-    size = threshold or _SHARE * float(np.nanmean(np.abs(pulled))) or _SHARE * float(np.nanmean(np.abs(slip)))
-    way = 1.0 if np.nanmean(slip) >= 0.0 else -1.0
-    held = _held(channels[velocity].v, way * slip, size) if velocity else np.zeros(t.size, np.bool_)
-    slip, bridged = bridge(np.where(held, math.nan, slip))
+    v = channels[velocity].v if velocity else np.empty(0)
+    raw = channels[friction].v if friction else np.full(t.size, math.nan)
+
+    def read(spiky: Bools) -> tuple[Reals, Motion]:
+        """The force without its spikes, and the motion."""
+        F = np.where(spiky, middle, raw)
+        F = trend(F, smooth) if friction and smooth else F
+        if velocity:
+            return F, _motion(pulled - v if drive else v, pulled, threshold, v)
+        speed = pulled[:-1] - np.diff(F) * channels[friction].rate / stiffness
+        return F, _motion(np.append(speed, speed[-1]), pulled, threshold, v)
+
+    middle, spiky = _spikes(raw) if friction else (raw, np.zeros(t.size, np.bool_))
+    F, motion = read(spiky)
+    peaks = _of_slips(spiky, motion.spans)
+    if peaks.any():
+        spiky = spiky & ~peaks
+        F, motion = read(spiky)
+    slip = motion.speed
+    spans = motion.spans
     lost = ~np.isfinite(slip)
-    spans, joined, cut = _spans(way * slip, size)
+    noise = _noise(slip[~lost])
     slips = []
     for i, (a, b) in enumerate(spans):
         before = spans[i - 1][1] if i else 0
         stick = t[a] - t[before] if i and not lost[before:a].any() else math.nan
-        slips.append(Slip(t[a], t[b], stick, F[a], F[b], float(np.max(way * slip[a : b + 1]))))
+        peak = float(np.max(slip[a : b + 1]))
+        still = _still(slip, before, a, noise) + (0 if velocity else 1)  # speed of a spring: from a sample to the next
+        slips.append(Slip(t[a], t[b], stick, _breakaway(F, before, still), F[b], peak))
     whole = [s for s in slips if math.isfinite(s.stick)]
     total = sum(s.motion + s.stick for s in whole)
     share = sum(s.stick for s in whole) / total if total else float(not spans)
-    if not spans and float(np.mean(way * slip > size)) > 0.5:
+    if not spans and float(np.mean(slip > motion.size)) > 0.5:
         share = 0.0
     N = channels[load].v if isinstance(load, str) and load else np.full(t.size, float(load or 1.0))
-    up, down = _over_speed(way * slip, F / N, size) if friction else (None, None)
+    up, down = _over_speed(slip, F / N, motion.size) if friction else (None, None)
     if load:
         loads = [float(N[a]) for a, _ in spans]
         slips = [s._replace(breakaway=s.breakaway / n, restick=s.restick / n) for s, n in zip(slips, loads)]
+    unit = channels[velocity].unit if velocity else "m/s"
+    if not velocity and isinstance(drive, str) and same_unit(channels[drive].unit, "rad/s"):
+        unit = "rad/s"
     channel_unit = channels[friction].unit if friction else ""
-    force_unit = "1" if friction and load else channel_unit
     return StickSlip(
         scene_name(run),
         unit,
-        force_unit,
-        size,
+        "1" if friction and load else channel_unit,
+        motion.size,
         tuple(slips),
         share,
-        spikes,
-        joined,
-        cut,
-        int(held.sum()),
-        bridged,
+        int(spiky.sum()),
+        motion.joined,
+        motion.cut,
+        motion.held,
+        motion.bridged,
         int(lost.sum()),
         up,
         down,
         bool(load),
         t,
-        slip,
+        motion.way * slip,
         F,
         channel_unit,
         not velocity,
     )
 
 
-def _despiked(v: Reals) -> tuple[Reals, int]:
-    """The samples, isolated spikes replaced by the median of five, and the number of these."""
+def _motion(slip: Reals, pulled: Reals, threshold: float, v: Reals) -> Motion:
+    """The motion with a slip speed. `pulled`: speed of the drive; `v`: the measured velocity, without samples if there
+    is none.
+    """
+    size = threshold or _SHARE * float(np.nanmean(np.abs(pulled))) or _SHARE * float(np.nanmean(np.abs(slip)))
+    way = 1.0 if np.nanmean(slip) >= 0.0 else -1.0
+    held = _held(v, way * slip, size) if v.size else np.zeros(slip.size, np.bool_)
+    speed, bridged = bridge(np.where(held, math.nan, way * slip))
+    return Motion(speed, way, size, *_spans(speed, size), int(held.sum()), bridged)
+
+
+def _still(speed: Reals, before: int, begin: int, noise: float) -> int:
+    """The last sample at which the contact rests: from `begin`, where the speed passes the threshold, back to where it
+    began to rise, as far as that stands out of the noise; not before the sample `before`.
+    """
+    at = begin
+    while at > before and speed[at] > max(speed[at - 1], _TURN * noise):
+        at -= 1
+    return at
+
+
+def _breakaway(F: Reals, before: int, last: int) -> float:
+    """The largest force, in its direction at the end, in the later half of a stick from sample `before` to `last`."""
+    stuck = F[(before + last) // 2 : last + 1]
+    known = stuck[np.isfinite(stuck)]
+    return float(known[np.argmax(math.copysign(1.0, known[-1]) * known)]) if known.size else math.nan
+
+
+def _of_slips(spiky: Bools, spans: list[tuple[int, int]]) -> Bools:
+    """Which spikes are the force of the slips: those at their begins if every other slip or more has one there, and
+    likewise those at their ends.
+    """
+    peaks = np.zeros(spiky.size, np.bool_)
+    for edges in zip(*spans):
+        near = [slice(max(edge - _BESIDE, 0), edge + _BESIDE + 1) for edge in edges]
+        if np.mean([spiky[part].any() for part in near]) >= _OFTEN:
+            for part in near:
+                peaks[part] |= spiky[part]
+    return peaks
+
+
+def _spikes(v: Reals) -> tuple[Reals, Bools]:
+    """The median of five of the samples, and which of these are isolated spikes."""
     from scipy.ndimage import median_filter
 
     known = np.isfinite(v)
@@ -294,8 +368,7 @@ def _despiked(v: Reals) -> tuple[Reals, int]:
     middle = median_filter(filled, 5, mode="nearest")
     away = np.abs(v - middle)
     usual = float(np.median(away[away > 0.0])) if (away > 0.0).any() else 0.0  # comparisons with NaN are false
-    spiky = away > max(_SPIKE * usual, 0.05 * float(np.nanmax(v) - np.nanmin(v)))
-    return np.where(spiky, middle, v), int(spiky.sum())
+    return middle, away > max(_SPIKE * usual, 0.05 * float(np.nanmax(v) - np.nanmin(v)))
 
 
 def trend(v: Reals, s: float) -> Reals:
@@ -355,7 +428,7 @@ def trend(v: Reals, s: float) -> Reals:
     return np.asarray(v - transposed(z))
 
 
-def _held(v: Reals, slip: Reals, size: float) -> NDArray[np.bool_]:
+def _held(v: Reals, slip: Reals, size: float) -> Bools:
     """The samples of a velocity that repeat the one before them, where the contact slips and a jump follows."""
     same = np.concatenate(([False], np.diff(v) == 0.0))
     held = np.zeros(v.size, np.bool_)
@@ -390,8 +463,7 @@ def _ways(v: Reals) -> NDArray[np.int8]:
     """1 where v rises, -1 where it falls, from turning point to turning point; a turn is larger than the noise of v."""
     known = np.flatnonzero(np.isfinite(v))
     x = v[known]
-    noise = 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / math.sqrt(6.0) if x.size > 2 else 0.0
-    band = _TURN * noise
+    band = _TURN * _noise(x)
     way = 1
     turn = 0
     extreme = 0
@@ -410,6 +482,11 @@ def _ways(v: Reals) -> NDArray[np.int8]:
     of_all = np.zeros(v.size, np.int8)
     of_all[known] = ways
     return of_all
+
+
+def _noise(x: Reals) -> float:
+    """The standard deviation of the noise of samples, from their second differences."""
+    return 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / math.sqrt(6.0) if x.size > 2 else 0.0
 
 
 def _over_speed(slip: Reals, friction: Reals, size: float) -> tuple[Curve, Curve]:

@@ -1,4 +1,4 @@
-"""Who gets the page, and how it looks and works: languages, a phone, the keyboard alone."""
+"""Who gets the page, and how it looks and works: languages, the keyboard alone, names and contrast."""
 
 import http.server
 import threading
@@ -41,17 +41,6 @@ def elsewhere(server):
         thread.join(5.0)
 
 
-@pytest.fixture
-def shape(page):
-    """Gives the page the shape of a screen."""
-
-    def shape(width, height, mobile=False):
-        page.tools("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
-        return page
-
-    return shape
-
-
 def test_a_wrong_token_is_refused_and_the_remedy_told(browser, server):
     browser.get(f"http://127.0.0.1:{server.port}/?token=wrong")
     assert "Open the address that rig web printed" in browser.page_source
@@ -89,32 +78,6 @@ def test_numbers_have_the_decimal_sign_of_the_language_and_are_read_with_either(
     page.press("start")
     page.until_phase("ended" if language == "en-GB" else "beendet")
     assert page.value("value-drive.speed") == written(["0", "07"])
-
-
-@pytest.mark.parametrize(("width", "height"), [(360, 740), (800, 1100), (2200, 1200)])
-def test_nothing_is_wider_than_the_screen(shape, width, height):
-    page = shape(width, height, mobile=width < 500)
-    page.choose("pendulum")
-    page.unfold()
-    page.press("start")
-    page.until_phase("running")
-    page.until(lambda: page.time > 1.0)
-    page.run("scrollTo(0, 0)")
-    page.picture(f"width-{width}")
-    wide = """
-        const limit = document.documentElement.clientWidth;
-        return [document.documentElement.scrollWidth - limit, ...[...document.querySelectorAll('section *')]
-          .filter((one) => one.getBoundingClientRect().right > limit + 1)
-          .map((one) => one.outerHTML.slice(0, 90))].slice(0, 6)"""
-    assert page.run(wide) == [0]
-    page.show("slider-drive.speed")
-    assert page.one("emergency").is_displayed()
-    box = page.run(
-        "const b = document.getElementById('emergency').getBoundingClientRect(); return [b.top, b.bottom, b.right]"
-    )
-    assert box[0] >= 0
-    assert box[1] <= height / 2
-    assert box[2] <= width
 
 
 def test_the_keyboard_is_enough(page):
