@@ -380,6 +380,9 @@ def sound(
     if out is not None:
         with draft_of(out) as draft:
             full = write(heard.v, heard.rate, draft)
+    if len(heard.starts) > 1:
+        times = ", ".join(f"{start:.9g} s" for _, start in heard.starts)
+        printing.note(f"{heard.channel}: stretches that begin at {times} follow each other without their gap")
     printing.result(heard, as_json, wav=out, full_scale=full, figure=figure)
     if full is not None and not as_json:
         printing.line(f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}")
