@@ -319,6 +319,22 @@ KINDS = {
         becomes={"v": ("m/s", [2.0, 4.0])},
         t=[0.0, 1.0],
     ),
+    "other words for no value.csv": Kind(
+        lines("t [s];v [m/s]", "0;1", "1;1.#QNAN", "2;#N/A", "3;---", "4;NULL", "5;2"),
+        skip=True,
+        becomes={"v": ("m/s", [1.0, 2.0])},
+        t=[0.0, 5.0],
+    ),
+    "two segments.lvm": Kind(
+        lines(
+            *(line.format(columns="One") for line in LVM),
+            *rows(lambda t, v, n: f"{comma(t)}\t{comma(v)}\t{comma(n, 3)}\t"),
+            *(line.format(columns="One") for line in LVM[9:]),
+            *rows(lambda t, v, n: f"{comma(t)}\t{comma(v)}\t{comma(n, 3)}\t"),
+        ),
+        time="X_Value",
+        refused=("row 221: column X_Value: 'Samples' is not a number",),
+    ),
     "a cut UTF-16.csv": Kind(
         lambda path: path.write_bytes("t [s],v [m/s]\n0,1\n1,2\n2,3\n".encode("utf-16")[:-3]),
         refused=("is cut off",),
@@ -533,3 +549,9 @@ def test_a_kind_of_file(tmp_path, name):
     for column, why in kind.left_out.items():
         assert why in reasons[column]
         assert f"not read: {reasons[column]}" in told.text()
+
+
+def test_a_column_with_missing_times_is_proposed_as_the_time(tmp_path):
+    path = tmp_path / "x.csv"
+    KINDS["no time at both ends, left out.csv"].write(path)
+    assert listed([path]).proposal == ChannelMap({"v": "v, m/s"}, "t, s", "")

@@ -292,11 +292,11 @@ def _ratio(stated: str, per: str) -> float | None:
 
 
 def _equal(stated: str, unit: str) -> bool:
-    """Whether two units are the same, however they are written."""
+    """Whether a unit of the map is one that the file states, however they are written, or one of its two meanings."""
     try:
         return stated == unit or meaning(stated) == meaning(unit)
-    except UnitFault:
-        return False
+    except UnitFault as fault:
+        return any(meaning(way) == meaning(unit) for way, _ in fault.ways)
 
 
 def _number(text: str, told: str) -> float:

@@ -212,11 +212,11 @@ def listed(paths: Sequence[Path]) -> Listed:
                 count[name] += known.size
                 low[name] = min(low[name], known.min(initial=np.inf))
                 high[name] = max(high[name], known.max(initial=-np.inf))
-                if name in rising and known.size == v.size and v[0] > last[name] and np.all(v[1:] > v[:-1]):
+                if name in rising and known.size and known[0] > last[name] and np.all(known[1:] > known[:-1]):
                     with np.errstate(over="ignore"):  # a column that rises may be no time
-                        times[name].add(v)
-                    last[name] = v[-1]
-                else:
+                        times[name].add(known)
+                    last[name] = known[-1]
+                elif known.size:
                     rising.discard(name)
         for column in file.columns:
             name = column.name

@@ -15,7 +15,11 @@ from rig.record.imports import clock_times
 from rig.record.imports.instrument_units import is_unit
 
 SEPARATORS = (";", "\t", ",", "|", " ")
-NO_VALUE = ("", "nan", "NaN", "NAN", "NA", "n/a", "N/A", "null", "-")
+NO_VALUE = (
+    *("", "nan", "NaN", "NAN", "NA", "n/a", "N/A", "null", "NULL", "None", "-", "--", "---"),
+    *("#N/A", "#NV", "#DIV/0!", "1.#QNAN", "-1.#IND", "1.#IND", "-1.#QNAN"),
+)
+"""What stands where there is no value."""
 _SHOWN = 100  # rows that tell what a column is. chosen
 _HEADINGS = 60  # lines above the rows in which names with units in brackets are looked for. chosen
 _UNITS_ABOVE = 5  # the same of a line of names above a line of units. chosen
