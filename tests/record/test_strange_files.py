@@ -290,6 +290,16 @@ KINDS = {
         lines("t [s],v [m/s]", *rows(lambda t, v, n: f"{t:.6f},{v}{',,rate,1000' if t < 0.015 else ''}")),
         left_out={"beside the rows": "the first 15 rows have remarks behind the values"},
     ),
+    "lines of numbers above the rows.csv": Kind(
+        lines("7,8,9,10", "11,12,13", *rows(lambda t, v, n: f"{t:.6f},{v}")),
+        ["column 2 = v, m/s"],
+        "column 1, s",
+        left_out={"above the rows": "2 lines with a number first, but not as many cells"},
+    ),
+    "thousands without decimals beside small numbers.csv": Kind(
+        lines("t [s];n [U/min];v [m/s]", *rows(lambda t, v, n: f"{t:.6f};{german(n, 0)};{v}")),
+        left_out={"n": "1.010 may be 1010 or a number with three decimals"},
+    ),
     "remarks before the first rows.csv": Kind(
         lines(*rows(lambda t, v, n: f"{'Interval,0.001' if t < 0.015 else ','},,{t:.6f},{v}")),
         ["column 5 = v, m/s"],

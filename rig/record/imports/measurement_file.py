@@ -149,6 +149,8 @@ def _text(path: Path) -> MeasurementFile:
     units = [unit or stated for (_, unit), stated in zip(named, table.units, strict=True)]
     columns = [Column(*about) for about in zip(names, units, rates, starts, strict=True)]
     left_out = {name: why for name, why in zip(names, table.left_out, strict=True) if why}
+    if table.form.unread:
+        left_out["above the rows"] = f"{counted(table.form.unread, 'line')} with a number first, but not as many cells"
     if table.form.beside:
         left_out["beside the rows"] = f"the first {counted(table.form.beside, 'row')} have remarks behind the values"
     return MeasurementFile(

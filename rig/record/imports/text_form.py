@@ -40,12 +40,18 @@ _GROUPED = {
 }
 _EITHER = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
 _UNIT_LINE = re.compile(r"[\[(].*[\])]|[-%°µμΩ²³⁻¹\"\w^/*·. ]{1,16}|")
+_NAMES = ("t", "T", "F", "d", "h", "l", "L", "H", "1")  # of quantities and channels more often than of units
 _IN_BRACKETS = re.compile(r".*\S\s*[\[(]([^\])]*)[\])]\s*")
 
 
 def is_number(cell: str, mark: str) -> bool:
     """Whether a cell is a number with this decimal mark, whose digits may be grouped."""
     return bool(_PLAIN[mark].fullmatch(cell) or _GROUPED[mark].fullmatch(cell))
+
+
+def is_doubtful(cell: str) -> bool:
+    """Whether the mark in a number may be a decimal mark or group its digits: 1.234."""
+    return _EITHER.fullmatch(cell) is not None
 
 
 def number(cell: str, mark: str) -> float:
@@ -85,14 +91,15 @@ def split(line: str, separator: str) -> list[str]:
 class Form:
     """How a text is read with a separator and a decimal mark: `skip` lines, then rows of `width` cells.
 
-    `beside`: number of the first rows that have more cells, such as remarks, of which only `width` are read.
+    `beside`: number of the first rows that have more cells, such as remarks, of which only `width` are read. `unread`:
+    number of the lines above the rows that begin with a number too.
     """
 
     def __init__(self, separator: str, mark: str, words: bool) -> None:
         self.separator = separator
         self.mark = mark
         self.words = words
-        self.rows = self.skip = self.width = self.beside = 0
+        self.rows = self.skip = self.width = self.beside = self.unread = 0
         self.headed = self.ended = False
         self.fitting = 0
         """Cells of the first rows that are values, minus those that are words."""
@@ -183,7 +190,8 @@ class Form:
             cells.append("")
         if self.beside and len(cells) > self.width:
             cells = cells[: self.width]
-        return cells if len(cells) == self.width and not all(map(self._is_value, cells)) else None
+        first = next(filter(None, cells), "")
+        return cells if len(cells) == self.width and first and not self._is_value(first) else None
 
     def _headings(self, lines: Sequence[str]) -> list[list[str]]:
         """The cells of the lines above the rows that may have names or units, from the rows upwards."""
@@ -218,7 +226,11 @@ class Form:
         if self.words:
             return len(cells) if len(cells) > 1 else -1
         unknown = [cell for cell, value in zip(cells, known) if not value]
-        return len(cells) if all(cell in NO_VALUE or clock_times.is_date(cell) for cell in unknown) else -1
+        return (
+            len(cells)
+            if all(cell in NO_VALUE or clock_times.is_date(cell) or is_doubtful(cell) for cell in unknown)
+            else -1
+        )
 
     def _is_value(self, cell: str) -> bool:
         return is_number(cell, self.mark) or clock_times.is_time(cell)
@@ -227,17 +239,26 @@ class Form:
         """Why a column is not read; "" if enough cells are values, or if a labelled one says that there is none."""
         values = sum(map(self._is_value, column))
         stated = [cell for cell in column if cell not in NO_VALUE]
+        if doubtful := self._doubtful(stated):
+            plain = doubtful.replace(".", "").replace(",", "")
+            return f"{doubtful} may be {plain} or a number with three decimals; write the digits without groups"
         if (values and (2 * values > len(column) * self.words or values == len(stated))) or (label and not stated):
             return ""
         if not stated:
             return "it has no values"
         if all(map(clock_times.is_date, stated)):
             return "it has dates without a time of day"
-        doubtful = next(filter(_EITHER.fullmatch, stated), "")
-        if doubtful:
-            plain = doubtful.replace(".", "").replace(",", "")
-            return f"{doubtful} may be {plain} or a number with three decimals; write the digits without groups"
         return f"it has words, no numbers, such as {next(cell for cell in stated if not self._is_value(cell))!r:.40}"
+
+    def _doubtful(self, stated: Sequence[str]) -> str:
+        """A number whose mark may group its digits: no decimal mark here, or one that smaller numbers lack; else ""."""
+        doubtful = [cell for cell in stated if is_doubtful(cell)]
+        other = next((cell for cell in doubtful if self.mark not in cell), "")
+        marked = [cell for cell in stated if self.mark in cell]
+        small = [cell for cell in stated if cell.lstrip("+-").isdigit()]
+        if other or len(marked) != len(doubtful) or len(small) + len(marked) < len(stated) or not small:
+            return other
+        return doubtful[0] if doubtful and max(len(cell.lstrip("+-")) for cell in small) <= 3 else ""
 
     def _skip_to_header(self, lines: Sequence[str], widths: Sequence[int]) -> None:
         """Begin below an earlier header, if most lines from there on are rows: the other ones are faults."""
@@ -256,15 +277,17 @@ class Form:
         """
         filled = [any(map(self._is_value, column)) for column in self._columns(lines)]
         rows = [self._cells(line) for line in lines[: self.skip]]
-        remarked = [*takewhile(lambda cells: self._is_remarked(cells, filled), reversed(rows))]
-        if not remarked:
-            remarked = [*takewhile(lambda cells: self._is_faulty(cells, filled), reversed(rows))]
-            above = rows[-len(remarked) - 1] if len(remarked) < len(rows) else []
-            if len(above) != self.width or any(map(self._is_value, above)):
-                return
+        remarked = [
+            *takewhile(lambda cells: self._is_remarked(cells, filled) or self._is_faulty(cells, filled), reversed(rows))
+        ]
+        above = rows[-len(remarked) - 1] if len(remarked) < len(rows) else []
+        if len(above) < self.width or any(map(self._is_value, above)):  # without a header only remarks are sure
+            remarked = [*takewhile(lambda cells: self._is_remarked(cells, filled), reversed(rows))]
         self.beside = len(remarked) if any(len(cells) > self.width for cells in remarked) else 0
         self.rows += len(remarked)
         self.skip -= len(remarked)
+        begins = (next(filter(None, cells), "") for cells in reversed(rows[: self.skip]))
+        self.unread = len([*takewhile(self._is_value, begins)])
 
     def _is_remarked(self, cells: Sequence[str], filled: Sequence[bool]) -> bool:
         """Whether a line has values in the columns that are `filled`, and words only beside them."""
@@ -272,7 +295,9 @@ class Form:
         if len(cells) < self.width or (beside and all(map(self._is_value, beside))):
             return False
         inside = [cell for cell, value in zip(cells, filled, strict=False) if value]
-        return any(map(self._is_value, inside)) and all(self._is_value(cell) or cell in NO_VALUE for cell in inside)
+        return any(map(self._is_value, inside)) and all(
+            self._is_value(cell) or cell in NO_VALUE or is_doubtful(cell) for cell in inside
+        )
 
     def _is_faulty(self, cells: Sequence[str], filled: Sequence[bool]) -> bool:
         """Whether a line has as many cells as the others, and a value in the first column that is `filled`."""
@@ -288,4 +313,5 @@ def _have_units(cells: Sequence[str]) -> bool:
 def _are_units(cells: Sequence[str]) -> bool:
     """Whether a line below the names has their units: short, and at least half of them are known."""
     stated = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
-    return bool(stated) and all(map(_UNIT_LINE.fullmatch, cells)) and 2 * sum(map(is_unit, stated)) >= len(stated)
+    known = [cell for cell in stated if is_unit(cell) and cell not in _NAMES]
+    return bool(stated) and all(map(_UNIT_LINE.fullmatch, cells)) and 2 * len(known) >= len(stated)

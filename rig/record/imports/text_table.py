@@ -21,7 +21,7 @@ import numpy as np
 from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.imports import clock_times, text_headers
-from rig.record.imports.text_form import NO_VALUE, SEPARATORS, Form, has_groups, is_number, number, split
+from rig.record.imports.text_form import NO_VALUE, SEPARATORS, Form, has_groups, is_doubtful, is_number, number, split
 from rig.record.imports.text_headers import TextHeader
 from rig.record.run_data import Reals
 
@@ -115,7 +115,7 @@ class TextTable:
             stamps[0] if stamps else "",
             clock_times.order(stamps),
             all(map(_ISO.fullmatch, stamps)),
-            _is_grouped(path, form),
+            _is_grouped(path, form, encoding),
             about,
         )
 
@@ -262,7 +262,8 @@ class TextTable:
             if stamped and (fault := self._time_fault(cell)):
                 yield f"column {name}: {fault}"
             elif not stamped and not is_number(cell, self.form.mark):
-                yield f"column {name}: {cell!r:.40} is not a number"
+                doubt = "; are its digits grouped? Write them without groups" if is_doubtful(cell) else ""
+                yield f"column {name}: {cell!r:.40} is not a number{doubt}"
 
     def _other_separator(self, line: str, width: int) -> str:
         """The separator with which a line has `width` numbers; "" if there is none."""
@@ -286,11 +287,12 @@ def _lines(text: str) -> list[str]:
     return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
 
 
-def _is_grouped(path: Path, form: Form) -> bool:
+def _is_grouped(path: Path, form: Form, encoding: str) -> bool:
     """Whether digits are grouped anywhere in a file: 1.234,5 in its last block too."""
     with path.open("rb") as file:
         rest = b""
         while block := file.read(BLOCK):
+            block = block.replace(b"\0", b"") if encoding.startswith("utf-16") else block
             if has_groups(rest + block, form.mark, form.separator):
                 return True
             rest = block[-8:]
