@@ -129,6 +129,20 @@ def with_gap(values, *places):
     return values
 
 
+def zero_factor(path):
+    hdf5(path, t=(T, "s"), v=(V, "m/s"))
+    with h5py.File(path, "a") as file:
+        file["v"].attrs["scale_factor"] = 0.0
+
+
+def times_without_a_date(path):
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    times = pa.array([1_000_000, 1_500_000, 2_000_000], pa.time64("us"))
+    parquet.write_table(pa.table({"t": times, "v [m/s]": [1.0, 2.0, 3.0]}), path)
+
+
 def uff(path, unit):
     pyuff = pytest.importorskip("pyuff")
     about = {
@@ -505,6 +519,26 @@ KINDS = {
     "no time in HDF5.h5": Kind(
         lambda path: hdf5(path, t=(with_gap(T, 199), "s"), v=(V, "m/s")),
         refused=("row 200, column t: there is no time",),
+    ),
+    "a scale factor of 0.h5": Kind(
+        zero_factor, ["v = v, m"], "t, s", refused=("column v is not read: its scale_factor is 0",)
+    ),
+    "times without a date.parquet": Kind(
+        times_without_a_date, becomes={"v": ("m/s", [1.0, 2.0, 3.0])}, t=[0.0, 0.5, 1.0]
+    ),
+    "a day that no month has.csv": Kind(
+        lines("t,v [m/s]", "32.01.2024 10:00:00,1", "01.02.2024 10:00:01,2", "01.02.2024 10:61:00,3"),
+        refused=("row 2: column t: '32.01.2024 10:00:00' is not", "row 4: column t: '01.02.2024 10:61:00' is not"),
+    ),
+    "infinite.csv": Kind(
+        lines("t [s],v [m/s]", "0,1", "", "1,1e400", "2,inf"),
+        refused=("row 4, column v: the value is infinite", "row 5, column v: the value is infinite"),
+    ),
+    "quotes that do not end.csv": Kind(
+        lines("t [s],v [m/s]", '0,"1', "1,2", "2,3"), refused=("In CSV column #1: Row #2",)
+    ),
+    "the end of time.csv": Kind(
+        lines("t [s],v [m/s]", "-1e300,1", "1e300,2"), refused=("row 2, column t: the time -1e+300 s lies beyond",)
     ),
     "g by its label.uff": Kind(
         lambda path: uff(path, "g"),

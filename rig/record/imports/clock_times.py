@@ -17,6 +17,7 @@ OPEN, DAY_FIRST, MONTH_FIRST = "open", "day", "month"
 """Orders of a date with slashes."""
 _1970 = date(1970, 1, 1).toordinal()
 _CENTURY = 70  # a year of two digits from here on is of the 20th century, as POSIX has it for 69 and above. chosen
+_LEAP = 60  # the highest second, of a leap second
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _DATE = (
     r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)"
@@ -35,6 +36,15 @@ _TIME = re.compile(rf"(?:{_DATE}(?:[T ]|,\s)\s*)?{_CLOCK}", re.IGNORECASE)
 def is_time(text: str) -> bool:
     """Whether a text is a time of day, with or without a date."""
     return ":" in text and _TIME.fullmatch(text) is not None
+
+
+def is_valid(text: str, of_dates: str) -> bool:
+    """Whether a text is a time of day whose fields are possible."""
+    try:
+        nanoseconds(text, of_dates)
+    except UsageError:
+        return False
+    return True
 
 
 def is_date(text: str) -> bool:
@@ -69,7 +79,11 @@ def nanoseconds(text: str, of_dates: str = OPEN) -> int:
     if match is None:
         raise UsageError(f"{text!r:.40} is not a time of day")
     hour = int(match["hour"])
+    minute = int(match["minute"])
+    second = int(match["second"] or 0)
     try:
+        if minute > 59 or second > _LEAP:
+            raise ValueError
         if half := (match["half"] or "").lower():
             if not 1 <= hour <= 12:
                 raise ValueError
@@ -77,7 +91,7 @@ def nanoseconds(text: str, of_dates: str = OPEN) -> int:
         day = _day(match, of_dates)
     except ValueError:
         raise UsageError(f"{text!r:.40} is not a time of day") from None
-    seconds = 3600 * hour + 60 * int(match["minute"]) + int(match["second"] or 0)
+    seconds = 3600 * hour + 60 * minute + second
     if (zone := match["zone"] or "Z").upper() != "Z":
         seconds -= int(f"{zone[0]}1") * (3600 * int(zone[1:3]) + 60 * int(zone[-2:]))
     return day * DAY_NS + seconds * 1_000_000_000 + int((match["part"] or "").ljust(9, "0"))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
@@ -39,6 +40,7 @@ _GAP = 1.5  # periods: a longer distance of two samples is a gap
 _EVEN = 0.01  # of a period
 _TOLD = 20  # faults of a file that are listed; of more their number
 _SPARSE = 8.0  # periods for each sample: with more the shift of a channel is not looked for. chosen
+_LOST = re.compile("there is no (value|time)$|the value is infinite$")
 _FARTHEST = 9e9  # s: times in ns reach no farther
 _ALIKE = 0.5  # least correlation of a channel that two files have in common
 FRAME_NS = 1_000_000
@@ -312,7 +314,7 @@ class _Part:
         first = {c: t for c, t in first.items() if t.size}
         if not first:
             raise UsageError(f"{self.file.path}: column {self.time} has no time among its first values")
-        self.periods = {c: round(float(np.median(np.diff(t))) * 1e9) if t.size > 1 else 0 for c, t in first.items()}
+        self.periods = {c: _period_ns(t) for c, t in first.items()}
         return min(float(t[0]) for t in first.values()) + self.shift
 
     def blocks(self, base: TimeBase) -> Iterator[dict[str, tuple[Reals, Reals]]]:
@@ -344,7 +346,7 @@ class _Part:
                     rows, t, v = rows[~lost], t[~lost], v[~lost]
                     self.missing += int(lost.sum())
                 else:
-                    faults.missing(lost, rows, channel.column)
+                    faults.missing(v, rows, channel.column)
                 scaled = channel.values(v)
                 faults.infinite(np.isinf(scaled) & np.isfinite(v), rows, channel)
                 done[channel.name] = t + self.shift, scaled
@@ -388,7 +390,7 @@ class _Part:
                 faults.times(t, last, number, self.time)
                 last = last if np.isnan(t[0]) else float(t[0])
             for column in () if self.skip_missing else columns:
-                faults.missing(np.isnan([values.get(column, 0.0)]), number, column)
+                faults.missing(np.array([values.get(column, 0.0)]), number, column)
         return faults
 
     def timed(self, names: Sequence[str]) -> Iterator[dict[str, tuple[Reals, Reals]]]:
@@ -410,6 +412,12 @@ class _Part:
                 done[name] += v.size
                 timed[name] = t, v
             yield timed
+
+
+def _period_ns(t: Reals) -> int:
+    """The median distance of times [ns]; 0 where there is none, or one that no recording has."""
+    near = t[np.abs(t) <= _FARTHEST]
+    return round(float(np.median(np.diff(near))) * 1e9) if near.size > 1 else 0
 
 
 class _Faults:
@@ -435,10 +443,10 @@ class _Faults:
                 what = f"lies beyond {_FARTHEST:g} s; state its unit"
             self._note(int(rows[i]), name, f"the time {t[i]:.9g} s {what}")
 
-    def missing(self, lost: NDArray[np.bool_], rows: Integers, name: str) -> None:
-        """Note values that are not there."""
-        for i in np.flatnonzero(lost):
-            self._note(int(rows[i]), name, "there is no value")
+    def missing(self, v: Reals, rows: Integers, name: str) -> None:
+        """Note values that are not there, or are infinite."""
+        for i in np.flatnonzero(~np.isfinite(v)):
+            self._note(int(rows[i]), name, "there is no value" if np.isnan(v[i]) else "the value is infinite")
 
     def infinite(self, lost: NDArray[np.bool_], rows: Integers, channel: Channel) -> None:
         """Note values that are too large in SI."""
@@ -454,7 +462,7 @@ class _Faults:
         """Raise UsageError if there are any."""
         if self.count:
             more = [f"{self._path}: {self.count - _TOLD} more"] if self.count > _TOLD else []
-            hints = ["--skip-missing leaves them out" * any("there is no " in told for told in self._told)]
+            hints = ["--skip-missing leaves them out" * any(_LOST.search(told) for told in self._told)]
             hints += ["--rate RATE takes no times from the file" * any("the time" in told for told in self._told)]
             raise UsageError("\n".join([*self._told, *more, *filter(None, hints)]))
 
@@ -586,7 +594,8 @@ def _written(
     )
     stated = (part.file.began_ns for part in parts if part.file.began_ns is not None)
     began_ns = next(stated, parts[0].file.path.stat().st_mtime_ns)  # else the date of the file
-    began_ns = max(began_ns + round(begin * 1e9), 0)
+    began_ns += round(begin * 1e9) if abs(begin) <= _FARTHEST else 0  # beyond, the file is refused
+    began_ns = max(began_ns, 0)
     ranges = {name: (unit, np.inf, -np.inf) for name, unit in units.items()}
     writer = Writer(draft, setup, MADE)
     try:

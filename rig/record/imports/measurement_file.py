@@ -37,6 +37,7 @@ _OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
 
 _WORDS = "it has words, no numbers"
+_NO_FACTOR = "its scale_factor is 0, which leaves nothing of it"
 _PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset")
 
 
@@ -215,7 +216,7 @@ def _no_column(array: NDArray[Any]) -> str:
     if array.dtype.kind in "SU" or (array.dtype.kind == "O" and array.size and isinstance(array.flat[0], str | bytes)):
         return _WORDS
     if array.dtype.kind not in "fiub":
-        return f"it has the type {array.dtype}"
+        return "it is no array of numbers" if array.dtype.kind == "O" else f"it has the type {array.dtype}"
     if array.size < 2:
         return "it is a single value" if array.size else "it is empty"
     dimensions = np.squeeze(array).ndim
@@ -231,8 +232,8 @@ def _parquet(path: Path) -> MeasurementFile:
     if not length:
         raise UsageError(f"{path}: its table has no rows")
     columns = []
-    labels = {}
-    left_out = {}
+    labels: dict[str, str] = {}
+    left_out: dict[str, str] = {}
     numbers = (types.is_floating, types.is_integer, types.is_decimal, types.is_boolean, types.is_temporal)
     for about in fields:
         if not any(fits(about.type) for fits in numbers):
@@ -240,7 +241,7 @@ def _parquet(path: Path) -> MeasurementFile:
             continue
         stated = {key.decode(): value.decode() for key, value in (about.metadata or {}).items()}
         name, unit = name_and_unit(about.name)
-        name = about.name if name in labels else name
+        name = distinct((*labels, name), "{} ({})")[-1] if name in labels else name
         unit = unit or stated.get("unit", stated.get("units", "")) or ("s" if types.is_temporal(about.type) else "")
         columns.append(Column(name, unit, length=length))
         labels[name] = about.name
@@ -256,11 +257,12 @@ def _parquet(path: Path) -> MeasurementFile:
 
 def _seconds(column: Any, begins: dict[str, int], name: str) -> Reals:
     """Numbers; times of day as seconds since the first one. NaN for those that are not there."""
-    from pyarrow import compute, duration, int64, timestamp, types
+    from pyarrow import compute, duration, int64, time64, timestamp, types
 
     if not types.is_temporal(column.type):
         return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
     kind = duration("ns") if types.is_duration(column.type) else timestamp("ns")
+    kind = time64("ns") if types.is_time(column.type) else kind
     ns = column.cast(kind).cast(int64())
     if len(known := ns.drop_null()):
         begins.setdefault(name, known[0].as_py())
@@ -347,6 +349,8 @@ def _of_item(arrays: _Arrays, item: Any, label: str, within: tuple[Any, ...] = (
         _of_references(arrays, item, label)
     elif item.shape is None:
         arrays.leave_out(label, "it is empty")
+    elif _factor(item.attrs) == 0.0:
+        arrays.leave_out(label, _NO_FACTOR)
     else:
         arrays.add(label, _unpacked(item[()], item.attrs), unit)
 
@@ -383,12 +387,16 @@ def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
     if array.dtype.kind not in "fiu":
         return values
     fills = [np.ravel(about[key])[0] for key in ("_FillValue", "missing_value") if key in about]
-    factor = float(np.ravel(about.get("scale_factor", 1.0))[0])
+    factor = _factor(about)
     offset = float(np.ravel(about.get("add_offset", 0.0))[0])
     missing = np.isin(array, fills)
     if (factor, offset) != (1.0, 0.0) or missing.any():
         array = np.where(missing, np.nan, array * factor + offset)
     return array
+
+
+def _factor(about: Mapping[str, Any]) -> float:
+    return float(np.ravel(about.get("scale_factor", 1.0))[0])
 
 
 def _netcdf(path: Path) -> MeasurementFile:
@@ -401,6 +409,9 @@ def _netcdf(path: Path) -> MeasurementFile:
     with netcdf_file(path, "r", mmap=False) as file:
         for name, variable in file.variables.items():
             about = {key: getattr(variable, key) for key in ("units", *_PACKED) if hasattr(variable, key)}
+            if _factor(about) == 0.0:
+                arrays.leave_out(name, _NO_FACTOR)
+                continue
             arrays.add(name, _unpacked(variable[:].copy(), about), _without_epoch(_word(about.get("units"))))
     return arrays.file()
 

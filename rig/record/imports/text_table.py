@@ -101,8 +101,9 @@ class TextTable:
             )
         labels, units, stamped, left_out = form.described(lines)
         rows = [form.cells(line, i) for i, line in enumerate(lines[form.skip :])]
-        stamps = [cell for cells in rows for cell, stamp in zip(cells, stamped, strict=False) if stamp and cell]
-        stamps = [cell for cell in stamps if clock_times.is_time(cell)]
+        cells = [cell for row in rows for cell, stamp in zip(row, stamped, strict=False) if stamp]
+        of_dates = clock_times.order(cells)
+        stamps = [cell for cell in cells if clock_times.is_valid(cell, of_dates)]
         about = text_headers.read(lines[: form.skip], form.separator, labels)
         return cls(
             path,
@@ -113,7 +114,7 @@ class TextTable:
             stamped,
             left_out,
             stamps[0] if stamps else "",
-            clock_times.order(stamps),
+            of_dates,
             all(map(_ISO.fullmatch, stamps)),
             _is_grouped(path, form, encoding),
             about,
@@ -165,7 +166,8 @@ class TextTable:
                         columns = zip(wanted, batch.columns, strict=True)  # by name it takes the square of their number
                         yield {name: self._values(column, name in times) for name, column in columns}
             except pa.ArrowInvalid as fault:
-                raise UsageError(self._faults(names, wanted) or f"{self.path}: {fault}") from None
+                why = " ".join(str(fault).split())  # of a cell in quotes that do not end, many lines
+                raise UsageError(self._faults(names, wanted) or f"{self.path}: {why:.200}") from None
         if ragged:
             raise UsageError(
                 self._faults(names, wanted) or f"{self.path}: row {ragged[0].number}: {ragged[0].text!r:.60}"
@@ -210,11 +212,7 @@ class TextTable:
                 f"{cell!r:.40} may have the day or the month first; write dates as 2024-01-31, or give the rate of the "
                 "samples (--rate) in place of times"
             )
-        try:
-            clock_times.nanoseconds(cell, self.of_dates)
-        except UsageError as fault:
-            return str(fault)
-        return ""
+        return "" if clock_times.is_valid(cell, self.of_dates) else f"{cell!r:.40} is not a time of day"
 
     def _faults(self, names: Sequence[str], wanted: Collection[str]) -> str:
         """All rows that cannot be read, one a line."""
