@@ -248,7 +248,7 @@ KINDS = {
         lines("t [s];n [U/min];v [m/s]", *rows(lambda t, v, n: f"{comma(t)};1.{n:03.0f};{comma(v)}")[:60]),
         becomes={"v": ("m/s", V[:60])},
         t=T[:60],
-        left_out={"n": "1.000 may be 1000 or a number with three decimals"},
+        left_out={"n": "1.000 may be 1000 or 1,0000; write it as one of these"},
     ),
     "thousands in quotes.csv": Kind(
         lines("t [s],n [rpm],v [m/s]", *rows(lambda t, v, n: f'{t:.6f},"{n:,.3f}",{v}')),
@@ -312,7 +312,7 @@ KINDS = {
     ),
     "thousands without decimals beside small numbers.csv": Kind(
         lines("t [s];n [U/min];v [m/s]", *rows(lambda t, v, n: f"{t:.6f};{german(n, 0)};{v}")),
-        left_out={"n": "1.010 may be 1010 or a number with three decimals"},
+        left_out={"n": "1.010 may be 1010 or 1.0100; write it as one of these"},
     ),
     "remarks before the first rows.csv": Kind(
         lines(*rows(lambda t, v, n: f"{'Interval,0.001' if t < 0.015 else ','},,{t:.6f},{v}")),
@@ -599,3 +599,13 @@ def test_a_column_with_missing_times_is_proposed_as_the_time(tmp_path):
     path = tmp_path / "x.csv"
     KINDS["no time at both ends, left out.csv"].write(path)
     assert listed([path]).proposal == ChannelMap({"v": "v, m/s"}, "t, s", "")
+
+
+@pytest.mark.parametrize(("written", "value"), [("1010", 1010.0), ("1.0100", 1.01)])
+def test_a_number_in_doubt_is_read_in_both_ways_that_are_named(tmp_path, written, value):
+    path = tmp_path / "x.csv"
+    path.write_text("t [s];n [N]\n0;5\n1;1.010\n2;7\n")
+    assert "1.010 may be 1010 or 1.0100" in listed([path]).text()
+    path.write_text(path.read_text().replace("1.010", written))
+    import_files([path], tmp_path / "x.mcap", ChannelMap.of_texts(["n = n"], "t"))
+    assert lab.open(tmp_path / "x.mcap").measurements["n"].v.tolist() == [5.0, value, 7.0]

@@ -226,11 +226,7 @@ class Form:
         if self.words:
             return len(cells) if len(cells) > 1 else -1
         unknown = [cell for cell, value in zip(cells, known) if not value]
-        return (
-            len(cells)
-            if all(cell in NO_VALUE or clock_times.is_date(cell) or is_doubtful(cell) for cell in unknown)
-            else -1
-        )
+        return len(cells) if all(map(_belongs, unknown)) else -1
 
     def _is_value(self, cell: str) -> bool:
         return is_number(cell, self.mark) or clock_times.is_time(cell)
@@ -241,7 +237,8 @@ class Form:
         stated = [cell for cell in column if cell not in NO_VALUE]
         if doubtful := self._doubtful(stated):
             plain = doubtful.replace(".", "").replace(",", "")
-            return f"{doubtful} may be {plain} or a number with three decimals; write the digits without groups"
+            decimal = doubtful.replace(".", self.mark).replace(",", self.mark)
+            return f"{doubtful} may be {plain} or {decimal}0; write it as one of these"
         if (values and (2 * values > len(column) * self.words or values == len(stated))) or (label and not stated):
             return ""
         if not stated:
@@ -302,6 +299,11 @@ class Form:
     def _is_faulty(self, cells: Sequence[str], filled: Sequence[bool]) -> bool:
         """Whether a line has as many cells as the others, and a value in the first column that is `filled`."""
         return len(cells) == self.width and True in filled and self._is_value(cells[filled.index(True)])
+
+
+def _belongs(cell: str) -> bool:
+    """Whether a cell that is no value may stand in a row of numbers."""
+    return cell in NO_VALUE or clock_times.is_date(cell) or is_doubtful(cell)
 
 
 def _have_units(cells: Sequence[str]) -> bool:
