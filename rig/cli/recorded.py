@@ -245,6 +245,9 @@ def sound(
         with draft_of(out) as draft:
             full = write(heard.v, heard.rate, draft)
         told = [f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}"]
+    if len(heard.starts) > 1:
+        times = ", ".join(f"{start:.9g} s" for _, start in heard.starts)
+        printing.note(f"{heard.channel}: stretches that begin at {times} follow each other without their gap")
     return Answer(heard, more={"wav": out, "full_scale": full}, then=lambda: told)
 
 

@@ -139,7 +139,7 @@ def sound(figure: Figure) -> Compared:
     begin = value(scene, "controllers.clock.begin")
     end = begin + value(scene, "controllers.clock.connected_for")
     pressure, spectrum, swing = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.3, 1.0))
-    t = heard.start + np.arange(heard.v.size) / heard.rate
+    t = heard.t(np.arange(heard.v.size))
     edges = np.arange(0, t.size, 500)
     lowest = np.minimum.reduceat(heard.v, edges)
     highest = np.maximum.reduceat(heard.v, edges)

@@ -6,9 +6,10 @@ samples at even times: their places, the gaps between them, and short gaps bridg
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from itertools import pairwise
 from time import time_ns
 from typing import Any, NamedTuple
 
@@ -27,6 +28,10 @@ Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 BRIDGED = 4  # samples: the longest gap that a line bridges
+# Places of an even grid, for each sample and in all, from which on a recording is taken apart. chosen
+_SPARSE = 8
+_LARGE = 1 << 20
+_TOLD = 5  # stretches that a message lists
 _UNEVEN = 0.01  # of a period: times are rounded to nanoseconds, and a period is 1 us at least
 
 
@@ -206,6 +211,30 @@ def places(t_ns: Integers) -> Integers:
     return np.concatenate([[0], np.cumsum(np.rint(gaps / period))]).astype(np.int64)
 
 
+def stretches(t_ns: Integers) -> list[slice]:
+    """Return the parts of samples, by their times [ns], that lie far apart: one part for most recordings.
+
+    A recording has parts if an even grid over all of it would be empty for the most part. It is then cut at each gap
+    that is longer than its longest run of samples.
+    """
+    if t_ns.size < 2 or not increasing(t_ns):
+        return [slice(0, t_ns.size)]
+    at = places(t_ns)
+    if at[-1] < max(_SPARSE * at.size, _LARGE):
+        return [slice(0, at.size)]
+    steps = np.diff(at)
+    runs = np.diff(np.concatenate(([0], np.flatnonzero(steps > 1 + BRIDGED) + 1, [at.size])))
+    cuts = [0, *(np.flatnonzero(steps > runs.max()) + 1).tolist(), at.size]
+    return [slice(a, b) for a, b in pairwise(cuts)]
+
+
+def stretch_list(t_ns: Integers, parts: Sequence[slice]) -> str:
+    """Return the parts of samples in words: "2 stretches, 0 to 2 s and 86400 to 86402 s"."""
+    spans = [f"{t_ns[part][0] * 1e-9:.9g} to {t_ns[part][-1] * 1e-9:.9g} s" for part in parts]
+    shown = spans if len(spans) <= _TOLD else [*spans[:_TOLD], f"{len(spans) - _TOLD} more"]
+    return f"{len(parts)} stretches, {', '.join(shown[:-1])} and {shown[-1]}"
+
+
 def period(t_ns: Integers) -> float:
     """Return the time between two samples [ns]; 0 for less than two, and for times that do not increase."""
     return float(t_ns[-1] - t_ns[0]) / float(places(t_ns)[-1]) if t_ns.size > 1 and increasing(t_ns) else 0.0
@@ -226,6 +255,9 @@ def grid(name: str, samples: Samples) -> Grid:
         raise UsageError(f"{name}: the recording has {count} of it; a rate needs at least two")
     if not increasing(t_ns):
         raise UsageError(f"{name}: its times do not increase; export it without --rate, and not as wav")
+    parts = stretches(t_ns)
+    if len(parts) > 1:
+        raise UsageError(f"{name}: it lies in {stretch_list(t_ns, parts)}; export it without --rate")
     at = places(t_ns)
     step = period(t_ns)
     if np.abs(t_ns - t_ns[0] - at * step).max() > _UNEVEN * step:

@@ -219,10 +219,9 @@ FAULTS = [
     ),
     (
         GOOD + "0,1,1\n1,1,1\n",
-        {"texts": ["w = a", "x = b", "v = c, 3 N/V"]},
-        ["states no unit for w", "there is no column 'x'", "the column is in m/s"],
+        {"texts": ["w = a", "x = b", "v = c, 0 N/V"]},
+        ["states no unit for w", "there is no column 'x'", "a scale of 0 leaves nothing"],
     ),
-    (GOOD + "0,1,1\n1,1,1\n", {"texts": ["v = a, mm/s"]}, ["the file says that v is in m/s"]),
 ]
 
 
@@ -243,8 +242,9 @@ def test_a_faulty_measurement_is_refused_with_every_fault_and_nothing_is_written
 def test_a_complex_data_set_is_no_measurement_over_time(tmp_path):
     path = tmp_path / "x.mat"
     scipy_io.savemat(path, {"t": T, "H": V + 1j * V})
-    with pytest.raises(UsageError, match=r"x\.mat: H is complex"):
-        opened(path)
+    assert "H  not read: it is complex" in listed([path]).text()
+    with pytest.raises(UsageError, match=r"x\.mat: column H is not read: it is complex"):
+        import_files([path], tmp_path / "x.mcap", ChannelMap.of_texts(["H = h, 1 m"], "t, s"))
 
 
 @UNCLOSED

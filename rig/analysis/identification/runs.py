@@ -494,7 +494,9 @@ def _recording(given: Any, entry: Mapping[str, Any], columns: Mapping[str, Any],
         except UsageError as fault:  # in the words of this file, not in those of rig import
             text = re.sub(r" = c\d+(, [^:]*)?:", ":", str(fault))
             text = re.sub(r'; add it, such as "c\d.*', '; add scale = "1 mm", that of one unit of it', text)
-            text = re.sub(r"expected a scale per (\S+)", r'expected scale = "1 mm/\1"', text)
+            text = re.sub(r'"[^"]* = c\d+, ([^"]*)"', r'scale = "\1"', text)
+            text = re.sub(r"expected a scale per .*, such as ", "expected ", text)
+            text = text.replace("state another one in the map, such as", "state another one, such as")
             text = text.replace('add --time "COLUMN, s" or --rate', 'add time = "COLUMN, s" or rate =')
             raise UsageError(re.sub(r"--rate RATE", 'rate = "2 kHz"', text).replace("--rate", "rate =")) from None
         run = read_recording(out)

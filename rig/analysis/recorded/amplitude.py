@@ -26,6 +26,7 @@ from rig.analysis.recorded.series import scene_name
 from rig.errors import UsageError
 from rig.record.film_points import read
 from rig.record.run import Run
+from rig.record.run_data import stretches
 from rig.results import Column, Result, Table
 from rig.view.curves import Span
 
@@ -126,19 +127,27 @@ def amplitudes(run: Run, first: float = 0.0, last: float = float("inf")) -> Ampl
 
 
 def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Row]:
-    """Yield the index of every sensor from `first` to `last` [s], for each stage of the run."""
+    """Yield the index of every sensor from `first` to `last` [s], for each stage of the run.
+
+    Stretches that lie far apart are stages of their own.
+    """
     floors = _floors(run)
     for stage in stages(run, first, last):
         for sensor, samples in run.measurements.items():
             t = np.multiply(samples.t_ns, 1e-9, dtype=np.float64)
             inside = (t >= stage.begin) & (t <= stage.end) & np.isfinite(samples.v)
-            if inside.any():
-                v = samples.v[inside]
+            if not inside.any():
+                continue
+            parts = stretches(samples.t_ns[inside])
+            for part in parts:
+                times = t[inside][part]
+                v = samples.v[inside][part]
                 floor = floors.get(sensor, 0.0)
-                amplitude = index(t[inside], v)
+                amplitude = index(times, v)
                 if amplitude.half <= floor:
                     amplitude = amplitude._replace(cycles=0, frequency=float("nan"))
-                yield Row(stage.text, sensor, run.units[f"meas/{sensor}"], float(v.mean()), amplitude, floor)
+                text = stage.text if len(parts) == 1 else f"{stage.text}, {times[0]:.6g} to {times[-1]:.6g} s"
+                yield Row(text, sensor, run.units[f"meas/{sensor}"], float(v.mean()), amplitude, floor)
 
 
 def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Span]:

@@ -10,7 +10,7 @@ frequency and one over orders share density, map, lines and report.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -184,6 +184,15 @@ def short_time(v: Reals, rate: float, count: int, start: float) -> Map:
     begins = np.arange(p0, p1) * hop - transform.m_num_mid
     s[:, gaps[np.minimum(begins + count, v.size)] > gaps[begins]] = np.nan
     return Map(start + transform.t(v.size, p0, p1), transform.f, s)
+
+
+def joined_densities(densities: Sequence[Density]) -> Density:
+    """Return the mean over the windows of all stretches of a channel."""
+    if len(densities) == 1:
+        return densities[0]
+    windows = sum(density.windows for density in densities)
+    total = np.sum([density.windows * density.s for density in densities], axis=0)
+    return Density(densities[0].f, total / max(windows, 1), windows, sum(density.left_out for density in densities))
 
 
 def peaks(density: Density) -> tuple[Line, ...]:

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.recorded.growth import grown, mixed
-from rig.analysis.recorded.series import Series, drive, known, scene_name, series, vibration
+from rig.analysis.recorded.series import Series, drive, known, of_spans, scene_name, series, spans, vibration
 from rig.errors import SceneError, Untrusted, UsageError
 from rig.printable import counted
 from rig.record.run import Reals, Run
+from rig.record.run_data import MEASURED, TRUE
 from rig.results import Column, Result, Table
 from rig.units import same_unit
 
@@ -245,8 +246,55 @@ def events(
     """
     if key and over is None:
         raise UsageError(f"key {key}: name the scene whose eigenvalues are compared with the events (--over SCENE)")
-    channel = series(run, name or vibration(run), first, last)
-    named = conditions(run, channel.name) if at is None else at
+    name = name or vibration(run)
+    limits = spans(run, name, first, last)
+    named = conditions(run, name.removeprefix(MEASURED).removeprefix(TRUE)) if at is None else at
+    if len(limits) == 1:
+        result = _of_stretch(run, name, named, window, first, last)
+    else:
+        result = _joined(run, name, named, window, limits)
+    return result if over is None else result.over(over, key or "drive.speed")
+
+
+def _joined(run: Run, name: str, named: Sequence[str], window: float, limits: Sequence[tuple[float, float]]) -> Events:
+    """The events of stretches that lie far apart, with the windows of the longest one. Raises UsageError."""
+    parts = of_spans(run, name, limits)
+    longest = max(parts, key=lambda part: part.v.size)
+    whole = _of_stretch(run, name, named, window, *_within(longest, limits))
+    results = list[Events]()
+    notes = [f"{len(parts)} stretches, each with its own noise"]
+    for part in parts:
+        told = f"{part.start:.9g} to {part.start + part.seconds:.9g} s"
+        try:
+            result = whole if part is longest else _of_stretch(run, name, named, whole.window, *_within(part, limits))
+        except UsageError as fault:
+            notes.append(f"{told} is left out: {fault}")
+            continue
+        if result.frequencies.size != whole.frequencies.size:
+            notes.append(f"{told} is left out: it is sampled at {part.rate:.6g} Hz, not at {longest.rate:.6g} Hz")
+            continue
+        results.append(result)
+        notes.append(f"{told}: {counted(len(result.events), 'event')}{f' ({result.notes})' if result.notes else ''}")
+    empty = np.full((1, whole.frequencies.size), np.nan, np.float32)
+    step = 0.5 * whole.window
+    times = [np.concatenate(([r.times[0] - step], r.times, [r.times[-1] + step])) for r in results]
+    return replace(
+        whole,
+        events=tuple(event for result in results for event in result.events),
+        times=np.concatenate(times),
+        spectrum=np.concatenate([level for result in results for level in (empty, result.spectrum, empty)]),
+        notes="; ".join(notes),
+    )
+
+
+def _within(part: Series, limits: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """The limits that a stretch lies within [s]."""
+    return next((begin, end) for begin, end in limits if begin <= part.start <= end)
+
+
+def _of_stretch(run: Run, name: str, named: Sequence[str], window: float, first: float, last: float) -> Events:
+    """The events of a channel from `first` to `last` [s], with the means of the channels `named`."""
+    channel = series(run, name, first, last)
     beside = [series(run, other, first, last) for other in named]
     others = {other.name: other for other in beside}
     if channel.v.size < 8 * 16:
@@ -289,7 +337,7 @@ def events(
         notes.append(f"{strongest:.3g} Hz is stronger, but needs {needed}")
     if any(event.cut == "both" for event in heard_events):
         notes.append(_THROUGHOUT)
-    result = Events(
+    return Events(
         scene_name(run),
         channel.name,
         channel.unit,
@@ -302,7 +350,6 @@ def events(
         shown,
         "; ".join(filter(None, notes)),
     )
-    return result if over is None else result.over(over, key or "drive.speed")
 
 
 def conditions(run: Run, name: str = "") -> list[str]:

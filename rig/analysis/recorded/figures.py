@@ -180,7 +180,7 @@ def sound_figure(sound: Sound) -> Figure:
         signal, spectrum, level = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.5, 1.0))
         every = -(-sound.v.size // _COLUMNS)
         edges = np.arange(0, sound.v.size, every)
-        t = sound.start + edges / sound.rate
+        t = sound.t(edges)
         low = np.minimum.reduceat(sound.v, edges)
         high = np.maximum.reduceat(sound.v, edges)
         signal.fill_between(t, low, high, color=BLUE, lw=0.5)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,11 +17,14 @@ from rig.printable import counted
 from rig.record.contents import commanded, held, unit_of
 from rig.record.film_points import listed, read
 from rig.record.run import Reals, Run, Samples
-from rig.record.run_data import MEASURED, TRUE, gaps, increasing, places, signals, unknown
+from rig.record.run_data import MEASURED, TRUE, gaps, increasing, places, signals, stretch_list, stretches, unknown
 from rig.record.run_list import drives
 from rig.view.curves import described
 
 _VIBRATION = ("m/s^2", "m/s", "Pa", "m")  # units of a vibration, the most informative first
+# Places of the grid for each sample, and in all, that are too many. chosen: 512 MiB
+_SPARSE = 64
+_LARGE = 1 << 26
 _WHOLE = 0.99  # share of the plant's steps: an output with fewer recorded steps counts as decimated
 
 
@@ -113,8 +117,8 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     """Return channel `name` of `run` from `first` to `last` [s]: a sensor, an output of the plant, or an actuator.
 
     If a sensor and an output have that name, the sensor is returned; `truth/NAME` selects the output. An actuator is
-    the command of a controller in force at every frame. Raises UsageError for an unknown name and for less than two
-    samples.
+    the command of a controller in force at every frame. Raises UsageError for an unknown name, for less than two
+    samples, and for several stretches that lie far apart: take one of `spans`.
     """
     plain, samples, unit = _samples(run, name)
     t = samples.t_ns * 1e-9
@@ -131,7 +135,15 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
         )
     if not increasing(t_ns):
         raise UsageError(f"{plain}: its times do not increase")
+    parts = stretches(t_ns)
+    if len(parts) > 1:
+        raise UsageError(f"{plain}: it lies in {stretch_list(t_ns, parts)}; take one of them (--from, --to)")
     at = places(t_ns)
+    if at[-1] > max(_SPARSE * t_ns.size, _LARGE):
+        raise UsageError(
+            f"{plain}: {t_ns.size} samples in {at[-1]} periods of the shortest distance between two: its times are "
+            "too uneven for an even grid"
+        )
     grid = np.full(int(at[-1]) + 1, np.nan)
     grid[at] = v
     rate = 1e9 * int(at[-1]) / int(t_ns[-1] - t_ns[0])
@@ -145,6 +157,36 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     else:
         note = _folded(run, plain, output, rate)
     return Series(plain, unit, rate, float(t_ns[0] * 1e-9), grid, note)
+
+
+def spans(run: Run, name: str, first: float = 0.0, last: float = float("inf")) -> list[tuple[float, float]]:
+    """Return begin and end [s] of the stretches of channel `name` from `first` to `last` [s] that lie far apart.
+
+    Most recordings have one. The limits of two stretches meet in the middle of the gap between them. Raises UsageError
+    for an unknown name.
+    """
+    _, samples, _ = _samples(run, name)
+    t = samples.t_ns * 1e-9
+    t_ns = samples.t_ns[(t >= first) & (t <= last)]
+    if not increasing(t_ns):
+        return [(first, last)]
+    parts = stretches(t_ns)
+    middles = [0.5e-9 * (int(t_ns[a][-1]) + int(t_ns[b][0])) for a, b in pairwise(parts)]
+    return [*pairwise([first, *middles, last])]
+
+
+def of_spans(run: Run, name: str, limits: Sequence[tuple[float, float]]) -> list[Series]:
+    """Return channel `name` in each stretch that has two samples or more. Raises UsageError as `series` does."""
+    if len(limits) == 1:
+        return [series(run, name, *limits[0])]
+    parts = list[Series]()
+    faults = Faults()
+    for begin, end in limits:
+        part = faults(lambda begin=begin, end=end: series(run, name, begin, end), None)  # type: ignore[misc]
+        parts += [part] if part else []
+    if not parts:
+        faults.raise_found()
+    return parts
 
 
 def channels(

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from rig.analysis.recorded.series import scene_name
 from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.run import Run
-from rig.record.run_data import increasing, places
+from rig.record.run_data import Integers, increasing, places, stretches
 from rig.results import Result
 
 Reals = NDArray[np.float64]
@@ -71,11 +71,12 @@ class Squeal:
 
 @dataclass(frozen=True)
 class Sound(Result):
-    """The sound at sensor `channel`: samples `v` [n] in `unit` at `rate` [Hz] from `start` [s] on.
+    """The sound at sensor `channel`: samples `v` [n] in `unit` at `rate` [Hz].
 
     Of each window [k]: `times` [s] of its middle, `level` and level of its loudest tone above 1 kHz `tone` [dB],
     `frequency` [Hz] of that tone. `spectrum` [k, f] in dB at `frequencies` [f]. `threshold` [dB] of a squeal; `missing`
-    samples count as silence.
+    samples count as silence. `starts`: index and time [s] of the first sample of each stretch; stretches that lie far
+    apart follow each other in `v` without their gap.
     """
 
     FIGURE: ClassVar = "rig.analysis.recorded.figures:sound_figure"
@@ -84,7 +85,7 @@ class Sound(Result):
     channel: str
     unit: str
     rate: float
-    start: float
+    starts: tuple[tuple[int, float], ...]
     v: Reals
     missing: int
     times: Reals
@@ -102,6 +103,12 @@ class Sound(Result):
     def reference(self) -> str:
         """The reference of 0 dB, in words."""
         return f"dB re {_SHOWN[self.unit]}"
+
+    def t(self, index: Integers) -> Reals:
+        """The times [s] of samples of `v`."""
+        firsts, times = (np.array(column) for column in zip(*self.starts, strict=True))
+        part = np.searchsorted(firsts, index, side="right") - 1
+        return np.asarray(times[part] + (index - firsts[part]) / self.rate)
 
     @property
     def overall(self) -> float:
@@ -156,30 +163,40 @@ def hear(run: Run, channel: str = "") -> Sound:
     t_ns, raw = run.measurements[channel]
     if not increasing(t_ns):
         raise UsageError(f"{channel}: its times do not increase")
-    at = places(t_ns)
-    rate = 1e9 * int(at[-1]) / int(t_ns[-1] - t_ns[0]) if t_ns.size > 1 else 0.0
+    rate = _rate(t_ns)
     length = round(WINDOW * rate)
     if rate < 4.0 * LOWEST:
         raise UsageError(f"{channel} samples at {rate:g} Hz; a squeal needs {4.0 * LOWEST:g} Hz or more")
-    v = np.zeros(int(at[-1]) + 1)
-    v[at] = np.nan_to_num(raw)
-    if v.size < length:
-        raise UsageError(f"{channel} recorded {v.size / rate:.3g} s; at least {WINDOW:g} s are needed")
-    begins = np.arange(0, v.size - length + 1, round(HOP * rate))
-    frequencies, sizes, rms = _windows(v, begins, length, rate)
+    parts = _parts(t_ns, raw)
+    longest = max(part.v.size for part in parts)
+    if longest < length:
+        raise UsageError(f"{channel} recorded {longest / rate:.3g} s; at least {WINDOW:g} s are needed")
+    parts = [part for part in parts if part.v.size >= length]
+    begins = [np.arange(0, part.v.size - length + 1, round(HOP * rate)) for part in parts]
+    heard = [_windows(part.v, at, length, rate) for part, at in zip(parts, begins, strict=True)]
+    frequencies = heard[0][0]
+    sizes = np.concatenate([part for _, part, _ in heard])
+    rms = np.concatenate([part for *_, part in heard])
     frequency, tone = _loudest(frequencies, sizes)
     tone = _decibel(tone / math.sqrt(2.0), unit)
     level = _decibel(rms, unit)
     threshold = LOUD if unit == "Pa" else float(tone.max()) - BELOW
-    times = t_ns[0] * 1e-9 + (begins + 0.5 * length) / rate
+    middles = [part.start + (at + 0.5 * length) / rate for part, at in zip(parts, begins, strict=True)]
+    times = np.concatenate(middles)
+    ends = np.cumsum([at.size for at in middles])
+    squeals = list[Squeal]()
+    for end, at in zip(ends.tolist(), middles, strict=True):
+        of_part = slice(end - at.size, end)
+        squeals += _squeals(times[of_part], tone[of_part], frequency[of_part], threshold)
+    firsts = np.cumsum([0, *(part.v.size for part in parts[:-1])])
     return Sound(
         scene=scene_name(run),
         channel=channel,
         unit=unit,
         rate=rate,
-        start=float(t_ns[0] * 1e-9),
-        v=v,
-        missing=int(v.size - np.count_nonzero(np.isfinite(raw))),
+        starts=tuple(zip(firsts.tolist(), (part.start for part in parts), strict=True)),
+        v=np.concatenate([part.v for part in parts]),
+        missing=sum(part.missing for part in parts),
         times=times,
         level=level,
         tone=tone,
@@ -188,8 +205,33 @@ def hear(run: Run, channel: str = "") -> Sound:
         spectrum=_decibel(sizes / math.sqrt(2.0), unit),
         run=run,
         threshold=threshold,
-        squeals=tuple(_squeals(times, tone, frequency, threshold)),
+        squeals=tuple(squeals),
     )
+
+
+def _rate(t_ns: Integers) -> float:
+    """Samples per second [Hz], from the longest stretch."""
+    longest = max((t_ns[part] for part in stretches(t_ns)), key=lambda part: part.size)
+    return 1e9 * int(places(longest)[-1]) / int(longest[-1] - longest[0]) if longest.size > 1 else 0.0
+
+
+class _Part(NamedTuple):
+    """A stretch that lies far from the others: its begin [s], samples, and how many of these are missing (silence)."""
+
+    start: float
+    v: Reals
+    missing: int
+
+
+def _parts(t_ns: Integers, raw: Reals) -> list[_Part]:
+    parts = []
+    for part in stretches(t_ns):
+        at = places(t_ns[part])
+        v = np.zeros(int(at[-1]) + 1)
+        v[at] = np.nan_to_num(raw[part])
+        missing = int(v.size - np.count_nonzero(np.isfinite(raw[part])))
+        parts.append(_Part(float(t_ns[part][0] * 1e-9), v, missing))
+    return parts
 
 
 def _microphone(run: Run) -> str:

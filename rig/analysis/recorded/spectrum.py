@@ -1,7 +1,7 @@
 """Spectrum of one signal of a recording over frequency, with a map of its course.
 
 Density, map and lines are those of rig.analysis.recorded.density. A gap of up to four samples is bridged by a straight
-line. Windows with a longer gap are left out, and counted.
+line. Windows with a longer gap are left out, and counted. Stretches that lie far apart, such as two days, are averaged.
 """
 
 from __future__ import annotations
@@ -11,10 +11,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from rig.analysis.recorded.density import FEWEST, PARTS, Averaged, peaks, short_time, welch
+from rig.analysis.recorded.density import (
+    FEWEST,
+    PARTS,
+    Averaged,
+    joined_densities,
+    peaks,
+    short_time,
+    welch,
+)
 from rig.analysis.recorded.moving_windows import slowest
 from rig.analysis.recorded.orders import Orders, orders
-from rig.analysis.recorded.series import Series, scene_name, series, vibration
+from rig.analysis.recorded.series import Series, of_spans, scene_name, spans, vibration
 from rig.errors import Faults, UsageError
 from rig.printable import counted
 from rig.record.run import Run
@@ -22,6 +30,7 @@ from rig.record.run_data import bridge
 from rig.results import Result, Table
 
 _OF_MAP = 80  # the same of a spectrogram, whose windows are shorter to show the course
+_ONE_RATE = 1e-3  # of the rate: stretches whose rates differ by less are averaged
 _PERIODS = 5.0  # smallest number of periods of the slowest strong vibration in a default window of the spectrogram
 
 
@@ -85,7 +94,9 @@ def spectrum(
     UsageError for an unknown name, and for a window that is too short, too long, or has a gap everywhere.
     """
     faults = Faults()
-    signal = faults(lambda: series(run, name or vibration(run), first, last), None)
+    none: list[Series] = []
+    parts = faults(lambda: _parts(run, name or vibration(run), first, last), none)
+    signal = max(parts, key=lambda part: part.v.size, default=None)
     count = faults(lambda: length(signal, window), None) if signal else None
     turned = faults(lambda: orders(run, name if signal else "", over, first, last), None) if over else None
     faults.raise_found()
@@ -96,8 +107,8 @@ def spectrum(
         hertz = slowest(signal)
         periods = math.ceil(_PERIODS * signal.rate / hertz) if hertz else 0
         short = min(max(signal.v.size // _OF_MAP, periods, FEWEST), count)
-    v, bridged = bridge(signal.v)
-    density = welch(v, signal.rate, count)
+    samples = [bridge(part.v) for part in parts]
+    density = joined_densities([welch(v, signal.rate, count) for v, _ in samples])
     if not density.windows:
         raise UsageError(
             f"{signal.name}: every window of {count / signal.rate:.4g} s has gaps; {signal.notes()}. Take a shorter "
@@ -111,14 +122,38 @@ def spectrum(
         density,
         peaks(density),
         short / signal.rate,
-        short_time(v, signal.rate, short, signal.start),
-        bridged,
-        signal.notes(),
+        short_time(samples[parts.index(signal)][0], signal.rate, short, signal.start),
+        sum(bridged for _, bridged in samples),
+        _notes(parts, signal, count),
         signal.rate,
-        signal.start,
-        signal.seconds,
+        parts[0].start,
+        parts[-1].start + parts[-1].seconds - parts[0].start,
         turned,
     )
+
+
+def _parts(run: Run, name: str, first: float, last: float) -> list[Series]:
+    """The stretches of a channel that lie far apart. Raises UsageError where their rates differ."""
+    parts = of_spans(run, name, spans(run, name, first, last))
+    rates = [part.rate for part in parts]
+    if max(rates) > (1.0 + _ONE_RATE) * min(rates):
+        raise UsageError(
+            f"{parts[0].name}: its stretches are sampled at {min(rates):.6g} to {max(rates):.6g} Hz; take one of them "
+            "(--from, --to)"
+        )
+    return parts
+
+
+def _notes(parts: list[Series], longest: Series, count: int) -> str:
+    """The missing samples of a channel, and its stretches, in words."""
+    notes = [part.notes() for part in parts]
+    if len(parts) > 1:
+        told = [f"{part.start:.9g} to {part.start + part.seconds:.9g} s" for part in parts]
+        short = [span for span, part in zip(told, parts, strict=True) if part.v.size < count]
+        notes.append(f"each window lies in one of {len(parts)} stretches: {', '.join(told)}")
+        notes.append(f"the spectrogram is that of the longest, from {longest.start:.9g} s")
+        notes += [f"shorter than a window: {', '.join(short)}"] if short else []
+    return "; ".join(dict.fromkeys(filter(None, notes)))
 
 
 def length(signal: Series, window: float | None) -> int:

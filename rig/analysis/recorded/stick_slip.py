@@ -14,6 +14,8 @@ sum (F - y)^2 / 2 + s sum |y''| (differences of samples), which keeps the sudden
 removed before by the median of five samples, where it differs by more than eight times the usual. What stands at the
 begin or the end of every other slip or more is no spike but the force of the slips.
 
+Stretches that lie far apart, such as two days, are one series with a long gap between them.
+
 Breakaway is the largest force in the later half of the stick, which ends where the speed begins to rise towards the
 threshold: a gauge has read the drop to kinetic friction before it is passed, and a spring has been pulled further.
 
@@ -24,15 +26,16 @@ the algorithm of the smoothing, Kim, Koh, Boyd, Gorinevsky, SIAM Review 51 (2009
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.recorded.common_grid import aligned
-from rig.analysis.recorded.series import Series, scene_name, series
+from rig.analysis.recorded.series import Series, scene_name, series, spans
 from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.run import Reals, Run
@@ -240,10 +243,7 @@ def stick_slip(
     if not velocity and not (friction and stiffness > 0.0 and drive):
         raise UsageError("name the velocity (--velocity), or the force, the stiffness of its spring and the drive")
     names = [name for name in (velocity, friction, drive, load) if isinstance(name, str) and name]
-    named = {name: series(run, name, first, last) for name in names}
-    grid, _ = aligned(list(named.values()))
-    channels: dict[str, Series] = dict(zip(named, grid, strict=True))
-    t = next(iter(channels.values())).t
+    channels, t, parts = _channels(run, list(dict.fromkeys(names)), first, last)
     pulled = channels[drive].v if isinstance(drive, str) and drive else np.full(t.size, float(drive or 0.0))
     v = channels[velocity].v if velocity else np.empty(0)
     raw = channels[friction].v if friction else np.full(t.size, math.nan)
@@ -251,7 +251,10 @@ def stick_slip(
     def read(spiky: Bools) -> tuple[Reals, Motion]:
         """The force without its spikes, and the motion."""
         F = np.where(spiky, middle, raw)
-        F = trend(F, smooth) if friction and smooth else F
+        if friction and smooth:
+            F = F.copy()
+            for part in parts:
+                F[part] = trend(F[part], smooth)
         if velocity:
             return F, _motion(pulled - v if drive else v, pulled, threshold, v)
         speed = pulled[:-1] - np.diff(F) * channels[friction].rate / stiffness
@@ -300,7 +303,7 @@ def stick_slip(
         motion.cut,
         motion.held,
         motion.bridged,
-        int(lost.sum()),
+        sum(int(lost[part].sum()) for part in parts),
         up,
         down,
         bool(load),
@@ -310,6 +313,36 @@ def stick_slip(
         channel_unit,
         not velocity,
     )
+
+
+def _channels(
+    run: Run, names: Sequence[str], first: float, last: float
+) -> tuple[dict[str, Series], Reals, list[slice]]:
+    """The channels at common instants, their times [s], and the samples of each stretch that lies far from the others.
+
+    Between two stretches so many samples are missing that none is bridged. Raises UsageError.
+    """
+    limits = spans(run, names[0], first, last)
+    pieces = list[list[Series]]()
+    fault: UsageError | None = None
+    for begin, end in limits:
+        try:
+            pieces.append(aligned([series(run, name, begin, end) for name in names])[0])
+        except UsageError as reason:  # one of several stretches may be too short
+            fault = fault or reason
+    if fault and (not pieces or len(limits) == 1):
+        raise fault
+    between = np.full(BRIDGED + 1, math.nan)
+    times = pieces[0][0].t
+    joined = [channel.v for channel in pieces[0]]
+    parts = [slice(0, times.size)]
+    for before, piece in pairwise(pieces):
+        edges = np.linspace(float(before[0].t[-1]), float(piece[0].t[0]), between.size + 2)[1:-1]
+        times = np.concatenate((times, edges, piece[0].t))
+        joined = [np.concatenate((v, between, channel.v)) for v, channel in zip(joined, piece, strict=True)]
+        parts.append(slice(times.size - piece[0].v.size, times.size))
+    whole = [replace(channel, v=v) for channel, v in zip(pieces[0], joined, strict=True)]
+    return dict(zip(names, whole, strict=True)), times, parts
 
 
 def _motion(slip: Reals, pulled: Reals, threshold: float, v: Reals) -> Motion:

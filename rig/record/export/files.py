@@ -42,7 +42,7 @@ from rig.machine.files import DATA, contents, regular
 from rig.printable import counted
 from rig.record import wav
 from rig.record.export.tables import MODE, Column, Table, Tables, tree
-from rig.record.run_data import RunData, Samples, grid
+from rig.record.run_data import RunData, Samples, grid, stretches
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -358,10 +358,10 @@ def _wav(tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Wri
     folder.mkdir()
     written = []
     resources = []
-    for number, (name, table, column) in enumerate(signals, 1):
+    for number, (name, table, column, part) in enumerate(signals, 1):
         file = f"{name}.wav"
         report(f"writing {file}, {number} of {len(signals)}")
-        even = grid(column.name, Samples(table.t_ns, column.values))
+        even = grid(column.name, Samples(table.t_ns[part], column.values[part]))
         full = wav.write(even.v, even.rate, folder / file)
         written.append(Written(file, table.name, even.v.size, 1, even.rate, full, column.unit))
         resources.append(
@@ -372,19 +372,25 @@ def _wav(tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Wri
                 "unit": column.unit,
                 "full_scale": full,
                 "rate": even.rate,
-                "start": float(table.time[0]),
+                "start": float(table.time[part][0]),
             }
         )
     write_package(folder, folder.name, resources, facts)
     return written
 
 
-def _signals(tables: Tables) -> Iterator[tuple[str, Table, Column]]:
-    """Name of its file, table and column of each signal of an output or a sensor."""
+def _signals(tables: Tables) -> Iterator[tuple[str, Table, Column, slice]]:
+    """Name of its file, table, column and rows of each signal of an output or a sensor.
+
+    Stretches that lie far apart are signals of their own.
+    """
     for table in tables:
+        parts = stretches(table.t_ns) if table.channels else []
         for column in table.columns:
+            name = re.sub(r"\W", "_", f"{table.name}_{column.name}")
             if table.channels and column.name != MODE:
-                yield re.sub(r"\W", "_", f"{table.name}_{column.name}"), table, column
+                numbered = [name] if len(parts) == 1 else [f"{name}_{i}" for i in range(1, len(parts) + 1)]
+                yield from ((one, table, column, part) for one, part in zip(numbered, parts, strict=True))
 
 
 FORMATS: dict[str, Format] = {

@@ -7,6 +7,8 @@
     ch1 = vibrometer, 125 mm/s/V              sensitivity of a column in V
     ch2 = load, 100 N/V, offset -2.5 N        added after the scale
 
+The map decides where the file states another unit.
+
 A TOML file keeps the map of a bench for later files:
 
     time = "t, s"                             or rate = "2 kHz"
@@ -18,23 +20,26 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from rig.errors import UsageError
 from rig.machine import files
+from rig.record.imports.instrument_units import UnitFault, is_time, meaning
 from rig.record.imports.measurement_file import Column, MeasurementFile
 from rig.record.run_data import Reals
 from rig.scenes.faults import near
-from rig.units import brief, conversion, parted, si_unit
+from rig.units import brief, parted
 
 NAME = "import.toml"
 """The file beside the measurements that keeps their map."""
-_PER = re.compile(r"(?P<unit>.*?)\s*/\s*(?P<per>[mkµu]?V|m?A|count|bit)")
+# Sensitivities: 125 mm/s/V, 2 kN/(mV/V)
+_PER = re.compile(r"(?P<unit>.*?)\s*/\s*(?:\((?P<ratio>[mkµu]?V/V)\)|(?P<per>[mkµu]?V|[mµu]?A|count|bit))")
 _TIMES = re.compile(r"(time|zeit|temps|t|timestamp|date.?time)(_?s)?", re.IGNORECASE)
 _SLUG = re.compile(r"[^a-z0-9]+")
 
@@ -47,10 +52,15 @@ class Channel(NamedTuple):
     unit: str
     factor: float
     offset: float
+    stated: str = ""
+    """The unit that the file states, where the map has another one."""
 
     def values(self, column: Reals) -> Reals:
-        """The values of the channel."""
-        return column * self.factor + self.offset if (self.factor, self.offset) != (1.0, 0.0) else column
+        """The values of the channel; infinite where they are too large for a double."""
+        if (self.factor, self.offset) == (1.0, 0.0):
+            return column
+        with np.errstate(over="ignore"):
+            return column * self.factor + self.offset
 
 
 @dataclass(frozen=True)
@@ -91,6 +101,13 @@ class ChannelMap:
         rate = tables.pop("rate", "")
         if tables:
             raise UsageError(f"{path}: unknown key {next(iter(tables))}; known: time, rate, channels")
+        nested = [key for key, text in channels.items() if isinstance(text, dict)] if isinstance(channels, dict) else []
+        if nested:
+            inner = next(iter(channels[nested[0]]), "x")
+            raise UsageError(
+                f"{path}: [channels] {nested[0]} is a table; a name with a point stands in quotes: "
+                f'"{nested[0]}.{inner}" = "vibrometer, mm/s"'
+            )
         texts = isinstance(channels, dict) and all(isinstance(t, str) for t in (time, rate, *channels.values()))
         if not texts:
             raise UsageError(f'{path}: expected texts, such as time = "t, s" and ch1 = "vibrometer, 125 mm/s/V"')
@@ -106,24 +123,44 @@ class ChannelMap:
         rows = [f"{_quoted(column)} = {_quoted(text)}" for column, text in self.channels.items()]
         return "\n".join([*head, "", "[channels]", *rows, ""]).lstrip("\n")
 
-    def time_column(self, columns: Iterable[Column], where: str) -> tuple[str, float]:
+    def time_column(
+        self, columns: Sequence[Column], where: str, left_out: Mapping[str, str] = MappingProxyType({})
+    ) -> tuple[str, float]:
         """The column with the time and its unit in seconds; "" without one. Raises UsageError."""
         if not self.time:
             return "", 1.0
-        name, _, unit = map(str.strip, self.time.partition(","))
-        column = _known(name, columns, where)
+        name, unit = self.time_and_unit(columns)
+        column = _known(name, {column.name: column for column in columns}, where, left_out)
         unit = unit or column.unit
         if not unit:
             raise UsageError(f'{where}: column {name} states no unit; give the time with its unit, such as "{name}, s"')
-        return name, _factor(unit, "s", f"{where}: time {self.time}")[0]
+        try:
+            return name, meaning(unit, "s").factor
+        except UnitFault as fault:
+            way = f'; give it with the time, such as "{name}, ms"'
+            raise UsageError(f"{where}: time {self.time}: the unit {fault}{way}") from None
 
-    def channels_of(self, columns: Sequence[Column], where: str) -> list[Channel]:
-        """The channels that the columns of a file become. Raises UsageError with all faults."""
+    def time_and_unit(self, columns: Iterable[Column]) -> tuple[str, str]:
+        """The name of the column with the time, which may contain a comma, and the unit that the map states."""
+        whole = self.time.strip()
+        if any(column.name == whole for column in columns):
+            return whole, ""
+        name, _, unit = map(str.strip, self.time.rpartition(",") if "," in whole else (whole, "", ""))
+        return name, unit
+
+    def channels_of(
+        self, columns: Sequence[Column], where: str, left_out: Mapping[str, str] = MappingProxyType({})
+    ) -> list[Channel]:
+        """The channels that the columns of a file become. Raises UsageError with all faults.
+
+        `left_out`: the columns of the file that are not read, with the reason.
+        """
         made = list[Channel]()
         faults = list[str]()
+        by_name = {column.name: column for column in columns}
         for column, text in self.channels.items():
             try:
-                made.append(_channel(_known(column, columns, where), text, where))
+                made.append(_channel(_known(column, by_name, where, left_out), text, where))
             except UsageError as fault:
                 faults.append(str(fault))
         names = [channel.name for channel in made]
@@ -140,37 +177,48 @@ def proposed(file: MeasurementFile, rising: Iterable[str]) -> ChannelMap:
     the time; it is needed only if a column has no rate of its own.
     """
     times = [file.column(name) for name in rising]
-    named = [
-        column for column in times if _TIMES.fullmatch(column.name.rpartition(".")[2]) or column.unit in ("s", "ms")
-    ]
+    named = [column for column in times if _TIMES.fullmatch(column.name.rpartition(".")[2]) or is_time(column.unit)]
     time = named[0] if named and not all(column.rate for column in file.columns) else None
     rest = [column for column in file.columns if column is not time]
     names: dict[str, str] = {}
+    taken = set[str]()
     for column in rest:
         slug = _SLUG.sub("_", column.name.lower()).strip("_") or "channel"
         slug = slug if slug[0].isalpha() else f"c{slug}"
-        names[column.name] = slug if slug not in names.values() else f"{slug}_{len(names) + 1}"
-    channels = {column.name: f"{names[column.name]}, {column.unit or '?'}" for column in rest}
+        names[column.name] = slug if slug not in taken else f"{slug}_{len(names) + 1}"
+        taken.add(names[column.name])
+    channels = {column.name: f"{names[column.name]}, {_proposed_unit(column.unit)}" for column in rest}
     untimed = time is None and not all(column.rate for column in rest)
-    return ChannelMap(channels, f"{time.name}, {time.unit or '?'}" if time else "", "? Hz" if untimed else "")
+    return ChannelMap(
+        channels, f"{time.name}, {time.unit if is_time(time.unit) else '?'}" if time else "", "? Hz" if untimed else ""
+    )
 
 
 def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def _known(name: str, columns: Iterable[Column], where: str) -> Column:
-    by_name = {column.name: column for column in columns}
-    if name not in by_name:
-        raise UsageError(f"{where}: there is no column {name!r}; {near(name, by_name, 'rig import FILE lists them')}")
-    return by_name[name]
+def _proposed_unit(stated: str) -> str:
+    """The unit that a file states, if its meaning is known; otherwise "?"."""
+    return "?" if not stated or stated_fault(stated) else stated
 
 
-def _factor(unit: str, target: str, where: str) -> tuple[float, float]:
+def stated_fault(unit: str) -> str:
+    """Why a unit that a file states cannot be taken as it is, in words; "" if it can."""
     try:
-        return conversion(unit, target)
-    except ValueError as fault:
-        raise UsageError(f"{where}: the unit {fault}") from None
+        meaning(unit)
+    except UnitFault as fault:
+        ways = " or ".join(f"{way} ({told})" for way, told in fault.ways)
+        return f"the unit {fault}{f': {ways}' if ways else ''}"
+    return ""
+
+
+def _known(name: str, columns: Mapping[str, Column], where: str, left_out: Mapping[str, str]) -> Column:
+    if name in columns:
+        return columns[name]
+    if name in left_out:
+        raise UsageError(f"{where}: column {name} is not read: {left_out[name]}")
+    raise UsageError(f"{where}: there is no column {name!r}; {near(name, columns, 'rig import FILE lists them')}")
 
 
 def _channel(column: Column, text: str, where: str) -> Channel:
@@ -182,31 +230,73 @@ def _channel(column: Column, text: str, where: str) -> Channel:
     scales = [part for part in parts if part and part is not offset]
     if len(scales) > 1 or "?" in text:
         raise UsageError(f"{told}: expected NAME, SCALE UNIT such as vibrometer, 125 mm/s/V")
-    number, unit = parted(scales[0]) if scales and scales[0][0] in "+-.0123456789" else ("", "".join(scales))
+    scaled = bool(scales) and scales[0][0] in "+-.0123456789" and scales[0] != "1"
+    number, unit = parted(scales[0]) if scaled else ("", "".join(scales))
     scale = _number(number, told) if number else 1.0
+    if number and scale == 0.0:
+        raise UsageError(f"{told}: a scale of 0 leaves nothing of the column; state what one unit of it is")
+    own = not (number or unit)  # the file states the unit
     unit = unit or ("1" if number else column.unit)
     if not unit:
         raise UsageError(
             f'{told}: the file states no unit for {column.name}; add it, such as "{name}, mm/s" or "{name}, 1"'
         )
-    per = _PER.fullmatch(unit) if number else None
-    if number and column.unit not in ("", "1"):
-        try:
-            scale *= conversion(column.unit, per["per"] if per else "1")[0]
-        except ValueError:
-            raise UsageError(f"{told}: the column is in {column.unit}; expected a scale per {column.unit}") from None
-    elif not number and column.unit and column.unit != unit:
-        raise UsageError(
-            f"{told}: the file says that {column.name} is in {column.unit}; leave the unit out, or give a scale"
-        )
-    unit = per["unit"] if per else unit
-    target, factor, shift = _in_si(unit, told)
+    unit, per = _parted_scale(unit, column.unit) if number else (unit, "")
+    ratio = _ratio(column.unit, per) if number else None
+
+    def mapped(way: str) -> str:
+        """The entry of the map with another unit."""
+        size = f"{number} {way}/{f'({per})' if '/' in per else per}" if per else f"{number} {way}".strip()
+        return ", ".join(filter(None, (f"{column.name} = {name}", size, offset)))
+
+    if number and not per and ratio != 1.0 and column.unit:
+        scale_of = f"{number} {unit}/{f'({column.unit})' if '/' in column.unit else column.unit}"
+        way = ", ".join(filter(None, (f"{column.name} = {name}", scale_of, offset)))
+        raise UsageError(f'{told}: the column is in {column.unit}; expected a scale per {column.unit}, such as "{way}"')
+    source = "that the file states, " if own else ""
+    target, factor, shift = _in_si(unit, told, source, mapped)
     added = 0.0
     if offset:
-        number, unit = parted(offset.removeprefix("offset"))
-        size, zero = _factor(unit or "1", target, told)
-        added = _number(number, told) * size + zero
-    return Channel(column.name, name, target, scale * factor, shift + added)
+        shown, of_offset = parted(offset.removeprefix("offset"))
+        try:
+            _, size, zero = meaning(of_offset or "1", target)
+        except UnitFault as fault:
+            raise UsageError(f"{told}: the unit of the offset {fault}; expected one of {target}") from None
+        added = _number(shown, told) * size + zero
+    other = not own and bool(column.unit) and ratio is None and not _equal(column.unit, unit)
+    return Channel(
+        column.name, name, target, scale * (ratio or 1.0) * factor, shift + added, column.unit if other else ""
+    )
+
+
+def _parted_scale(unit: str, stated: str) -> tuple[str, str]:
+    """The unit of a sensitivity, and what it is per: a voltage, a current, or the unit that the file states."""
+    for per in (f"/({stated})", f"/{stated}"):
+        if stated and unit.endswith(per) and unit != per:
+            return unit.removesuffix(per).strip(), stated
+    match = _PER.fullmatch(unit)
+    if match is None:
+        return unit, ""
+    return match["unit"] or "1", match["ratio"] or match["per"]
+
+
+def _ratio(stated: str, per: str) -> float | None:
+    """The size of the unit that the file states, in the unit `per`; None if it states none, or another quantity."""
+    if stated == per and per:
+        return 1.0
+    try:
+        of_file, of_map = meaning(stated), meaning(per or "1")
+    except UnitFault:
+        return None
+    return of_file.factor / of_map.factor if of_file.unit == of_map.unit else None
+
+
+def _equal(stated: str, unit: str) -> bool:
+    """Whether a unit of the map is one that the file states, however they are written, or one of its two meanings."""
+    try:
+        return stated == unit or meaning(stated) == meaning(unit)
+    except UnitFault as fault:
+        return any(meaning(way) == meaning(unit) for way, _ in fault.ways)
 
 
 def _number(text: str, told: str) -> float:
@@ -218,10 +308,13 @@ def _number(text: str, told: str) -> float:
     raise UsageError(f"{told}: {brief(text)} is not a number")
 
 
-def _in_si(unit: str, told: str) -> tuple[str, float, float]:
-    """The SI unit for values in `unit`, and factor and offset that convert them."""
+def _in_si(unit: str, told: str, source: str, mapped: Callable[[str], str]) -> tuple[str, float, float]:
+    """The SI unit for values in `unit`, and factor and offset that convert them. Raises UsageError with a remedy."""
     try:
-        target = si_unit(unit)
-    except ValueError as fault:
-        raise UsageError(f"{told}: the unit {fault}") from None
-    return target, *_factor(unit, target, told)
+        return meaning(unit)
+    except UnitFault as fault:
+        if fault.ways:
+            ways = " or ".join(f'"{mapped(way)}" ({what})' for way, what in fault.ways)
+            raise UsageError(f"{told}: the unit {source}{fault}; write {ways}") from None
+        ways = f'"{mapped("mm/s")}" or, to keep the numbers as they are, "{mapped("1")}"'
+        raise UsageError(f"{told}: the unit {source}{fault}; state another one in the map, such as {ways}") from None

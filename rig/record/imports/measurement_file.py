@@ -11,18 +11,19 @@ import re
 import struct
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import compress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.errors import UsageError
 from rig.extras import needed
 from rig.machine import files
-from rig.printable import distinct
+from rig.printable import counted, distinct
 from rig.record.imports.text_table import TextTable
 from rig.record.run_data import Reals
 
@@ -35,6 +36,8 @@ _OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, 
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
 
+_WORDS = "it has words, no numbers"
+_NO_FACTOR = "its scale_factor is 0, which leaves nothing of it"
 _PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset")
 
 
@@ -67,6 +70,8 @@ class MeasurementFile:
     """Number of the row with the first values, as a user counts it."""
     rows: Callable[[Collection[str]], Iterator[tuple[int, dict[str, float]]]] | None = None
     """Row by row what can be read of a text whose `blocks` raise."""
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """Columns that are not read -> why."""
 
     @cached_property
     def _by_name(self) -> dict[str, Column]:
@@ -83,24 +88,50 @@ def opened(path: Path) -> MeasurementFile:
     if read is None:
         known = " ".join(sorted(_FORMATS))
         raise UsageError(f"{path}: no measurement file has the ending {path.suffix!r}; known: {known}")
+    if path.exists() and not path.is_file():
+        raise UsageError(f"{path}: is no file, but a directory, a pipe or a device; copy its contents to a file")
+    with _refusals(path):
+        file = read(path)
+    if not file.columns:
+        why = "".join(f"\n{path}: column {name} is not read: {reason}" for name, reason in file.left_out.items())
+        raise UsageError(f"{path}: it has no column of numbers{why}")
+    return replace(file, blocks=partial(_guarded, path, file.blocks))
+
+
+@contextmanager
+def _refusals(path: Path) -> Iterator[None]:
+    """What the libraries raise for a file becomes UsageError with its name."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a file that ends too early is no more than a warning for some libraries
-            file = read(path)
+            yield
     except UsageError:
         raise
     except OSError as fault:
-        why = fault.strerror or f"is cut off or damaged: {fault}"
+        why = fault.strerror or f"is cut off or damaged: {_line(fault)}"
         raise UsageError(f"{path}: {why}") from None
     except _OF_CODE:  # says something about the library and nothing about the file
         ending = path.suffix.lower()
         raise UsageError(f"{path}: is cut off, damaged or of another format; expected a {ending} file") from None
     except Exception as fault:  # of many libraries
-        what = str(fault).partition("\n")[0] or type(fault).__name__
-        raise UsageError(f"{path}: is cut off, damaged or of another format: {what}") from None
-    if not file.columns:
-        raise UsageError(f"{path}: it has no column of numbers")
-    return file
+        raise UsageError(f"{path}: is cut off, damaged or of another format: {_line(fault)}") from None
+
+
+def _line(fault: Exception) -> str:
+    return str(fault).partition("\n")[0] or type(fault).__name__
+
+
+def _guarded(
+    path: Path, blocks: Callable[[Collection[str]], Iterator[Block]], names: Collection[str]
+) -> Iterator[Block]:
+    """The blocks of a file, whose damage may lie behind its first ones."""
+    source = blocks(names)
+    while True:
+        with _refusals(path):
+            block = next(source, None)
+        if block is None:
+            return
+        yield block
 
 
 def name_and_unit(label: str) -> tuple[str, str]:
@@ -115,14 +146,22 @@ def _text(path: Path) -> MeasurementFile:
     table = TextTable.read(path)
     named = [name_and_unit(label) for label in table.labels]
     names = distinct((name for name, _ in named), "{} ({})")
-    columns = [Column(name, unit or stated) for name, (_, unit), stated in zip(names, named, table.units, strict=True)]
+    rates, starts = (stated or (0.0,) * len(names) for stated in (table.about.rates, table.about.starts))
+    units = [unit or stated for (_, unit), stated in zip(named, table.units, strict=True)]
+    columns = [Column(*about) for about in zip(names, units, rates, starts, strict=True)]
+    left_out = {name: why for name, why in zip(names, table.left_out, strict=True) if why}
+    if table.form.unread:
+        left_out["above the rows"] = f"{counted(table.form.unread, 'line')} with a number first, but not as many cells"
+    if table.form.beside:
+        left_out["beside the rows"] = f"the first {counted(table.form.beside, 'row')} have remarks behind the values"
     return MeasurementFile(
         path,
-        tuple(compress(columns, table.used)),
+        tuple(column for column in columns if column.name not in left_out),
         partial(table.blocks, names),
         table.began_ns,
         table.skip + 1,
         partial(table.rows, names),
+        left_out,
     )
 
 
@@ -133,21 +172,17 @@ class _Arrays:
         self.path = path
         self.columns: list[Column] = []
         self.values: dict[str, Reals] = {}
-        self.refused: list[str] = []
+        self.left_out: dict[str, str] = {}
 
     def add(self, label: str, values: Any, unit: str = "", rate: float = 0.0, start: float = 0.0) -> None:
         """Add an array: a vector is a column, of a matrix each column; what has no numbers is left out."""
         array = np.asarray(values)
-        if array.dtype.kind == "c":
-            self.refused.append(
-                f"{label} is complex: it is a spectrum or a transfer function, no measurement over time"
-            )
-            return
         if array.dtype.kind == "M":
             ns = array.astype("datetime64[ns]").astype(np.int64)
             array = (ns - ns.flat[0]) * 1e-9 if ns.size else array
             unit = "s"
-        if array.dtype.kind not in "fiub" or array.size < 2 or np.squeeze(array).ndim > 2:
+        if why := _no_column(array):
+            self.leave_out(label, why)
             return
         array = np.squeeze(array)
         if array.ndim == 2:
@@ -156,57 +191,78 @@ class _Arrays:
                 self.add(f"{label}.{i + 1}", array[:, i], unit, rate, start)
             return
         name, own = name_and_unit(label)
-        name = distinct((*self.values, name), "{} ({})")[-1]
+        if name in self.values:
+            name = distinct((*self.values, name), "{} ({})")[-1]
         self.columns.append(Column(name, own or unit, rate, start, array.size))
         self.values[name] = np.asarray(array, np.float64)
 
+    def leave_out(self, label: str, why: str) -> None:
+        """Note a column that is not read."""
+        self.left_out[distinct((*self.left_out, label), "{} ({})")[-1] if label in self.left_out else label] = why
+
     def file(self, began_ns: int | None = None) -> MeasurementFile:
-        """The file; raises UsageError if nothing can be read in it, and for what is complex."""
-        if self.refused or not self.columns:
-            faults = self.refused or ["it has no column of numbers"]
-            raise UsageError("\n".join(f"{self.path}: {fault}" for fault in faults))
+        """The file."""
 
         def blocks(names: Collection[str]) -> Iterator[Block]:
             yield {name: self.values[name] for name in names}
 
-        return MeasurementFile(self.path, tuple(self.columns), blocks, began_ns)
+        return MeasurementFile(self.path, tuple(self.columns), blocks, began_ns, left_out=self.left_out)
+
+
+def _no_column(array: NDArray[Any]) -> str:
+    """Why an array is no column of numbers over time; "" if it is one."""
+    if array.dtype.kind == "c":
+        return "it is complex: a spectrum or a transfer function, no measurement over time"
+    if array.dtype.kind in "SU" or (array.dtype.kind == "O" and array.size and isinstance(array.flat[0], str | bytes)):
+        return _WORDS
+    if array.dtype.kind not in "fiub":
+        return "it is no array of numbers" if array.dtype.kind == "O" else f"it has the type {array.dtype}"
+    if array.size < 2:
+        return "it is a single value" if array.size else "it is empty"
+    dimensions = np.squeeze(array).ndim
+    return f"it has {dimensions} dimensions; expected a vector or a matrix" if dimensions > 2 else ""
 
 
 def _parquet(path: Path) -> MeasurementFile:
     from pyarrow import parquet, types
 
     with parquet.ParquetFile(path) as file:
-        fields = [field for field in file.schema_arrow if not types.is_nested(field.type)]
+        fields = list(file.schema_arrow)
         length = file.metadata.num_rows
     if not length:
         raise UsageError(f"{path}: its table has no rows")
     columns = []
-    labels = {}
-    for field in fields:
-        if not (types.is_floating(field.type) or types.is_integer(field.type) or types.is_temporal(field.type)):
+    labels: dict[str, str] = {}
+    left_out: dict[str, str] = {}
+    numbers = (types.is_floating, types.is_integer, types.is_decimal, types.is_boolean, types.is_temporal)
+    for about in fields:
+        if not any(fits(about.type) for fits in numbers):
+            left_out[about.name] = f"it has the type {about.type}"
             continue
-        stated = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
-        name, unit = name_and_unit(field.name)
-        unit = unit or stated.get("unit", stated.get("units", "")) or ("s" if types.is_temporal(field.type) else "")
+        stated = {key.decode(): value.decode() for key, value in (about.metadata or {}).items()}
+        name, unit = name_and_unit(about.name)
+        name = distinct((*labels, name), "{} ({})")[-1] if name in labels else name
+        unit = unit or stated.get("unit", stated.get("units", "")) or ("s" if types.is_temporal(about.type) else "")
         columns.append(Column(name, unit, length=length))
-        labels[name] = field.name
+        labels[name] = about.name
 
     def blocks(names: Collection[str]) -> Iterator[Block]:
         begins: dict[str, int] = {}
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             for batch in file.iter_batches(columns=[labels[name] for name in names]):
                 yield {name: _seconds(batch[labels[name]], begins, name) for name in names}
 
-    return MeasurementFile(path, tuple(columns), blocks)
+    return MeasurementFile(path, tuple(columns), blocks, left_out=left_out)
 
 
 def _seconds(column: Any, begins: dict[str, int], name: str) -> Reals:
     """Numbers; times of day as seconds since the first one. NaN for those that are not there."""
-    from pyarrow import compute, duration, int64, timestamp, types
+    from pyarrow import compute, duration, int64, time64, timestamp, types
 
     if not types.is_temporal(column.type):
         return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
     kind = duration("ns") if types.is_duration(column.type) else timestamp("ns")
+    kind = time64("ns") if types.is_time(column.type) else kind
     ns = column.cast(kind).cast(int64())
     if len(known := ns.drop_null()):
         begins.setdefault(name, known[0].as_py())
@@ -242,22 +298,73 @@ def _of_struct(arrays: _Arrays, name: str, value: Any) -> None:
 def _hdf5(path: Path) -> MeasurementFile:
     h5py = needed("h5py", "data")
     arrays = _Arrays(path)
-
-    def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or name.startswith("#") or "MATLAB_empty" in item.attrs:
-            return
-        label = name.replace("/", ".")
-        if item.dtype.names == ("real", "imag"):  # of MATLAB
-            arrays.add(label, np.empty(1, complex))
-        elif item.dtype.kind in "fiubc" and _word(item.attrs.get("MATLAB_class", "")) != "char":
-            unit = next(
-                (word for key in ("units", "unit", "Units", "Unit") if (word := _word(item.attrs.get(key)))), ""
-            )
-            arrays.add(label, _unpacked(item[()], item.attrs), unit)
-
     with h5py.File(path, "r") as file:
-        file.visititems(visit)
+        _of_group(arrays, file, "")
     return arrays.file()
+
+
+def _of_group(arrays: _Arrays, group: Any, label: str, within: tuple[Any, ...] = ()) -> None:
+    """Add what a group of HDF5 contains; `within`: the groups that it lies in, and itself."""
+    import h5py
+
+    for name in group:
+        inner = f"{label}.{name}" if label else str(name)
+        link = group.get(name, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            arrays.leave_out(inner, f"it lies in another file, {link.filename}; import that one")
+        elif isinstance(link, h5py.SoftLink):
+            arrays.leave_out(inner, f"it is a link to {link.path}")
+        elif not inner.startswith("#"):  # of MATLAB: what references lead to
+            _of_item(arrays, group[name], inner, within)
+
+
+def _of_item(arrays: _Arrays, item: Any, label: str, within: tuple[Any, ...] = ()) -> None:
+    """Add a group or a data set of HDF5: a table, an array, or references to others."""
+    import h5py
+
+    if isinstance(item, h5py.Group):
+        if any(item == above for above in within):
+            arrays.leave_out(label, f"it contains itself ({item.name})")
+        else:
+            _of_group(arrays, item, label, (*within, item))
+        return
+    if not isinstance(item, h5py.Dataset):
+        return
+    if item.external or item.is_virtual:
+        arrays.leave_out(label, "its values lie in another file (external storage); import that one")
+        return
+    stated = (_word(item.attrs.get(key)) for key in ("units", "unit", "Units", "Unit"))
+    unit = _without_epoch(next(filter(None, stated), ""))
+    if "MATLAB_empty" in item.attrs:
+        arrays.leave_out(label, "it is empty")
+    elif _word(item.attrs.get("MATLAB_class", "")) == "char":
+        arrays.leave_out(label, _WORDS)
+    elif item.dtype.names == ("real", "imag"):  # of MATLAB
+        arrays.add(label, np.empty(1, complex))
+    elif item.dtype.names:
+        for number, name in enumerate(item.dtype.names):
+            of_field = _word(item.attrs.get(f"FIELD_{number}_UNITS")) or unit
+            arrays.add(f"{label}.{name}", item.fields(name)[()], of_field)
+    elif h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+        _of_references(arrays, item, label)
+    elif item.shape is None:
+        arrays.leave_out(label, "it is empty")
+    elif _factor(item.attrs) == 0.0:
+        arrays.leave_out(label, _NO_FACTOR)
+    else:
+        arrays.add(label, _unpacked(item[()], item.attrs), unit)
+
+
+def _of_references(arrays: _Arrays, item: Any, label: str) -> None:
+    """Add what references of MATLAB lead to: cells, CELL.NUMBER, or fields of many structs, STRUCT.NUMBER.FIELD."""
+    whole, _, key = label.rpartition(".")
+    for number, reference in enumerate(item[()].ravel("F"), 1):
+        of_struct = bool(whole) and _word(item.attrs.get("MATLAB_class", "")) != "cell"
+        inner = f"{whole}.{number}.{key}" if of_struct else f"{label}.{number}"
+        if reference:
+            _of_item(arrays, item.file[reference], inner)
+        else:
+            arrays.leave_out(inner, "it is empty")
 
 
 def _word(given: Any) -> str:
@@ -269,18 +376,27 @@ def _word(given: Any) -> str:
     return str(value) if isinstance(value, str) else ""
 
 
+def _without_epoch(unit: str) -> str:
+    """The unit of a time as netCDF states it: "seconds since 1970-01-01" is in seconds."""
+    return unit.partition(" since ")[0]
+
+
 def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
     """Values that are packed as the conventions of netCDF say: fill value, scale factor and offset."""
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         return values
     fills = [np.ravel(about[key])[0] for key in ("_FillValue", "missing_value") if key in about]
-    factor = float(np.ravel(about.get("scale_factor", 1.0))[0])
+    factor = _factor(about)
     offset = float(np.ravel(about.get("add_offset", 0.0))[0])
     missing = np.isin(array, fills)
     if (factor, offset) != (1.0, 0.0) or missing.any():
         array = np.where(missing, np.nan, array * factor + offset)
     return array
+
+
+def _factor(about: Mapping[str, Any]) -> float:
+    return float(np.ravel(about.get("scale_factor", 1.0))[0])
 
 
 def _netcdf(path: Path) -> MeasurementFile:
@@ -293,7 +409,10 @@ def _netcdf(path: Path) -> MeasurementFile:
     with netcdf_file(path, "r", mmap=False) as file:
         for name, variable in file.variables.items():
             about = {key: getattr(variable, key) for key in ("units", *_PACKED) if hasattr(variable, key)}
-            arrays.add(name, _unpacked(variable[:].copy(), about), _word(about.get("units")))
+            if _factor(about) == 0.0:
+                arrays.leave_out(name, _NO_FACTOR)
+                continue
+            arrays.add(name, _unpacked(variable[:].copy(), about), _without_epoch(_word(about.get("units"))))
     return arrays.file()
 
 
@@ -320,18 +439,18 @@ def _uff(path: Path) -> MeasurementFile:
     file = pyuff.UFF(str(path))
     for number, kind in enumerate(file.get_set_types()):
         if kind not in (58, 55):
+            arrays.leave_out(f"set {number + 1}", f"data set {kind} is no function over time")
             continue
         data = file.read_sets(number)
         label = str(data.get("id1", "")).strip()
         name = label if label not in ("", "NONE") else f"set {number + 1}"
         if kind == 55:
-            if np.iscomplexobj(data.get("r1", 0.0)):
-                arrays.refused.append(f"{name}: data set 55 with complex values is a shape, no measurement over time")
+            arrays.leave_out(name, "it is a shape (data set 55), no measurement over time")
             continue
         unit = str(data.get("ordinate_axis_units_lab", "")).strip()
         step = float(data.get("abscissa_inc", 0.0)) if data.get("abscissa_spacing", 1) == 1 else 0.0
         if int(data.get("abscissa_spec_data_type", 17)) not in (0, 17):
-            arrays.refused.append(f"{name}: its abscissa is not time")
+            arrays.leave_out(name, "its abscissa is not time")
             continue
         start = float(data.get("abscissa_min", 0.0))
         if not step:
@@ -363,7 +482,7 @@ def _tdms(path: Path) -> MeasurementFile:
 
 
 _FORMATS: dict[str, Callable[[Path], MeasurementFile]] = {
-    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), _text),
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"), _text),
     **dict.fromkeys((".h5", ".hdf5", ".hdf"), _hdf5),
     **dict.fromkeys((".uff", ".unv", ".58"), _uff),
     ".parquet": _parquet,

@@ -1,19 +1,17 @@
 """A table of numbers in a text file, as data acquisition systems write it.
 
-Separator, decimal comma, lines before the table, names and units are found from the first lines: the separator is the
-one with which the most lines, up to the last of them, are rows of numbers. The numbers are read in blocks. If a row
+Its form is found from the first lines (rig.record.imports.text_form). The numbers are read in blocks. If a row
 cannot be read, the file is read again line by line, and all faults are told with row and column.
 """
 
 from __future__ import annotations
 
-import csv as cells_of
 import io
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -22,10 +20,11 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.printable import counted
+from rig.record.imports import clock_times, text_headers
+from rig.record.imports.text_form import NO_VALUE, SEPARATORS, Form, has_groups, is_doubtful, is_number, number, split
+from rig.record.imports.text_headers import TextHeader
 from rig.record.run_data import Reals
-from rig.units import si_unit
 
-_SEPARATORS = (";", "\t", ",", "|", " ")
 _HEADS = (1 << 16, 1 << 20, 1 << 23)
 """Lengths of the part in which the form of the table is looked for, until it has `_ROWS` rows [bytes]."""
 _ROWS = 10  # chosen: enough to tell the form of a table
@@ -33,20 +32,9 @@ BLOCK = 2 << 20
 """Length of the part of a file that is read at once [bytes]."""
 _MOST = 20
 """Number of faults that are told; further ones are counted."""
-_NO_VALUE = ("", "nan", "NaN", "NAN", "NA", "n/a", "N/A", "null", "-")
-_BLANK_VALUES = [blanks * " " + text + end for text in _NO_VALUE for blanks in range(32) for end in ("", " ")]
-_NUMBER = {
-    mark: re.compile(rf"[-+]?(?:\d+(?:{re.escape(mark)}\d*)?|{re.escape(mark)}\d+)(?:[eE][-+]?\d+)?|[-+]?[iI]nf")
-    for mark in ".,"
-}
+_BLANK_VALUES = [blanks * " " + text + end for text in NO_VALUE for blanks in range(32) for end in ("", " ")]
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?")
-_TIME = re.compile(
-    r"(?:(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4}))[T ]\s*)?"
-    r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,](?P<part>\d{1,9}))?)?\s?(?P<zone>Z|[-+]\d\d:?\d\d)?"
-)
-_UNIT_LINE = re.compile(r"[\[(].*[\])]|[-%°µμΩ\w^/*·. ]{1,12}|")
-_1970 = date(1970, 1, 1).toordinal()
-_DAY_NS = 86_400_000_000_000
+_ZEROS = 0.2  # share of bytes that are 0, every second one, in UTF-16 without a mark. chosen
 
 
 @dataclass(frozen=True)
@@ -55,25 +43,39 @@ class TextTable:
 
     path: Path
     encoding: str
-    separator: str
-    decimal: str
-    skip: int
-    """Number of lines before the first row."""
+    form: Form
     labels: tuple[str, ...]
     units: tuple[str, ...]
     stamped: tuple[bool, ...]
     """Columns of times of day."""
-    used: tuple[bool, ...]
-    """Columns that may have values: neither words nor what follows a separator at the end of the rows."""
-    first_ns: int
-    """The first time of day, in ns since 1970, or since midnight without a date."""
+    left_out: tuple[str, ...]
+    """Why a column is not read: it has words, or follows a separator at the end of the rows; "" for the others."""
+    first: str
+    """The first time of day."""
+    of_dates: str
+    """The order of day and month in dates with slashes."""
     iso: bool
     """Times of day have the form 2024-01-31 10:00:00.001."""
+    grouped: bool
+    """Digits are grouped somewhere: 1.234,5."""
+    about: TextHeader
+    """Units, rate and begin that the lines above the table state."""
+
+    @property
+    def skip(self) -> int:
+        """Number of lines before the first row."""
+        return self.form.skip
+
+    @cached_property
+    def first_ns(self) -> int:
+        """The first time of day, in ns since 1970, or since midnight without a date."""
+        return clock_times.nanoseconds(self.first, self.of_dates) if self.first else 0
 
     @property
     def began_ns(self) -> int | None:
-        """The wall clock at the first row, in ns since 1970, if the table has dates."""
-        return self.first_ns if self.first_ns >= _DAY_NS else None
+        """The wall clock at the first row, in ns since 1970, if the table or the lines above it have dates."""
+        is_open = self.of_dates == clock_times.OPEN and clock_times.has_open_date(self.first)
+        return self.first_ns if self.first_ns >= clock_times.DAY_NS and not is_open else self.about.began_ns
 
     @classmethod
     def read(cls, path: Path) -> TextTable:
@@ -82,12 +84,12 @@ class TextTable:
             with path.open("rb") as file:
                 head = file.read(size)
             encoding = _encoding(head)
-            lines = head.decode(encoding, errors="replace").splitlines()
+            lines = _lines(head.decode(encoding, errors="replace"))
             if len(head) == size:
                 lines.pop()  # may be cut
             while lines and not lines[-1].strip():
                 lines.pop()
-            form = _Form.best(lines)
+            form = Form.best(lines)
             if len(head) < size or form.rows >= _ROWS:
                 break
         if not any(line.strip() for line in lines):
@@ -95,12 +97,28 @@ class TextTable:
         if not form.rows:
             raise UsageError(
                 f"{path}: there is no table of numbers in its first {counted(len(lines), 'line')}; expected rows of "
-                f"numbers with one separator of {', '.join(map(repr, _SEPARATORS))}"
+                f"numbers with one separator of {', '.join(map(repr, SEPARATORS))}"
             )
-        stamps = [text for text in form.split(lines[form.skip]) if _TIME.fullmatch(text)]
-        iso = all(map(_ISO.fullmatch, stamps))
-        first = _nanoseconds(stamps[0]) if stamps else 0
-        return cls(path, encoding, form.separator, form.mark, form.skip, *form.described(lines), first, iso)
+        labels, units, stamped, left_out = form.described(lines)
+        rows = [form.cells(line, i) for i, line in enumerate(lines[form.skip :])]
+        cells = [cell for row in rows for cell, stamp in zip(row, stamped, strict=False) if stamp]
+        of_dates = clock_times.order(cells)
+        stamps = [cell for cell in cells if clock_times.is_valid(cell, of_dates)]
+        about = text_headers.read(lines[: form.skip], form.separator, labels)
+        return cls(
+            path,
+            encoding,
+            form,
+            labels,
+            tuple(own or stated for own, stated in zip(units, about.units or units, strict=True)),
+            stamped,
+            left_out,
+            stamps[0] if stamps else "",
+            of_dates,
+            all(map(_ISO.fullmatch, stamps)),
+            _is_grouped(path, form, encoding),
+            about,
+        )
 
     def blocks(self, names: Sequence[str], wanted: Collection[str]) -> Iterator[Mapping[str, Reals]]:
         """Yield the columns `wanted`, of those called `names`, block by block; a value that is not there is NaN.
@@ -111,16 +129,17 @@ class TextTable:
         from pyarrow import csv
 
         of_times = pa.timestamp("ns") if self.iso else pa.string()
-        kinds = {}
-        for name, stamped in zip(names, self.stamped, strict=True):
-            kinds[name] = of_times if stamped else pa.float64()
+        of_numbers = pa.string() if self.grouped else pa.float64()
+        kinds = {name: of_times if stamped else of_numbers for name, stamped in zip(names, self.stamped, strict=True)}
+        times = {name for name, stamped in zip(names, self.stamped, strict=True) if stamped}
         ragged = list[Any]()
 
         def refuse(row: Any) -> str:
             ragged.append(row)
             return "skip"
 
-        as_it_is = self.separator != " " and self.encoding in ("utf-8-sig", "latin-1")
+        form = self.form
+        as_it_is = form.separator != " " and not form.beside and self.encoding in ("utf-8-sig", "latin-1")
         with self.path.open("rb") as file:
             try:
                 with csv.open_csv(
@@ -128,15 +147,15 @@ class TextTable:
                     csv.ReadOptions(
                         use_threads=False,
                         block_size=BLOCK,
-                        skip_rows=self.skip,
+                        skip_rows=form.skip,
                         column_names=list(names),
                         encoding="utf8" if self.encoding != "latin-1" else "latin1",
                     ),
-                    csv.ParseOptions(delimiter=self.separator, invalid_row_handler=refuse),
+                    csv.ParseOptions(delimiter=form.separator, invalid_row_handler=refuse),
                     csv.ConvertOptions(
                         column_types={name: kinds[name] for name in wanted},
                         include_columns=list(wanted),
-                        decimal_point=self.decimal,
+                        decimal_point=form.mark,
                         null_values=_BLANK_VALUES,
                         check_utf8=False,
                     ),
@@ -144,241 +163,146 @@ class TextTable:
                     for batch in reader:
                         if ragged:
                             break
-                        yield {name: self._values(batch.column(name)) for name in wanted}
+                        columns = zip(wanted, batch.columns, strict=True)  # by name it takes the square of their number
+                        yield {name: self._values(column, name in times) for name, column in columns}
             except pa.ArrowInvalid as fault:
-                raise UsageError(self._faults(names, wanted) or f"{self.path}: {fault}") from None
+                why = " ".join(str(fault).split())  # of a cell in quotes that do not end, many lines
+                raise UsageError(self._faults(names, wanted) or f"{self.path}: {why:.200}") from None
         if ragged:
             raise UsageError(
                 self._faults(names, wanted) or f"{self.path}: row {ragged[0].number}: {ragged[0].text!r:.60}"
             )
 
-    def _values(self, column: Any) -> Reals:
+    def _values(self, column: Any, of_times: bool) -> Reals:
         from pyarrow import int64, types
 
         if types.is_string(column.type):
-            return np.array([(_nanoseconds(text) - self.first_ns) * 1e-9 for text in column.to_pylist()])
+            read = self._seconds if of_times else self._number
+            return np.array([read(text) for text in column.to_pylist()], np.float64)
         if types.is_timestamp(column.type):
             ns = column.cast(int64()).to_numpy(zero_copy_only=False)
             return np.asarray((ns - self.first_ns) * 1e-9, np.float64)
         return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
+
+    def _seconds(self, text: str | None) -> float:
+        """A time of day as seconds since the first one; NaN if there is none. Raises ArrowInvalid, as pyarrow does."""
+        cell = (text or "").strip()
+        if cell in NO_VALUE:
+            return math.nan
+        if fault := self._time_fault(cell):
+            raise _invalid(fault)
+        return (clock_times.nanoseconds(cell, self.of_dates) - self.first_ns) * 1e-9
+
+    def _number(self, text: str | None) -> float:
+        """A number whose digits may be grouped; NaN if there is none. Raises ArrowInvalid, as pyarrow does."""
+        cell = (text or "").strip()
+        if cell in NO_VALUE:
+            return math.nan
+        if not is_number(cell, self.form.mark):
+            raise _invalid(cell)
+        return number(cell, self.form.mark)
+
+    def _time_fault(self, cell: str) -> str:
+        """Why a cell is no time that can be placed among the others, in words; "" if it is one."""
+        if not clock_times.is_time(cell):
+            return f"{cell!r:.40} is not a time"
+        first = clock_times.has_open_date(self.first)
+        if self.of_dates == clock_times.OPEN and clock_times.has_open_date(cell) != first:
+            return (
+                f"{cell!r:.40} may have the day or the month first; write dates as 2024-01-31, or give the rate of the "
+                "samples (--rate) in place of times"
+            )
+        return "" if clock_times.is_valid(cell, self.of_dates) else f"{cell!r:.40} is not a time of day"
 
     def _faults(self, names: Sequence[str], wanted: Collection[str]) -> str:
         """All rows that cannot be read, one a line."""
         told = list[str]()
         count = 0
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
-            for number, line in enumerate(islice(file, self.skip, None), self.skip + 1):
-                for fault in self._of_row(line, names, wanted):
+            for place, line in enumerate(islice(file, self.skip, None), self.skip + 1):
+                for fault in self._of_row(line, place, names, wanted):
                     count += 1
                     if count <= _MOST:
-                        told.append(f"{self.path}: row {number}: {fault}")
+                        told.append(f"{self.path}: row {place}: {fault}")
         return "\n".join([*told, f"... and {count - _MOST} more"] if count > _MOST else told)
 
     def rows(self, names: Sequence[str], wanted: Collection[str]) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield number and values of each row, line by line, without what cannot be read; NaN: there is no value."""
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
-            for number, line in enumerate(islice(file, self.skip, None), self.skip + 1):
-                cells = _split(line, self.separator)
+            for place, line in enumerate(islice(file, self.skip, None), self.skip + 1):
+                cells = self.form.cells(line, place - self.skip - 1)
                 values = dict[str, float]()
                 for name, cell, stamped in zip(names, cells, self.stamped) if len(cells) == len(names) else ():
                     if name not in wanted:
                         continue
-                    if cell in _NO_VALUE:
+                    if cell in NO_VALUE:
                         values[name] = math.nan
-                    elif stamped and _TIME.fullmatch(cell):
-                        values[name] = (_nanoseconds(cell) - self.first_ns) * 1e-9
-                    elif not stamped and _NUMBER[self.decimal].fullmatch(cell):
-                        values[name] = float(cell.replace(self.decimal, "."))
+                    elif stamped and not self._time_fault(cell):
+                        values[name] = self._seconds(cell)
+                    elif not stamped and is_number(cell, self.form.mark):
+                        values[name] = number(cell, self.form.mark)
                 if values:
-                    yield number, values
+                    yield place, values
 
-    def _of_row(self, line: str, names: Sequence[str], wanted: Collection[str]) -> Iterator[str]:
-        cells = _split(line, self.separator)
-        text = line.strip()
-        if not text:
+    def _of_row(self, line: str, place: int, names: Sequence[str], wanted: Collection[str]) -> Iterator[str]:
+        cells = self.form.cells(line, place - self.skip - 1)
+        if not line.strip():
             return
         if len(cells) != len(names):
             ended = " (the file ends in the middle of it)" if not line.endswith(("\n", "\r")) else ""
             other = self._other_separator(line, len(names))
-            hint = f"; with {other!r} in place of {self.separator!r} it would be right" if other else ""
+            hint = f"; with {other!r} in place of {self.form.separator!r} it would be right" if other else ""
             yield f"{counted(len(cells), 'value')}, the other rows have {len(names)}{ended}{hint}"
             return
         for name, cell, stamped in zip(names, cells, self.stamped, strict=True):
-            right = _TIME if stamped else _NUMBER[self.decimal]
-            if name in wanted and cell not in _NO_VALUE and not right.fullmatch(cell):
-                yield f"column {name}: {cell!r:.40} is not a {'time' if stamped else 'number'}"
+            if name not in wanted or cell in NO_VALUE:
+                continue
+            if stamped and (fault := self._time_fault(cell)):
+                yield f"column {name}: {fault}"
+            elif not stamped and not is_number(cell, self.form.mark):
+                doubt = "; are its digits grouped? Write them without groups" if is_doubtful(cell) else ""
+                yield f"column {name}: {cell!r:.40} is not a number{doubt}"
 
     def _other_separator(self, line: str, width: int) -> str:
         """The separator with which a line has `width` numbers; "" if there is none."""
-        for separator in _SEPARATORS:
-            if separator != self.separator:
-                cells = _split(line, separator)
-                if len(cells) == width and all(map(_NUMBER[self.decimal].fullmatch, cells)):
+        for separator in SEPARATORS:
+            if separator != self.form.separator:
+                cells = split(line, separator)
+                if len(cells) == width and all(is_number(cell, self.form.mark) for cell in cells):
                     return separator
         return ""
 
 
-class _Form:
-    """How a text would be read with a separator and a decimal mark."""
+def _invalid(text: str) -> Exception:
+    from pyarrow import ArrowInvalid
 
-    def __init__(self, separator: str, mark: str, words: bool) -> None:
-        self.separator = separator
-        self.mark = mark
-        self.words = words
-        self.rows = self.skip = self.width = 0
-        self.headed = self.ended = False
-
-    @classmethod
-    def best(cls, lines: Sequence[str]) -> _Form:
-        """The form with most rows; a table in which each row has a word, such as a state, only if there is no other."""
-        forms = [(separator, mark) for separator in _SEPARATORS for mark in ".,"]
-        form = max((cls.of(lines, *form, words=False) for form in forms), key=lambda form: form.merit)
-        if not form.rows:
-            form = max((cls.of(lines, *form, words=True) for form in forms[:-2]), key=lambda form: form.merit)
-            if form.rows < 2 or not any(form.described(lines)[-1]):
-                form.rows = 0
-        return form
-
-    @classmethod
-    def of(cls, lines: Sequence[str], separator: str, mark: str, words: bool) -> _Form:
-        """Find the rows: the longest block of lines with one number of columns, all of which are values.
-
-        With `words`, columns of words are allowed beside a column of values.
-        """
-        form = cls(separator, mark, words)
-        begin = 0
-        width = -1
-        widths = [form._width_of(line) for line in lines]
-        for i, here in enumerate([*widths, -1]):
-            if here < 0 or here != width:
-                if width >= 0 and i - begin > form.rows:
-                    form.rows = i - begin
-                    form.skip = begin
-                    form.width = width
-                begin = i
-                width = here
-        form._skip_to_header(lines, widths)
-        form.ended = form.rows > 0 and form.split(lines[form.skip])[-1] == ""
-        form.headed = form.rows > 0 and form.skip > 0 and form.heading(lines[form.skip - 1]) is not None
-        return form
-
-    def _width_of(self, line: str) -> int:
-        """The number of values of a row; -1 for a line that is none."""
-        cells = self.split(line)
-        known = [self._is_value(cell) for cell in cells]
-        if not any(known):
-            return -1
-        if self.words:
-            return len(cells) if len(cells) > 1 else -1
-        unknown = [cell for cell, value in zip(cells, known) if not value]
-        return len(cells) if all(cell in _NO_VALUE for cell in unknown) else -1
-
-    def heading(self, line: str) -> list[str] | None:
-        """The cells of a line above the rows, of which only one may end with a separator; None: it is no heading."""
-        cells = self.split(line.lstrip("#%! "))
-        if len(cells) == self.width + 1 and not cells[-1]:
-            cells.pop()
-        if len(cells) == self.width - 1 and self.ended:
-            cells.append("")
-        return cells if len(cells) == self.width and not all(map(self._is_value, cells)) else None
-
-    def _skip_to_header(self, lines: Sequence[str], widths: Sequence[int]) -> None:
-        """Begin below an earlier header, if most lines from there on are rows: the other ones are faults."""
-        for i in range(1, self.skip):
-            rows = widths[i : self.skip]
-            headed = widths[i - 1] < 0 and len(self.split(lines[i - 1])) == self.width
-            if headed and rows[0] == self.width and 2 * rows.count(self.width) >= len(rows):
-                self.skip = i
-                self.rows += rows.count(self.width)
-                return
-
-    @property
-    def merit(self) -> tuple[int, bool, int]:
-        """A form is better with more rows, with a header of the same width, with more columns."""
-        return self.rows, self.headed, self.width
-
-    def split(self, line: str) -> list[str]:
-        """The cells of a line."""
-        return _split(line, self.separator)
-
-    def _is_value(self, cell: str) -> bool:
-        return bool(_NUMBER[self.mark].fullmatch(cell) or _TIME.fullmatch(cell))
-
-    def _may_have_values(self, label: str, column: Sequence[str]) -> bool:
-        """Whether enough cells are values, or all cells of a column with a label say that there is none."""
-        if 2 * sum(map(self._is_value, column)) > len(column) * self.words:
-            return True
-        return bool(label) and all(cell in _NO_VALUE for cell in column)
-
-    def described(
-        self, lines: Sequence[str]
-    ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[bool, ...], tuple[bool, ...]]:
-        """Labels, units, which columns are times of day, and which may have values."""
-        above = [self.heading(line) for line in lines[max(self.skip - 5, 0) : self.skip] if line.strip()]
-        headings = list[list[str]]()  # from the rows upwards
-        for cells in reversed(above):
-            if cells is None:
-                break
-            headings.append(cells)
-        units = [""] * self.width
-        labels = headings[0] if headings else [""] * self.width
-        for named, stated in zip(headings[1:], headings, strict=False):
-            if _are_units(stated) and sum(map(bool, named)) >= max(sum(map(bool, stated)), self.width - self.ended):
-                units = [cell.strip("[]() ") for cell in stated]
-                labels = named
-                break
-        rows = [self.split(line) for line in lines[self.skip : self.skip + 100]]
-        columns = list(zip(*(cells for cells in rows if len(cells) == self.width), strict=True))
-        stamped = tuple(bool(_TIME.fullmatch(cell)) for cell in self.split(lines[self.skip]))
-        used = tuple(self._may_have_values(label, column) for label, column in zip(labels, columns, strict=True))
-        units = ["s" if stamp else unit for unit, stamp in zip(units, stamped, strict=True)]
-        return tuple(label or f"column {i}" for i, label in enumerate(labels, 1)), tuple(units), stamped, used
+    fault: Exception = ArrowInvalid(text)
+    return fault
 
 
-def _are_units(cells: Sequence[str]) -> bool:
-    """Whether a line below the names has their units: short, and at least half of them are known."""
-    stated = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
-    return bool(stated) and all(map(_UNIT_LINE.fullmatch, cells)) and 2 * sum(map(_is_unit, stated)) >= len(stated)
+def _lines(text: str) -> list[str]:
+    """The lines of a text, which ends with the last of them, as files have them."""
+    return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
 
 
-def _is_unit(text: str) -> bool:
-    try:
-        return bool(si_unit(text))
-    except ValueError:
-        return False
-
-
-def _nanoseconds(text: str | None) -> int:
-    """A time of day in ns since 1970, or since midnight without a date. Raises UsageError."""
-    match = _TIME.fullmatch((text or "").strip())
-    try:
-        if match is None:
-            raise ValueError
-        day = 0
-        if year := match["year"] or match["y"]:
-            day = (
-                date(int(year), int(match["month"] or match["m"]), int(match["day"] or match["d"])).toordinal() - _1970
-            )
-    except ValueError:
-        raise UsageError(f"{text!r:.40} is not a time of day") from None
-    seconds = 3600 * int(match["hour"]) + 60 * int(match["minute"]) + int(match["second"] or 0)
-    if (zone := match["zone"] or "Z") != "Z":
-        seconds -= int(f"{zone[0]}1") * (3600 * int(zone[1:3]) + 60 * int(zone[-2:]))
-    return day * _DAY_NS + seconds * 1_000_000_000 + int((match["part"] or "").ljust(9, "0"))
-
-
-def _split(line: str, separator: str) -> list[str]:
-    line = line.rstrip("\r\n")
-    if '"' in line:
-        line = " ".join(line.split()) if separator == " " else line
-        return [cell.strip() for cell in next(cells_of.reader([line], delimiter=separator, skipinitialspace=True), [])]
-    cells = line.split() if separator == " " else line.split(separator)
-    return [cell.strip() for cell in cells]
+def _is_grouped(path: Path, form: Form, encoding: str) -> bool:
+    """Whether digits are grouped anywhere in a file: 1.234,5 in its last block too."""
+    with path.open("rb") as file:
+        rest = b""
+        while block := file.read(BLOCK):
+            block = block.replace(b"\0", b"") if encoding.startswith("utf-16") else block
+            if has_groups(rest + block, form.mark, form.separator):
+                return True
+            rest = block[-8:]
+    return False
 
 
 def _encoding(head: bytes) -> str:
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
+    for first, name in ((1, "utf-16-le"), (0, "utf-16-be")):
+        if head[first::2].count(0) > 2.0 * _ZEROS * len(head[first::2]) and head[1 - first :: 2].count(0) == 0:
+            return name
     try:
         head[:-4].decode("utf-8")
     except UnicodeDecodeError:
@@ -387,11 +311,12 @@ def _encoding(head: bytes) -> str:
 
 
 class _Plain(io.RawIOBase):
-    """The bytes of a file in UTF-8, with one blank between two values where blanks separate them."""
+    """The bytes of a file in UTF-8, without remarks beside the first rows, with one blank where blanks separate."""
 
     def __init__(self, file: BinaryIO, table: TextTable) -> None:
         self._text = io.TextIOWrapper(file, table.encoding, newline="")
-        self._blanks = table.separator == " "
+        self._form = table.form
+        self._line = 0
         self._left = b""
 
     def readable(self) -> bool:
@@ -402,9 +327,16 @@ class _Plain(io.RawIOBase):
         """Fill the buffer with whole lines as far as they fit."""
         if not self._left:
             lines = self._text.readlines(len(buffer))
-            text = "".join(" ".join(line.split()) + "\n" for line in lines) if self._blanks else "".join(lines)
-            self._left = text.encode()
+            self._left = "".join(map(self._plain, lines)).encode()
         part = self._left[: len(buffer)]
         self._left = self._left[len(buffer) :]
         buffer[: len(part)] = part
         return len(part)
+
+    def _plain(self, line: str) -> str:
+        """A line as the others are."""
+        row = self._line - self._form.skip
+        self._line += 1
+        if 0 <= row < self._form.beside:
+            return self._form.separator.join(self._form.cells(line, row)) + "\n"
+        return " ".join(line.split()) + "\n" if self._form.separator == " " else line

@@ -1,0 +1,117 @@
+"""Dates and times of day as texts of measurement files have them, in nanoseconds.
+
+The order of day and month in a date with slashes or dashes follows from the texts: a field beyond 12 is the day, and AM
+or PM belongs to the order of the United States. Otherwise the order is open, and only times of one date can be read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from datetime import date
+
+from rig.errors import UsageError
+
+DAY_NS = 86_400_000_000_000
+OPEN, DAY_FIRST, MONTH_FIRST = "open", "day", "month"
+"""Orders of a date with slashes."""
+_1970 = date(1970, 1, 1).toordinal()
+_CENTURY = 70  # a year of two digits from here on is of the 20th century, as POSIX has it for 69 and above. chosen
+_LEAP = 60  # the highest second, of a leap second
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_DATE = (
+    r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)"
+    r"|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4}|\d\d)"
+    r"|(?P<first>\d\d?)(?P<mark>[/-])(?P<second_field>\d\d?)(?P=mark)(?P<last>\d{4}|\d\d)"
+    rf"|(?P<named_day>\d\d?)[- ](?P<name>{'|'.join(_MONTHS)})[a-z]*[- ](?P<named_year>\d{{4}}))"
+)
+_CLOCK = (
+    r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,](?P<part>\d{1,9}))?)?"
+    r"\s?(?P<half>[ap]\.?m\.?)?\s?(?P<zone>Z|[-+]\d\d:?\d\d)?"
+)
+_WHOLE_DATE = re.compile(_DATE, re.IGNORECASE)
+_TIME = re.compile(rf"(?:{_DATE}(?:[T ]|,\s)\s*)?{_CLOCK}", re.IGNORECASE)
+
+
+def is_time(text: str) -> bool:
+    """Whether a text is a time of day, with or without a date."""
+    return ":" in text and _TIME.fullmatch(text) is not None
+
+
+def is_valid(text: str, of_dates: str) -> bool:
+    """Whether a text is a time of day whose fields are possible."""
+    try:
+        nanoseconds(text, of_dates)
+    except UsageError:
+        return False
+    return True
+
+
+def is_date(text: str) -> bool:
+    """Whether a text is a date without a time of day."""
+    return _WHOLE_DATE.fullmatch(text) is not None
+
+
+def order(texts: Iterable[str]) -> str:
+    """The order of day and month in the dates with slashes of one column: DAY_FIRST, MONTH_FIRST or OPEN."""
+    for text in texts:
+        match = _TIME.fullmatch(text) or _WHOLE_DATE.fullmatch(text)
+        if match is None or not match["first"]:
+            continue
+        if int(match["first"]) > 12:
+            return DAY_FIRST
+        if int(match["second_field"]) > 12 or match.groupdict().get("half"):
+            return MONTH_FIRST
+    return OPEN
+
+
+def has_open_date(text: str) -> str:
+    """The date of a time whose order of day and month is open; "" for other texts."""
+    match = _TIME.fullmatch(text)
+    if match is None or not match["first"]:
+        return ""
+    return match[0][match.start("first") : match.end("last")]
+
+
+def nanoseconds(text: str, of_dates: str = OPEN) -> int:
+    """A time of day in ns since 1970, or since midnight without a date. Raises UsageError."""
+    match = _TIME.fullmatch(text.strip())
+    if match is None:
+        raise UsageError(f"{text!r:.40} is not a time of day")
+    hour = int(match["hour"])
+    minute = int(match["minute"])
+    second = int(match["second"] or 0)
+    try:
+        if minute > 59 or second > _LEAP:
+            raise ValueError
+        if half := (match["half"] or "").lower():
+            if not 1 <= hour <= 12:
+                raise ValueError
+            hour = hour % 12 + 12 * half.startswith("p")
+        day = _day(match, of_dates)
+    except ValueError:
+        raise UsageError(f"{text!r:.40} is not a time of day") from None
+    seconds = 3600 * hour + 60 * minute + second
+    if (zone := match["zone"] or "Z").upper() != "Z":
+        seconds -= int(f"{zone[0]}1") * (3600 * int(zone[1:3]) + 60 * int(zone[-2:]))
+    return day * DAY_NS + seconds * 1_000_000_000 + int((match["part"] or "").ljust(9, "0"))
+
+
+def _day(match: re.Match[str], of_dates: str) -> int:
+    """Days from 1970 to the date; 0 without one. Raises ValueError."""
+    if match["year"]:
+        fields = match["year"], match["month"], match["day"]
+    elif match["y"]:
+        fields = match["y"], match["m"], match["d"]
+    elif match["named_year"]:
+        fields = match["named_year"], str(1 + _MONTHS.index(match["name"].lower())), match["named_day"]
+    elif match["first"] and of_dates == DAY_FIRST:
+        fields = match["last"], match["second_field"], match["first"]
+    elif match["first"]:
+        fields = match["last"], match["first"], match["second_field"]
+    else:
+        return 0
+    year, month, day = map(int, fields)
+    if year < 100:
+        year += 1900 if year >= _CENTURY else 2000
+    return date(year, month, day).toordinal() - _1970

@@ -1,0 +1,86 @@
+"""Several files of one run get a common time: by a trigger, or by a channel that all of them contain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rig.errors import UsageError
+from rig.printable import counted
+from rig.quantities import Condition
+from rig.record.imports.file_part import Part
+from rig.record.run_data import Reals
+
+_SPARSE = 8.0  # periods for each sample: with more the shift of a channel is not looked for. chosen
+_ALIKE = 0.5  # least correlation of a channel that two files have in common
+
+
+def join_parts(parts: Sequence[Part], join: str) -> None:
+    """Shift the times of all files but the first one to the common time."""
+    condition = Condition.read(join, "--join", "<>|", "CHANNEL > VALUE UNIT") if any(s in join for s in "<>") else None
+    name = condition.name if condition is not None else join.strip()
+    whole = []
+    for part in parts:
+        channel = next((c for c in part.channels if name in (c.name, c.column)), None)
+        if channel is None:
+            raise UsageError(f"--join {join}: {part.file.path} has no channel {name}")
+        t, v = part.samples(channel.column)
+        if t.size < 2:
+            raise UsageError(f"--join {join}: {part.file.path}: {name} has {counted(t.size, 'value')} with a time")
+        whole.append((t, channel.values(v), channel.unit))
+    if condition is not None:
+        instants = [_fired(*samples, condition, part) for samples, part in zip(whole, parts)]
+        for part, instant in zip(parts, instants):
+            part.shift = instants[0] - instant
+    else:
+        for part, samples in zip(parts[1:], whole[1:]):
+            part.shift = _lag(whole[0], samples, f"--join {join}: {part.file.path}")
+    kept = {channel.name for channel in parts[0].channels}
+    for part in parts[1:]:  # the channel that they have in common is one channel
+        part.channels = [channel for channel in part.channels if channel.name not in kept]
+        kept |= {channel.name for channel in part.channels}
+
+
+def _fired(t: Reals, v: Reals, unit: str, condition: Condition, part: Part) -> float:
+    """The time of the first sample that meets the condition, between it and the one before [s]."""
+    level = condition.level_in(unit)
+    size = np.abs(v) if condition.size else v
+    beyond = size - level if condition.sense == ">" else level - size
+    met = np.flatnonzero(beyond > 0.0)
+    if not met.size:
+        raise UsageError(
+            f"--join {condition}: never met in {part.file.path}: {size.min():.6g} to {size.max():.6g} {unit}"
+        )
+    i = int(met[0])
+    if i == 0:
+        return float(t[0])
+    return float(t[i] - (t[i] - t[i - 1]) * beyond[i] / (beyond[i] - beyond[i - 1]))
+
+
+def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where: str) -> float:
+    """The shift [s] of `other` with which a channel correlates best with the same channel of `first`."""
+    from scipy.signal import correlate, correlation_lags
+
+    step = min(float(np.median(np.diff(t))) for t, *_ in (first, other))
+    for t, *_ in (first, other):
+        if float(t[-1] - t[0]) > _SPARSE * step * t.size:
+            raise UsageError(f"{where}: most of its time is a gap; name a trigger, CHANNEL > VALUE UNIT")
+    a = _resampled(*first[:2], step)
+    b = _resampled(*other[:2], step)
+    c = correlate(a, b)
+    k = int(np.argmax(c))
+    likeness = float(c[k]) / max(float(np.sqrt((a @ a) * (b @ b))), np.finfo(float).tiny)
+    if not likeness > _ALIKE:
+        raise UsageError(
+            f"{where} does not look alike (correlation {likeness:.2f}); name another channel, or a trigger"
+        )
+    bend = c[k - 1] - 2.0 * c[k] + c[k + 1] if 0 < k < c.size - 1 else 0.0
+    between = 0.5 * (c[k - 1] - c[k + 1]) / bend if bend else 0.0
+    lag = correlation_lags(a.size, b.size)[k] + between
+    return float(first[0][0] - other[0][0] + lag * step)
+
+
+def _resampled(t: Reals, v: Reals, step: float) -> Reals:
+    """The samples v(t) without their mean, every `step` [s] by straight lines."""
+    return np.asarray(np.interp(np.arange(t[0], t[-1], step), t, v - v.mean()))

@@ -1,0 +1,81 @@
+"""The times of one file of a measurement: rate, gaps, unevenness and drift."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from rig.printable import counted
+from rig.record.run_data import Reals
+
+_GAP = 1.5  # periods: a longer distance of two samples is a gap
+_EVEN = 0.01  # of a period
+
+
+@dataclass
+class TimeBase:
+    """The times of one file: samples, mean period, gaps and unevenness."""
+
+    file: str
+    samples: int = 0
+    begin: float = 0.0
+    """Time of the first sample, as the file states it [s]."""
+    period: float = 0.0
+    """Median of the distances of samples in the first block [s]."""
+    last: float = 0.0
+    """Time of the latest sample [s]."""
+    gaps: int = 0
+    longest: float = 0.0
+    """Longest gap [s]."""
+    lost: float = 0.0
+    """Duration of all gaps [s]."""
+    uneven: float = 0.0
+    """Largest deviation of a distance, of those that are no gap, from the period, in periods."""
+    drift: float = 0.0
+    """Relative change of the mean period from the first quarter of the first block to the last one of the latest."""
+    shift: float = 0.0
+    """Added to the times of the file to join it to the first one [s]."""
+    _first: float = 0.0
+    _quarter: int = 1
+    """Number of distances in the last quarter of the latest block."""
+
+    def add(self, t: Reals) -> None:
+        """Take the next times [s], which increase."""
+        if not self.samples:
+            self.begin = float(t[0])
+            self.period = float(np.median(np.diff(t))) if t.size > 1 else 0.0
+        steps = np.diff(t, prepend=self.last) if self.samples else np.diff(t)
+        self.samples += t.size
+        self.last = float(t[-1])
+        if not steps.size or not self.period:
+            return
+        far = steps > _GAP * self.period
+        self.gaps += int(far.sum())
+        self.lost += float(steps[far].sum())
+        self.longest = max(self.longest, float(steps[far].max(initial=0.0)))
+        near = steps[~far]
+        if near.size:
+            self.uneven = max(self.uneven, float(np.abs(near - self.period).max()) / self.period)
+            self._quarter = max(near.size // 4, 1)
+            self._first = self._first or float(near[: self._quarter].mean())
+            self.drift = float(near[-self._quarter :].mean()) / self._first - 1.0
+
+    def to_json(self) -> dict[str, object]:
+        """The same as plain values."""
+        return {key: value for key, value in asdict(self).items() if key[0] != "_"}
+
+    def text(self) -> str:
+        """The time base in words."""
+        whole = self.last - self.begin - self.lost
+        count = self.samples - 1 - self.gaps  # times may be rounded: the mean
+        rate = f", {count / whole:.6g} Hz" if count > 0 and whole > 0.0 else ""
+        told = f"{self.file}: {counted(self.samples, 'sample')}{rate}, t = {self.begin:g} to {self.last:g} s"
+        told += f"; moved by {self.shift:.9g} s" if self.shift else ""
+        if self.gaps:
+            told += f"; {counted(self.gaps, 'gap')}, the longest {self.longest:.6g} s"
+        if self.uneven > _EVEN:
+            told += f"; uneven: a distance differs from the period by {100.0 * self.uneven:.3g} %"
+        if abs(self.drift) > max(1e-6, 2.0 * self.uneven / self._quarter):  # more than rounding of the times
+            told += f"; the period drifts by {1e6 * self.drift:.3g} ppm"
+        return told
