@@ -146,7 +146,7 @@ class StickSlip(Result):
         rows = [(title, *self.median(name), unit) for title, name, unit in kinds]
         numbers = (Column(name, digits=".5g") for name in ("median", "lower quartile", "upper quartile"))
         if self.slips:
-            yield Table("medians", [Column("of"), *numbers, Column("unit")], rows)
+            yield Table("medians", [Column("measure"), *numbers, Column("unit")], rows)
         notes = {
             "samples replaced (spikes)": self.spikes,
             "samples held by the sensor": self.held,
