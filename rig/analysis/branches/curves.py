@@ -21,7 +21,7 @@ from rig.analysis.branches.compute import ROOT, SAVE, Computation, Job, driven_b
 from rig.analysis.branches.places import FAILURES, Place, place, solved, stepped
 from rig.analysis.branches.result import TURNS, named
 from rig.analysis.branches.trace import SPECIAL, Measure, of_distance, zero
-from rig.analysis.cycles.return_map import FLAT, Family
+from rig.analysis.cycles.return_map import CLOSED_TO, FLAT, Family
 from rig.analysis.linear.sweep import sweep
 from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
 from rig.errors import UsageError
@@ -221,7 +221,7 @@ def _specials(job: Job, second: Axis, q: float) -> Iterator[dict[str, Any]]:
         kind = TURNS.get(special.kind, special.kind) if special.turns else special.kind
         last = None
         why = special.why
-        if not special.at.map.cut:
+        if CLOSED_TO * special.at.magnified < 1.0:
             try:
                 last = raw_of(stepped(special.at, -_BEFORE)) | {"others": [q]}
             except FAILURES as error:

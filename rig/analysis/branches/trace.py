@@ -311,7 +311,7 @@ def _between(at: Place, new: Place, ds: float, sought: Collection[str]) -> list[
     if at.unstable != new.unstable:
         kinds += ["period doubling", "torus"]
     changes = [k for k in kinds if k in sought and SPECIAL[k].of(at) * SPECIAL[k].of(new) < 0.0]
-    noise = CLOSED_TO * math.prod(float(np.linalg.norm(part, 2)) for part in at.d.parts) * abs(at.p)
+    noise = CLOSED_TO * at.magnified * abs(at.p)
     specials = []
     for kind in changes:
         special = _located(kind, at, new, ds)
@@ -353,18 +353,30 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
     contact = name[1] if name else ""
     if at is not segment.places[-1]:
         segment.places.append(at)
-    if kind == "jump" or at.map.cut:
-        why = "" if kind == "jump" else _DIGITS
-        segment.end = Special(kind or "unresolved", at, p, accuracy, contact, name=name, why=why)
+    if kind == "jump":
+        segment.end = Special(kind, at, p, accuracy, contact, name=name)
         return None
     beyond = _switched(at, other)
     if beyond is None:
-        segment.end = Special(kind or "unresolved", at, p, accuracy, contact, why=_change(at.end, other))
+        why = _DIGITS if CLOSED_TO * at.magnified > 1.0 else _change(at.end, other)
+        segment.end = Special(kind or "unresolved", at, p, accuracy, contact, why=why, name=name)
         return None
-    turns = bool(beyond.t[-1] * at.t[-1] < 0.0 and min(abs(beyond.t[-1]), abs(at.t[-1])) > _LEVEL)
+    turns = _turns(at, beyond)
     kind = _named(at.rig, at.end, beyond.end, kind)
     segment.end = Special(kind, at, p, accuracy, contact or _contact(at.end, beyond.end), turns, name=name)
     return beyond
+
+
+def _turns(at: Place, beyond: Place) -> bool:
+    """Whether the parameter turns at a boundary between two places: by the tangents, or where a branch is upright to
+    the digits by Feigin's count, the parity of the real multipliers above 1 on both sides.
+    """
+    if min(abs(beyond.t[-1]), abs(at.t[-1])) > _LEVEL:
+        return bool(beyond.t[-1] * at.t[-1] < 0.0)
+    growing = 0
+    for side in (at, beyond):
+        growing += sum(m.real > 1.0 and not m.imag for m in side.multipliers[0])
+    return growing % 2 == 1
 
 
 def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
