@@ -128,6 +128,21 @@ def test_a_single_run_and_a_parameter_without_influence_are_not_identifiable(twi
     assert "vary the load" in alone.text()
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_where_the_fit_is_flat_the_others_keep_their_intervals(seed):
+    """At one load the level of friction and the offset of the laser are one number; the rest is told, and holds."""
+    truth, entries = belt_twin(seed, RUNS[:2])
+    fit = rig.identify("belt", entries, FREE, starts=1, workers=1)
+    verdicts = {parameter.key: parameter.verdict for parameter in fit.parameters}
+    assert verdicts == dict(zip(KEYS, (UNKNOWN, UNKNOWN, IDENTIFIED, IDENTIFIED)))
+    assert all(p.low < truth[p.key] < p.high for p in fit.parameters)
+    [difference] = fit.best.together()
+    assert difference[2] < truth[KEYS[0]] - truth[KEYS[1]] < difference[3]
+    assert "the fit is flat along" in fit.text()
+    assert "not converged" not in fit.text()
+    assert fit.best.evaluations < 350
+
+
 FILES = {
     "runs that are no tables": ("run = [1, 2]", "no [[run]]"),
     "columns that are no table": ('[[run]]\nfile = "a.csv"\ncolumns = ["ch1"]', "columns = ['ch1']: expected a table"),
@@ -289,6 +304,20 @@ def test_a_wide_parameter_that_acts_as_an_offset_is_not_identifiable(found):
         line.startswith("friction.mu_static acts as offset of laser (correlation 0.92)") for line in wide.words()
     )
     assert wide.parameters[0].verdict == UNKNOWN
+
+
+def test_a_narrow_range_does_not_change_the_verdict_of_a_narrow_interval(found):
+    """Of a parameter that acts as an offset: within 2 % of its value, of which the data tell +-1.5 %."""
+    narrow = replace(
+        found.best.law.free[0], low=0.98 * found.parameters[0].value, high=1.02 * found.parameters[0].value
+    )
+    C, (low, high) = found.best.covariance.copy(), narrow.ends
+    for share, verdict in ((0.45, IDENTIFIED), (0.95, UNKNOWN)):
+        C[0, 0] = (share * 0.5 * (high - low)) ** 2
+        C[0, 4] = C[4, 0] = 0.95 * math.sqrt(C[0, 0] * C[4, 4])
+        fit = replace(found.best, covariance=C, law=replace(found.best.law, free=(narrow, *found.best.law.free[1:])))
+        assert fit.parameters[0].verdict == verdict
+        assert not any("vary the load" in line for line in fit.words())
 
 
 def test_a_repetition_of_a_run_is_predicted_to_narrow_intervals_by_no_more_than_its_share(found):

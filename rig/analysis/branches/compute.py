@@ -300,7 +300,7 @@ class Computation:
         low, high = cycle.extremes[self.job.output]
         size = _SAME_SIZE * (high - low)
         for a, b in pairwise(branch.points):
-            if min(a.value, b.value) <= value <= max(a.value, b.value) and a.value != b.value:
+            if _between(value, (a.value, b.value), _SAME_POINT * abs(value)):
                 period = _between(cycle.period, (a.period, b.period), _SAME_PERIOD * cycle.period)
                 if period and _between(low, (a.low, b.low), size) and _between(high, (a.high, b.high), size):
                     return True

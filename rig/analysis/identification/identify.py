@@ -149,6 +149,7 @@ class _Attempt:
             self.evaluator.count,
             solution.jacobian,
             density,
+            solution.flat,
         )
 
     def _starts(self, fitted: Sequence[int], notes: list[str], count: int) -> tuple[list[Reals], list[Response]]:

@@ -7,7 +7,6 @@ the covariance of the parameters. To shrink only the widest interval leaves othe
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -171,6 +170,8 @@ def propose(
     best = identified.best
     if not best.fits:
         raise UsageError("no next experiment is proposed: no law fits, so that no interval can be predicted")
+    if not best.converged:
+        raise UsageError("no next experiment is proposed: the fit has not converged, so that it has no interval")
     if not all(isinstance(run.evidence, CycleRun) for run in best.runs):
         raise UsageError("no next experiment is proposed: this is done for runs of cycles only")
     axes = factors(best.law.scene, over)
@@ -203,9 +204,4 @@ def propose(
 
 def widths(fit: LawFit, covariance: Reals) -> dict[str, float]:
     """Half of the interval of each parameter over its value."""
-    relative = {}
-    for i, free in enumerate(fit.law.free):
-        half = fit.reach * math.sqrt(max(float(covariance[i, i]), 0.0))
-        size = 1.0 if free.log else free.size / max(abs(free.value(float(fit.z[i]))), 1e-300)
-        relative[free.key] = half * size
-    return relative
+    return {free.key: fit.half(i, covariance) for i, free in enumerate(fit.law.free)}
