@@ -490,11 +490,13 @@ def identify(
     from pathlib import Path
 
     from rig.analysis.identification.identify import identify as fit
-    from rig.analysis.identification.next_experiment import propose
+    from rig.analysis.identification.next_experiment import propose, settings_of
     from rig.analysis.identification.runs import prepared
 
     given = runs if isinstance(runs, str | Path) else [*runs]
     task = prepared(_scene(scene, overrides), given, free, laws, per_run, starts, seed)
+    if over:
+        settings_of(task.scene, over)
     found = fit(task, None if folder is None else Path(folder), workers)
     return propose(found, over, workers) if over else found
 

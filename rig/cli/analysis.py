@@ -226,11 +226,13 @@ def identify(
         printing.passed(evaluated.complete)
         return
     from rig.analysis.identification.identify import identify as fit
-    from rig.analysis.identification.next_experiment import asked, propose
+    from rig.analysis.identification.next_experiment import asked, propose, settings_of
     from rig.analysis.identification.runs import prepared
     from rig.analysis.identification.written import write
 
     settings = None if following is None else asked(following)
+    if settings is not None:
+        settings_of(loaded, settings)  # a fit takes minutes
     task = prepared(loaded, runs)
     try:
         with printing.status() as show:

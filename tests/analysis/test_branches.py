@@ -499,6 +499,23 @@ def test_curves_of_special_points_over_two_parameters(tmp_path):
     assert {"Hopf point", "grazing fold (contact)"} <= labels
 
 
+@pytest.mark.parametrize("second", ["start.displacement=1 mm:2 mm:2", "drive.speed_max=1 m/s:1.1 m/s:2"])
+def test_a_second_parameter_that_changes_no_motion_is_refused(tmp_path, second):
+    with pytest.raises(UsageError, match=rf"--second: {second.partition('=')[0]} acts on no steady motion"):
+        lab.branches("belt", "drive.speed=0.2 m/s:0.8 m/s", second=second, folder=tmp_path)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_threshold_beyond_the_largest_number_of_points_is_not_known(tmp_path):
+    result = branches(
+        job(lab.load("belt", {"limits": "none"}), "drive.speed=0.2 m/s:0.8 m/s", None, ("hopf",), 8), tmp_path
+    )
+    with pytest.raises(UsageError, match=r"at drive\.speed = 0.3 m/s is not known: .*\(8 points\); raise --points"):
+        Threshold(result, 0.3)
+    with pytest.raises(UsageError, match=r"there is no unstable cycle at drive\.speed = 0.2 m/s beside stable sliding"):
+        Threshold(result, 0.2)
+
+
 def test_curves_begin_where_the_starts_say(tmp_path):
     """This stick-slip begins at no Hopf point. Under Coulomb friction motions scale with the load, so its end does."""
     loaded = lab.load("belt_c_damped", {"limits": "none"})

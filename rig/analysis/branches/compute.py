@@ -106,9 +106,7 @@ def job(
     faults = []
     if watched not in outputs:
         faults.append(f"output {watched}: {scene.plant} has no such output; {near(watched, outputs)}")
-    if idle := axis.idle(scene):
-        faults.append(idle)
-    faults += _unfit(scene, axis)
+    faults += unfit(scene, axis)
     if faults:
         raise UsageError("\n".join(f"{scene.name}: {fault}" for fault in faults))
     motions: list[str | float | Start] = []
@@ -117,8 +115,10 @@ def job(
     return Job(scene, axis, watched, tuple(motions), most)
 
 
-def _unfit(scene: Scene, axis: Axis) -> Iterator[str]:
-    """Why the cycles of a scene cannot be followed over a parameter."""
+def unfit(scene: Scene, axis: Axis) -> Iterator[str]:
+    """Yield why the cycles of a scene cannot be followed over a parameter."""
+    if idle := axis.idle(scene):
+        yield idle
     first, last = (axis.at(scene, axis.values[i]).assemble().system() for i in (0, -1))
     if not first.patches:
         yield "the rig has no contact that can slide"

@@ -174,7 +174,7 @@ class LawFit:
         return self.reach * math.sqrt(max(float(covariance[i, i]), 0.0)) * size
 
     def _flat(self, i: int) -> bool:
-        """Whether only the range limits a parameter: of a narrow interval, whether the data tell less than the range."""
+        """Whether only the range limits a parameter; of a narrow interval: whether data tell less than the range."""
         if any(self.flat[i : i + 1]):
             return True
         low, high = self.law.free[i].ends
