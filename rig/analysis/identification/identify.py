@@ -28,7 +28,7 @@ from rig.analysis.identification.cycles import (
     measure_weights,
 )
 from rig.analysis.identification.features import WINDOWS, FeatureRun, respond
-from rig.analysis.identification.fit import Fit, Offsets, Solution, inverse, whole
+from rig.analysis.identification.fit import ROUNDS, Fit, Offsets, Solution, inverse, whole
 from rig.analysis.identification.influence import candidates, influence
 from rig.analysis.identification.posterior import START, Posterior
 from rig.analysis.identification.responses import Evaluator, Responder, Response
@@ -45,6 +45,7 @@ _WIDELY = 24  # starts after a misfit
 _VALLEYS = 3  # of them that are fitted
 _SAME = 0.1  # coordinates up to which two starts are in one valley
 _ROUGH = 1e-3  # of the sum of squares: a smaller gain of a round ends a fit that only looks for a valley
+_FEW = 10  # rounds of such a fit
 _CLEARLY = 1e-12  # probability of a misfit that no better fit and no noise of the twins takes away
 _OUTLIER = 5.0  # times the median of the rms of the cycles
 _ROUNDS = 6  # of a fit of measures, from which cycles are fitted or draws are made
@@ -111,7 +112,7 @@ class _Attempt:
             rough = _ROUGH if cycles_alone else 0.0
             fit, solution = self._valley(z, evidence, offsets, fitted, rough)
             gain = rough if _p(evidence, solution, repeats) < _CLEARLY else 0.0
-            if gain < rough:
+            if rough:
                 fit, solution = self._cycles(solution.z, evidence, offsets, fitted, gain)
             kept = _without_outliers(evidence, solution)
             if kept is not None:
@@ -158,14 +159,15 @@ class _Attempt:
         self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int], rough: float
     ) -> tuple[Fit, Solution]:
         """A rough fit cycle by cycle; after a misfit the best of others, too, from starts that lie farther away."""
-        fit, solution = self._cycles(z, evidence, offsets, fitted, rough)
+        rounds = _FEW if rough else ROUNDS
+        fit, solution = self._cycles(z, evidence, offsets, fitted, rough, rounds)
         if _p(evidence, solution, True) >= MISFIT:
             return fit, solution
         starts, _ = self._starts(fitted, [], _WIDELY)  # a wrong law, or a valley far from the answer
         for other_z in self._screen(starts, evidence, offsets, fitted, _VALLEYS):
             if np.all(np.abs(other_z - solution.z)[: len(self.law.free)] < _SAME):
                 continue
-            other_fit, other = self._cycles(other_z, evidence, offsets, fitted, rough)
+            other_fit, other = self._cycles(other_z, evidence, offsets, fitted, rough, rounds)
             if other.cost < solution.cost:
                 fit = other_fit
                 solution = other
@@ -237,7 +239,13 @@ class _Attempt:
         return [z for _, _, z in ranked]
 
     def _cycles(
-        self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int], gain: float
+        self,
+        z: Reals,
+        evidence: list[Any],
+        offsets: Offsets,
+        fitted: Sequence[int],
+        gain: float,
+        rounds: int = ROUNDS,
     ) -> tuple[Fit, Solution]:
         """The fit cycle by cycle, to its end or until a round gains less than a share of the sum of squares."""
         known = [isinstance(each, FeatureRun) and each.known for each in evidence]
@@ -245,7 +253,7 @@ class _Attempt:
         for share in WINDOWS if transient else WINDOWS[-1:]:
             now = [replace(each, share=share) if isinstance(each, FeatureRun) else each for each in evidence]
             fit = Fit(self.law.free, self.evaluator, fitted, offsets, partial(_left_of, now), known)
-            ended = fit.run(z, gain=gain)
+            ended = fit.run(z, rounds, gain)
             if isinstance(ended, str):
                 raise UsageError(f"{self.law.scene.name}: {ended}")
             solution = ended
