@@ -572,11 +572,13 @@ def identify(
     from pathlib import Path
 
     from rig.analysis.identification.identify import identify as fit
-    from rig.analysis.identification.next_experiment import propose
+    from rig.analysis.identification.next_experiment import propose, settings_of
     from rig.analysis.identification.runs import prepared
 
     given = runs if isinstance(runs, str | Path) else [*runs]
     task = prepared(_scene(scene, overrides), given, free, laws, per_run, starts, seed)
+    if next:
+        settings_of(task.scene, next)
     found = fit(task, None if folder is None else Path(folder), workers)
     return propose(found, next, workers) if next else found
 

@@ -35,7 +35,7 @@ from rig.solve.control_loop import controller_tables
 from rig.solve.forces import STATE, no_random_numbers
 from rig.solve.frames import Surroundings
 from rig.solve.records import CLOSED
-from rig.stability.linearisation import inputs, moving_states, own_law, settled, sliding_key
+from rig.stability.linearisation import inputs, linearised, moving_states, own_law, settled, sliding_key
 
 Array = NDArray[np.float64]
 TIGHT = 1e-11
@@ -47,7 +47,7 @@ _PLACES = 9  # of a segment, at which the extremes of an output are looked for
 # A period that differs by less, in ticks and as a share of the period, is advanced with the same number of ticks.
 _NEAR = 2.5
 _SHARE = 0.1
-_FINE = 1e-8  # estimated error of steps that are then extrapolated
+_FINE = 1e-10  # estimated error of steps that are then extrapolated
 _MOST = 64  # steps in the rest of a tick
 _TERMS = 24  # of the exponential series, over a radian
 _AFTER_END = 4  # ticks beyond the end: the state between two of them follows from as many on both sides
@@ -420,9 +420,11 @@ class FreeRig:
 
     # motion from a state
 
-    def carried(self, x: Array, time: float, keep: bool = False, ticks: int | None = None) -> Carried:
+    def carried(
+        self, x: Array, time: float, keep: bool = False, ticks: int | None = None, beyond: bool = True
+    ) -> Carried:
         """Return the end of a run from x over `time` [s], or over a number of ticks; `keep`: with the states at its
-        ticks [tick, n].
+        ticks [tick, n]. `beyond`: the end may follow from ticks beyond it, where they resolve the motion.
         """
         motion = self.motion
         step = self.step
@@ -437,7 +439,8 @@ class FreeRig:
         events: list[tuple[float, Event]] = []
         states = [x[None].copy()]
         values = []
-        between = motion.system.linear is False and ticks > _AFTER_END
+        rest = time - ticks * step
+        between = beyond and rest != 0.0 and motion.system.linear is False and ticks > _AFTER_END
         more = _AFTER_END if between else 0
         done = 0
         end = x
@@ -452,25 +455,32 @@ class FreeRig:
             end = motion.states[count - 1].copy()
             key = motion.mode_sets.keys[int(motion.mode_sets_of_states[count - 1])]
             done += count
-        rest = time - ticks * step
-        if rest:
+        if between:
             near = slice(-2 * _AFTER_END, None)
             last = motion.states[near]
             sets = motion.mode_sets_of_states[near]
-            if between and len(last) == 2 * _AFTER_END and (sets == sets[0]).all() and self._slow(key):
-                weights = _interpolation(_AFTER_END - 1 + rest / step)
-                end = weights @ last
-            else:
-                end = self.within(end, key, rest)
+            if not (len(last) == 2 * _AFTER_END and (sets == sets[0]).all() and self._slow(key, last)):
+                return self.carried(x, time, keep, beyond=False)
+            end = _interpolation(_AFTER_END - 1 + rest / step) @ last
+        elif rest:
+            end = self.within(end, key, rest)
         met = tuple(event for event in events if event[0] <= ticks * step)
         if not keep:
             return Carried(end, first, key, met, end[None], np.zeros((0, 0)))
         series = np.concatenate(values).T if values else np.zeros((len(self.outputs), 0))
         return Carried(end, first, key, met, np.concatenate(states), series)
 
-    def _slow(self, key: int) -> bool:
-        """Whether eight ticks resolve every mode of a mode set."""
-        return self._fastest(key) * self.step < _RESOLVED
+    def _slow(self, key: int, states: Array) -> bool:
+        """Whether eight ticks resolve every mode of a mode set, with the slope of the friction laws at their states."""
+        rates = [self._fastest(key)]
+        modes = self.modes(key)
+        settles = self.system.remembers  # bristles that are faster follow the slip speed
+        if modes.nonlinear.any() and not settles and rates[0] * self.step < _RESOLVED:
+            law = own_law(self.system, modes)
+            for x in states[:: len(states) // 2 - 1]:
+                A = linearised(self.system, modes, x, law)[0]
+                rates.append(float(np.abs(np.linalg.eigvals(A)).max()))
+        return max(rates) * self.step < _RESOLVED
 
     def _fastest(self, key: int) -> float:
         """The largest rate [1/s] of a mode set."""

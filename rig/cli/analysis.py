@@ -141,11 +141,13 @@ def identify(
         evaluated = experiment(scene)
         return Answer(evaluated, evaluated.complete, title=title)
     from rig.analysis.identification.identify import identify as fit
-    from rig.analysis.identification.next_experiment import asked, propose
+    from rig.analysis.identification.next_experiment import asked, propose, settings_of
     from rig.analysis.identification.runs import prepared
     from rig.analysis.identification.written import write
 
     settings = None if next is None else asked(next)
+    if settings is not None:
+        settings_of(scene, settings)  # a fit takes minutes
     task = prepared(scene, runs)
     refused: list[UsageError] = []
     try:

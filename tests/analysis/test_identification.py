@@ -106,6 +106,21 @@ def test_a_single_run_and_a_parameter_without_influence_are_not_identifiable(twi
     assert "vary the load" in alone.text()
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_where_the_fit_is_flat_the_others_keep_their_intervals(seed):
+    """At one load the level of friction and the offset of the laser are one number; the rest is told, and holds."""
+    truth, entries = belt_twin(seed, RUNS[:2])
+    fit = rig.identify("belt", entries, FREE, starts=1, workers=1)
+    verdicts = {parameter.key: parameter.verdict for parameter in fit.parameters}
+    assert verdicts == dict(zip(KEYS, (UNKNOWN, UNKNOWN, IDENTIFIED, IDENTIFIED)))
+    assert all(p.low < truth[p.key] < p.high for p in fit.parameters)
+    [difference] = fit.best.together()
+    assert difference[2] < truth[KEYS[0]] - truth[KEYS[1]] < difference[3]
+    assert "the fit is flat along" in fit.text()
+    assert "not converged" not in fit.text()
+    assert fit.best.evaluations < 350
+
+
 FILES = {
     "runs that are no tables": ("run = [1, 2]", "no [[run]]"),
     "a unit that is missing": (
@@ -250,6 +265,20 @@ def test_a_law_that_does_not_fit_has_no_interval_no_scene_and_no_next_experiment
         write(none, tmp_path / "mine.toml", "belt")
     with pytest.raises(UsageError, match="no law fits"):
         propose(none, {"drive.speed": [0.1]}, 1)
+
+
+def test_a_narrow_range_does_not_change_the_verdict_of_a_narrow_interval(found):
+    """Of a parameter that acts as an offset: within 2 % of its value, of which the data tell +-1.5 %."""
+    narrow = replace(
+        found.best.law.free[0], low=0.98 * found.parameters[0].value, high=1.02 * found.parameters[0].value
+    )
+    C, (low, high) = found.best.covariance.copy(), narrow.ends
+    for share, verdict in ((0.45, IDENTIFIED), (0.95, UNKNOWN)):
+        C[0, 0] = (share * 0.5 * (high - low)) ** 2
+        C[0, 4] = C[4, 0] = 0.95 * math.sqrt(C[0, 0] * C[4, 4])
+        fit = replace(found.best, covariance=C, law=replace(found.best.law, free=(narrow, *found.best.law.free[1:])))
+        assert fit.parameters[0].verdict == verdict
+        assert not any("vary the load" in line for line in fit.words())
 
 
 def test_a_repetition_of_a_run_is_predicted_to_narrow_intervals_by_no_more_than_its_share(found):

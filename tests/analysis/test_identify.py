@@ -51,10 +51,28 @@ def test_a_next_experiment_that_cannot_be_proposed_leaves_the_report(rig, tmp_pa
         '[run.columns]\narm_laser = {reads = "arm_displacement"}\n'
     )
     given = ("--runs", tmp_path / "runs.toml", "--folder", tmp_path / "fits", "--workers", "1")
-    code, out, err = rig("identify", "lever_free_cylinder", *given, "--next", "cylinder.stiffness=100, 200")
+    code, out, err = rig("identify", "lever_free_cylinder", *given, "--next", "cylinder.inertia=0.03, 0.04")
     assert code == 2
     assert "cylinder.damping" in out
     assert "this is done for runs of cycles only" in err
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ("drive.sped=0.1, 0.2", "drive.speed"),
+        ("drive.speed=1 kg", "drive.speed"),
+        ("drive.speed=uniform(0.1, 0.2)", "no distribution"),
+        ("dither.amplitude=0.1, 0.2", "dither"),
+    ],
+)
+def test_settings_of_a_next_experiment_are_read_before_the_fit(rig, tmp_path, settings, words):
+    """No recording is opened: there is none."""
+    given = ("--runs", tmp_path / "runs.toml", "--folder", tmp_path / "fits", "--next", settings)
+    code, out, err = rig("identify", "belt", *given)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert "runs.toml" not in err
 
 
 def test_a_whole_rig_is_no_experiment():

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,9 @@ from rig.analysis.branches.places import FAILURES, Place, missed, place
 from rig.analysis.branches.result import CYCLES, FORCED, REST, SLIDING, Branch, Branches, Point, SpecialPoint
 from rig.analysis.branches.trace import LONGEST, Segment, Special, follow
 from rig.analysis.cycles.cycle import limit_cycle
+from rig.analysis.cycles.cycle_report import Cycle
 from rig.analysis.cycles.repetition import refuse
-from rig.analysis.cycles.return_map import Family, ReturnMap, same
+from rig.analysis.cycles.return_map import Family, ReturnMap, same, word
 from rig.analysis.linear import eigenvalue_curves as curves
 from rig.analysis.linear.modes import at_rest
 from rig.analysis.linear.sweep import Critical, Sweep, sweep
@@ -57,8 +58,9 @@ POINTS = 400
 """Most points of a family of cycles."""
 SAVE = 2.0
 """Seconds between two savings: an interruption loses at most so much."""
-_SAME_PERIOD = 1e-3  # relative, of two motions at one value, one of them interpolated: they are one branch
+_SAME_PERIOD = 1e-3  # relative: the period of a motion may lie so far beside those of two points of its branch
 _SAME_SIZE = 2e-2  # relative: the same of their size
+_SAME_POINT = 1e-8  # relative: two values of one Hopf point
 _SMALL = 1e-9  # of the largest speed of a surface: it rests
 _NEAR = 1e-7  # of a critical value: growth is straight up to there
 
@@ -104,9 +106,7 @@ def job(
     faults = []
     if watched not in outputs:
         faults.append(f"output {watched}: {scene.plant} has no such output; {near(watched, outputs)}")
-    if idle := axis.idle(scene):
-        faults.append(idle)
-    faults += _unfit(scene, axis)
+    faults += unfit(scene, axis)
     if faults:
         raise UsageError("\n".join(f"{scene.name}: {fault}" for fault in faults))
     motions: list[str | float | Start] = []
@@ -115,8 +115,10 @@ def job(
     return Job(scene, axis, watched, tuple(motions), most)
 
 
-def _unfit(scene: Scene, axis: Axis) -> Iterator[str]:
-    """Why the cycles of a scene cannot be followed over a parameter."""
+def unfit(scene: Scene, axis: Axis) -> Iterator[str]:
+    """Yield why the cycles of a scene cannot be followed over a parameter."""
+    if idle := axis.idle(scene):
+        yield idle
     first, last = (axis.at(scene, axis.values[i]).assemble().system() for i in (0, -1))
     if not first.patches:
         yield "the rig has no contact that can slide"
@@ -255,7 +257,17 @@ class Computation:
                 self.notes.append(what)
                 continue
             value = critical.value
-            self._family(partial(begin.from_hopf, self.family, value), f"the Hopf point at {self.axis.text(value, 8)}")
+            known = any(self._ends_at(branch, value) for branch in self.branches)
+            make = (lambda: None) if known else partial(begin.from_hopf, self.family, value)
+            self._family(make, f"the Hopf point at {self.axis.text(value, 8)}")
+
+    @staticmethod
+    def _ends_at(branch: Branch, value: float) -> bool:
+        """Whether cycles that are followed already have shrunk to the Hopf point at a value."""
+        end = branch.end
+        if branch.kind != CYCLES or end is None or end.kind != "hopf":
+            return False
+        return abs(end.value - value) <= max(end.accuracy, _SAME_POINT * abs(value))
 
     def _from_simulation(self, value: float) -> None:
         if (raw := self.saved.get(self.unit + 1)) is not None:  # it was found before
@@ -270,8 +282,7 @@ class Computation:
             cycle = None
         known = False
         if cycle is not None and cycle.found:
-            low, high = cycle.extremes[self.job.output]
-            known = any(self._same(branch, point, cycle.period, low, high) for branch, point in self._at(value))
+            known = any(self._holds(branch, value, cycle) for branch in self.branches)
         elif cycle is not None and not cycle.decided:
             self.notes.append(f"simulation at {self.axis.text(value)}: {cycle.why}")
         if cycle is None or not cycle.found or known:
@@ -282,11 +293,18 @@ class Computation:
     def _at(self, value: float) -> list[tuple[Branch, Point]]:
         return Branches(self.job.scene, self.axis, self.job.output, "", tuple(self.branches)).at(value)
 
-    @staticmethod
-    def _same(branch: Branch, point: Point, period: float, low: float, high: float) -> bool:
-        close = abs(point.period - period) <= _SAME_PERIOD * period
+    def _holds(self, branch: Branch, value: float, cycle: Cycle) -> bool:
+        """Whether a cycle has the events of a branch, and period and extremes between those of two of its points."""
+        if branch.kind != CYCLES or word([what for _, what in cycle.events]) != branch.events:
+            return False
+        low, high = cycle.extremes[self.job.output]
         size = _SAME_SIZE * (high - low)
-        return branch.kind == CYCLES and close and abs(point.low - low) <= size and abs(point.high - high) <= size
+        for a, b in pairwise(branch.points):
+            if _between(value, (a.value, b.value), _SAME_POINT * abs(value)):
+                period = _between(cycle.period, (a.period, b.period), _SAME_PERIOD * cycle.period)
+                if period and _between(low, (a.low, b.low), size) and _between(high, (a.high, b.high), size):
+                    return True
+        return False
 
     def _both_ways(self, start: Start | None) -> None:
         """Follow the cycle of a start to both sides; None: nothing, or what was saved."""
@@ -498,6 +516,11 @@ def _interval(at: Steady, row: dict[str, float]) -> tuple[float, float] | None:
         if end.balanced:
             ends.append(_output(end, row))
     return (min(ends), max(ends)) if ends else None
+
+
+def _between(number: float, ends: tuple[float, float], within: float) -> bool:
+    """Whether a number lies between two others, or so near to them."""
+    return min(ends) - within <= number <= max(ends) + within
 
 
 def _point(at: Place) -> Point:

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.branches.compute import ROOT, SAVE, Computation, Job, driven_by, raw_of, rebuilt
+from rig.analysis.branches.compute import ROOT, SAVE, Computation, Job, driven_by, raw_of, rebuilt, unfit
 from rig.analysis.branches.places import FAILURES, Place, place, solved, stepped
 from rig.analysis.branches.result import TURNS, named
 from rig.analysis.branches.trace import SPECIAL, Measure, of_distance, zero
-from rig.analysis.cycles.return_map import FLAT, Family
+from rig.analysis.cycles.return_map import CLOSED_TO, FLAT, Family
 from rig.analysis.linear.sweep import sweep
 from rig.analysis.pool import Progress, Store, Work, digest, packed, unpacked
 from rig.errors import UsageError
@@ -182,6 +182,8 @@ def curves_store(job: Job, second: Axis, root: Path = ROOT) -> Store:
 def _work(job: Job, second: Axis) -> Work:
     if second.key == job.axis.key:
         raise UsageError(f"{second.key}: is on both axes")
+    if faults := [*unfit(job.scene, second)]:
+        raise UsageError("\n".join(f"{job.scene.name}: --second: {fault}" for fault in faults))
     identity = repr([job.work.digest, second.key, second.values])
     shown = {name: getattr(second, name) for name in ("key", "unit", "values", "shown")}
     about = {**job.work.about, "axes": [*job.work.about["axes"], shown]}
@@ -216,7 +218,7 @@ def _specials(job: Job, second: Axis, q: float) -> Iterator[dict[str, Any]]:
         kind = TURNS.get(special.kind, special.kind) if special.turns else special.kind
         last = None
         why = special.why
-        if not special.at.map.cut:
+        if CLOSED_TO * special.at.magnified < 1.0:
             try:
                 last = raw_of(stepped(special.at, -_BEFORE)) | {"others": [q]}
             except FAILURES as error:

@@ -72,8 +72,20 @@ class Place:
 
     @property
     def multipliers(self) -> tuple[tuple[complex, ...], float]:
-        """Floquet multipliers, and how far that of the shift is from 1."""
-        return multipliers(self.d.parts, self.map.period is not None)
+        """Floquet multipliers, and how far that of the shift is from 1.
+
+        All motions that stick leave the same surface at the same slip speed, zero: the smallest multiplier is zero.
+        """
+        values, error = multipliers(self.d.parts, self.map.period is not None)
+        keys = (self.end.first, self.end.key, *(event.before for _, event in self.end.events))
+        if values and any(self.rig.stuck(key) for key in keys):
+            values = (*values[:-1], 0j)
+        return values, error
+
+    @property
+    def magnified(self) -> float:
+        """The largest factor by which the parts of the period together magnify a difference."""
+        return math.prod(float(np.linalg.norm(part, 2)) for part in self.d.parts)
 
     @property
     def unstable(self) -> int:
@@ -210,17 +222,20 @@ class Parts:
         large = max(float(np.linalg.norm(part, 2)) for part in at.d.parts) > _SPLITS
         if large or map.cut:
             wanted = self._wanted()
-            moved = len(map.ticks) > len(wanted) + 1 or any(self._beside(tick, 0.5) for tick in map.ticks[1:])
-            if (large or moved) and (wanted or map.cut):
-                return self._from(wanted or [0])
-            if map.cut:
-                return at
+            free = map.ticks if map.period is None else map.ticks[1:]  # a forced motion keeps its base
+            moved = len(map.ticks) > len(wanted) + 1 or any(self._beside(tick, 0.5) for tick in free)
+            if wanted:
+                return self._from(wanted) if large or moved else at
         later = map.better_base(at.u, at.run) if map.period is None else None
-        return at if later is None else self._from([round(later / self.rig.step)])
+        if later is not None:
+            return self._from([round(later / self.rig.step)])
+        return self._from([0]) if map.cut else at
 
     def _beside(self, tick: float, share: float = 1.0) -> bool:
-        """Whether a tick lies beside an event."""
-        return any(abs(tick - event) < share * _AWAY for event in self.events)
+        """Whether a tick lies beside an event, of this period or of the next one."""
+        period = self.at.period / self.rig.step
+        away = [abs(tick - event) for event in self.events]
+        return any(min(ticks, period - ticks) < share * _AWAY for ticks in away)
 
     def _grown(self) -> list[int]:
         """The ticks at which small differences have grown by a further factor `_PART`, by the rates of growth of

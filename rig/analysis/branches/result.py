@@ -23,6 +23,7 @@ CYCLES = "cycles"
 FORCED = "forced motion"
 TURNS = {kind: f"{kind} fold" for kind in ("grazing", "lift-off", "landing")}
 WORDS = {"unresolved": "not followed further", "hopf": "Hopf point"}
+_ONE_POINT = 1e-8  # relative: values of one special point that is met twice
 _ROUNDED = 1e-12  # relative: the values of points are rounded
 _ENDS = {"range": "end of the range", "most": "largest number of points"}  # of a branch that are no special points
 
@@ -86,6 +87,12 @@ class SpecialPoint:
     def name(self) -> str:
         """What it is, in words."""
         return named(TURNS.get(self.kind, self.kind) if self.turns else self.kind, self.contact)
+
+    def same(self, other: SpecialPoint) -> bool:
+        """Whether both are one point, met from two sides: of one name, and nearer than their accuracies."""
+        apart = abs(self.value - other.value)
+        known = sum(point.accuracy for point in (self, other) if math.isfinite(point.accuracy))
+        return self.name == other.name and apart <= max(known, _ONE_POINT * abs(self.value))
 
 
 @dataclass(frozen=True)
@@ -158,14 +165,16 @@ class Branches(Result):
 
     @property
     def specials(self) -> tuple[SpecialPoint, ...]:
-        """All special points, ends of the range left out, by value."""
-        kept: dict[tuple[str, float], SpecialPoint] = {}
+        """All special points by value, each once; ends of the range are left out."""
+        met: list[SpecialPoint] = []
         for branch in self.branches:
             ends = [branch.end] if branch.end else []
-            for special in (*branch.specials, *ends):
-                if special.kind not in _ENDS:
-                    kept.setdefault((special.name, float(f"{special.value:.9g}")), special)
-        return tuple(sorted(kept.values(), key=lambda special: special.value))
+            met += [special for special in (*branch.specials, *ends) if special.kind not in _ENDS]
+        kept: list[SpecialPoint] = []
+        for special in sorted(met, key=lambda special: special.value):
+            if not any(special.same(other) for other in kept):
+                kept.append(special)
+        return tuple(kept)
 
     def special(self, kind: str) -> list[float]:
         """Return the values (SI) of the special points of a kind, such as "hopf", "grazing", "jump"."""

@@ -123,14 +123,29 @@ class Threshold:
         stable = [branch for branch, attracts in cycles if attracts]
         self.rest = Rest(self.sliding, stuck(self.rig.system, self.sliding.x))
         if not unstable or not self.rest.stable:
+            at = f"{axis.key} = {self.text_of_value}"
+            stopped = self._stopped(branches) if self.rest.stable else ""
+            if stopped:
+                raise UsageError(f"{branches.scene.name}: an unstable cycle at {at} is not known: {stopped}")
             raise UsageError(
-                f"{branches.scene.name}: there is no unstable cycle at {axis.key} = {self.text_of_value} beside stable "
-                "sliding; branches with dashed lines show where there is one"
+                f"{branches.scene.name}: there is no unstable cycle at {at} beside stable sliding; branches with "
+                "dashed lines show where there is one"
             )
         self.unstable = self._place(unstable[0])
         if self.pulse and self.pulse.duration > _LONGEST * self.unstable.period:
             raise UsageError(f"knock {knock}: is too long; at most {_LONGEST} periods of the unstable cycle")
         self.stable = self._place(stable[0]) if stable else None
+
+    @staticmethod
+    def _stopped(branches: Branches) -> str:
+        """Where branches stopped that were not followed to their end, and what leads further; "" if none did."""
+        parts = []
+        for branch in branches.branches:
+            end = branch.end
+            if branch.kind == CYCLES and end is not None and end.kind in ("most", "unresolved"):
+                parts.append(f"the branch {branch.name} stopped at {branches.axis.text(end.value)} ({end.why})")
+                parts += ["raise --points"] if end.kind == "most" else []
+        return "; ".join(dict.fromkeys(parts))
 
     def _place(self, branch: Branch) -> Place:
         """The cycle at the value, from its neighbours on the branch."""

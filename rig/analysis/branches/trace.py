@@ -55,8 +55,12 @@ _LEVEL = 1e-6  # slope of a branch in the parameter: below it the branch is upri
 _UPRIGHT = 12  # places in parts whose parameters are the same to the digits of their motions: a canard
 _LOOSE = 1e-7  # of the parameter: a zero that is not reached,
 _PASSES = 4  # and how often the way to it is halved then
+_ASIDE = 1e-4  # of the parameter: the first step of the secant method to a Hopf point
+_UNDAMPED = 1e-9  # growth in a period at a Hopf point
 _SMALL = 0.02  # range of the slip speed over its mean: smaller cycles are those of the Hopf point
-_NOISE = 1e-9  # of a multiplier
+_OF_DISTANCE = 3e-11  # error of a distance, from that of the cycle
+_NOISE = 1e-8  # of a multiplier
+_TOUCHES = 1e-7  # of a multiplier from 1: below it the side is not known
 _PAIR = 1e-3  # how near to the unit circle the multipliers of a torus point lie
 _TRIES = (1.0, 3.0, 10.0, 30.0, 100.0)  # shortest steps from a boundary to states that meet other events
 _BEYOND = (1e-3, 1e-2, 3e-4, 0.03)  # first steps beyond a boundary
@@ -211,10 +215,10 @@ def _along(
             except FAILURES:
                 segment.end = Special("range", at, at.p, abs(new.p - at.p))
             return None
-        segment.specials += _between(at, new, ds, sought)
         segment.end = _shrinks(at, new)
         if segment.end is not None:
             return None
+        segment.specials += _between(at, new, ds, sought)
         if runs <= (2 * _EASY if at.map.cut else _EASY):
             ds = min(ds * _GROWTH, longest * math.sqrt(len(at.map.ticks)))
         last = replace(centred, step=ds)
@@ -270,10 +274,11 @@ def _shrinks(at: Place, new: Place) -> Special | None:
     if new.map.period is not None or new.end.events:
         return None
     before = _swing(at)
-    if not _swing(new) < min(_SMALL, before):
+    passed = not new.map.cut and float((at.u - _equilibrium(at))[:-2] @ (new.u - _equilibrium(new))[:-2]) < 0.0
+    if not (passed or _swing(new) < min(_SMALL, before)):
         return None
     p = _hopf(new)
-    return Special("hopf", new, p, _EDGE * abs(new.map.P0)) if p is not None else None
+    return Special("hopf", at if passed else new, p, _EDGE * abs(new.map.P0)) if p is not None else None
 
 
 def _swing(at: Place) -> float:
@@ -294,12 +299,17 @@ def _hopf(at: Place) -> float | None:
         rates = steady(rig.system, rig.key).eigenvalues()
         return float(rates[np.abs(rates - 2j * math.pi / at.period).argmin()].real)
 
-    from scipy.optimize import newton
-
     try:
-        return float(newton(growth, at.p, x1=at.p * (1.0 + 1e-4) + 1e-12, tol=1e-15 * abs(at.p), maxiter=30))
-    except (RuntimeError, *FAILURES):
+        p, last = at.p, at.p * (1.0 + _ASIDE) + _ASIDE**3
+        g, g_last = growth(p), growth(last)
+        for _ in range(_ROUNDS):
+            if g == g_last or abs(p - last) <= np.finfo(float).eps * abs(p):
+                break
+            p, last, g_last = p - g * (p - last) / (g - g_last), p, g
+            g = growth(p)
+    except FAILURES:
         return None
+    return p if abs(g) * at.period < _UNDAMPED else None
 
 
 # special points between two places with the same events
@@ -311,7 +321,9 @@ def _between(at: Place, new: Place, ds: float, sought: Collection[str]) -> list[
     if at.unstable != new.unstable:
         kinds += ["period doubling", "torus"]
     changes = [k for k in kinds if k in sought and SPECIAL[k].of(at) * SPECIAL[k].of(new) < 0.0]
-    noise = CLOSED_TO * math.prod(float(np.linalg.norm(part, 2)) for part in at.d.parts) * abs(at.p)
+    if "fold" in changes and not _crosses_one(at, new):
+        changes.remove("fold")
+    noise = CLOSED_TO * at.magnified * abs(at.p)
     specials = []
     for kind in changes:
         special = _located(kind, at, new, ds)
@@ -319,6 +331,16 @@ def _between(at: Place, new: Place, ds: float, sought: Collection[str]) -> list[
         if clear and (kind != "torus" or _on_circle(special.at)):
             specials.append(special)
     return specials
+
+
+def _crosses_one(at: Place, new: Place) -> bool:
+    """Whether a multiplier may cross 1 between two places; at amplitude zero p turns as well, and two only touch it."""
+    products = []
+    for side in (at, new):
+        from_one = sorted((1.0 - m for m in side.multipliers[0]), key=abs)
+        kept = len(side.map.conserved(side.u, side.end))  # these are 1 everywhere
+        products.append(float(np.prod(from_one[kept:]).real))
+    return products[0] * products[1] < 0.0 or min(map(abs, products)) < _TOUCHES
 
 
 def _on_circle(at: Place) -> bool:
@@ -353,18 +375,36 @@ def _boundary(segment: Segment, other: Carried | None, error: Exception) -> Plac
     contact = name[1] if name else ""
     if at is not segment.places[-1]:
         segment.places.append(at)
-    if kind == "jump" or at.map.cut:
-        why = "" if kind == "jump" else _DIGITS
-        segment.end = Special(kind or "unresolved", at, p, accuracy, contact, name=name, why=why)
+    if kind == "jump":
+        segment.end = Special(kind, at, p, accuracy, contact, name=name)
         return None
     beyond = _switched(at, other)
     if beyond is None:
-        segment.end = Special(kind or "unresolved", at, p, accuracy, contact, why=_change(at.end, other))
+        why = _DIGITS if CLOSED_TO * at.magnified > 1.0 else _change(at.end, other)
+        segment.end = Special(kind or "unresolved", at, p, accuracy, contact, why=why, name=name)
         return None
-    turns = bool(beyond.t[-1] * at.t[-1] < 0.0 and min(abs(beyond.t[-1]), abs(at.t[-1])) > _LEVEL)
-    kind = _named(at.rig, at.end, beyond.end, kind)
+    turns = _turns(at, beyond)
+    sides = [at.end, beyond.end]
+    if turns:  # both lie on one side of the parameter
+        sides.sort(key=lambda run: len(run.events))
+    elif at.t[-1] < 0.0:
+        sides.reverse()
+    before, after = sides
+    kind = _named(at.rig, before, after, kind)
     segment.end = Special(kind, at, p, accuracy, contact or _contact(at.end, beyond.end), turns, name=name)
     return beyond
+
+
+def _turns(at: Place, beyond: Place) -> bool:
+    """Whether the parameter turns at a boundary between two places: by the tangents, or where a branch is upright to
+    the digits by Feigin's count, the parity of the real multipliers above 1 on both sides.
+    """
+    if min(abs(beyond.t[-1]), abs(at.t[-1])) > _LEVEL:
+        return bool(beyond.t[-1] * at.t[-1] < 0.0)
+    growing = 0
+    for side in (at, beyond):
+        growing += sum(m.real > 1.0 and not m.imag for m in side.multipliers[0])
+    return growing % 2 == 1
 
 
 def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
@@ -391,13 +431,17 @@ def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
         return best, "", None, best.p, 10.0 * CLOSED_TO * abs(best.p)
     near = [name for way, name in sorted(ways) if way < _GRAZES * nearest + 10.0 * SHORTEST]
     name = next((n for n in near if n[0] in ("slip", "stick")), near[0])
-    best, p, accuracy = zero(ahead, width, back, of_distance(name))
+    measure = of_distance(name)
+    best, p, accuracy = zero(ahead, width, back, measure)
     if accuracy > _LOOSE * abs(at.map.P0):  # beside a steep friction law a distance is not linear: go as far as it goes
         best = ahead
         for _ in range(_PASSES):
             best = _last(best)
         p = best.p
         accuracy = abs(best.p - segment.places[-3:][0].p)
+    elif best.p != ahead.p:
+        slope = abs(measure.of(ahead) - measure.of(best)) / abs(ahead.p - best.p)
+        accuracy = max(accuracy, min(_OF_DISTANCE / max(slope, _OF_DISTANCE), abs(ahead.p - best.p)))
     return best, _BOUNDARIES[name[0]], name, p, accuracy
 
 
@@ -524,7 +568,9 @@ def _beyond(at: Place, end: Carried, d: Derivative, f: Array) -> Place | None:
 
 
 def _named(rig: FreeRig, before: Carried, after: Carried, kind: str) -> str:
-    """What happens at a boundary, from the events on both sides; `kind`: from the distance that vanishes."""
+    """What happens at a boundary as the parameter rises, from the events before and after it; `kind`: from the distance
+    that vanishes.
+    """
 
     def count(run: Carried, event: str) -> int:
         return sum(name.endswith(event) for name in run.met[1])

@@ -39,9 +39,16 @@ from rig.solve.records import STICK
 
 Array = NDArray[np.float64]
 STEPS = (1e-5, 1e-6, 1e-4)  # of the differences, of the size of each state: the first that is smooth counts
+TIGHTER = 1e-12
+"""Tolerance of motions beside a law without memory, which may be steep: derivatives there lose digits of it."""
 _STRAIGHT = 3e-3  # largest bend over the slope in a difference
 _SMALLEST = 1e-8  # and the smallest step that it takes
-_FORMULAS = (  # of differences of second order, (step, weight): central, after and before the point
+_BENT = 1e-4  # above this a second difference of half the step removes the first error
+_NO_SLOPE = 1e-300  # of a difference without one
+Formula = tuple[tuple[float, float], tuple[float, float]]
+_FORMULAS: tuple[
+    Formula, ...
+] = (  # of differences of second order, (step, weight): central, after and before the point
     ((-1.0, -0.5), (1.0, 0.5)),
     ((1.0, 2.0), (2.0, -0.5)),
     ((-1.0, -2.0), (-2.0, 0.5)),
@@ -158,7 +165,9 @@ class Family:
                         start[[rig.system.names.index(name) for name in states]] = value
                 return rig.commanded(start)
         scene = self.scene_at(values)
-        return FreeRig(scene, self.assembled(scene, self._commanded), tolerance=TIGHT, read=self.read)
+        assembly = self.assembled(scene, self._commanded)
+        tolerance = TIGHT if assembly.system().remembers else TIGHTER
+        return FreeRig(scene, assembly, tolerance=tolerance, read=self.read)
 
     def _fixed(self, values: tuple[float, ...]) -> tuple[float, ...]:
         """The values that are no commands: they are part of the matrices."""
@@ -334,38 +343,45 @@ class ReturnMap:
         self, u: Array, direction: Array, end: Carried, steps: Sequence[float], number: int | None = None
     ) -> Array:
         """The derivative of all ends, or of that of one part, over one direction of u."""
-
-        def run(v: Array) -> Carried:
-            return self.end(v) if number is None else self.part(v, number)
-
-        base = self.ends(u, end)
         other: Carried | None = None
         left = list(steps)
         while left:
             step = left.pop(0)
+            by = step * direction
             for formula in _FORMULAS:
-                ways: list[Array] = []
-                for share, _ in formula:
-                    beside = self.shifted(u, share * step * direction)
-                    try:
-                        displaced = run(beside)
-                    except NumericsError:
+                try:
+                    slope, bend = self._difference(u, by, end, formula, number)
+                    if bend > _STRAIGHT and step > _SMALLEST:
+                        left = [max(0.5 * _STRAIGHT / bend * step, _SMALLEST), *left]
                         break
-                    if displaced.met != end.met:
-                        other = displaced if number is None or not self.cut else self.end(beside)
-                        break
-                    ways.append(self.ends(u, displaced) - base)
-                else:
-                    weighed = (weight * way for (_, weight), way in zip(formula, ways))
-                    slope = sum(weighed, np.zeros_like(base)) / step
-                    steepest = float(np.abs(slope).max())
-                    bend = float(np.abs(formula[1][0] * ways[0] - formula[0][0] * ways[1]).max())
-                    if bend > _STRAIGHT * step * steepest and step > _SMALLEST:  # too long a step
-                        shorter = max(0.5 * _STRAIGHT * step**2 * steepest / bend, _SMALLEST)
-                        left = [shorter, *left]
-                        break
-                    return slope
+                    if bend > _BENT:  # two steps give the order 4, to one side the order 3
+                        half, _ = self._difference(u, 0.5 * by, end, formula, number)
+                        slope = (8.0 * half - slope) / 3.0
+                    return slope / step
+                except NotSmooth as error:
+                    other = error.other
+                except NumericsError:
+                    continue
         raise NotSmooth("displaced runs meet other events", other)
+
+    def _difference(
+        self, u: Array, by: Array, end: Carried, formula: Formula, number: int | None
+    ) -> tuple[Array, float]:
+        """The difference of the ends of runs beside u, or of the end of one part, for a displacement `by`, and its bend
+        as a share of it. Raises NotSmooth where a run meets other events than `end`, NumericsError.
+        """
+        base = self.ends(u, end)
+        ways: list[Array] = []
+        for share, _ in formula:
+            beside = self.shifted(u, share * by)
+            displaced = self.end(beside) if number is None else self.part(beside, number)
+            if displaced.met != end.met:
+                whole = displaced if number is None or not self.cut else self.end(beside)
+                raise NotSmooth("displaced runs meet other events", whole)
+            ways.append(self.ends(u, displaced) - base)
+        slope = sum((weight * way for (_, weight), way in zip(formula, ways)), np.zeros_like(base))
+        bend = float(np.abs(formula[1][0] * ways[0] - formula[0][0] * ways[1]).max())
+        return slope, bend / max(float(np.abs(slope).max()), _NO_SLOPE)
 
     def shifted(self, u: Array, by: Array) -> Array:
         """Return u + by, with the period of the generator if the motion is forced."""

@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rig.analysis.identification.cycles import CycleRun
-from rig.analysis.identification.fit import NORMAL, Offsets
+from rig.analysis.identification.fit import NORMAL, WIDE, Offsets
 from rig.analysis.identification.influence import Influence
 from rig.analysis.identification.responses import Response
 from rig.analysis.identification.runs import Free, Law, Task
@@ -38,11 +38,11 @@ UNKNOWN = "not identifiable"
 BOUND = "at bound"
 MISFIT = 0.01
 """Probability below which a law does not fit."""
-_WEAK = 0.3  # of the value: an interval that reaches farther to one side is wide
 _FACTOR = 10.0  # between the ends of an interval that tells nothing
 _ALIKE = 0.9  # correlation that is named; of a wide interval with an offset: both are one number
 _AT_END = 1e-6  # of a coordinate: the fit clips to the ends of the range
-_HELD = 0.4  # of the deviation that the range alone gives
+_HELD = 0.4  # of the deviation that the range alone gives: a wide interval is that of the range
+_LESS = math.sqrt(0.5)  # the same of a narrow one: range and data tell as much
 _TOGETHER = 0.6  # half of the interval of a logarithm up to which two tell something together: a factor of 1.8
 _CONTRADICTS = 1.96  # standard deviations: 95 %
 
@@ -115,6 +115,8 @@ class LawFit:
     jacobian: list[Reals]
     density: float = 0.0
     """Of a random force with which simulated cycles scatter as the measured ones do [N/Hz^0.5]."""
+    flat: tuple[bool, ...] = ()
+    """Of each parameter: whether the fit ended where its value did not matter."""
 
     @property
     def fits(self) -> bool:
@@ -157,7 +159,7 @@ class LawFit:
             verdict = BOUND
         elif not self.told or high > _FACTOR * max(low, 0.0) or self._flat(i):
             verdict = UNKNOWN
-        elif max(high - value, value - low) > _WEAK * abs(value):
+        elif max(high - value, value - low) > WIDE * abs(value):
             verdict = UNKNOWN if self._aliased(i) > _ALIKE else WEAK
         else:
             verdict = IDENTIFIED
@@ -165,10 +167,19 @@ class LawFit:
             low = high = math.nan
         return Parameter(free.key, free.unit, value, low, high, free.stated, verdict)
 
+    def half(self, i: int, covariance: Reals) -> float:
+        """Half of the interval of a parameter over its value, to first order, with a covariance of z."""
+        free = self.law.free[i]
+        size = 1.0 if free.log else free.size / max(abs(free.value(float(self.z[i]))), 1e-300)
+        return self.reach * math.sqrt(max(float(covariance[i, i]), 0.0)) * size
+
     def _flat(self, i: int) -> bool:
-        """Whether only the range limits a parameter."""
+        """Whether only the range limits a parameter; of a narrow interval: whether data tell less than the range."""
+        if any(self.flat[i : i + 1]):
+            return True
         low, high = self.law.free[i].ends
-        return math.sqrt(max(float(self.covariance[i, i]), 0.0)) > _HELD * 0.5 * (high - low)
+        most = _HELD if self.half(i, self.covariance) > WIDE else _LESS
+        return math.sqrt(max(float(self.covariance[i, i]), 0.0)) > most * 0.5 * (high - low)
 
     def _aliased(self, i: int) -> float:
         """The largest correlation of a parameter with an offset, which may take up its effect."""
@@ -244,14 +255,14 @@ class LawFit:
         """Pairs of parameters that act alike, and parameters of friction that act as offsets do."""
         keys = [free.key for free in self.law.free]
         offsets = self.offsets.names
-        verdicts = [parameter.verdict for parameter in self.parameters]
+        wide = [self.half(i, self.covariance) > WIDE for i in range(len(keys))]
         for i, k in combinations(range(len(keys)), 2):
             correlation = self.correlation(i, k)
             if abs(correlation) > _ALIKE:
                 yield f"{keys[i]} and {keys[k]} have the correlation {correlation:.2f}: vary what separates them"
         levels: dict[tuple[int, ...], list[int]] = {}
         for i, key in enumerate(keys):
-            if "friction" in key and verdicts[i] != IDENTIFIED:
+            if "friction" in key and wide[i]:
                 beside = tuple(k for k in range(len(keys), len(self.z)) if abs(self.correlation(i, k)) > _ALIKE)
                 levels.setdefault(beside, []).append(i)
         for beside, alike in levels.items():

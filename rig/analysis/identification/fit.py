@@ -37,6 +37,9 @@ _DAMPED = 10.0  # factor of the damping after a step that does not help
 _OVERDAMPED = 1e6  # where no step helps
 _SETTLED = 0.05  # of a standard deviation: step without damping at which a fit ends
 _CONVERGED = 0.2  # of a standard deviation: step without damping of a fit that has converged
+_SAME = 1e-6  # of the sum of squares: responses cannot tell a smaller gain, and steps along it lead nowhere
+WIDE = 0.3
+"""Of a value: an interval of 90 % that reaches farther to one side is wide."""
 _LONGEST = 0.7  # of a coordinate that a step changes at most: a factor of two
 _LEAST = -0.8  # of a value that a step takes away at most
 _BENT = 0.1  # share of a step for its second derivative
@@ -91,6 +94,8 @@ class Solution:
     prior: Reals
     responses: list[Response]
     converged: bool = False
+    flat: tuple[bool, ...] = ()
+    """Of each parameter: whether the sum of squares does not change along it, and the start decides its value."""
     covariance: Reals = field(default_factory=lambda: np.zeros((0, 0)))
 
 
@@ -196,19 +201,18 @@ class Fit:
         cost = self.cost(left, z)
         damping = _DAMPING
         done = False
+        flat = np.zeros(p, bool)
         J = self.jacobian(z, left, responses, not screening)
+        stalled = False
         for _ in range(rounds):
-            H = np.diag(self.prior) + sum(np.einsum("jik,jil->kl", j, j) for j in J)
-            g = self._slope(J, left) + self.prior * (z - self.stated)
-            held = np.zeros(len(z), bool)
-            at_high = (z[:p] >= self.high) & (g[:p] < 0.0)
-            at_low = (z[:p] <= self.low) & (g[:p] > 0.0)
-            held[:p] = at_high | at_low
+            H, g, held = self._equations(z, left, J)
             C = sandwich(left, J, self.prior, self.known, True)
             sd = np.sqrt(np.maximum(np.diag(C), 1e-300))
-            apart = float(np.max(np.abs(self._step(H, g, 0.0, held)) / sd))
-            done = apart < _CONVERGED
-            if apart < _SETTLED:
+            missing = np.abs(self._step(H, g, 0.0, held)) / sd
+            apart = float(missing.max())
+            flat = missing[:p] >= _CONVERGED
+            done = not flat.any() or (stalled and bool(np.all(NORMAL * sd[:p][flat] > WIDE)))
+            if apart < _SETTLED or stalled:
                 break
             moved = False
             while damping < _OVERDAMPED:
@@ -227,8 +231,10 @@ class Fit:
                         break
                 damping *= _DAMPED
             if not moved:
-                break
+                stalled = True
+                continue
             small = cost - new < gain * cost
+            stalled = cost - new < _SAME * cost
             z = to
             left = after
             responses = responses_after
@@ -241,7 +247,18 @@ class Fit:
             if small:
                 break
         C = np.zeros((0, 0)) if screening else sandwich(left, J, self.prior, self.known)
-        return Solution(z, cost, left, J, self.prior, responses, done, C)
+        return Solution(z, cost, left, J, self.prior, responses, done, tuple(flat.tolist()), C)
+
+    def _equations(self, z: Reals, left: Sequence[Reals], J: Sequence[Reals]) -> tuple[Reals, Reals, Reals]:
+        """Matrix and slope of the normal equations, and which parameters the ends of their ranges hold."""
+        p = len(self.free)
+        H = np.diag(self.prior) + sum(np.einsum("jik,jil->kl", j, j) for j in J)
+        g = self._slope(J, left) + self.prior * (z - self.stated)
+        held = np.zeros(len(z), bool)
+        at_high = (z[:p] >= self.high) & (g[:p] < 0.0)
+        at_low = (z[:p] <= self.low) & (g[:p] > 0.0)
+        held[:p] = at_high | at_low
+        return H, g, held
 
     def moved(self, z: Reals, step: Reals) -> Reals:
         """The point after a step from `z` that is straight in the values, within the ranges."""

@@ -28,7 +28,7 @@ from rig.analysis.identification.cycles import (
     measure_weights,
 )
 from rig.analysis.identification.features import WINDOWS, FeatureRun, respond
-from rig.analysis.identification.fit import Fit, Offsets, Solution, inverse, whole
+from rig.analysis.identification.fit import ROUNDS, Fit, Offsets, Solution, inverse, whole
 from rig.analysis.identification.influence import candidates, influence
 from rig.analysis.identification.posterior import START, Posterior
 from rig.analysis.identification.responses import Evaluator, Responder, Response
@@ -44,6 +44,9 @@ _NEAR = 2.0  # factor about the values of the scene in which other starts lie
 _WIDELY = 24  # starts after a misfit
 _VALLEYS = 3  # of them that are fitted
 _SAME = 0.1  # coordinates up to which two starts are in one valley
+_ROUGH = 1e-3  # of the sum of squares: a smaller gain of a round ends a fit that only looks for a valley
+_FEW = 10  # rounds of such a fit
+_CLEARLY = 1e-12  # probability of a misfit that no better fit and no noise of the twins takes away
 _OUTLIER = 5.0  # times the median of the rms of the cycles
 _ROUNDS = 6  # of a fit of measures, from which cycles are fitted or draws are made
 _NOISY = 2  # fits with what noise adds at the end of the one before
@@ -99,28 +102,28 @@ class _Attempt:
             )
         runs = [each.run for each in evidence]
         offsets = Offsets.of(runs, [_sizes(each) for each in evidence])
-        fitting = self._cycles if repeats else self._measures
         [z] = self._screen(starts, evidence, offsets, fitted, 1)
-        fit, solution, posterior = fitting(z, evidence, offsets, fitted)
-        if repeats and _p(evidence, solution, repeats) < MISFIT:  # a wrong law, or a valley far from the answer
-            starts, _ = self._starts(fitted, [], _WIDELY)
-            for z in self._screen(starts, evidence, offsets, fitted, _VALLEYS):
-                if np.all(np.abs(z - solution.z)[: len(self.law.free)] < _SAME):
-                    continue
-                other_fit, other, other_posterior = fitting(z, evidence, offsets, fitted)
-                if other.cost < solution.cost:
-                    fit = other_fit
-                    solution = other
-                    posterior = other_posterior
-                if _p(evidence, solution, repeats) >= MISFIT:
-                    break
-        kept = _without_outliers(evidence, solution) if repeats else None
-        if kept is not None:
-            evidence = kept
-            fit, solution, posterior = self._cycles(solution.z, evidence, offsets, fitted)
         density = 0.0
-        if repeats and all(isinstance(each, CycleRun) for each in evidence):
-            evidence, fit, solution, density = self._expecting(evidence, fit, solution, offsets, fitted, notes)
+        posterior: Posterior | None = None
+        if not repeats:
+            fit, solution, posterior = self._measures(z, evidence, offsets, fitted)
+        else:
+            cycles_alone = all(isinstance(each, CycleRun) for each in evidence)
+            rough = _ROUGH if cycles_alone else 0.0
+            fit, solution = self._valley(z, evidence, offsets, fitted, rough)
+            gain = rough if _p(evidence, solution, repeats) < _CLEARLY else 0.0
+            if rough:
+                fit, solution = self._cycles(solution.z, evidence, offsets, fitted, gain)
+            kept = _without_outliers(evidence, solution)
+            if kept is not None:
+                evidence = kept
+                fit, solution = self._cycles(solution.z, evidence, offsets, fitted, gain)
+            for share in dict.fromkeys((gain, 0.0)):  # the second where what noise adds to the cycles was the misfit
+                if cycles_alone:
+                    found = self._expecting(evidence, fit, solution, offsets, fitted, notes, share)
+                    evidence, fit, solution, density = found
+                if _p(evidence, solution, repeats) < _CLEARLY:
+                    break
         p = _p(evidence, solution, repeats)
         too_few = "" if posterior is None else posterior.words()
         if too_few:
@@ -149,7 +152,28 @@ class _Attempt:
             self.evaluator.count,
             solution.jacobian,
             density,
+            solution.flat,
         )
+
+    def _valley(
+        self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int], rough: float
+    ) -> tuple[Fit, Solution]:
+        """A rough fit cycle by cycle; after a misfit the best of others, too, from starts that lie farther away."""
+        rounds = _FEW if rough else ROUNDS
+        fit, solution = self._cycles(z, evidence, offsets, fitted, rough, rounds)
+        if _p(evidence, solution, True) >= MISFIT:
+            return fit, solution
+        starts, _ = self._starts(fitted, [], _WIDELY)  # a wrong law, or a valley far from the answer
+        for other_z in self._screen(starts, evidence, offsets, fitted, _VALLEYS):
+            if np.all(np.abs(other_z - solution.z)[: len(self.law.free)] < _SAME):
+                continue
+            other_fit, other = self._cycles(other_z, evidence, offsets, fitted, rough, rounds)
+            if other.cost < solution.cost:
+                fit = other_fit
+                solution = other
+            if _p(evidence, solution, True) >= MISFIT:
+                break
+        return fit, solution
 
     def _starts(self, fitted: Sequence[int], notes: list[str], count: int) -> tuple[list[Reals], list[Response]]:
         """Coordinates of the free parameters at which all runs have a cycle, the values of the scene first if they do,
@@ -215,15 +239,21 @@ class _Attempt:
         return [z for _, _, z in ranked]
 
     def _cycles(
-        self, z: Reals, evidence: list[Any], offsets: Offsets, fitted: Sequence[int]
-    ) -> tuple[Fit, Solution, None]:
-        """The fit cycle by cycle."""
+        self,
+        z: Reals,
+        evidence: list[Any],
+        offsets: Offsets,
+        fitted: Sequence[int],
+        gain: float,
+        rounds: int = ROUNDS,
+    ) -> tuple[Fit, Solution]:
+        """The fit cycle by cycle, to its end or until a round gains less than a share of the sum of squares."""
         known = [isinstance(each, FeatureRun) and each.known for each in evidence]
         transient = any(each.run.kind == TRANSIENT for each in evidence)
         for share in WINDOWS if transient else WINDOWS[-1:]:
             now = [replace(each, share=share) if isinstance(each, FeatureRun) else each for each in evidence]
             fit = Fit(self.law.free, self.evaluator, fitted, offsets, partial(_left_of, now), known)
-            ended = fit.run(z)
+            ended = fit.run(z, rounds, gain)
             if isinstance(ended, str):
                 raise UsageError(f"{self.law.scene.name}: {ended}")
             solution = ended
@@ -231,7 +261,7 @@ class _Attempt:
         if all(known):
             free = max(sum(r.size for r in solution.left) - len(solution.z), 1)
             solution.covariance = solution.covariance * max(1.0, solution.cost / free)
-        return fit, solution, None
+        return fit, solution
 
     def _expecting(
         self,
@@ -241,6 +271,7 @@ class _Attempt:
         offsets: Offsets,
         fitted: Sequence[int],
         notes: list[str],
+        gain: float,
     ) -> tuple[list[CycleRun], Fit, Solution, float]:
         """The fit with what process noise adds to the mean of each cycle, and the density of the noise."""
         density = 0.0
@@ -255,7 +286,7 @@ class _Attempt:
             if not density:
                 break
             before = solution.z
-            fit, solution, _ = self._cycles(before, evidence, offsets, fitted)
+            fit, solution = self._cycles(before, evidence, offsets, fitted, gain)
             solution.covariance = solution.covariance * (1.0 + max(each.share for each in evidence))
             deviation = np.sqrt(np.diag(solution.covariance))
             if np.all(np.abs(solution.z - before) < _MOVED * deviation):

@@ -7,7 +7,6 @@ the covariance of the parameters. To shrink only the widest interval leaves othe
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -31,11 +30,12 @@ from rig.analysis.identification.responses import Evaluator, Responder, Response
 from rig.analysis.identification.slips import MEASURES
 from rig.analysis.identification.twins import SEED, on_cycle, simulated
 from rig.analysis.pool import Arrays, Work, carry_out, temporary
-from rig.analysis.studies.factors import factors
+from rig.analysis.studies.factors import Factor, factors
 from rig.errors import NumericsError, RigError, UsageError
 from rig.record.run import Reals
 from rig.results import Column, Result, Table
 from rig.scenes.belief import varied
+from rig.scenes.scene import Scene
 
 _LONGER = 4.0
 """Duration of the simulation of a candidate, over that of the runs: its scores are means over more cycles."""
@@ -161,6 +161,17 @@ def asked(text: str) -> dict[str, str]:
     return settings
 
 
+def settings_of(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
+    """Return the settings that `over` names, which are read before a fit. Raises SceneError, UsageError."""
+    axes = factors(scene, over)
+    for factor in axes:
+        if factor.distribution is not None:
+            raise UsageError(f"--next {factor.key}: expected values or FROM:TO:COUNT, no distribution")
+        if idle := factor.axis.idle(scene):
+            raise UsageError(f"--next {idle}")
+    return axes
+
+
 def propose(
     identified: Identified,
     over: Mapping[str, Any],
@@ -171,12 +182,11 @@ def propose(
     best = identified.best
     if not best.fits:
         raise UsageError("no next experiment is proposed: no law fits, so that no interval can be predicted")
+    if not best.converged:
+        raise UsageError("no next experiment is proposed: the fit has not converged, so that it has no interval")
     if not all(isinstance(run.evidence, CycleRun) for run in best.runs):
         raise UsageError("no next experiment is proposed: this is done for runs of cycles only")
-    axes = factors(best.law.scene, over)
-    drawn = [factor.key for factor in axes if factor.distribution is not None]
-    if drawn:
-        raise UsageError(f"--next {drawn[0]}: expected values or FROM:TO:COUNT, no distribution")
+    axes = settings_of(best.law.scene, over)
     keys = [factor.key for factor in axes]
     grid = product(*(factor.axis.values for factor in axes))
     settings = [dict(zip(keys, values)) for values in grid]
@@ -203,9 +213,4 @@ def propose(
 
 def widths(fit: LawFit, covariance: Reals) -> dict[str, float]:
     """Half of the interval of each parameter over its value."""
-    relative = {}
-    for i, free in enumerate(fit.law.free):
-        half = fit.reach * math.sqrt(max(float(covariance[i, i]), 0.0))
-        size = 1.0 if free.log else free.size / max(abs(free.value(float(fit.z[i]))), 1e-300)
-        relative[free.key] = half * size
-    return relative
+    return {free.key: fit.half(i, covariance) for i, free in enumerate(fit.law.free)}
