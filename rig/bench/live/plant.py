@@ -330,6 +330,7 @@ class Plant:
             sensors={n: (u, p) for n, u, p in zip(runner.bank.names, runner.bank.units, runner.bank.periods_ns)},
             controllers=controllers,
             paced=self.job.pace is not None,
+            waits=self.job.in_lockstep,
             core=self.cores[1],
             provenance=provenance(scene.seed, self.job.command or tuple(sys.argv)),
             models=tuple(self.models.values()),

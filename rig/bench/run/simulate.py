@@ -147,6 +147,9 @@ def carry_out(
         experiment.stop("a controller failed")
         trace = "".join(traceback.format_exception(error.__cause__))
         experiment.journal.note(LOST, fault, controller=error.name, trace=trace)
+    finally:
+        for asked in working:
+            asked.loop.end()
     experiment.end()
     loops = {controller.name: controller.loop for controller in working}
     return FinishedRun(runner, experiment, loops, fault, checkpoints, failed)
