@@ -274,6 +274,10 @@ def simulate(
     budget: Budget = None,
     precision: Accuracy = None,
     trust: Trust = False,
+    recorded: Annotated[
+        bool,
+        typer.Option("--recorded", help="With --from: a board commands what it has commanded in the recording."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Simulate a scene with its controllers in one process, as fast as possible.
@@ -301,6 +305,7 @@ def simulate(
         (by_method.keys() & overrides.keys(), "--method and -p: both give clock.method; leave out one of them"),
         (start is not None and wrong, f"--from {start}: {wrong} cannot be given with it; the recording decides"),
         (start is None and scene is None, neither),
+        (start is None and recorded, "--recorded: only with --from, for a recording of a board"),
     )
     loaded: Scene | None = None
     if scene is not None:
@@ -318,7 +323,7 @@ def simulate(
     begin = time.perf_counter()
     with _asked_to_stop() as stop:
         try:
-            simulated = _simulated(loaded, start, overrides, length, trust, stop)
+            simulated = _simulated(loaded, start, overrides, length, trust, recorded, stop)
         except ControllerFailed as error:  # what was computed is kept
             if error.run is None:  # it could not start
                 raise
@@ -351,6 +356,7 @@ def _simulated(
     overrides: Mapping[str, str],
     length: float | None,
     trust: bool,
+    recorded: bool,
     stop: Callable[[], str],
 ) -> Run:
     """Simulate a scene, or continue a recording."""
@@ -363,7 +369,8 @@ def _simulated(
             return rig.simulate(scene, length, stop)
         log, at = instant_of(start)
         allow(log, trust)
-        return rig.fork(log, at, {key: number_or_text(value) for key, value in overrides.items()}, length, stop)
+        given = {key: number_or_text(value) for key, value in overrides.items()}
+        return rig.fork(log, at, given, length, stop, recorded=recorded)
 
 
 @contextmanager

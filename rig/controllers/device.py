@@ -144,7 +144,7 @@ def too_slow(section: Device, pace: float) -> str:
 class DeviceController:
     """The controller; its state says whether the law on the board was started.
 
-    `paced`: whether the run keeps to the wall clock, so that a step without an answer is left out.
+    `run`: the kind of run that it takes part in. Only `rig simulate` and `rig run` set it; nobody else may start it.
     """
 
     elsewhere = True
@@ -158,7 +158,7 @@ class DeviceController:
         self.reads = section.reads
         self.drives = section.drives
         self.period_ns = section.period
-        self.paced = False
+        self.run: Literal["", "waits", "paced"] = ""
         self._line: Line | None = None
         self._counts: dict[str, int] = {}
         self._events: list[Event] = []
@@ -186,8 +186,13 @@ class DeviceController:
 
     def start(self) -> bool:
         """The state before the first sample: not started. Raises DeviceError if the board cannot be reached."""
+        section = self.section
+        if not self.run:
+            raise DeviceError(
+                f"{section.port}: a board takes part in rig simulate and rig run only, because its law advances with "
+                "every step that it answers; give the controller another kind here"
+            )
         if self._line is None:
-            section = self.section
             line = Line(section.address, section.values, len(section.drives), section.baud)
             line.open()
             self._wait_for_board(line)
@@ -214,7 +219,7 @@ class DeviceController:
         """
         line = self._line
         assert line is not None
-        if not self.paced:
+        if self.run == "waits":
             return True, self._waited(line, state, t_ns, values)
         answer = self._asked_once(line, state, t_ns, values)
         if answer is None:

@@ -147,6 +147,17 @@ class Address(NamedTuple):
         """Whether its bytes take the time that the baud rate says; a CDC port ignores it."""
         return self.kind == "serial" and not self.device.name.startswith("ttyACM")
 
+    def check(self) -> None:
+        """Raise DeviceError for a serial port that is absent or not allowed, without opening it."""
+        if self.kind == "serial":
+            device = Path(self.where)
+            for number, holds in (
+                (errno.ENOENT, device.exists()),
+                (errno.EACCES, os.access(device, os.R_OK | os.W_OK)),
+            ):
+                if not holds:
+                    raise DeviceError(f"{self}: {_why_closed(self, OSError(number, ''))}")
+
     def open(self, baud: int) -> Port:
         """Open the port for this process alone. Raises DeviceError, which says what to do."""
         return SerialPort(self, baud) if self.kind == "serial" else UdpPort(self)

@@ -255,7 +255,7 @@ def run(
             trust_scene(described.scene)
         controller = made(described, name, file, table)
         if is_elsewhere(controller):
-            controller.paced = described.paced and not described.waits  # type: ignore[attr-defined]
+            controller.run = "paced" if described.paced and not described.waits else "waits"  # type: ignore[attr-defined]
         worker = Worker(session, described, controller, changes)
         drives = ", ".join(worker.loop.controller.drives)
         reads = ", ".join(worker.loop.controller.reads)
