@@ -100,12 +100,14 @@ def finalise(plant: Plant) -> dict[str, Any]:
             )
         if counts["skipped"]:
             plant.housekeeper.faults.append(f"{name} was behind and skipped {counted(counts['skipped'], 'step')}")
+        if missed := counts.get("missed", 0):
+            plant.housekeeper.faults.append(f"{counted(missed, 'step')} to {name} without an answer of its board")
     experiment.journal.note("end", ended)
     hub.put_events()
     plant.in_plant.leave()
     plant.housekeeper.tell_health(now)
     lost, unknown = _lost_elsewhere(plant)
-    lost |= _unanswered(plant, {name: counts["skipped"] for name, counts in counters.items()})
+    lost |= _unanswered(plant, {name: counts["skipped"] + counts.get("missed", 0) for name, counts in counters.items()})
     hub.commands.receive()
     lost |= hub.commands.lost()
     verdict = timing_verdict(plant, lost, unknown)
@@ -199,7 +201,7 @@ def _counters(plant: Plant) -> dict[str, dict[str, int]]:
 def _unanswered(plant: Plant, skipped: Mapping[str, int]) -> dict[str, int]:
     """Return the number of steps without an answer, for each controller that was connected during the whole run.
 
-    `skipped`: controller -> number of steps that it received and left out.
+    `skipped`: controller -> number of steps that it received and left out, or that its board did not answer.
     """
     hub = plant.hub
     unanswered = {}
