@@ -80,13 +80,19 @@ def on_board(base, port, name="nf", changes=None, **keys):
 
 @contextmanager
 def standing_in(port, controller, fault=None, every=50, reset_every=0):
-    """A board at `port` with the law of `controller`, of which every 50th answer has a `fault`."""
+    """A board at `port` with the law of `controller`, of which every 50th answer has a `fault`.
+
+    It answers nothing while its event `away` is set.
+    """
     board = Board(controller)
+    board.away = threading.Event()
     address = Address.read(port)
     over = threading.Event()
     count = [0]
 
     def answer(data):
+        if board.away.is_set():
+            return []
         count[0] += 1
         if reset_every and count[0] % reset_every == 0:
             board.reset()
