@@ -10,6 +10,7 @@ import typer
 
 from rig.cli import (
     analysis,
+    board,
     lesson,
     live,
     machine,
@@ -37,7 +38,20 @@ _app = typer.Typer(
 )
 COMMANDS: Mapping[str, tuple[Any, str]] = {
     name: command
-    for module in (analysis, lesson, live, machine, measurements, processes, recorded, recordings, runs, scenes, study)
+    for module in (
+        analysis,
+        board,
+        lesson,
+        live,
+        machine,
+        measurements,
+        processes,
+        recorded,
+        recordings,
+        runs,
+        scenes,
+        study,
+    )
     for name, command in module.COMMANDS.items()
 }
 """Name -> function, example."""
@@ -97,8 +111,8 @@ GROUPS = {
         },
     ),
     "tool": (
-        "Check this machine and the methods, and reproduce the figures of the papers.",
-        {"": "doctor warmup clean torture reproduce"},
+        "Check this machine, a board and the methods, and reproduce the figures of the papers.",
+        {"": "doctor device warmup clean torture reproduce"},
     ),
 }
 """Group -> what it is for, its panels -> their commands."""

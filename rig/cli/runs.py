@@ -6,7 +6,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,14 +70,23 @@ Only = Annotated[
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
 
-def demo(view: View = False, web: Web = False) -> None:
+def demo(
+    view: View = False,
+    web: Web = False,
+    device: Annotated[
+        bool, typer.Option("--device", help="The controller runs on a stand-in for a board: docs/device.md.")
+    ] = False,
+) -> None:
     """Run the pendulum with its controller. Write a recording, a figure and a summary."""
     from rig.analysis.pool.kernel_shapes import prepare
     from rig.bench.live.supervise import run as supervise
     from rig.compiled.kernel import compiled
+    from rig.controllers.runtime.stand_in import started
+    from rig.design import described
     from rig.scenes import load
 
-    scene = load("pendulum")
+    shipped = load("pendulum")
+    scene = load("pendulum_device") if device else shipped
     printing.note(f"{scene.title}\n\n{scene.about}\n")
     sys.stderr.write("1 of 3, ")  # the kernels say themselves that they are compiled, and how far it is
     sys.stderr.flush()
@@ -85,8 +94,12 @@ def demo(view: View = False, web: Web = False) -> None:
     if not compiled():
         printing.note("compile: all kernels are compiled already")
     seconds = 1e-9 * (scene.duration_ns or 0)
-    printing.note(f"2 of 3, run: plant, controller and recorder as processes, {seconds:g} s in real time")
-    outcome = supervise(scene, view=view, web=web)
+    board = f", the board at {scene.controllers['nf'].port}" if device else ""
+    printing.note(f"2 of 3, run: plant, controller and recorder as processes{board}, {seconds:g} s in real time")
+    with ExitStack() as stack:
+        if device:
+            stack.enter_context(started(scene.controllers["nf"].port, described(shipped)["nf"]))
+        outcome = supervise(scene, view=view, web=web)
     figure = Path(outcome.log).with_suffix(".png") if outcome.log else None
     if figure is not None:
         printing.note("3 of 3, draw: the figure of the run; a second or two")

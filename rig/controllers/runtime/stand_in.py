@@ -12,15 +12,21 @@ import json
 import os
 import select
 import socket
+import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from rig import controllers
 from rig.controllers.blocks.base import Controller, State
+from rig.errors import DeviceError
 from rig.machine.board import ACT, ECHO, ECHOED, MOST_BYTES, START, STEP, UNSTARTED, Address, Frame, stuffed, unstuffed
 from rig.machine.scheduling import CONTROLLER, ahead, come_first
+
+READY = "ready\n"
+"""What it prints when it answers."""
 
 
 class Board:
@@ -105,8 +111,28 @@ def serve_serial(path: Path, answer: Answer, stopped: Callable[[], bool]) -> Non
 
 
 def _ready() -> None:
-    sys.stdout.write("ready\n")
+    sys.stdout.write(READY)
     sys.stdout.flush()
+
+
+@contextmanager
+def started(port: str, description: Mapping[str, Any]) -> Iterator[None]:
+    """A process of this computer that answers at `port` with a controller by its description, until the block ends.
+
+    Raises DeviceError if it cannot.
+    """
+    command = [sys.executable, "-m", __name__, port]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdin is not None
+        assert child.stdout is not None
+        child.stdin.write(json.dumps(description))
+        child.stdin.close()
+        try:
+            if child.stdout.readline() != READY:
+                raise DeviceError(f"{port}: the stand-in for the board cannot answer there")
+            yield
+        finally:
+            child.terminate()
 
 
 def main() -> None:
