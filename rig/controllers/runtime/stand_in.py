@@ -101,7 +101,7 @@ def serve_serial(path: Path, answer: Answer, stopped: Callable[[], bool]) -> Non
                 continue
             *ended, rest = (rest + os.read(board, 4096)).split(b"\0")
             rest = rest[-MOST_BYTES:]
-            for part in ended:
+            for part in filter(None, ended):
                 for sent in answer(unstuffed(part)):
                     os.write(board, sent)
     finally:
