@@ -243,6 +243,13 @@ def test_it_is_verified_without_board_and_continued_by_its_commands_only(tmp_pat
     same(rig.fork(log, 4.5, recorded=True), run)
     with pytest.raises(UsageError, match=r"end at 6 s; from 4\.5 s on a duration of at most 1\.5 s"):
         rig.fork(log, 4.5, duration=2.0, recorded=True)
+    with standing_in(scene.controllers["nf"].port, law):
+        told = rig.fork(log, 4.5, recorded=True).events
+    assert "the board of nf gives 4500 recorded commands again" in [event["text"] for event in told]
+    with standing_in(scene.controllers["nf"].port, InPython()):
+        told = rig.fork(log, 4.5, recorded=True).events
+    warned = [event["text"] for event in told if event["kind"] == "warning"]
+    assert "the board of nf gives other commands than the recording: " in warned[0]
     other = rig.fork(log, 4.5, {"drive.speed": "0.15 m/s"}, duration=1.0, recorded=True)
     assert other.time[-1] == pytest.approx(5.5)
     assert np.array_equal(other.commands["nf"].values, run.commands["nf"].values[: other.commands["nf"].tick.size])

@@ -23,6 +23,7 @@ import numpy as np
 
 from rig import controllers, design
 from rig.bench.again.agreement import ELSEWHERE, agreement, changed_place, duration_ns, pairs, unknown
+from rig.bench.again.compared_board import compared
 from rig.bench.again.history import CHECKPOINT, add_history, nearest, recorded_scene
 from rig.bench.run.builds import GOES_ON, WAITS
 from rig.bench.run.experiment import FORK, PLANT, Experiment, divided
@@ -114,6 +115,10 @@ def fork(
             result = continued(resumption)
             origin[CHECKPOINT] = resumption.tick * run.frame_ns
     result = result or continued(None)
+    for name in boards:
+        kind, text = compared(run, scene, name, tick)
+        result.events += [{**_action(kind, tick, now, text, {}), "data": {"controller": name}}] if text else []
+    result.events.sort(key=lambda event: int(event["t_ns"]))
     result.provenance = provenance(scene.seed) | {key: str(value) for key, value in origin.items()}
     return result
 
