@@ -102,6 +102,7 @@ def test_a_run_does_not_begin_without_its_board(runs):
     with pytest.raises(UsageError, match="controller nf is not here: a run does not begin without its board"):
         supervise.run(scene, duration=1.0, out=runs / "log.mcap", say=told.append)
     assert "no answer within 3 s; is the board on" in str(told)
+    assert "the plant continues" not in str(told)
 
 
 def test_what_a_port_cannot_carry_is_refused_before_the_run(tmp_path):
