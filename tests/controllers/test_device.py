@@ -15,6 +15,8 @@ from rig.bench.live import rehearsal
 from rig.bench.live.outcome import Job
 from rig.bench.run.simulate import simulate
 from rig.controllers import device
+from rig.controllers.runtime.stand_in import started
+from rig.design import described
 from rig.errors import ControllerFailed, DeviceError, ExitCode, SceneError, UsageError
 from rig.qualify import doctor
 
@@ -255,3 +257,14 @@ def test_it_is_verified_without_board_and_continued_by_its_commands_only(tmp_pat
     assert np.array_equal(other.commands["nf"].values, run.commands["nf"].values[: other.commands["nf"].tick.size])
     other.save(tmp_path / "other.mcap")
     assert verify(tmp_path / "other.mcap").passed
+
+
+@pytest.mark.parametrize(("scene", "base"), [("belt_device", "belt_normal_force"), ("pendulum_device", "pendulum")])
+def test_the_shipped_scenes_run_with_the_shipped_stand_in(scene, base, shipped):
+    port = free_port()
+    with started(port, described(scenes.load(base))["nf"]):
+        same(rig.simulate(scene, 2.0, overrides={"controllers.nf.port": port}), shipped(base, 2))
+    here = free_port()
+    _, law = on_board("belt_normal_force", here)
+    with standing_in(here, law), pytest.raises(DeviceError, match="cannot answer there"), started(here, {}):
+        pass
