@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from benchmarks import (
     absent,
     against,
+    boards,
     branches,
     first_run,
     kernels,
@@ -172,6 +173,15 @@ GROUPS = {
             _most("paced.lost", "messages lost", 0.0, "messages"),
             _most("plate.verdict", "plate under a slider, paced: not INVALID", 1.0, "verdict"),
             _most("disc.verdict", "8 points of a squealing disc, two sensors, paced: VALID", 0.0, "verdict"),
+        ),
+    ),
+    "board": Group(
+        "a controller on a stand-in for a board by UDP, paced at 1 kHz, in turns with the shipped controller",
+        lambda asked: boards.measured(asked.seconds, 1 if asked.quick else 3),
+        (
+            _most("p99_ratio", "step to command, 99th percentile", 1.5, "of the shipped controller"),
+            _most("missed", "steps without an answer", 0.0, "steps"),
+            _most("verdict", "VALID", 0.0, "verdict"),
         ),
     ),
     "pages": Group(

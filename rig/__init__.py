@@ -178,7 +178,7 @@ def simulate(
 
     files, objects = divided(controllers or {}, isinstance(scene, str | Path))
     loaded, guests = placed(_scene(scene, {**(overrides or {}), **files}, untold), objects)
-    result = run(loaded, duration_ns=run_length_ns(duration), stop=stop, guests=guests)
+    result = run(loaded, duration_ns=run_length_ns(duration), stop=stop, guests=guests, boards=True)
     result.provenance = provenance(loaded.seed)
     return result.checked()
 
@@ -189,11 +189,15 @@ def fork(
     overrides: Mapping[str, object] | None = None,
     duration: float | None = None,
     stop: Callable[[], str] | None = None,
+    *,
+    recorded: bool = False,
 ) -> Run:
     """Continue a recording from `at` [s] (None: its end) with other values, for `duration` [s] or its protocol.
 
     The recording is simulated again up to `at`, and its samples must repeat; the run contains this history too.
-    `overrides`: dotted keys of the rig and of its controllers, values with units; they take effect at `at`. Raises
+    `overrides`: dotted keys of the rig and of its controllers, values with units; they take effect at `at`.
+    `recorded`: a controller on a board (docs/device.md) commands what it has commanded in the recording, up to its end;
+    without it such a recording cannot be continued. Raises
     rig.errors.UsageError for values that are fixed while a rig runs and for an instant outside of the recording,
     LogError for a recording that does not repeat on this machine, ControllerFailed as `simulate` does.
     """
@@ -202,7 +206,7 @@ def fork(
     from rig.bench.again.fork import fork as go_on
     from rig.quantities import run_length_ns
 
-    return go_on(Path(log), at, overrides, run_length_ns(duration), stop).checked()
+    return go_on(Path(log), at, overrides, run_length_ns(duration), stop, recorded).checked()
 
 
 def diff(

@@ -3,8 +3,9 @@
 RigError
 ├── SceneError        a scene, a key or a value that cannot be used; contains every fault found
 ├── UsageError        a command that cannot be carried out as given
-│   └── PartError     a plant, effect, sensor or controller from a file that cannot be used
-│       └── Untrusted   code in a recording or a run that the user has not trusted
+│   ├── PartError     a plant, effect, sensor or controller from a file that cannot be used
+│   │   └── Untrusted   code in a recording or a run that the user has not trusted
+│   └── DeviceError   a board or its port that cannot be used
 ├── Interrupted       a command that was interrupted before it was complete
 ├── Singular          equations of motion of a mode set without a unique solution
 ├── NumericsError     the integration had to stop; contains time, mode set and state
@@ -200,6 +201,10 @@ class PartError(UsageError):
 
 class Untrusted(PartError):
     """Code in a recording or a run that the user has not trusted."""
+
+
+class DeviceError(UsageError):
+    """A board or its port that cannot be used: absent, taken, without right, silent."""
 
 
 class LogError(RigError):

@@ -30,6 +30,8 @@ class Setup:
     provenance: dict[str, str] = field(default_factory=dict)
     paced: bool = False
     """Whether frames keep to the wall clock."""
+    waits: bool = False
+    """Whether each frame waits for the answers of the controllers."""
     core: int = scheduling.ANY
     """Processor core for the bus and the controllers."""
     models: tuple[bytes, ...] = ()
@@ -40,8 +42,9 @@ class Setup:
     def to_json(self) -> dict[str, Any]:
         """The setup as plain values for JSON; `from_json` reads them."""
         values = asdict(self) | {"models": [base64.b64encode(model).decode() for model in self.models]}
-        if not self.skipped:
-            del values["skipped"]
+        for name in ("skipped", "waits"):
+            if not values[name]:
+                del values[name]
         return values
 
     @property

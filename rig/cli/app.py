@@ -38,7 +38,19 @@ _app = typer.Typer(
 )
 COMMANDS: Mapping[str, Made] = {
     name: command
-    for module in (analysis, lesson, live, machine, measurements, processes, recorded, recordings, runs, scenes, study)
+    for module in (
+        analysis,
+        lesson,
+        live,
+        machine,
+        measurements,
+        processes,
+        recorded,
+        recordings,
+        runs,
+        scenes,
+        study,
+    )
     for name, command in module.COMMANDS.items()
 }
 """The commands by name."""
@@ -99,8 +111,8 @@ GROUPS = {
     ),
     "topic": ("Show the messages on the bus of a run.", {"": "ls hz echo"}),
     "tool": (
-        "Check this machine and the methods, and reproduce the figures of the papers.",
-        {"": "doctor warmup clean torture reproduce"},
+        "Check this machine, a board and the methods, and reproduce the figures of the papers.",
+        {"": "doctor device warmup clean torture reproduce"},
     ),
 }
 """Group -> what it is for, its panels -> their commands."""

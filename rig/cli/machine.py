@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from rig.cli import printing
 from rig.cli.build import Answer, Made, Told
@@ -152,6 +152,23 @@ def doctor(
     return Answer(diagnosis, diagnosis.ok)
 
 
+def device(
+    port: Annotated[str, Argument("PORT", "serial:/dev/ttyACM0 or udp:HOST:PORT.")],
+    baud: Annotated[int, Option("RATE", "Rate of a serial port.")] = 115200,
+    values: Annotated[Literal["float64", "float32"], Option("", "As in the scene.")] = "float64",
+    count: Annotated[int, Option("N", "Values of a frame, each way.", low=1, high=24)] = 1,
+) -> Answer:
+    """Measure the link to a board: round trips of echo frames, which drive nothing.
+
+    At 100 Hz, 1 kHz and 5 kHz, with the shortest period of a controller
+    that the link holds. Exit code 1: it holds none.
+    """
+    from rig.qualify.board_link import measure
+
+    measured = measure(port, baud, values, count)
+    return Answer(measured, measured.period_ms is not None)
+
+
 def warmup(
     scene: Annotated[list[str] | None, Argument("SCENE...", "Names of scenes. Default: all shipped scenes.")] = None,
 ) -> None:
@@ -238,6 +255,7 @@ COMMANDS = {
     "torture": Made(torture, "rig tool torture --case grazing"),
     "clean": Made(clean, "rig tool clean"),
     "doctor": Made(doctor, "rig tool doctor belt"),
+    "device": Made(device, "rig tool device udp:192.168.7.2:5005"),
     "warmup": Made(warmup, "rig tool warmup pendulum"),
     "reproduce": Made(reproduce, "rig tool reproduce kroeger-3"),
 }

@@ -65,10 +65,14 @@ def warnings(scene: Scene) -> None:
 def run_warnings(scene: Scene, duration: float | None) -> None:
     """Print the warnings of `scene` and of a run of `duration` s (None: as long as its protocol)."""
     from rig.bench.run.before import meets_edge
+    from rig.controllers.device import Device, too_slow
 
     warnings(scene)
     if why := meets_edge(scene, duration):
         note(f"warning: {why}")
+    for section in scene.controllers.values():
+        if isinstance(section, Device) and not section.address.has_rate and (slow := too_slow(section, 1.0)):
+            note(f"warning: {slow}; a USB port without a UART (CDC) ignores the rate, rig tool device measures it")
 
 
 def report(values: Any) -> None:

@@ -6,7 +6,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -59,14 +59,21 @@ Only = Annotated[
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
 
-def demo(view: View = False, web: Web = False) -> None:
+def demo(
+    view: View = False,
+    web: Web = False,
+    device: Annotated[bool, Option("", "The controller runs on a stand-in for a board: docs/device.md.")] = False,
+) -> None:
     """Run the pendulum with its controller. Write a recording, a figure and a summary."""
     from rig.analysis.pool.kernel_shapes import prepare
     from rig.bench.live.supervise import run as supervise
     from rig.compiled.kernel import compiled
+    from rig.controllers.runtime.stand_in import started
+    from rig.design import described
     from rig.scenes import load
 
-    scene = load("pendulum")
+    shipped = load("pendulum")
+    scene = load("pendulum_device") if device else shipped
     printing.note(f"{scene.title}\n\n{scene.about}\n")
     sys.stderr.write("1 of 3, ")  # the kernels say themselves that they are compiled, and how far it is
     sys.stderr.flush()
@@ -74,8 +81,12 @@ def demo(view: View = False, web: Web = False) -> None:
     if not compiled():
         printing.note("compile: all kernels are compiled already")
     seconds = 1e-9 * (scene.duration_ns or 0)
-    printing.note(f"2 of 3, run: plant, controller and recorder as processes, {seconds:g} s in real time")
-    outcome = supervise(scene, view=view, web=web)
+    board = f", the board at {scene.controllers['nf'].port}" if device else ""
+    printing.note(f"2 of 3, run: plant, controller and recorder as processes{board}, {seconds:g} s in real time")
+    with ExitStack() as stack:
+        if device:
+            stack.enter_context(started(scene.controllers["nf"].port, described(shipped)["nf"]))
+        outcome = supervise(scene, view=view, web=web)
     figure = Path(outcome.log).with_suffix(".png") if outcome.log else None
     if figure is not None:
         printing.note("3 of 3, draw: the figure of the run; a second or two")
@@ -246,6 +257,9 @@ def simulate(
     only: Only = None,
     budget: Budget = None,
     precision: Accuracy = None,
+    recorded: Annotated[
+        bool, Option("", "With --from: a board commands what it has commanded in the recording.")
+    ] = False,
     *,
     overrides: Mapping[str, str],
     untold: Mapping[str, object],
@@ -278,6 +292,7 @@ def simulate(
         (by_method.keys() & overrides.keys(), "--method and -p: both give clock.method; leave out one of them"),
         (start is not None and wrong, f"--from {start}: {wrong} cannot be given with it; the recording decides"),
         (start is None and scene is None, neither),
+        (start is None and recorded, "--recorded: only with --from, for a recording of a board"),
     )
     loaded: Scene | None = None
     if scene is not None:
@@ -295,7 +310,7 @@ def simulate(
     begin = time.perf_counter()
     with _asked_to_stop() as stop:
         try:
-            simulated = _simulated(loaded, start, overrides, duration, trust, stop)
+            simulated = _simulated(loaded, start, overrides, duration, trust, recorded, stop)
         except ControllerFailed as error:  # what was computed is kept
             if error.run is None:  # it could not start
                 raise
@@ -326,6 +341,7 @@ def _simulated(
     overrides: Mapping[str, str],
     length: float | None,
     trust: bool,
+    recorded: bool,
     stop: Callable[[], str],
 ) -> Run:
     """Simulate a scene, or continue a recording."""
@@ -337,7 +353,8 @@ def _simulated(
             return rig.simulate(scene, length, stop)
         log, at = instant_of(start)
         allow(log, trust)
-        return rig.fork(log, at, {key: number_or_text(value) for key, value in overrides.items()}, length, stop)
+        given = {key: number_or_text(value) for key, value in overrides.items()}
+        return rig.fork(log, at, given, length, stop, recorded=recorded)
 
 
 @contextmanager

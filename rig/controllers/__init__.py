@@ -10,6 +10,7 @@ squeal_switch    a shunt that is connected when the brake squeals
 lti              a linear controller from a file or from python-control
 shunt_tuner      a shunt whose inductance follows the frequency of the squeal
 c                a controller compiled from C
+device           a controller on a board, by serial port or UDP
 
 blocks           building blocks of controllers
 runtime          the code that runs controllers

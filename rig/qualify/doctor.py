@@ -41,6 +41,7 @@ from rig.bench.run.simulate import begun, carry_on
 from rig.bus import encode
 from rig.compiled import kernel
 from rig.controllers import restored
+from rig.controllers.blocks.base import is_elsewhere
 from rig.design import described
 from rig.errors import NumericsError, RigError, SceneError, UsageError
 from rig.machine.process import Child, end, no_garbage
@@ -142,7 +143,8 @@ def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns)
 def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clock) -> list[int]:
     """Frames of controller run, in order."""
     duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
-    working = {name: restored(description) for name, description in described(scene).items()}
+    restored_by_name = {name: restored(description) for name, description in described(scene).items()}
+    working = {name: controller for name, controller in restored_by_name.items() if not is_elsewhere(controller)}
 
     def prepare(experiment: Experiment) -> None:
         experiment.runner.motion.foresee(sets)

@@ -16,6 +16,7 @@ from pydantic_core import PydanticSerializationError
 
 from rig.controllers import controller_class, controller_drives, controller_reads
 from rig.controllers.blocks import base, compiled
+from rig.controllers.device import Device
 from rig.errors import PartError
 from rig.parts import calling, file_of, place_of
 from rig.quantities import LONGEST
@@ -249,6 +250,22 @@ def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str)
                 f"{key} = {shown(section.reads)}: is in {outputs[section.reads].unit}, a {section.kind} reads "
                 f"{section.reads_unit}; outputs in this unit: {', '.join(fitting) or 'none'}",
             )
+
+
+def boards(controllers: Mapping[str, Any]) -> Iterator[source.Fault]:
+    """Each board has one controller."""
+    owners: dict[Any, str] = {}
+    for name, section in controllers.items():
+        if not isinstance(section, Device):
+            continue
+        where = section.address.device if section.address.kind == "serial" else section.address
+        if where in owners:
+            key = f"controllers.{name}.port"
+            yield (
+                key,
+                f"{key} = {section.port}: is the port of controllers.{owners[where]}, too; each board has its own",
+            )
+        owners[where] = name
 
 
 def wiring(

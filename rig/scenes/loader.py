@@ -142,6 +142,7 @@ class _Reading:
         if names.whole and assembly is not None and parameters is not None:
             report(checks.wiring(controllers, sensors, names.inputs, plant))
             report(checks.units(controllers, sensors, names.inputs))
+            report(checks.boards(controllers))
             self._compiled(controllers, sensors, parameters, frame_ns)
             report(checks.hands_off(protocol, controllers))
             ramped = {name: "ramped" for step in flat(protocol) if moves(step) for name in targets(step)}

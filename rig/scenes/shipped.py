@@ -31,7 +31,7 @@ GROUPS = {
     "remedies against stick-slip": "belt_remedy_damping belt_remedy_friction belt_remedy_load belt_remedy_speed "
     "belt_remedy_stiffness belt_tuned_mass belt_tuned_mass_wrong belt_shunt",
     "feedback against stick-slip": "belt_normal_force belt_normal_force_acceleration belt_normal_force_displacement "
-    "belt_velocity_feedback belt_slow_card belt_poor_network belt_faults",
+    "belt_velocity_feedback belt_slow_card belt_poor_network belt_faults belt_device pendulum_device",
     "dither and fluctuating load": "belt_dither belt_dither_controlled belt_dither_sampled two_dof_dither "
     "disc_slider_dither belt_fluctuating_load",
     "flutter, mostly by mode coupling": "two_dof four_dof north pin tread structure disc_slider_c plate_cea",

@@ -181,8 +181,21 @@ def difference(run, other):
     return max((norm(a - b) / max(norm(a), norm(b)) for a, b in pairs), default=0.0)
 
 
+def on_board(name):
+    """Whether a scene needs a board, or its stand-in."""
+    return any(section.kind == "device" for section in rig.load(name).controllers.values())
+
+
 @pytest.mark.parametrize(
-    "name", [*(pytest.param(name, marks=pytest.mark.slow if name in HEAVY else ()) for name in names()), *CHANGED]
+    "name",
+    [
+        *(
+            pytest.param(name, marks=pytest.mark.slow if name in HEAVY else ())
+            for name in names()
+            if not on_board(name)
+        ),
+        *CHANGED,
+    ],
 )
 def test_the_size_of_an_absent_effect_is_that_of_a_simulation_with_it(name):
     """The reference: the forces of both runs; for limits the time at them in the run with it. Or it is not judged."""

@@ -28,7 +28,7 @@ PROMISED = {
     "analyse ": "amplitude events hysteresis portrait pressure response sound spectrum stick",
     "live ": "tune connect disconnect knock pause step resume stop plant control record replay bridge",
     "live topic ": "ls hz echo",
-    "tool ": "doctor warmup clean torture reproduce",
+    "tool ": "device doctor warmup clean torture reproduce",
 }
 
 

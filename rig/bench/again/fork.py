@@ -23,13 +23,15 @@ import numpy as np
 
 from rig import controllers, design
 from rig.bench.again.agreement import ELSEWHERE, agreement, changed_place, duration_ns, pairs, unknown
+from rig.bench.again.compared_board import compared
 from rig.bench.again.history import CHECKPOINT, add_history, nearest, recorded_scene
 from rig.bench.run.builds import GOES_ON, WAITS
 from rig.bench.run.experiment import FORK, PLANT, Experiment, divided
 from rig.bench.run.journal import OPERATOR
 from rig.bench.run.runner import Resumption
 from rig.bench.run.simulate import Recorded, Stop, begun, simulate
-from rig.controllers.blocks.base import Controller, retune, tunable
+from rig.controllers import controller_class
+from rig.controllers.blocks.base import Controller, is_elsewhere, retune, tunable
 from rig.controllers.runtime.skipped import KIND, SkippedSteps
 from rig.errors import LogError, RigError, UsageError
 from rig.printable import counted
@@ -47,11 +49,13 @@ def fork(
     changes: Mapping[str, Any] | None = None,
     duration_ns: int | None = None,
     stop: Stop | None = None,
+    recorded: bool = False,
 ) -> Run:
     """Continue the recording `log` from `at` [s] (None: its end) with other values, for `duration_ns` or its protocol.
 
     `changes`: dotted key -> value with unit, of the rig or of a controller (controllers.NAME.KEY). The instant is the
-    nearest frame. `stop`: see `simulate`. Raises UsageError for values that cannot change in the middle of a run and
+    nearest frame. `stop`: see `simulate`. `recorded`: controllers on other hardware command what they have commanded in
+    the recording, up to its end. Raises UsageError for values that cannot change in the middle of a run and
     for an instant outside of the recording, LogError for a recording that does not repeat here.
     """
     changes = changes or {}
@@ -64,7 +68,10 @@ def fork(
             "cannot be continued; continue a recording that begins at 0 s"
         )
     tick = _tick(log, run, at)
+    boards = _boards(log, scene, recorded)
     end = scene.duration_ns if duration_ns is None else tick * run.frame_ns + duration_ns
+    if boards:
+        end = _within(log, run, tick, duration_ns)
     if end is None or end <= tick * run.frame_ns:
         begin = f"{tick * run.frame_ns * 1e-9:g} s"
         raise UsageError(f"{log}: its protocol has no steps after {begin}; state a duration, e.g. --duration 10")
@@ -72,7 +79,8 @@ def fork(
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     now = tick * run.frame_ns
     origin: dict[str, str | int] = {"ancestor": log.name, "ancestor_sha256": digest, "instant_ns": now}
-    acting = {name: controllers.restored(description) for name, description in design.described(scene).items()}
+    described = design.described(scene)
+    acting = {name: controllers.restored(described[name]) for name in described if name not in boards}
     _check(begun(scene, acting)[0], acting, changes)
     asked: list[str] = []
 
@@ -87,9 +95,9 @@ def fork(
     events += [_action("parameter", tick, now, "", {"set": changes})] if changes else []
 
     def continued(resumption: Resumption | None) -> Run:
-        recorded = Recorded(run.commands, events, tick, resumption, _skipped_before(run, tick))
+        history = Recorded(run.commands, events, tick, resumption, _skipped_before(run, tick), boards)
         try:
-            continuation = simulate(scene, None, end, recorded, None if stop is None else ask)
+            continuation = simulate(scene, None, end, history, None if stop is None else ask)
         except LogError as fault:
             raise LogError(f"{log}: {fault}") from None
         if resumption is not None:
@@ -107,8 +115,37 @@ def fork(
             result = continued(resumption)
             origin[CHECKPOINT] = resumption.tick * run.frame_ns
     result = result or continued(None)
+    for name in boards:
+        kind, text = compared(run, scene, name, tick)
+        result.events += [{**_action(kind, tick, now, text, {}), "data": {"controller": name}}] if text else []
+    result.events.sort(key=lambda event: int(event["t_ns"]))
     result.provenance = provenance(scene.seed) | {key: str(value) for key, value in origin.items()}
     return result
+
+
+def _boards(log: Path, scene: Scene, recorded: bool) -> list[str]:
+    """The controllers on other hardware, if their recorded commands may be taken. Raises UsageError."""
+    boards = [name for name, section in scene.controllers.items() if is_elsewhere(controller_class(section))]
+    if boards and not recorded:
+        raise UsageError(
+            f"{log}: {', '.join(boards)} ran on a board, whose memory of that instant is not recorded, so it cannot "
+            "continue there; with --recorded it commands what it has commanded in the recording, up to its end"
+        )
+    if recorded and not boards:
+        raise UsageError(f"{log}: --recorded: no controller of this recording ran on a board")
+    return boards
+
+
+def _within(log: Path, run: Run, tick: int, length_ns: int | None) -> int:
+    """The end of a continuation by recorded commands [ns]. Raises UsageError for one after that of the recording."""
+    begin_ns = tick * run.frame_ns
+    last_ns = duration_ns(run)
+    if length_ns is not None and begin_ns + length_ns > last_ns:
+        raise UsageError(
+            f"{log}: the commands of its board end at {last_ns * 1e-9:g} s; from {begin_ns * 1e-9:g} s on a duration "
+            f"of at most {(last_ns - begin_ns) * 1e-9:g} s is possible"
+        )
+    return last_ns if length_ns is None else begin_ns + length_ns
 
 
 def _tick(log: Path, run: Run, at: float | None) -> int:

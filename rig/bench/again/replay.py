@@ -9,7 +9,7 @@ from typing import Any
 
 from rig import bus, controllers, design
 from rig.bus.run_setup import Setup
-from rig.controllers.blocks.base import Controller, retune
+from rig.controllers.blocks.base import Controller, is_elsewhere, retune
 from rig.controllers.runtime.file import load_file
 from rig.errors import BusError, LogError, UsageError
 from rig.machine.process import Child, end
@@ -56,6 +56,10 @@ def replay(
             if name in wanted:
                 described[name] = _described(setup, name, wanted[name])
             taking_part[name] = controllers.restored(described.get(name) or _recorded(setup, name))
+            if is_elsewhere(taking_part[name]):
+                raise UsageError(
+                    f"--into {name}: it ran on a board, whose law advances with every step that it answers"
+                )
     initial = {name: values for name, values in wanted.items() if name not in described}
     with bus.host(scene="replay") as session:
         report(f"run {session.run}")

@@ -30,12 +30,15 @@ from rig.bench.run.local_controllers import NEVER, CompiledControllers, Controll
 from rig.bench.run.simulate import carry_on
 from rig.bus.port import Session
 from rig.controllers.blocks.base import Values
+from rig.controllers.device import Device
 from rig.controllers.runtime.loop import Loop, failure
 from rig.controllers.runtime.service import Service
 from rig.errors import UsageError
 
 AGAIN = 0.01  # s until a step without an answer is sent again; doubled each time. chosen
 EVICTED = 5.0  # s. chosen
+NO_BOARD = "a board does not answer"
+"""How a run in lockstep ends without one of its boards."""
 _LOOK_NS = 100_000_000  # between two rounds of the housekeeping while the plant waits. chosen
 MOST = 1 << 10
 """Most commands that are read in a frame in which no controller is due."""
@@ -273,6 +276,9 @@ class Lockstep:
                 self._hub.experiment.journal.note("evicted", text, controller=name)
             self._due.discard(name)
             del self._partners[name]
+            if isinstance(self._hub.experiment.scene.controllers.get(name), Device):
+                self._hub.experiment.stop(NO_BOARD)
+                raise Stopped
 
 
 class Partner(ControllerInProcess):

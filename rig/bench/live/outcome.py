@@ -12,7 +12,8 @@ from typing import Any, Literal
 
 from rig.bench.live import status
 from rig.bench.live.timing import NOTHING_LOST
-from rig.errors import ExitCode, UsageError
+from rig.controllers.device import Device, too_slow
+from rig.errors import DeviceError, ExitCode, UsageError
 from rig.scenes.scene import Scene
 
 CALLING = "calling"
@@ -81,7 +82,13 @@ class Job:
 
 
 def keeps_up(scene: Scene, pace: Pace) -> None:
-    """Raise UsageError if `pace` exceeds the pace limit that `scene` states."""
+    """Raise UsageError if `pace` exceeds the pace limit that `scene` states or its boards, or one cannot be used."""
+    boards = [section for section in scene.controllers.values() if isinstance(section, Device)]
+    for section in boards:
+        section.address.check()
+        fastest = 1.0 if pace == AUTO else pace
+        if fastest is not None and section.address.has_rate and (slow := too_slow(section, fastest)):
+            raise DeviceError(slow)
     limit = scene.clock.pace_limit
     if pace is not None and pace != AUTO and limit is not None and pace > limit:
         raise UsageError(

@@ -35,9 +35,9 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
-from rig import design
+from rig import controllers, design
 from rig.bench.live import pace
-from rig.bench.live.asked_controllers import ControllersInPlant, Lockstep, Stopped
+from rig.bench.live.asked_controllers import NO_BOARD, ControllersInPlant, Lockstep, Stopped
 from rig.bench.live.housekeeping import Housekeeper, RecorderLag
 from rig.bench.live.hub import Hub, missing
 from rig.bench.live.operator_commands import Operator
@@ -51,8 +51,9 @@ from rig.bus import messages
 from rig.bus.inbound import TICKS
 from rig.bus.port import Session
 from rig.bus.run_setup import Setup
+from rig.controllers.device import Device
 from rig.controllers.runtime.loop import Loop
-from rig.errors import BusError, ExitCode, NumericsError, RigError
+from rig.errors import BusError, DeviceError, ExitCode, NumericsError, RigError
 from rig.machine import scheduling
 from rig.machine.process import no_garbage
 from rig.parts import foreign_fault
@@ -99,19 +100,22 @@ def finalise(plant: Plant) -> dict[str, Any]:
             )
         if counts["skipped"]:
             plant.housekeeper.faults.append(f"{name} was behind and skipped {counted(counts['skipped'], 'step')}")
+        missed = counts.get("missed", 0)
+        if missed > plant.scene.clock.late_share_valid * counts.get("asked", 0):  # fewer count as late frames do
+            plant.housekeeper.faults.append(f"{counted(missed, 'step')} to {name} without an answer of its board")
     experiment.journal.note("end", ended)
     hub.put_events()
     plant.in_plant.leave()
     plant.housekeeper.tell_health(now)
     lost, unknown = _lost_elsewhere(plant)
-    lost |= _unanswered(plant, {name: counts["skipped"] for name, counts in counters.items()})
+    lost |= _unanswered(plant, {name: counts["skipped"] + counts.get("missed", 0) for name, counts in counters.items()})
     hub.commands.receive()
     lost |= hub.commands.lost()
     verdict = timing_verdict(plant, lost, unknown)
     code = verdict.exit_code or (ExitCode.INTERRUPTED if plant.interrupted else ExitCode.DONE)
     if plant.fault or experiment.aborted:
         code = ExitCode.STOPPED
-    elif ended == "failed":
+    elif ended in ("failed", NO_BOARD):
         code = ExitCode.FAILED
     statistics = runner.statistics()
     t = runner.t_ns / 1e9
@@ -187,7 +191,9 @@ def _counters(plant: Plant) -> dict[str, dict[str, int]]:
         if name not in counters and ("controller", name) in here:
             with suppress(BusError, LookupError, TypeError):  # one in another language has none
                 told = plant.session.ask(f"param/{name}", {"get": []}, COUNTERS_S)["counters"]
-                counts = {what: told[what] for what in Loop.COUNTED}
+                section = plant.scene.controllers.get(name)
+                names = Loop.COUNTED if section is None else Loop.names_of(controllers.controller_class(section))
+                counts = {what: told[what] for what in names}
                 if all(type(count) is int and 0 <= count < TICKS for count in counts.values()):
                     counters[name] = counts
     return counters
@@ -196,7 +202,7 @@ def _counters(plant: Plant) -> dict[str, dict[str, int]]:
 def _unanswered(plant: Plant, skipped: Mapping[str, int]) -> dict[str, int]:
     """Return the number of steps without an answer, for each controller that was connected during the whole run.
 
-    `skipped`: controller -> number of steps that it received and left out.
+    `skipped`: controller -> number of steps that it received and left out, or that its board did not answer.
     """
     hub = plant.hub
     unanswered = {}
@@ -295,6 +301,8 @@ class Plant:
         """Why the numerics stopped the run."""
         self.interrupted = False
         """Whether a signal ended the run before the end that its protocol or its duration sets."""
+        self.boards = {name for name, section in scene.controllers.items() if isinstance(section, Device)}
+        """Controllers without which the run does not begin, and in lockstep ends."""
         self.from_start: set[tuple[str, str]] = set()
         """Processes that were connected at the first frame."""
         self.waiting: pace.Waiting | None = None
@@ -330,6 +338,7 @@ class Plant:
             sensors={n: (u, p) for n, u, p in zip(runner.bank.names, runner.bank.units, runner.bank.periods_ns)},
             controllers=controllers,
             paced=self.job.pace is not None,
+            waits=self.job.in_lockstep,
             core=self.cores[1],
             provenance=provenance(scene.seed, self.job.command or tuple(sys.argv)),
             models=tuple(self.models.values()),
@@ -366,6 +375,8 @@ class Plant:
             waited = [who for who in missing if who not in self.operator.excused]
             if not waited or self.operator.begun or time.monotonic() >= deadline:
                 self.housekeeper.miss(missing)
+                if boards := [who for who in missing if who.removeprefix("controller ") in self.boards]:
+                    raise DeviceError(f"{', '.join(boards)} is not here: a run does not begin without its board")
                 break
             if (text := f"waiting for {', '.join(waited)}") != shown:
                 shown = text

@@ -32,7 +32,7 @@ from rig.bench.run.local_controllers import CALLS, CompiledControllers, asked_of
 from rig.bench.run.rig_variants import Wanted
 from rig.bench.run.runner import PlantRunner
 from rig.bench.run.simulate import begun, carry_on
-from rig.controllers.blocks.base import Controller
+from rig.controllers.blocks.base import Controller, is_elsewhere
 from rig.errors import ControllerFailed, ExitCode, NumericsError, RigError
 from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
@@ -133,6 +133,8 @@ def rehearse(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> Rehearsal:
     for name, description in design.described(scene).items():
         if name not in scene.in_plant and getattr(scene.controllers[name], "kind", "") == "c":
             continue  # a crash is that of its own process
+        if is_elsewhere(controllers.controller_class(scene.controllers[name])):
+            continue  # its law would advance
         with suppress(RigError):  # a controller that cannot start says why in its own process; the run does not need it
             working[name] = controllers.restored(description)
             if name in scene.in_plant and length(scene, job.pace) > 1:

@@ -213,7 +213,23 @@ def unanswered(counts: Mapping[str, int]) -> list[str]:
         words.append(f"{counted(refused, 'answer')} not finite, and not sent")
     if skipped:
         words.append(f"{counted(skipped, 'step')} skipped, because it was behind")
-    return words
+    return [*words, *_of_board(counts)]
+
+
+def _of_board(counts: Mapping[str, int]) -> list[str]:
+    """What a controller on a board with these counters (rig.machine.board.Line) received wrong, in words."""
+    said = {
+        "missed": "{} without an answer of the board",
+        "again": "{} asked again",
+        "damaged": "{} damaged",
+        "other": "{} late, doubled or foreign",
+        "unfit": "{} with other values",
+        "resets": "{} of the board",
+    }
+    nouns = {"missed": "step", "again": "step", "resets": "reset"}
+    return [
+        text.format(counted(counts[name], nouns.get(name, "frame"))) for name, text in said.items() if counts.get(name)
+    ]
 
 
 def _postponed(counts: Mapping[str, Any] | None) -> list[str]:

@@ -490,14 +490,21 @@ class Playback(Exchange):
 
     end: int | None = None
     played: Mapping[str, PlayedCommands] = {}
+    whole: Collection[str] = ()
 
-    def play(self, recorded: Mapping[str, Commands], end: int | None = None) -> None:
-        """Take the commands of each controller before tick `end` from a recording; all without `end`."""
+    def play(self, recorded: Mapping[str, Commands], end: int | None = None, whole: Collection[str] = ()) -> None:
+        """Take the commands of each controller before tick `end` from a recording; all without `end`.
+
+        `whole`: controllers whose later commands are taken from it, too.
+        """
         self.end = end
+        self.whole = whole
         readable = [
             (name, commands) for name, commands in recorded.items() if commands.tick.size
         ]  # damage may leave none
-        self.played = {name: PlayedCommands(_before(end, commands)) for name, commands in readable}
+        self.played = {
+            name: PlayedCommands(_before(None if name in whole else end, commands)) for name, commands in readable
+        }
         for queue in self.queues.values():
             self._fits(queue)
 
@@ -540,7 +547,9 @@ class Playback(Exchange):
         loop handles, it is the tick of the first command that exceeds the loop's capacity.
         """
         if not self.plays:
-            return super().until(but)
+            first = super().until(but)
+            ticks = [first, *(self.played[name].due() for name in self.whole if name in self.played)]
+            return min((tick for tick in ticks if tick is not None), default=None)
         due = [] if (step := self._next_step()) is None else [step]
         played = [(name, commands) for name, commands in self.played.items() if name in self.queues]
         ticks = [commands.due(ROWS if name in but else 0) for name, commands in played]
@@ -549,20 +558,27 @@ class Playback(Exchange):
     def take_over(self) -> list[CommandQueue]:
         """Put into force the recorded commands of this tick; from `end` on those that controllers have sent."""
         if not self.plays:
-            return super().take_over()
-        tick = self._runner.tick
+            later = [queue for queue in self._order if queue.name in self.whole and self._impose_played(queue)]
+            changed = super().take_over()
+            changed += later
+            return changed
         changed = self._changed
         changed.clear()
-        for queue in self._order:
-            played = self.played.get(queue.name)
-            while played is not None and played.is_due(tick):
-                _, answered, status, values = (column[played.done].tolist() for column in played.commands)
-                self.impose(queue, answered, status, tuple(values))
-                played.done += 1
-                changed.append(queue)
+        changed += filter(self._impose_played, self._order)
         if self._steps:
             self._step()
         return changed
+
+    def _impose_played(self, queue: CommandQueue) -> bool:
+        """Put the recorded commands of a controller that are due into force; whether there are any."""
+        tick = self._runner.tick
+        played = self.played.get(queue.name)
+        before = 0 if played is None else played.done
+        while played is not None and played.is_due(tick):
+            _, answered, status, values = (column[played.done].tolist() for column in played.commands)
+            self.impose(queue, answered, status, tuple(values))
+            played.done += 1
+        return played is not None and played.done > before
 
 
 def _before(end: int | None, commands: Commands) -> Commands:

@@ -34,7 +34,7 @@ from rig.controllers.runtime.file import faults_of
 from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.native import Native, Uncompiled
 from rig.controllers.runtime.skipped import SkippedSteps
-from rig.errors import ControllerLost, SceneError, Untrusted, UsageError
+from rig.errors import ControllerLost, DeviceError, SceneError, Untrusted, UsageError
 from rig.quantities import details_of
 from rig.scenes import checks
 from rig.scenes.scene import Scene
@@ -146,7 +146,7 @@ def loop_of(name: str, controller: Controller) -> Loop:
         call(name)
     try:
         loop = Loop(controller)
-    except (ControllerLost, KeyboardInterrupt, Untrusted):
+    except (ControllerLost, DeviceError, KeyboardInterrupt, Untrusted):
         raise
     except BaseException as error:
         raise failure(name, 0, error) from error
@@ -180,6 +180,7 @@ class ControllerInProcess:
         self._journal = experiment.journal
         self.columns = [self._runner.bank.names.index(sensor) for sensor in loop.controller.reads]
         self._speaks = hasattr(loop.controller, "take_messages")
+        self._tells = hasattr(loop.controller, "take_events")
         self._latest = self._runner.bank.latest.item
 
     def _take_place(self, name: str, experiment: Experiment) -> None:
@@ -264,6 +265,8 @@ class ControllerInProcess:
             self._journal.note_at(tick, "not finite", NOT_FINITE.format(self.name), controller=self.name)
         for text in said:
             self._journal.note_at(tick, "log", text, controller=self.name)
+        for kind, text in loop.controller.take_events() if self._tells else ():  # type: ignore[attr-defined]
+            self._journal.note_at(tick, kind, text, controller=self.name)
         return answer
 
     def native(self) -> Native | None:

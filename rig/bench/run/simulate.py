@@ -22,7 +22,7 @@ from rig.bench.run.experiment import BEGIN, Experiment
 from rig.bench.run.local_controllers import LOST, CompiledControllers, ControllerInProcess, Guest, loop_of
 from rig.bench.run.runner import PlantRunner, ResumedRunner, Resumption
 from rig.controllers import controller_drives, restored
-from rig.controllers.blocks.base import Controller, gets_every_sample
+from rig.controllers.blocks.base import Controller, gets_every_sample, is_elsewhere
 from rig.controllers.runtime.loop import Loop
 from rig.controllers.runtime.skipped import SkippedSteps
 from rig.errors import ControllerFailed, NumericsError, UsageError
@@ -42,7 +42,7 @@ class Recorded(NamedTuple):
     """Actions of a recorded run, repeated at the same ticks with the same values: commands and actions of operators.
 
     Before tick `end` no command of a controller counts; without `end` none in the whole run. `skipped`: controller ->
-    the steps before `end` that it did not answer.
+    the steps before `end` that it did not answer. `whole`: controllers whose recorded commands count after `end`, too.
 
     `resumption`: where to begin to simulate; before that measurements are played. None: at the begin.
     """
@@ -52,6 +52,7 @@ class Recorded(NamedTuple):
     end: int | None = None
     resumption: Resumption | None = None
     skipped: Mapping[str, SkippedSteps] = MappingProxyType({})
+    whole: Collection[str] = ()
 
 
 def simulate(
@@ -63,6 +64,7 @@ def simulate(
     tell: Tell | None = None,
     guests: Mapping[str, Guest] = NOBODY,
     audited: bool = True,
+    boards: bool = False,
 ) -> Run:
     """Run `scene` for `duration_ns`, or for the duration of its protocol.
 
@@ -70,9 +72,10 @@ def simulate(
     scene does not know; they are admitted before the first tick.
     `recorded`: actions of a recorded run to repeat. `stop` is called ten times per simulated second; it returns why to
     stop, or "". `tell` is called after each piece of the run, and changes none of them. `audited`: judge the effects
-    in the summary, which takes as long as a short run. If the integration has to stop, the run up to there is returned
-    with `fault`, and its events say what happened; the same if the code of a controller raises an exception, which is
-    then the cause of `Run.failure`. Raises UsageError without a duration.
+    in the summary, which takes as long as a short run. `boards`: controllers on other hardware take part. If the
+    integration has to stop, the run up to there is returned with `fault`, and its events say what happened; the same if
+    the code of a controller raises an exception, which is then the cause of `Run.failure`. Raises
+    UsageError without a duration.
     """
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; state a duration, e.g. --duration 10")
@@ -81,7 +84,11 @@ def simulate(
     with model_store.collected() as models:  # those of the rig that the controllers believe in, too
         if controllers is None:
             own = design.described(scene)
-            controllers = {name: restored(description) for name, description in own.items()}
+            played = () if recorded is None else recorded.whole
+            controllers = {name: restored(own[name]) for name in own if name not in played}
+            for controller in controllers.values():
+                if boards and is_elsewhere(controller):
+                    controller.run = "waits"  # type: ignore[attr-defined]
         carried = carry_out(scene, controllers, duration_ns, recorded, stop, tell, guests)
     for model in models.values():  # drawing the run assembles its rig again
         model_store.offer(model)
@@ -147,6 +154,9 @@ def carry_out(
         experiment.stop("a controller failed")
         trace = "".join(traceback.format_exception(error.__cause__))
         experiment.journal.note(LOST, fault, controller=error.name, trace=trace)
+    finally:
+        for asked in working:
+            asked.loop.end()
     experiment.end()
     loops = {controller.name: controller.loop for controller in working}
     return FinishedRun(runner, experiment, loops, fault, checkpoints, failed)
@@ -186,7 +196,7 @@ def begun(
     )
     if isinstance(experiment.exchange, Playback):
         assert recorded is not None
-        experiment.exchange.play(recorded.commands, recorded.end)
+        experiment.exchange.play(recorded.commands, recorded.end, recorded.whole)
     before(experiment)
     if guests:
         _welcome(experiment, guests)

@@ -11,6 +11,9 @@ t_ns is simulated time. Values are finite, which `loop.Loop` ensures.
 A controller with `every_sample = True` gets a tuple of all samples of each sensor published in the last frame, instead
 of the latest one; its period is one frame. In this way a loop at 1 kHz reads a sensor at 50 kHz.
 
+A controller with `elsewhere = True` has its law on other hardware, whose memory nobody else sees
+(rig.controllers.device): it is called once a step and never for a trial. Without an answer it returns () as commands.
+
 A controller whose class takes `(section, numbers)` and stores the section can be retuned during a run.
 
 A controller whose `update` is `functools.partial(law, constants)` can be compiled (`runtime.native`): the control law
@@ -143,6 +146,11 @@ def retune(controller: C, changes: Mapping[str, object]) -> C:
 def gets_every_sample(controller: Controller | type) -> bool:
     """Whether a controller gets every sample of its sensors, not only the latest one of a frame."""
     return bool(getattr(controller, "every_sample", False))
+
+
+def is_elsewhere(controller: Controller | type) -> bool:
+    """Whether the law of a controller runs on other hardware, so that no trial may call it."""
+    return bool(getattr(controller, "elsewhere", False))
 
 
 def parameters(controller: Controller) -> dict[str, Any]:

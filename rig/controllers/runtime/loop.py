@@ -11,7 +11,7 @@ from itertools import chain
 from math import isfinite
 from typing import Any
 
-from rig.controllers.blocks.base import Controller, Samples, State, Values, gets_every_sample, retune
+from rig.controllers.blocks.base import Controller, Samples, State, Values, gets_every_sample, is_elsewhere, retune
 from rig.errors import ControllerFailed, PartError, RigError, UsageError, kind_and_text
 from rig.machine.process import copies, end_copy
 from rig.parts import code_of, foreign_fault
@@ -47,7 +47,10 @@ def failure(name: str, t_ns: int, error: BaseException) -> ControllerFailed:
 
 
 class Loop:
-    """One controller with its state. `command` is the last finite answer, () before the first."""
+    """One controller with its state. `command` is the last finite answer, () before the first.
+
+    A controller whose law runs `elsewhere` may have no answer: () instead of a command, and nothing is sent.
+    """
 
     __slots__ = (
         "_waiting",
@@ -97,6 +100,9 @@ class Loop:
             end_copy(before)
         try:
             state, command = answer
+            if command == () and is_elsewhere(controller):
+                self.state = state
+                return ()
             if len(command) != len(controller.drives) or (type(command) is not tuple and isinstance(command, _NO_ROW)):
                 raise ValueError
             finite = isfinite(sum(command)) or _finite(command)
@@ -157,6 +163,21 @@ class Loop:
                 f"{type(old).__name__} cannot be retuned to {given or 'its values'}: {kind_and_text(fault)}"
             ) from fault
 
+    def end(self) -> None:
+        """Let a controller on other hardware release it."""
+        if is_elsewhere(self.controller):
+            self.controller.close()  # type: ignore[attr-defined]
+
     def counters(self) -> dict[str, int]:
-        """Numbers of updates, of ticks with a held command, of refused answers, and of skipped ticks."""
-        return {name: getattr(self, name) for name in self.COUNTED}
+        """Numbers of updates, of ticks with a held command, of refused answers, and of skipped ticks.
+
+        And the counts that the controller itself keeps, as `Loop.names_of` lists them.
+        """
+        own = getattr(self.controller, "counts", {}) if is_elsewhere(self.controller) else {}
+        return {name: getattr(self, name) for name in self.COUNTED} | own
+
+    @classmethod
+    def names_of(cls, controller: Controller | type) -> tuple[str, ...]:
+        """Names of the `counters` of this controller, or of those of this class."""
+        own: tuple[str, ...] = getattr(controller, "COUNTED", ()) if is_elsewhere(controller) else ()
+        return (*cls.COUNTED, *own)

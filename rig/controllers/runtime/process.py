@@ -24,7 +24,7 @@ from typing import Any
 from rig import bus, controllers
 from rig.bus import encode, run_setup
 from rig.bus.port import Session
-from rig.controllers.blocks.base import Controller, Samples
+from rig.controllers.blocks.base import Controller, Samples, is_elsewhere
 from rig.controllers.runtime.file import load_file
 from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.service import Service
@@ -60,6 +60,7 @@ class Worker(Service):
             self.loop.retune(changes)
         self._long = 0
         self._speaks = hasattr(controller, "take_messages")
+        self._tells = hasattr(controller, "take_events")
         sensors = list(described.sensors)
         missing = [name for name in controller.reads if name not in sensors]
         if missing:
@@ -103,6 +104,7 @@ class Worker(Service):
             raise why from error
         finally:
             self.leave()
+            self.loop.end()
 
     def next_step(self) -> Any:
         """The step to answer next; None if none arrives within `PATIENCE`.
@@ -171,13 +173,18 @@ class Worker(Service):
             held = loop.held
             refused = loop.refused
             begin = time.perf_counter_ns()
-            self.answered = encode.act(tick, t_ns, loop.answer(t_ns, values))
-            self.act.put(self.answered, t_ns)
+            command = loop.answer(t_ns, values)
+            if command or not is_elsewhere(loop.controller):
+                self.answered = encode.act(tick, t_ns, command)
+                self.act.put(self.answered, t_ns)
             if loop.refused and not refused:
                 self.publish("not finite", NOT_FINITE.format(self.session.name), {})
             if self._speaks:
                 for text in loop.controller.take_messages():  # type: ignore[attr-defined]
                     self.publish("log", text, {})
+            if self._tells:
+                for kind, text in loop.controller.take_events():  # type: ignore[attr-defined]
+                    self.publish(kind, text, {})
             self._long = self._long + 1 if time.perf_counter_ns() - begin > LONG_NS else 0
             if self._long == LONG_ANSWERS:
                 anywhere()
@@ -246,7 +253,10 @@ def run(
         described = run_setup.fetch(session, wait)
         if trust:
             trust_scene(described.scene)
-        worker = Worker(session, described, made(described, name, file, table), changes)
+        controller = made(described, name, file, table)
+        if is_elsewhere(controller):
+            controller.run = "paced" if described.paced and not described.waits else "waits"  # type: ignore[attr-defined]
+        worker = Worker(session, described, controller, changes)
         drives = ", ".join(worker.loop.controller.drives)
         reads = ", ".join(worker.loop.controller.reads)
         say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")

@@ -1,0 +1,151 @@
+"""Boards for tests: stand-ins in a thread, whose answers may be disturbed, and the scene of a controller on one."""
+
+import random
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from rig import controllers, design, scenes
+from rig.controllers.runtime.stand_in import Board, serve_serial, serve_udp
+from rig.machine.board import Address, Frame, stuffed
+
+ROOT = Path(__file__).parents[2]
+RANDOM = random.Random(66)
+
+
+def garbage(answer):
+    return [RANDOM.randbytes(len(answer))]
+
+
+def half(answer):
+    return [answer[: len(answer) // 2]]
+
+
+def missing(answer):
+    return []
+
+
+def doubled(answer):
+    return [answer, answer]
+
+
+def late(answer):
+    time.sleep(0.025)
+    return [answer]
+
+
+FAULTS = {"garbage": garbage, "half": half, "missing": missing, "doubled": doubled, "late": late}
+"""What may happen to the bytes of an answer; "other" changes its sequence."""
+
+
+def free_port():
+    """The address of a UDP port that is free, as is the next one."""
+    while True:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
+        ):
+            one.bind(("127.0.0.1", 0))
+            number = one.getsockname()[1]
+            try:
+                two.bind(("127.0.0.1", number + 1))
+            except OSError:
+                continue
+            return f"udp:127.0.0.1:{number}"
+
+
+def on_board(base, port, name="nf", changes=None, **keys):
+    """The scene `base` whose controller `name` runs on a board, and that controller without one."""
+    given = scenes.load(base, changes)
+    section = given.controllers[name]
+    whose = f"controllers.{name}."
+    rest = {key: value for key, value in (changes or {}).items() if not key.startswith(whose)}
+    stated = {key.removeprefix(whose) for key in scenes.load(base).origins if key.startswith(whose)}
+    shared = {"kind", "period", "delay"}
+    wires = {
+        "reads": [*controllers.controller_reads(section).values()],
+        "drives": [*controllers.controller_drives(section)],
+    }
+    table = dict.fromkeys(stated - shared, "none") | {"kind": "device", "port": port} | wires | keys
+    made = scenes.load(base, rest | {whose + key: value for key, value in table.items()})
+    return made, controllers.restored(design.described(given)[name])
+
+
+@contextmanager
+def standing_in(port, controller, fault=None, every=50, reset_every=0):
+    """A board at `port` with the law of `controller`, of which every 50th answer has a `fault`.
+
+    It answers nothing while its event `away` is set.
+    """
+    board = Board(controller)
+    board.away = threading.Event()
+    address = Address.read(port)
+    over = threading.Event()
+    count = [0]
+
+    def answer(data):
+        if board.away.is_set():
+            return []
+        count[0] += 1
+        if reset_every and count[0] % reset_every == 0:
+            board.reset()
+        said = board.answer(data)
+        if not said:
+            return []
+        hit = fault is not None and count[0] % every == 0
+        if hit and fault == "other":
+            frame = Frame.from_bytes(said)
+            said = frame._replace(sequence=frame.sequence ^ 1).to_bytes()
+        sent = said if address.kind == "udp" else stuffed(said)
+        return FAULTS[fault](sent) if hit and fault in FAULTS else [sent]
+
+    if address.kind == "udp":
+        serve, where = serve_udp, address.number
+    else:
+        serve, where = serve_serial, Path(address.where)
+    thread = threading.Thread(target=serve, args=(where, answer, over.is_set), daemon=True)
+    thread.start()
+    while address.kind == "serial" and not Path(address.where).exists():
+        time.sleep(0.01)
+    try:
+        yield board
+    finally:
+        over.set()
+        thread.join()
+
+
+def in_c(folder, law="normal_force.c", *options):
+    """The program of a board in C, compiled for this computer."""
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed: the C program of a board is not tested")
+    made = folder / "board"
+    warned = ["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-ffp-contract=off", "-O2"]
+    where = ["-I", str(ROOT / "docs" / "device"), f'-DLAW="{law}"']
+    source = str(ROOT / "tests" / "support" / "board_on_host.c")
+    subprocess.run(["gcc", *warned, *where, *options, source, "-o", str(made)], check=True, timeout=60)
+    return made
+
+
+@contextmanager
+def program(*command):
+    """A program that answers frames, from its "ready" on."""
+    child = subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert child.stdout.readline() == "ready\n"
+        yield child
+    finally:
+        child.kill()
+        child.wait()
+        child.stdout.close()
+
+
+def in_python(port):
+    """The board of docs/device/board.py."""
+    return program(sys.executable, ROOT / "docs" / "device" / "board.py", port.rpartition(":")[2])
