@@ -83,8 +83,12 @@ class Table:
     def cells(self) -> dict[Column, list[str]]:
         """Return the columns of a text with their cells; a column without any text is left out."""
         rows = self.rows[: self.most]
-        cells = {column: [column.cell(row[k]) for row in rows] for k, column in enumerate(self.columns)}
-        return {column: texts for column, texts in cells.items() if any(texts)}
+        cells = {}
+        for k, column in enumerate(self.columns):
+            texts = [column.cell(row[k]) for row in rows]
+            if any(texts):
+                cells[column] = texts
+        return cells
 
     @property
     def more(self) -> str:

@@ -71,7 +71,10 @@ def run_warnings(scene: Scene, duration: float | None) -> None:
     if why := meets_edge(scene, duration):
         note(f"warning: {why}")
     for section in scene.controllers.values():
-        if isinstance(section, Device) and not section.address.has_rate and (slow := too_slow(section, 1.0)):
+        if not isinstance(section, Device) or section.address.has_rate:
+            continue
+        slow = too_slow(section, 1.0)
+        if slow:
             note(f"warning: {slow}; a USB port without a UART (CDC) ignores the rate, rig tool device measures it")
 
 

@@ -101,7 +101,9 @@ class Curves(Result):
         yield ""
         names = distinct((curve.name for curve in self.curves), "{} ({})")
         known = [dict(zip(curve.second, curve.first)) for curve in self.curves]
-        rows = [(value, *(points.get(value) for points in known)) for value in self.second.values]
+        rows = []
+        for value in self.second.values:
+            rows.append((value, *(points.get(value) for points in known)))
         yield Table("specials", [self.second.column(), *(self.axis.column(name, ".10g") for name in names)], rows)
         for curve in self.curves:
             if curve.why:

@@ -87,7 +87,8 @@ def keeps_up(scene: Scene, pace: Pace) -> None:
     for section in boards:
         section.address.check()
         fastest = 1.0 if pace == AUTO else pace
-        if fastest is not None and section.address.has_rate and (slow := too_slow(section, fastest)):
+        slow = too_slow(section, fastest) if fastest is not None and section.address.has_rate else ""
+        if slow:
             raise DeviceError(slow)
     limit = scene.clock.pace_limit
     if pace is not None and pace != AUTO and limit is not None and pace > limit:

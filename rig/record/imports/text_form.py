@@ -107,9 +107,8 @@ class Form:
     @classmethod
     def best(cls, lines: Sequence[str]) -> Form:
         """The form with most rows; a table in which each row has a word, such as a state, only if there is no other."""
-        present = [
-            separator for separator in SEPARATORS if separator == ";" or any(separator in line for line in lines)
-        ]
+        text = "\n".join(lines)
+        present = [separator for separator in SEPARATORS if separator == ";" or separator in text]
         forms = [(separator, mark) for separator in present for mark in ".,"]
         form = max((cls.of(lines, *form, words=False) for form in forms), key=lambda form: form.merit)
         if not form.rows:

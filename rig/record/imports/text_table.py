@@ -257,9 +257,11 @@ class TextTable:
         for name, cell, stamped in zip(names, cells, self.stamped, strict=True):
             if name not in wanted or cell in NO_VALUE:
                 continue
-            if stamped and (fault := self._time_fault(cell)):
-                yield f"column {name}: {fault}"
-            elif not stamped and not is_number(cell, self.form.mark):
+            if stamped:
+                fault = self._time_fault(cell)
+                if fault:
+                    yield f"column {name}: {fault}"
+            elif not is_number(cell, self.form.mark):
                 doubt = "; are its digits grouped? Write them without groups" if is_doubtful(cell) else ""
                 yield f"column {name}: {cell!r:.40} is not a number{doubt}"
 
