@@ -163,8 +163,18 @@ def test_a_command_and_a_notebook_draw_what_plot_returns(tmp_path):
 
 
 def test_every_class_of_results_is_tried():
-    rooms = "recorded recorded.sound map studies studies.search linear.regions linear.loop_report linear.control_loop"
-    for room in (*rooms.split(), "identification.answer", "linear.sweep", "linear.modes", "cycles.cycle", "branches"):
+    rooms = (
+        "recorded recorded.against_scene recorded.sound map studies studies.search linear.regions linear.loop_report"
+    )
+    for room in (
+        *rooms.split(),
+        "linear.control_loop",
+        "identification.answer",
+        "linear.sweep",
+        "linear.modes",
+        "cycles.cycle",
+        "branches",
+    ):
         import_module(f"rig.analysis.{room}")
 
     def below(kind):
