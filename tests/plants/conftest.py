@@ -1,5 +1,9 @@
 """Set PEND of Kroeger et al. (2008): reference numbers, and the rigs as systems in motion."""
 
+import shutil
+from pathlib import Path
+
+import disc_with_pads
 import numpy as np
 import pytest
 from reference import numbers
@@ -7,7 +11,9 @@ from reference import numbers
 import rig
 from rig.motion.motion import Motion
 from rig.plants import PLANTS
+from rig.plants import structure as of_matrices
 
+DOCS = Path(__file__).parents[2] / "docs"
 SCENES = {"A": "belt", "B": "belt_b", "C": "belt_c", "C_d2": "belt_c_damped"}
 
 
@@ -83,3 +89,16 @@ class Moved:
 @pytest.fixture(scope="session", name="move")
 def move_fixture():
     return move
+
+
+@pytest.fixture(scope="module")
+def disc(tmp_path_factory):
+    """The folder of the disc with two pads, as CalculiX wrote it, of the page's scenes and of the reduced models."""
+    folder = tmp_path_factory.mktemp("disc")
+    disc_with_pads.unpacked(folder)
+    for scene in DOCS.glob("disc_*.toml"):
+        shutil.copy(scene, folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RIG_MODELS", str(folder / "models"))
+        yield folder
+    of_matrices._estimator.cache_clear()  # noqa: SLF001 (factorisations of 0.2 GB)

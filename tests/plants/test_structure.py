@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -381,19 +380,6 @@ FE = {
     "outputs": {"pad": {"set": "BACK_UP", "direction": "z"}},
     "start": {"velocity": "1 mm/s"},
 }
-
-
-@pytest.fixture(scope="module")
-def disc(tmp_path_factory):
-    """The folder of the disc with two pads, as CalculiX wrote it, of the page's scenes and of the reduced models."""
-    folder = tmp_path_factory.mktemp("disc")
-    disc_with_pads.unpacked(folder)
-    for scene in DOCS.glob("disc_*.toml"):
-        shutil.copy(scene, folder)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("RIG_MODELS", str(folder / "models"))
-        yield folder
-    of_matrices._estimator.cache_clear()  # noqa: SLF001 (factorisations of 0.2 GB)
 
 
 def test_a_job_of_calculix_with_contacts_slides_and_states_its_errors(disc):

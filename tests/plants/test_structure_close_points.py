@@ -1,32 +1,16 @@
 """The disc with 24 points: the bases of the page give its numbers, and its step keeps the energy balance."""
 
 import re
-import shutil
 from pathlib import Path
 
-import disc_with_pads
 import pytest
 
 import rig
 from rig import scenes
-from rig.plants import structure as of_matrices
 
 DOCS = Path(__file__).parents[2] / "docs"
 POINTS = {f"contacts.{pad}.points": [3, 4] for pad in ("pad_up", "pad_down")}
 OPEN = POINTS | {"reduction.contact": "open", "reduction.residual": "attachment"}
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """The files of the disc with two pads and the scenes of the page."""
-    folder = tmp_path_factory.mktemp("close")
-    disc_with_pads.unpacked(folder)
-    for scene in DOCS.glob("disc_*.toml"):
-        shutil.copy(scene, folder)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("RIG_MODELS", str(folder / "models"))
-        yield folder
-    of_matrices._estimator.cache_clear()  # noqa: SLF001 (factorisations of 0.2 GB)
 
 
 @pytest.mark.parametrize(
@@ -37,8 +21,8 @@ def folder(tmp_path_factory):
         ({"reduction.contact": "open", "reduction.residual": "spring"}, "open, springs in series"),
     ],
 )
-def test_the_table_of_the_page_has_the_modes_of_its_bases(folder, values, name):
-    report = rig.modes(scenes.load(folder / "disc_squeal.toml", POINTS | values))
+def test_the_table_of_the_page_has_the_modes_of_its_bases(disc, values, name):
+    report = rig.modes(scenes.load(disc / "disc_squeal.toml", POINTS | values))
     growing = [mode for mode in report.sliding.modes if mode.growth > 0.0]
     cells = [f"{mode.frequency:.0f} Hz ({mode.growth:.3g} 1/s)" for mode in growing]
     page = (DOCS / "structure.md").read_text()
@@ -49,7 +33,7 @@ def test_the_table_of_the_page_has_the_modes_of_its_bases(folder, values, name):
 
 
 @pytest.mark.parametrize(("step", "least", "most"), [("0.5 us", 0.0, 1e-3), ("1 us", 1e-3, 5e-3)])
-def test_half_a_microsecond_keeps_the_energy_balance_with_attachments(folder, step, least, most):
-    run = rig.simulate(scenes.load(folder / "disc_squeal.toml", OPEN | {"clock.rk4_step": step}), 0.1)
+def test_half_a_microsecond_keeps_the_energy_balance_with_attachments(disc, step, least, most):
+    run = rig.simulate(scenes.load(disc / "disc_squeal.toml", OPEN | {"clock.rk4_step": step}), 0.1)
     assert run.signals["contact_fraction"].min() < 1.0  # it squeals
     assert least < abs(run.energy["error"]) < most
