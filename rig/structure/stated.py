@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.structure.full import Array, Doubt, Met
-from rig.structure.reduced import Reduced
+if TYPE_CHECKING:  # they import scipy, which every scene would pay for at its start
+    from rig.structure.full import Array, Doubt, Met
+    from rig.structure.reduced import Reduced
 
 
 @dataclass(frozen=True)
