@@ -120,11 +120,9 @@ def test_what_has_no_loop_is_refused(arguments, told):
     assert told in str(caught.value)
 
 
-def test_the_linear_controller_of_the_page_on_own_parts_has_a_report(rig, tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "own.md").read_text()
-    example = page.partition("### Compiled, and with margins")[2].partition("```python\n")[2].partition("```")[0]
-    (tmp_path / "smooth.py").write_text(example)
-    code, out, err = rig("loop", "belt", "--controller", tmp_path / "smooth.py", "--json")
+def test_the_linear_controller_of_the_page_on_own_parts_has_a_report(rig):
+    example = Path(__file__).parents[2] / "docs" / "example_linear.py"
+    code, out, err = rig("loop", "belt", "--controller", example, "--json")
     assert code == 0, err
     found = json.loads(out)
     assert found["loop"]["through"] == "vibrometer to load.force"

@@ -18,49 +18,14 @@ from rig.scenes.scene import Scene
 
 DOCS = Path(__file__).parents[2] / "docs"
 VALUES = {"mu_slow": 0.2, "rise": 0.3, "peak": 0.02}
-BRISTLES = '''
-from rig.laws import FrictionLaw, InternalState
-from rig.quantities import PositiveNumber, quantity
-
-
-class Bristles(FrictionLaw):
-    """A spring in series with a slider."""
-
-    states = (InternalState("deflection", "m", along=True),)
-    sticks = False
-    limit: PositiveNumber
-    stiffness: quantity("1/m")
-
-    @staticmethod
-    def mu(p, w, N, z):
-        return p.stiffness * z[0]
-
-    @staticmethod
-    def rates(p, w, N, z, dz):
-        dz[0] = w * (1.0 - share(p, z))
-
-    @staticmethod
-    def slopes(p, w, N, z, d):
-        d[0, 2] = p.stiffness
-        d[1, 0] = 1.0 - share(p, z)
-        d[1, 2] = -w * p.stiffness / p.limit
-
-    @staticmethod
-    def stored(p, N, z):
-        return 0.5 * p.stiffness * N * z[0] * z[0]
-
-
-def share(p, z):
-    return p.stiffness * z[0] / p.limit
-'''
 
 
 @pytest.fixture
 def own(tmp_path):
-    """A folder with the law of the documentation, a law with memory, and scenes `example_law.toml`, `bristles.toml`."""
+    """A folder with the laws of the documentation, and scenes `example_law.toml`, `bristles.toml`."""
     for name in ("example_law.py", "example_law.toml"):
         shutil.copy(DOCS / name, tmp_path)
-    (tmp_path / "bristles.py").write_text(BRISTLES)
+    shutil.copy(DOCS / "example_bristles.py", tmp_path / "bristles.py")
     (tmp_path / "bristles.toml").write_text(
         'based_on = "belt"\n[friction]\nlaw = "bristles.py"\nlimit = 0.4\nstiffness = "1e4 1/m"\n'
     )
@@ -285,7 +250,7 @@ def test_a_law_that_fails_while_the_rig_moves_is_told_and_the_recording_is_whole
     (own / "bristles.py").write_text(f"import math\n{(own / 'bristles.py').read_text()}")
     log = tmp_path / "run.mcap"
     code, _, err = rig("simulate", own / "bristles.toml", "--duration", "1", "--out", log)
-    assert (code, "mu (line 15) is nan at" in err, "deflection = 2e-05" in err) == (4, True, True), err
+    assert (code, "mu (line 19) is nan at" in err, "deflection = 2e-05" in err) == (4, True, True), err
     run = lab.open(log, trust=True)
     assert 0.0 < run.time[-1] < 1.0
     assert run.summary["ended"] == "stopped by the numerics"
