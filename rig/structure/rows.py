@@ -28,6 +28,7 @@ SIZES = {"area": 2, "radius": 1}
 """Those of a point, with their power of the unit of length."""
 _ALIKE = math.sqrt(1.0 - FACING**2)  # cosine between normal and sliding, at most: as between faces
 _LENGTH = 0.02  # deviation of a direction from the length 1, from rounded digits. chosen
+_OUTWARD = 0.2  # cosine between the inner side of a face and its normal. chosen
 _NONE = 1e-9  # coefficient over the largest one: less is rounding
 _PAIRED = 1e-3  # sum of a row over its size: at most, between two bodies
 _GROUND = 0.9  # sum of a row over its size: at least, on the ground
@@ -268,7 +269,7 @@ def _met(given: _Lines, name: str, rows: Mapping[str, sp.csr_array], area: Array
     gap = float(np.nanmax(gaps)) if np.isfinite(gaps).any() else None
     whole = float(area.sum())
     surface, _ = _surface(full)
-    doubts = [*_odd_lengths(given, name, rows, full)]
+    doubts = [*_odd_lengths(given, name, rows, full), *_turned(given, name, directions, (point, at, weight), full)]
     if whole < DOUBTED * surface:
         what = (
             f"contacts.{name}: its rows give an area of {whole:.3g} m^2; the surface of the mesh is {surface:.3g} m^2"
@@ -292,6 +293,39 @@ def _odd_lengths(given: _Lines, name: str, rows: Mapping[str, sp.csr_array], ful
                 f"length {lengths[k]:.3g}; displacements and forces along it are multiplied by it",
                 f"give directions of length 1 ({counted(len(odd), 'point')} with another one)",
             )
+
+
+def _turned(
+    given: _Lines, name: str, directions: Array, sides: tuple[Numbers, Numbers, Array], full: Full
+) -> Iterator[Doubt]:
+    """Yield a doubt if normals, along `directions` [point, 3], point out of the bodies of their slaves.
+
+    The neighbours of a node on a face of solid elements lie on the inner side of it.
+    """
+    point, at, weight = sides
+    parts = [part.factor * part.matrix for part in full.parts if part.of == "stiffness" and not part.key]
+    if not parts:
+        return
+    slave = weight > 0.0
+    rows = np.flatnonzero(np.isin(full.node, full.ids[at[slave]]) & (full.direction >= 0) & (full.direction < 3))
+    i, j = sp.csr_array(sum(parts))[rows].tocoo().coords
+    known = np.isin(full.node[j], full.ids)
+    node, other = (np.searchsorted(full.ids, full.node[k[known]]) for k in (rows[i], j))
+    inward = np.zeros_like(full.xyz)
+    np.add.at(inward, node, full.xyz[other] - full.xyz[node])
+    inside = np.zeros((len(given.points), 3))
+    np.add.at(inside, point[slave], weight[slave, None] * inward[at[slave]])
+    depth = (inside * directions).sum(axis=1)
+    turned = np.flatnonzero(depth < -_OUTWARD * np.linalg.norm(inside, axis=1))
+    if len(turned):
+        first = next(label for label, number in given.points.items() if number == turned[0])
+        line = given.first[first, "normal"]
+        yield (
+            f"contacts.{name}: {given.name}, line {line}: the normal of point {first} points out of its slave: its gap "
+            "would grow where the two sides come closer",
+            "the normal points from the master into the slave, which is the first node of a point; change the signs "
+            f"({counted(len(turned), 'point')} like this)",
+        )
 
 
 def _check_opening(given: _Lines, points: Points, full: Full) -> None:
