@@ -693,11 +693,11 @@ def test_boundaries_of_a_forced_motion_are_the_same_from_both_sides(tmp_path):
     ]
     expected = {"stick": 0.0998224704, "reversal": 0.0999534565, "grazing": 0.0999973793}
     for number, kind in (
-        (0, "end of stick"),
-        (0, "begin of reversal"),
+        (0, "begin of stick"),
+        (0, "end of reversal"),
         (0, "grazing"),
-        (1, "end of stick"),
-        (2, "begin of reversal"),
+        (1, "begin of stick"),
+        (2, "end of reversal"),
     ):
         assert found[number].special(kind) == [pytest.approx(expected[kind.split()[-1]], abs=1e-9)], (number, kind)
 

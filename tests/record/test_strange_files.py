@@ -773,6 +773,15 @@ def test_a_kind_of_file(tmp_path, name):
         assert f"not read: {reasons[column]}" in told.text()
 
 
+def test_a_library_prints_no_lines_of_its_own(tmp_path, capfd):
+    path = tmp_path / "cut.tdms"
+    tdms(path, "m/s")
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(UsageError, match=r"cut.tdms: is cut off: its last segment is not complete"):
+        listed([path])
+    assert capfd.readouterr() == ("", "")
+
+
 def test_a_column_with_missing_times_is_proposed_as_the_time(tmp_path):
     path = tmp_path / "x.csv"
     KINDS["no time at both ends, left out.csv"].write(path)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import re
 import struct
 import warnings
@@ -495,6 +496,7 @@ def _uff(path: Path) -> MeasurementFile:
 
 def _tdms(path: Path) -> MeasurementFile:
     nptdms = needed("nptdms", "measurements")
+    logging.getLogger("nptdms").setLevel(logging.CRITICAL)  # its warnings become the fault of the file
     arrays = _Arrays(path)
     began = None
     with nptdms.TdmsFile.open(path) as file:
